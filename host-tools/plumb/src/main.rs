@@ -1,0 +1,2 @@
+//! `plumb`, the host program.
+fn main() {}

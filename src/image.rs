@@ -1,0 +1,177 @@
+//! A borrowed grey picture with a row stride.
+//!
+//! The pipeline never owns pixels: the camera driver's buffer, a file's frame or
+//! a flash page is borrowed for the length of one step. Construction checks the
+//! sizes once; afterwards every row has `width` pixels.
+
+use crate::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
+
+/// A grey sample: 8 bits, or up to 16 bits in a 16-bit word.
+pub trait Pixel: Copy + Into<f32> + Into<u32> + Send + Sync + 'static {}
+
+impl Pixel for u8 {}
+impl Pixel for u16 {}
+
+/// Why pixels and sizes do not make a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageError {
+    /// A side is outside [`FRAME_SIDE_PX_MIN`]`..=`[`FRAME_SIDE_PX_MAX`].
+    Size,
+    /// The stride is shorter than a row.
+    Stride,
+    /// Fewer pixels than the rows need.
+    TooShort,
+    /// White is 0.
+    WhiteLevel,
+}
+
+impl core::fmt::Display for ImageError {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Size => write!(
+                formatter,
+                "a side of the frame is not within {FRAME_SIDE_PX_MIN} to {FRAME_SIDE_PX_MAX} px"
+            ),
+            Self::Stride => formatter.write_str("the stride is shorter than a row"),
+            Self::TooShort => formatter.write_str("there are fewer pixels than the rows need"),
+            Self::WhiteLevel => formatter.write_str("the white level is 0"),
+        }
+    }
+}
+
+impl core::error::Error for ImageError {}
+
+/// A borrowed grey picture.
+///
+/// `pixels[y * stride + x]` is the sample at column `x`, row `y`; pixel (0, 0)
+/// is the top-left one and its coordinates are those of its centre.
+#[derive(Debug, Clone, Copy)]
+pub struct GreyImage<'a, P = u8> {
+    pixels: &'a [P],
+    width: usize,
+    height: usize,
+    stride: usize,
+    white_level: u16,
+}
+
+impl<'a> GreyImage<'a, u8> {
+    /// An 8-bit picture; `stride` is in pixels. White is 255.
+    ///
+    /// # Errors
+    /// [`ImageError`] when the sizes do not fit the pixels or the limits.
+    pub fn new(
+        pixels: &'a [u8],
+        width: usize,
+        height: usize,
+        stride: usize,
+    ) -> Result<Self, ImageError> {
+        Self::with_white_level(pixels, width, height, stride, 255)
+    }
+}
+
+impl<'a, P: Pixel> GreyImage<'a, P> {
+    /// A picture whose brightest possible sample is `white_level` (1023 for
+    /// 10-bit samples in 16-bit words); `stride` is in pixels.
+    ///
+    /// # Errors
+    /// [`ImageError`] when the sizes do not fit the pixels or the limits.
+    pub fn with_white_level(
+        pixels: &'a [P],
+        width: usize,
+        height: usize,
+        stride: usize,
+        white_level: u16,
+    ) -> Result<Self, ImageError> {
+        let sides = usize::from(FRAME_SIDE_PX_MIN)..=usize::from(FRAME_SIDE_PX_MAX);
+        if !sides.contains(&width) || !sides.contains(&height) {
+            return Err(ImageError::Size);
+        }
+        if stride < width {
+            return Err(ImageError::Stride);
+        }
+        // The last row may end with its last pixel: padding after it is not needed.
+        let needed = stride.checked_mul(height - 1).and_then(|rows| rows.checked_add(width));
+        if needed.is_none_or(|needed| pixels.len() < needed) {
+            return Err(ImageError::TooShort);
+        }
+        if white_level == 0 {
+            return Err(ImageError::WhiteLevel);
+        }
+        Ok(Self { pixels, width, height, stride, white_level })
+    }
+
+    /// Columns.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The brightest possible sample.
+    #[must_use]
+    pub fn white_level(&self) -> u16 {
+        self.white_level
+    }
+
+    /// Row `y`, exactly [`width`](Self::width) pixels.
+    ///
+    /// # Panics
+    /// When `y` is not below the height: a caller's bug.
+    #[must_use]
+    pub fn row(&self, y: usize) -> &'a [P] {
+        assert!(y < self.height, "row {y} of {}", self.height);
+        &self.pixels[y * self.stride..][..self.width]
+    }
+
+    /// The integer centre pixel of a square window of `radius` around a
+    /// sub-pixel position, or `None` when the window is not wholly inside (or
+    /// the position is not a number).
+    #[must_use]
+    pub fn window_centre(&self, position_px: [f64; 2], radius: usize) -> Option<(usize, usize)> {
+        let [x, y] = position_px;
+        let radius_px = radius as f64;
+        let inside = |value: f64, side: usize| {
+            value >= radius_px - 0.5 && value < (side - 1) as f64 - radius_px + 0.5
+        };
+        if !inside(x, self.width) || !inside(y, self.height) {
+            return None;
+        }
+        Some(((x + 0.5) as usize, (y + 0.5) as usize))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_that_do_not_fit_are_refused() {
+        let pixels = [0_u8; 64 * 64];
+        let made = |width, height, stride| {
+            GreyImage::new(&pixels, width, height, stride).map(|image| image.width())
+        };
+        assert_eq!(made(64, 64, 64), Ok(64));
+        assert_eq!(made(63, 64, 64), Err(ImageError::Size));
+        assert_eq!(made(64, usize::MAX, 64), Err(ImageError::Size));
+        assert_eq!(made(65, 64, 64), Err(ImageError::Stride));
+        assert_eq!(made(64, 65, 64), Err(ImageError::TooShort));
+        assert_eq!(made(64, 64, usize::MAX), Err(ImageError::TooShort));
+    }
+
+    #[test]
+    fn a_window_is_inside_or_nothing() {
+        let pixels = [0_u8; 64 * 80];
+        let image = GreyImage::new(&pixels, 64, 80, 64).unwrap();
+        assert_eq!(image.window_centre([6.0, 6.0], 6), Some((6, 6)));
+        assert_eq!(image.window_centre([57.4, 73.4], 6), Some((57, 73)));
+        assert_eq!(image.window_centre([57.6, 73.0], 6), None);
+        assert_eq!(image.window_centre([5.4, 20.0], 6), None);
+        assert_eq!(image.window_centre([f64::NAN, 20.0], 6), None);
+        assert_eq!(image.window_centre([20.0, 20.0], 40), None);
+    }
+}
