@@ -227,6 +227,23 @@ pub fn solve(
     conclude(pose, observations, variance, &squares, &normal)
 }
 
+/// The robust cost of a pose at a given scale: the sum of the squared residuals in
+/// scales, those of wrong corners capped. `None` when a corner lies behind the camera.
+///
+/// Poses of one set of observations are compared by it; the difference of two costs
+/// is twice the logarithm of their likelihood ratio.
+#[must_use]
+pub fn robust_cost(
+    cam_from_target: &Pose<Cam, Target>,
+    observations: &[Observation],
+    scale: f64,
+) -> Option<f64> {
+    let mut squares = Squares::new(observations.len());
+    squares.measure(cam_from_target, observations)?;
+    let variance = scale * scale;
+    Some(squares.cost(variance) / variance)
+}
+
 /// What a pose that has converged says about itself.
 fn conclude(
     pose: Pose<Cam, Target>,
