@@ -1,1 +1,3 @@
 //! The host side of Plumbline.
+
+pub mod simulate;

@@ -1,0 +1,4 @@
+//! A rendered person with known truth.
+
+mod normal;
+pub mod render;
