@@ -17,7 +17,8 @@ use anyhow::{Context, Result, bail};
 
 /// The root of the checkout.
 pub fn root() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    own.ancestors().nth(2).expect("the package lies two directories deep")
 }
 
 /// Where cargo puts what it builds.
