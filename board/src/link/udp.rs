@@ -51,9 +51,8 @@ impl UdpLink {
     pub fn send(&mut self, datagram: &[u8]) {
         // A refusal that the socket reports here belongs to an EARLIER datagram
         // and this one was not sent: try once more, now that the report is taken.
-        let refused = |error: &std::io::Error| {
-            error.kind() == std::io::ErrorKind::ConnectionRefused
-        };
+        let refused =
+            |error: &std::io::Error| error.kind() == std::io::ErrorKind::ConnectionRefused;
         let mut result = self.socket.send(datagram);
         if result.as_ref().is_err_and(refused) {
             self.counts.dropped += 1;

@@ -51,7 +51,10 @@ impl FromStr for Rate {
             }),
         };
         fraction.and_then(|(numerator, denominator)| Self::new(numerator, denominator)).ok_or_else(
-            || "a frame rate is a number from 0.01 to 10000 or a fraction such as 60000/1001".into(),
+            || {
+                "a frame rate is a number from 0.01 to 10000 or a fraction such as 60000/1001"
+                    .into()
+            },
         )
     }
 }

@@ -22,8 +22,7 @@ use super::rate::Rate;
 use super::{Frame, FrameSource, Next};
 
 /// What every message about a bad recording ends with.
-const REMEDY: &str =
-    "make one with: ffmpeg -i INPUT -pix_fmt yuv420p -f yuv4mpegpipe OUTPUT.y4m";
+const REMEDY: &str = "make one with: ffmpeg -i INPUT -pix_fmt yuv420p -f yuv4mpegpipe OUTPUT.y4m";
 
 /// How often a wait for the recording's header looks whether it should stop.
 const STOP_CHECK: Duration = Duration::from_millis(50);
@@ -120,13 +119,13 @@ impl Replay {
         rate: Option<Rate>,
         stop: &AtomicBool,
     ) -> Result<Option<Self>> {
-        let reader: Box<dyn Read + Send> = match input {
-            Input::File(path) => Box::new(
-                std::fs::File::open(path)
-                    .with_context(|| format!("the recording {} cannot be opened", path.display()))?,
-            ),
-            Input::Stdin => Box::new(io::stdin()),
-        };
+        let reader: Box<dyn Read + Send> =
+            match input {
+                Input::File(path) => Box::new(std::fs::File::open(path).with_context(|| {
+                    format!("the recording {} cannot be opened", path.display())
+                })?),
+                Input::Stdin => Box::new(io::stdin()),
+            };
         let slot = Slot { state: SlotState::Opening, luma: Vec::new(), arrived: None };
         let shared = Arc::new(Shared { slot: Mutex::new(slot), changed: Condvar::new() });
         let for_reader = Arc::clone(&shared);
@@ -222,8 +221,7 @@ impl FrameSource for Replay {
                     return Next::Quiet;
                 }
                 slot = shared.lock();
-                let period =
-                    Duration::from_nanos(self.rate.time_ns(self.index + 1)) - since_start;
+                let period = Duration::from_nanos(self.rate.time_ns(self.index + 1)) - since_start;
                 (deadline.max(arrived), Instant::now() >= deadline + period)
             }
         };
