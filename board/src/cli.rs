@@ -46,9 +46,9 @@ pub struct Cli {
     #[arg(long, value_name = "RATE")]
     pub fps: Option<Rate>,
 
-    /// Send packets to this host, instead of the configuration's; may be given several times
+    /// Send packets to this host, instead of the configuration's
     #[arg(long, value_name = "HOST:PORT")]
-    pub udp: Vec<String>,
+    pub udp: Option<String>,
 
     /// Send packets over this serial device, instead of the configuration's
     #[arg(long, value_name = "DEVICE")]

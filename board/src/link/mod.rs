@@ -10,9 +10,14 @@ pub mod udp;
 
 use std::time::Duration;
 
+use plumbline::packet::{LinkKind, Message};
+
 pub use file::FileLink;
 pub use serial::SerialLink;
 pub use udp::UdpLink;
+
+/// Datagrams, or reads of a line, that are looked at before the next frame.
+pub(crate) const RECEIVED_PER_TURN_MAX: usize = 4;
 
 /// What became of the packets given to a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -66,6 +71,25 @@ impl Link {
     pub fn finish(&mut self, limit: Duration) {
         if let Self::Serial(link) = self {
             link.finish(limit);
+        }
+    }
+
+    /// Gives the messages that have come in since the last call.
+    pub fn receive(&mut self, take: impl FnMut(Message)) {
+        match self {
+            Self::Udp(link) => link.receive(take),
+            Self::Serial(link) => link.receive(take),
+            Self::File(_) => {}
+        }
+    }
+
+    /// What it is.
+    #[must_use]
+    pub fn kind(&self) -> LinkKind {
+        match self {
+            Self::Udp(_) => LinkKind::Udp,
+            Self::Serial(_) => LinkKind::Serial,
+            Self::File(_) => LinkKind::File,
         }
     }
 

@@ -6,11 +6,12 @@
 //! where the line itself breaks.
 
 use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use plumbline::packet::{Deframer, Message};
 use serialport::TTYPort;
 
 use super::Counts;
@@ -25,14 +26,15 @@ pub const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
 /// A serial device, raw, 8 data bits, no parity, 1 stop bit, no flow control.
 #[derive(Debug)]
 pub struct SerialLink {
-    /// The same device, opened so that a write never waits; the port's own
-    /// writes wait until the line has taken everything.
+    /// The same device, opened so that nothing on it ever waits; the
+    /// port's own writes wait until the line has taken everything.
     device: File,
     /// Holds the line's settings and the exclusive access.
     _port: TTYPort,
     name: String,
     baud: u32,
     waiting: Vec<u8>,
+    incoming: Deframer,
     /// The line takes nothing any more (unplugged).
     broken: bool,
     counts: Counts,
@@ -60,6 +62,7 @@ impl SerialLink {
         };
         // Before the port takes exclusive access, after which nobody opens it again.
         let file = OpenOptions::new()
+            .read(true)
             .write(true)
             .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
             .open(device)
@@ -71,6 +74,7 @@ impl SerialLink {
             name: device.into(),
             baud,
             waiting: Vec::with_capacity(WAITING_BYTES_MAX),
+            incoming: Deframer::new(),
             broken: false,
             counts: Counts::default(),
         })
@@ -106,6 +110,22 @@ impl SerialLink {
                     self.broken = true;
                     self.drop_waiting();
                 }
+            }
+        }
+    }
+
+    /// Gives the messages that have come from the host; what is no message is ignored.
+    pub fn receive(&mut self, mut take: impl FnMut(Message)) {
+        let mut bytes = [0; 256];
+        for _ in 0..super::RECEIVED_PER_TURN_MAX {
+            match self.device.read(&mut bytes) {
+                Ok(count) if count > 0 => self.incoming.push(&bytes[..count], |outcome| {
+                    if let Ok(message) = outcome {
+                        take(message);
+                    }
+                }),
+                // Nothing there, or the line broke, which sending notices.
+                _ => return,
             }
         }
     }

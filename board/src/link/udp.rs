@@ -3,14 +3,15 @@
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result};
+use plumbline::packet::{Message, PACKET_BYTES_MAX, decode_datagram};
 
 use super::Counts;
 
 /// A connected UDP socket.
 ///
-/// Being connected, it hears that nobody listens (ECONNREFUSED) on the send
-/// after; that send is counted as dropped, and sending goes on, because the
-/// host may start at any time.
+/// Being connected, it hears on the next send that nobody listens
+/// (ECONNREFUSED). That packet is not sent and counts as dropped; sending goes
+/// on, because the host may start at any time.
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
@@ -62,6 +63,22 @@ impl UdpLink {
         match result {
             Ok(count) if count == datagram.len() => self.counts.sent += 1,
             _ => self.counts.dropped += 1,
+        }
+    }
+
+    /// Gives the messages that have come from the host; what is no message is ignored.
+    pub fn receive(&mut self, mut take: impl FnMut(Message)) {
+        let mut datagram = [0; PACKET_BYTES_MAX];
+        // A bound: a host that floods the box must not keep it from tracking.
+        for _ in 0..super::RECEIVED_PER_TURN_MAX {
+            match self.socket.recv(&mut datagram) {
+                Ok(length) => {
+                    if let Ok(message) = decode_datagram(&datagram[..length]) {
+                        take(message);
+                    }
+                }
+                Err(_) => return,
+            }
         }
     }
 
