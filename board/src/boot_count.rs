@@ -17,7 +17,8 @@ pub fn count_start(path: &Path) -> Result<u32> {
         })?,
         Err(error) if error.kind() == ErrorKind::NotFound => 0,
         Err(error) => {
-            return Err(error).with_context(|| format!("the boot count file {name} cannot be read"));
+            return Err(error)
+                .with_context(|| format!("the boot count file {name} cannot be read"));
         }
     };
     let count = before.wrapping_add(1);

@@ -68,7 +68,10 @@ fn run(cli: &Cli) -> Result<()> {
             expected.1
         );
     }
-    log::info!("replaying {input}: {width}x{height} at {:.3} frames per second", source.rate().hz());
+    log::info!(
+        "replaying {input}: {width}x{height} at {:.3} frames per second",
+        source.rate().hz()
+    );
 
     let ended = session::run(pipeline, &config, &mut source, links, boot_count, &stop);
     let _ = writeln!(std::io::stdout(), "{}", ended.summary);

@@ -8,8 +8,8 @@ use plumbline::config::Config;
 use plumbline::image::GreyImage;
 use plumbline::packet::{
     Action, CameraState, Command, FRAME_BYTES_MAX, Health, Hello, LINKS_MAX, LinkHealth,
-    MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, Refusal, Reply, ReplyOutcome, ResetReason,
-    TargetInfo, encode_datagram, encode_frame,
+    MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, Refusal, Reply, ReplyOutcome,
+    ResetReason, TargetInfo, encode_datagram, encode_frame,
 };
 use plumbline::pipeline::Pipeline;
 

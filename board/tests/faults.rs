@@ -73,7 +73,7 @@ fn bad_input_is_named_with_a_remedy() {
     let other_folder = common::folder();
     let other = write_config(&other_folder, &other);
     let size = [&["--replay", trial][..], &udp].concat();
-    assert_refused(&run(&other, &size), &["160x120", "320x120", "trial.y4m"]);
+    assert_refused(&run(&other, &size), &["80x64", "320x64", "trial.y4m"]);
 
     let count = folder.path().join("boots");
     std::fs::write(&count, "many").unwrap();

@@ -74,9 +74,11 @@ fn every_frame_becomes_a_packet_over_udp() {
     assert_eq!(hello.targets[0].corners, 30);
     let Some(Message::Health(health)) = all.last() else { panic!("{:?}", all.last()) };
     assert_eq!((health.frames, health.heap_allocations), (30, Some(0)));
-    assert!(poses(&all).iter().all(|pose| {
-        pose.instant == MarkedInstant::Recording && pose.latency_us < 1_000_000
-    }));
+    assert!(
+        poses(&all).iter().all(|pose| {
+            pose.instant == MarkedInstant::Recording && pose.latency_us < 1_000_000
+        })
+    );
     assert!(all.iter().any(|message| {
         matches!(message, Message::Log(log) if log.text.contains("replaying") && log.cut == 0)
     }));
@@ -146,8 +148,10 @@ fn a_line_that_takes_nothing_costs_whole_packets_and_no_time() {
     let folder = folder();
     let (mut line, end) = TTYPort::pair().unwrap();
     let file = folder.path().join("packets.bin");
-    // 400 packets are many times what the kernel and the link's own buffer hold.
-    let trial = write_recording(&folder, 400);
+    // More packets than fit the kernel's buffers (64 KiB and some) and the link's
+    // own, at 30 bytes or more each.
+    const FRAMES: usize = 5000;
+    let trial = write_recording(&folder, FRAMES);
     let board = Board::start(
         &write_config(&folder, &config()),
         &[
@@ -163,7 +167,7 @@ fn a_line_that_takes_nothing_costs_whole_packets_and_no_time() {
     // Nobody reads the line until the program has ended.
     let finished = board.wait();
     assert!(finished.status.success(), "{}", finished.stderr);
-    assert_whole(&messages(&std::fs::read(&file).unwrap()), 400);
+    assert_whole(&messages(&std::fs::read(&file).unwrap()), FRAMES);
     let counts = finished.stdout.lines().find(|text| text.contains("(serial")).unwrap();
     let numbers: Vec<usize> =
         counts.split_whitespace().filter_map(|word| word.parse().ok()).collect();

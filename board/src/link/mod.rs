@@ -41,6 +41,7 @@ pub struct Encoded<'a> {
 
 /// One way out.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "there are three at most, and they never move")]
 pub enum Link {
     /// One packet per datagram.
     Udp(UdpLink),

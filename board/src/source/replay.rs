@@ -9,7 +9,7 @@
 //! so that delays do not add up. A frame is never skipped; one that is handed
 //! out when its successor was already due is marked late.
 
-use std::io::{self, Read};
+use std::io::{self, BufRead, Read};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -214,7 +214,8 @@ impl FrameSource for Replay {
         let (ready_at, late) = match self.pace {
             Pace::Unpaced => (Instant::now(), false),
             Pace::Recorded => {
-                let deadline = *self.started.get_or_insert(arrived) + since_start;
+                // Time runs from the first frame's being asked for and there.
+                let deadline = *self.started.get_or_insert_with(Instant::now) + since_start;
                 // The reader waits meanwhile; it has one more frame in its own buffer.
                 drop(slot);
                 if !Self::wait_for(deadline, until) {
@@ -353,7 +354,7 @@ impl<R: Read> Read for Counted<R> {
     }
 }
 
-impl<'n, R: Read> Y4m<'n, R> {
+impl<'n, R: BufRead> Y4m<'n, R> {
     fn open(name: &'n str, mut reader: R) -> Result<Self> {
         let line = read_header_line(name, &mut reader)?;
         let size_px = checked_size(name, &line)?;
@@ -411,16 +412,19 @@ impl<'n, R: Read> Y4m<'n, R> {
 
 /// The first line, its end included. The decoder multiplies the sizes that it
 /// finds there without a check, so they are looked at before it sees them.
-fn read_header_line(name: &str, reader: &mut impl Read) -> Result<String> {
+fn read_header_line(name: &str, reader: &mut impl BufRead) -> Result<String> {
     const MAGIC: &[u8] = b"YUV4MPEG2 ";
     let mut line = Vec::new();
-    for byte in reader.take(1024).bytes() {
-        let byte = byte.with_context(|| format!("{name} cannot be read"))?;
-        line.push(byte);
-        let wrong = line.len() == MAGIC.len() && line != MAGIC;
-        if byte == b'\n' || wrong {
-            break;
-        }
+    let mut read_until = |length: u64, reader: &mut dyn BufRead| {
+        reader
+            .take(length)
+            .read_until(b'\n', &mut line)
+            .with_context(|| format!("{name} cannot be read"))
+            .map(|_| line.starts_with(MAGIC) && !line.ends_with(b"\n"))
+    };
+    // The rest only when it is what it should be: another file may be one endless line.
+    if read_until(MAGIC.len() as u64, reader)? {
+        read_until(1024, reader)?;
     }
     if line.is_empty() {
         bail!("{name} is empty; {REMEDY}");

@@ -17,7 +17,7 @@ use tempfile::TempDir;
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The recordings here show nothing: links and timing do not depend on targets.
-pub const SIZE_PX: (u16, u16) = (160, 120);
+pub const SIZE_PX: (u16, u16) = (80, 64);
 
 pub fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary directory")
@@ -37,10 +37,10 @@ pub fn config() -> Config {
             height_px: SIZE_PX.1,
             fx_px: 200.0,
             fy_px: 200.0,
-            cx_px: 79.5,
-            cy_px: 59.5,
+            cx_px: 39.5,
+            cy_px: 31.5,
             skew_px: 0.0,
-            distortion: Distortion::Radial2 { k1: 0.0, k2: 0.0 },
+            distortion: Distortion::Radial2([0.0; 2]),
         },
         targets: [target("lumbar", 6, 5, Role::Lower), target("shoulder", 5, 4, Role::Upper)]
             .into_iter()
@@ -69,7 +69,6 @@ pub fn recording(frames: usize) -> Vec<u8> {
     for _ in 0..frames {
         encoder.write_frame(&y4m::Frame::new([&luma, &[], &[]], None)).unwrap();
     }
-    drop(encoder);
     bytes
 }
 
@@ -142,11 +141,13 @@ pub fn messages(bytes: &[u8]) -> Vec<Message> {
 }
 
 pub fn poses(messages: &[Message]) -> Vec<&PosePacket> {
-    let pose = |message| match message {
-        &Message::Pose(ref pose) => Some(pose),
-        _ => None,
-    };
-    messages.iter().filter_map(pose).collect()
+    messages
+        .iter()
+        .filter_map(|message| match message {
+            Message::Pose(pose) => Some(pose),
+            _ => None,
+        })
+        .collect()
 }
 
 /// Sequence numbers and times are those of a whole recording at 100 Hz.
