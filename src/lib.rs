@@ -44,8 +44,11 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod checksum;
+pub mod config;
 pub mod image;
 pub mod lens;
 pub mod limits;
+pub mod packet;
 pub mod pose;
 pub mod target;

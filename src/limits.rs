@@ -12,3 +12,9 @@ pub const FRAME_SIDE_PX_MAX: u16 = 4096;
 
 /// Smallest frame side: one detector kernel must fit with room to move.
 pub const FRAME_SIDE_PX_MIN: u16 = 64;
+
+/// Longest name of a target, in bytes.
+pub const NAME_BYTES_MAX: usize = 16;
+
+/// Longest device name, serial number or firmware version, in bytes.
+pub const DEVICE_TEXT_BYTES_MAX: usize = 24;
