@@ -44,6 +44,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod corner;
 pub mod image;
 pub mod lens;
 pub mod limits;

@@ -1,0 +1,3 @@
+//! Checkerboard corners.
+
+pub mod refine;
