@@ -18,3 +18,14 @@ pub const NAME_BYTES_MAX: usize = 16;
 
 /// Longest device name, serial number or firmware version, in bytes.
 pub const DEVICE_TEXT_BYTES_MAX: usize = 24;
+
+/// Nodes of the undistortion table, 8 bytes each, whatever the frame size. On a
+/// 1456 x 1088 frame they lie 11.4 px apart.
+pub const UNDISTORTION_NODES_MAX: usize = 12_288;
+
+// The narrowest frame still gets the four nodes that one interpolation needs.
+const _: () =
+    assert!(UNDISTORTION_NODES_MAX * FRAME_SIDE_PX_MIN as usize / FRAME_SIDE_PX_MAX as usize >= 16);
+
+// A solution flags its inliers in the bits of a u128.
+const _: () = assert!(TARGET_CORNERS_MAX <= 128);
