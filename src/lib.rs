@@ -47,5 +47,12 @@
 pub mod image;
 pub mod lens;
 pub mod limits;
+pub mod planar;
 pub mod pose;
+pub mod scene;
+pub mod solve;
 pub mod target;
+pub mod undistort;
+
+#[cfg(test)]
+mod test_support;

@@ -12,3 +12,14 @@ pub const FRAME_SIDE_PX_MAX: u16 = 4096;
 
 /// Smallest frame side: one detector kernel must fit with room to move.
 pub const FRAME_SIDE_PX_MIN: u16 = 64;
+
+/// Nodes of the undistortion table, 8 bytes each, whatever the frame size. On a
+/// 1456 x 1088 frame they lie 11.4 px apart.
+pub const UNDISTORTION_NODES_MAX: usize = 12_288;
+
+// The narrowest frame still gets the four nodes that one interpolation needs.
+const _: () =
+    assert!(UNDISTORTION_NODES_MAX * FRAME_SIDE_PX_MIN as usize / FRAME_SIDE_PX_MAX as usize >= 16);
+
+// A solution flags its inliers in the bits of a u128.
+const _: () = assert!(TARGET_CORNERS_MAX <= 128);

@@ -1,3 +1,11 @@
-//! The host side of Plumbline.
+//! The host side of Plumbline: one program, `plumb`, with subcommands.
+//!
+//! The host tracks nothing of its own: it calls the pipeline of the crate
+//! `plumbline`, the one that runs on the box. What is here reads and writes
+//! files ([`files`]), renders a person with known truth ([`simulate`]), shows
+//! progress, and explains what went wrong ([`error`]).
 
+pub mod cli;
+pub mod error;
+pub mod files;
 pub mod simulate;

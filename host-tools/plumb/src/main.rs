@@ -1,2 +1,7 @@
 //! `plumb`, the host program.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    plumb::cli::run()
+}

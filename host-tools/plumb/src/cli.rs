@@ -1,0 +1,41 @@
+//! The command line: what `plumb` can be told, and how it ends.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::simulate::command::{self as simulate, SimulateArguments};
+
+/// Measure how a standing person sways, from one camera and two printed targets.
+#[derive(Parser)]
+#[command(name = "plumb", version, arg_required_else_help = true, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// One variant per subcommand; each subcommand's module has its arguments and a
+/// `run` that takes them.
+#[derive(Subcommand)]
+enum Command {
+    Simulate(SimulateArguments),
+}
+
+/// Exit code for input that cannot be used; clap's for a wrong command line is the same.
+const EXIT_BAD_INPUT: u8 = 2;
+
+/// Runs the program on its command line.
+#[must_use]
+pub fn run() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result: anyhow::Result<()> = match arguments.command {
+        Command::Simulate(arguments) => simulate::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(EXIT_BAD_INPUT)
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! What the program says when its input is not usable.
+
+use std::fmt;
+
+/// Something from outside that cannot be used: where it is, what was found
+/// there, and what to do about it.
+///
+/// Shown as `FILE: FIELD: found; remedy`, in one line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BadInput {
+    /// The file, as the user named it, or the device, address or option.
+    pub place: String,
+    /// The field, line or frame within it; empty when the whole is meant.
+    pub field: String,
+    /// What was found there.
+    pub found: String,
+    /// What the user can do next.
+    pub remedy: String,
+}
+
+impl BadInput {
+    /// An error about one field of one file.
+    pub fn new(
+        place: impl fmt::Display,
+        field: impl fmt::Display,
+        found: impl fmt::Display,
+        remedy: impl fmt::Display,
+    ) -> Self {
+        Self {
+            place: place.to_string(),
+            field: field.to_string(),
+            found: found.to_string(),
+            remedy: remedy.to_string(),
+        }
+    }
+
+    /// An error about a whole file.
+    pub fn whole(
+        place: impl fmt::Display,
+        found: impl fmt::Display,
+        remedy: impl fmt::Display,
+    ) -> Self {
+        Self::new(place, "", found, remedy)
+    }
+
+    /// The operating system refused to open, read or write a file.
+    pub fn io(place: impl fmt::Display, error: &std::io::Error) -> Self {
+        use std::io::ErrorKind;
+        let remedy = match error.kind() {
+            ErrorKind::NotFound => "check the path and the spelling",
+            ErrorKind::PermissionDenied => {
+                "change the file's permissions, or run as a user who may use it"
+            }
+            ErrorKind::IsADirectory => "name the files in the directory, not the directory",
+            ErrorKind::StorageFull => "make room on the disk",
+            _ => "check the disk or the device, and try again",
+        };
+        // "No such file or directory (os error 2)": the number helps nobody.
+        let message = error.to_string();
+        let message = message.split(" (os error").next().unwrap_or_default().to_lowercase();
+        Self::whole(place, message, remedy)
+    }
+}
+
+impl fmt::Display for BadInput {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}: ", self.place)?;
+        if !self.field.is_empty() {
+            write!(formatter, "{}: ", self.field)?;
+        }
+        write!(formatter, "{}; {}", self.found, self.remedy)
+    }
+}
+
+impl std::error::Error for BadInput {}

@@ -1,0 +1,303 @@
+//! Camera files: `camera.toml`, and what OpenCV and ROS write.
+//!
+//! ```toml
+//! width_px = 1456
+//! height_px = 1088
+//! fx_px = 1740.0
+//! fy_px = 1740.0
+//! cx_px = 727.5
+//! cy_px = 543.5
+//! skew_px = 0.0                      # optional
+//! model = "brown5"                   # or "radial2"
+//! distortion = [-0.1, 0.02, 0.0, 0.0, 0.0]   # k1 k2 p1 p2 k3; "radial2": k1 k2
+//! rms_px = 0.12                      # optional, as images, date and source:
+//! images = 40                        # where the calibration came from
+//! date = "2026-11-21"
+//! source = "plumb calibrate"
+//! ```
+//!
+//! The format is told by the content, not by the file's name: `{` starts
+//! OpenCV's JSON, `%YAML`, `---` or a `key:` line OpenCV's or ROS's YAML; all
+//! else is TOML. All three formats put pixel (0, 0) at the centre of the
+//! top-left pixel, so that no number changes on the way.
+
+use std::path::Path;
+
+use plumbline::lens::{Distortion, Lens, LensError};
+use serde::{Deserialize, Serialize};
+
+use crate::error::BadInput;
+use crate::files::{from_toml, read_text, write_text};
+
+mod opencv;
+
+const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2 or brown5), distortion, and optionally skew_px, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
+
+/// Where a calibration came from; all of it may be unknown.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Provenance {
+    /// Root mean square reprojection error of the calibration.
+    pub rms_px: Option<f64>,
+    /// Number of images.
+    pub images: Option<u32>,
+    /// When, in words.
+    pub date: Option<String>,
+    /// By what, in words.
+    pub source: Option<String>,
+}
+
+/// A camera that passed [`Lens::check`], and where it came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    /// The model.
+    pub lens: Lens,
+    /// Its origin.
+    pub provenance: Provenance,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Model {
+    Radial2,
+    Brown5,
+}
+
+/// The fields of `camera.toml`.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fields {
+    width_px: u16,
+    height_px: u16,
+    fx_px: f64,
+    fy_px: f64,
+    cx_px: f64,
+    cy_px: f64,
+    #[serde(default)]
+    skew_px: f64,
+    model: Model,
+    distortion: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rms_px: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    images: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    date: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    source: Option<String>,
+}
+
+/// The camera of a file in any of the formats.
+///
+/// # Errors
+/// When the file cannot be read, its format or lens model is not supported, a
+/// field is missing, unknown or absurd.
+pub fn read(path: &Path) -> Result<Camera, BadInput> {
+    parse(&read_text(path)?, &path.display().to_string())
+}
+
+/// The camera of a text in any of the formats; `place` names it in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
+    let text = text.trim_start_matches('\u{feff}');
+    let start = text.trim_start();
+    let camera = if start.is_empty() {
+        return Err(BadInput::whole(place, "the file is empty", REMEDY));
+    } else if start.starts_with('<') {
+        return Err(BadInput::whole(
+            place,
+            "an XML file",
+            "write the calibration as YAML or JSON: cv::FileStorage does when the file's name ends in .yml or .json",
+        ));
+    } else if start.starts_with('{') || looks_like_yaml(text) {
+        opencv::parse(text, place)?
+    } else {
+        parse_toml(text, place)?
+    };
+    check(&camera.lens, place)?;
+    Ok(camera)
+}
+
+/// True when a line says `key:`, as no line of a camera.toml does.
+fn looks_like_yaml(text: &str) -> bool {
+    text.starts_with("%YAML")
+        || text.lines().any(|line| {
+            let key_end = line.find(|letter: char| !(letter.is_alphanumeric() || letter == '_'));
+            line == "---"
+                || key_end.is_some_and(|end| end > 0 && line[end..].trim_start().starts_with(':'))
+        })
+}
+
+fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
+    let fields: Fields = from_toml(text, place, REMEDY)?;
+    let wrong_count = |wanted: &str| {
+        BadInput::new(
+            place,
+            "distortion",
+            format!("{} coefficients", fields.distortion.len()),
+            format!("this model has {wanted}"),
+        )
+    };
+    let coefficients = fields.distortion.as_slice();
+    let distortion = match fields.model {
+        Model::Radial2 => {
+            Distortion::Radial2(coefficients.try_into().map_err(|_| wrong_count("2: [k1, k2]"))?)
+        }
+        Model::Brown5 => Distortion::Brown5(
+            coefficients.try_into().map_err(|_| wrong_count("5: [k1, k2, p1, p2, k3]"))?,
+        ),
+    };
+    Ok(Camera {
+        lens: Lens {
+            width_px: fields.width_px,
+            height_px: fields.height_px,
+            fx_px: fields.fx_px,
+            fy_px: fields.fy_px,
+            cx_px: fields.cx_px,
+            cy_px: fields.cy_px,
+            skew_px: fields.skew_px,
+            distortion,
+        },
+        provenance: Provenance {
+            rms_px: fields.rms_px,
+            images: fields.images,
+            date: fields.date,
+            source: fields.source,
+        },
+    })
+}
+
+/// [`Lens::check`], with the offending fields and their values.
+fn check(lens: &Lens, place: &str) -> Result<(), BadInput> {
+    lens.check().map_err(|error| {
+        let pair = |one: &dyn std::fmt::Display, two: &dyn std::fmt::Display| {
+            format!("{one} and {two}")
+        };
+        let (field, found) = match error {
+            LensError::FrameSize => ("width_px, height_px", pair(&lens.width_px, &lens.height_px)),
+            LensError::FocalLength => ("fx_px, fy_px", pair(&lens.fx_px, &lens.fy_px)),
+            LensError::PrincipalPoint => ("cx_px, cy_px", pair(&lens.cx_px, &lens.cy_px)),
+            LensError::Skew => ("skew_px", lens.skew_px.to_string()),
+            LensError::Coefficient | LensError::Folds => {
+                ("distortion", format!("{:?}", lens.distortion.coefficients()))
+            }
+        };
+        let remedy = match error {
+            LensError::Folds => format!(
+                "{error}; calibrate again with images in which the board reaches the frame's corners"
+            ),
+            other => other.to_string(),
+        };
+        BadInput::new(place, field, found, remedy)
+    })
+}
+
+/// Writes `camera.toml`.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn write(path: &Path, camera: &Camera) -> Result<(), BadInput> {
+    write_text(path, &to_toml(camera))
+}
+
+/// The text of `camera.toml`.
+#[must_use]
+pub fn to_toml(camera: &Camera) -> String {
+    let Camera { lens, provenance } = camera;
+    let (model, distortion) = match lens.distortion {
+        Distortion::Radial2(coefficients) => (Model::Radial2, coefficients.to_vec()),
+        Distortion::Brown5(coefficients) => (Model::Brown5, coefficients.to_vec()),
+    };
+    let fields = Fields {
+        width_px: lens.width_px,
+        height_px: lens.height_px,
+        fx_px: lens.fx_px,
+        fy_px: lens.fy_px,
+        cx_px: lens.cx_px,
+        cy_px: lens.cy_px,
+        skew_px: lens.skew_px,
+        model,
+        distortion,
+        rms_px: provenance.rms_px,
+        images: provenance.images,
+        date: provenance.date.clone(),
+        source: provenance.source.clone(),
+    };
+    toml::to_string(&fields).expect("numbers and texts are TOML")
+}
+
+/// The same camera for frames that the same sensor area was resampled to.
+///
+/// With s the ratio of the sizes, f' = s f and c' = s c + (s - 1)/2: pixel
+/// centres lie at integers, so that the frame's edge, not its first pixel's
+/// centre, keeps its place. Distortion acts on rays and stays. A *cropped*
+/// frame, or one binned on the sensor with another field of view, is not this.
+///
+/// # Errors
+/// When the two sizes differ in shape by more than the rounding of a pixel.
+pub fn scaled(
+    camera: &Camera,
+    width_px: u16,
+    height_px: u16,
+    place: &str,
+) -> Result<Camera, BadInput> {
+    let lens = &camera.lens;
+    let (sx, sy) = (
+        f64::from(width_px) / f64::from(lens.width_px),
+        f64::from(height_px) / f64::from(lens.height_px),
+    );
+    let rounding_px = (sy * f64::from(lens.width_px) - f64::from(width_px)).abs();
+    if rounding_px > 1.0 {
+        return Err(BadInput::new(
+            place,
+            "width_px, height_px",
+            format!(
+                "{} x {} px has another shape than the frames' {width_px} x {height_px} px",
+                lens.width_px, lens.height_px
+            ),
+            "frames that were cropped need their own calibration: calibrate the camera at the size it records",
+        ));
+    }
+    let centre = |centre_px: f64, scale: f64| scale * centre_px + (scale - 1.0) / 2.0;
+    let lens = Lens {
+        width_px,
+        height_px,
+        fx_px: sx * lens.fx_px,
+        fy_px: sy * lens.fy_px,
+        cx_px: centre(lens.cx_px, sx),
+        cy_px: centre(lens.cy_px, sy),
+        skew_px: sx * lens.skew_px,
+        distortion: lens.distortion,
+    };
+    check(&lens, place)?;
+    Ok(Camera { lens, provenance: camera.provenance.clone() })
+}
+
+/// Refuses frames of another size than the camera file's.
+///
+/// # Errors
+/// An error that names both sizes.
+pub fn check_frame_size(
+    lens: &Lens,
+    camera_place: &str,
+    width_px: usize,
+    height_px: usize,
+    frames_place: &str,
+) -> Result<(), BadInput> {
+    if (usize::from(lens.width_px), usize::from(lens.height_px)) == (width_px, height_px) {
+        return Ok(());
+    }
+    Err(BadInput::new(
+        frames_place,
+        "frame size",
+        format!(
+            "{width_px} x {height_px} px, but {camera_place} (width_px, height_px) was calibrated at {} x {} px",
+            lens.width_px, lens.height_px
+        ),
+        "use the calibration made at this size, or --scale-camera if these frames are the same picture resampled",
+    ))
+}
+
+#[cfg(test)]
+mod tests;

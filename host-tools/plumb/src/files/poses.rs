@@ -1,0 +1,318 @@
+//! `poses.csv`: one row per frame and target.
+//!
+//! ```text
+//! frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm
+//! ```
+//!
+//! x, y, z is the target's origin in the camera frame, the angles are the
+//! paper's. Without a pose the numbers are empty and `state` says why. `ap_mm,
+//! ml_mm, si_mm` is the trunk point that the target carries (upper or lower), in
+//! anatomical axes; empty without a scene. Numbers are written in full: reading
+//! them back gives the same value.
+//!
+//! The reader takes any file that has `frame, time_s, target` and the six pose
+//! columns, in any order, so also the simulator's `truth.csv`.
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
+
+use nalgebra::Matrix3;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::scene::Anatomical;
+use serde::{Deserialize, Serialize};
+
+use crate::error::BadInput;
+
+/// One frame and target.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct PoseRow {
+    /// Number of the frame in the input, from 0.
+    pub frame: u64,
+    /// Its time.
+    pub time_s: f64,
+    /// The target's name.
+    pub target: String,
+    /// `tracking` and the like; without a pose, the reason.
+    #[serde(default)]
+    pub state: String,
+    /// Euler angle about z.
+    pub theta1_rad: Option<f64>,
+    /// Euler angle about y.
+    pub theta2_rad: Option<f64>,
+    /// Euler angle about x.
+    pub theta3_rad: Option<f64>,
+    /// Origin, x.
+    pub x_mm: Option<f64>,
+    /// Origin, y.
+    pub y_mm: Option<f64>,
+    /// Origin, z: the depth.
+    pub z_mm: Option<f64>,
+    /// Standard deviation of `x_mm`, from the solution's covariance.
+    #[serde(default)]
+    pub sd_x_mm: Option<f64>,
+    /// Standard deviation of `y_mm`.
+    #[serde(default)]
+    pub sd_y_mm: Option<f64>,
+    /// Standard deviation of `z_mm`.
+    #[serde(default)]
+    pub sd_z_mm: Option<f64>,
+    /// Root mean square reprojection error.
+    #[serde(default)]
+    pub rms_px: Option<f64>,
+    /// Corners used.
+    #[serde(default)]
+    pub points: Option<u32>,
+    /// Trunk point, forward.
+    #[serde(default)]
+    pub ap_mm: Option<f64>,
+    /// Trunk point, to the person's right.
+    #[serde(default)]
+    pub ml_mm: Option<f64>,
+    /// Trunk point, up.
+    #[serde(default)]
+    pub si_mm: Option<f64>,
+}
+
+impl PoseRow {
+    /// A row without a pose.
+    #[must_use]
+    pub fn without_pose(frame: u64, time_s: f64, target: &str, state: &str) -> Self {
+        Self {
+            frame,
+            time_s,
+            target: target.to_owned(),
+            state: state.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// The same row with this pose.
+    #[must_use]
+    pub fn with_pose(mut self, cam_from_target: &Pose<Cam, Target>) -> Self {
+        let angles = cam_from_target.euler();
+        let position_mm = cam_from_target.translation_mm;
+        self.theta1_rad = Some(angles.theta1_rad);
+        self.theta2_rad = Some(angles.theta2_rad);
+        self.theta3_rad = Some(angles.theta3_rad);
+        self.x_mm = Some(position_mm.x);
+        self.y_mm = Some(position_mm.y);
+        self.z_mm = Some(position_mm.z);
+        self
+    }
+
+    /// The same row with what the solution says about itself: the 3 x 3
+    /// covariance of the translation, the reprojection error, the corners used.
+    #[must_use]
+    pub fn with_quality(mut self, covariance_mm2: &Matrix3<f64>, rms_px: f64, points: u32) -> Self {
+        let sd_mm = |axis: usize| Some(covariance_mm2[(axis, axis)].sqrt());
+        (self.sd_x_mm, self.sd_y_mm, self.sd_z_mm) = (sd_mm(0), sd_mm(1), sd_mm(2));
+        self.rms_px = Some(rms_px);
+        self.points = Some(points);
+        self
+    }
+
+    /// The same row with its trunk point.
+    #[must_use]
+    pub fn with_trunk(mut self, point: &Anatomical) -> Self {
+        self.ap_mm = Some(point.ap_mm);
+        self.ml_mm = Some(point.ml_mm);
+        self.si_mm = Some(point.si_mm);
+        self
+    }
+
+    /// The pose, if the row has one.
+    #[must_use]
+    pub fn cam_from_target(&self) -> Option<Pose<Cam, Target>> {
+        Some(Pose::from_theta([
+            self.theta1_rad?,
+            self.theta2_rad?,
+            self.theta3_rad?,
+            self.x_mm?,
+            self.y_mm?,
+            self.z_mm?,
+        ]))
+    }
+}
+
+/// Writes rows; what [`Writer::flush`] has passed on stays, whatever happens later.
+pub struct Writer<W: Write> {
+    rows: csv::Writer<W>,
+    place: String,
+}
+
+impl Writer<File> {
+    /// A new file, in place of an old one.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub fn create(path: &Path) -> Result<Self, BadInput> {
+        let place = path.display().to_string();
+        let file = File::create(path).map_err(|error| BadInput::io(&place, &error))?;
+        Ok(Self::new(file, place))
+    }
+}
+
+impl<W: Write> Writer<W> {
+    /// Rows into any sink; `place` names it in errors.
+    pub fn new(sink: W, place: impl Into<String>) -> Self {
+        Self { rows: csv::Writer::from_writer(sink), place: place.into() }
+    }
+
+    /// Appends a row, after the header if it is the first one.
+    ///
+    /// # Errors
+    /// When the sink refuses.
+    pub fn write(&mut self, row: &PoseRow) -> Result<(), BadInput> {
+        self.rows.serialize(row).map_err(|error| match error.into_kind() {
+            csv::ErrorKind::Io(error) => BadInput::io(&self.place, &error),
+            other => {
+                BadInput::whole(&self.place, format!("{other:?}"), "this row cannot be written")
+            }
+        })
+    }
+
+    /// Passes all rows on to the sink.
+    ///
+    /// # Errors
+    /// When the sink refuses.
+    pub fn flush(&mut self) -> Result<(), BadInput> {
+        self.rows.flush().map_err(|error| BadInput::io(&self.place, &error))
+    }
+}
+
+/// All rows of a file.
+///
+/// # Errors
+/// When it cannot be read, a needed column is missing, or a row is not as the
+/// header says; the row's line is named.
+pub fn read(path: &Path) -> Result<Vec<PoseRow>, BadInput> {
+    let place = path.display().to_string();
+    let file = File::open(path).map_err(|error| BadInput::io(&place, &error))?;
+    parse(std::io::BufReader::new(file), &place)
+}
+
+/// All rows of a CSV; `place` names it in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(source: impl Read, place: &str) -> Result<Vec<PoseRow>, BadInput> {
+    const COLUMNS: [&str; 9] = [
+        "frame",
+        "time_s",
+        "target",
+        "theta1_rad",
+        "theta2_rad",
+        "theta3_rad",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+    ];
+    const REMEDY: &str = "give a file that plumb track or plumb simulate wrote";
+    let mut reader = csv::Reader::from_reader(source);
+    let header =
+        reader.headers().map_err(|error| BadInput::new(place, "header", error, REMEDY))?.clone();
+    for column in COLUMNS {
+        if !header.iter().any(|name| name == column) {
+            return Err(BadInput::new(place, column, "no such column", REMEDY));
+        }
+    }
+    let mut rows = Vec::new();
+    let mut record = csv::StringRecord::new();
+    loop {
+        let line = reader.position().line();
+        let at = |found: String| BadInput::new(place, format!("line {line}"), found, REMEDY);
+        if !reader.read_record(&mut record).map_err(|error| at(row_error(&error, &header)))? {
+            return Ok(rows);
+        }
+        let row: PoseRow =
+            record.deserialize(Some(&header)).map_err(|error| at(row_error(&error, &header)))?;
+        let numbers =
+            [row.theta1_rad, row.theta2_rad, row.theta3_rad, row.x_mm, row.y_mm, row.z_mm];
+        let given = numbers.iter().flatten().count();
+        if given != 0 && given != numbers.len() {
+            return Err(at(format!("{given} of the 6 numbers of a pose")));
+        }
+        if numbers.iter().flatten().any(|value| !value.is_finite()) {
+            return Err(at("a number of the pose is not finite".to_owned()));
+        }
+        rows.push(row);
+    }
+}
+
+/// What is wrong with a row, without the csv crate's byte positions.
+fn row_error(error: &csv::Error, header: &csv::StringRecord) -> String {
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("{len} columns where the header has {expected_len}")
+        }
+        csv::ErrorKind::Deserialize { err, .. } => {
+            let column = err.field().and_then(|field| header.get(usize::try_from(field).ok()?));
+            format!("{}: {}", column.unwrap_or("row"), err.kind())
+        }
+        other => format!("{other:?}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(rows: &[PoseRow]) -> String {
+        let mut bytes = Vec::new();
+        let mut writer = Writer::new(&mut bytes, "poses.csv");
+        for row in rows {
+            writer.write(row).unwrap();
+        }
+        writer.flush().unwrap();
+        drop(writer);
+        String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn rows_come_back_bit_for_bit() {
+        let pose = Pose::from_theta([0.1, -0.2, 1.0 / 3.0, 1e-9, -2.5, 1000.0 / 7.0]);
+        let with_pose = PoseRow::without_pose(3, 0.05, "lumbar, back", "tracking")
+            .with_pose(&pose)
+            .with_quality(&Matrix3::from_diagonal_element(0.01), 0.1, 28)
+            .with_trunk(&Anatomical { ap_mm: 1.0, ml_mm: -2.0, si_mm: 0.3 });
+        let without = PoseRow::without_pose(3, 0.05, "shoulder", "acquiring: no grid");
+        let text = written(&[with_pose.clone(), without.clone()]);
+        assert_eq!(
+            text.lines().next().unwrap(),
+            "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm"
+        );
+        assert!(text.ends_with("3,0.05,shoulder,acquiring: no grid,,,,,,,,,,,,,,\n"), "{text}");
+        let rows = parse(text.as_bytes(), "poses.csv").unwrap();
+        assert_eq!(rows, [with_pose, without]);
+        assert_eq!(rows[1].cam_from_target(), None);
+        let back = rows[0].cam_from_target().unwrap();
+        assert_eq!(back.translation_mm, pose.translation_mm);
+    }
+
+    #[test]
+    fn a_truth_file_is_read_too() {
+        let text = "frame,time_s,target,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,ap_mm,ml_mm,si_mm\n0,0,a,0,0,0,1,2,3,4,5,6\n";
+        let rows = parse(text.as_bytes(), "truth.csv").unwrap();
+        assert_eq!((rows[0].z_mm, rows[0].ap_mm, rows[0].points), (Some(3.0), Some(4.0), None));
+    }
+
+    #[test]
+    fn bad_rows_are_named_by_line() {
+        let head = "frame,time_s,target,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm\n";
+        let cases = [
+            ("0,0,a,0,0,0,1,2\n", "line 2", "8 columns where the header has 9"),
+            ("0,0,a,0,0,0,1,2,3\n1,0,a,0,0,0,1,x,3\n", "line 3", "y_mm"),
+            ("0,0,a,0,0,0,1,2,\n", "line 2", "5 of the 6 numbers"),
+            ("0,0,a,0,0,0,1,2,inf\n", "line 2", "not finite"),
+            ("-1,0,a,0,0,0,1,2,3\n", "line 2", "frame"),
+        ];
+        for (rows, field, found) in cases {
+            let error = parse(format!("{head}{rows}").as_bytes(), "p.csv").unwrap_err();
+            assert_eq!(error.field, field, "{error}");
+            assert!(error.found.contains(found), "{error}");
+        }
+        let error = parse("frame,time_s\n".as_bytes(), "p.csv").unwrap_err();
+        assert_eq!((error.field.as_str(), error.found.as_str()), ("target", "no such column"));
+    }
+}

@@ -1,0 +1,373 @@
+//! `targets.toml`: the printed targets.
+//!
+//! ```toml
+//! [[target]]
+//! name = "lumbar"
+//! role = "lower"                     # "lower", "upper" or "scene"
+//! columns = 6                        # INNER corners
+//! rows = 5
+//! pitch_mm = 12.0
+//! origin = "center"                  # or "first_corner"
+//! virtual_point_mm = [0.0, 0.0, 100.0]
+//! ```
+//!
+//! Instead of `pitch_mm` and `origin`, `points_mm` may list the measured corner
+//! positions `[x, y, z]`, row by row.
+
+use std::path::Path;
+
+use plumbline::limits::{TARGET_CORNERS_MAX, TARGETS_MAX};
+use plumbline::target::{Origin, Role, TargetError, TargetGeometry};
+use serde::{Deserialize, Serialize};
+
+use crate::error::BadInput;
+use crate::files::{from_toml, read_text, write_text};
+
+/// Longest name, in bytes: what a pose packet and the box's configuration hold.
+pub const NAME_BYTES_MAX: usize = 16;
+
+const REMEDY: &str = "a target has name, role (upper, lower or scene), columns, rows, pitch_mm, and optionally origin, virtual_point_mm, points_mm";
+
+/// One target as its file describes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TargetDescription {
+    /// Its name in every output.
+    pub name: String,
+    /// What it is for.
+    #[serde(with = "RoleName")]
+    pub role: Role,
+    /// Inner corners along x.
+    pub columns: u8,
+    /// Inner corners along y.
+    pub rows: u8,
+    /// Distance of neighbouring corners; absent when `points_mm` are given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_mm: Option<f64>,
+    /// Which point of the grid is the origin; the centre unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<OriginName>,
+    /// The body's point, in the target frame; the origin unless given.
+    #[serde(default)]
+    pub virtual_point_mm: [f64; 3],
+    /// Measured corner positions, row by row, in the target frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub points_mm: Option<Vec<[f64; 3]>>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Role", rename_all = "snake_case")]
+enum RoleName {
+    Upper,
+    Lower,
+    Scene,
+}
+
+/// [`Origin`] as files spell it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OriginName {
+    /// The middle of the grid.
+    Center,
+    /// The inner corner at the top left.
+    FirstCorner,
+}
+
+impl From<OriginName> for Origin {
+    fn from(name: OriginName) -> Self {
+        match name {
+            OriginName::Center => Self::Center,
+            OriginName::FirstCorner => Self::FirstCorner,
+        }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fields {
+    target: Vec<TargetDescription>,
+}
+
+/// A target that can be tracked, and its name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedTarget {
+    /// Its name in every output.
+    pub name: String,
+    /// Grid, corner positions, role and virtual point.
+    pub geometry: TargetGeometry,
+}
+
+/// The targets of one file, in its order, at least one and at most [`TARGETS_MAX`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Targets {
+    /// The targets.
+    pub targets: Vec<NamedTarget>,
+    /// What the user should know although it is accepted; one line each.
+    pub warnings: Vec<String>,
+}
+
+/// The standard pair of a measurement: lumbar 6 x 5 and shoulder 5 x 4, 12 mm.
+#[must_use]
+pub fn standard_pair() -> Vec<TargetDescription> {
+    let target = |name: &str, role, columns, rows, virtual_point_mm| TargetDescription {
+        name: name.to_owned(),
+        role,
+        columns,
+        rows,
+        pitch_mm: Some(12.0),
+        origin: Some(OriginName::Center),
+        virtual_point_mm,
+        points_mm: None,
+    };
+    vec![
+        target("lumbar", Role::Lower, 6, 5, [0.0, 0.0, 100.0]),
+        target("shoulder", Role::Upper, 5, 4, [0.0; 3]),
+    ]
+}
+
+/// The targets of a file.
+///
+/// # Errors
+/// When the file cannot be read, a field is missing, unknown or out of range,
+/// or two targets share a name, a role or a shape.
+pub fn read(path: &Path) -> Result<Targets, BadInput> {
+    parse(&read_text(path)?, &path.display().to_string())
+}
+
+/// The targets of a text; `place` names it in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, place: &str) -> Result<Targets, BadInput> {
+    let fields: Fields = from_toml(text, place, REMEDY)?;
+    check(&fields.target, place)
+}
+
+/// The trackable form of descriptions; `place` names them in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn check(descriptions: &[TargetDescription], place: &str) -> Result<Targets, BadInput> {
+    if descriptions.is_empty() || descriptions.len() > TARGETS_MAX {
+        return Err(BadInput::new(
+            place,
+            "[[target]]",
+            format!("{} targets", descriptions.len()),
+            format!("describe 1 to {TARGETS_MAX} targets, each under its own [[target]]"),
+        ));
+    }
+    let mut targets = Targets { targets: Vec::new(), warnings: Vec::new() };
+    for (index, description) in descriptions.iter().enumerate() {
+        let name = &description.name;
+        if name.is_empty() || name.len() > NAME_BYTES_MAX || name.chars().any(char::is_control) {
+            return Err(BadInput::new(
+                place,
+                format!("name of target {}", index + 1),
+                format!("{name:?}"),
+                format!("give a name of 1 to {NAME_BYTES_MAX} bytes without control characters"),
+            ));
+        }
+        let geometry = geometry(description, place)?;
+        for (other, other_target) in descriptions[..index].iter().zip(&targets.targets) {
+            refuse_twins(description, other, place)?;
+            // Turned by a quarter, a 6 x 5 board is a 5 x 6 one.
+            let sides = |target: &TargetGeometry| {
+                let (columns, rows) = (target.columns(), target.rows());
+                (columns.max(rows), columns.min(rows))
+            };
+            if sides(&geometry) == sides(&other_target.geometry) {
+                return Err(BadInput::new(
+                    place,
+                    format!("columns, rows of target {name:?}"),
+                    format!(
+                        "{} x {}, the shape of target {:?}",
+                        description.columns, description.rows, other.name
+                    ),
+                    "targets are told apart by their numbers of inner corners: print one of them with another number of columns or rows",
+                ));
+            }
+        }
+        if geometry.is_symmetric() {
+            targets.warnings.push(format!(
+                "{place}: target {name:?}: {} x {} inner corners look the same after half a turn; the orientation whose x axis points most to the image's right is taken. A grid whose columns + rows is odd has only one orientation",
+                description.columns, description.rows
+            ));
+        }
+        targets.targets.push(NamedTarget { name: name.clone(), geometry });
+    }
+    Ok(targets)
+}
+
+fn refuse_twins(
+    target: &TargetDescription,
+    other: &TargetDescription,
+    place: &str,
+) -> Result<(), BadInput> {
+    if target.name == other.name {
+        return Err(BadInput::new(
+            place,
+            "name",
+            format!("two targets are called {:?}", target.name),
+            "give each target a name of its own",
+        ));
+    }
+    if target.role == other.role {
+        return Err(BadInput::new(
+            place,
+            format!("role of target {:?}", target.name),
+            format!("the role of target {:?} too", other.name),
+            "give at most one target each of the roles upper, lower and scene",
+        ));
+    }
+    Ok(())
+}
+
+fn geometry(description: &TargetDescription, place: &str) -> Result<TargetGeometry, BadInput> {
+    let of = |field: &str| format!("{field} of target {:?}", description.name);
+    let &TargetDescription { columns, rows, role, virtual_point_mm, .. } = description;
+    let made = match (&description.points_mm, description.pitch_mm) {
+        (Some(_), Some(_)) => {
+            return Err(BadInput::new(
+                place,
+                of("pitch_mm"),
+                "points_mm are given too",
+                "keep one of them: pitch_mm for an exact grid, points_mm for measured corners",
+            ));
+        }
+        (None, None) => {
+            return Err(BadInput::new(
+                place,
+                of("pitch_mm"),
+                "missing",
+                "give the distance of neighbouring corners in millimetres, measured on the print",
+            ));
+        }
+        (Some(_), None) if description.origin.is_some() => {
+            return Err(BadInput::new(
+                place,
+                of("origin"),
+                "points_mm are given too",
+                "leave origin out: measured points carry their own origin",
+            ));
+        }
+        (Some(points_mm), None) => TargetGeometry::from_points(
+            columns,
+            rows,
+            points_mm.iter().copied(),
+            role,
+            virtual_point_mm,
+        ),
+        (None, Some(pitch_mm)) => {
+            let origin = description.origin.unwrap_or(OriginName::Center).into();
+            TargetGeometry::checker(columns, rows, pitch_mm, origin, role, virtual_point_mm)
+        }
+    };
+    made.map_err(|error| {
+        let (field, found) = match error {
+            TargetError::GridSize => (of("columns, rows"), format!("{columns} x {rows}")),
+            TargetError::Pitch => {
+                (of("pitch_mm"), format!("{}", description.pitch_mm.unwrap_or_default()))
+            }
+            TargetError::PointCount => (
+                of("points_mm"),
+                format!(
+                    "{} points for {columns} x {rows} corners",
+                    description.points_mm.as_ref().map_or(0, Vec::len)
+                ),
+            ),
+            TargetError::PointValue => {
+                (of("points_mm, virtual_point_mm"), "a value out of range".to_owned())
+            }
+        };
+        let remedy = match error {
+            TargetError::GridSize => format!(
+                "count INNER corners, where four squares meet: at least 3 x 3, at most {TARGET_CORNERS_MAX} in all"
+            ),
+            other => other.to_string(),
+        };
+        BadInput::new(place, field, found, remedy)
+    })
+}
+
+/// Writes a targets file.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn write(path: &Path, descriptions: &[TargetDescription]) -> Result<(), BadInput> {
+    write_text(path, &to_toml(descriptions))
+}
+
+/// The targets file's text.
+#[must_use]
+pub fn to_toml(descriptions: &[TargetDescription]) -> String {
+    let fields = Fields { target: descriptions.to_vec() };
+    toml::to_string(&fields).expect("numbers and texts are TOML")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_standard_pair_comes_back() {
+        let text = to_toml(&standard_pair());
+        let targets = parse(&text, "targets.toml").unwrap();
+        assert_eq!(targets.warnings, Vec::<String>::new());
+        let names: Vec<_> = targets.targets.iter().map(|target| target.name.as_str()).collect();
+        assert_eq!(names, ["lumbar", "shoulder"]);
+        let lumbar = &targets.targets[0].geometry;
+        assert_eq!((lumbar.columns(), lumbar.rows(), lumbar.role()), (6, 5, Role::Lower));
+        assert_eq!(lumbar.corner_mm(0).x, -30.0);
+        assert_eq!(lumbar.virtual_point_mm().z, 100.0);
+    }
+
+    #[test]
+    fn measured_points_replace_pitch_and_origin() {
+        let points: Vec<String> =
+            (0..12).map(|index| format!("[{}.5, {}, 0.25]", index % 4, index / 4)).collect();
+        let head = "[[target]]\nname = \"a\"\nrole = \"upper\"\ncolumns = 4\nrows = 3\n";
+        let text = format!("{head}points_mm = [{}]\n", points.join(", "));
+        let targets = parse(&text, "t.toml").unwrap();
+        assert_eq!(targets.targets[0].geometry.corner_mm(5).as_slice(), [1.5, 1.0, 0.25]);
+        let error = parse(&format!("{text}pitch_mm = 2.0\n"), "t.toml").unwrap_err();
+        assert!(error.field.starts_with("pitch_mm"));
+        let error = parse(&format!("{head}points_mm = [[0, 0, 0]]"), "t.toml").unwrap_err();
+        assert_eq!(error.found, "1 points for 4 x 3 corners");
+    }
+
+    #[test]
+    fn each_wrong_field_is_named() {
+        let text = to_toml(&standard_pair());
+        let cases = [
+            ("rows = 4", "rows = 6", "columns, rows of target \"shoulder\"", "5 x 6"),
+            ("columns = 5", "columns = 2", "columns, rows of target \"shoulder\"", "2 x 4"),
+            ("columns = 5", "columns = 300", "columns", "300"),
+            ("columns = 5", "columns = -5", "columns", "-5"),
+            ("columns = 5", "columns = 5.5", "columns", "5.5"),
+            ("name = \"shoulder\"", "name = \"lumbar\"", "name", "lumbar"),
+            ("role = \"upper\"", "role = \"lower\"", "role of target \"shoulder\"", "lumbar"),
+            ("role = \"upper\"", "role = \"head\"", "role", "head"),
+            ("pitch_mm = 12.0", "pitch_mm = 0.0", "pitch_mm of target \"lumbar\"", "0"),
+            ("pitch_mm = 12.0", "pitch_cm = 1.2", "pitch_cm", "unknown field"),
+            ("pitch_mm = 12.0\n", "", "pitch_mm of target \"lumbar\"", "missing"),
+            ("[[target]]", "[target", "", ""),
+            ("name = \"shoulder\"", "name = \"a name that is too long\"", "name", "too long"),
+        ];
+        for (good, bad, field, found) in cases {
+            let broken = text.replacen(good, bad, 1);
+            assert_ne!(broken, text, "{good}");
+            let error = parse(&broken, "t.toml").unwrap_err();
+            assert!(error.field.starts_with(field), "{bad}: {error}");
+            assert!(error.found.contains(found), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_symmetric_grid_is_accepted_with_a_warning() {
+        let mut board = standard_pair().remove(0);
+        (board.columns, board.rows) = (9, 7);
+        let targets = check(&[board], "t.toml").unwrap();
+        assert_eq!(targets.warnings.len(), 1);
+        assert!(targets.warnings[0].contains("9 x 7"));
+    }
+}

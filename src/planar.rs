@@ -1,0 +1,268 @@
+//! Closed-form pose of a plane, with both of its minima.
+//!
+//! In: corners of a flat target and the rays along which they were seen. Out:
+//! one or two poses, best first, good enough to start [`crate::solve`]. The
+//! homography of the plane is Zhang's (2000, appendix A: normalised direct linear
+//! transform, least squares). Its decomposition is that of Collins and Bartoli
+//! ("Infinitesimal plane-based pose estimation", 2014), which needs the homography
+//! only to first order about the target's middle. Zhang's own decomposition
+//! (section 3.1 and appendix C) reads the tilt from the perspective terms, which
+//! for a target that is small against its distance are mostly noise.
+//!
+//! To first order a plane and its mirror image about the line of sight look the
+//! same, so that the reprojection error has two minima (Schweighofer and Pinz
+//! 2006). The further and the smaller the target, the less they differ, until
+//! noise alone decides which is the lower one: a caller keeps both until one is
+//! refuted, by its residuals or by where the target was before.
+//!
+//! Cost: a few microseconds; no iteration. It is not robust: one wrong corner
+//! spoils it.
+
+use heapless::Vec;
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+use crate::lens::ray_of;
+use crate::pose::{Cam, Pose, Target};
+use crate::solve::Observation;
+
+/// A homography has 8 parameters and a point 2 equations.
+pub const POINTS_MIN: usize = 4;
+
+/// Width over length below which points count as collinear. The narrowest target,
+/// 3 corners by 40, has 0.06 face on, and 0.005 seen at 5 degrees from its edge.
+const WIDTH_OVER_LENGTH_MIN: f64 = 1e-3;
+
+/// Smallest pivot of the homography's normal equations over their largest: below
+/// it the points leave a parameter open. Rounding leaves 1e-16 of a singular
+/// system; a 3 x 3 grid seen at 80 degrees has 1e-3.
+const PIVOT_RATIO_MIN: f64 = 1e-8;
+
+/// Why a plane has no pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PlanarFailure {
+    /// Fewer than [`POINTS_MIN`] corners.
+    TooFewPoints,
+    /// A coordinate is not finite.
+    NotFinite,
+    /// The corners, or the rays, lie (nearly) on one line, or all but one of them do.
+    Degenerate,
+    /// The rays show the target's back: the corners are numbered the wrong way round.
+    Mirrored,
+    /// Every solution puts a corner behind the camera.
+    BehindCamera,
+}
+
+impl core::fmt::Display for PlanarFailure {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        formatter.write_str(match self {
+            Self::TooFewPoints => "fewer than 4 corners",
+            Self::NotFinite => "a coordinate is not finite",
+            Self::Degenerate => "the corners lie on one line",
+            Self::Mirrored => "the corners are numbered the wrong way round",
+            Self::BehindCamera => "a corner would lie behind the camera",
+        })
+    }
+}
+
+impl core::error::Error for PlanarFailure {}
+
+/// One of the poses of a plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanarPose {
+    /// The pose, not yet refined.
+    pub cam_from_target: Pose<Cam, Target>,
+    /// Root mean square of the raw-pixel residuals' lengths, unweighted.
+    pub rms_px: f64,
+}
+
+/// One or two poses, best first.
+pub type PlanarPoses = Vec<PlanarPose, 2>;
+
+/// Both poses of a plane, best first. One is left out only when it puts a corner
+/// behind the camera.
+///
+/// The homography takes the target as flat and ignores its points' z; the
+/// translation and the ranking use it.
+///
+/// # Errors
+/// [`PlanarFailure`].
+pub fn planar_poses(observations: &[Observation]) -> Result<PlanarPoses, PlanarFailure> {
+    if observations.len() < POINTS_MIN {
+        return Err(PlanarFailure::TooFewPoints);
+    }
+    if !observations.iter().all(Observation::is_finite) {
+        return Err(PlanarFailure::NotFinite);
+    }
+    let plane = Normalisation::of(observations.iter().map(|seen| seen.point_target_mm.xy()))
+        .ok_or(PlanarFailure::Degenerate)?;
+    let image = Normalisation::of(observations.iter().map(|seen| seen.ray))
+        .ok_or(PlanarFailure::Degenerate)?;
+    let homography = homography(observations, &plane, &image).ok_or(PlanarFailure::Degenerate)?;
+    let rotations = rotations(&homography, &image)?;
+
+    let mut poses = PlanarPoses::new();
+    for rotation in rotations {
+        let Some(translation_mm) = translation(observations, &rotation) else { continue };
+        let cam_from_target = Pose::new(rotation, translation_mm);
+        let Some(rms_px) = rms(observations, &cam_from_target) else { continue };
+        // Two rotations, two places: the second push cannot fail.
+        let _ = poses.push(PlanarPose { cam_from_target, rms_px });
+    }
+    if poses.is_empty() {
+        return Err(PlanarFailure::BehindCamera);
+    }
+    if poses.len() == 2 && poses[1].rms_px < poses[0].rms_px {
+        poses.swap(0, 1);
+    }
+    Ok(poses)
+}
+
+/// Moves points to their centroid and scales them to a mean square distance of
+/// 2 from it (Hartley 1997): `normalised = (point - centre) * scale`.
+struct Normalisation {
+    centre: Vector2<f64>,
+    scale: f64,
+}
+
+impl Normalisation {
+    /// `None` when the points lie (nearly) on one line.
+    fn of(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<Self> {
+        let count = points.clone().count() as f64;
+        let centre = points.clone().sum::<Vector2<f64>>() / count;
+        let scatter: Matrix2<f64> =
+            points.map(|point| (point - centre) * (point - centre).transpose()).sum();
+        // Eigenvalues of a symmetric 2 x 2: the sums of squares along and across the line.
+        let trace = scatter.trace();
+        let gap = libm::hypot(scatter[(0, 0)] - scatter[(1, 1)], 2.0 * scatter[(0, 1)]);
+        let (along, across) = ((trace + gap) * 0.5, (trace - gap) * 0.5);
+        let wide = across > WIDTH_OVER_LENGTH_MIN * WIDTH_OVER_LENGTH_MIN * along;
+        wide.then(|| Self { centre, scale: libm::sqrt(2.0 * count / trace) })
+    }
+
+    fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
+        (point - self.centre) * self.scale
+    }
+}
+
+/// The homography from normalised target points to normalised rays, its last
+/// element 1: the middle of what is seen is in front of the camera, so that its
+/// depth, which this element is, is not 0.
+fn homography(
+    observations: &[Observation],
+    plane: &Normalisation,
+    image: &Normalisation,
+) -> Option<Matrix3<f64>> {
+    let mut normal = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = SVector::<f64, 8>::zeros();
+    for seen in observations {
+        let from = plane.apply(&seen.point_target_mm.xy());
+        let to = image.apply(&seen.ray);
+        let (x, y) = (from.x, from.y);
+        let rows = [
+            ([x, y, 1.0, 0.0, 0.0, 0.0, -x * to.x, -y * to.x], to.x),
+            ([0.0, 0.0, 0.0, x, y, 1.0, -x * to.y, -y * to.y], to.y),
+        ];
+        for (row, value) in rows {
+            let row = SVector::<f64, 8>::from(row);
+            normal += row * row.transpose();
+            right += row * value;
+        }
+    }
+    let cholesky = normal.cholesky()?;
+    let pivots = cholesky.l_dirty().diagonal();
+    // The factor's diagonal holds the pivots' roots.
+    if pivots.min() < libm::sqrt(PIVOT_RATIO_MIN) * pivots.max() {
+        return None;
+    }
+    let h = cholesky.solve(&right);
+    Some(Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0))
+}
+
+/// The two rotations of a homography (Collins and Bartoli 2014, section 4).
+///
+/// With Q a rotation that takes the optical axis to the line of sight to the
+/// target's middle, R = Q S, and d ray / d target there = B S22 / depth, where S22
+/// is the upper left 2 x 2 of S and B that of the projection behind Q. The largest
+/// singular value of S22 is 1, which gives the depth; the lengths of the columns
+/// of S give its third row up to one sign: the two solutions.
+fn rotations(
+    homography: &Matrix3<f64>,
+    image: &Normalisation,
+) -> Result<[Matrix3<f64>; 2], PlanarFailure> {
+    // The homography's value and Jacobian at the target's middle. Its scale does
+    // not matter: the depth is refitted with the translation.
+    let middle = homography.fixed_view::<2, 1>(0, 2).into_owned();
+    let perspective = homography.fixed_view::<1, 2>(2, 0).into_owned();
+    let jacobian = homography.fixed_view::<2, 2>(0, 0) - middle * perspective;
+    if !(jacobian.determinant() > 0.0) {
+        return Err(PlanarFailure::Mirrored);
+    }
+    let sight = middle / image.scale + image.centre;
+
+    // The rotation by the shortest way from (0, 0, 1) to the line of sight.
+    let (x, y) = (sight.x, sight.y);
+    let length = libm::sqrt(1.0 + x * x + y * y);
+    let (x, y, z) = (x / length, y / length, 1.0 / length);
+    let bend = 1.0 / (1.0 + z);
+    let turn = Matrix3::new(
+        1.0 - x * x * bend,
+        -x * y * bend,
+        x,
+        -x * y * bend,
+        1.0 - y * y * bend,
+        y,
+        -x,
+        -y,
+        z,
+    );
+    let projected = turn.fixed_view::<2, 2>(0, 0) - sight * turn.fixed_view::<1, 2>(2, 0);
+    let scaled = projected.try_inverse().ok_or(PlanarFailure::Degenerate)? * jacobian;
+
+    // Largest singular value of a 2 x 2.
+    let square = scaled.tr_mul(&scaled);
+    let gap = libm::hypot(square[(0, 0)] - square[(1, 1)], 2.0 * square[(0, 1)]);
+    let largest = libm::sqrt(0.5 * (square.trace() + gap));
+    let upper = scaled / largest;
+    // Columns of S have length 1; what is missing is the third row's square. It has
+    // rank 1; rounding may leave a small negative diagonal.
+    let missing = Matrix2::identity() - upper.tr_mul(&upper);
+    let first = libm::sqrt(missing[(0, 0)].max(0.0));
+    let second = libm::copysign(libm::sqrt(missing[(1, 1)].max(0.0)), missing[(0, 1)]);
+    Ok([1.0, -1.0].map(|sign: f64| {
+        // Of length 1 and perpendicular by construction.
+        let x_axis = Vector3::new(upper[(0, 0)], upper[(1, 0)], sign * first);
+        let y_axis = Vector3::new(upper[(0, 1)], upper[(1, 1)], sign * second);
+        turn * Matrix3::from_columns(&[x_axis, y_axis, x_axis.cross(&y_axis)])
+    }))
+}
+
+/// The translation that fits a rotation best: least squares on
+/// `x (r_z p + t_z) = r_x p + t_x` and the same for y, linear in t.
+fn translation(observations: &[Observation], rotation: &Matrix3<f64>) -> Option<Vector3<f64>> {
+    let mut normal = Matrix3::zeros();
+    let mut right = Vector3::zeros();
+    for seen in observations {
+        let turned_mm = rotation * seen.point_target_mm;
+        let ray = seen.ray;
+        // Each equation is row . t = value.
+        for (row, value) in [
+            (Vector3::new(1.0, 0.0, -ray.x), ray.x * turned_mm.z - turned_mm.x),
+            (Vector3::new(0.0, 1.0, -ray.y), ray.y * turned_mm.z - turned_mm.y),
+        ] {
+            normal += row * row.transpose();
+            right += row * value;
+        }
+    }
+    Some(normal.cholesky()?.solve(&right))
+}
+
+/// RMS of the residuals' lengths in raw pixels; `None` when a corner lies behind the camera.
+fn rms(observations: &[Observation], cam_from_target: &Pose<Cam, Target>) -> Option<f64> {
+    let mut sum = 0.0;
+    for seen in observations {
+        let ray = ray_of(&cam_from_target.transform(&seen.point_target_mm))?;
+        sum += (seen.raw_by_ray * (ray - seen.ray)).norm_squared();
+    }
+    let rms_px = libm::sqrt(sum / observations.len() as f64);
+    rms_px.is_finite().then_some(rms_px)
+}
