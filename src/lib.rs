@@ -44,10 +44,13 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod checksum;
+pub mod config;
 pub mod image;
 pub mod lens;
 pub mod limits;
 pub mod planar;
+pub mod packet;
 pub mod pose;
 pub mod scene;
 pub mod solve;

@@ -23,3 +23,9 @@ const _: () =
 
 // A solution flags its inliers in the bits of a u128.
 const _: () = assert!(TARGET_CORNERS_MAX <= 128);
+
+/// Longest name of a target, in bytes.
+pub const NAME_BYTES_MAX: usize = 16;
+
+/// Longest device name, serial number or firmware version, in bytes.
+pub const DEVICE_TEXT_BYTES_MAX: usize = 24;

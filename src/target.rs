@@ -7,12 +7,13 @@
 
 use heapless::Vec;
 use nalgebra::Vector3;
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::limits::TARGET_CORNERS_MAX;
 
 /// What a target is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Role {
     /// On the shoulder: its origin is the upper trunk point.
     Upper,
@@ -66,12 +67,32 @@ impl core::error::Error for TargetError {}
 
 /// One target: grid, geometry in the target frame, role and virtual point.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
 pub struct TargetGeometry {
     columns: u8,
     rows: u8,
     role: Role,
     virtual_point_mm: [f64; 3],
     points_mm: Vec<[f64; 3], TARGET_CORNERS_MAX>,
+}
+
+/// A geometry as it comes from outside: the fields of [`TargetGeometry`], in
+/// their order, before anyone looked whether they agree.
+#[derive(Deserialize)]
+struct Unchecked {
+    columns: u8,
+    rows: u8,
+    role: Role,
+    virtual_point_mm: [f64; 3],
+    points_mm: Vec<[f64; 3], TARGET_CORNERS_MAX>,
+}
+
+impl TryFrom<Unchecked> for TargetGeometry {
+    type Error = TargetError;
+
+    fn try_from(from: Unchecked) -> Result<Self, TargetError> {
+        Self::from_points(from.columns, from.rows, from.points_mm, from.role, from.virtual_point_mm)
+    }
 }
 
 impl TargetGeometry {

@@ -1,0 +1,223 @@
+//! The messages besides the pose: who the box is, how it is doing, what it
+//! logs, and the few commands it takes.
+
+use heapless::{String, Vec};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
+use crate::target::Role;
+
+/// Links that one box can have at once: UDP, serial, file.
+pub const LINKS_MAX: usize = 3;
+
+/// Longest module path of a log record, in bytes.
+pub const LOG_TARGET_BYTES_MAX: usize = 32;
+
+/// Longest text of a log record, in bytes.
+pub const LOG_TEXT_BYTES_MAX: usize = 128;
+
+/// Why the box started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ResetReason {
+    /// The box cannot tell.
+    Unknown,
+    /// Power came on.
+    PowerOn,
+    /// The program hung, and the watchdog started it anew.
+    Watchdog,
+    /// A command asked for it.
+    Command,
+    /// The program ended in error and was started anew.
+    Failure,
+}
+
+/// One configured target.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct TargetInfo {
+    /// Its name in targets.toml.
+    pub name: String<NAME_BYTES_MAX>,
+    /// What it is for; pose packets refer to it by this.
+    pub role: Role,
+    /// How many corners it has.
+    pub corners: u8,
+}
+
+/// Who is speaking. The protocol version is in front of every packet.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Hello {
+    /// The box's name, for people.
+    pub device: String<DEVICE_TEXT_BYTES_MAX>,
+    /// The box's serial number.
+    pub serial_number: String<DEVICE_TEXT_BYTES_MAX>,
+    /// Version of the box's program.
+    pub firmware: String<DEVICE_TEXT_BYTES_MAX>,
+    /// [`Config::crc`](crate::config::Config::crc) of the configuration in use.
+    pub config_crc: u32,
+    /// How often the program has started; a new number is a new session.
+    pub boot_count: u32,
+    /// Why it started this time.
+    pub reset_reason: ResetReason,
+    /// Frame width.
+    pub width_px: u16,
+    /// Frame height.
+    pub height_px: u16,
+    /// The targets, in the order of the configuration.
+    pub targets: Vec<TargetInfo, TARGETS_MAX>,
+}
+
+/// Kind of a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum LinkKind {
+    /// Datagrams.
+    Udp,
+    /// A serial line.
+    Serial,
+    /// A file.
+    File,
+}
+
+/// What one link has carried since the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct LinkHealth {
+    /// Which link.
+    pub kind: LinkKind,
+    /// Packets handed over.
+    pub packets_sent: u32,
+    /// Packets that the link did not take in time.
+    pub packets_dropped: u32,
+}
+
+/// The source of the frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum CameraState {
+    /// No frame has come yet.
+    Starting,
+    /// Frames come.
+    Running,
+    /// Frames came, and no longer do.
+    Stalled,
+    /// The recording is over.
+    Ended,
+}
+
+/// How the box is doing; counters run from the start.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Health {
+    /// Time since the start.
+    pub uptime_ms: u64,
+    /// Frames that came in.
+    pub frames: u32,
+    /// Frames that came and were skipped because the one before took too long.
+    pub frames_dropped: u32,
+    /// Heap allocations since the first frame; `None` when nobody counts them.
+    pub heap_allocations: Option<u32>,
+    /// The processor's temperature in 0.1 degrees Celsius, where it can be read.
+    pub temperature_decicelsius: Option<i16>,
+    /// The source of the frames.
+    pub camera: CameraState,
+    /// Largest latency since the last `Health`.
+    pub latency_us_max: u32,
+    /// Log records for which there was no room.
+    pub logs_dropped: u32,
+    /// The links in use.
+    pub links: Vec<LinkHealth, LINKS_MAX>,
+}
+
+/// Weight of a log record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+pub enum LogLevel {
+    /// Something failed.
+    Error,
+    /// Something is not as it should be.
+    Warn,
+    /// What a technician wants to know.
+    Info,
+    /// What an engineer wants to know.
+    Debug,
+    /// Everything.
+    Trace,
+}
+
+/// One log record.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Log {
+    /// Since the start.
+    pub uptime_ms: u64,
+    /// Weight.
+    pub level: LogLevel,
+    /// The module that speaks.
+    pub target: String<LOG_TARGET_BYTES_MAX>,
+    /// What it says.
+    pub text: String<LOG_TEXT_BYTES_MAX>,
+    /// Bytes of target and text that did not fit.
+    pub cut: u16,
+}
+
+/// What the host asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Action {
+    /// Answer with the times: measures the round trip and relates the clocks.
+    Ping {
+        /// The host's clock when it sent this; comes back unchanged.
+        host_sent_ns: u64,
+    },
+    /// Send a [`Hello`].
+    SendHello,
+    /// Send a [`Health`].
+    SendHealth,
+    /// Answer with the checksum of the configuration in use.
+    QueryConfig,
+    /// Start anew.
+    Reboot,
+}
+
+/// A request, with a number of the host's choice that the reply repeats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Command {
+    /// Chosen by the host.
+    pub id: u16,
+    /// What is asked for.
+    pub action: Action,
+}
+
+/// Why a command was not carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Refusal {
+    /// This box, or this link, does not take it.
+    NotSupported,
+    /// Not now; try again.
+    Busy,
+}
+
+/// What came of a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ReplyOutcome {
+    /// To [`Action::Ping`].
+    Pong {
+        /// As sent by the host.
+        host_sent_ns: u64,
+        /// The capture clock when the command came in.
+        box_received_ns: u64,
+        /// The capture clock when this reply was handed to the link.
+        box_sent_ns: u64,
+    },
+    /// To [`Action::QueryConfig`].
+    Config {
+        /// [`Config::crc`](crate::config::Config::crc).
+        crc: u32,
+    },
+    /// It will be done.
+    Accepted,
+    /// It will not be done.
+    Refused(Refusal),
+}
+
+/// The answer to the [`Command`] of the same number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Reply {
+    /// The command's number.
+    pub id: u16,
+    /// What came of it.
+    pub outcome: ReplyOutcome,
+}
