@@ -7,3 +7,5 @@
 pub mod cli;
 pub mod error;
 pub mod files;
+pub mod provision;
+pub mod setup;
