@@ -46,15 +46,21 @@
 
 mod checksum;
 pub mod config;
+pub mod corner;
+pub mod grid;
 pub mod image;
 pub mod lens;
 pub mod limits;
+pub mod measure;
 pub mod packet;
+pub mod pipeline;
 pub mod planar;
 pub mod pose;
 pub mod scene;
+pub mod search;
 pub mod solve;
 pub mod target;
+pub mod track;
 pub mod undistort;
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::grid::GridShape;
 use crate::limits::TARGET_CORNERS_MAX;
 
 /// What a target is for.
@@ -167,6 +168,18 @@ impl TargetGeometry {
     #[must_use]
     pub fn rows(&self) -> usize {
         usize::from(self.rows)
+    }
+
+    /// Distance of the first two corners: the size of a square.
+    #[must_use]
+    pub fn pitch_mm(&self) -> f64 {
+        (self.corner_mm(1) - self.corner_mm(0)).norm()
+    }
+
+    /// What the search looks for.
+    #[must_use]
+    pub fn shape(&self) -> GridShape {
+        GridShape { columns: self.columns, rows: self.rows }
     }
 
     /// What the target is for.

@@ -9,3 +9,4 @@ pub mod error;
 pub mod files;
 pub mod provision;
 pub mod setup;
+pub mod simulate;

@@ -1,2 +1,71 @@
-//! The project tasks.
-fn main() {}
+//! `cargo xtask`: the project's own tasks, with no tool to install but Rust.
+//!
+//! | task | does |
+//! |---|---|
+//! | `demo` | builds the release programs and runs `plumb demo` |
+//! | `test` | formatting, lints, build, tests, and the proof that the core needs no heap |
+//! | `bench` | measures the figures that README.md quotes |
+//!
+//! Exit codes: 0 done, 1 something failed, 2 the machine lacks something that
+//! could not be installed (the message holds the line to run).
+
+mod bare;
+mod bench;
+mod command;
+mod demo;
+mod setup;
+mod tests;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// The project's own tasks.
+///
+/// Run it as `cargo xtask` anywhere in the checkout. `demo` and `test` install
+/// with apt what they lack: they say first what and why, and work as root or
+/// through sudo. Every command that is run is printed before it starts.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Build the release programs and run `plumb demo`: a rendered person, the
+    /// box's real program, and its packets received over UDP.
+    Demo(demo::Arguments),
+    /// Check everything: rustfmt, clippy with warnings as errors, build, all
+    /// tests, and that the core links without an allocator.
+    Test(tests::Arguments),
+    /// Measure speed, spread and memory on rendered frames, beside OpenCV where
+    /// Python has it.
+    Bench(bench::Arguments),
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().task {
+        Task::Demo(arguments) => demo::run(&arguments),
+        Task::Test(arguments) => tests::run(&arguments),
+        Task::Bench(arguments) => bench::run(&arguments),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(if error.is::<setup::Lacking>() { 2 } else { 1 })
+        }
+    }
+}
+
+#[cfg(test)]
+mod checks {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Arguments::command().debug_assert();
+    }
+}

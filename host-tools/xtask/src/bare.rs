@@ -1,0 +1,64 @@
+//! The core in a final artefact that has no allocator.
+//!
+//! A `no_std` library that uses `alloc` still compiles; only linking a final
+//! artefact shows that nothing allocates. The package `tests/bare` is that
+//! artefact: a shared library of nothing but the core, a panic handler and one
+//! entry that configures the pipeline and steps it. The compiler refuses to
+//! make it when any crate in it uses `alloc`. Its list of undefined symbols
+//! then says all that it asks of others: the memory routines that the compiler
+//! itself calls, and no `malloc`.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use anyhow::{Result, bail, ensure};
+
+use crate::command::{Task, target_directory};
+
+/// The entry of the artefact.
+const ENTRY: &str = "plumbline_bare_step";
+
+/// Functions that compiled Rust may call without anybody's asking: the target
+/// always has them, and none allocates.
+const COMPILERS_OWN: &[&str] = &["memcpy", "memmove", "memset", "memcmp", "bcmp"];
+
+/// Builds the artefact and reads its symbols.
+pub fn check() -> Result<()> {
+    // Apart from the other builds, so that nobody's choice of features reaches it.
+    let directory = target_directory().join("bare");
+    Task::cargo()
+        .args(["rustc", "--package", "plumbline-bare", "--profile", "bare"])
+        .args(["--crate-type", "cdylib", "--target-dir"])
+        .args([&directory])
+        .args(["--", "-C", "link-arg=-nostartfiles"])
+        .run()?;
+    let artefact = directory.join("bare/libplumbline_bare.so");
+    let defined = symbols(&artefact, "--defined-only")?;
+    ensure!(defined.contains(ENTRY), "{} does not define {ENTRY}", artefact.display());
+    let undefined = symbols(&artefact, "--undefined-only")?;
+    let foreign: Vec<&str> = undefined
+        .iter()
+        .map(String::as_str)
+        .filter(|symbol| !COMPILERS_OWN.contains(symbol))
+        .collect();
+    if !foreign.is_empty() {
+        bail!("the core without an allocator needs {} from others", foreign.join(", "));
+    }
+    println!(
+        "{}: linked without an allocator; of others it needs only {}",
+        artefact.display(),
+        undefined.into_iter().collect::<Vec<_>>().join(" ")
+    );
+    Ok(())
+}
+
+/// The names in the artefact's dynamic symbol table.
+fn symbols(artefact: &Path, which: &str) -> Result<BTreeSet<String>> {
+    let listing = Task::new("nm")
+        .args(["--dynamic", "--format=just-symbols", which])
+        .args([artefact])
+        .output()?;
+    // A symbol may carry its version: memcpy@GLIBC_2.14.
+    let name = |line: &str| line.split('@').next().unwrap_or_default().to_owned();
+    Ok(listing.lines().map(name).collect())
+}

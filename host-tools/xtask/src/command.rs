@@ -1,0 +1,188 @@
+//! Running other programs: each command line is printed before it starts, and a
+//! failure is reported with that line.
+//!
+//! Children stay in the terminal's foreground group, so Ctrl-C reaches them and
+//! this program alike.
+
+use std::env;
+use std::ffi::{OsStr, OsString};
+use std::fmt::Write as _;
+use std::io::{self, BufRead, BufReader, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+/// The root of the checkout.
+pub fn root() -> &'static Path {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    own.ancestors().nth(2).expect("the package lies two directories deep")
+}
+
+/// Where cargo puts what it builds.
+pub fn target_directory() -> PathBuf {
+    // An absolute CARGO_TARGET_DIR replaces the root, a relative one hangs below it.
+    root().join(env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
+}
+
+/// A program with its arguments, run in the root of the checkout.
+pub struct Task {
+    command: Command,
+    line: String,
+}
+
+impl Task {
+    /// `program` with no arguments yet.
+    pub fn new(program: impl AsRef<OsStr>) -> Self {
+        let mut command = Command::new(program.as_ref());
+        command.current_dir(root());
+        Self { command, line: quoted(program.as_ref()) }
+    }
+
+    /// The cargo that runs this program.
+    pub fn cargo() -> Self {
+        let mut task = Self::new(env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
+        task.line = "cargo".into();
+        task
+    }
+
+    /// With more arguments.
+    pub fn args<A: AsRef<OsStr>>(mut self, arguments: impl IntoIterator<Item = A>) -> Self {
+        for argument in arguments {
+            self.command.arg(argument.as_ref());
+            let _ = write!(self.line, " {}", quoted(argument.as_ref()));
+        }
+        self
+    }
+
+    /// With a variable of the environment, shown in the printed line.
+    pub fn env(mut self, name: &str, value: &str) -> Self {
+        self.command.env(name, value);
+        self.line = format!("{name}={} {}", quoted(value.as_ref()), self.line);
+        self
+    }
+
+    /// Prints the line and runs it with this program's own input and output.
+    pub fn run(mut self) -> Result<()> {
+        self.announce();
+        let status = self.command.status();
+        self.judge(status)
+    }
+
+    /// As [`Self::run`], but ends the program when it takes longer than `limit`.
+    pub fn run_within(mut self, limit: Duration) -> Result<()> {
+        self.announce();
+        let deadline = Instant::now() + limit;
+        let mut child =
+            self.command.spawn().with_context(|| format!("cannot start `{}`", self.line))?;
+        loop {
+            if let Some(status) = child.try_wait()? {
+                return self.judge(Ok(status));
+            }
+            if Instant::now() > deadline {
+                child.kill()?;
+                child.wait()?;
+                bail!("`{}` was ended after {} s without a result", self.line, limit.as_secs());
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// As [`Self::run`], but hands each line of output and error output, in the
+    /// order of writing, to `each_line` as well as to the terminal.
+    pub fn run_and_read(mut self, mut each_line: impl FnMut(&str)) -> Result<()> {
+        self.announce();
+        let (reader, writer) = io::pipe()?;
+        self.command.stdout(writer.try_clone()?).stderr(writer);
+        let child = self.command.spawn();
+        // The command still holds the pipe's writing ends; without this, reading never ends.
+        self.command.stdout(Stdio::null()).stderr(Stdio::null());
+        let mut child = child.with_context(|| format!("cannot start `{}`", self.line))?;
+        for line in BufReader::new(reader).split(b'\n') {
+            let line = line?;
+            let line = String::from_utf8_lossy(&line);
+            println!("{line}");
+            each_line(&line);
+        }
+        self.judge(child.wait())
+    }
+
+    /// The standard output, in silence.
+    pub fn output(mut self) -> Result<String> {
+        let output = self
+            .command
+            .stdin(Stdio::null())
+            .output()
+            .with_context(|| format!("cannot start `{}`", self.line))?;
+        if !output.status.success() {
+            let said = String::from_utf8_lossy(&output.stderr);
+            bail!("`{}` failed ({}): {}", self.line, output.status, said.trim());
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    fn announce(&self) {
+        println!("$ {}", self.line);
+        let _ = io::stdout().flush();
+    }
+
+    fn judge(&self, status: io::Result<ExitStatus>) -> Result<()> {
+        let status = status.with_context(|| format!("cannot start `{}`", self.line))?;
+        if !status.success() {
+            bail!("`{}` failed ({status})", self.line);
+        }
+        Ok(())
+    }
+}
+
+/// A word as one would type it in a shell.
+fn quoted(word: &OsStr) -> String {
+    let word = word.to_string_lossy();
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_=./:,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.into_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failure_names_the_whole_command_line() {
+        let error = Task::new("sh").args(["-c", "exit 3"]).run().unwrap_err().to_string();
+        assert!(error.contains("`sh -c 'exit 3'`") && error.contains('3'), "{error}");
+        let error = Task::new("no-such-program").run().unwrap_err().to_string();
+        assert!(error.contains("`no-such-program`"), "{error}");
+    }
+
+    #[test]
+    fn output_and_error_output_are_read_in_the_order_of_writing() {
+        let mut lines = Vec::new();
+        let script = "echo one; echo two >&2; echo three; exit 1";
+        let done =
+            Task::new("sh").args(["-c", script]).run_and_read(|line| lines.push(line.to_owned()));
+        assert!(done.is_err());
+        assert_eq!(lines, ["one", "two", "three"]);
+    }
+
+    #[test]
+    fn a_program_that_hangs_is_ended() {
+        let start = Instant::now();
+        let error = Task::new("sleep").args(["60"]).run_within(Duration::from_millis(200));
+        assert!(error.unwrap_err().to_string().contains("`sleep 60`"));
+        assert!(start.elapsed() < Duration::from_secs(30));
+    }
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(quoted("--flag=1".as_ref()), "--flag=1");
+        assert_eq!(quoted("two words".as_ref()), "'two words'");
+        assert_eq!(quoted("it's".as_ref()), r"'it'\''s'");
+        assert_eq!(quoted("".as_ref()), "''");
+    }
+}

@@ -1,0 +1,211 @@
+//! What the tasks need from the machine, and how to get it on Debian.
+//!
+//! A task names its needs; those that are missing are listed with their reason
+//! and then installed, as root or through sudo. What is there already is left
+//! alone. Without root, sudo or apt nothing is tried: the error holds the one
+//! line to run.
+
+use std::env;
+use std::fmt;
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Result, bail};
+
+use crate::command::Task;
+
+/// Longest wait for a download through rustup, which some networks let hang.
+const RUSTUP_WITHIN: Duration = Duration::from_secs(300);
+
+/// How to see that something is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Probe {
+    /// A program in PATH.
+    Program(&'static str),
+    /// A file of a development package.
+    File(&'static str),
+}
+
+/// One thing that comes from a Debian package.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Need {
+    probe: Probe,
+    package: &'static str,
+    why: &'static str,
+}
+
+/// A linker, for every Rust program.
+pub const LINKER: &[Need] = &[
+    Need { probe: Probe::Program("cc"), package: "gcc", why: "Rust links programs with cc" },
+    Need {
+        probe: Probe::File("/usr/include/stdio.h"),
+        package: "libc6-dev",
+        why: "the C library's start-up code is part of every program",
+    },
+];
+
+/// What looks into a linked program.
+pub const BINUTILS: &[Need] = &[Need {
+    probe: Probe::Program("nm"),
+    package: "binutils",
+    why: "nm lists what the core without an allocator asks of others",
+}];
+
+/// A part of the Rust toolchain that a minimal installation leaves out.
+struct Component {
+    name: &'static str,
+    subcommand: &'static str,
+    package: &'static str,
+    why: &'static str,
+}
+
+const COMPONENTS: &[Component] = &[
+    Component {
+        name: "rustfmt",
+        subcommand: "fmt",
+        package: "rustfmt",
+        why: "checks the formatting",
+    },
+    Component {
+        name: "clippy",
+        subcommand: "clippy",
+        package: "rust-clippy",
+        why: "finds common mistakes",
+    },
+];
+
+/// Something is missing and could not be installed. Exit code 2.
+#[derive(Debug)]
+pub struct Lacking(String);
+
+impl fmt::Display for Lacking {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Lacking {}
+
+/// Installs those of `needs` that are missing.
+pub fn ensure(needs: &[&[Need]]) -> Result<()> {
+    let missing: Vec<&Need> =
+        needs.iter().copied().flatten().filter(|need| !is_there(need.probe)).collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    println!("This machine lacks:");
+    for need in &missing {
+        println!("  {:<12} {}", need.package, need.why);
+    }
+    install(&missing.iter().map(|need| need.package).collect::<Vec<_>>())
+}
+
+/// Adds rustfmt and clippy to the toolchain where they are missing.
+pub fn ensure_components() -> Result<()> {
+    let missing: Vec<&Component> = COMPONENTS
+        .iter()
+        .filter(|one| Task::cargo().args([one.subcommand, "--version"]).output().is_err())
+        .collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    println!("This Rust toolchain lacks:");
+    for component in &missing {
+        println!("  {:<12} {}", component.name, component.why);
+    }
+    let names: Vec<_> = missing.iter().map(|component| component.name).collect();
+    if !is_there(Probe::Program("rustup")) {
+        // A Rust that came from Debian has its parts there too.
+        return install(&missing.iter().map(|component| component.package).collect::<Vec<_>>());
+    }
+    let add = Task::new("rustup").args(["component", "add"]).args(&names);
+    if let Err(error) = add.run_within(RUSTUP_WITHIN) {
+        bail!(Lacking(format!(
+            "{error}\nWith a working network, run this and try again:\n    rustup component add {}",
+            names.join(" ")
+        )));
+    }
+    Ok(())
+}
+
+fn install(packages: &[&str]) -> Result<()> {
+    let apt_is_there = is_there(Probe::Program("apt-get"));
+    let access = if !apt_is_there {
+        Access::None
+    } else if Task::new("id").args(["-u"]).output().is_ok_and(|id| id.trim() == "0") {
+        Access::Root
+    } else if Task::new("sudo").args(["-n", "true"]).output().is_ok() {
+        Access::Sudo
+    } else {
+        Access::None
+    };
+    let by_hand = format!("sudo apt-get install --no-install-recommends {}", packages.join(" "));
+    let apt = |arguments: &[&str]| match access {
+        Access::Root => {
+            Task::new("apt-get").env("DEBIAN_FRONTEND", "noninteractive").args(arguments)
+        }
+        _ => Task::new("sudo")
+            .args(["-n", "env", "DEBIAN_FRONTEND=noninteractive", "apt-get"])
+            .args(arguments),
+    };
+    if access == Access::None {
+        let remedy = if apt_is_there {
+            format!(
+                "installing needs root, and sudo asks for a password or is missing. \
+                 Run this and try again:\n    {by_hand}"
+            )
+        } else {
+            format!(
+                "there is no apt-get here. Install what Debian calls {} and try again",
+                packages.join(", ")
+            )
+        };
+        bail!(Lacking(remedy));
+    }
+    println!("Installing it from Debian:");
+    // A list that cannot be refreshed (one dead mirror of several) may still be good enough.
+    if let Err(error) = apt(&["update"]).run() {
+        println!("{error}; trying with the package lists that are there");
+    }
+    apt(&["install", "--yes", "--no-install-recommends"])
+        .args(packages)
+        .run()
+        .map_err(|error| Lacking(format!("{error}\nTo try by hand:\n    {by_hand}")).into())
+}
+
+#[derive(PartialEq, Eq)]
+enum Access {
+    Root,
+    Sudo,
+    None,
+}
+
+fn is_there(probe: Probe) -> bool {
+    match probe {
+        Probe::File(path) => Path::new(path).exists(),
+        Probe::Program(name) => env::var_os("PATH").is_some_and(|path| {
+            env::split_paths(&path).any(|directory| directory.join(name).is_file())
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn probes_tell_what_is_there_from_what_is_not() {
+        assert!(is_there(Probe::Program("sh")));
+        assert!(!is_there(Probe::Program("no-such-program")));
+        assert!(is_there(Probe::File("/proc/self/exe")));
+        assert!(!is_there(Probe::File("/no/such/file")));
+    }
+
+    #[test]
+    fn what_is_there_is_not_installed() {
+        // Would ask for root, and fail, if it tried.
+        const SHELL: &[Need] =
+            &[Need { probe: Probe::Program("sh"), package: "no-such-package", why: "a test" }];
+        ensure(&[SHELL]).unwrap();
+    }
+}

@@ -1,0 +1,240 @@
+//! `cargo xtask test`: every check of the project, in one run.
+//!
+//! A part is one way to run the checks (on this machine; on another processor).
+//! A part consists of steps. A step that fails does not stop those that can
+//! still tell something; the run as a whole fails at the end.
+
+use std::env;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+
+use crate::command::{Task, root};
+use crate::{bare, setup};
+
+/// What `cargo xtask test` takes.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// What to check; everything when left out.
+    #[arg(value_enum)]
+    parts: Vec<Part>,
+}
+
+/// One way to run the checks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// On this machine: rustfmt, clippy, build, all tests, and the core linked
+    /// without an allocator.
+    Native,
+}
+
+/// Runs the parts and sums up.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let parts =
+        if arguments.parts.is_empty() { Part::value_variants() } else { &arguments.parts[..] };
+    setup::ensure(&[setup::LINKER, setup::BINUTILS])?;
+    let mut journal = Journal::default();
+    for part in parts {
+        match part {
+            Part::Native => native(&mut journal)?,
+        }
+    }
+    journal.close()
+}
+
+fn native(journal: &mut Journal) -> Result<()> {
+    setup::ensure_components()?;
+    journal.check("format", || Task::cargo().args(["fmt", "--all", "--check"]).run());
+    journal.check("lint", || {
+        let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
+        Task::cargo().args(lint).run()
+    });
+    // The tests start the programs, which `cargo test` alone builds only for their own packages.
+    let built = journal.check("build", || Task::cargo().args(["build", "--workspace"]).run());
+    if built {
+        say_where_the_data_are();
+        journal.tests("tests", &["test", "--workspace", "--no-fail-fast"]);
+    }
+    journal.check("bare", bare::check);
+    Ok(())
+}
+
+/// Tests on photographs pass where there are none, so the log has to tell.
+fn say_where_the_data_are() {
+    let data = env::var_os("PLUMBLINE_DATA")
+        .map_or_else(|| root().join("../shared/data"), |path| root().join(PathBuf::from(path)));
+    if data.is_dir() {
+        println!("Photographs: {}", data.display());
+    } else {
+        println!(
+            "Photographs: none at {} (PLUMBLINE_DATA names another place); the tests on them skip",
+            data.display()
+        );
+    }
+}
+
+/// What has been run so far.
+#[derive(Default)]
+struct Journal {
+    steps: Vec<Step>,
+    summaries: Vec<String>,
+}
+
+struct Step {
+    name: &'static str,
+    took: Duration,
+    failure: Option<String>,
+    /// Where the step is a run of tests: their counts.
+    tests: Option<Tally>,
+}
+
+impl Journal {
+    /// Runs one check; true when it passed.
+    fn check(&mut self, name: &'static str, run: impl FnOnce() -> Result<()>) -> bool {
+        println!("\n== {name}");
+        let start = Instant::now();
+        let failure = run().err().map(|error| format!("{error:#}"));
+        if let Some(failure) = &failure {
+            println!("{name}: {failure}");
+        }
+        let passed = failure.is_none();
+        self.steps.push(Step { name, took: start.elapsed(), failure, tests: None });
+        passed
+    }
+
+    /// Runs cargo's tests and collects their summaries.
+    fn tests(&mut self, name: &'static str, arguments: &[&str]) {
+        let mut tally = Tally::default();
+        let mut summaries = Vec::new();
+        self.check(name, || {
+            let mut running = String::new();
+            let done = Task::cargo().args(arguments).run_and_read(|line| {
+                let words = line.trim_start();
+                if words.starts_with("Running ") || words.starts_with("Doc-tests ") {
+                    running = line.to_owned();
+                } else if let Some(suite) = Tally::of_summary(line) {
+                    tally.passed += suite.passed;
+                    tally.failed += suite.failed;
+                    // Where a crate has no tests, its summary says nothing.
+                    if suite != Tally::default() {
+                        summaries.push(format!("{running}\n{line}"));
+                    }
+                }
+            });
+            match done {
+                Err(_) if tally.failed > 0 => bail!("{} tests failed", tally.failed),
+                Err(error) => Err(error).context("no test failed, yet the run did"),
+                Ok(()) if tally == Tally::default() => bail!("cargo ran no test at all"),
+                Ok(()) => Ok(()),
+            }
+        });
+        self.steps.last_mut().expect("check adds a step").tests = Some(tally);
+        self.summaries.append(&mut summaries);
+    }
+
+    /// Prints the summaries and the verdict; an error when anything failed.
+    fn close(self) -> Result<()> {
+        println!("\n== summary");
+        for summary in &self.summaries {
+            println!("{summary}");
+        }
+        let overview: Vec<String> = self
+            .steps
+            .iter()
+            .map(|step| {
+                let verdict = if step.failure.is_some() { " FAILED" } else { "" };
+                format!("{} {:.0} s{verdict}", step.name, step.took.as_secs_f64())
+            })
+            .collect();
+        println!("\n{}", overview.join(", "));
+        let mut failed = Vec::new();
+        for step in &self.steps {
+            if let Some(failure) = &step.failure {
+                println!("{}: {failure}", step.name);
+                failed.push(step.name);
+            }
+        }
+        let total = self.total();
+        println!("{} passed, {} failed", total.passed, total.failed);
+        if !failed.is_empty() {
+            bail!("failed: {}", failed.join(", "));
+        }
+        Ok(())
+    }
+
+    /// The tests, and each step that is not a run of tests as one more; a run
+    /// that broke off without a failed test counts as one failure.
+    fn total(&self) -> Tally {
+        let mut total = Tally::default();
+        for step in &self.steps {
+            let failed = usize::from(step.failure.is_some());
+            let own = match step.tests {
+                Some(tests) => Tally { failed: tests.failed.max(failed), ..tests },
+                None => Tally { passed: 1 - failed, failed },
+            };
+            total.passed += own.passed;
+            total.failed += own.failed;
+        }
+        total
+    }
+}
+
+/// Counts of tests.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+struct Tally {
+    passed: usize,
+    failed: usize,
+}
+
+impl Tally {
+    /// From a line such as `test result: ok. 12 passed; 0 failed; 1 ignored; ...`.
+    fn of_summary(line: &str) -> Option<Self> {
+        let (_, counts) = line.strip_prefix("test result: ")?.split_once(". ")?;
+        let count = |kind: &str| {
+            counts.split("; ").find_map(|part| part.strip_suffix(kind)?.trim().parse().ok())
+        };
+        Some(Self { passed: count("passed")?, failed: count("failed")? })
+    }
+}
+
+#[cfg(test)]
+mod checks {
+    use super::*;
+
+    #[test]
+    fn a_summary_line_is_counted() {
+        let line = "test result: FAILED. 12 passed; 3 failed; 1 ignored; 0 measured; \
+                    0 filtered out; finished in 0.01s";
+        assert_eq!(Tally::of_summary(line), Some(Tally { passed: 12, failed: 3 }));
+        assert_eq!(Tally::of_summary("test corner::finds ... ok"), None);
+        assert_eq!(Tally::of_summary("test result: gone"), None);
+    }
+
+    #[test]
+    fn checks_and_broken_runs_are_in_the_total() {
+        let journal = |format: Option<&str>, tests: Option<&str>, passed, failed| {
+            let step = |name, failure: Option<&str>, tests| Step {
+                name,
+                took: Duration::ZERO,
+                failure: failure.map(str::to_owned),
+                tests,
+            };
+            let tally = Tally { passed, failed };
+            let steps = vec![step("format", format, None), step("tests", tests, Some(tally))];
+            Journal { steps, summaries: Vec::new() }
+        };
+        let total = |passed, failed| Tally { passed, failed };
+        let good = journal(None, None, 10, 0);
+        assert_eq!(good.total(), total(11, 0));
+        assert!(good.close().is_ok());
+        let unformatted = journal(Some("x"), None, 10, 0);
+        assert_eq!(unformatted.total(), total(10, 1));
+        assert!(unformatted.close().is_err());
+        assert_eq!(journal(None, Some("x"), 10, 2).total(), total(11, 2));
+        let crashed = journal(None, Some("x"), 10, 0);
+        assert_eq!(crashed.total(), total(11, 1));
+        assert!(crashed.close().is_err());
+    }
+}

@@ -1,0 +1,356 @@
+//! The pipeline: owns every buffer, and turns one frame into one report.
+//!
+//! [`Pipeline::step`] first measures the targets whose place is known, in
+//! windows. Only then, when a target is missing, it goes on with the search:
+//! over the whole frame when nothing is tracked, by a small share otherwise.
+//! There is no allocation, no recursion and no loop without a bound in it.
+
+use heapless::Vec;
+
+use crate::config::{Config, ConfigError};
+use crate::grid::{GridRejection, GridShape};
+use crate::image::{GreyImage, Pixel};
+use crate::lens::Lens;
+use crate::limits::TARGETS_MAX;
+use crate::measure::{
+    Measurement, NoPose, Observations, Optics, extent_is_certain, fit_found, fit_predicted, observe, observe_grid,
+};
+use crate::pose::{Cam, Pose, Target};
+use crate::scene::{Anatomical, SceneFrame};
+use crate::search::{Area, Goal, Search};
+use crate::target::{Role, TargetGeometry};
+use crate::track::State;
+use crate::undistort::UndistortionLut;
+
+/// How a target stands after a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TargetState {
+    /// Not known where it is.
+    Acquiring,
+    /// Measured in this frame.
+    Tracking,
+    /// Not measured in this frame, but not long ago.
+    Coasting,
+}
+
+impl TargetState {
+    /// A short name for tables and files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Acquiring => "acquiring",
+            Self::Tracking => "tracking",
+            Self::Coasting => "coasting",
+        }
+    }
+}
+
+/// One target in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TargetReport {
+    /// What the target is for.
+    pub role: Role,
+    /// How its track stands after this frame.
+    pub state: TargetState,
+    /// Its pose in this frame, or why there is none.
+    pub measurement: Result<Measurement, NoPose>,
+}
+
+/// What one frame gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// Number of the frame since the pipeline was configured, from 0.
+    pub sequence: u32,
+    /// The capture time given with the frame.
+    pub capture_time_ns: u64,
+    /// One entry per configured target, in the order of the configuration.
+    pub targets: Vec<TargetReport, TARGETS_MAX>,
+    /// The upper target's origin in anatomical axes (the paper's z_u').
+    pub upper_trunk: Option<Anatomical>,
+    /// The lower target's virtual point in anatomical axes (the paper's z_l').
+    pub lower_trunk: Option<Anatomical>,
+}
+
+/// One configured target and its track.
+struct Track {
+    geometry: TargetGeometry,
+    state: State,
+    outcome: Result<Measurement, NoPose>,
+}
+
+/// The whole measurement: lens, targets, tracks and every buffer.
+///
+/// Large (see `memory.md`): keep it in a `static` or behind a pointer.
+pub struct Pipeline {
+    lens: Option<Lens>,
+    lut: UndistortionLut,
+    scene: Option<SceneFrame>,
+    tracks: Vec<Track, TARGETS_MAX>,
+    search: Search,
+    /// The target for which the next sweep is made, if it is missing.
+    search_turn: usize,
+    observations: Observations,
+    sequence: u32,
+}
+
+impl Pipeline {
+    /// A pipeline without a configuration: it reports no targets.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            lens: None,
+            lut: UndistortionLut::new(),
+            scene: None,
+            tracks: Vec::new(),
+            search: Search::new(),
+            search_turn: 0,
+            observations: Vec::new(),
+            sequence: 0,
+        }
+    }
+
+    /// Takes a configuration: builds the undistortion table and starts afresh.
+    ///
+    /// # Errors
+    /// The first field that is out of range; the pipeline is then without a
+    /// configuration.
+    pub fn configure(&mut self, config: &Config) -> Result<(), ConfigError> {
+        self.lens = None;
+        self.tracks.clear();
+        config.check()?;
+        self.lut.build(&config.lens)?;
+        self.scene = config.cam_from_scene().map(SceneFrame::new);
+        for target in &config.targets {
+            let track = Track {
+                geometry: target.geometry.clone(),
+                state: State::Acquiring,
+                outcome: Err(NoPose::Searching),
+            };
+            // The configuration's own list has the same capacity.
+            let _ = self.tracks.push(track);
+        }
+        self.lens = Some(config.lens);
+        self.search.stop();
+        self.search_turn = 0;
+        self.sequence = 0;
+        Ok(())
+    }
+
+    /// Forgets where the targets are: the next frame is searched afresh.
+    pub fn forget(&mut self) {
+        for track in &mut self.tracks {
+            track.state = State::Acquiring;
+        }
+        self.search.stop();
+    }
+
+    /// Measures one frame.
+    ///
+    /// `capture_time_ns` is the capture clock's time of the frame; only
+    /// differences matter.
+    pub fn step<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
+        match self.lens {
+            Some(lens) if lens_fits(&lens, frame) => {
+                self.measure_tracked(&lens, frame, capture_time_ns);
+                self.search_missing(&lens, frame, capture_time_ns);
+            }
+            _ => {
+                for track in &mut self.tracks {
+                    track.outcome = Err(NoPose::FrameSize);
+                }
+            }
+        }
+        for track in &mut self.tracks {
+            let measured = track.outcome.as_ref().ok().map(|found| found.cam_from_target);
+            track.state = track.state.next(measured, capture_time_ns);
+        }
+        let report = self.report(capture_time_ns);
+        self.sequence = self.sequence.wrapping_add(1);
+        report
+    }
+
+    /// Measures the targets whose motion is known, in windows.
+    fn measure_tracked<P: Pixel>(&mut self, lens: &Lens, frame: &GreyImage<'_, P>, time_ns: u64) {
+        let optics = Optics { lens, lut: &self.lut };
+        for track in &mut self.tracks {
+            let Some(motion) = track.state.motion() else {
+                track.outcome = Err(NoPose::Searching);
+                continue;
+            };
+            let expected = motion.predict(time_ns);
+            observe(optics, frame, &track.geometry, &expected, &mut self.observations);
+            track.outcome = fit_predicted(&expected, &track.geometry, &self.observations).and_then(
+                |fitted| {
+                    let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
+                        || extent_is_certain(&track.geometry, fitted.used);
+                    if identified { Ok(fitted.measurement) } else { Err(NoPose::ExtentUnknown) }
+                },
+            );
+        }
+    }
+
+    /// Goes on with the search, and measures what it has found.
+    fn search_missing<P: Pixel>(&mut self, lens: &Lens, frame: &GreyImage<'_, P>, time_ns: u64) {
+        let missing = self.tracks.iter().filter(|track| track.outcome.is_err()).count();
+        if missing == 0 {
+            self.search.stop();
+            return;
+        }
+        if let Some(Goal::Region { target }) = self.search.goal()
+            && self.tracks[target].outcome.is_ok()
+        {
+            self.search.stop();
+        }
+        if self.search.goal().is_none() {
+            let (goal, area) = self.next_sweep(lens, frame, time_ns);
+            self.search.begin(goal, area);
+        }
+        let nothing_tracked = missing == self.tracks.len();
+        if !self.search.advance(frame, nothing_tracked) {
+            return;
+        }
+        let wanted: Vec<GridShape, TARGETS_MAX> =
+            self.tracks.iter().map(|track| track.geometry.shape()).collect();
+        let grids = self.search.grids(&wanted);
+        let optics = Optics { lens, lut: &self.lut };
+        for (track, grid) in self.tracks.iter_mut().zip(&grids) {
+            if track.outcome.is_ok() {
+                continue;
+            }
+            match grid {
+                Ok(grid) => {
+                    let corners = self.search.corners().as_slice();
+                    observe_grid(
+                        optics,
+                        frame,
+                        &track.geometry,
+                        grid,
+                        corners,
+                        &mut self.observations,
+                    );
+                    track.outcome = acquire(optics, frame, &track.geometry, &mut self.observations);
+                }
+                // A coasting target keeps the reason that its windows gave.
+                Err(rejection) if track.state == State::Acquiring => {
+                    track.outcome = Err(no_pose(*rejection));
+                }
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// The next sweep: for the missing targets in turn, each where it may be.
+    fn next_sweep<P: Pixel>(
+        &mut self,
+        lens: &Lens,
+        frame: &GreyImage<'_, P>,
+        time_ns: u64,
+    ) -> (Goal, Area) {
+        let count = self.tracks.len();
+        let turn = (0..count)
+            .map(|step| (self.search_turn + step) % count)
+            .find(|&index| self.tracks[index].outcome.is_err());
+        let whole = Area { columns: 0..frame.width(), rows: 0..frame.height() };
+        let Some(target) = turn else { return (Goal::WholeFrame, whole) };
+        self.search_turn = (target + 1) % count;
+        let track = &self.tracks[target];
+        let region = track
+            .state
+            .motion()
+            .and_then(|motion| region(lens, &track.geometry, &motion.predict(time_ns)));
+        match region {
+            Some(area) => (Goal::Region { target }, area),
+            None => (Goal::WholeFrame, whole),
+        }
+    }
+
+    fn report(&self, capture_time_ns: u64) -> Report {
+        let targets: Vec<TargetReport, TARGETS_MAX> = self
+            .tracks
+            .iter()
+            .map(|track| TargetReport {
+                role: track.geometry.role(),
+                state: match track.state {
+                    State::Acquiring => TargetState::Acquiring,
+                    State::Tracking(_) => TargetState::Tracking,
+                    State::Coasting(_) => TargetState::Coasting,
+                },
+                measurement: track.outcome,
+            })
+            .collect();
+        let trunk = |role: Role| {
+            let track = self.tracks.iter().find(|track| track.geometry.role() == role)?;
+            let cam_from_target = &track.outcome.as_ref().ok()?.cam_from_target;
+            let scene = self.scene.as_ref()?;
+            match role {
+                Role::Upper => Some(scene.upper_trunk(cam_from_target)),
+                Role::Lower => {
+                    Some(scene.lower_trunk(cam_from_target, &track.geometry.virtual_point_mm()))
+                }
+                Role::Scene => None,
+            }
+        };
+        Report {
+            sequence: self.sequence,
+            capture_time_ns,
+            targets,
+            upper_trunk: trunk(Role::Upper),
+            lower_trunk: trunk(Role::Lower),
+        }
+    }
+}
+
+impl Default for Pipeline {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Whether a frame has the size that the camera was calibrated for.
+fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {
+    usize::from(lens.width_px) == frame.width() && usize::from(lens.height_px) == frame.height()
+}
+
+/// The pose of a target whose corners a search has found: closed form, fit, and
+/// then windows around every corner, as if it had been tracked.
+fn acquire<P: Pixel>(
+    optics: Optics<'_>,
+    frame: &GreyImage<'_, P>,
+    target: &TargetGeometry,
+    observations: &mut Observations,
+) -> Result<Measurement, NoPose> {
+    let rough = fit_found(target, observations)?.measurement.cam_from_target;
+    observe(optics, frame, target, &rough, observations);
+    Ok(fit_predicted(&rough, target, observations)?.measurement)
+}
+
+/// The part of the frame in which a target may be: its outline where it is
+/// expected, and three squares more on every side. `None` when it is outside.
+fn region(lens: &Lens, target: &TargetGeometry, cam_from_target: &Pose<Cam, Target>) -> Option<Area> {
+    const MARGIN_SQUARES: f64 = 3.0;
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    for index in 0..target.corner_count() {
+        let raw_px = lens.project(&cam_from_target.transform(&target.corner_mm(index)))?;
+        for axis in 0..2 {
+            low[axis] = low[axis].min(raw_px[axis]);
+            high[axis] = high[axis].max(raw_px[axis]);
+        }
+    }
+    let squares = target.columns().min(target.rows()) as f64 - 1.0;
+    let side = |axis: usize, length: u16| {
+        let margin_px = MARGIN_SQUARES * (high[axis] - low[axis]) / squares;
+        let start = (low[axis] - margin_px).max(0.0) as usize;
+        let end = ((high[axis] + margin_px).max(0.0) as usize).min(usize::from(length));
+        (start < end).then_some(start..end)
+    };
+    Some(Area { columns: side(0, lens.width_px)?, rows: side(1, lens.height_px)? })
+}
+
+/// What a grid's rejection means for its target.
+fn no_pose(rejection: GridRejection) -> NoPose {
+    match rejection {
+        GridRejection::Ambiguous => NoPose::Ambiguous,
+        _ => NoPose::NotFound,
+    }
+}

@@ -1,0 +1,125 @@
+//! The tables of memory.md against the build.
+
+use core::mem::size_of;
+use std::collections::BTreeMap;
+
+use plumbline::corner::{CornerList, Detector};
+use plumbline::grid::GridFinder;
+use plumbline::measure::Observations;
+use plumbline::pipeline::Pipeline;
+use plumbline::search::Search;
+use plumbline::undistort::UndistortionLut;
+
+/// The core's bound, undistortion table included.
+const TOTAL_BYTES_MAX: usize = 1024 * 1024;
+
+/// What a row may be without a formula of its own.
+const SMALL_BYTES_MAX: usize = 1024;
+
+/// One row: a buffer, what it is part of, and its bytes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Row {
+    name: String,
+    parent: String,
+    formula: String,
+    bytes: usize,
+}
+
+/// The rows `| name | in | what | formula | bytes |` of the document's tables.
+fn rows(document: &str) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for line in document.lines() {
+        let cells: Vec<&str> =
+            line.trim().trim_matches('|').split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let [name, parent, _, formula, bytes] = cells[..] else { continue };
+        let Ok(bytes) = bytes.replace(',', "").parse() else { continue };
+        rows.push(Row {
+            name: name.into(),
+            parent: parent.into(),
+            formula: formula.into(),
+            bytes,
+        });
+    }
+    rows
+}
+
+/// `12,288 nodes x 8 + 16` is 98,320: products of the numbers that the words
+/// begin with, summed.
+fn evaluate(formula: &str) -> usize {
+    let factor = |text: &str| -> usize {
+        let number = text.split_whitespace().next().unwrap_or_default().replace(',', "");
+        number.parse().unwrap_or_else(|_| panic!("no number at the start of {text:?} in {formula:?}"))
+    };
+    formula.split(" + ").map(|term| term.split(" x ").map(factor).product::<usize>()).sum()
+}
+
+/// The types named in memory.md.
+fn sizes() -> BTreeMap<&'static str, usize> {
+    BTreeMap::from([
+        ("Pipeline", size_of::<Pipeline>()),
+        ("UndistortionLut", size_of::<UndistortionLut>()),
+        ("Search", size_of::<Search>()),
+        ("Detector", size_of::<Detector>()),
+        ("GridFinder", size_of::<GridFinder>()),
+        ("CornerList", size_of::<CornerList>()),
+        ("Observations", size_of::<Observations>()),
+    ])
+}
+
+/// Everything that is wrong with the rows.
+fn faults(rows: &[Row], sizes: &BTreeMap<&str, usize>) -> Vec<String> {
+    let mut faults = Vec::new();
+    for row in rows {
+        if row.formula.is_empty() {
+            if row.bytes > SMALL_BYTES_MAX && !rows.iter().any(|part| part.parent == row.name) {
+                faults.push(format!("{}: {} bytes without a formula", row.name, row.bytes));
+            }
+        } else if evaluate(&row.formula) != row.bytes {
+            let value = evaluate(&row.formula);
+            faults.push(format!("{}: the formula gives {value}, the row {}", row.name, row.bytes));
+        }
+        let parts: Vec<_> = rows.iter().filter(|part| part.parent == row.name).collect();
+        let sum: usize = parts.iter().map(|part| part.bytes).sum();
+        if !parts.is_empty() && sum != row.bytes {
+            faults.push(format!("{}: its parts make {sum} bytes, the row {}", row.name, row.bytes));
+        }
+    }
+    for (name, &size) in sizes {
+        match rows.iter().find(|row| row.name == *name) {
+            None => faults.push(format!("{name}: {size} bytes in the build, no row")),
+            Some(row) if row.bytes != size => {
+                faults.push(format!("{name}: {size} bytes in the build, the row {}", row.bytes));
+            }
+            Some(_) => {}
+        }
+    }
+    faults
+}
+
+#[test]
+fn memory_md_is_true_to_the_byte() {
+    let rows = rows(include_str!("../memory.md"));
+    let faults = faults(&rows, &sizes());
+    assert!(faults.is_empty(), "memory.md differs from the build:\n{}", faults.join("\n"));
+}
+
+#[test]
+fn the_core_fits_into_one_mebibyte() {
+    assert!(size_of::<Pipeline>() <= TOTAL_BYTES_MAX, "{} bytes", size_of::<Pipeline>());
+}
+
+#[test]
+fn a_wrong_row_is_found() {
+    let table = "| name | in | what | formula | bytes |\n|---|---|---|---|---:|\n\
+                 | `Whole` | static | all | | 1,100 |\n\
+                 | `Part` | `Whole` | some | 10 things x 100 + 60 | 1,060 |\n\
+                 | rest | `Whole` | | | 40 |";
+    let right = rows(table);
+    assert_eq!(right.len(), 3);
+    let sizes = BTreeMap::from([("Whole", 1100), ("Part", 1060)]);
+    assert_eq!(faults(&right, &sizes), Vec::<String>::new());
+    let mut wrong = right.clone();
+    wrong[1].bytes = 1061;
+    assert_eq!(faults(&wrong, &sizes).len(), 3, "sum, formula and build all disagree");
+    assert_eq!(faults(&right[..1], &sizes).len(), 2, "no formula, no row for the part");
+}

@@ -1,0 +1,128 @@
+//! `Pipeline::step` allocates nothing, whatever happens to the targets.
+//!
+//! One test only: the counter covers the whole process, and a second test
+//! running beside it would be counted too.
+
+mod common;
+
+use plumb::simulate::{Simulation, SimulationSettings};
+use plumbline::pipeline::{Pipeline, TargetState};
+use plumbline_board::allocation::{CountingAllocator, allocations};
+use static_cell::ConstStaticCell;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new());
+
+const FRAMES: usize = 1_000;
+
+/// Rendered frames, played forwards and backwards so that the motion has no jump.
+const DISTINCT: usize = 12;
+
+const FRAME_NS: u64 = 16_666_667;
+
+/// What is done to a frame before the pipeline sees it.
+#[derive(Clone, Copy, PartialEq)]
+enum Spoilt {
+    No,
+    /// Both targets are gone, as when the light goes out.
+    Dark,
+    /// One target is painted over.
+    Without(usize),
+    /// Every second column of one target is painted over.
+    Half(usize),
+}
+
+/// Each kind of loss, short (a target coasts through) and long (it is searched for).
+fn spoilt(frame: usize) -> Spoilt {
+    match frame {
+        100..104 | 200..260 => Spoilt::Dark,
+        300..303 | 400..450 => Spoilt::Without(0),
+        500..503 | 600..650 => Spoilt::Without(1),
+        700..720 => Spoilt::Half(0),
+        _ => Spoilt::No,
+    }
+}
+
+/// A grey patch over the target, or over its left half.
+fn paint_over(simulation: &Simulation, frame: u64, target: usize, half: bool, pixels: &mut [u8]) {
+    let pose = simulation.truth(frame).targets[target].cam_from_target;
+    let geometry = &simulation.targets()[target].geometry;
+    let width = usize::from(simulation.camera().width_px);
+    let corner = |index| {
+        let point_mm = pose.transform(&geometry.corner_mm(index));
+        simulation.camera().project(&point_mm).expect("in front of the camera")
+    };
+    let (first, last) = (corner(0), corner(geometry.corner_count() - 1));
+    // Beyond the outermost corners lie one square and a paper margin as wide.
+    let square_px = (last.x - first.x) / (geometry.columns() - 1) as f64;
+    let margin_px = 2.5 * square_px;
+    let right = if half { (first.x + last.x) / 2.0 } else { last.x + margin_px };
+    for y in (first.y - margin_px) as usize..(last.y + margin_px) as usize {
+        let row = &mut pixels[y * width..][..width];
+        row[(first.x - margin_px) as usize..right as usize].fill(110);
+    }
+}
+
+#[test]
+fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
+    let before = allocations();
+    drop(std::hint::black_box(vec![0_u8; 100]));
+    assert_eq!(allocations() - before, 1, "the counter does not count");
+
+    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+    let clean = common::render(&simulation, DISTINCT as u64);
+    let pipeline = PIPELINE.take();
+    pipeline.configure(&common::config_of(&simulation)).unwrap();
+    let mut pixels = clean[0].clone();
+
+    let mut allocated = 0;
+    let (mut both, mut none, mut coasting, mut partly, mut found_again) = (0, 0, 0, 0, 0);
+    let mut had = [false; 2];
+    for frame in 0..FRAMES {
+        let turn = frame % (2 * DISTINCT - 2);
+        let place = turn.min(2 * DISTINCT - 2 - turn);
+        pixels.copy_from_slice(&clean[place]);
+        match spoilt(frame) {
+            Spoilt::No => {}
+            Spoilt::Dark => pixels.fill(3),
+            Spoilt::Without(target) => {
+                paint_over(&simulation, place as u64, target, false, &mut pixels);
+            }
+            Spoilt::Half(target) => {
+                paint_over(&simulation, place as u64, target, true, &mut pixels);
+            }
+        }
+        let view = common::view(&simulation, &pixels);
+        let before = allocations();
+        let report = pipeline.step(&view, frame as u64 * FRAME_NS);
+        allocated += allocations() - before;
+
+        let measured = [0, 1].map(|target| report.targets[target].measurement.is_ok());
+        both += usize::from(measured == [true; 2]);
+        none += usize::from(measured == [false; 2]);
+        coasting +=
+            report.targets.iter().filter(|target| target.state == TargetState::Coasting).count();
+        partly += report
+            .targets
+            .iter()
+            .filter_map(|target| target.measurement.as_ref().ok())
+            .filter(|found| found.corners < found.corners_total)
+            .count();
+        found_again += (0..2).filter(|&target| measured[target] && !had[target]).count();
+        had = measured;
+        if spoilt(frame) == Spoilt::Dark {
+            assert_eq!(measured, [false; 2], "frame {frame} is dark");
+        }
+    }
+    println!("both {both}, none {none}, coasting {coasting}, partly {partly}, found {found_again}");
+    assert_eq!(allocated, 0);
+    // The frames must really have been what this test is about: of 1,000, 787 are clean.
+    assert!(both >= 700, "both targets measured in {both} frames");
+    assert!(none >= 64, "no target in {none} frames");
+    assert!(coasting >= 10, "{coasting} times coasting");
+    assert!(partly >= 10, "{partly} times partly hidden");
+    // Both at the start, both after each of two dark spells, each after its own two losses.
+    assert!(found_again >= 10, "{found_again} times found");
+}
