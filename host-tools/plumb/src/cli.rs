@@ -4,7 +4,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::simulate::command::{self as simulate, SimulateArguments};
+use crate::provision;
+use crate::simulate::command as simulate;
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -18,7 +19,8 @@ struct Arguments {
 /// `run` that takes them.
 #[derive(Subcommand)]
 enum Command {
-    Simulate(SimulateArguments),
+    Provision(provision::Arguments),
+    Simulate(simulate::SimulateArguments),
 }
 
 /// Exit code for input that cannot be used; clap's for a wrong command line is the same.
@@ -28,8 +30,9 @@ const EXIT_BAD_INPUT: u8 = 2;
 #[must_use]
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
-    let result: anyhow::Result<()> = match arguments.command {
-        Command::Simulate(arguments) => simulate::run(&arguments),
+    let result: anyhow::Result<()> = match &arguments.command {
+        Command::Provision(arguments) => provision::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

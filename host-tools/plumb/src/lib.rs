@@ -8,4 +8,6 @@
 pub mod cli;
 pub mod error;
 pub mod files;
+pub mod provision;
+pub mod setup;
 pub mod simulate;
