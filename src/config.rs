@@ -39,9 +39,9 @@ const MAGIC: [u8; 4] = *b"PLMB";
 /// Magic, version, length.
 const HEADER_BYTES: usize = 10;
 
-/// Everything in a blob but the targets: header, checksum, texts, lens (90),
-/// scene (49), links (100), rounded up.
-const FIXED_BYTES_MAX: usize = 384;
+/// Everything in a blob but the targets: header, checksum, texts, lens (87),
+/// scene (49), links (91), rounded up.
+const FIXED_BYTES_MAX: usize = 320;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
 /// rows, role, a virtual point, and its corners of three f64.

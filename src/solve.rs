@@ -188,31 +188,26 @@ pub fn solve(
     let mut pose = *start;
     let mut squares = Squares::new(observations.len());
     squares.measure(&pose, observations).ok_or(SolveFailure::BehindCamera)?;
-    let mut variance = squares.robust_variance();
-    let mut normal = NormalEquations::zero();
-    evaluate(&pose, observations, variance, &mut squares, &mut normal)
-        .ok_or(SolveFailure::BehindCamera)?;
-
     let mut next_squares = Squares::new(observations.len());
     let mut damping = DAMPING_START;
+    // A refused step changes the damping alone.
+    let mut normal = None;
     for _ in 0..iterations {
-        let Some(step) = normal.step(damping) else {
-            damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
-            continue;
-        };
-        let next_pose = pose.moved_by(&step);
-        let mut next_normal = NormalEquations::zero();
-        let seen =
-            evaluate(&next_pose, observations, variance, &mut next_squares, &mut next_normal);
-        // A NaN is not lower either.
-        if seen.is_some() && next_normal.cost < normal.cost {
-            (pose, normal) = (next_pose, next_normal);
+        // Judged by one scale, before and after the step; the next has its own.
+        let variance = squares.robust_variance();
+        let current =
+            normal.get_or_insert_with(|| NormalEquations::new(&pose, observations, variance));
+        let next_pose = current.step(damping).map(|step| pose.moved_by(&step));
+        let lower = next_pose.filter(|next_pose| {
+            let seen = next_squares.measure(next_pose, observations);
+            // A NaN is not lower.
+            seen.is_some() && next_squares.cost(variance) < squares.cost(variance)
+        });
+        if let Some(next_pose) = lower {
+            pose = next_pose;
             core::mem::swap(&mut squares, &mut next_squares);
+            normal = None;
             damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
-            // The next step is judged by the new scale. Its direction still has the
-            // weights of the old one, which lag by one step and converge with it.
-            variance = squares.robust_variance();
-            normal.cost = squares.cost(variance);
         } else {
             damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
         }
@@ -222,9 +217,7 @@ pub fn solve(
     // step of the polar decomposition.
     let gram = pose.rotation.tr_mul(&pose.rotation);
     pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
-    evaluate(&pose, observations, variance, &mut squares, &mut normal)
-        .ok_or(SolveFailure::BehindCamera)?;
-    conclude(pose, observations, variance, &squares, &normal)
+    conclude(pose, observations, &squares)
 }
 
 /// The robust cost of a pose at a given scale: the sum of the squared residuals in
@@ -248,10 +241,10 @@ pub fn robust_cost(
 fn conclude(
     pose: Pose<Cam, Target>,
     observations: &[Observation],
-    variance: f64,
     squares: &Squares,
-    normal: &NormalEquations,
 ) -> Result<Solution, SolveFailure> {
+    let variance = squares.robust_variance();
+    let normal = NormalEquations::new(&pose, observations, variance);
     let mut inliers = 0_u128;
     let [mut weights, mut weighted_squares, mut squares_px2] = [0.0; 3];
     for (place, (square, seen)) in squares.iter().zip(observations).enumerate() {
@@ -375,32 +368,19 @@ struct NormalEquations {
     /// Upper triangle.
     matrix: [[f64; 6]; 6],
     gradient: [f64; 6],
-    cost: f64,
-}
-
-/// Adds up residuals, cost and normal equations at a pose; `None` when a corner lies
-/// behind the camera.
-fn evaluate(
-    pose: &Pose<Cam, Target>,
-    observations: &[Observation],
-    variance: f64,
-    squares: &mut Squares,
-    normal: &mut NormalEquations,
-) -> Option<()> {
-    let per_variance = 1.0 / variance;
-    *normal = NormalEquations::zero();
-    for (seen, square) in observations.iter().zip(&mut squares.values) {
-        let (residual, rows) = residual(pose, seen)?;
-        *square = residual[0] * residual[0] + residual[1] * residual[1];
-        normal.add(&residual, &rows, weight(*square * per_variance));
-    }
-    normal.cost = squares.cost(variance);
-    Some(())
 }
 
 impl NormalEquations {
-    const fn zero() -> Self {
-        Self { matrix: [[0.0; 6]; 6], gradient: [0.0; 6], cost: 0.0 }
+    /// At a pose that has every corner in front of the camera.
+    fn new(pose: &Pose<Cam, Target>, observations: &[Observation], variance: f64) -> Self {
+        let per_variance = 1.0 / variance;
+        let mut normal = Self { matrix: [[0.0; 6]; 6], gradient: [0.0; 6] };
+        for seen in observations {
+            let Some((residual, rows)) = residual(pose, seen) else { continue };
+            let square = residual[0] * residual[0] + residual[1] * residual[1];
+            normal.add(&residual, &rows, weight(square * per_variance));
+        }
+        normal
     }
 
     #[inline]

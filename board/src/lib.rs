@@ -1,1 +1,19 @@
 //! The Linux side of the Plumbline box.
+//!
+//! ```text
+//! source ─▶ pipeline ─▶ packet ─▶ links
+//! ```
+//!
+//! Everything that needs an operating system is here: where frames come from
+//! ([`source`]), where packets go ([`link`]), time, signals, messages, and the
+//! loop that ties them together ([`session`]). No geometry is: that is the core's.
+
+pub mod allocation;
+pub mod boot_count;
+pub mod cli;
+pub mod link;
+pub mod logger;
+pub mod measure;
+pub mod session;
+pub mod source;
+pub mod temperature;

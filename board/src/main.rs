@@ -1,2 +1,125 @@
-//! The box program.
-fn main() {}
+//! The program of the Plumbline box: see `plumbline-board --help`.
+
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+use plumbline::config::Config;
+use plumbline::pipeline::Pipeline;
+use plumbline_board::allocation::CountingAllocator;
+use plumbline_board::boot_count::count_start;
+use plumbline_board::cli::Cli;
+use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
+use plumbline_board::logger;
+use plumbline_board::session::{self, Links};
+use plumbline_board::source::FrameSource;
+use plumbline_board::source::replay::{Input, Pace, Replay};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use static_cell::ConstStaticCell;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Every buffer of the measurement, in static memory.
+static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new());
+
+/// Where nothing else is said about a serial line's rate.
+const BAUD_DEFAULT: u32 = 115_200;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    logger::install(log::LevelFilter::Info);
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Standard error may be closed; then there is nobody to tell.
+            let _ = writeln!(std::io::stderr(), "plumbline-board: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    let stop = stop_on_signals()?;
+    let config = read_config(cli)?;
+    let pipeline = PIPELINE.take();
+    pipeline
+        .configure(&config)
+        .with_context(|| format!("the configuration {} cannot be used", cli.config.display()))?;
+    let links = open_links(cli, &config)?;
+    let boot_count = cli.boot_count_file.as_deref().map_or(Ok(0), count_start)?;
+
+    let input = Input::from(cli.replay.as_path());
+    let pace = if cli.unpaced { Pace::Unpaced } else { Pace::Recorded };
+    let Some(mut source) = Replay::open(&input, pace, cli.fps, &stop)? else {
+        return Ok(());
+    };
+    let (width, height) = source.size_px();
+    let expected = (usize::from(config.lens.width_px), usize::from(config.lens.height_px));
+    if (width, height) != expected {
+        bail!(
+            "{input}: its frames are {width}x{height}, but the camera in {} was calibrated at \
+             {}x{}: use the configuration of the camera that made the recording",
+            cli.config.display(),
+            expected.0,
+            expected.1
+        );
+    }
+    log::info!(
+        "replaying {input}: {width}x{height} at {:.3} frames per second",
+        source.rate().hz()
+    );
+
+    let ended = session::run(pipeline, &config, &mut source, links, boot_count, &stop);
+    let _ = writeln!(std::io::stdout(), "{}", ended.summary);
+    ended.broken.map_or(Ok(()), |message| bail!(message))
+}
+
+/// The first signal asks the loop to end; a second one ends the program at once.
+fn stop_on_signals() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .context("signals cannot be handled")?;
+    }
+    Ok(stop)
+}
+
+fn read_config(cli: &Cli) -> Result<Config> {
+    let name = cli.config.display();
+    let blob = std::fs::read(&cli.config)
+        .with_context(|| format!("the configuration {name} cannot be read"))?;
+    Config::decode(&blob).with_context(|| {
+        format!("the configuration {name} cannot be used: make it again with `plumb provision`")
+    })
+}
+
+/// The links of the command line, and of the configuration where it says nothing else.
+fn open_links(cli: &Cli, config: &Config) -> Result<Links> {
+    let mut links = Links::new();
+    let udp = cli.udp.clone().or_else(|| config.links.udp.map(|address| address.to_string()));
+    let configured = config.links.serial.as_ref();
+    let serial = cli.serial.as_deref().or(configured.map(|serial| serial.path.as_str()));
+    let baud = cli.baud.or(configured.map(|serial| serial.baud)).unwrap_or(BAUD_DEFAULT);
+    let opened = [
+        udp.map(|destination| UdpLink::open(&destination).map(Link::Udp)),
+        serial.map(|device| SerialLink::open(device, baud).map(Link::Serial)),
+        cli.record.as_deref().map(|path| FileLink::open(path).map(Link::File)),
+    ];
+    for link in opened.into_iter().flatten() {
+        // One of each kind: as many as there is room for.
+        let _ = links.push(link?);
+    }
+    if links.is_empty() {
+        bail!(
+            "packets have nowhere to go: the configuration {} names no link; \
+             add --udp HOST:PORT, --serial DEVICE or --record FILE",
+            cli.config.display()
+        );
+    }
+    Ok(links)
+}

@@ -1,0 +1,68 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+
+use crate::source::rate::Rate;
+
+/// Tracks the two targets and sends pose packets: the program of the Plumbline box.
+///
+/// Frames come from a recording; every frame becomes one packet, which goes to
+/// every link at once. Hello and Health packets are sent once a second. Stop it
+/// with Ctrl-C or SIGTERM: the frame under way is finished and sent first.
+#[derive(Debug, Clone, Parser)]
+#[command(
+    name = "plumbline-board",
+    version,
+    after_help = "\
+Examples:
+  Replay a recording at its own rate and send packets to a host:
+    plumbline-board --config box.plb --replay trial.y4m --udp 192.168.1.20:4711
+  As fast as it can go, from another program, into a file for `plumb receive`:
+    ffmpeg -i trial.mp4 -pix_fmt yuv420p -f yuv4mpegpipe - |
+      plumbline-board --config box.plb --replay - --unpaced --record packets.bin
+  Over a serial line and UDP at once:
+    plumbline-board --config box.plb --replay trial.y4m --serial /dev/ttyAMA0 --udp host:4711
+
+Exit code: 0 when the recording ended or the program was asked to stop, 2 when
+something outside was wrong; the message says what, where and the remedy.
+Messages go to standard error, the figures at the end to standard output."
+)]
+pub struct Cli {
+    /// The configuration: camera, targets, scene, links
+    #[arg(long, value_name = "FILE.plb")]
+    pub config: PathBuf,
+
+    /// The recording: a Y4M file, 8-bit grey or the luma of 4:2:0; - reads standard input
+    #[arg(long, value_name = "FILE|-")]
+    pub replay: PathBuf,
+
+    /// Track as fast as frames can be read, instead of at the recording's rate
+    #[arg(long)]
+    pub unpaced: bool,
+
+    /// The recording's rate, where its header is wrong or silent: 60 or 60000/1001
+    #[arg(long, value_name = "RATE")]
+    pub fps: Option<Rate>,
+
+    /// Send packets to this host, instead of the configuration's
+    #[arg(long, value_name = "HOST:PORT")]
+    pub udp: Option<String>,
+
+    /// Send packets over this serial device, instead of the configuration's
+    #[arg(long, value_name = "DEVICE")]
+    pub serial: Option<String>,
+
+    /// The serial line's rate, 8N1 [default: the configuration's, or 115200]
+    #[arg(long, value_name = "BITS_PER_S")]
+    pub baud: Option<u32>,
+
+    /// Append packets to this file
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+
+    /// Counts starts in this file and tells the host; without it every start is number 0
+    #[arg(long, value_name = "FILE")]
+    pub boot_count_file: Option<PathBuf>,
+}

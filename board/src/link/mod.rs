@@ -1,0 +1,116 @@
+//! The ways out of the box: UDP, a serial line, a file; any number at once.
+//!
+//! A link is opened once, when a fault is still an error for a person to read.
+//! From then on it never waits and never fails: a packet that cannot leave is
+//! dropped whole and counted, and the host sees the gap in the sequence numbers.
+
+pub mod file;
+pub mod serial;
+pub mod udp;
+
+use std::time::Duration;
+
+use plumbline::packet::{LinkKind, Message};
+
+pub use file::FileLink;
+pub use serial::SerialLink;
+pub use udp::UdpLink;
+
+/// Datagrams, or reads of a line, that are looked at before the next frame.
+pub(crate) const RECEIVED_PER_TURN_MAX: usize = 4;
+
+/// What became of the packets given to a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Packets handed over to the operating system whole.
+    pub sent: u64,
+    /// Packets dropped whole.
+    pub dropped: u64,
+    /// Packets that wait in the link's own buffer.
+    pub waiting: u64,
+}
+
+/// One packet in both of its forms.
+#[derive(Debug, Clone, Copy)]
+pub struct Encoded<'a> {
+    /// The content of one datagram.
+    pub datagram: &'a [u8],
+    /// The same between the delimiters of a byte stream; ends with its only zero byte.
+    pub frame: &'a [u8],
+}
+
+/// One way out.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "there are three at most, and they never move")]
+pub enum Link {
+    /// One packet per datagram.
+    Udp(UdpLink),
+    /// Frames on a serial line.
+    Serial(SerialLink),
+    /// Frames appended to a file.
+    File(FileLink),
+}
+
+impl Link {
+    /// Sends one packet, or drops and counts it. Never waits.
+    pub fn send(&mut self, packet: Encoded<'_>) {
+        match self {
+            Self::Udp(link) => link.send(packet.datagram),
+            Self::Serial(link) => link.send(packet.frame),
+            Self::File(link) => link.send(packet.frame),
+        }
+    }
+
+    /// Hands on what waits, as far as that goes without waiting.
+    pub fn service(&mut self) {
+        if let Self::Serial(link) = self {
+            link.service();
+        }
+    }
+
+    /// Hands on what waits, giving up after `limit`; what is left counts as dropped.
+    pub fn finish(&mut self, limit: Duration) {
+        if let Self::Serial(link) = self {
+            link.finish(limit);
+        }
+    }
+
+    /// Gives the messages that have come in since the last call.
+    pub fn receive(&mut self, take: impl FnMut(Message)) {
+        match self {
+            Self::Udp(link) => link.receive(take),
+            Self::Serial(link) => link.receive(take),
+            Self::File(_) => {}
+        }
+    }
+
+    /// What it is.
+    #[must_use]
+    pub fn kind(&self) -> LinkKind {
+        match self {
+            Self::Udp(_) => LinkKind::Udp,
+            Self::Serial(_) => LinkKind::Serial,
+            Self::File(_) => LinkKind::File,
+        }
+    }
+
+    /// What became of the packets so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        match self {
+            Self::Udp(link) => link.counts(),
+            Self::Serial(link) => link.counts(),
+            Self::File(link) => link.counts(),
+        }
+    }
+}
+
+impl std::fmt::Display for Link {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Udp(link) => link.fmt(formatter),
+            Self::Serial(link) => link.fmt(formatter),
+            Self::File(link) => link.fmt(formatter),
+        }
+    }
+}

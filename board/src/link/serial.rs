@@ -1,0 +1,159 @@
+//! Frames on a serial line.
+//!
+//! A line is slower than the box: at 115,200 baud a byte takes 87 us. Frames go
+//! through a bounded buffer and leave as the line takes them. A frame that does
+//! not fit whole is dropped whole and counted; half a frame is never sent, save
+//! where the line itself breaks.
+
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use plumbline::packet::{Deframer, Message};
+use serialport::TTYPort;
+
+use super::Counts;
+
+/// Bytes that may wait: 16 pose packets, a quarter of a second at 60 Hz. More
+/// would only make what arrives older.
+pub const WAITING_BYTES_MAX: usize = 2048;
+
+/// Bit rates that a line is opened with.
+pub const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
+
+/// A serial device, raw, 8 data bits, no parity, 1 stop bit, no flow control.
+#[derive(Debug)]
+pub struct SerialLink {
+    /// The same device, opened so that nothing on it ever waits; the
+    /// port's own writes wait until the line has taken everything.
+    device: File,
+    /// Holds the line's settings and the exclusive access.
+    _port: TTYPort,
+    name: String,
+    baud: u32,
+    waiting: Vec<u8>,
+    incoming: Deframer,
+    /// The line takes nothing any more (unplugged).
+    broken: bool,
+    counts: Counts,
+}
+
+impl SerialLink {
+    /// Opens `device` at `baud` bits per second.
+    ///
+    /// # Errors
+    /// When the device is absent, in use, not a serial line or does not know the rate.
+    pub fn open(device: &str, baud: u32) -> Result<Self> {
+        if !BAUD.contains(&baud) {
+            bail!(
+                "the serial device {device} cannot run at {baud} baud: give a rate from {} to {}, \
+                 usually 115200",
+                BAUD.start(),
+                BAUD.end()
+            );
+        }
+        let hint = || {
+            format!(
+                "the serial device {device} cannot be opened: check that it is plugged in \
+                 (ls /dev/tty*), that no other program uses it, and that this user may (group dialout)"
+            )
+        };
+        // Before the port takes exclusive access, after which nobody opens it again.
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
+            .open(device)
+            .with_context(hint)?;
+        let port = TTYPort::open(&serialport::new(device, baud)).with_context(hint)?;
+        Ok(Self {
+            device: file,
+            _port: port,
+            name: device.into(),
+            baud,
+            waiting: Vec::with_capacity(WAITING_BYTES_MAX),
+            incoming: Deframer::new(),
+            broken: false,
+            counts: Counts::default(),
+        })
+    }
+
+    /// Puts one frame into the buffer, if it fits, and hands on what the line takes.
+    pub fn send(&mut self, frame: &[u8]) {
+        self.service();
+        if self.broken || self.waiting.len() + frame.len() > WAITING_BYTES_MAX {
+            self.counts.dropped += 1;
+            return;
+        }
+        self.waiting.extend_from_slice(frame);
+        self.counts.waiting += 1;
+        self.service();
+    }
+
+    /// Hands on as many bytes as the line takes now.
+    pub fn service(&mut self) {
+        while !self.waiting.is_empty() && !self.broken {
+            match self.device.write(&self.waiting) {
+                Ok(0) => return,
+                Ok(count) => {
+                    // A frame ends with its only zero byte.
+                    let ends = self.waiting.drain(..count).filter(|byte| *byte == 0).count() as u64;
+                    self.counts.sent += ends;
+                    self.counts.waiting = self.counts.waiting.saturating_sub(ends);
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
+                Err(error) => {
+                    log::error!("{} broke: {error}; plug it in and restart", self.name);
+                    self.broken = true;
+                    self.drop_waiting();
+                }
+            }
+        }
+    }
+
+    /// Gives the messages that have come from the host; what is no message is ignored.
+    pub fn receive(&mut self, mut take: impl FnMut(Message)) {
+        let mut bytes = [0; 256];
+        for _ in 0..super::RECEIVED_PER_TURN_MAX {
+            match self.device.read(&mut bytes) {
+                Ok(count) if count > 0 => self.incoming.push(&bytes[..count], |outcome| {
+                    if let Ok(message) = outcome {
+                        take(message);
+                    }
+                }),
+                // Nothing there, or the line broke, which sending notices.
+                _ => return,
+            }
+        }
+    }
+
+    /// Hands on what waits, giving up after `limit`.
+    pub fn finish(&mut self, limit: Duration) {
+        let give_up = Instant::now() + limit;
+        while !self.waiting.is_empty() && Instant::now() < give_up {
+            self.service();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.drop_waiting();
+    }
+
+    fn drop_waiting(&mut self) {
+        self.counts.dropped += std::mem::take(&mut self.counts.waiting);
+        self.waiting.clear();
+    }
+
+    /// What became of the packets so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+impl std::fmt::Display for SerialLink {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "serial {} at {} baud", self.name, self.baud)
+    }
+}

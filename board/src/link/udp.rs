@@ -1,0 +1,96 @@
+//! One packet per UDP datagram, to one host.
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+
+use anyhow::{Context, Result};
+use plumbline::packet::{Message, PACKET_BYTES_MAX, decode_datagram};
+
+use super::Counts;
+
+/// A connected UDP socket.
+///
+/// Being connected, it hears on the next send that nobody listens
+/// (ECONNREFUSED). That packet is not sent and counts as dropped; sending goes
+/// on, because the host may start at any time.
+#[derive(Debug)]
+pub struct UdpLink {
+    socket: UdpSocket,
+    to: SocketAddr,
+    counts: Counts,
+}
+
+impl UdpLink {
+    /// A socket to `destination`, `HOST:PORT`.
+    ///
+    /// # Errors
+    /// When the name cannot be resolved or there is no way to the host.
+    pub fn open(destination: &str) -> Result<Self> {
+        let to = destination
+            .to_socket_addrs()
+            .with_context(|| {
+                format!(
+                    "the UDP destination {destination} cannot be resolved: give HOST:PORT, \
+                     for example 192.168.1.20:4711, and check the name or the network"
+                )
+            })?
+            .next()
+            .with_context(|| format!("the UDP destination {destination} has no address"))?;
+        let any: SocketAddr = if to.is_ipv4() {
+            (Ipv4Addr::UNSPECIFIED, 0).into()
+        } else {
+            (Ipv6Addr::UNSPECIFIED, 0).into()
+        };
+        let socket = UdpSocket::bind(any).context("no UDP socket can be opened")?;
+        socket.connect(to).with_context(|| {
+            format!("there is no way to {to} (UDP): check the address and the network")
+        })?;
+        socket.set_nonblocking(true).context("the UDP socket cannot be made non-blocking")?;
+        Ok(Self { socket, to, counts: Counts::default() })
+    }
+
+    /// Sends one datagram.
+    pub fn send(&mut self, datagram: &[u8]) {
+        // A refusal that the socket reports here belongs to an EARLIER datagram
+        // and this one was not sent: try once more, now that the report is taken.
+        let refused =
+            |error: &std::io::Error| error.kind() == std::io::ErrorKind::ConnectionRefused;
+        let mut result = self.socket.send(datagram);
+        if result.as_ref().is_err_and(refused) {
+            self.counts.dropped += 1;
+            self.counts.sent = self.counts.sent.saturating_sub(1);
+            result = self.socket.send(datagram);
+        }
+        match result {
+            Ok(count) if count == datagram.len() => self.counts.sent += 1,
+            _ => self.counts.dropped += 1,
+        }
+    }
+
+    /// Gives the messages that have come from the host; what is no message is ignored.
+    pub fn receive(&mut self, mut take: impl FnMut(Message)) {
+        let mut datagram = [0; PACKET_BYTES_MAX];
+        // A bound: a host that floods the box must not keep it from tracking.
+        for _ in 0..super::RECEIVED_PER_TURN_MAX {
+            match self.socket.recv(&mut datagram) {
+                Ok(length) => {
+                    if let Ok(message) = decode_datagram(&datagram[..length]) {
+                        take(message);
+                    }
+                }
+                Err(_) => return,
+            }
+        }
+    }
+
+    /// What became of the packets so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+impl std::fmt::Display for UdpLink {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "udp {}", self.to)
+    }
+}

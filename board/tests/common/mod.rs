@@ -1,0 +1,164 @@
+//! The real program, its inputs, and bounded waits.
+// Each test program uses a part of this.
+#![allow(dead_code)]
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use plumbline::config::{Config, Links, TargetConfig};
+use plumbline::lens::{Distortion, Lens};
+use plumbline::packet::{Deframer, Message, PosePacket};
+use plumbline::target::{Origin, Role, TargetGeometry};
+use tempfile::TempDir;
+
+/// A test that waits this long has failed.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The recordings here show nothing: links and timing do not depend on targets.
+pub const SIZE_PX: (u16, u16) = (80, 64);
+
+pub fn folder() -> TempDir {
+    tempfile::tempdir().expect("a temporary directory")
+}
+
+pub fn config() -> Config {
+    let target = |name: &str, columns, rows, role| TargetConfig {
+        name: name.try_into().unwrap(),
+        geometry: TargetGeometry::checker(columns, rows, 12.0, Origin::Center, role, [0.0; 3])
+            .unwrap(),
+    };
+    Config {
+        device: "bench".try_into().unwrap(),
+        serial_number: "7".try_into().unwrap(),
+        lens: Lens {
+            width_px: SIZE_PX.0,
+            height_px: SIZE_PX.1,
+            fx_px: 200.0,
+            fy_px: 200.0,
+            cx_px: 39.5,
+            cy_px: 31.5,
+            skew_px: 0.0,
+            distortion: Distortion::Radial2([0.0; 2]),
+        },
+        targets: [target("lumbar", 6, 5, Role::Lower), target("shoulder", 5, 4, Role::Upper)]
+            .into_iter()
+            .collect(),
+        cam_from_scene_theta: Some([0.0, 0.0, 0.0, 0.0, 0.0, 1000.0]),
+        links: Links::default(),
+    }
+}
+
+pub fn write_config(folder: &TempDir, config: &Config) -> PathBuf {
+    let mut blob = vec![0; plumbline::config::BLOB_BYTES_MAX];
+    let path = folder.path().join("box.plb");
+    std::fs::write(&path, config.encode(&mut blob).unwrap()).unwrap();
+    path
+}
+
+/// Y4M bytes of `frames` grey frames at 100 Hz.
+pub fn recording(frames: usize) -> Vec<u8> {
+    let (width, height) = (usize::from(SIZE_PX.0), usize::from(SIZE_PX.1));
+    let mut bytes = Vec::new();
+    let mut encoder = y4m::encode(width, height, y4m::Ratio::new(100, 1))
+        .with_colorspace(y4m::Colorspace::Cmono)
+        .write_header(&mut bytes)
+        .unwrap();
+    let luma = vec![90; width * height];
+    for _ in 0..frames {
+        encoder.write_frame(&y4m::Frame::new([&luma, &[], &[]], None)).unwrap();
+    }
+    bytes
+}
+
+pub fn write_recording(folder: &TempDir, frames: usize) -> PathBuf {
+    let path = folder.path().join("trial.y4m");
+    std::fs::write(&path, recording(frames)).unwrap();
+    path
+}
+
+/// The program under test; killed when the test leaves it behind.
+pub struct Board {
+    pub child: Child,
+}
+
+pub struct Finished {
+    pub status: ExitStatus,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Board {
+    pub fn start(config: &Path, arguments: &[&str]) -> Self {
+        let child = Command::new(env!("CARGO_BIN_EXE_plumbline-board"))
+            .arg("--config")
+            .arg(config)
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        Self { child }
+    }
+
+    pub fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-s", name, &id]).status().unwrap().success());
+    }
+
+    pub fn wait(mut self) -> Finished {
+        let give_up = Instant::now() + PATIENCE;
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(Instant::now() < give_up, "the program never ended");
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        // What it prints is far less than a pipe holds, so it never waited for this.
+        let mut finished = Finished { status, stdout: String::new(), stderr: String::new() };
+        self.child.stdout.take().unwrap().read_to_string(&mut finished.stdout).unwrap();
+        self.child.stderr.take().unwrap().read_to_string(&mut finished.stderr).unwrap();
+        finished
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// All messages in a stream of frames, every one intact.
+pub fn messages(bytes: &[u8]) -> Vec<Message> {
+    let mut messages = Vec::new();
+    let mut deframer: Deframer = Deframer::new();
+    deframer.push(bytes, |outcome| messages.push(outcome.expect("an intact frame")));
+    messages
+}
+
+pub fn poses(messages: &[Message]) -> Vec<&PosePacket> {
+    messages
+        .iter()
+        .filter_map(|message| match message {
+            Message::Pose(pose) => Some(pose),
+            _ => None,
+        })
+        .collect()
+}
+
+/// Sequence numbers and times are those of a whole recording at 100 Hz.
+pub fn assert_whole(messages: &[Message], frames: usize) {
+    let poses = poses(messages);
+    assert_eq!(poses.len(), frames);
+    for (index, pose) in poses.iter().enumerate() {
+        assert_eq!(pose.sequence as usize, index);
+        assert_eq!(pose.capture_time_ns, index as u64 * 10_000_000);
+        assert_eq!(pose.targets.len(), 2);
+    }
+    assert!(matches!(messages[0], Message::Hello(_)), "{:?}", messages[0]);
+    assert!(matches!(messages.last(), Some(Message::Health(_))));
+}

@@ -1,0 +1,112 @@
+//! What is said, and with which exit code, when something outside is wrong.
+
+mod common;
+
+use common::{Board, Finished, config, folder, messages, poses, write_config, write_recording};
+
+/// Exit code 2, the expected words, and no trace of a panic.
+fn assert_refused(finished: &Finished, words: &[&str]) {
+    assert_eq!(finished.status.code(), Some(2), "{}", finished.stderr);
+    for word in words {
+        assert!(finished.stderr.contains(word), "{word:?} is not in: {}", finished.stderr);
+    }
+    assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);
+}
+
+#[test]
+fn a_truncated_recording_is_tracked_as_far_as_it_goes() {
+    let folder = folder();
+    let trial = write_recording(&folder, 8);
+    let bytes = std::fs::read(&trial).unwrap();
+    std::fs::write(&trial, &bytes[..bytes.len() - 10]).unwrap();
+    let file = folder.path().join("packets.bin");
+    let finished = Board::start(
+        &write_config(&folder, &config()),
+        &["--replay", trial.to_str().unwrap(), "--unpaced", "--record", file.to_str().unwrap()],
+    )
+    .wait();
+    assert_refused(&finished, &["trial.y4m", "frame 7"]);
+    assert!(finished.stdout.contains("frames       7"), "{}", finished.stdout);
+    assert_eq!(poses(&messages(&std::fs::read(&file).unwrap())).len(), 7);
+}
+
+#[test]
+fn bad_input_is_named_with_a_remedy() {
+    let folder = folder();
+    let good = write_config(&folder, &config());
+    let trial = write_recording(&folder, 2);
+    let trial = trial.to_str().unwrap();
+    let udp = ["--udp", "127.0.0.1:9"];
+    let run = |config: &std::path::Path, arguments: &[&str]| Board::start(config, arguments).wait();
+
+    let absent = folder.path().join("absent.plb");
+    assert_refused(&run(&absent, &["--replay", trial]), &["absent.plb", "cannot be read"]);
+
+    let mut blob = std::fs::read(&good).unwrap();
+    *blob.last_mut().unwrap() ^= 1;
+    let damaged = folder.path().join("damaged.plb");
+    std::fs::write(&damaged, blob).unwrap();
+    assert_refused(&run(&damaged, &["--replay", trial]), &["damaged.plb", "plumb provision"]);
+    assert_refused(&run(trial.as_ref(), &["--replay", trial]), &["trial.y4m", "plumb provision"]);
+
+    assert_refused(&run(&good, &["--replay", trial]), &["nowhere to go", "--udp"]);
+    let missing = [&["--replay", "/no/such.y4m"][..], &udp].concat();
+    assert_refused(&run(&good, &missing), &["/no/such.y4m", "No such file"]);
+
+    let host = ["--replay", trial, "--udp", "no-such-host.invalid:4711"];
+    assert_refused(&run(&good, &host), &["no-such-host.invalid", "HOST:PORT"]);
+    let port = ["--replay", trial, "--udp", "127.0.0.1"];
+    assert_refused(&run(&good, &port), &["127.0.0.1", "HOST:PORT"]);
+
+    let device = ["--replay", trial, "--serial", "/dev/no-such-line"];
+    assert_refused(&run(&good, &device), &["/dev/no-such-line", "dialout"]);
+    let no_line = ["--replay", trial, "--serial", trial];
+    assert_refused(&run(&good, &no_line), &["trial.y4m", "serial"]);
+    let baud = ["--replay", trial, "--serial", "/dev/null", "--baud", "1"];
+    assert_refused(&run(&good, &baud), &["1 baud", "115200"]);
+
+    let record = ["--replay", trial, "--record", "/no/such/packets.bin"];
+    assert_refused(&run(&good, &record), &["/no/such/packets.bin"]);
+
+    let mut other = config();
+    other.lens.width_px = 320;
+    let other_folder = common::folder();
+    let other = write_config(&other_folder, &other);
+    let size = [&["--replay", trial][..], &udp].concat();
+    assert_refused(&run(&other, &size), &["80x64", "320x64", "trial.y4m"]);
+
+    let count = folder.path().join("boots");
+    std::fs::write(&count, "many").unwrap();
+    let boots = [&["--replay", trial, "--boot-count-file", count.to_str().unwrap()][..], &udp];
+    assert_refused(&run(&good, &boots.concat()), &["boots", "delete it"]);
+
+    let fps = [&["--replay", trial, "--fps", "0"][..], &udp].concat();
+    assert_refused(&run(&good, &fps), &["--fps", "60000/1001"]);
+}
+
+#[test]
+fn starts_are_counted() {
+    let folder = folder();
+    let (config, trial) = (write_config(&folder, &config()), write_recording(&folder, 1));
+    let count = folder.path().join("boots");
+    for start in 1..=2_u32 {
+        let file = folder.path().join(format!("{start}.bin"));
+        let finished = Board::start(
+            &config,
+            &[
+                "--replay",
+                trial.to_str().unwrap(),
+                "--unpaced",
+                "--record",
+                file.to_str().unwrap(),
+                "--boot-count-file",
+                count.to_str().unwrap(),
+            ],
+        )
+        .wait();
+        assert!(finished.status.success(), "{}", finished.stderr);
+        let all = messages(&std::fs::read(&file).unwrap());
+        let plumbline::packet::Message::Hello(hello) = &all[0] else { panic!("{:?}", all[0]) };
+        assert_eq!(hello.boot_count, start);
+    }
+}

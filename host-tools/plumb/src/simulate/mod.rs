@@ -1,0 +1,343 @@
+//! A rendered person with known truth: both targets on a swaying body, seen by
+//! a real camera.
+//!
+//! ```no_run
+//! use plumb::simulate::{Simulation, SimulationSettings};
+//!
+//! let simulation = Simulation::new(&SimulationSettings::default())?;
+//! let mut samples = Vec::new();
+//! for frame in 0..300 {
+//!     simulation.render(frame, &mut samples);
+//!     let truth = simulation.truth(frame);
+//!     println!("{} s: lumbar at {}", truth.time_s, truth.targets[0].cam_from_target.translation_mm);
+//! }
+//! # Ok::<(), plumb::simulate::SettingsError>(())
+//! ```
+//!
+//! The targets are integrated exactly ([`render`]); the background and an
+//! occluding arm are procedural clutter. The camera has a global shutter and
+//! the exposure is an instant: nothing is smeared by motion.
+
+pub mod background;
+pub mod layout;
+mod normal;
+pub mod occluder;
+pub mod render;
+pub mod sensor;
+pub mod sway;
+
+use nalgebra::{Vector2, Vector3};
+use plumbline::lens::Lens;
+use plumbline::pose::{Cam, Pose, Scene, Target};
+use plumbline::target::{Origin, TargetGeometry};
+
+use self::background::Background;
+use self::layout::{LensChoice, TargetLayout};
+use self::occluder::{Arm, Occlusion};
+use self::render::{Board, Ink, PSF_SIGMA_PX_MAX, PSF_SIGMA_PX_MIN, Picture, PlacedBoard};
+use self::sensor::{Sample, Sensor};
+use self::sway::{Sway, SwaySettings};
+
+/// What is simulated. The default is the standard scene: 1456 x 1088, f 1740 px,
+/// 12 mm pitch, 1 m, PSF 0.6 px, noise 2 levels, 8 bits, 60 Hz.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulationSettings {
+    /// Frames per second.
+    pub frame_rate_hz: f64,
+    /// Determines the motion, the clutter and the noise.
+    pub seed: u64,
+    /// Standard deviation at mid grey, in levels of 255.
+    pub noise_levels: f64,
+    /// Standard deviation of the lens's Gaussian blur in the raw picture.
+    pub psf_sigma_px: f64,
+    /// Bits of a sample, 8 to 16.
+    pub bits: u8,
+    /// The lens.
+    pub lens: LensChoice,
+    /// From the camera to the back; `None`: the lens's own.
+    pub distance_mm: Option<f64>,
+    /// Grey of the prints' black.
+    pub black: f64,
+    /// Grey of the prints' white.
+    pub white: f64,
+    /// How much brighter the frame's right edge is than its left one, relative
+    /// to the middle: 0.2 is 10 % more and 10 % less.
+    pub gradient: f64,
+    /// How the person sways.
+    pub sway: SwaySettings,
+    /// When an arm hides part of a target.
+    pub occlusions: Vec<Occlusion>,
+}
+
+impl Default for SimulationSettings {
+    fn default() -> Self {
+        Self {
+            frame_rate_hz: 60.0,
+            seed: 1,
+            noise_levels: 2.0,
+            psf_sigma_px: 0.6,
+            bits: 8,
+            lens: LensChoice::default(),
+            distance_mm: None,
+            black: 60.0,
+            white: 180.0,
+            gradient: 0.0,
+            sway: SwaySettings::default(),
+            occlusions: Vec::new(),
+        }
+    }
+}
+
+/// A setting that cannot be simulated: which, what was found, what is possible.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SettingsError(String);
+
+impl std::fmt::Display for SettingsError {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for SettingsError {}
+
+/// One target of the simulation.
+#[derive(Debug, Clone)]
+pub struct SimulatedTarget {
+    /// Name, size, role, place.
+    pub layout: TargetLayout,
+    /// Its geometry, as the pipeline takes it.
+    pub geometry: TargetGeometry,
+    /// What is drawn.
+    pub board: Board,
+}
+
+/// The truth at one frame.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// The frame's number, from 0.
+    pub frame: u64,
+    /// The instant of the exposure, from the first frame's.
+    pub time_s: f64,
+    /// In the order of [`Simulation::targets`].
+    pub targets: Vec<TargetTruth>,
+}
+
+/// The truth of one target at one frame.
+#[derive(Debug, Clone)]
+pub struct TargetTruth {
+    /// Where it is.
+    pub cam_from_target: Pose<Cam, Target>,
+    /// The body's point (the target's virtual point) in the scene: AP forward,
+    /// ML to the right, SI up, mm.
+    pub anatomical_mm: [f64; 3],
+    /// Inner corners that are inside the frame and not behind the arm.
+    pub visible_corners: usize,
+}
+
+/// A person, a camera and a room, determined by the settings.
+pub struct Simulation {
+    settings: SimulationSettings,
+    camera: Lens,
+    cam_from_scene: Pose<Cam, Scene>,
+    targets: Vec<SimulatedTarget>,
+    sway: Sway,
+    background: Background,
+}
+
+impl Simulation {
+    /// Prepares everything that does not change from frame to frame.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first setting that cannot be simulated.
+    pub fn new(settings: &SimulationSettings) -> Result<Self, SettingsError> {
+        settings.check()?;
+        let camera = settings.lens.lens();
+        let distance_mm = settings.distance_mm.unwrap_or(settings.lens.distance_mm());
+        let cam_from_scene = layout::cam_from_scene(distance_mm);
+        let ink = Ink { black: settings.black, white: settings.white };
+        let targets = layout::targets().map(|layout| {
+            let geometry = TargetGeometry::checker(
+                layout.columns,
+                layout.rows,
+                layout.pitch_mm,
+                Origin::Center,
+                layout.role,
+                layout.virtual_point_mm,
+            )
+            .expect("the standard targets are within the limits");
+            let board = Board::new(&geometry, layout::MARGIN_MM, ink);
+            SimulatedTarget { layout, geometry, board }
+        });
+        for occlusion in &settings.occlusions {
+            if !targets.iter().any(|target| target.layout.name == occlusion.target) {
+                return Err(SettingsError(format!(
+                    "occlude: there is no target {:?}; the targets are lumbar and shoulder",
+                    occlusion.target
+                )));
+            }
+        }
+        let frame = [usize::from(camera.width_px), usize::from(camera.height_px)];
+        let midline_px = camera
+            .project(&cam_from_scene.translation_mm)
+            .expect("the scene's origin is in front of the camera");
+        let background = Background::new(
+            frame,
+            midline_px.into(),
+            camera.fx_px / distance_mm,
+            settings.psf_sigma_px,
+            settings.seed,
+        );
+        Ok(Self {
+            camera,
+            cam_from_scene,
+            targets: targets.into(),
+            sway: Sway::new(&settings.sway, settings.seed),
+            background,
+            settings: settings.clone(),
+        })
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &SimulationSettings {
+        &self.settings
+    }
+
+    /// The camera.
+    #[must_use]
+    pub fn camera(&self) -> &Lens {
+        &self.camera
+    }
+
+    /// The targets: lumbar, shoulder.
+    #[must_use]
+    pub fn targets(&self) -> &[SimulatedTarget] {
+        &self.targets
+    }
+
+    /// Where the scene is.
+    #[must_use]
+    pub fn cam_from_scene(&self) -> Pose<Cam, Scene> {
+        self.cam_from_scene
+    }
+
+    /// The poses at a frame, in the order of [`targets`](Self::targets).
+    fn poses(&self, time_s: f64) -> impl Iterator<Item = Pose<Cam, Target>> {
+        let scene_from_trunk = self.sway.scene_from_trunk(time_s, &layout::ankle_mm());
+        let cam_from_trunk = self.cam_from_scene * scene_from_trunk;
+        self.targets.iter().map(move |target| cam_from_trunk * target.layout.trunk_from_target())
+    }
+
+    fn time_s(&self, frame: u64) -> f64 {
+        frame as f64 / self.settings.frame_rate_hz
+    }
+
+    fn arms(&self, time_s: f64, poses: &[Pose<Cam, Target>]) -> Vec<Arm> {
+        let arm = |occlusion: &Occlusion| {
+            let hides = |target: &SimulatedTarget| target.layout.name == occlusion.target;
+            let index = self.targets.iter().position(hides)?;
+            let paper_mm = self.targets[index].board.paper_mm();
+            occlusion.arm(time_s, &self.camera, &poses[index], paper_mm)
+        };
+        self.settings.occlusions.iter().filter_map(arm).collect()
+    }
+
+    /// The truth at a frame.
+    #[must_use]
+    pub fn truth(&self, frame: u64) -> Truth {
+        let time_s = self.time_s(frame);
+        let poses: Vec<_> = self.poses(time_s).collect();
+        let arms = self.arms(time_s, &poses);
+        let scene_from_cam = self.cam_from_scene.inverse();
+        let right = f64::from(self.camera.width_px - 1);
+        let bottom = f64::from(self.camera.height_px - 1);
+        let targets = self.targets.iter().zip(&poses).map(|(target, cam_from_target)| {
+            let body_cam_mm = cam_from_target.transform(&target.geometry.virtual_point_mm());
+            let body_mm = scene_from_cam.transform(&body_cam_mm);
+            let visible = |index: &usize| {
+                let corner_mm = cam_from_target.transform(&target.geometry.corner_mm(*index));
+                self.camera.project(&corner_mm).is_some_and(|raw_px| {
+                    (0.0..=right).contains(&raw_px.x)
+                        && (0.0..=bottom).contains(&raw_px.y)
+                        && arms.iter().all(|arm| arm.depth_px(&raw_px) < 0.0)
+                })
+            };
+            TargetTruth {
+                cam_from_target: *cam_from_target,
+                anatomical_mm: [body_mm.z, body_mm.x, -body_mm.y],
+                visible_corners: (0..target.geometry.corner_count()).filter(visible).count(),
+            }
+        });
+        Truth { frame, time_s, targets: targets.collect() }
+    }
+
+    /// The frame before noise and quantisation, in levels of 0 to 255; `picture`
+    /// is resized and overwritten.
+    pub fn render_grey(&self, frame: u64, picture: &mut Picture) {
+        let time_s = self.time_s(frame);
+        let poses: Vec<_> = self.poses(time_s).collect();
+        let (gradient, width) = (self.settings.gradient, f64::from(self.camera.width_px));
+        let gain = move |x: f64, _y: f64| 1.0 + gradient * (x / width - 0.5);
+        self.background.draw(self.trunk_shift_px(time_s).into(), gain, picture);
+        let boards: Vec<_> = self
+            .targets
+            .iter()
+            .zip(&poses)
+            .map(|(target, pose)| PlacedBoard { board: &target.board, cam_from_target: *pose })
+            .collect();
+        render::render_targets(&self.camera, self.settings.psf_sigma_px, &boards, gain, picture);
+        for arm in self.arms(time_s, &poses) {
+            arm.draw(self.settings.psf_sigma_px, gain, picture);
+        }
+    }
+
+    /// How far the point of the back at the scene's origin has moved in the picture.
+    fn trunk_shift_px(&self, time_s: f64) -> Vector2<f64> {
+        let scene_from_trunk = self.sway.scene_from_trunk(time_s, &layout::ankle_mm());
+        let rest_trunk_mm = layout::back_origin_trunk_mm();
+        let project = |point_scene_mm: &Vector3<f64>| {
+            self.camera.project(&self.cam_from_scene.transform(point_scene_mm))
+        };
+        let now = project(&scene_from_trunk.transform(&rest_trunk_mm));
+        let rest = project(&Vector3::zeros());
+        now.zip(rest).map_or_else(Vector2::zeros, |(now, rest)| now - rest)
+    }
+
+    /// A frame as the sensor delivers it, row by row; `samples` is resized and
+    /// overwritten. `u8` holds 8 bits, `u16` any number.
+    ///
+    /// # Panics
+    /// When the sensor's bits do not fit the samples: a caller's bug.
+    pub fn render<S: Sample>(&self, frame: u64, samples: &mut Vec<S>) {
+        let bits = self.settings.bits;
+        assert!(usize::from(bits) <= size_of::<S>() * 8, "{bits} bits do not fit the samples");
+        let mut picture = Picture { width: 0, height: 0, grey: Vec::new() };
+        self.render_grey(frame, &mut picture);
+        samples.resize(picture.grey.len(), S::default());
+        let sensor = Sensor { noise_levels: self.settings.noise_levels as f32, bits };
+        sensor.expose(&picture, self.settings.seed, frame, samples);
+    }
+}
+
+impl SimulationSettings {
+    fn check(&self) -> Result<(), SettingsError> {
+        let within = |name: &str, value: f64, low: f64, high: f64| {
+            if (low..=high).contains(&value) {
+                return Ok(());
+            }
+            Err(SettingsError(format!("{name}: {value} is not within {low} to {high}")))
+        };
+        within("fps", self.frame_rate_hz, 1e-3, 1e5)?;
+        within("noise", self.noise_levels, 0.0, 100.0)?;
+        within("psf", self.psf_sigma_px, PSF_SIGMA_PX_MIN, PSF_SIGMA_PX_MAX)?;
+        within("bits", f64::from(self.bits), 8.0, 16.0)?;
+        // Closer than this a target fills the frame, farther its squares are below a pixel.
+        within("distance", self.distance_mm.unwrap_or(1000.0), 100.0, 20_000.0)?;
+        within("black", self.black, 0.0, 255.0)?;
+        within("white", self.white, 0.0, 255.0)?;
+        within("gradient", self.gradient, -1.0, 1.0)?;
+        within("sway.ap_sd_mm", self.sway.ap_sd_mm, 0.0, 100.0)?;
+        within("sway.ml_sd_mm", self.sway.ml_sd_mm, 0.0, 100.0)?;
+        within("sway.twist_sd_rad", self.sway.twist_sd_rad, 0.0, 0.5)
+    }
+}
