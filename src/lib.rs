@@ -44,6 +44,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod corner;
+pub mod grid;
 pub mod image;
 pub mod lens;
 pub mod limits;

@@ -12,3 +12,6 @@ pub const FRAME_SIDE_PX_MAX: u16 = 4096;
 
 /// Smallest frame side: one detector kernel must fit with room to move.
 pub const FRAME_SIDE_PX_MIN: u16 = 64;
+
+/// Largest number of corners that a search of a frame keeps, the strongest.
+pub const CORNERS_MAX: usize = 1024;
