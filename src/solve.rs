@@ -217,7 +217,9 @@ pub fn solve(
     // step of the polar decomposition.
     let gram = pose.rotation.tr_mul(&pose.rotation);
     pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
-    conclude(pose, observations, &squares)
+    let variance = squares.robust_variance();
+    let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
+    conclude(pose, observations, &squares, &normal)
 }
 
 /// What a pose that has converged says about itself.
@@ -225,9 +227,9 @@ fn conclude(
     pose: Pose<Cam, Target>,
     observations: &[Observation],
     squares: &Squares,
+    normal: &NormalEquations,
 ) -> Result<Solution, SolveFailure> {
     let variance = squares.robust_variance();
-    let normal = NormalEquations::new(&pose, observations, variance);
     let mut inliers = 0_u128;
     let [mut weights, mut weighted_squares, mut squares_px2] = [0.0; 3];
     for (place, (square, seen)) in squares.iter().zip(observations).enumerate() {
