@@ -196,7 +196,7 @@ impl UndistortionLut {
             return Ok(());
         }
         self.clear();
-        Err(UndistortError::TooCoarse { error_px, raw_px: raw_px.into() })
+        Err(UndistortError::TooCoarse { error_px, raw_px })
     }
 
     /// The largest error that the build measured.
@@ -264,8 +264,7 @@ impl UndistortionLut {
                 let wanted = exact(lens, &raw_px)?;
                 let found = self.undistort(&raw_px).map(|found| found.pixel_px);
                 let error_px = found.map_or(f64::INFINITY, |found| (found - wanted).norm());
-                // Written so that a NaN is kept as the worst.
-                if !(error_px <= worst.0) {
+                if error_px.is_nan() || error_px > worst.0 {
                     worst = (error_px, raw_px.into());
                 }
             }
