@@ -4,6 +4,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::provision;
+use crate::simulate::command as simulate;
+
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
 #[command(name = "plumb", version, arg_required_else_help = true, max_term_width = 100)]
@@ -15,7 +18,10 @@ struct Arguments {
 /// One variant per subcommand; each subcommand's module has its arguments and a
 /// `run` that takes them.
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    Provision(provision::Arguments),
+    Simulate(simulate::SimulateArguments),
+}
 
 /// Exit code for input that cannot be used; clap's for a wrong command line is the same.
 const EXIT_BAD_INPUT: u8 = 2;
@@ -24,7 +30,10 @@ const EXIT_BAD_INPUT: u8 = 2;
 #[must_use]
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
-    let result: anyhow::Result<()> = match arguments.command {};
+    let result: anyhow::Result<()> = match &arguments.command {
+        Command::Provision(arguments) => provision::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
+    };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

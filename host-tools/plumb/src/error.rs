@@ -16,6 +16,7 @@ pub struct BadInput {
     pub found: String,
     /// What the user can do next.
     pub remedy: String,
+    os_error: Option<std::io::ErrorKind>,
 }
 
 impl BadInput {
@@ -31,6 +32,7 @@ impl BadInput {
             field: field.to_string(),
             found: found.to_string(),
             remedy: remedy.to_string(),
+            os_error: None,
         }
     }
 
@@ -58,7 +60,13 @@ impl BadInput {
         // "No such file or directory (os error 2)": the number helps nobody.
         let message = error.to_string();
         let message = message.split(" (os error").next().unwrap_or_default().to_lowercase();
-        Self::whole(place, message, remedy)
+        Self { os_error: Some(error.kind()), ..Self::whole(place, message, remedy) }
+    }
+
+    /// True when the program that reads the output has closed it.
+    #[must_use]
+    pub fn is_closed_pipe(&self) -> bool {
+        self.os_error == Some(std::io::ErrorKind::BrokenPipe)
     }
 }
 

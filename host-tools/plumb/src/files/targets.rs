@@ -16,15 +16,12 @@
 
 use std::path::Path;
 
-use plumbline::limits::{TARGET_CORNERS_MAX, TARGETS_MAX};
+use plumbline::limits::{NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use plumbline::target::{Origin, Role, TargetError, TargetGeometry};
 use serde::{Deserialize, Serialize};
 
 use crate::error::BadInput;
 use crate::files::{from_toml, read_text, write_text};
-
-/// Longest name, in bytes: what a pose packet and the box's configuration hold.
-pub const NAME_BYTES_MAX: usize = 16;
 
 const REMEDY: &str = "a target has name, role (upper, lower or scene), columns, rows, pitch_mm, and optionally origin, virtual_point_mm, points_mm";
 

@@ -238,16 +238,14 @@ pub fn to_toml(camera: &Camera) -> String {
 /// When the two sizes differ in shape by more than the rounding of a pixel.
 pub fn scaled(
     camera: &Camera,
-    width_px: u16,
-    height_px: u16,
+    width_px: usize,
+    height_px: usize,
     place: &str,
 ) -> Result<Camera, BadInput> {
     let lens = &camera.lens;
-    let (sx, sy) = (
-        f64::from(width_px) / f64::from(lens.width_px),
-        f64::from(height_px) / f64::from(lens.height_px),
-    );
-    let rounding_px = (sy * f64::from(lens.width_px) - f64::from(width_px)).abs();
+    let scale = |wanted_px: usize, side_px: u16| wanted_px as f64 / f64::from(side_px);
+    let (sx, sy) = (scale(width_px, lens.width_px), scale(height_px, lens.height_px));
+    let rounding_px = (sy * f64::from(lens.width_px) - width_px as f64).abs();
     if rounding_px > 1.0 {
         return Err(BadInput::new(
             place,
@@ -260,9 +258,10 @@ pub fn scaled(
         ));
     }
     let centre = |centre_px: f64, scale: f64| scale * centre_px + (scale - 1.0) / 2.0;
+    let side = |side_px: usize| u16::try_from(side_px).unwrap_or(u16::MAX);
     let lens = Lens {
-        width_px,
-        height_px,
+        width_px: side(width_px),
+        height_px: side(height_px),
         fx_px: sx * lens.fx_px,
         fy_px: sy * lens.fy_px,
         cx_px: centre(lens.cx_px, sx),
