@@ -27,6 +27,7 @@ use crate::lens::{Lens, LensError};
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use crate::pose::{Cam, Pose, Scene};
 use crate::target::{Role, TargetGeometry};
+use crate::undistort::UndistortError;
 
 /// Changes when the blob's content changes.
 pub const FORMAT_VERSION: u16 = 1;
@@ -94,7 +95,7 @@ pub struct Config {
 }
 
 /// Why a configuration cannot be used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConfigError {
     /// The bytes do not start as a blob does.
     NotAConfig,
@@ -118,6 +119,8 @@ pub enum ConfigError {
     BufferTooSmall,
     /// The lens.
     Lens(LensError),
+    /// The lens, from which no undistortion table can be built.
+    Undistortion(UndistortError),
     /// There is no target.
     NoTarget,
     /// A target's name is empty or holds a control character.
@@ -176,6 +179,7 @@ impl core::fmt::Display for ConfigError {
                 write!(formatter, "a configuration needs a buffer of {BLOB_BYTES_MAX} bytes")
             }
             Self::Lens(error) => write!(formatter, "lens: {error}"),
+            Self::Undistortion(error) => write!(formatter, "lens: {error}"),
             Self::NoTarget => formatter.write_str("targets: there must be at least one"),
             Self::TargetName { index } => write!(
                 formatter,
@@ -208,6 +212,12 @@ impl core::error::Error for ConfigError {}
 impl From<LensError> for ConfigError {
     fn from(error: LensError) -> Self {
         Self::Lens(error)
+    }
+}
+
+impl From<UndistortError> for ConfigError {
+    fn from(error: UndistortError) -> Self {
+        Self::Undistortion(error)
     }
 }
 

@@ -34,3 +34,6 @@ pub const NAME_BYTES_MAX: usize = 16;
 
 /// Longest device name, serial number or firmware version, in bytes.
 pub const DEVICE_TEXT_BYTES_MAX: usize = 24;
+
+/// Corners that one search keeps: the strongest.
+pub const CORNERS_MAX: usize = 1024;

@@ -33,6 +33,7 @@
 //! Outside bytes never panic, whatever they are.
 
 mod framing;
+mod from_report;
 mod message;
 mod pose;
 

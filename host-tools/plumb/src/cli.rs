@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::provision;
+use crate::{provision, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -18,6 +18,7 @@ struct Arguments {
 /// `run` that takes them.
 #[derive(Subcommand)]
 enum Command {
+    Track(track::Arguments),
     Provision(provision::Arguments),
 }
 
@@ -29,6 +30,7 @@ const EXIT_BAD_INPUT: u8 = 2;
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
+        Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
     };
     match result {

@@ -2,11 +2,14 @@
 //!
 //! The host tracks nothing of its own: it calls the pipeline of the crate
 //! `plumbline`, the one that runs on the box. What is here reads and writes
-//! files ([`files`]), shows progress, and explains what went wrong ([`error`]).
+//! files ([`files`]), renders people whose motion is known ([`simulate`]), shows
+//! progress, and explains what went wrong ([`error`]).
 
 pub mod cli;
+mod draw;
 pub mod error;
 pub mod files;
 pub mod provision;
 pub mod setup;
 pub mod simulate;
+pub mod track;

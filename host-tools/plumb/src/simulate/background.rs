@@ -39,7 +39,8 @@ impl Background {
         let mut cloth = Canvas::new(width + 2 * MARGIN_PX, height + 2 * MARGIN_PX);
         let midline_px = midline_px.map(|value| value + MARGIN_PX as f64);
         let cover = cloth.draw_back(midline_px, px_per_mm, &mut random);
-        let [room, cloth, cover] = [room.0, cloth.0, cover].map(|picture| blurred(picture, blur_px));
+        let [room, cloth, cover] =
+            [room.0, cloth.0, cover].map(|picture| blurred(picture, blur_px));
         let grey = cloth.grey.iter().zip(&cover.grey).map(|(grey, cover)| grey * cover).collect();
         Self { room, cloth: Picture { grey, ..cloth }, cover }
     }
@@ -153,7 +154,13 @@ impl Canvas {
     }
 
     /// Lines of word-like bars.
-    fn text(&mut self, [left, top, width, height]: Area, size: f64, grey: f64, random: &mut ChaCha8Rng) {
+    fn text(
+        &mut self,
+        [left, top, width, height]: Area,
+        size: f64,
+        grey: f64,
+        random: &mut ChaCha8Rng,
+    ) {
         let mut y = top;
         while y + size <= top + height {
             let mut x = left;
@@ -184,7 +191,8 @@ impl Canvas {
     fn draw_room(&mut self, random: &mut ChaCha8Rng) {
         let (width, height) = (self.0.width as f64, self.0.height as f64);
         let all = [0.0, 0.0, width, height];
-        let noise = |random: &mut ChaCha8Rng, cell_px| ValueNoise { seed: random.random(), cell_px };
+        let noise =
+            |random: &mut ChaCha8Rng, cell_px| ValueNoise { seed: random.random(), cell_px };
         let stain = noise(random, 160.0);
         self.shade(all, |x, y, _| 158.0 - 0.03 * y + 12.0 * stain.at(x, y));
         // Wallpaper stripes on the left third, a door on the right.
@@ -239,8 +247,7 @@ impl Canvas {
             let cell_px = (cell_mm * px_per_mm) as f32;
             ValueNoise { seed: random.random(), cell_px }
         };
-        let (folds, creases, knit) =
-            (noise(random, 60.0), noise(random, 18.0), noise(random, 2.0));
+        let (folds, creases, knit) = (noise(random, 60.0), noise(random, 18.0), noise(random, 2.0));
         self.shade(all, |x, y, _| {
             // Folds run down the cloth: stretched along y.
             let fold = 18.0 * folds.at(x, y * 0.3) + 9.0 * creases.at(x, y * 0.5);

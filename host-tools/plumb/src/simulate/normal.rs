@@ -78,7 +78,8 @@ impl GaussLegendre {
                 let (mut value, mut before) = (x, 1.0);
                 for n in 2..=count {
                     let n = n as f64;
-                    (value, before) = (((2.0 * n - 1.0) * x * value - (n - 1.0) * before) / n, value);
+                    (value, before) =
+                        (((2.0 * n - 1.0) * x * value - (n - 1.0) * before) / n, value);
                 }
                 slope = degree * (x * value - before) / (x * x - 1.0);
                 let step = value / slope;

@@ -35,7 +35,9 @@ impl FromStr for Occlusion {
         let ([target, start, end], fraction) = match parts[..] {
             [target, start, end] => ([target, start, end], None),
             [target, start, end, fraction] => ([target, start, end], Some(fraction)),
-            _ => return Err("expected TARGET:START_S:END_S[:FRACTION], as lumbar:1.0:2.5:0.4".into()),
+            _ => {
+                return Err("expected TARGET:START_S:END_S[:FRACTION], as lumbar:1.0:2.5:0.4".into());
+            }
         };
         let number = |name: &str, text: &str| {
             let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
@@ -44,7 +46,9 @@ impl FromStr for Occlusion {
         let (start_s, end_s) = (number("START_S", start)?, number("END_S", end)?);
         let fraction = fraction.map_or(Ok(FRACTION_DEFAULT), |text| number("FRACTION", text))?;
         if start_s < 0.0 || end_s <= start_s {
-            return Err(format!("START_S {start_s} must not be negative and END_S {end_s} must come after it"));
+            return Err(format!(
+                "START_S {start_s} must not be negative and END_S {end_s} must come after it"
+            ));
         }
         if !(fraction > 0.0 && fraction <= 1.0) {
             return Err(format!("FRACTION {fraction} must be above 0 and at most 1"));
@@ -90,7 +94,8 @@ impl Occlusion {
         let inside = (passed.min(1.0 - passed) / MOVING_SHARE).min(1.0);
         let covered = self.fraction * inside * inside * (3.0 - 2.0 * inside);
         let [left, top, right, bottom] = paper_mm;
-        let at = |x: f64, y: f64| lens.project(&cam_from_target.transform(&Vector3::new(x, y, 0.0)));
+        let at =
+            |x: f64, y: f64| lens.project(&cam_from_target.transform(&Vector3::new(x, y, 0.0)));
         let middle_y = (top + bottom) / 2.0;
         let (west, east) = (at(left, middle_y)?, at(right, middle_y)?);
         let (north, south) = (at(0.0, top)?, at(0.0, bottom)?);

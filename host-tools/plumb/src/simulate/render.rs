@@ -213,15 +213,14 @@ pub fn render_targets(
         let Some(map) = PlaneMap::new(&placed.cam_from_target) else { continue };
         let Some(bounds) = bounds_px(lens, psf_sigma_px, placed) else { continue };
         let [left, top, right, bottom] = bounds;
-        let painter =
-            Painter { lens, psf_sigma_px, board: placed.board, map: &map, rules: &rules };
+        let painter = Painter { lens, psf_sigma_px, board: placed.board, map: &map, rules: &rules };
         let width = picture.width;
-        picture.grey[top * width..bottom * width]
-            .par_chunks_mut(width)
-            .enumerate()
-            .for_each_init(Scratch::new, |scratch, (row, pixels)| {
+        picture.grey[top * width..bottom * width].par_chunks_mut(width).enumerate().for_each_init(
+            Scratch::new,
+            |scratch, (row, pixels)| {
                 painter.row(left, top + row, &mut pixels[left..right], &gain, scratch);
-            });
+            },
+        );
     }
 }
 

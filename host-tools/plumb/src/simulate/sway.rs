@@ -202,8 +202,8 @@ impl Sway {
         let forward = self.sagittal.angles_rad(time_s);
         let right = self.frontal.angles_rad(time_s);
         let twisting = self.twist.angles_rad(time_s);
-        let twist_rad = self.twist_scale
-            * (twisting[0] * LEGS_MM + twisting[1] * SHOULDER_ABOVE_HIP_MM);
+        let twist_rad =
+            self.twist_scale * (twisting[0] * LEGS_MM + twisting[1] * SHOULDER_ABOVE_HIP_MM);
         // Up is -y: leaning forward (+z) is a turn about -x, to the right (+x) about +z.
         let legs = rotation_from_vector(&Vector3::new(-forward[0], 0.0, right[0]));
         let trunk = rotation_from_vector(&Vector3::new(-forward[1], twist_rad, right[1]));
@@ -227,8 +227,10 @@ mod tests {
         let (rate_hz, count) = (20.0, 20 * 1200);
         let path: Vec<_> = (0..count).map(|i| shoulder_mm(&sway, f64::from(i) / rate_hz)).collect();
         let rms = |axis: usize, lag: usize| {
-            let squares: f64 =
-                path.windows(lag + 1).map(|window| (window[lag][axis] - window[0][axis]).powi(2)).sum();
+            let squares: f64 = path
+                .windows(lag + 1)
+                .map(|window| (window[lag][axis] - window[0][axis]).powi(2))
+                .sum();
             (squares / (path.len() - lag) as f64).sqrt()
         };
         let sd = |axis: usize| {
@@ -245,7 +247,9 @@ mod tests {
         // amplitude it would be 6.5 (2 pi)^2 = 257 mm/s^2.
         let acceleration: f64 = path
             .windows(3)
-            .map(|window| ((window[2][2] - 2.0 * window[1][2] + window[0][2]) * rate_hz.powi(2)).powi(2))
+            .map(|window| {
+                ((window[2][2] - 2.0 * window[1][2] + window[0][2]) * rate_hz.powi(2)).powi(2)
+            })
             .sum::<f64>()
             / (path.len() - 2) as f64;
         assert!(acceleration.sqrt() < 30.0, "{} mm/s^2", acceleration.sqrt());

@@ -68,9 +68,7 @@ fn brute_force(
     let fine_side = (side + 2 * half) * FINE;
     let map = PlaneMap::new(cam_from_target).unwrap();
     let sample = |fine_x: f64, fine_y: f64| {
-        let at = |fine: f64, start: usize| {
-            start as f64 - half as f64 - 0.5 + fine / FINE as f64
-        };
+        let at = |fine: f64, start: usize| start as f64 - half as f64 - 0.5 + fine / FINE as f64;
         let raw_px = Vector2::new(at(fine_x, corner[0]), at(fine_y, corner[1]));
         let point = map.point_mm(&lens.ray_from_raw(&raw_px).unwrap());
         board.grey_at(point.x, point.y).unwrap_or(BACKGROUND)
@@ -143,10 +141,9 @@ fn compare(
     let mut right = Vector2::zeros();
     for y in 1..SIDE - 1 {
         for x in 1..SIDE - 1 {
-            let slope = Vector2::new(
-                drawn(x + 1, y) - drawn(x - 1, y),
-                drawn(x, y + 1) - drawn(x, y - 1),
-            ) * 0.5;
+            let slope =
+                Vector2::new(drawn(x + 1, y) - drawn(x - 1, y), drawn(x, y + 1) - drawn(x, y - 1))
+                    * 0.5;
             let error = drawn(x, y) - brute[y * SIDE + x];
             difference.grey_max = difference.grey_max.max(error.abs());
             normal += slope * slope.transpose();

@@ -1,0 +1,315 @@
+//! The two edges of a corner, its position from them, and its score.
+//!
+//! As in Geiger et al.: the two highest modes of the histogram of gradient
+//! orientations give the edges, each of which is then turned so that the
+//! gradients along it are perpendicular to it (the smallest eigenvector of
+//! their second moments). The point that all these edge elements point at is
+//! the position, good to about a quarter of a pixel. The score compares the
+//! window with the corner that these edges make: four sectors of equal
+//! brightness two by two, and no gradient but along the edges.
+
+use core::f32::consts::PI;
+
+use super::Corner;
+use crate::image::{GreyImage, Pixel};
+
+/// Radius of the largest window: more does not help the direction, and costs.
+const WINDOW_MAX: usize = 9;
+const SIDE_MAX: usize = 2 * WINDOW_MAX + 1;
+
+/// Bins of the histogram over half a turn, as in the paper.
+const BINS: usize = 32;
+/// The two edges are at least this many bins apart: 28 degrees. A right angle
+/// tilted by 60 degrees is at least 53 degrees wide.
+const BINS_APART: usize = 5;
+/// Weight of the second edge, relative to the first. Edges of one corner have equal contrast.
+const SECOND_EDGE_MIN: f32 = 0.15;
+/// A gradient belongs to an edge when it is this near to the perpendicular of it (sine).
+const ALONG_SINE_MAX: f32 = 0.35;
+/// Half the width of an edge in the template of the gradient, Geiger's value.
+const EDGE_HALF_WIDTH_PX: f32 = 1.5;
+/// The position may leave the pixel of the best likelihood by this much.
+const SHIFT_MAX_PX: f32 = 2.0;
+/// Smallest gap between the dark sectors and the bright ones, relative to the whole span. Perfect: 1.
+const GAP_MIN: f32 = 0.3;
+/// Smallest correlation of the gradient with the edges.
+const CORRELATION_MIN: f32 = 0.2;
+
+#[derive(Clone, Copy, Default)]
+struct Gradient {
+    x: f32,
+    y: f32,
+    magnitude: f32,
+}
+
+/// The corner at a pixel of high likelihood, or `None` when its window is not that of a corner.
+pub(super) fn describe<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    [x, y]: [usize; 2],
+    radius: usize,
+) -> Option<Corner> {
+    // One pixel more for the differences.
+    let room = x.min(y).min(image.width() - 1 - x).min(image.height() - 1 - y);
+    let window = (radius + 1).min(WINDOW_MAX).min(room.checked_sub(1)?);
+    if window < 3 {
+        return None;
+    }
+    let side = 2 * window + 1;
+    let mut gradients = [[Gradient::default(); SIDE_MAX]; SIDE_MAX];
+    for (row, line) in gradients[..side].iter_mut().enumerate() {
+        let y = y + row - window;
+        let above = &image.row(y - 1)[x - window..][..side];
+        let below = &image.row(y + 1)[x - window..][..side];
+        let here = &image.row(y)[x - window - 1..][..side + 2];
+        for (column, gradient) in line[..side].iter_mut().enumerate() {
+            let gx = value(here[column + 2]) - value(here[column]);
+            let gy = value(below[column]) - value(above[column]);
+            *gradient = Gradient { x: gx, y: gy, magnitude: libm::sqrtf(gx * gx + gy * gy) };
+        }
+    }
+    // The window is round, of Gaussian weight, so that no direction is favoured.
+    let falloff = -2.0 / (window * window) as f32;
+    let mut weights = [[0.0_f32; SIDE_MAX]; SIDE_MAX];
+    for (row, line) in weights[..side].iter_mut().enumerate() {
+        for (column, weight) in line[..side].iter_mut().enumerate() {
+            let (dx, dy) = (column as f32 - window as f32, row as f32 - window as f32);
+            let square = dx * dx + dy * dy;
+            if square <= (window * window) as f32 + 1.0 {
+                *weight = libm::expf(falloff * square);
+            }
+        }
+    }
+
+    let modes = modes(&gradients, &weights, side)?;
+    let edges = modes.map(|angle_rad| turned(&gradients, &weights, side, angle_rad));
+    let [edge0, edge1] = edges.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
+    if cross(edge0, edge1).abs() < 0.4 {
+        return None;
+    }
+    let shift = intersection(&gradients, &weights, side, [edge0, edge1])?;
+
+    // Means of the four sectors around the found position, and how well the
+    // gradient keeps to the edges.
+    let mut sums = [[0.0_f32; 2]; 4];
+    let mut moments = Moments::default();
+    for row in 0..side {
+        let pixels = &image.row(y + row - window)[x - window..][..side];
+        for (column, &pixel) in pixels.iter().enumerate() {
+            let weight = weights[row][column];
+            if weight == 0.0 {
+                continue;
+            }
+            let offset =
+                [column as f32 - window as f32 - shift[0], row as f32 - window as f32 - shift[1]];
+            let (from0, from1) = (cross(edge0, offset), cross(edge1, offset));
+            let on_edge = from0.abs().min(from1.abs()) <= EDGE_HALF_WIDTH_PX;
+            moments.add(if on_edge { 1.0 } else { -1.0 }, gradients[row][column].magnitude);
+            // The edge itself, blurred, belongs to neither side.
+            if from0.abs().min(from1.abs()) >= 0.75 {
+                let sector = usize::from(from0 > 0.0) + 2 * usize::from(from1 > 0.0);
+                sums[sector][0] += weight * value(pixel);
+                sums[sector][1] += weight;
+            }
+        }
+    }
+    if sums.iter().any(|sum| sum[1] <= 0.0) {
+        return None;
+    }
+    // Sectors 1 and 2 lie on one side of one edge only: they are opposite each
+    // other, as are 0 and 3. Left of edge 0 and right of edge 1 (1: from0 > 0,
+    // from1 < 0) is swept from edge 0 to edge 1 by increasing angle.
+    let [behind, between, between_opposite, behind_opposite] = sums.map(|sum| sum[0] / sum[1]);
+    let swept = (between.min(between_opposite), between.max(between_opposite));
+    let other = (behind.min(behind_opposite), behind.max(behind_opposite));
+    let dark_is_swept = swept.1 <= other.0;
+    let gap = if dark_is_swept { other.0 - swept.1 } else { swept.0 - other.1 };
+    let span = swept.1.max(other.1) - swept.0.min(other.0);
+    let correlation = moments.correlation();
+    if gap < GAP_MIN * span || span <= 0.0 || correlation < CORRELATION_MIN {
+        return None;
+    }
+    let swept_by_increase = edges[0] < edges[1];
+    // For edges[0] < edges[1] the sweep from 0 to 1 has cross(edge0, offset) > 0 and
+    // cross(edge1, offset) < 0; else it passes pi, where an edge's direction turns round.
+    let edges_rad = match (dark_is_swept, swept_by_increase) {
+        (true, true) | (false, false) => edges,
+        _ => [edges[1], edges[0]],
+    };
+    let score = correlation * 0.5 * gap / f32::from(image.white_level());
+    Some(Corner {
+        position_px: [x as f32 + shift[0], y as f32 + shift[1]],
+        score,
+        edges_rad,
+        radius_px: radius as u8,
+    })
+}
+
+fn value<P: Pixel>(pixel: P) -> f32 {
+    pixel.into()
+}
+
+fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+/// Directions of the two strongest edges, `[0, pi)`.
+fn modes(
+    gradients: &[[Gradient; SIDE_MAX]; SIDE_MAX],
+    weights: &[[f32; SIDE_MAX]; SIDE_MAX],
+    side: usize,
+) -> Option<[f32; 2]> {
+    let mut bins = [0.0_f32; BINS];
+    for (line, weights) in gradients[..side].iter().zip(weights) {
+        for (gradient, weight) in line[..side].iter().zip(weights) {
+            let mass = weight * gradient.magnitude;
+            if mass <= 0.0 {
+                continue;
+            }
+            // The edge is perpendicular to the gradient.
+            let position = half_turn(-gradient.x, gradient.y) * (BINS as f32);
+            let bin = (position as usize).min(BINS - 1);
+            let part = position - bin as f32;
+            bins[bin] += mass * (1.0 - part);
+            bins[(bin + 1) % BINS] += mass * part;
+        }
+    }
+    // Smoothed by 1 4 6 4 1, about the paper's mean shift of one bin.
+    let at = |bin: usize, step: usize| bins[(bin + step) % BINS];
+    let mut smooth = [0.0_f32; BINS];
+    for (bin, value) in smooth.iter_mut().enumerate() {
+        *value = 6.0 * at(bin, 0)
+            + 4.0 * (at(bin, 1) + at(bin, BINS - 1))
+            + at(bin, 2)
+            + at(bin, BINS - 2);
+    }
+    let is_mode = |bin: usize| {
+        smooth[bin] > smooth[(bin + BINS - 1) % BINS] && smooth[bin] >= smooth[(bin + 1) % BINS]
+    };
+    let strongest = |far_enough: &dyn Fn(usize) -> bool| {
+        (0..BINS)
+            .filter(|&bin| is_mode(bin) && far_enough(bin))
+            .max_by(|&a, &b| smooth[a].total_cmp(&smooth[b]))
+    };
+    let first = strongest(&|_| true)?;
+    let second = strongest(&|bin| {
+        let apart = bin.abs_diff(first);
+        apart.min(BINS - apart) >= BINS_APART
+    })?;
+    if smooth[second] < SECOND_EDGE_MIN * smooth[first] {
+        return None;
+    }
+    Some([first, second].map(|bin| bin as f32 * (PI / BINS as f32)))
+}
+
+/// The direction of (y, x) as a fraction of half a turn, `[0, 1)`: atan2 by a
+/// polynomial with an error of 0.005 rad, twenty times finer than a bin.
+fn half_turn(y: f32, x: f32) -> f32 {
+    // Called with the gradient turned by a quarter: edge = (-gy, gx) has angle atan2(gx, -gy);
+    // modulo half a turn this is atan2(-gx, gy).
+    let (ax, ay) = (x.abs(), y.abs());
+    let ratio = ax.min(ay) / ax.max(ay).max(f32::MIN_POSITIVE);
+    let octant = ratio * (0.9724 - 0.1919 * ratio * ratio);
+    let quadrant = if ay > ax { 0.5 * PI - octant } else { octant };
+    let angle = if (x < 0.0) != (y < 0.0) { PI - quadrant } else { quadrant };
+    let turn = angle / PI;
+    if turn >= 1.0 { 0.0 } else { turn }
+}
+
+/// The direction turned so that the gradients along this edge are perpendicular to it.
+fn turned(
+    gradients: &[[Gradient; SIDE_MAX]; SIDE_MAX],
+    weights: &[[f32; SIDE_MAX]; SIDE_MAX],
+    side: usize,
+    angle_rad: f32,
+) -> f32 {
+    let mut angle_rad = angle_rad;
+    for _ in 0..2 {
+        let edge = [libm::cosf(angle_rad), libm::sinf(angle_rad)];
+        let (mut xx, mut xy, mut yy) = (0.0_f32, 0.0_f32, 0.0_f32);
+        for (line, weights) in gradients[..side].iter().zip(weights) {
+            for (gradient, weight) in line[..side].iter().zip(weights) {
+                let along = gradient.x * edge[0] + gradient.y * edge[1];
+                if along.abs() < ALONG_SINE_MAX * gradient.magnitude {
+                    xx += weight * gradient.x * gradient.x;
+                    xy += weight * gradient.x * gradient.y;
+                    yy += weight * gradient.y * gradient.y;
+                }
+            }
+        }
+        // The normal is the largest eigenvector of the moments; the edge is a quarter turn away.
+        let normal_rad = 0.5 * libm::atan2f(2.0 * xy, xx - yy);
+        angle_rad = normal_rad + 0.5 * PI;
+    }
+    // normal in [-pi/2, pi/2]: the edge in [0, pi].
+    if angle_rad >= PI { angle_rad - PI } else { angle_rad.max(0.0) }
+}
+
+/// The point that the edge elements point at, relative to the centre of the window.
+fn intersection(
+    gradients: &[[Gradient; SIDE_MAX]; SIDE_MAX],
+    weights: &[[f32; SIDE_MAX]; SIDE_MAX],
+    side: usize,
+    edges: [[f32; 2]; 2],
+) -> Option<[f32; 2]> {
+    let window = (side / 2) as f32;
+    let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+    for row in 0..side {
+        for column in 0..side {
+            let Gradient { x, y, magnitude } = gradients[row][column];
+            let is_along = |edge: [f32; 2]| {
+                (x * edge[0] + y * edge[1]).abs() < ALONG_SINE_MAX * magnitude
+            };
+            // The gradient of the middle has no direction yet.
+            let (dx, dy) = (column as f32 - window, row as f32 - window);
+            if dx * dx + dy * dy < 1.5 || !(is_along(edges[0]) || is_along(edges[1])) {
+                continue;
+            }
+            let weight = weights[row][column];
+            let inward = x * dx + y * dy;
+            xx += weight * x * x;
+            xy += weight * x * y;
+            yy += weight * y * y;
+            bx += weight * x * inward;
+            by += weight * y * inward;
+        }
+    }
+    let determinant = xx * yy - xy * xy;
+    let trace = xx + yy;
+    // The ratio of the eigenvalues: below this one edge is missing.
+    if determinant <= 0.01 * trace * trace {
+        return None;
+    }
+    let shift = [(yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant];
+    let length_square = shift[0] * shift[0] + shift[1] * shift[1];
+    (length_square <= SHIFT_MAX_PX * SHIFT_MAX_PX).then_some(shift)
+}
+
+/// Sums for a correlation.
+#[derive(Default)]
+struct Moments {
+    count: f32,
+    a: f32,
+    b: f32,
+    aa: f32,
+    ab: f32,
+    bb: f32,
+}
+
+impl Moments {
+    fn add(&mut self, a: f32, b: f32) {
+        self.count += 1.0;
+        self.a += a;
+        self.b += b;
+        self.aa += a * a;
+        self.ab += a * b;
+        self.bb += b * b;
+    }
+
+    /// Pearson's correlation; 0 where one side does not vary.
+    fn correlation(&self) -> f32 {
+        let covariance = self.count * self.ab - self.a * self.b;
+        let spread = (self.count * self.aa - self.a * self.a)
+            * (self.count * self.bb - self.b * self.b);
+        if spread > 0.0 { covariance / libm::sqrtf(spread) } else { 0.0 }
+    }
+}

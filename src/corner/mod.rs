@@ -1,0 +1,109 @@
+//! Corners of checkerboards in a grey picture.
+//!
+//! The detector is that of Geiger, Moosmann, Car and Schuster, "Automatic
+//! camera and range sensor calibration using a single shot" (ICRA 2012): a
+//! likelihood from two corner prototypes of four kernels each in several sizes,
+//! non-maxima suppression, the two edge directions from the histogram of the
+//! gradient's orientations, and a score. Only the order of the work differs: a
+//! ring test that costs a few instructions per pixel chooses the pixels that
+//! are worth the kernels.
+
+use heapless::Vec;
+
+use crate::limits::CORNERS_MAX;
+
+mod detect;
+mod direction;
+mod kernel;
+pub mod refine;
+mod ring;
+
+pub use detect::Detector;
+
+/// Two corners nearer than this are one: the radius of Geiger's non-maxima suppression.
+pub const SEPARATION_PX: f32 = 3.0;
+
+/// A checkerboard corner to about a quarter of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Where, x and y.
+    pub position_px: [f32; 2],
+    /// How good, above 0 and at most 0.5: the correlation of the gradient with
+    /// the two edges (at most 1) times the likelihood along these edges
+    /// (half the contrast, white level = 1).
+    pub score: f32,
+    /// Directions of the two edges through the corner, `[0, pi)`, from x towards
+    /// y. The sector swept from edge 0 to edge 1 by INCREASING angle (mod pi) is
+    /// DARK, so that neighbours on a checkerboard have the roles of their two
+    /// edges exchanged.
+    pub edges_rad: [f32; 2],
+    /// Radius of the kernels that answered best.
+    pub radius_px: u8,
+}
+
+/// The strongest corners of a search, and how many did not fit.
+#[derive(Debug)]
+pub struct CornerList {
+    corners: Vec<Corner, CORNERS_MAX>,
+    dropped: u32,
+}
+
+impl Default for CornerList {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl CornerList {
+    /// An empty list.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { corners: Vec::new(), dropped: 0 }
+    }
+
+    /// Forgets everything, the count of the dropped too.
+    pub fn clear(&mut self) {
+        self.corners.clear();
+        self.dropped = 0;
+    }
+
+    /// The corners, in no particular order.
+    #[must_use]
+    pub fn as_slice(&self) -> &[Corner] {
+        &self.corners
+    }
+
+    /// Corners and candidates lost because a buffer was full. 0 means that the search was complete.
+    #[must_use]
+    pub fn dropped(&self) -> u32 {
+        self.dropped
+    }
+
+    /// Adds a corner. Of two within [`SEPARATION_PX`] the stronger stays; when
+    /// the list is full the weakest goes.
+    pub fn push(&mut self, corner: Corner) {
+        let near = |other: &Corner| {
+            let dx = other.position_px[0] - corner.position_px[0];
+            let dy = other.position_px[1] - corner.position_px[1];
+            dx * dx + dy * dy < SEPARATION_PX * SEPARATION_PX
+        };
+        if let Some(twin) = self.corners.iter_mut().find(|other| near(other)) {
+            if corner.score > twin.score {
+                *twin = corner;
+            }
+            return;
+        }
+        if let Err(corner) = self.corners.push(corner) {
+            self.dropped = self.dropped.saturating_add(1);
+            let weakest = self.corners.iter_mut().min_by(|a, b| a.score.total_cmp(&b.score));
+            if let Some(weakest) = weakest.filter(|weakest| weakest.score < corner.score) {
+                *weakest = corner;
+            }
+        }
+    }
+
+    /// Counts candidates that a full buffer lost before they were examined.
+    fn count_dropped(&mut self, dropped: u32) {
+        self.dropped = self.dropped.saturating_add(dropped);
+    }
+}

@@ -1,0 +1,87 @@
+//! A report as a packet: f64 inside, what the wire carries outside.
+
+use super::pose::{
+    AnatomicalPoint, MarkedInstant, MeasuredPose, NoPoseReason, PosePacket, TargetPacket,
+    TargetState,
+};
+use crate::measure::{Measurement, NoPose};
+use crate::pipeline::{self, Report, TargetReport};
+use crate::scene::Anatomical;
+
+impl PosePacket {
+    /// The packet of one frame. `instant` is what the report's capture time
+    /// marks; `latency_us` counts up to the handing over of this packet.
+    #[must_use]
+    pub fn from_report(report: &Report, instant: MarkedInstant, latency_us: u32) -> Self {
+        Self {
+            sequence: report.sequence,
+            capture_time_ns: report.capture_time_ns,
+            instant,
+            latency_us,
+            targets: report.targets.iter().map(TargetPacket::from).collect(),
+            upper_trunk: report.upper_trunk.as_ref().map(AnatomicalPoint::from),
+            lower_trunk: report.lower_trunk.as_ref().map(AnatomicalPoint::from),
+        }
+    }
+}
+
+impl From<&TargetReport> for TargetPacket {
+    fn from(report: &TargetReport) -> Self {
+        Self {
+            role: report.role,
+            state: report.state.into(),
+            pose: report
+                .measurement
+                .as_ref()
+                .map(MeasuredPose::from)
+                .map_err(|reason| NoPoseReason::from(*reason)),
+        }
+    }
+}
+
+impl From<&Measurement> for MeasuredPose {
+    fn from(measurement: &Measurement) -> Self {
+        let angles = measurement.cam_from_target.euler();
+        let rad = [angles.theta1_rad, angles.theta2_rad, angles.theta3_rad];
+        Self {
+            theta_rad: rad.map(|angle| angle as f32),
+            translation_mm: measurement.cam_from_target.translation_mm.map(|mm| mm as f32).into(),
+            sd_mm: measurement.sd_mm().map(|mm| mm as f32).into(),
+            rms_px: measurement.rms_px as f32,
+            corners: measurement.corners,
+        }
+    }
+}
+
+impl From<&Anatomical> for AnatomicalPoint {
+    fn from(point: &Anatomical) -> Self {
+        Self {
+            ap_mm: point.ap_mm as f32,
+            ml_mm: point.ml_mm as f32,
+            si_mm: point.si_mm as f32,
+        }
+    }
+}
+
+impl From<pipeline::TargetState> for TargetState {
+    fn from(state: pipeline::TargetState) -> Self {
+        match state {
+            pipeline::TargetState::Acquiring => Self::Acquiring,
+            pipeline::TargetState::Tracking => Self::Tracking,
+            pipeline::TargetState::Coasting => Self::Coasting,
+        }
+    }
+}
+
+impl From<NoPose> for NoPoseReason {
+    fn from(reason: NoPose) -> Self {
+        match reason {
+            NoPose::FrameSize => Self::BadFrame,
+            NoPose::Searching => Self::NotSearched,
+            NoPose::NotFound => Self::NotFound,
+            NoPose::Ambiguous | NoPose::ExtentUnknown => Self::Doubtful,
+            NoPose::TooFewCorners => Self::TooFewCorners,
+            NoPose::PoorFit => Self::PoorFit,
+        }
+    }
+}
