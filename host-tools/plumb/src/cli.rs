@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::simulate::command as simulate;
 use crate::{provision, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -20,6 +21,7 @@ struct Arguments {
 enum Command {
     Track(track::Arguments),
     Provision(provision::Arguments),
+    Simulate(simulate::SimulateArguments),
 }
 
 /// Exit code for input that cannot be used; clap's for a wrong command line is the same.
@@ -32,6 +34,7 @@ pub fn run() -> ExitCode {
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -197,7 +197,7 @@ fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
 
 /// The rows of one report, one per target, in the order of the configuration.
 pub fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
-    let time_s = report.capture_time_ns as f64 * 1e-9;
+    let time_s = report.capture_time_ns as f64 / 1e9;
     config.targets.iter().zip(&report.targets).map(move |(target, found)| {
         let state = found.state.name();
         let measured = match &found.measurement {

@@ -55,23 +55,12 @@ pub const BINUTILS: &[Need] = &[Need {
 struct Component {
     name: &'static str,
     subcommand: &'static str,
-    package: &'static str,
     why: &'static str,
 }
 
 const COMPONENTS: &[Component] = &[
-    Component {
-        name: "rustfmt",
-        subcommand: "fmt",
-        package: "rustfmt",
-        why: "checks the formatting",
-    },
-    Component {
-        name: "clippy",
-        subcommand: "clippy",
-        package: "rust-clippy",
-        why: "finds common mistakes",
-    },
+    Component { name: "rustfmt", subcommand: "fmt", why: "checks the formatting" },
+    Component { name: "clippy", subcommand: "clippy", why: "finds common mistakes" },
 ];
 
 /// Something is missing and could not be installed. Exit code 2.
@@ -114,9 +103,13 @@ pub fn ensure_components() -> Result<()> {
         println!("  {:<12} {}", component.name, component.why);
     }
     let names: Vec<_> = missing.iter().map(|component| component.name).collect();
+    // Debian's own rustfmt and clippy belong to a Rust that is too old for this workspace.
     if !is_there(Probe::Program("rustup")) {
-        // A Rust that came from Debian has its parts there too.
-        return install(&missing.iter().map(|component| component.package).collect::<Vec<_>>());
+        bail!(Lacking(format!(
+            "there is no rustup here to add them with. Install {} from where this Rust came from, \
+             or Rust from https://rustup.rs, and try again",
+            names.join(" and ")
+        )));
     }
     let add = Task::new("rustup").args(["component", "add"]).args(&names);
     if let Err(error) = add.run_within(RUSTUP_WITHIN) {

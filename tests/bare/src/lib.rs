@@ -1,13 +1,25 @@
 //! The core in a final artefact without an allocator.
 //!
-//! Linked as a shared library, this crate holds the whole pipeline and a panic
+//! Linked as a shared library, this crate holds the whole core and a panic
 //! handler, no standard library and no allocator. That it links at all shows
 //! that nothing in it uses `alloc`; `cargo xtask test` also reads which symbols
 //! it asks of others.
 #![no_std]
 
-use nalgebra::Vector2;
-use plumbline::lens::{Distortion, Lens};
+use core::hint::black_box;
+
+use plumbline::config::Config;
+use plumbline::image::GreyImage;
+use plumbline::packet::{Deframer, FRAME_BYTES_MAX, encode_frame};
+use plumbline::pipeline::Pipeline;
+use static_cell::ConstStaticCell;
+
+const WIDTH: usize = 1456;
+const HEIGHT: usize = 1088;
+
+static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new());
+static GREY: ConstStaticCell<[u8; WIDTH * HEIGHT]> = ConstStaticCell::new([0; WIDTH * HEIGHT]);
+static DEEP: ConstStaticCell<[u16; WIDTH * HEIGHT]> = ConstStaticCell::new([0; WIDTH * HEIGHT]);
 
 /// Stops. A panic of the core has nobody to be reported to here.
 #[cfg(panic = "abort")]
@@ -18,20 +30,39 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     }
 }
 
-/// Runs a point through the lens and back.
+/// Everything that a box does with the core: reads a configuration, measures
+/// frames of both depths, and reads and writes packets. Nobody calls it; it is
+/// there to be linked.
 // The name is the artefact's entry: without an exported function the linker would drop everything.
 #[allow(unsafe_code)]
 #[unsafe(no_mangle)]
-pub extern "C" fn plumbline_bare_step(focal_px: f64) -> f64 {
-    let lens = Lens {
-        width_px: 1456,
-        height_px: 1088,
-        fx_px: focal_px,
-        fy_px: focal_px,
-        cx_px: 727.5,
-        cy_px: 543.5,
-        skew_px: 0.0,
-        distortion: Distortion::Radial2([-0.1, 0.01]),
+pub extern "C" fn plumbline_bare_step(time_ns: u64) -> usize {
+    // Behind `black_box` the compiler cannot know that all input is zero, and must keep all code.
+    let bytes: &[u8] = black_box(&[]);
+    let (Some(pipeline), Some(grey), Some(deep)) =
+        (PIPELINE.try_take(), black_box(GREY.try_take()), black_box(DEEP.try_take()))
+    else {
+        return 0;
     };
-    lens.ray_from_raw(&Vector2::new(focal_px, focal_px)).map_or(0.0, |ray| ray.x)
+    let Ok(config) = Config::decode(bytes) else { return 0 };
+    if pipeline.configure(&config).is_err() {
+        return 0;
+    }
+    let mut measured = 0;
+    if let Ok(frame) = GreyImage::new(&grey[..], WIDTH, HEIGHT, WIDTH) {
+        measured += measured_in(&pipeline.step(&frame, time_ns));
+    }
+    if let Ok(frame) = GreyImage::new(&deep[..], WIDTH, HEIGHT, WIDTH) {
+        measured += measured_in(&pipeline.step(&frame, time_ns));
+    }
+    let mut answered = 0;
+    Deframer::<FRAME_BYTES_MAX>::new().push(bytes, |message| {
+        let mut buffer = [0; FRAME_BYTES_MAX];
+        answered += message.ok().and_then(|message| Some(encode_frame(&message, &mut buffer).ok()?.len())).unwrap_or(0);
+    });
+    black_box(measured + answered)
+}
+
+fn measured_in(report: &plumbline::pipeline::Report) -> usize {
+    report.targets.iter().filter(|target| target.measurement.is_ok()).count()
 }

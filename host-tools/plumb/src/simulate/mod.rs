@@ -19,6 +19,7 @@
 //! the exposure is an instant: nothing is smeared by motion.
 
 pub mod background;
+pub mod command;
 pub mod layout;
 mod normal;
 pub mod occluder;
@@ -29,6 +30,7 @@ pub mod sway;
 use nalgebra::{Vector2, Vector3};
 use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Scene, Target};
+use plumbline::scene::Anatomical;
 use plumbline::target::{Origin, TargetGeometry};
 
 use self::background::Background;
@@ -127,9 +129,8 @@ pub struct Truth {
 pub struct TargetTruth {
     /// Where it is.
     pub cam_from_target: Pose<Cam, Target>,
-    /// The body's point (the target's virtual point) in the scene: AP forward,
-    /// ML to the right, SI up, mm.
-    pub anatomical_mm: [f64; 3],
+    /// The body's point (the target's virtual point) along the scene's axes.
+    pub trunk_point: Anatomical,
     /// Inner corners that are inside the frame and not behind the arm.
     pub visible_corners: usize,
 }
@@ -264,7 +265,7 @@ impl Simulation {
             };
             TargetTruth {
                 cam_from_target: *cam_from_target,
-                anatomical_mm: [body_mm.z, body_mm.x, -body_mm.y],
+                trunk_point: Anatomical { ap_mm: body_mm.z, ml_mm: body_mm.x, si_mm: -body_mm.y },
                 visible_corners: (0..target.geometry.corner_count()).filter(visible).count(),
             }
         });

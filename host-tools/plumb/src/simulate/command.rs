@@ -1,0 +1,282 @@
+//! `plumb simulate`: a rendered person as files, or as a stream.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::os::fd::AsFd;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline::target::Role;
+
+use super::layout::LensChoice;
+use super::occluder::Occlusion;
+use super::{Simulation, SimulationSettings};
+use crate::error::BadInput;
+use crate::files::camera::{self, Camera, Provenance};
+use crate::files::poses::{PoseRow, Writer};
+use crate::files::scene::{self, SceneFile};
+use crate::files::targets::{self, OriginName, TargetDescription};
+
+/// Render a swaying person with both targets, and the true poses.
+///
+/// Writes into the directory DIR: frames.y4m, truth.csv, camera.toml,
+/// targets.toml and scene.toml, so that `plumb track --camera DIR/camera.toml
+/// --targets DIR/targets.toml DIR/frames.y4m` can run on it. The same settings
+/// give the same files on every machine. A frame takes 1.6 MB.
+#[derive(Debug, clap::Args)]
+pub struct SimulateArguments {
+    /// Directory to write into; `-` streams the Y4M to standard output and writes nothing else
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Number of frames
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: u64,
+    /// Frames per second
+    #[arg(long, value_name = "F", default_value_t = 60.0)]
+    pub fps: f64,
+    /// Determines motion, clutter and noise
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub seed: u64,
+    /// Noise at mid grey, standard deviation in grey levels; photon and read noise together
+    #[arg(long, value_name = "LEVELS", default_value_t = 2.0)]
+    pub noise: f64,
+    /// The lens's blur, standard deviation in pixels
+    #[arg(long, value_name = "PX", default_value_t = 0.6)]
+    pub psf: f64,
+    /// The lens: f 1740 px without or with mild distortion, or f 800 px with a strong one
+    #[arg(long, value_enum, default_value_t)]
+    pub lens: LensChoice,
+    /// From the camera to the back, in mm [default: 1000; 600 with the wide lens]
+    #[arg(long, value_name = "MM")]
+    pub distance: Option<f64>,
+    /// How much brighter the right edge is than the left one, relative to the middle
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub gradient: f64,
+    /// An arm that covers FRACTION (0 to 1) of a target's width between two times; may be repeated
+    #[arg(long, value_name = "TARGET:START_S:END_S[:FRACTION]")]
+    pub occlude: Vec<Occlusion>,
+    /// Also save frame N as DIR/frame_N.png; may be repeated
+    #[arg(long, value_name = "N")]
+    pub png: Vec<u64>,
+    /// Replace files of an earlier run
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl SimulateArguments {
+    fn settings(&self) -> SimulationSettings {
+        SimulationSettings {
+            frame_rate_hz: self.fps,
+            seed: self.seed,
+            noise_levels: self.noise,
+            psf_sigma_px: self.psf,
+            lens: self.lens,
+            distance_mm: self.distance,
+            gradient: self.gradient,
+            occlusions: self.occlude.clone(),
+            ..SimulationSettings::default()
+        }
+    }
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When a setting is impossible, files are in the way, or writing fails.
+pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
+    let settings = arguments.settings();
+    for number in &arguments.png {
+        anyhow::ensure!(
+            *number < arguments.frames,
+            "--png {number}: the last frame is {}; choose a smaller number",
+            arguments.frames - 1
+        );
+    }
+    let to_stdout = arguments.out.as_os_str() == "-";
+    if to_stdout {
+        anyhow::ensure!(
+            arguments.png.is_empty(),
+            "--png needs a directory to write into, and --out is `-`; give --out a directory"
+        );
+        let simulation = prepared(&settings)?;
+        // Without the standard library's line buffer: a frame is passed on whole, at once.
+        let stdout = io::stdout().as_fd().try_clone_to_owned().context("standard output")?;
+        return write_frames(&simulation, arguments.frames, File::from(stdout), |_, _| Ok(()));
+    }
+
+    let directory = &arguments.out;
+    let png_paths: Vec<_> =
+        arguments.png.iter().map(|number| directory.join(format!("frame_{number}.png"))).collect();
+    let [frames, truth, camera, targets, scene] =
+        ["frames.y4m", "truth.csv", "camera.toml", "targets.toml", "scene.toml"]
+            .map(|name| directory.join(name));
+    if !arguments.force {
+        let wanted = [&frames, &truth, &camera, &targets, &scene].into_iter().chain(&png_paths);
+        refuse_existing(wanted)?;
+    }
+    let simulation = prepared(&settings)?;
+    std::fs::create_dir_all(directory)
+        .map_err(|error| BadInput::io(directory.display(), &error))?;
+    describe(&simulation, &camera, &targets, &scene)?;
+    let mut truth = Writer::create(&truth)?;
+    let mut outside = vec![0_u64; simulation.targets().len()];
+    let file = File::create(&frames).map_err(|error| BadInput::io(frames.display(), &error))?;
+    write_frames(&simulation, arguments.frames, file, |frame, samples| {
+        for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
+            truth.write(row)?;
+            *outside += u64::from(row.points == Some(0));
+        }
+        if let Some(index) = arguments.png.iter().position(|number| *number == frame) {
+            save_png(&simulation, samples, &png_paths[index])?;
+        }
+        Ok(())
+    })
+    .with_context(|| frames.display().to_string())?;
+    truth.flush()?;
+    for (target, outside) in simulation.targets().iter().zip(outside) {
+        if outside > 0 {
+            let name = target.layout.name;
+            eprintln!(
+                "warning: no corner of the {name} target is in view in {outside} frames; a larger --distance shows more"
+            );
+        }
+    }
+    eprintln!("{} frames written to {}", arguments.frames, directory.display());
+    Ok(())
+}
+
+fn prepared(settings: &SimulationSettings) -> anyhow::Result<Simulation> {
+    Simulation::new(settings).map_err(|error| anyhow::anyhow!("--{error}"))
+}
+
+fn refuse_existing<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
+    for path in paths {
+        anyhow::ensure!(
+            !path.exists(),
+            "{}: exists already; give another --out, or --force to replace it",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// Writes the three description files.
+fn describe(
+    simulation: &Simulation,
+    camera_path: &Path,
+    targets_path: &Path,
+    scene_path: &Path,
+) -> Result<(), BadInput> {
+    let source = format!("plumb simulate, seed {}: exact", simulation.settings().seed);
+    let provenance = Provenance { source: Some(source.clone()), ..Provenance::default() };
+    camera::write(camera_path, &Camera { lens: *simulation.camera(), provenance })?;
+    let descriptions: Vec<_> = simulation
+        .targets()
+        .iter()
+        .map(|target| TargetDescription {
+            name: target.layout.name.to_owned(),
+            role: target.layout.role,
+            columns: target.layout.columns,
+            rows: target.layout.rows,
+            pitch_mm: Some(target.layout.pitch_mm),
+            origin: Some(OriginName::Center),
+            virtual_point_mm: target.layout.virtual_point_mm,
+            points_mm: None,
+        })
+        .collect();
+    targets::write(targets_path, &descriptions)?;
+    let scene = SceneFile { cam_from_scene: simulation.cam_from_scene(), source };
+    scene::write(scene_path, &scene)
+}
+
+/// One frame's rows of truth.csv: the columns of poses.csv, `points` being the
+/// corners in view.
+fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
+    let truth = simulation.truth(frame);
+    simulation
+        .targets()
+        .iter()
+        .zip(&truth.targets)
+        .map(|(target, known)| {
+            let row = PoseRow::without_pose(frame, truth.time_s, target.layout.name, "truth")
+                .with_pose(&known.cam_from_target);
+            let points = u32::try_from(known.visible_corners).ok();
+            let row = PoseRow { points, ..row };
+            match target.layout.role {
+                Role::Upper | Role::Lower => row.with_trunk(&known.trunk_point),
+                Role::Scene => row,
+            }
+        })
+        .collect()
+}
+
+/// Renders and writes the video; `each` sees every frame before it is written.
+///
+/// A reader that closes a pipe early (the box stopping, `head`) ends the run without an error.
+fn write_frames(
+    simulation: &Simulation,
+    frames: u64,
+    sink: impl Write + Send,
+    mut each: impl FnMut(u64, &[u8]) -> anyhow::Result<()> + Send,
+) -> anyhow::Result<()> {
+    let lens = simulation.camera();
+    let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
+    let encoder = y4m::encode(width, height, ratio(simulation.settings().frame_rate_hz))
+        .with_colorspace(y4m::Colorspace::Cmono);
+    let mut encoder = match encoder.write_header(sink) {
+        Err(error) => return finished_or(error),
+        Ok(encoder) => encoder,
+    };
+    let progress = ProgressBar::new(frames).with_style(
+        ProgressStyle::with_template("rendering {bar:30} {pos}/{len} frames, {eta} left")
+            .expect("a constant template"),
+    );
+    let (mut now, mut next) = (Vec::new(), Vec::new());
+    simulation.render(0, &mut now);
+    for frame in 0..frames {
+        each(frame, &now)?;
+        // The next frame is rendered while this one is written.
+        let (written, ()) = rayon::join(
+            || encoder.write_frame(&y4m::Frame::new([&now, &[], &[]], None)),
+            || {
+                if frame + 1 < frames {
+                    simulation.render(frame + 1, &mut next);
+                }
+            },
+        );
+        if let Err(error) = written {
+            progress.abandon();
+            return finished_or(error);
+        }
+        std::mem::swap(&mut now, &mut next);
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    Ok(())
+}
+
+/// Nothing wrong when the reader of a pipe has had enough.
+fn finished_or(error: y4m::Error) -> anyhow::Result<()> {
+    match error {
+        y4m::Error::IoError(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        error => Err(anyhow::Error::new(error).context("the video cannot be written")),
+    }
+}
+
+/// Frames per second as the fraction that Y4M holds, to a thousandth.
+fn ratio(frame_rate_hz: f64) -> y4m::Ratio {
+    let thousandths = (frame_rate_hz * 1000.0).round() as usize;
+    if thousandths.is_multiple_of(1000) {
+        y4m::Ratio::new(thousandths / 1000, 1)
+    } else {
+        y4m::Ratio::new(thousandths, 1000)
+    }
+}
+
+fn save_png(simulation: &Simulation, samples: &[u8], path: &Path) -> anyhow::Result<()> {
+    let lens = simulation.camera();
+    let (width, height) = (u32::from(lens.width_px), u32::from(lens.height_px));
+    image::save_buffer(path, samples, width, height, image::ExtendedColorType::L8)
+        .with_context(|| path.display().to_string())
+}
