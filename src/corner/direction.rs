@@ -30,6 +30,8 @@ const SECOND_EDGE_MIN: f32 = 0.15;
 const ALONG_SINE_MAX: f32 = 0.35;
 /// Half the width of an edge in the template of the gradient, Geiger's value.
 const EDGE_HALF_WIDTH_PX: f32 = 1.5;
+/// What is farther from the centre's edge is the parallel edge of the next square.
+const OWN_EDGE_PX: f32 = 3.5;
 /// The position may leave the pixel of the best likelihood by this much.
 const SHIFT_MAX_PX: f32 = 2.0;
 /// Smallest gap between the dark sectors and the bright ones, relative to the whole span. Perfect: 1.
@@ -60,7 +62,7 @@ pub(super) fn describe<P: Pixel>(
 ) -> Option<Corner> {
     // One pixel more for the differences.
     let room = x.min(y).min(image.width() - 1 - x).min(image.height() - 1 - y);
-    let window = (radius + 1).min(WINDOW_MAX).min(room.checked_sub(1)?);
+    let window = (radius + 3).min(WINDOW_MAX).min(room.checked_sub(1)?);
     if window < 3 {
         return None;
     }
@@ -114,13 +116,15 @@ pub(super) fn describe<P: Pixel>(
     // gradient keeps to the edges.
     let mut sums = [[0.0_f32; 2]; 4];
     let mut moments = Moments::default();
+    let core = window.min(radius + 1);
     for row in 0..side {
         let pixels = &image.row(y + row - window)[x - window..][..side];
         for (column, &pixel) in pixels.iter().enumerate() {
-            let weight = weight(row, column);
-            if weight == 0.0 {
+            let (dx, dy) = (column.abs_diff(window), row.abs_diff(window));
+            if dx * dx + dy * dy > core * core + 1 {
                 continue;
             }
+            let weight = gaussian[dx] * gaussian[dy];
             let offset =
                 [column as f32 - window as f32 - shift[0], row as f32 - window as f32 - shift[1]];
             let (from0, from1) = (cross(edge0, offset), cross(edge1, offset));
@@ -259,7 +263,10 @@ fn intersection(elements: &Elements, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
         let Element { offset: [dx, dy], gradient: [x, y], weight, .. } = *element;
         // The gradient of the middle has no direction yet.
         let middle = dx * dx + dy * dy < 1.5;
-        if middle || !edges.iter().any(|&edge| is_along(element, edge)) {
+        let is_own = |&edge: &[f32; 2]| {
+            is_along(element, edge) && cross(edge, element.offset).abs() < OWN_EDGE_PX
+        };
+        if middle || !edges.iter().any(is_own) {
             continue;
         }
         let inward = x * dx + y * dy;
