@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::provision;
 use crate::simulate::command as simulate;
+use crate::{provision, receive};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -20,6 +20,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Provision(provision::Arguments),
+    Receive(receive::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -32,6 +33,7 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Receive(arguments) => receive::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

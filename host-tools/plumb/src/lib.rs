@@ -9,5 +9,6 @@ pub mod cli;
 pub mod error;
 pub mod files;
 pub mod provision;
+pub mod receive;
 pub mod setup;
 pub mod simulate;
