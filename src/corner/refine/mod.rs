@@ -14,7 +14,7 @@
 //! | method | spread | bias up to | tilted: spread | bias up to |
 //! |---|---|---|---|---|
 //! | [`Refinement::GradientOrthogonality`], the paper's | 0.024 | 0.020 | 0.028 | 0.035 |
-//! | [`Refinement::Saddle`], linear | 0.011 | 0.045 | 0.013 | 0.025 |
+//! | [`Refinement::Saddle`], linear | 0.011 | 0.055 | 0.013 | 0.035 |
 //! | [`Refinement::ModelFit`], the default, also the Cramer-Rao bound | 0.0077 | 0.002 | 0.0094 | 0.002 |
 //!
 //! The fit's bias over sub-pixel phases, which all corners of an axis-aligned
@@ -214,8 +214,8 @@ fn locate<P: Pixel, T>(
         if farthest <= enough {
             return Ok(found);
         }
-        // Written so that a NaN ends here; one window sees no farther than this.
-        if !(farthest < radius as f32) {
+        // One window sees no farther than this.
+        if farthest.is_nan() || farthest >= radius as f32 {
             return Err(RefineFailure::Diverged);
         }
         position_px = patch.position_px(offset_px);

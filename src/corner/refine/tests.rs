@@ -28,9 +28,9 @@ fn sample(scene: &Scene, radius_px: usize, method: Refinement, pictures: usize) 
             *value += random.uniform() - 0.5;
         }
         let corner = refine(&image(&pixels), &seed, method).unwrap();
-        for axis in 0..2 {
+        for (axis, sum) in sums.iter_mut().enumerate() {
             let error_px = corner.position_px[axis] - scene.position_px[axis];
-            sums[axis] += error_px;
+            *sum += error_px;
             squares += error_px * error_px;
         }
         variances += corner.sigma_px * corner.sigma_px;
@@ -52,10 +52,10 @@ fn each_method_has_the_spread_and_bias_of_the_module_table() {
     // (four standard deviations of the sampling); the fit's are also the bound.
     let rows = [
         (square, Refinement::GradientOrthogonality, 0.026, 0.020),
-        (square, Refinement::Saddle, 0.0120, 0.045),
+        (square, Refinement::Saddle, 0.0114, 0.055),
         (square, Refinement::ModelFit, 0.0085, 0.002),
         (tilted, Refinement::GradientOrthogonality, 0.031, 0.035),
-        (tilted, Refinement::Saddle, 0.0140, 0.025),
+        (tilted, Refinement::Saddle, 0.0140, 0.035),
         (tilted, Refinement::ModelFit, 0.0104, 0.002),
     ];
     for (scene, method, spread_px_max, bias_px_max) in rows {
@@ -169,8 +169,8 @@ fn the_basin_reaches_a_pixel_and_fifteen_degrees_and_mostly_two_pixels() {
             };
             found += 1;
             // What is found is right: 5 standard deviations.
-            for axis in 0..2 {
-                let error_px = corner.position_px[axis] - position_px[axis];
+            for (found_px, true_px) in corner.position_px.iter().zip(position_px) {
+                let error_px = found_px - true_px;
                 assert!(error_px.abs() < 5.0 * corner.sigma_px, "{error_px} {turn}");
             }
             for (found_rad, true_rad) in corner.edges_rad.iter().zip(scene.edges_rad) {
