@@ -44,8 +44,6 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-mod checksum;
-pub mod config;
 pub mod corner;
 pub mod grid;
 pub mod image;

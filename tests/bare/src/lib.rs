@@ -52,7 +52,7 @@ pub extern "C" fn plumbline_bare_step(time_ns: u64) -> usize {
     if let Ok(frame) = GreyImage::new(&grey[..], WIDTH, HEIGHT, WIDTH) {
         measured += measured_in(&pipeline.step(&frame, time_ns));
     }
-    if let Ok(frame) = GreyImage::new(&deep[..], WIDTH, HEIGHT, WIDTH) {
+    if let Ok(frame) = GreyImage::with_white_level(&deep[..], WIDTH, HEIGHT, WIDTH, 1023) {
         measured += measured_in(&pipeline.step(&frame, time_ns));
     }
     let mut answered = 0;
