@@ -16,6 +16,8 @@
 use core::ops::Range;
 
 use heapless::Vec;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
 
 use crate::corner::Corner;
 use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
@@ -50,7 +52,7 @@ pub struct Grid {
 }
 
 /// Why there is no grid of a wanted shape.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
 pub enum GridRejection {
     /// Fewer than 3 x 3 corners make a lattice anywhere.
     NoLattice,

@@ -44,6 +44,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod checksum;
+pub mod config;
 pub mod corner;
 pub mod grid;
 pub mod image;
@@ -54,6 +56,7 @@ pub mod packet;
 pub mod pipeline;
 pub mod planar;
 pub mod pose;
+pub mod report;
 pub mod scene;
 pub mod search;
 pub mod solve;

@@ -15,8 +15,8 @@
 //! It maps points, never pixels: resampling the picture would cost precision.
 //! An undistorted pixel is K applied to the ray, [`Lens::pixel_from_ray`].
 //!
-//! Cost: 96 KiB, whatever the frame size; some milliseconds to build, about
-//! 20 ns per point on a workstation.
+//! Cost: 96 KiB, whatever the frame size; some milliseconds to build,
+//! tens of nanoseconds per point on a workstation.
 
 use nalgebra::{Matrix2, Vector2};
 

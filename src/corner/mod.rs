@@ -15,6 +15,7 @@ use crate::limits::CORNERS_MAX;
 mod detect;
 mod direction;
 mod kernel;
+pub mod refine;
 mod ring;
 
 pub use detect::Detector;

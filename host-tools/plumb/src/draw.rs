@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use plumbline::config::{Config, TargetConfig};
 use plumbline::lens::Lens;
 use plumbline::measure::Measurement;
-use plumbline::pipeline::Report;
+use plumbline::report::Report;
 
 use crate::files::frames::{Frame, Pixels};
 
@@ -67,7 +67,7 @@ pub fn annotated(frame: &Frame<'_>, config: &Config, report: &Report) -> RgbImag
         match &found.measurement {
             Ok(measured) => canvas.target(&config.lens, target, measured),
             Err(reason) => {
-                let text = format!("{}: {}, {}", target.name, found.state.name(), reason.name());
+                let text = format!("{}: {}, {}", target.name, found.state.word(), reason.words());
                 canvas.text(&text, Point::new(8, 8 + 22 * line), Rgb888::YELLOW);
                 line += 1;
             }

@@ -10,7 +10,8 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use plumbline::config::Config;
 use plumbline::image::GreyImage;
-use plumbline::pipeline::{Pipeline, Report};
+use plumbline::pipeline::Pipeline;
+use plumbline::report::Report;
 use plumbline::target::Role;
 
 use crate::draw;
@@ -199,11 +200,11 @@ fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
 pub fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
     let time_s = report.capture_time_ns as f64 / 1e9;
     config.targets.iter().zip(&report.targets).map(move |(target, found)| {
-        let state = found.state.name();
+        let state = found.state.word();
         let measured = match &found.measurement {
             Ok(measured) => measured,
             Err(reason) => {
-                let state = format!("{state}: {}", reason.name());
+                let state = format!("{state}: {}", reason.words());
                 return PoseRow::without_pose(frame, time_s, &target.name, &state);
             }
         };
@@ -296,7 +297,7 @@ impl Summary {
         for (target, found) in self.targets.iter_mut().zip(&report.targets) {
             match &found.measurement {
                 Ok(measured) => target.rms_px.push(measured.rms_px),
-                Err(reason) => *target.missing.entry(reason.name()).or_default() += 1,
+                Err(reason) => *target.missing.entry(reason.words()).or_default() += 1,
             }
         }
     }
