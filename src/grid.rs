@@ -83,9 +83,9 @@ impl core::fmt::Display for GridRejection {
 
 impl core::error::Error for GridRejection {}
 
-/// Part of a line's corners that must be seen when it is a border: three quarters.
+/// Corners of a border line that must be seen: all but one.
 const fn border_corners_min(length: usize) -> usize {
-    (3 * length).div_ceil(4)
+    length - 1
 }
 
 /// Part of all corners that must be seen: five sixths.
