@@ -368,8 +368,12 @@ pub fn extent_is_certain(target: &TargetGeometry, used: u128) -> bool {
     let (columns, rows) = (target.columns(), target.rows());
     let seen = |row: usize, column: usize| used >> (row * columns + column) & 1 == 1;
     let line = |count: usize, length: usize| 2 * count >= length;
-    [0, rows - 1].into_iter().all(|row| line((0..columns).filter(|&column| seen(row, column)).count(), columns))
-        && [0, columns - 1].into_iter().all(|column| line((0..rows).filter(|&row| seen(row, column)).count(), rows))
+    [0, rows - 1]
+        .into_iter()
+        .all(|row| line((0..columns).filter(|&column| seen(row, column)).count(), columns))
+        && [0, columns - 1]
+            .into_iter()
+            .all(|column| line((0..rows).filter(|&row| seen(row, column)).count(), rows))
 }
 
 #[cfg(test)]

@@ -13,7 +13,8 @@ use crate::image::{GreyImage, Pixel};
 use crate::lens::Lens;
 use crate::limits::TARGETS_MAX;
 use crate::measure::{
-    Measurement, NoPose, Observations, Optics, extent_is_certain, fit_found, fit_predicted, observe, observe_grid,
+    Measurement, NoPose, Observations, Optics, extent_is_certain, fit_found, fit_predicted,
+    observe, observe_grid,
 };
 use crate::pose::{Cam, Pose, Target};
 use crate::scene::{Anatomical, SceneFrame};
@@ -179,13 +180,12 @@ impl Pipeline {
             };
             let expected = motion.predict(time_ns);
             observe(optics, frame, &track.geometry, &expected, &mut self.observations);
-            track.outcome = fit_predicted(&expected, &track.geometry, &self.observations).and_then(
-                |fitted| {
+            track.outcome =
+                fit_predicted(&expected, &track.geometry, &self.observations).and_then(|fitted| {
                     let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
                         || extent_is_certain(&track.geometry, fitted.used);
                     if identified { Ok(fitted.measurement) } else { Err(NoPose::ExtentUnknown) }
-                },
-            );
+                });
         }
     }
 
@@ -326,7 +326,11 @@ fn acquire<P: Pixel>(
 
 /// The part of the frame in which a target may be: its outline where it is
 /// expected, and three squares more on every side. `None` when it is outside.
-fn region(lens: &Lens, target: &TargetGeometry, cam_from_target: &Pose<Cam, Target>) -> Option<Area> {
+fn region(
+    lens: &Lens,
+    target: &TargetGeometry,
+    cam_from_target: &Pose<Cam, Target>,
+) -> Option<Area> {
     const MARGIN_SQUARES: f64 = 3.0;
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];

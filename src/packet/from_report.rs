@@ -55,11 +55,7 @@ impl From<&Measurement> for MeasuredPose {
 
 impl From<&Anatomical> for AnatomicalPoint {
     fn from(point: &Anatomical) -> Self {
-        Self {
-            ap_mm: point.ap_mm as f32,
-            ml_mm: point.ml_mm as f32,
-            si_mm: point.si_mm as f32,
-        }
+        Self { ap_mm: point.ap_mm as f32, ml_mm: point.ml_mm as f32, si_mm: point.si_mm as f32 }
     }
 }
 

@@ -58,7 +58,10 @@ pub extern "C" fn plumbline_bare_step(time_ns: u64) -> usize {
     let mut answered = 0;
     Deframer::<FRAME_BYTES_MAX>::new().push(bytes, |message| {
         let mut buffer = [0; FRAME_BYTES_MAX];
-        answered += message.ok().and_then(|message| Some(encode_frame(&message, &mut buffer).ok()?.len())).unwrap_or(0);
+        answered += message
+            .ok()
+            .and_then(|message| Some(encode_frame(&message, &mut buffer).ok()?.len()))
+            .unwrap_or(0);
     });
     black_box(measured + answered)
 }
