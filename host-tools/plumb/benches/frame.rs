@@ -17,8 +17,9 @@ use plumbline::corner::{CornerList, Detector};
 use plumbline::grid::{GridFinder, GridRejection};
 use plumbline::image::GreyImage;
 use plumbline::measure::{Observations, Optics, fit_predicted, observe};
-use plumbline::pipeline::{Pipeline, Report};
+use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline::report::Report;
 use plumbline::undistort::UndistortionLut;
 
 /// Frames between two searches of the whole frame that are measured.

@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::provision;
 use crate::simulate::command as simulate;
+use crate::{provision, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -19,6 +19,7 @@ struct Arguments {
 /// `run` that takes them.
 #[derive(Subcommand)]
 enum Command {
+    Track(track::Arguments),
     Provision(provision::Arguments),
     Simulate(simulate::SimulateArguments),
 }
@@ -31,6 +32,7 @@ const EXIT_BAD_INPUT: u8 = 2;
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
+        Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };

@@ -6,8 +6,10 @@
 //! progress, and explains what went wrong ([`error`]).
 
 pub mod cli;
+mod draw;
 pub mod error;
 pub mod files;
 pub mod provision;
 pub mod setup;
 pub mod simulate;
+pub mod track;

@@ -66,6 +66,6 @@ pub extern "C" fn plumbline_bare_step(time_ns: u64) -> usize {
     black_box(measured + answered)
 }
 
-fn measured_in(report: &plumbline::pipeline::Report) -> usize {
+fn measured_in(report: &plumbline::report::Report) -> usize {
     report.targets.iter().filter(|target| target.measurement.is_ok()).count()
 }
