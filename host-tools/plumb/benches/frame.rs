@@ -179,11 +179,13 @@ impl Bench {
 }
 
 fn read_frames(video: PathBuf) -> Result<(Vec<Vec<u8>>, f64)> {
-    let mut source = frames::Frames::open(&[video], None)?;
+    let mut source = frames::FrameSource::open(&[video], None)?;
     let rate_hz = source.rate_hz();
     let mut all = Vec::new();
     while let Some(frame) = source.next_frame()? {
-        let frames::Pixels::Grey8(pixels) = frame.pixels else { bail!("the recording is not 8-bit") };
+        let frames::Pixels::Grey8(pixels) = frame.pixels else {
+            bail!("the recording is not 8-bit")
+        };
         all.push(pixels.to_vec());
     }
     ensure!(all.len() > 1, "the recording has fewer than two frames");
