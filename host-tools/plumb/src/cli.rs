@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::provision;
+use crate::{demo, provision};
 use crate::simulate::command as simulate;
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -19,6 +19,7 @@ struct Arguments {
 /// `run` that takes them.
 #[derive(Subcommand)]
 enum Command {
+    Demo(demo::Arguments),
     Provision(provision::Arguments),
     Simulate(simulate::SimulateArguments),
 }
@@ -31,6 +32,7 @@ const EXIT_BAD_INPUT: u8 = 2;
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
+        Command::Demo(arguments) => demo::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };

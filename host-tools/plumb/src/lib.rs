@@ -6,8 +6,10 @@
 //! progress, and explains what went wrong ([`error`]).
 
 pub mod cli;
+pub mod demo;
 pub mod error;
 pub mod files;
 pub mod provision;
+pub mod savitzky_golay;
 pub mod setup;
 pub mod simulate;
