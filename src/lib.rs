@@ -56,6 +56,7 @@ pub mod packet;
 pub mod pipeline;
 pub mod planar;
 pub mod pose;
+pub mod report;
 pub mod scene;
 pub mod search;
 pub mod solve;

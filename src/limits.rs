@@ -35,5 +35,5 @@ pub const NAME_BYTES_MAX: usize = 16;
 /// Longest device name, serial number or firmware version, in bytes.
 pub const DEVICE_TEXT_BYTES_MAX: usize = 24;
 
-/// Corners that one search keeps: the strongest.
+/// Largest number of corners that a search of a frame keeps, the strongest.
 pub const CORNERS_MAX: usize = 1024;

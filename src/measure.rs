@@ -15,6 +15,7 @@ use crate::lens::Lens;
 use crate::limits::TARGET_CORNERS_MAX;
 use crate::planar::planar_poses;
 use crate::pose::{Cam, Pose, Target};
+use crate::report::NoPose;
 use crate::solve::{Observation, Solution, robust_cost, solve};
 use crate::target::TargetGeometry;
 use crate::undistort::UndistortionLut;
@@ -29,41 +30,6 @@ pub struct Optics<'a> {
     pub lens: &'a Lens,
     /// The way back: from raw to undistorted pixels.
     pub lut: &'a UndistortionLut,
-}
-
-/// Why a target has no pose in this frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoPose {
-    /// The frame is not of the size that the camera was calibrated for.
-    FrameSize,
-    /// The search of the frame has not come to its end yet.
-    Searching,
-    /// The whole frame was searched: no such grid in it.
-    NotFound,
-    /// Two grids of this target's shape: which of them it is cannot be told.
-    Ambiguous,
-    /// Fewer corners visible than a pose needs.
-    TooFewCorners,
-    /// Too long out of sight for the visible part to say which corners it holds.
-    ExtentUnknown,
-    /// The corners do not fit the target's geometry.
-    PoorFit,
-}
-
-impl NoPose {
-    /// A short name for tables and files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::FrameSize => "frame-size",
-            Self::Searching => "searching",
-            Self::NotFound => "not-found",
-            Self::Ambiguous => "ambiguous",
-            Self::TooFewCorners => "too-few-corners",
-            Self::ExtentUnknown => "extent-unknown",
-            Self::PoorFit => "poor-fit",
-        }
-    }
 }
 
 /// A target's pose in one frame, and how good it is.
@@ -113,10 +79,10 @@ const SD_MM_MAX: f64 = 5.0;
 const DOUBT_COST: f64 = 25.0;
 
 /// Levenberg-Marquardt iterations of a fit that starts from a prediction.
-const ITERATIONS_WARM: usize = 4;
+const ITERATIONS_WARM: usize = 6;
 
 /// Iterations of a fit that starts from the closed form.
-const ITERATIONS_COLD: usize = 10;
+const ITERATIONS_COLD: usize = 15;
 
 /// Half width of the window of a corner whose neighbouring lines are this far
 /// away; `None` where the squares are too small.
@@ -368,8 +334,12 @@ pub fn extent_is_certain(target: &TargetGeometry, used: u128) -> bool {
     let (columns, rows) = (target.columns(), target.rows());
     let seen = |row: usize, column: usize| used >> (row * columns + column) & 1 == 1;
     let line = |count: usize, length: usize| 2 * count >= length;
-    [0, rows - 1].into_iter().all(|row| line((0..columns).filter(|&column| seen(row, column)).count(), columns))
-        && [0, columns - 1].into_iter().all(|column| line((0..rows).filter(|&row| seen(row, column)).count(), rows))
+    [0, rows - 1]
+        .into_iter()
+        .all(|row| line((0..columns).filter(|&column| seen(row, column)).count(), columns))
+        && [0, columns - 1]
+            .into_iter()
+            .all(|column| line((0..rows).filter(|&row| seen(row, column)).count(), rows))
 }
 
 #[cfg(test)]

@@ -8,68 +8,21 @@
 use heapless::Vec;
 
 use crate::config::{Config, ConfigError};
-use crate::grid::{GridRejection, GridShape};
+use crate::grid::GridShape;
 use crate::image::{GreyImage, Pixel};
 use crate::lens::Lens;
 use crate::limits::TARGETS_MAX;
 use crate::measure::{
-    Measurement, NoPose, Observations, Optics, extent_is_certain, fit_found, fit_predicted, observe, observe_grid,
+    Measurement, Observations, Optics, extent_is_certain, fit_found, fit_predicted, observe,
+    observe_grid,
 };
 use crate::pose::{Cam, Pose, Target};
-use crate::scene::{Anatomical, SceneFrame};
+use crate::report::{NoPose, Report, TargetReport, TargetState};
+use crate::scene::SceneFrame;
 use crate::search::{Area, Goal, Search};
 use crate::target::{Role, TargetGeometry};
 use crate::track::State;
 use crate::undistort::UndistortionLut;
-
-/// How a target stands after a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TargetState {
-    /// Not known where it is.
-    Acquiring,
-    /// Measured in this frame.
-    Tracking,
-    /// Not measured in this frame, but not long ago.
-    Coasting,
-}
-
-impl TargetState {
-    /// A short name for tables and files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Acquiring => "acquiring",
-            Self::Tracking => "tracking",
-            Self::Coasting => "coasting",
-        }
-    }
-}
-
-/// One target in one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TargetReport {
-    /// What the target is for.
-    pub role: Role,
-    /// How its track stands after this frame.
-    pub state: TargetState,
-    /// Its pose in this frame, or why there is none.
-    pub measurement: Result<Measurement, NoPose>,
-}
-
-/// What one frame gave.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Report {
-    /// Number of the frame since the pipeline was configured, from 0.
-    pub sequence: u32,
-    /// The capture time given with the frame.
-    pub capture_time_ns: u64,
-    /// One entry per configured target, in the order of the configuration.
-    pub targets: Vec<TargetReport, TARGETS_MAX>,
-    /// The upper target's origin in anatomical axes (the paper's z_u').
-    pub upper_trunk: Option<Anatomical>,
-    /// The lower target's virtual point in anatomical axes (the paper's z_l').
-    pub lower_trunk: Option<Anatomical>,
-}
 
 /// One configured target and its track.
 struct Track {
@@ -179,13 +132,12 @@ impl Pipeline {
             };
             let expected = motion.predict(time_ns);
             observe(optics, frame, &track.geometry, &expected, &mut self.observations);
-            track.outcome = fit_predicted(&expected, &track.geometry, &self.observations).and_then(
-                |fitted| {
+            track.outcome =
+                fit_predicted(&expected, &track.geometry, &self.observations).and_then(|fitted| {
                     let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
                         || extent_is_certain(&track.geometry, fitted.used);
                     if identified { Ok(fitted.measurement) } else { Err(NoPose::ExtentUnknown) }
-                },
-            );
+                });
         }
     }
 
@@ -232,7 +184,7 @@ impl Pipeline {
                 }
                 // A coasting target keeps the reason that its windows gave.
                 Err(rejection) if track.state == State::Acquiring => {
-                    track.outcome = Err(no_pose(*rejection));
+                    track.outcome = Err(NoPose::NotFound(*rejection));
                 }
                 Err(_) => {}
             }
@@ -326,7 +278,11 @@ fn acquire<P: Pixel>(
 
 /// The part of the frame in which a target may be: its outline where it is
 /// expected, and three squares more on every side. `None` when it is outside.
-fn region(lens: &Lens, target: &TargetGeometry, cam_from_target: &Pose<Cam, Target>) -> Option<Area> {
+fn region(
+    lens: &Lens,
+    target: &TargetGeometry,
+    cam_from_target: &Pose<Cam, Target>,
+) -> Option<Area> {
     const MARGIN_SQUARES: f64 = 3.0;
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
@@ -345,12 +301,4 @@ fn region(lens: &Lens, target: &TargetGeometry, cam_from_target: &Pose<Cam, Targ
         (start < end).then_some(start..end)
     };
     Some(Area { columns: side(0, lens.width_px)?, rows: side(1, lens.height_px)? })
-}
-
-/// What a grid's rejection means for its target.
-fn no_pose(rejection: GridRejection) -> NoPose {
-    match rejection {
-        GridRejection::Ambiguous => NoPose::Ambiguous,
-        _ => NoPose::NotFound,
-    }
 }

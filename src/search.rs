@@ -40,7 +40,8 @@ pub struct Area {
 /// A sweep under way.
 struct Sweep {
     goal: Goal,
-    area: Area,
+    /// The row with which its next band begins.
+    next_row: usize,
 }
 
 /// The searcher: the detector, the grid finder, and the sweep under way.
@@ -48,6 +49,8 @@ pub struct Search {
     detector: Detector,
     finder: GridFinder,
     corners: CornerList,
+    /// What the last sweep searched, or the one under way is to search.
+    area: Area,
     sweep: Option<Sweep>,
 }
 
@@ -62,6 +65,7 @@ impl Search {
             detector: Detector::new(),
             finder: GridFinder::new(),
             corners: CornerList::new(),
+            area: Area { columns: 0..0, rows: 0..0 },
             sweep: None,
         }
     }
@@ -80,27 +84,28 @@ impl Search {
     /// Begins a sweep of an area (its bounds must lie in the frames to come).
     pub fn begin(&mut self, goal: Goal, area: Area) {
         self.corners.clear();
-        self.sweep = Some(Sweep { goal, area });
+        self.sweep = Some(Sweep { goal, next_row: area.rows.start });
+        self.area = area;
     }
 
     /// Works on the sweep: all of it, or one step's share of it. True when it
     /// has come to its end; the corners are then complete.
     pub fn advance<P: Pixel>(&mut self, image: &GreyImage<'_, P>, all_at_once: bool) -> bool {
-        let Some(Sweep { area, .. }) = &mut self.sweep else { return false };
+        let Some(sweep) = &mut self.sweep else { return false };
+        let Area { columns, rows } = &self.area;
         let share = if all_at_once {
-            area.rows.len()
+            rows.len()
         } else {
-            (SEARCH_PIXELS_PER_STEP / area.columns.len().max(1)).max(1)
+            (SEARCH_PIXELS_PER_STEP / columns.len().max(1)).max(1)
         };
-        let end = area.rows.end.min(area.rows.start + share);
-        let band = area.rows.start..end;
-        self.detector.detect(image, area.columns.clone(), band, &mut self.corners);
-        area.rows.start = end;
-        if area.rows.is_empty() {
+        let end = rows.end.min(sweep.next_row + share);
+        self.detector.detect(image, columns.clone(), sweep.next_row..end, &mut self.corners);
+        sweep.next_row = end;
+        let complete = end == rows.end;
+        if complete {
             self.sweep = None;
-            return true;
         }
-        false
+        complete
     }
 
     /// The corners gathered by the last sweep.
@@ -113,9 +118,11 @@ impl Search {
     pub fn grids(&mut self, wanted: &[GridShape]) -> Grids {
         let mut grids = Grids::new();
         for _ in wanted.iter().take(TARGETS_MAX) {
-            let _ = grids.push(Err(GridRejection::NotFound));
+            let _ = grids.push(Err(GridRejection::NoLattice));
         }
-        self.finder.find(self.corners.as_slice(), &wanted[..grids.len()], &mut grids);
+        let Area { columns, rows } = self.area.clone();
+        let wanted = &wanted[..grids.len()];
+        self.finder.find(self.corners.as_slice(), [columns, rows], wanted, &mut grids);
         grids
     }
 }

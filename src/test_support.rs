@@ -1,7 +1,15 @@
 //! What several modules' tests share: a seeded generator that gives the same
-//! numbers on every machine.
+//! numbers on every machine, a lens, and the corners seen through it.
 
 use nalgebra::{Vector2, Vector3};
+
+use crate::lens::{Distortion, Lens};
+use crate::limits::TARGET_CORNERS_MAX;
+use crate::pose::{Cam, Pose, Target};
+use crate::solve::Observation;
+
+/// The corners of one target, as a tracker would see them.
+pub type Observations = heapless::Vec<Observation, TARGET_CORNERS_MAX>;
 
 /// Steele, Lea and Flood's SplitMix64 (2014): 64 bits of state, every seed good.
 pub struct Random {
@@ -39,11 +47,50 @@ impl Random {
     pub fn normal2(&mut self) -> Vector2<f64> {
         Vector2::new(self.normal(), self.normal())
     }
+}
 
-    /// A direction, uniform over the sphere.
-    pub fn direction(&mut self) -> Vector3<f64> {
-        Vector3::new(self.normal(), self.normal(), self.normal()).normalize()
+/// The lens of the design's scene.
+pub fn bedside_lens() -> Lens {
+    Lens {
+        width_px: 1456,
+        height_px: 1088,
+        fx_px: 1740.0,
+        fy_px: 1741.0,
+        cx_px: 731.0,
+        cy_px: 540.0,
+        skew_px: 0.3,
+        distortion: Distortion::Brown5([-0.12, 0.08, 0.0005, 0.0003, 0.0]),
     }
+}
+
+/// A checker of 12 mm pitch seen at a pose, each raw coordinate with noise of
+/// `sigma_px`.
+pub fn observe(
+    lens: &Lens,
+    cam_from_target: &Pose<Cam, Target>,
+    [columns, rows]: [u8; 2],
+    sigma_px: f64,
+    random: &mut Random,
+) -> Observations {
+    let mut observations = Observations::new();
+    for index in 0..columns * rows {
+        let offset = |place: u8, count: u8| f64::from(place) - f64::from(count - 1) / 2.0;
+        let (x, y) = (offset(index % columns, columns), offset(index / columns, rows));
+        let point_target_mm = Vector3::new(x, y, 0.0) * 12.0;
+        let true_px = lens.project(&cam_from_target.transform(&point_target_mm)).unwrap();
+        let ray = lens.ray_from_raw(&(true_px + random.normal2() * sigma_px)).unwrap();
+        let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
+        let seen = Observation {
+            index,
+            point_target_mm,
+            ray,
+            raw_by_ray,
+            // Exact corners still need a sigma to be weighed by.
+            sigma_px: if sigma_px > 0.0 { sigma_px } else { 0.01 },
+        };
+        observations.push(seen).unwrap();
+    }
+    observations
 }
 
 #[test]

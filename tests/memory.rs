@@ -29,16 +29,15 @@ struct Row {
 fn rows(document: &str) -> Vec<Row> {
     let mut rows = Vec::new();
     for line in document.lines() {
-        let cells: Vec<&str> =
-            line.trim().trim_matches('|').split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let cells: Vec<&str> = line
+            .trim()
+            .trim_matches('|')
+            .split('|')
+            .map(|cell| cell.trim().trim_matches('`'))
+            .collect();
         let [name, parent, _, formula, bytes] = cells[..] else { continue };
         let Ok(bytes) = bytes.replace(',', "").parse() else { continue };
-        rows.push(Row {
-            name: name.into(),
-            parent: parent.into(),
-            formula: formula.into(),
-            bytes,
-        });
+        rows.push(Row { name: name.into(), parent: parent.into(), formula: formula.into(), bytes });
     }
     rows
 }
@@ -48,7 +47,9 @@ fn rows(document: &str) -> Vec<Row> {
 fn evaluate(formula: &str) -> usize {
     let factor = |text: &str| -> usize {
         let number = text.split_whitespace().next().unwrap_or_default().replace(',', "");
-        number.parse().unwrap_or_else(|_| panic!("no number at the start of {text:?} in {formula:?}"))
+        number
+            .parse()
+            .unwrap_or_else(|_| panic!("no number at the start of {text:?} in {formula:?}"))
     };
     formula.split(" + ").map(|term| term.split(" x ").map(factor).product::<usize>()).sum()
 }

@@ -6,7 +6,8 @@
 mod common;
 
 use plumb::simulate::{Simulation, SimulationSettings};
-use plumbline::pipeline::{Pipeline, TargetState};
+use plumbline::pipeline::Pipeline;
+use plumbline::report::TargetState;
 use plumbline_board::allocation::{CountingAllocator, allocations};
 use static_cell::ConstStaticCell;
 

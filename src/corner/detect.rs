@@ -102,9 +102,14 @@ fn examine<P: Pixel>(
     for _ in 0..CLIMB_STEPS_MAX << level {
         let mut next = (x, y);
         for neighbour in [
-            (x - 1, y - 1), (x, y - 1), (x + 1, y - 1),
-            (x - 1, y), (x + 1, y),
-            (x - 1, y + 1), (x, y + 1), (x + 1, y + 1),
+            (x - 1, y - 1),
+            (x, y - 1),
+            (x + 1, y - 1),
+            (x - 1, y),
+            (x + 1, y),
+            (x - 1, y + 1),
+            (x, y + 1),
+            (x + 1, y + 1),
         ] {
             if let Some(value) = kernels.of_size(image, neighbour.0, neighbour.1, size)
                 && value > likelihood

@@ -256,9 +256,8 @@ fn intersection(
     for row in 0..side {
         for column in 0..side {
             let Gradient { x, y, magnitude } = gradients[row][column];
-            let is_along = |edge: [f32; 2]| {
-                (x * edge[0] + y * edge[1]).abs() < ALONG_SINE_MAX * magnitude
-            };
+            let is_along =
+                |edge: [f32; 2]| (x * edge[0] + y * edge[1]).abs() < ALONG_SINE_MAX * magnitude;
             // The gradient of the middle has no direction yet.
             let (dx, dy) = (column as f32 - window, row as f32 - window);
             if dx * dx + dy * dy < 1.5 || !(is_along(edges[0]) || is_along(edges[1])) {
@@ -308,8 +307,8 @@ impl Moments {
     /// Pearson's correlation; 0 where one side does not vary.
     fn correlation(&self) -> f32 {
         let covariance = self.count * self.ab - self.a * self.b;
-        let spread = (self.count * self.aa - self.a * self.a)
-            * (self.count * self.bb - self.b * self.b);
+        let spread =
+            (self.count * self.aa - self.a * self.a) * (self.count * self.bb - self.b * self.b);
         if spread > 0.0 { covariance / libm::sqrtf(spread) } else { 0.0 }
     }
 }

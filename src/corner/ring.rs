@@ -83,7 +83,12 @@ impl Tile {
             if level == 0 {
                 fill_whole(inside, &image.row(y)[x..], shift);
             } else {
-                fill_half(inside, &image.row(2 * y)[2 * x..], &image.row(2 * y + 1)[2 * x..], shift);
+                fill_half(
+                    inside,
+                    &image.row(2 * y)[2 * x..],
+                    &image.row(2 * y + 1)[2 * x..],
+                    shift,
+                );
             }
             let (left, right) = (pixels[first], pixels[last - 1]);
             pixels[..first].fill(left);
@@ -130,7 +135,9 @@ fn fill_whole<P: Pixel>(bytes: &mut [u8], row: &[P], shift: u32) {
 }
 
 fn fill_half<P: Pixel>(bytes: &mut [u8], upper: &[P], lower: &[P], shift: u32) {
-    for ((byte, upper), lower) in bytes.iter_mut().zip(upper.chunks_exact(2)).zip(lower.chunks_exact(2)) {
+    for ((byte, upper), lower) in
+        bytes.iter_mut().zip(upper.chunks_exact(2)).zip(lower.chunks_exact(2))
+    {
         let value = |pixel: P| -> u32 { pixel.into() };
         let sum = value(upper[0]) + value(upper[1]) + value(lower[0]) + value(lower[1]);
         *byte = ((sum + 2) >> (2 + shift)).min(255) as u8;

@@ -1,11 +1,8 @@
 //! A report as a packet: f64 inside, what the wire carries outside.
 
-use super::pose::{
-    AnatomicalPoint, MarkedInstant, MeasuredPose, NoPoseReason, PosePacket, TargetPacket,
-    TargetState,
-};
-use crate::measure::{Measurement, NoPose};
-use crate::pipeline::{self, Report, TargetReport};
+use super::pose::{AnatomicalPoint, MarkedInstant, MeasuredPose, PosePacket, TargetPacket};
+use crate::measure::Measurement;
+use crate::report::{Report, TargetReport};
 use crate::scene::Anatomical;
 
 impl PosePacket {
@@ -29,12 +26,8 @@ impl From<&TargetReport> for TargetPacket {
     fn from(report: &TargetReport) -> Self {
         Self {
             role: report.role,
-            state: report.state.into(),
-            pose: report
-                .measurement
-                .as_ref()
-                .map(MeasuredPose::from)
-                .map_err(|reason| NoPoseReason::from(*reason)),
+            state: report.state,
+            pose: report.measurement.as_ref().map(MeasuredPose::from).map_err(|&reason| reason),
         }
     }
 }
@@ -55,33 +48,6 @@ impl From<&Measurement> for MeasuredPose {
 
 impl From<&Anatomical> for AnatomicalPoint {
     fn from(point: &Anatomical) -> Self {
-        Self {
-            ap_mm: point.ap_mm as f32,
-            ml_mm: point.ml_mm as f32,
-            si_mm: point.si_mm as f32,
-        }
-    }
-}
-
-impl From<pipeline::TargetState> for TargetState {
-    fn from(state: pipeline::TargetState) -> Self {
-        match state {
-            pipeline::TargetState::Acquiring => Self::Acquiring,
-            pipeline::TargetState::Tracking => Self::Tracking,
-            pipeline::TargetState::Coasting => Self::Coasting,
-        }
-    }
-}
-
-impl From<NoPose> for NoPoseReason {
-    fn from(reason: NoPose) -> Self {
-        match reason {
-            NoPose::FrameSize => Self::BadFrame,
-            NoPose::Searching => Self::NotSearched,
-            NoPose::NotFound => Self::NotFound,
-            NoPose::Ambiguous | NoPose::ExtentUnknown => Self::Doubtful,
-            NoPose::TooFewCorners => Self::TooFewCorners,
-            NoPose::PoorFit => Self::PoorFit,
-        }
+        Self { ap_mm: point.ap_mm as f32, ml_mm: point.ml_mm as f32, si_mm: point.si_mm as f32 }
     }
 }

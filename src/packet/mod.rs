@@ -51,8 +51,7 @@ pub use message::{
     ResetReason, TargetInfo,
 };
 pub use pose::{
-    AnatomicalPoint, MarkedInstant, MeasuredPose, NoPoseReason, PosePacket, RMS_STEP_PX,
-    SD_STEP_MM, TargetPacket, TargetState,
+    AnatomicalPoint, MarkedInstant, MeasuredPose, PosePacket, RMS_STEP_PX, SD_STEP_MM, TargetPacket,
 };
 
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};

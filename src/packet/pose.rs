@@ -6,6 +6,7 @@ use postcard_schema::schema::NamedType;
 use serde::{Deserialize, Serialize};
 
 use crate::limits::TARGETS_MAX;
+use crate::report::{NoPose, TargetState};
 use crate::target::Role;
 
 /// Steps of a standard deviation on the wire, per millimetre.
@@ -33,73 +34,6 @@ pub enum MarkedInstant {
     FrameArrival,
     /// The frame's time in a recording that is replayed.
     Recording,
-}
-
-/// One target's state after this frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub enum TargetState {
-    /// Searched for in the whole frame.
-    Acquiring,
-    /// Followed from frame to frame.
-    Tracking,
-    /// Lost a few frames ago; looked for where it should be.
-    Coasting,
-}
-
-impl TargetState {
-    /// The word used in files and on screens.
-    #[must_use]
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Acquiring => "acquiring",
-            Self::Tracking => "tracking",
-            Self::Coasting => "coasting",
-        }
-    }
-}
-
-/// Why a target has no pose in this frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub enum NoPoseReason {
-    /// The full-frame search did not come to this target in this frame.
-    NotSearched,
-    /// No grid of this target's shape is in the frame.
-    NotFound,
-    /// A grid of this shape was seen, but not beyond doubt.
-    Doubtful,
-    /// The predicted place lies outside the frame.
-    OutOfView,
-    /// Too few of the target's corners could be seen.
-    TooFewCorners,
-    /// Both poses of the plane explain the corners equally well.
-    Ambiguous,
-    /// The solver found no pose.
-    NotSolved,
-    /// The corners do not fit one pose.
-    PoorFit,
-    /// The pose would be a jump that no person makes.
-    Implausible,
-    /// The frame itself cannot be used.
-    BadFrame,
-}
-
-impl NoPoseReason {
-    /// The words used in files and on screens.
-    #[must_use]
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::NotSearched => "not searched",
-            Self::NotFound => "not found",
-            Self::Doubtful => "doubtful",
-            Self::OutOfView => "out of view",
-            Self::TooFewCorners => "too few corners",
-            Self::Ambiguous => "ambiguous",
-            Self::NotSolved => "not solved",
-            Self::PoorFit => "poor fit",
-            Self::Implausible => "implausible",
-            Self::BadFrame => "bad frame",
-        }
-    }
 }
 
 /// A point along the body's axes.
@@ -140,7 +74,7 @@ pub struct TargetPacket {
     /// Its state after this frame.
     pub state: TargetState,
     /// Its pose, or why there is none.
-    pub pose: Result<MeasuredPose, NoPoseReason>,
+    pub pose: Result<MeasuredPose, NoPose>,
 }
 
 /// One frame's result.

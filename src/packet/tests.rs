@@ -7,6 +7,8 @@ use heapless::{String, Vec};
 
 use super::*;
 use crate::checksum::CRC32;
+use crate::grid::GridRejection;
+use crate::report::{NoPose, TargetState};
 use crate::target::Role;
 
 const POINT: AnatomicalPoint = AnatomicalPoint { ap_mm: -1.5, ml_mm: 20.25, si_mm: 1400.0 };
@@ -101,7 +103,7 @@ fn longest_messages() -> StdVec<Message> {
         messages.push(Message::Reply(Reply { id: u16::MAX, outcome }));
     }
     let mut lost = pose(2);
-    lost.targets[0].pose = Err(NoPoseReason::BadFrame);
+    lost.targets[0].pose = Err(NoPose::FrameSize);
     lost.targets[0].state = TargetState::Coasting;
     lost.upper_trunk = None;
     messages.push(Message::Pose(lost));

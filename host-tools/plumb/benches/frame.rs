@@ -23,7 +23,8 @@ use plumbline::corner::{CornerList, Detector};
 use plumbline::grid::GridFinder;
 use plumbline::image::GreyImage;
 use plumbline::measure::{Observations, Optics, fit_predicted, observe};
-use plumbline::pipeline::{Pipeline, Report};
+use plumbline::pipeline::Pipeline;
+use plumbline::report::Report;
 use plumbline::undistort::UndistortionLut;
 use rayon::prelude::*;
 

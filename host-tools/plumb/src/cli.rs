@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{demo, provision};
 use crate::simulate::command as simulate;
+use crate::{demo, provision, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -20,6 +20,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Arguments),
+    Track(track::Arguments),
     Provision(provision::Arguments),
     Simulate(simulate::SimulateArguments),
 }
@@ -33,6 +34,7 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };

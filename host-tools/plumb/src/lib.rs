@@ -7,9 +7,11 @@
 
 pub mod cli;
 pub mod demo;
+mod draw;
 pub mod error;
 pub mod files;
 pub mod provision;
 pub mod savitzky_golay;
 pub mod setup;
 pub mod simulate;
+pub mod track;

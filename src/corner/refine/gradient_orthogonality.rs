@@ -57,7 +57,8 @@ pub(super) fn solve(patch: &Patch) -> Result<Minimum, RefineFailure> {
     }
     let determinant = xx * yy - xy * xy;
     let trace = xx + yy;
-    let bound = EIGENVALUE_RATIO_MIN / ((1.0 + EIGENVALUE_RATIO_MIN) * (1.0 + EIGENVALUE_RATIO_MIN));
+    let bound =
+        EIGENVALUE_RATIO_MIN / ((1.0 + EIGENVALUE_RATIO_MIN) * (1.0 + EIGENVALUE_RATIO_MIN));
     if !(trace > 0.0 && determinant > bound * trace * trace) {
         return Err(RefineFailure::NotASaddle);
     }

@@ -184,8 +184,7 @@ fn locate<P: Pixel, T>(
     let radius = seed.radius_px;
     let mut position_px = seed.position_px;
     for window in 1..=WINDOWS_MAX {
-        let centre =
-            image.window_centre(position_px, radius).ok_or(RefineFailure::OutsideFrame)?;
+        let centre = image.window_centre(position_px, radius).ok_or(RefineFailure::OutsideFrame)?;
         patch.copy_from(image, centre, radius);
         let (offset_px, found) = step(patch)?;
         let farthest = offset_px[0].abs().max(offset_px[1].abs());

@@ -336,10 +336,7 @@ impl Shape {
         let [[n0x, n0y], [n1x, n1y]] = self.normals();
         let determinant = n0x * n1y - n0y * n1x;
         let scale = -self.blur_px / determinant;
-        [
-            scale * (n1y * shifts[0] - n0y * shifts[1]),
-            scale * (n0x * shifts[1] - n1x * shifts[0]),
-        ]
+        [scale * (n1y * shifts[0] - n0y * shifts[1]), scale * (n0x * shifts[1] - n1x * shifts[0])]
     }
 
     fn normals(&self) -> [[f32; 2]; 2] {
@@ -371,8 +368,7 @@ impl Evaluated {
         design.evaluate(Coordinates::of(patch.radius), patch.count(), &shape);
         let (normal, right) = design.normal_equations(patch);
         // The best offset and half contrast at this very shape.
-        let (ff, f1, n) =
-            (normal[(PROFILE, PROFILE)], normal[(PROFILE, ONE)], normal[(ONE, ONE)]);
+        let (ff, f1, n) = (normal[(PROFILE, PROFILE)], normal[(PROFILE, ONE)], normal[(ONE, ONE)]);
         let (yf, y1) = (right[PROFILE], right[ONE]);
         let determinant = ff * n - f1 * f1;
         let half_contrast = (n * yf - f1 * y1) / determinant;
@@ -450,8 +446,7 @@ fn is_last(shape: &Shape, step: &[f32; NONLINEAR]) -> bool {
 }
 
 fn is_near(shape: &Shape, start: &Shape) -> bool {
-    let turned =
-        |edge: usize| (shape.edges_rad[edge] - start.edges_rad[edge]).abs() < TURN_RAD_MAX;
+    let turned = |edge: usize| (shape.edges_rad[edge] - start.edges_rad[edge]).abs() < TURN_RAD_MAX;
     shape.offset_px.iter().all(|offset_px| offset_px.abs() < OFFSET_PX_MAX)
         && turned(0)
         && turned(1)
@@ -473,8 +468,8 @@ fn finish(
     let residual = design.residual(patch, &solved.coefficients);
     let allowed = STRUCTURE_MAX * half_contrast;
     // Written so that a NaN fails.
-    let is_clean = residual.neighbour_covariance
-        < allowed * allowed + CHANCE_CORRELATION * residual.variance;
+    let is_clean =
+        residual.neighbour_covariance < allowed * allowed + CHANCE_CORRELATION * residual.variance;
     if !is_clean {
         return Err(RefineFailure::Obstructed);
     }

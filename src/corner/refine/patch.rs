@@ -107,8 +107,7 @@ pub(super) struct Coordinates {
 
 impl Coordinates {
     const fn new(radius: usize) -> Self {
-        let mut coordinates =
-            Self { x: [[0.0; LANES]; CHUNKS_MAX], y: [[0.0; LANES]; CHUNKS_MAX] };
+        let mut coordinates = Self { x: [[0.0; LANES]; CHUNKS_MAX], y: [[0.0; LANES]; CHUNKS_MAX] };
         let side = 2 * radius + 1;
         let mut index = 0;
         while index < side * side {

@@ -83,10 +83,12 @@ impl Scene {
             }
             let profile = pixel.integrate(|v| {
                 pixel.integrate(|u| {
-                    corner_profile(&orthant, self.edges_rad, self.blur_px, [
-                        x + u - 0.5,
-                        y + v - 0.5,
-                    ])
+                    corner_profile(
+                        &orthant,
+                        self.edges_rad,
+                        self.blur_px,
+                        [x + u - 0.5, y + v - 0.5],
+                    )
                 })
             });
             *level = mean + half * profile;
@@ -96,29 +98,20 @@ impl Scene {
 
     /// Seed at the true place with the true edges.
     pub(super) fn seed(&self, radius_px: usize) -> super::CornerSeed {
-        super::CornerSeed {
-            position_px: self.position_px,
-            edges_rad: self.edges_rad,
-            radius_px,
-        }
+        super::CornerSeed { position_px: self.position_px, edges_rad: self.edges_rad, radius_px }
     }
 }
 
 /// sign(d0) sign(d1) behind a Gaussian blur, at a point relative to the corner.
-fn corner_profile(
-    orthant: &Rule<24>,
-    edges_rad: [f64; 2],
-    blur_px: f64,
-    [x, y]: [f64; 2],
-) -> f64 {
+fn corner_profile(orthant: &Rule<24>, edges_rad: [f64; 2], blur_px: f64, [x, y]: [f64; 2]) -> f64 {
     let [a, b] = edges_rad.map(|edge| (libm::cos(edge) * y - libm::sin(edge) * x) / blur_px);
     normal_product(orthant, a, b, core::f64::consts::FRAC_PI_2 - (edges_rad[1] - edges_rad[0]))
 }
 
 /// E[sign(a + u) sign(b + v)] for standard normal u, v of correlation sin(theta).
 fn normal_product(orthant: &Rule<24>, a: f64, b: f64, theta: f64) -> f64 {
-    let product =
-        libm::erf(a * core::f64::consts::FRAC_1_SQRT_2) * libm::erf(b * core::f64::consts::FRAC_1_SQRT_2);
+    let product = libm::erf(a * core::f64::consts::FRAC_1_SQRT_2)
+        * libm::erf(b * core::f64::consts::FRAC_1_SQRT_2);
     let squares = a * a + b * b;
     if theta == 0.0 || squares > 400.0 {
         return product;

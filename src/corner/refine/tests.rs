@@ -77,11 +77,16 @@ fn experiment_bias() {
                         for (m, method) in METHODS.into_iter().enumerate() {
                             match refine(&fine_image(&fine), &scene.seed(radius), method) {
                                 Ok(c) => {
-                                    let e = libm::hypot(c.position_px[0] - p[0], c.position_px[1] - p[1]);
+                                    let e = libm::hypot(
+                                        c.position_px[0] - p[0],
+                                        c.position_px[1] - p[1],
+                                    );
                                     worst[m] = worst[m].max(e);
                                 }
                                 Err(e) => {
-                                    if m == 2 && fails == 0 { println!("{e:?}"); }
+                                    if m == 2 && fails == 0 {
+                                        println!("{e:?}");
+                                    }
                                     fails += 1
                                 }
                             }

@@ -52,17 +52,20 @@ pub extern "C" fn plumbline_bare_step(time_ns: u64) -> usize {
     if let Ok(frame) = GreyImage::new(&grey[..], WIDTH, HEIGHT, WIDTH) {
         measured += measured_in(&pipeline.step(&frame, time_ns));
     }
-    if let Ok(frame) = GreyImage::new(&deep[..], WIDTH, HEIGHT, WIDTH) {
+    if let Ok(frame) = GreyImage::with_white_level(&deep[..], WIDTH, HEIGHT, WIDTH, 1023) {
         measured += measured_in(&pipeline.step(&frame, time_ns));
     }
     let mut answered = 0;
     Deframer::<FRAME_BYTES_MAX>::new().push(bytes, |message| {
         let mut buffer = [0; FRAME_BYTES_MAX];
-        answered += message.ok().and_then(|message| Some(encode_frame(&message, &mut buffer).ok()?.len())).unwrap_or(0);
+        answered += message
+            .ok()
+            .and_then(|message| Some(encode_frame(&message, &mut buffer).ok()?.len()))
+            .unwrap_or(0);
     });
     black_box(measured + answered)
 }
 
-fn measured_in(report: &plumbline::pipeline::Report) -> usize {
+fn measured_in(report: &plumbline::report::Report) -> usize {
     report.targets.iter().filter(|target| target.measurement.is_ok()).count()
 }

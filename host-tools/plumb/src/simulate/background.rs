@@ -228,8 +228,8 @@ impl Canvas {
         let [left, top, wide, high] = poster;
         self.text([left + 10.0, top + 10.0, wide - 20.0, high * 0.3], 16.0, 45.0, random);
         self.text([left + 10.0, top + high * 0.45, wide - 20.0, high * 0.5], 8.0, 60.0, random);
-        self.checks([width * 0.81, height * 0.55], [3, 3], 24.0, [50.0, 190.0]);
-        self.checks([width * 0.78, height * 0.78], [9, 8], 16.0, [118.0, 132.0]);
+        self.checks([width * 0.24, height * 0.42], [3, 3], 24.0, [50.0, 190.0]);
+        self.checks([width * 0.19, height * 0.72], [9, 8], 16.0, [118.0, 132.0]);
         let grain = noise(random, 3.0);
         self.texture(all, grain, 3.0);
     }

@@ -77,9 +77,6 @@ const LUMBAR_ABOVE_HIP_MM: f64 = SHOULDER_ABOVE_HIP_MM - SHOULDER_ABOVE_LUMBAR_M
 /// The hip joint's axis lies this far inside the back's surface.
 const HIP_INSIDE_SKIN_MM: f64 = 100.0;
 
-/// The ankles stand a little behind the hips' plumb line.
-const ANKLE_INSIDE_SKIN_MM: f64 = 70.0;
-
 fn degrees(angles: [f64; 3]) -> [f64; 3] {
     angles.map(f64::to_radians)
 }
@@ -94,11 +91,12 @@ pub fn cam_from_scene(distance_mm: f64) -> Pose<Cam, Scene> {
     Pose::new(turned.rotation, Vector3::new(0.0, 0.0, distance_mm) - aim_mm)
 }
 
-/// The ankles in the scene, mm.
+/// The ankles in the scene, plumb below the hip joints: upright, the back's skin
+/// at the lumbar target is in the scene's plane.
 #[must_use]
 pub fn ankle_mm() -> Vector3<f64> {
     let hip_below_origin_mm = SHOULDER_ABOVE_LUMBAR_MM / 2.0 + LUMBAR_ABOVE_HIP_MM;
-    Vector3::new(0.0, hip_below_origin_mm + super::sway::LEGS_MM, ANKLE_INSIDE_SKIN_MM)
+    Vector3::new(0.0, hip_below_origin_mm + super::sway::LEGS_MM, HIP_INSIDE_SKIN_MM)
 }
 
 /// What is known of one target.

@@ -342,3 +342,122 @@ impl SimulationSettings {
         within("sway.twist_sd_rad", self.sway.twist_sd_rad, 0.0, 0.5)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn still() -> SimulationSettings {
+        let sway = SwaySettings { ap_sd_mm: 0.0, ml_sd_mm: 0.0, twist_sd_rad: 0.0 };
+        SimulationSettings { sway, ..SimulationSettings::default() }
+    }
+
+    #[test]
+    fn a_person_who_stands_still_is_where_the_layout_says() {
+        let truth = Simulation::new(&still()).unwrap().truth(0);
+        let half_mm = layout::SHOULDER_ABOVE_LUMBAR_MM / 2.0;
+        // The lumbar virtual point is 100 mm along an axis tilted by 3 and 5 degrees.
+        let (yaw, pitch) = (3.0_f64.to_radians(), 5.0_f64.to_radians());
+        let lower = truth.targets[0].trunk_point;
+        assert!((lower.ap_mm - 100.0 * yaw.cos() * pitch.cos()).abs() < 1e-9);
+        assert!((lower.ml_mm - 100.0 * yaw.sin() * pitch.cos()).abs() < 1e-9);
+        assert!((lower.si_mm - (-half_mm - 100.0 * pitch.sin())).abs() < 1e-9);
+        let upper = truth.targets[1].trunk_point;
+        let found = [upper.ap_mm, upper.ml_mm, upper.si_mm];
+        for (found, wanted) in found.iter().zip([15.0, -170.0, half_mm]) {
+            assert!((found - wanted).abs() < 1e-9, "{found} {wanted}");
+        }
+    }
+
+    #[test]
+    fn both_prints_stay_in_the_frame_with_every_lens() {
+        for lens in [LensChoice::None, LensChoice::Mild, LensChoice::Wide] {
+            let simulation =
+                Simulation::new(&SimulationSettings { lens, ..SimulationSettings::default() })
+                    .unwrap();
+            let camera = simulation.camera();
+            // Ten minutes, every second.
+            for frame in (0..36_000).step_by(60) {
+                for (target, known) in
+                    simulation.targets().iter().zip(simulation.truth(frame).targets)
+                {
+                    let [left, top, right, bottom] = target.board.paper_mm();
+                    for (x, y) in [(left, top), (right, top), (left, bottom), (right, bottom)] {
+                        let corner_mm = known.cam_from_target.transform(&Vector3::new(x, y, 0.0));
+                        let raw_px = camera.project(&corner_mm).unwrap();
+                        // The detector's largest kernel must fit around the outermost corner.
+                        const BORDER_PX: f64 = 15.0;
+                        assert!((BORDER_PX..1456.0 - BORDER_PX).contains(&raw_px.x), "{raw_px}");
+                        assert!((BORDER_PX..1088.0 - BORDER_PX).contains(&raw_px.y), "{raw_px}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn frames_do_not_depend_on_the_number_of_threads() {
+        let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+        let rendered = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut samples: Vec<u8> = Vec::new();
+            pool.install(|| simulation.render(5, &mut samples));
+            samples
+        };
+        assert!(rendered(1) == rendered(3));
+    }
+
+    #[test]
+    fn an_arm_hides_a_part_of_its_target_and_only_then() {
+        let occlusions = vec!["shoulder:1:2:0.5".parse().unwrap()];
+        let simulation = Simulation::new(&SimulationSettings { occlusions, ..still() }).unwrap();
+        let visible = |frame: u64| {
+            let targets = simulation.truth(frame).targets;
+            [targets[0].visible_corners, targets[1].visible_corners]
+        };
+        assert_eq!(visible(59), [30, 20]);
+        assert_eq!(visible(121), [30, 20]);
+        let [lumbar, shoulder] = visible(90);
+        assert_eq!(lumbar, 30);
+        // Half of the paper's width, with a slanted round tip: two to three columns of five.
+        assert!((8..=12).contains(&shoulder), "{shoulder}");
+        let (mut before, mut during) = (Picture::uniform(0, 0, 0.0), Picture::uniform(0, 0, 0.0));
+        simulation.render_grey(59, &mut before);
+        simulation.render_grey(90, &mut during);
+        let changed = before.grey.iter().zip(&during.grey).filter(|(a, b)| a != b).count();
+        assert!((20_000..400_000).contains(&changed), "{changed}");
+    }
+
+    #[test]
+    fn the_light_grows_to_the_right_by_the_gradient() {
+        let mean = |gradient: f64, columns: std::ops::Range<usize>| {
+            let simulation = Simulation::new(&SimulationSettings { gradient, ..still() }).unwrap();
+            let mut picture = Picture::uniform(0, 0, 0.0);
+            simulation.render_grey(0, &mut picture);
+            let rows = picture.grey.chunks(picture.width);
+            rows.flat_map(|row| row[columns.clone()].iter().map(|grey| f64::from(*grey)))
+                .sum::<f64>()
+        };
+        // Columns 546 and 910 are a quarter of the width apart: +-1/8 of the gradient.
+        let ratio =
+            |columns: std::ops::Range<usize>| mean(0.4, columns.clone()) / mean(0.0, columns);
+        assert!((ratio(545..548) - 0.95).abs() < 1e-3);
+        assert!((ratio(909..912) - 1.05).abs() < 1e-3);
+    }
+
+    #[test]
+    fn impossible_settings_are_named() {
+        let message = |settings: SimulationSettings| {
+            Simulation::new(&settings).map(|_| ()).unwrap_err().to_string()
+        };
+        assert!(
+            message(SimulationSettings { noise_levels: f64::NAN, ..still() }).contains("noise")
+        );
+        assert!(message(SimulationSettings { psf_sigma_px: 0.0, ..still() }).contains("psf"));
+        assert!(
+            message(SimulationSettings { distance_mm: Some(5.0), ..still() }).contains("distance")
+        );
+        let occlusions = vec!["knee:1:2".parse().unwrap()];
+        assert!(message(SimulationSettings { occlusions, ..still() }).contains("knee"));
+    }
+}

@@ -36,7 +36,9 @@ impl FromStr for Occlusion {
             [target, start, end] => ([target, start, end], None),
             [target, start, end, fraction] => ([target, start, end], Some(fraction)),
             _ => {
-                return Err("expected TARGET:START_S:END_S[:FRACTION], as lumbar:1.0:2.5:0.4".into());
+                return Err(
+                    "expected TARGET:START_S:END_S[:FRACTION], as lumbar:1.0:2.5:0.4".into()
+                );
             }
         };
         let number = |name: &str, text: &str| {

@@ -1,0 +1,340 @@
+//! `plumb track`: the box's pipeline over recorded frames.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use plumbline::config::Config;
+use plumbline::image::GreyImage;
+use plumbline::pipeline::Pipeline;
+use plumbline::report::Report;
+use plumbline::target::Role;
+
+use crate::draw;
+use crate::error::BadInput;
+use crate::files::frames::{Frame, FrameSource, Pixels};
+use crate::files::poses::{PoseRow, Writer};
+use crate::files::{camera, scene, targets};
+use crate::setup::{self, Places};
+
+/// Track the targets in recorded frames and write their poses.
+///
+/// Runs the very pipeline of the box over files. INPUT is one or more Y4M
+/// videos, or images (PNG, JPEG, PGM) in the order given, or - for a Y4M on
+/// standard input. The poses come out as CSV, one row per frame and target:
+/// Euler angles (radians) and position (millimetres) in the camera frame, their
+/// standard deviations, the reprojection error, the corners used. Without a pose
+/// the numbers are empty and the column `state` says why. With --scene, ap_mm,
+/// ml_mm, si_mm hold the trunk point that the target carries.
+///
+/// A summary goes to standard error. Exit code 0: done; 2: an input could not be
+/// used (rows written before that stay).
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  plumb track --camera camera.toml --targets targets.toml --out poses.csv trial.y4m
+  plumb track --camera left_intrinsics.yml --targets board.toml --independent photos/*.jpg
+  ffmpeg -i trial.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe - | plumb track --camera camera.toml --targets targets.toml -")]
+pub struct Arguments {
+    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
+    #[arg(long, value_name = "FILE")]
+    camera: PathBuf,
+    /// Targets file: each printed target's name, role, inner corners and pitch.
+    #[arg(long, value_name = "FILE")]
+    targets: PathBuf,
+    /// Scene file: where the scene board stands; gives the anatomical axes.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Search every image afresh, for photographs that do not follow each other.
+    #[arg(long)]
+    independent: bool,
+    /// Frames per second; otherwise from the Y4M header, and 30 for images.
+    #[arg(long, value_name = "RATE")]
+    fps: Option<f64>,
+    /// Use a calibration made at another size: the frames are the same picture resampled.
+    #[arg(long)]
+    scale_camera: bool,
+    /// Print the median and the worst time of the pipeline per frame.
+    #[arg(long)]
+    timing: bool,
+    /// Write the CSV here instead of to standard output.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write each frame as PNG into this directory, with what was found drawn in.
+    #[arg(long, value_name = "DIR")]
+    draw: Option<PathBuf>,
+    /// Y4M videos or images, in order; - is standard input.
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+}
+
+/// A run shorter than this needs no progress bar.
+const PROGRESS_AFTER: Duration = Duration::from_millis(700);
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When an input cannot be used or an output cannot be written; the rows of all
+/// frames before that have been written.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let places = Places {
+        camera: arguments.camera.display().to_string(),
+        targets: arguments.targets.display().to_string(),
+        scene: arguments.scene.as_deref().unwrap_or(Path::new("")).display().to_string(),
+    };
+    let mut camera = camera::read(&arguments.camera)?;
+    let targets = targets::read(&arguments.targets)?;
+    let scene = arguments.scene.as_deref().map(scene::read).transpose()?;
+    for warning in &targets.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let mut source = FrameSource::open(&arguments.inputs, arguments.fps)?;
+    if arguments.scale_camera {
+        camera = camera::scaled(&camera, source.width(), source.height(), &places.camera)?;
+    }
+    camera::check_frame_size(
+        &camera.lens,
+        &places.camera,
+        source.width(),
+        source.height(),
+        source.place(),
+    )?;
+    let config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
+    // Larger than a thread's stack may be, so that it goes to the heap, once.
+    let mut pipeline = Box::new(Pipeline::new());
+    pipeline.configure(&config).map_err(|error| setup::bad_config(&error, &places))?;
+
+    let mut rows = poses_writer(arguments)?;
+    if let Some(directory) = &arguments.draw {
+        std::fs::create_dir_all(directory)
+            .map_err(|error| BadInput::io(directory.display(), &error))?;
+    }
+    let mut summary = Summary::new(&config);
+    let progress = Progress::new(source.count_hint(), arguments.out.is_some());
+    let outcome =
+        track(arguments, &config, &mut source, &mut pipeline, &mut rows, &mut |report, time| {
+            summary.add(report, time);
+            progress.advance();
+        });
+    progress.finish();
+    if let Err(error) = &outcome
+        && error.downcast_ref::<BadInput>().is_some_and(BadInput::is_closed_pipe)
+    {
+        // The reader has seen enough, as `head` does.
+        return Ok(());
+    }
+    summary.print(&source, arguments.timing);
+    outcome
+}
+
+fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInput> {
+    let Some(path) = &arguments.out else {
+        return Ok(Writer::new(Box::new(std::io::stdout()), "standard output"));
+    };
+    let place = path.display().to_string();
+    let existing = path.canonicalize().ok();
+    let read = [&arguments.camera, &arguments.targets].into_iter().chain(&arguments.inputs);
+    if existing.is_some() && read.into_iter().any(|input| input.canonicalize().ok() == existing) {
+        return Err(BadInput::new(
+            "--out",
+            "",
+            format!("{place} is one of the inputs, and would be overwritten"),
+            "give another name for the poses",
+        ));
+    }
+    let file = File::create(path).map_err(|error| BadInput::io(&place, &error))?;
+    Ok(Writer::new(Box::new(file), place))
+}
+
+/// Every frame through the pipeline, its rows to the file, its report and the
+/// time of the step to `seen`.
+fn track(
+    arguments: &Arguments,
+    config: &Config,
+    source: &mut FrameSource,
+    pipeline: &mut Pipeline,
+    rows: &mut Writer<Box<dyn Write>>,
+    seen: &mut dyn FnMut(&Report, Duration),
+) -> anyhow::Result<()> {
+    while let Some(frame) = source.next_frame()? {
+        if arguments.independent {
+            pipeline.forget();
+        }
+        let started = Instant::now();
+        let report = step(pipeline, &frame);
+        seen(&report, started.elapsed());
+        for row in pose_rows(config, frame.index, &report) {
+            rows.write(&row)?;
+        }
+        rows.flush()?;
+        if let Some(directory) = &arguments.draw {
+            let path = directory.join(format!("frame_{:06}.png", frame.index));
+            draw::annotated(&frame, config, &report)
+                .save(&path)
+                .with_context(|| format!("{}: cannot write the drawing", path.display()))?;
+        }
+    }
+    Ok(())
+}
+
+fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
+    let &Frame { width, height, white_level, capture_time_ns, .. } = frame;
+    // The source has checked the size, and gives as many samples as it says.
+    const GOOD: &str = "a frame within the limits";
+    match frame.pixels {
+        Pixels::Grey8(samples) => {
+            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
+            pipeline.step(&image.expect(GOOD), capture_time_ns)
+        }
+        Pixels::Grey16(samples) => {
+            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
+            pipeline.step(&image.expect(GOOD), capture_time_ns)
+        }
+    }
+}
+
+/// The rows of one report, one per target, in the order of the configuration.
+pub fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
+    let time_s = report.capture_time_ns as f64 / 1e9;
+    config.targets.iter().zip(&report.targets).map(move |(target, found)| {
+        let state = found.state.word();
+        let measured = match &found.measurement {
+            Ok(measured) => measured,
+            Err(reason) => {
+                let state = format!("{state}: {}", reason.words());
+                return PoseRow::without_pose(frame, time_s, &target.name, &state);
+            }
+        };
+        let covariance_mm2 = measured.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        let row = PoseRow::without_pose(frame, time_s, &target.name, state)
+            .with_pose(&measured.cam_from_target)
+            .with_quality(&covariance_mm2, measured.rms_px, u32::from(measured.corners));
+        let trunk = match found.role {
+            Role::Upper => report.upper_trunk,
+            Role::Lower => report.lower_trunk,
+            Role::Scene => None,
+        };
+        match trunk {
+            Some(point) => row.with_trunk(&point),
+            None => row,
+        }
+    })
+}
+
+/// Shown on a terminal only, and only when the work takes long.
+struct Progress {
+    bar: ProgressBar,
+    started: Instant,
+}
+
+impl Progress {
+    fn new(frames: Option<u64>, to_file: bool) -> Self {
+        let bar = match frames {
+            Some(frames) => ProgressBar::new(frames)
+                .with_style(style("tracking {wide_bar} {pos}/{len} frames, {eta} left")),
+            None => ProgressBar::no_length()
+                .with_style(style("tracking {spinner} {pos} frames, {per_sec}")),
+        };
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+        let progress = Self { bar, started: Instant::now() };
+        // Rows on the same terminal would tear the bar apart.
+        if !to_file && std::io::stdout().is_terminal() {
+            progress.bar.finish();
+        }
+        progress
+    }
+
+    fn advance(&self) {
+        self.bar.inc(1);
+        if self.bar.is_hidden()
+            && !self.bar.is_finished()
+            && self.started.elapsed() > PROGRESS_AFTER
+        {
+            // Hides itself when standard error is no terminal.
+            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+        }
+    }
+
+    fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("a template that is right")
+}
+
+/// What is told at the end.
+struct Summary {
+    frames: u64,
+    step_times: Vec<Duration>,
+    targets: Vec<TargetSummary>,
+}
+
+struct TargetSummary {
+    name: String,
+    rms_px: Vec<f64>,
+    /// Frames without a pose, by reason.
+    missing: BTreeMap<&'static str, u64>,
+}
+
+impl Summary {
+    fn new(config: &Config) -> Self {
+        let targets = config.targets.iter().map(|target| TargetSummary {
+            name: target.name.to_string(),
+            rms_px: Vec::new(),
+            missing: BTreeMap::new(),
+        });
+        Self { frames: 0, step_times: Vec::new(), targets: targets.collect() }
+    }
+
+    fn add(&mut self, report: &Report, time: Duration) {
+        self.frames += 1;
+        self.step_times.push(time);
+        for (target, found) in self.targets.iter_mut().zip(&report.targets) {
+            match &found.measurement {
+                Ok(measured) => target.rms_px.push(measured.rms_px),
+                Err(reason) => *target.missing.entry(reason.words()).or_default() += 1,
+            }
+        }
+    }
+
+    fn print(mut self, source: &FrameSource, timing: bool) {
+        let frames = self.frames;
+        eprintln!("{frames} frames of {} x {} px", source.width(), source.height());
+        for target in &mut self.targets {
+            let found = target.rms_px.len();
+            let mut line = format!("{}: found in {found} of {frames} frames", target.name);
+            if let Some(rms_px) = median(&mut target.rms_px, f64::total_cmp) {
+                line += &format!(", median reprojection RMS {rms_px:.3} px");
+            }
+            let reasons: Vec<String> =
+                target.missing.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
+            if !reasons.is_empty() {
+                line += &format!("; not found: {}", reasons.join(", "));
+            }
+            eprintln!("{line}");
+            if found == 0 && frames > 0 {
+                eprintln!(
+                    "  never found: columns and rows count INNER corners, where four squares meet; --draw DIR shows the frames as the tracker sees them"
+                );
+            }
+        }
+        let worst = self.step_times.iter().max().copied();
+        if let Some((median, worst)) = median(&mut self.step_times, Ord::cmp).zip(worst)
+            && timing
+        {
+            let ms = |time: Duration| time.as_secs_f64() * 1e3;
+            eprintln!("step: median {:.3} ms, worst {:.3} ms per frame", ms(median), ms(worst));
+        }
+    }
+}
+
+/// The upper median.
+fn median<T: Copy>(values: &mut [T], order: fn(&T, &T) -> std::cmp::Ordering) -> Option<T> {
+    values.sort_unstable_by(order);
+    values.get(values.len() / 2).copied()
+}
