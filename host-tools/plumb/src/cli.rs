@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::simulate::command as simulate;
-use crate::{demo, provision, track};
+use crate::{demo, provision, receive, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -22,6 +22,7 @@ enum Command {
     Demo(demo::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
+    Receive(receive::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -36,6 +37,7 @@ pub fn run() -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Receive(arguments) => receive::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

@@ -12,6 +12,7 @@ pub mod error;
 pub mod files;
 pub mod provision;
 pub mod savitzky_golay;
+pub mod receive;
 pub mod setup;
 pub mod simulate;
 pub mod track;
