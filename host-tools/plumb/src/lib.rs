@@ -6,10 +6,12 @@
 //! progress, and explains what went wrong ([`error`]).
 
 pub mod cli;
+pub mod demo;
 mod draw;
 pub mod error;
 pub mod files;
 pub mod provision;
+pub mod savitzky_golay;
 pub mod receive;
 pub mod setup;
 pub mod simulate;
