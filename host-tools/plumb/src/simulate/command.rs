@@ -102,7 +102,13 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
         let simulation = prepared(&settings)?;
         // Without the standard library's line buffer: a frame is passed on whole, at once.
         let stdout = io::stdout().as_fd().try_clone_to_owned().context("standard output")?;
-        return write_frames(&simulation, arguments.frames, File::from(stdout), |_, _| Ok(()));
+        return write_frames(
+            &simulation,
+            arguments.frames,
+            File::from(stdout),
+            "standard output",
+            |_, _| Ok(()),
+        );
     }
 
     let directory = &arguments.out;
@@ -121,8 +127,9 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
     describe(&simulation, &camera, &targets, &scene)?;
     let mut truth = Writer::create(&truth)?;
     let mut outside = vec![0_u64; simulation.targets().len()];
-    let file = File::create(&frames).map_err(|error| BadInput::io(frames.display(), &error))?;
-    write_frames(&simulation, arguments.frames, file, |frame, samples| {
+    let place = frames.display().to_string();
+    let file = File::create(&frames).map_err(|error| BadInput::io(&place, &error))?;
+    write_frames(&simulation, arguments.frames, file, &place, |frame, samples| {
         for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
             truth.write(row)?;
             *outside += u64::from(row.points == Some(0));
@@ -131,8 +138,7 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
             save_png(&simulation, samples, &png_paths[index])?;
         }
         Ok(())
-    })
-    .with_context(|| frames.display().to_string())?;
+    })?;
     truth.flush()?;
     for (target, outside) in simulation.targets().iter().zip(outside) {
         if outside > 0 {
@@ -218,6 +224,7 @@ fn write_frames(
     simulation: &Simulation,
     frames: u64,
     sink: impl Write + Send,
+    place: &str,
     mut each: impl FnMut(u64, &[u8]) -> anyhow::Result<()> + Send,
 ) -> anyhow::Result<()> {
     let lens = simulation.camera();
@@ -225,7 +232,7 @@ fn write_frames(
     let encoder = y4m::encode(width, height, ratio(simulation.settings().frame_rate_hz))
         .with_colorspace(y4m::Colorspace::Cmono);
     let mut encoder = match encoder.write_header(sink) {
-        Err(error) => return finished_or(error),
+        Err(error) => return finished_or(error, place),
         Ok(encoder) => encoder,
     };
     let progress = ProgressBar::new(frames).with_style(
@@ -247,7 +254,7 @@ fn write_frames(
         );
         if let Err(error) = written {
             progress.abandon();
-            return finished_or(error);
+            return finished_or(error, place);
         }
         std::mem::swap(&mut now, &mut next);
         progress.inc(1);
@@ -257,10 +264,11 @@ fn write_frames(
 }
 
 /// Nothing wrong when the reader of a pipe has had enough.
-fn finished_or(error: y4m::Error) -> anyhow::Result<()> {
+fn finished_or(error: y4m::Error, place: &str) -> anyhow::Result<()> {
     match error {
         y4m::Error::IoError(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        error => Err(anyhow::Error::new(error).context("the video cannot be written")),
+        y4m::Error::IoError(error) => Err(BadInput::io(place, &error).into()),
+        error => Err(anyhow::Error::new(error).context(format!("{place}: cannot be written"))),
     }
 }
 
