@@ -288,3 +288,64 @@ fn save_png(simulation: &Simulation, samples: &[u8], path: &Path) -> anyhow::Res
     image::save_buffer(path, samples, width, height, image::ExtendedColorType::L8)
         .with_context(|| path.display().to_string())
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::files::frames::{FrameSource, Pixels};
+    use crate::files::poses;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: SimulateArguments,
+    }
+
+    fn simulate(directory: &Path, options: &[&str]) -> anyhow::Result<()> {
+        let out = directory.to_str().unwrap();
+        run(&Line::parse_from(["simulate", "--out", out].iter().chain(options)).arguments)
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        simulate(directory.path(), &["--frames", "2", "--fps", "29.97", "--png", "1"]).unwrap();
+        let settings = SimulationSettings { frame_rate_hz: 29.97, ..Default::default() };
+        let simulation = Simulation::new(&settings).unwrap();
+
+        let mut source = FrameSource::open(&[at("frames.y4m")], None).unwrap();
+        assert!((source.rate_hz() - 29.97).abs() < 1e-9);
+        let mut expected: Vec<u8> = Vec::new();
+        for number in 0..2 {
+            simulation.render(number, &mut expected);
+            let frame = source.next_frame().unwrap().unwrap();
+            assert!(matches!(frame.pixels, Pixels::Grey8(found) if found == expected));
+        }
+        assert!(source.next_frame().unwrap().is_none());
+        let png = image::open(at("frame_1.png")).unwrap().into_luma8();
+        assert!(png.into_raw() == expected);
+
+        assert_eq!(camera::read(&at("camera.toml")).unwrap().lens, *simulation.camera());
+        let scene = scene::read(&at("scene.toml")).unwrap().cam_from_scene;
+        assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
+        let read = targets::read(&at("targets.toml")).unwrap();
+        assert!(read.warnings.is_empty());
+        for (read, target) in read.targets.iter().zip(simulation.targets()) {
+            assert_eq!(read.name, target.layout.name);
+            assert_eq!(read.geometry, target.geometry);
+        }
+        let rows = poses::read(&at("truth.csv")).unwrap();
+        assert_eq!(rows.len(), 4);
+        let last = simulation.truth(1).targets[1].cam_from_target;
+        let pose = rows[3].cam_from_target().unwrap();
+        assert!((pose.rotation - last.rotation).norm() < 1e-12);
+        assert_eq!(pose.translation_mm, last.translation_mm);
+
+        let again = simulate(directory.path(), &["--frames", "1"]).unwrap_err().to_string();
+        assert!(again.contains("frames.y4m") && again.contains("--force"), "{again}");
+        simulate(directory.path(), &["--frames", "1", "--force"]).unwrap();
+    }
+}
