@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::simulate::command as simulate;
-use crate::{provision, track};
+use crate::{provision, receive, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -21,6 +21,7 @@ struct Arguments {
 enum Command {
     Track(track::Arguments),
     Provision(provision::Arguments),
+    Receive(receive::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -34,6 +35,7 @@ pub fn run() -> ExitCode {
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Receive(arguments) => receive::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

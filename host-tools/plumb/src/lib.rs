@@ -10,6 +10,7 @@ mod draw;
 pub mod error;
 pub mod files;
 pub mod provision;
+pub mod receive;
 pub mod setup;
 pub mod simulate;
 pub mod track;
