@@ -49,6 +49,9 @@ pub struct Grid {
     /// Index into the slice of corners for each corner of the grid, row by row;
     /// `None` where it was not detected, or did not agree with its neighbours.
     pub corners: Vec<Option<u16>, TARGET_CORNERS_MAX>,
+    /// Whether the square up and left of corner 0 is dark. A grid that looks the same
+    /// after half a turn may be printed either way.
+    pub first_square_dark: bool,
 }
 
 /// Why there is no grid of a wanted shape.
@@ -215,7 +218,7 @@ fn judge(
             None => return Err(GridRejection::OtherDimensions),
         }
     }
-    let numbering = numbering(lattice, corners, bounds, shape)?;
+    let (numbering, first_square_dark) = numbering(lattice, corners, bounds, shape)?;
     if goes_on {
         return Err(GridRejection::GoesOn);
     }
@@ -237,7 +240,7 @@ fn judge(
             return Err(GridRejection::Cut);
         }
     }
-    let mut grid = Grid { shape, corners: Vec::new() };
+    let mut grid = Grid { shape, corners: Vec::new(), first_square_dark };
     for row in 0..i32::from(shape.rows) {
         for column in 0..i32::from(shape.columns) {
             let cell = numbering.cell(column, row);
@@ -280,13 +283,13 @@ impl Numbering {
     }
 }
 
-/// See [`Grid`] for the rule.
+/// The numbering by the rule of [`Grid`], and whether its first square is dark.
 fn numbering(
     lattice: &Lattice,
     corners: &[Corner],
     bounds: Bounds,
     shape: GridShape,
-) -> Result<Numbering, GridRejection> {
+) -> Result<(Numbering, bool), GridRejection> {
     let mut best: Option<(Numbering, bool, f32)> = None;
     // The four right-handed pairs of axes.
     for (x, y) in [([1, 0], [0, 1]), ([0, 1], [-1, 0]), ([-1, 0], [0, -1]), ([0, -1], [1, 0])] {
@@ -311,7 +314,7 @@ fn numbering(
             best = Some((numbering, dark, rightwards));
         }
     }
-    best.map(|(numbering, ..)| numbering).ok_or(GridRejection::OtherDimensions)
+    best.map(|(numbering, dark, _)| (numbering, dark)).ok_or(GridRejection::OtherDimensions)
 }
 
 /// Cosine between the mean direction of lattice steps `step` and the picture's x axis.

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::simulate::command as simulate;
-use crate::{provision, track};
+use crate::{demo, provision, receive, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -19,8 +19,10 @@ struct Arguments {
 /// `run` that takes them.
 #[derive(Subcommand)]
 enum Command {
+    Demo(demo::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
+    Receive(receive::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -32,8 +34,10 @@ const EXIT_BAD_INPUT: u8 = 2;
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
+        Command::Demo(arguments) => demo::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Receive(arguments) => receive::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

@@ -6,10 +6,13 @@
 //! progress, and explains what went wrong ([`error`]).
 
 pub mod cli;
+pub mod demo;
 mod draw;
 pub mod error;
 pub mod files;
 pub mod provision;
+pub mod savitzky_golay;
+pub mod receive;
 pub mod setup;
 pub mod simulate;
 pub mod track;

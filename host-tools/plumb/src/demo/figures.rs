@@ -1,0 +1,295 @@
+//! What was measured against what was true.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use anyhow::{Result, bail};
+use comfy_table::{Cell, CellAlignment, Table, presets};
+use nalgebra::Vector3;
+use plumbline::packet::{AnatomicalPoint, PosePacket};
+use plumbline::target::Role;
+
+use super::Received;
+use crate::savitzky_golay;
+use crate::simulate::Simulation;
+
+/// The paper's filter: second order, half a second.
+const FILTER_S: f64 = 0.5;
+
+/// 95 % of normally distributed errors lie within so many standard deviations.
+const SD_95: f64 = 1.96;
+
+/// The figures of one demo.
+#[derive(Debug)]
+pub struct Figures {
+    frames: u32,
+    packets: usize,
+    repeated: usize,
+    corrupt: usize,
+    latency_median_us: u32,
+    latency_worst_us: u32,
+    allocations: Option<u32>,
+    rate_hz: f64,
+    /// One per target.
+    pub targets: Vec<TargetFigures>,
+    /// Upper and lower trunk point.
+    pub trunk: Vec<TrunkFigures>,
+}
+
+/// One target's pose against the truth.
+#[derive(Debug)]
+pub struct TargetFigures {
+    /// Its name.
+    pub name: &'static str,
+    /// Frames in which it was measured.
+    found: usize,
+    /// Mean error of x, y, z in the camera frame.
+    mean_mm: Vector3<f64>,
+    /// 1.96 standard deviations of the error of x, y, z.
+    pub spread_mm: Vector3<f64>,
+    /// Time and error of the depth.
+    pub depth_error: Vec<(f64, f64)>,
+}
+
+/// One trunk point's way against the truth, AP, ML, SI.
+#[derive(Debug)]
+pub struct TrunkFigures {
+    /// Its name.
+    pub name: &'static str,
+    /// Filtered positions, in stretches without a gap.
+    pub measured_mm: Vec<Vec<Vector3<f64>>>,
+    /// The true positions of the same frames.
+    pub true_mm: Vec<Vec<Vector3<f64>>>,
+    /// Total path length along each axis.
+    path_mm: Vector3<f64>,
+    /// The true one over the same frames.
+    true_path_mm: Vector3<f64>,
+}
+
+impl Figures {
+    /// The figures of what came from the box.
+    pub fn new(simulation: &Simulation, received: &Received, frames: u32) -> Result<Self> {
+        // By number: repeated packets count once.
+        let packets: BTreeMap<u32, &PosePacket> =
+            received.poses.iter().map(|packet| (packet.sequence, packet)).collect();
+        if packets.is_empty() {
+            bail!("the box sent no pose packet");
+        }
+        let mut latencies_us: Vec<u32> = packets.values().map(|packet| packet.latency_us).collect();
+        latencies_us.sort_unstable();
+        let targets = simulation.targets().iter().enumerate();
+        Ok(Self {
+            frames,
+            packets: packets.len(),
+            repeated: received.poses.len() - packets.len(),
+            corrupt: received.corrupt,
+            latency_median_us: latencies_us[latencies_us.len() / 2],
+            latency_worst_us: latencies_us[latencies_us.len() - 1],
+            allocations: received.health.as_ref().and_then(|health| health.heap_allocations),
+            rate_hz: simulation.settings().frame_rate_hz,
+            targets: targets
+                .map(|(index, target)| {
+                    TargetFigures::new(simulation, &packets, index, target.layout.name)
+                })
+                .collect(),
+            trunk: [("upper trunk", Role::Upper), ("lower trunk", Role::Lower)]
+                .into_iter()
+                .map(|(name, role)| TrunkFigures::new(simulation, &packets, name, role))
+                .collect(),
+        })
+    }
+}
+
+impl TargetFigures {
+    fn new(
+        simulation: &Simulation,
+        packets: &BTreeMap<u32, &PosePacket>,
+        index: usize,
+        name: &'static str,
+    ) -> Self {
+        let role = simulation.targets()[index].layout.role;
+        let errors: Vec<(f64, Vector3<f64>)> = packets
+            .values()
+            .filter_map(|packet| {
+                let target = packet.targets.iter().find(|target| target.role == role)?;
+                let measured_mm = Vector3::from(target.pose.ok()?.translation_mm).cast::<f64>();
+                let truth = simulation.truth(u64::from(packet.sequence));
+                let true_mm = truth.targets[index].cam_from_target.translation_mm;
+                Some((truth.time_s, measured_mm - true_mm))
+            })
+            .collect();
+        let count = errors.len().max(1) as f64;
+        let mean_mm = errors.iter().map(|(_, error)| error).sum::<Vector3<f64>>() / count;
+        let squares: Vector3<f64> =
+            errors.iter().map(|(_, error)| (error - mean_mm).map(|value| value * value)).sum();
+        let spread_mm = squares.map(|square| SD_95 * (square / (count - 1.0).max(1.0)).sqrt());
+        Self {
+            name,
+            found: errors.len(),
+            mean_mm,
+            spread_mm,
+            depth_error: errors.iter().map(|(time_s, error)| (*time_s, error.z)).collect(),
+        }
+    }
+}
+
+impl TrunkFigures {
+    fn new(
+        simulation: &Simulation,
+        packets: &BTreeMap<u32, &PosePacket>,
+        name: &'static str,
+        role: Role,
+    ) -> Self {
+        let window = savitzky_golay::window(FILTER_S, simulation.settings().frame_rate_hz);
+        let index = simulation.targets().iter().position(|target| target.layout.role == role);
+        let mut figures = Self {
+            name,
+            measured_mm: Vec::new(),
+            true_mm: Vec::new(),
+            path_mm: Vector3::zeros(),
+            true_path_mm: Vector3::zeros(),
+        };
+        for stretch in stretches(packets, role) {
+            let Some(measured_mm) = filtered(&stretch, window) else { continue };
+            let true_mm: Vec<Vector3<f64>> = stretch
+                .iter()
+                .filter_map(|(frame, _)| {
+                    let truth = simulation.truth(u64::from(*frame));
+                    Some(truth.targets[index?].anatomical_mm.into())
+                })
+                .collect();
+            figures.path_mm += path(&measured_mm);
+            figures.true_path_mm += path(&true_mm);
+            figures.measured_mm.push(measured_mm);
+            figures.true_mm.push(true_mm);
+        }
+        figures
+    }
+}
+
+/// A trunk point in consecutive frames: their numbers, and AP, ML, SI.
+type Stretch = Vec<(u32, Vector3<f64>)>;
+
+fn stretches(packets: &BTreeMap<u32, &PosePacket>, role: Role) -> Vec<Stretch> {
+    let mut stretches: Vec<Stretch> = Vec::new();
+    for (&frame, packet) in packets {
+        let point = if role == Role::Upper { packet.upper_trunk } else { packet.lower_trunk };
+        let Some(AnatomicalPoint { ap_mm, ml_mm, si_mm }) = point else { continue };
+        let point_mm = Vector3::new(ap_mm, ml_mm, si_mm).cast::<f64>();
+        match stretches.last_mut() {
+            Some(stretch) if stretch.last().is_some_and(|(last, _)| last + 1 == frame) => {
+                stretch.push((frame, point_mm));
+            }
+            _ => stretches.push(vec![(frame, point_mm)]),
+        }
+    }
+    stretches
+}
+
+/// Each axis filtered; `None` when the stretch is shorter than the filter.
+fn filtered(stretch: &Stretch, window: usize) -> Option<Vec<Vector3<f64>>> {
+    let axis = |axis: usize| {
+        let samples: Vec<f64> = stretch.iter().map(|(_, point)| point[axis]).collect();
+        savitzky_golay::smooth(&samples, window)
+    };
+    let (ap, ml, si) = (axis(0)?, axis(1)?, axis(2)?);
+    Some((0..stretch.len()).map(|i| Vector3::new(ap[i], ml[i], si[i])).collect())
+}
+
+/// The sum of the steps along each axis.
+fn path(points_mm: &[Vector3<f64>]) -> Vector3<f64> {
+    points_mm.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum()
+}
+
+impl fmt::Display for Figures {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let frames = self.frames as usize;
+        writeln!(
+            formatter,
+            "Frames {frames}, {:.1} s at {} Hz. Packets lost {}, repeated {}, corrupt {}.",
+            f64::from(self.frames) / self.rate_hz,
+            self.rate_hz,
+            frames.saturating_sub(self.packets),
+            self.repeated,
+            self.corrupt
+        )?;
+        write!(
+            formatter,
+            "Time per frame on the box: median {:.2} ms, worst {:.2} ms",
+            f64::from(self.latency_median_us) / 1e3,
+            f64::from(self.latency_worst_us) / 1e3
+        )?;
+        match self.allocations {
+            Some(count) => {
+                writeln!(formatter, "; heap allocations after the first frame: {count}.\n")?;
+            }
+            None => writeln!(formatter, ".\n")?,
+        }
+        writeln!(formatter, "{}\n\n{}", self.pose_table(), self.path_table())?;
+        write!(
+            formatter,
+            "Spread: 1.96 standard deviations of single, unfiltered frames against the truth.\n\
+             Path: total path length after the paper's filter (Savitzky-Golay, second order, \
+             {FILTER_S} s)."
+        )
+    }
+}
+
+impl Figures {
+    fn pose_table(&self) -> Table {
+        let header = ["target", "found in", "", "x (mm)", "y (mm)", "z, depth (mm)"];
+        let mut table = table(&header);
+        for target in &self.targets {
+            let found = format!("{} of {}", target.found, self.frames);
+            let measured = target.found > 0;
+            for (what, values) in [("spread +-", target.spread_mm), ("mean error", target.mean_mm)] {
+                let first = what == "spread +-";
+                let mut row = vec![
+                    Cell::new(if first { target.name } else { "" }),
+                    right(if first { found.clone() } else { String::new() }),
+                    Cell::new(what),
+                ];
+                row.extend(values.iter().map(|value| {
+                    right(if measured { format!("{value:.4}") } else { "none".into() })
+                }));
+                table.add_row(row);
+            }
+        }
+        table
+    }
+
+    fn path_table(&self) -> Table {
+        let mut table = table(&["path length", "", "AP (mm)", "ML (mm)", "SI (mm)"]);
+        for trunk in &self.trunk {
+            let measured = !trunk.measured_mm.is_empty();
+            let relative = trunk.path_mm.component_div(&trunk.true_path_mm);
+            let rows = [
+                (trunk.name, "measured", trunk.path_mm.map(|mm| format!("{mm:.2}"))),
+                ("", "true", trunk.true_path_mm.map(|mm| format!("{mm:.2}"))),
+                ("", "difference", relative.map(|ratio| format!("{:+.2} %", 100.0 * (ratio - 1.0)))),
+            ];
+            for (name, what, values) in rows {
+                let mut row = vec![Cell::new(name), Cell::new(what)];
+                row.extend(
+                    values.iter().map(|value| right(if measured { value } else { "none" })),
+                );
+                table.add_row(row);
+            }
+        }
+        table
+    }
+}
+
+fn table(header: &[&str]) -> Table {
+    let mut table = Table::new();
+    table.load_preset(presets::UTF8_HORIZONTAL_ONLY);
+    table.set_header(header.iter().enumerate().map(|(index, text)| {
+        let numbers = text.contains("(mm)") || *text == "found in";
+        if numbers && index > 0 { right(*text) } else { Cell::new(text) }
+    }));
+    table
+}
+
+fn right(text: impl Into<String>) -> Cell {
+    Cell::new(text.into()).set_alignment(CellAlignment::Right)
+}

@@ -1,0 +1,216 @@
+//! The CSV of a reception: `poses.csv` as every part of Plumbline writes it,
+//! and one more column, `session`.
+//!
+//! `frame` is the box's sequence number and `time_s` the capture time since the
+//! first packet. When the box starts anew both begin at another point: then
+//! `session` is one higher, and `time_s` goes on from where the host's clock
+//! says that the new session began. Within a session times are the box's, exact
+//! to the nanosecond; between sessions they are only as good as the arrival of
+//! the packets.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use plumbline::packet::{AnatomicalPoint, Hello, PosePacket, TargetPacket};
+use plumbline::target::Role;
+use serde::Serialize;
+
+use crate::error::BadInput;
+use crate::files::poses::{self, PoseRow};
+
+/// The word for a role, where a target's name is not known.
+#[must_use]
+pub fn role_word(role: Role) -> &'static str {
+    match role {
+        Role::Upper => "upper",
+        Role::Lower => "lower",
+        Role::Scene => "scene",
+    }
+}
+
+/// The names of the targets, as far as the box has told them.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Names(Vec<(Role, String)>);
+
+impl Names {
+    /// The names in a Hello.
+    #[must_use]
+    pub fn of(hello: &Hello) -> Self {
+        Self(hello.targets.iter().map(|target| (target.role, target.name.to_string())).collect())
+    }
+
+    /// The target's name, or the word for its role.
+    #[must_use]
+    pub fn name(&self, role: Role) -> &str {
+        let named = self.0.iter().find(|(named, _)| *named == role);
+        named.map_or_else(|| role_word(role), |(_, name)| name)
+    }
+}
+
+/// Opens the file for the CSV. An old one is kept unless `force`.
+///
+/// # Errors
+/// When it exists, or the operating system refuses.
+pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
+    let mut options = OpenOptions::new();
+    options.write(true);
+    if force {
+        options.create(true).truncate(true)
+    } else {
+        options.create_new(true)
+    };
+    options.open(path).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => BadInput::whole(
+            path.display(),
+            "the file exists already, and may hold a recording",
+            "give another --out, or --force to replace it",
+        ),
+        std::io::ErrorKind::NotFound => BadInput::whole(
+            path.display(),
+            "there is no such directory",
+            "make the directory first, or give another --out",
+        ),
+        _ => BadInput::io(path.display(), &error),
+    })
+}
+
+/// One clock for all sessions.
+#[derive(Debug, Default)]
+struct Clock {
+    /// When the first packet of all came.
+    first_arrival: Option<Instant>,
+    /// Capture time and `time_s` of the first packet of the current session.
+    session_start: Option<(u64, f64)>,
+}
+
+impl Clock {
+    fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
+        let first = *self.first_arrival.get_or_insert(arrival);
+        let since_s = arrival.saturating_duration_since(first).as_secs_f64();
+        self.session_start = Some((capture_time_ns, since_s));
+    }
+
+    fn time_s(&self, capture_time_ns: u64) -> f64 {
+        let (start_ns, start_s) = self.session_start.unwrap_or((capture_time_ns, 0.0));
+        // A packet that was overtaken can be older than the session's first.
+        let since_ns = i128::from(capture_time_ns) - i128::from(start_ns);
+        start_s + since_ns as f64 / 1e9
+    }
+}
+
+/// Writes the rows of each packet and passes them on at once.
+pub struct Recorder<W: Write> {
+    rows: csv::Writer<W>,
+    place: String,
+    clock: Clock,
+    session: u32,
+}
+
+impl<W: Write> Recorder<W> {
+    /// A recorder into a sink that `place` names in errors; the header is
+    /// written at once.
+    ///
+    /// # Errors
+    /// When the sink refuses.
+    pub fn new(sink: W, place: impl Into<String>) -> Result<Self, BadInput> {
+        let mut recorder = Self {
+            rows: csv::WriterBuilder::new().has_headers(false).from_writer(sink),
+            place: place.into(),
+            clock: Clock::default(),
+            session: 0,
+        };
+        let columns = columns();
+        recorder.put(&columns)?;
+        recorder.flush()?;
+        Ok(recorder)
+    }
+
+    /// The next packet is the first one of a session.
+    pub fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
+        self.session += 1;
+        self.clock.start_session(capture_time_ns, arrival);
+    }
+
+    /// Writes one row per target.
+    ///
+    /// # Errors
+    /// When the sink refuses; what was written before stays.
+    pub fn write(&mut self, packet: &PosePacket, names: &Names) -> Result<(), BadInput> {
+        let time_s = self.clock.time_s(packet.capture_time_ns);
+        for target in &packet.targets {
+            let mut row = row(packet.sequence, time_s, target, names);
+            let trunk = match target.role {
+                Role::Upper => packet.upper_trunk,
+                Role::Lower => packet.lower_trunk,
+                Role::Scene => None,
+            };
+            if let Some(AnatomicalPoint { ap_mm, ml_mm, si_mm }) = trunk {
+                row.ap_mm = Some(shortest(ap_mm));
+                row.ml_mm = Some(shortest(ml_mm));
+                row.si_mm = Some(shortest(si_mm));
+            }
+            self.put(&(row, self.session))?;
+        }
+        self.flush()
+    }
+
+    fn put(&mut self, record: &impl Serialize) -> Result<(), BadInput> {
+        self.rows.serialize(record).map_err(|error| match error.into_kind() {
+            csv::ErrorKind::Io(error) => BadInput::io(&self.place, &error),
+            other => {
+                BadInput::whole(&self.place, format!("{other:?}"), "this row cannot be written")
+            }
+        })
+    }
+
+    /// To the operating system, so that no end of this program loses it.
+    fn flush(&mut self) -> Result<(), BadInput> {
+        self.rows.flush().map_err(|error| BadInput::io(&self.place, &error))
+    }
+}
+
+/// The columns of `poses.csv`, as its writer has them, and `session`.
+fn columns() -> Vec<String> {
+    let mut header = Vec::new();
+    let mut writer = poses::Writer::new(&mut header, "header");
+    // Neither can fail: a vector takes every byte.
+    let _ = writer.write(&PoseRow::default());
+    let _ = writer.flush();
+    drop(writer);
+    let header = String::from_utf8_lossy(&header);
+    let first_line = header.lines().next().unwrap_or_default();
+    first_line.split(',').chain(["session"]).map(str::to_owned).collect()
+}
+
+/// What the state column says of a target.
+#[must_use]
+pub fn state_words(target: &TargetPacket) -> String {
+    match target.pose {
+        Ok(_) => target.state.word().to_owned(),
+        Err(reason) => format!("{}: {}", target.state.word(), reason.words()),
+    }
+}
+
+fn row(sequence: u32, time_s: f64, target: &TargetPacket, names: &Names) -> PoseRow {
+    let name = names.name(target.role);
+    let mut row = PoseRow::without_pose(u64::from(sequence), time_s, name, &state_words(target));
+    if let Ok(pose) = &target.pose {
+        let [theta1, theta2, theta3] = pose.theta_rad.map(|value| Some(shortest(value)));
+        let [x, y, z] = pose.translation_mm.map(|value| Some(shortest(value)));
+        let [sd_x, sd_y, sd_z] = pose.sd_mm.map(|value| Some(shortest(value)));
+        (row.theta1_rad, row.theta2_rad, row.theta3_rad) = (theta1, theta2, theta3);
+        (row.x_mm, row.y_mm, row.z_mm) = (x, y, z);
+        (row.sd_x_mm, row.sd_y_mm, row.sd_z_mm) = (sd_x, sd_y, sd_z);
+        row.rms_px = Some(shortest(pose.rms_px));
+        row.points = Some(u32::from(pose.corners));
+    }
+    row
+}
+
+/// The f64 with the fewest digits that is this f32: the file then shows the
+/// digits that were sent, 0.0312 and not 0.031199999153614044.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}

@@ -1,0 +1,411 @@
+use std::collections::VecDeque;
+use std::io::{Read, Write};
+use std::sync::{Mutex, mpsc};
+use std::thread;
+
+use plumbline::packet::{
+    AnatomicalPoint, FRAME_BYTES_MAX, Hello, MarkedInstant, MeasuredPose, Message, NoPoseReason,
+    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket, TargetState,
+    encode_datagram, encode_frame,
+};
+use plumbline::target::Role;
+
+use super::*;
+use crate::files::poses;
+
+const HEADER: &str = "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,\
+    sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm,session";
+
+const FRAME_NS: u64 = 20_000_000;
+
+fn pose(sequence: u32) -> Message {
+    let measured = MeasuredPose {
+        theta_rad: [0.1, -0.2, 0.3],
+        translation_mm: [12.5, -80.25, 1000.06],
+        sd_mm: [0.0012, 0.0013, 0.025],
+        rms_px: 0.0312,
+        corners: 18,
+    };
+    let target = |role, state, pose| TargetPacket { role, state, pose };
+    Message::Pose(PosePacket {
+        sequence,
+        capture_time_ns: 5_000_000_000 + u64::from(sequence) * FRAME_NS,
+        instant: MarkedInstant::Recording,
+        latency_us: 4100,
+        targets: [
+            target(Role::Upper, TargetState::Tracking, Ok(measured)),
+            target(Role::Lower, TargetState::Coasting, Err(NoPoseReason::TooFewCorners)),
+        ]
+        .into_iter()
+        .collect(),
+        upper_trunk: Some(AnatomicalPoint { ap_mm: 1.5, ml_mm: -2.5, si_mm: 1400.0 }),
+        lower_trunk: None,
+    })
+}
+
+fn hello(boot_count: u32) -> Message {
+    let info =
+        |name: &str, role, corners| TargetInfo { name: name.try_into().unwrap(), role, corners };
+    Message::Hello(Hello {
+        device: "ward 3".try_into().unwrap(),
+        serial_number: "PL-0001".try_into().unwrap(),
+        firmware: "0.1.0".try_into().unwrap(),
+        config_crc: 7,
+        boot_count,
+        reset_reason: ResetReason::Watchdog,
+        width_px: 1456,
+        height_px: 1088,
+        targets: [info("shoulder", Role::Upper, 20), info("lumbar", Role::Lower, 30)]
+            .into_iter()
+            .collect(),
+    })
+}
+
+fn datagram(message: &Message) -> Vec<u8> {
+    encode_datagram(message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec()
+}
+
+fn frame(message: &Message) -> Vec<u8> {
+    encode_frame(message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
+}
+
+/// A recording into memory that can be read while it is written, as a file can.
+#[derive(Clone, Default)]
+struct Shared(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Shared {
+    fn text(&self) -> String {
+        String::from_utf8(self.0.lock().unwrap().clone()).unwrap()
+    }
+}
+
+fn receiver() -> (Receiver<Shared>, Shared) {
+    let shared = Shared::default();
+    let recorder = Recorder::new(shared.clone(), "poses.csv").unwrap();
+    (Receiver::new(Some(recorder)), shared)
+}
+
+fn until_frames(frames: u64) -> Limits {
+    // The time only ends a test that would hang.
+    Limits { frames: Some(frames), duration: Some(Duration::from_secs(10)) }
+}
+
+/// Frame, target and session of every row.
+fn rows(csv: &str) -> Vec<(u32, String, u32)> {
+    csv::Reader::from_reader(csv.as_bytes())
+        .records()
+        .map(|record| {
+            let record = record.unwrap();
+            let number = |column: usize| record[column].parse().unwrap();
+            (number(0), record[2].to_owned(), number(18))
+        })
+        .collect()
+}
+
+#[test]
+fn datagrams_become_rows_and_every_fault_is_counted() {
+    let mut udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let to = udp.local_address().unwrap();
+    let sender = thread::spawn(move || {
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        let send = |bytes: &[u8]| socket.send_to(bytes, to).unwrap();
+        send(&datagram(&hello(1)));
+        // 3 is lost, 5 and 6 change places, 6 comes twice.
+        for sequence in [0, 1, 2, 4, 6, 5, 6] {
+            send(&datagram(&pose(sequence)));
+        }
+        let mut corrupt = datagram(&pose(7));
+        corrupt[20] ^= 1;
+        send(&corrupt);
+        send(b"hello?");
+        send(&datagram(&pose(8)));
+    });
+    let (mut receiver, csv) = receiver();
+    let stop = AtomicBool::new(false);
+    receive(&mut udp, &mut receiver, until_frames(7), &stop, |_| ()).unwrap();
+    sender.join().unwrap();
+
+    let counts = receiver.counts();
+    assert_eq!((counts.received, counts.lost), (7, 2));
+    assert_eq!((counts.repeated, counts.reordered, counts.sessions), (1, 1, 1));
+    assert_eq!(receiver.bad().corrupt, 2);
+    let csv = csv.text();
+    let lines: Vec<_> = csv.lines().collect();
+    assert_eq!(lines[0], HEADER);
+    assert_eq!(
+        lines[3],
+        "1,0.02,shoulder,tracking,0.1,-0.2,0.3,12.5,-80.25,1000.06,\
+         0.0012,0.0013,0.025,0.0312,18,1.5,-2.5,1400.0,1"
+    );
+    assert_eq!(lines[4], "1,0.02,lumbar,coasting: too few corners,,,,,,,,,,,,,,,1");
+    assert_eq!(lines.len(), 1 + 2 * 7);
+    // Every reader of poses.csv reads it.
+    let rows = poses::parse(csv.as_bytes(), "poses.csv").unwrap();
+    assert_eq!((rows[0].frame, rows[13].frame, rows[0].z_mm), (0, 8, Some(1000.06)));
+    assert_eq!(receiver.shares()["shoulder"].poses, 7);
+    assert_eq!(receiver.shares()["lumbar"].poses, 0);
+    let summary = screen::summary(&receiver);
+    assert!(summary.contains("2 (22.22 %)"), "{summary}");
+}
+
+#[test]
+fn names_are_asked_for_and_rows_wait_for_them() {
+    let mut udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let to = udp.local_address().unwrap();
+    let sender = thread::spawn(move || {
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        socket.send_to(&datagram(&pose(0)), to).unwrap();
+        let mut buffer = [0; 300];
+        let length = socket.recv(&mut buffer).unwrap();
+        let asked = plumbline::packet::decode_datagram(&buffer[..length]).unwrap();
+        assert!(
+            matches!(
+                asked,
+                Message::Command(plumbline::packet::Command {
+                    action: plumbline::packet::Action::SendHello,
+                    ..
+                })
+            ),
+            "{asked:?}"
+        );
+        socket.send_to(&datagram(&hello(1)), to).unwrap();
+        socket.send_to(&datagram(&pose(1)), to).unwrap();
+    });
+    let (mut receiver, csv) = receiver();
+    receive(&mut udp, &mut receiver, until_frames(2), &AtomicBool::new(false), |_| ()).unwrap();
+    sender.join().unwrap();
+    let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
+    assert_eq!(targets, ["shoulder", "lumbar", "shoulder", "lumbar"]);
+}
+
+#[test]
+fn rows_wait_less_than_a_second_and_then_bear_the_role() {
+    let (mut receiver, csv) = receiver();
+    let start = Instant::now();
+    receiver.handle(transport::Event::Message(pose(0)), start).unwrap();
+    receiver.tick(start + Duration::from_millis(800)).unwrap();
+    assert_eq!(rows(&csv.text()), []);
+    receiver.tick(start + Duration::from_millis(1000)).unwrap();
+    // A Hello that comes now does not change a name within the session.
+    receiver.handle(transport::Event::Message(hello(1)), start).unwrap();
+    receiver.handle(transport::Event::Message(pose(1)), start).unwrap();
+    let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
+    assert_eq!(targets, ["upper", "lower", "upper", "lower"]);
+}
+
+#[test]
+fn a_restart_begins_a_session_and_times_go_on() {
+    let (mut receiver, csv) = receiver();
+    let start = Instant::now();
+    let mut at = |seconds: f64, message: Message| {
+        let now = start + Duration::from_secs_f64(seconds);
+        receiver.handle(transport::Event::Message(message), now).unwrap();
+        receiver.tick(now).unwrap();
+    };
+    at(0.0, hello(1));
+    at(0.0, pose(100));
+    at(0.02, pose(101));
+    // The box starts anew, with the same capture times.
+    at(9.9, hello(2));
+    at(10.0, pose(0));
+    at(10.02, pose(1));
+    // And once more, its Hello lost.
+    at(20.0, pose(0));
+    at(20.02, pose(0));
+    assert_eq!(receiver.counts().sessions, 2, "an equal packet is a repeat");
+    receiver.finish().unwrap();
+    let rows: Vec<_> = poses::parse(csv.text().as_bytes(), "poses.csv").unwrap();
+    let times: Vec<_> = rows.iter().step_by(2).map(|row| (row.frame, row.time_s)).collect();
+    assert_eq!(times, [(100, 0.0), (101, 0.02), (0, 10.0), (1, 10.02)]);
+    let sessions: Vec<_> = self::rows(&csv.text()).iter().step_by(2).map(|row| row.2).collect();
+    assert_eq!(sessions, [1, 1, 2, 2]);
+}
+
+#[test]
+fn a_second_box_is_not_mixed_in() {
+    let mut udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
+    let port = udp.local_address().unwrap().port();
+    // Linux has all of 127/8: two senders with two addresses.
+    let send = |from: &str, message: &Message| {
+        let socket = std::net::UdpSocket::bind((from, 0)).unwrap();
+        socket.send_to(&datagram(message), ("127.0.0.1", port)).unwrap();
+    };
+    send("127.0.0.1", &hello(1));
+    send("127.0.0.1", &pose(0));
+    send("127.0.0.2", &pose(500));
+    send("127.0.0.1", &pose(1));
+    let (mut receiver, csv) = receiver();
+    receive(&mut udp, &mut receiver, until_frames(2), &AtomicBool::new(false), |_| ()).unwrap();
+    assert_eq!(receiver.bad().other_sender, 1);
+    assert_eq!(rows(&csv.text()).len(), 4);
+}
+
+#[cfg(unix)]
+#[test]
+fn frames_come_through_a_serial_line() {
+    use serialport::SerialPort;
+    let (mut boxside, host) = serialport::TTYPort::pair().unwrap();
+    let path = host.name().unwrap();
+    // The pair's own end would be a second reader.
+    drop(host);
+    let mut serial = Serial::open(&path, 115_200).unwrap();
+    let sender = thread::spawn(move || {
+        let whole = frame(&pose(0));
+        boxside.write_all(&whole[50..]).unwrap();
+        boxside.write_all(&frame(&hello(1))).unwrap();
+        for sequence in 1..50 {
+            let mut bytes = frame(&pose(sequence));
+            if sequence == 20 {
+                bytes[40] ^= 4;
+            }
+            boxside.write_all(&bytes).unwrap();
+        }
+        boxside
+    });
+    let (mut receiver, csv) = receiver();
+    receive(&mut serial, &mut receiver, until_frames(48), &AtomicBool::new(false), |_| ()).unwrap();
+    drop(sender.join().unwrap());
+    assert_eq!(receiver.counts().lost, 1);
+    let bad = receiver.bad();
+    assert_eq!((bad.fragments, bad.corrupt), (1, 1));
+    assert_eq!(rows(&csv.text()).len(), 96);
+}
+
+/// A line whose reads are given in advance.
+struct Script(VecDeque<std::io::Result<Vec<u8>>>);
+
+impl Read for Script {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let bytes = self.0.pop_front().unwrap_or(Err(std::io::ErrorKind::TimedOut.into()))?;
+        buffer[..bytes.len()].copy_from_slice(&bytes);
+        Ok(bytes.len())
+    }
+}
+
+impl Write for Script {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_line_that_vanishes_is_waited_for() {
+    let gone = || Err(std::io::Error::other("unplugged"));
+    let half = frame(&pose(1))[..60].to_vec();
+    let openings: VecDeque<std::io::Result<Vec<_>>> = [
+        Ok(vec![Ok(frame(&hello(1))), Ok(frame(&pose(0))), Ok(half), gone()]),
+        Err(std::io::Error::other("unplugged")),
+        Ok(vec![Ok(frame(&pose(2))), Ok(frame(&pose(3)))]),
+    ]
+    .into();
+    let openings = Mutex::new(openings);
+    let (opened, seen) = mpsc::channel();
+    let opener: transport::Opener = Box::new(move || {
+        opened.send(Instant::now()).unwrap();
+        let script = openings.lock().unwrap().pop_front().unwrap()?;
+        Ok(Box::new(Script(script.into())) as Box<dyn transport::Line>)
+    });
+    let mut serial = Serial::new(opener).unwrap();
+    let (mut receiver, csv) = receiver();
+    receive(&mut serial, &mut receiver, until_frames(3), &AtomicBool::new(false), |_| ()).unwrap();
+    assert_eq!(receiver.line_losses(), 1);
+    assert_eq!((receiver.counts().received, receiver.counts().lost), (3, 1));
+    // The half frame was forgotten with its line.
+    assert_eq!(receiver.bad(), receiver::BadPackets::default());
+    assert_eq!(rows(&csv.text()).len(), 6);
+    let times: Vec<_> = seen.try_iter().collect();
+    let waits: Vec<_> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert!(waits[0] >= Duration::from_millis(250) && waits[1] >= Duration::from_millis(500));
+}
+
+#[test]
+fn other_programs_packets_are_counted_apart() {
+    use plumbline::packet::{PROTOCOL_VERSION, PacketError};
+    let (mut receiver, _) = receiver();
+    let version = PROTOCOL_VERSION + 1;
+    for error in [
+        PacketError::OtherVersion { version },
+        PacketError::OtherVersion { version },
+        PacketError::OtherSchema { hash: 1 },
+        PacketError::Body,
+        PacketError::Checksum,
+        PacketError::Cobs,
+        PacketError::Oversize,
+        PacketError::Short,
+        PacketError::Fragment,
+    ] {
+        receiver.handle(transport::Event::Bad(error), Instant::now()).unwrap();
+    }
+    let wanted = receiver::BadPackets {
+        corrupt: 4,
+        fragments: 1,
+        other_version: 2,
+        other_schema: 1,
+        malformed: 1,
+        other_sender: 0,
+    };
+    assert_eq!(receiver.bad(), wanted);
+    let notices = receiver.take_notices();
+    assert_eq!(notices.len(), 3, "once for each kind: {notices:?}");
+}
+
+#[test]
+fn an_old_recording_is_kept_unless_forced() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("poses.csv");
+    std::fs::write(&path, "precious").unwrap();
+    let error = recorder::create(&path, false).unwrap_err();
+    assert!(error.to_string().contains("--force"), "{error}");
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
+    recorder::create(&path, true).unwrap();
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
+    let error = recorder::create(&directory.path().join("no/poses.csv"), false).unwrap_err();
+    assert!(error.found.contains("no such directory"), "{error}");
+}
+
+#[test]
+fn places_that_cannot_be_listened_at_are_explained() {
+    let first = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let error = Udp::bind(first.local_address().unwrap()).err().unwrap();
+    assert!(error.to_string().contains("another program listens there"), "{error}");
+    let error = Udp::bind("192.0.2.1:4210".parse().unwrap()).err().unwrap();
+    assert!(error.to_string().contains("--udp 0.0.0.0:4210"), "{error}");
+    let error = Serial::open("/dev/no-such-device", 115_200).err().unwrap();
+    assert!(error.to_string().contains("there is no such device"), "{error}");
+    let error = Serial::open("/dev/null", 115_200).err().unwrap();
+    assert!(!error.found.is_empty() && error.place == "/dev/null", "{error}");
+}
+
+/// A disk that fills up.
+struct Full;
+
+impl Write for Full {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if bytes.starts_with(b"frame") { Ok(bytes.len()) } else { Err(self.flush().unwrap_err()) }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Err(std::io::ErrorKind::StorageFull.into())
+    }
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_with_a_reason() {
+    let error = Recorder::new(Full, "poses.csv").err().unwrap();
+    assert_eq!(error.remedy, "make room on the disk");
+}
