@@ -24,8 +24,8 @@ const SD_95: f64 = 1.96;
 pub struct Figures {
     frames: u32,
     packets: usize,
-    repeated: usize,
-    corrupt: usize,
+    repeated: u64,
+    corrupt: u64,
     latency_median_us: u32,
     latency_worst_us: u32,
     allocations: Option<u32>,
@@ -81,11 +81,11 @@ impl Figures {
         Ok(Self {
             frames,
             packets: packets.len(),
-            repeated: received.poses.len() - packets.len(),
+            repeated: received.repeated,
             corrupt: received.corrupt,
             latency_median_us: latencies_us[latencies_us.len() / 2],
             latency_worst_us: latencies_us[latencies_us.len() - 1],
-            allocations: received.health.as_ref().and_then(|health| health.heap_allocations),
+            allocations: received.heap_allocations,
             rate_hz: simulation.settings().frame_rate_hz,
             targets: targets
                 .map(|(index, target)| {
@@ -155,7 +155,8 @@ impl TrunkFigures {
                 .iter()
                 .filter_map(|(frame, _)| {
                     let truth = simulation.truth(u64::from(*frame));
-                    Some(truth.targets[index?].anatomical_mm.into())
+                    let point = truth.targets[index?].trunk_point;
+                    Some(Vector3::new(point.ap_mm, point.ml_mm, point.si_mm))
                 })
                 .collect();
             figures.path_mm += path(&measured_mm);
@@ -282,7 +283,7 @@ impl Figures {
 
 fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
-    table.load_preset(presets::UTF8_HORIZONTAL_ONLY);
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
     table.set_header(header.iter().enumerate().map(|(index, text)| {
         let numbers = text.contains("(mm)") || *text == "found in";
         if numbers && index > 0 { right(*text) } else { Cell::new(text) }

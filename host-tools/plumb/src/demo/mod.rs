@@ -9,21 +9,30 @@ mod person;
 mod plot;
 mod the_box;
 
-use std::net::UdpSocket;
+use std::fs::File;
+use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use indicatif::{ProgressBar, ProgressStyle};
+use nalgebra::Matrix6;
 use plumbline::config::{BLOB_BYTES_MAX, Config, Links, TargetConfig};
-use plumbline::packet::{
-    CameraState, Health, Message, PACKET_BYTES_MAX, PosePacket, decode_datagram,
-};
+use plumbline::measure::Measurement;
+use plumbline::packet::{CameraState, Message, PosePacket};
+use plumbline::pose::Pose;
+use plumbline::report::{Report, TargetReport};
 
 use self::figures::Figures;
 use self::the_box::TheBox;
+use crate::draw::annotated;
 use crate::error::BadInput;
-use crate::files::poses::{PoseRow, Writer};
+use crate::files::frames::{Frame, Pixels};
+use crate::files::poses::Writer;
+use crate::receive::receiver::Receiver;
+use crate::receive::recorder::{Recorder, create};
+use crate::receive::transport::{Event, Transport, Udp};
+use crate::simulate::command::truth_rows;
 use crate::simulate::{Simulation, SimulationSettings};
 
 /// Show Plumbline at work: the box's own program tracks a simulated person.
@@ -68,14 +77,27 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
 
-    let received = track(&program, &simulation, u64::from(arguments.frames))?;
+    let config = configuration(&simulation)?;
+    let frames = u64::from(arguments.frames);
+    let file = |name: &str| arguments.out.join(name);
+    let [plot, picture, poses, truth] =
+        ["sway.svg", "frame.png", "poses.csv", "truth.csv"].map(file);
+
+    let received = track(&program, &simulation, &config, frames, &poses)?;
     let figures = Figures::new(&simulation, &received, arguments.frames)?;
     println!("{figures}");
+    write_truth(&truth, &simulation, frames)?;
+    write_picture(&picture, &simulation, &config, &received)?;
+    plot::write(&plot, &figures)?;
 
-    let files = write_results(&arguments.out, &simulation, &received, &figures)?;
-    println!("\nWritten in {:.0} s:", started.elapsed().as_secs_f64());
-    for (file, what) in files {
-        println!("  {}  {what}", file.display());
+    println!("\nDone in {:.0} s. To look at:", started.elapsed().as_secs_f64());
+    for (file, what) in [
+        (plot, "the sway path and the depth error; any browser shows it"),
+        (picture, "a frame, with what the box found in it"),
+        (poses, "what was measured"),
+        (truth, "what was true"),
+    ] {
+        println!("  {:<20} {what}", file.display());
     }
     Ok(())
 }
@@ -83,93 +105,97 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// What came from the box.
 #[derive(Debug, Default)]
 struct Received {
+    /// Every pose packet, as it came.
     poses: Vec<PosePacket>,
-    /// The last one.
-    health: Option<Health>,
-    /// Datagrams that were no packets.
-    corrupt: usize,
+    repeated: u64,
+    corrupt: u64,
+    heap_allocations: Option<u32>,
 }
 
-/// Runs the box's program on the simulated person and gathers its packets.
-fn track(program: &Path, simulation: &Simulation, frames: u64) -> Result<Received> {
-    let socket = UdpSocket::bind("127.0.0.1:0")
-        .context("no UDP port of this computer can be opened for the box's packets")?;
-    socket.set_read_timeout(Some(Duration::from_millis(50)))?;
+/// Runs the box's program on the simulated person, and records its packets.
+fn track(
+    program: &Path,
+    simulation: &Simulation,
+    config: &Config,
+    frames: u64,
+    poses_csv: &Path,
+) -> Result<Received> {
+    let mut transport = Udp::bind((Ipv4Addr::LOCALHOST, 0).into())?;
+    let recorder = Recorder::new(create(poses_csv, true)?, poses_csv.display().to_string())?;
+    let mut receiver = Receiver::new(Some(recorder));
     let folder = tempfile::tempdir().context("no temporary directory can be made")?;
-    let config = folder.path().join("demo.plb");
-    write_config(&config, simulation)?;
+    let config_file = folder.path().join("demo.plb");
+    write_config(&config_file, config)?;
 
-    let mut the_box = TheBox::start(program, &config, &socket.local_addr()?.to_string())?;
+    let address = transport.local_address().context("the UDP port has no address")?;
+    let mut the_box = TheBox::start(program, &config_file, &address.to_string())?;
     let bar = ProgressBar::new(frames).with_style(
-        ProgressStyle::with_template(
-            "{bar:30} {pos}/{len} frames, {per_sec} (rendering sets the pace)  {msg}",
-        )
-        .expect("a constant template"),
+        ProgressStyle::with_template("tracking {bar:30} {pos}/{len} frames, {eta} left  {msg}")
+            .expect("a constant template"),
     );
     let result = std::thread::scope(|scope| {
         let frames_in = the_box.take_input();
         let feeder = scope.spawn(move || person::feed(simulation, frames, frames_in));
-        let received = receive(&socket, &mut the_box, &bar);
-        // Without the box the feeder's pipe is closed, so that it ends too.
+        let received = receive(&mut transport, &mut receiver, &mut the_box, &bar);
+        // Without the box the feeder's pipe breaks, so that it ends too.
         if received.is_err() {
             the_box.kill();
         }
         let fed = feeder.join().unwrap_or_else(|_| bail!("rendering the person failed"));
-        // A broken pipe is the box's fault, and the box says more about it.
         received.and_then(|received| fed.map(|()| received))
     });
     bar.finish_and_clear();
     let said = the_box.finish()?;
-    result.map_err(|error| anyhow::anyhow!("{error:#}; the box's program said:\n{said}"))
+    result.map_err(|error| anyhow!("{error:#}; the box's program said:\n{said}"))
 }
 
-/// Gathers packets until the box says that the recording is over, and ends.
-fn receive(socket: &UdpSocket, the_box: &mut TheBox, bar: &ProgressBar) -> Result<Received> {
+/// Records packets until the box says that the recording is over.
+fn receive(
+    transport: &mut Udp,
+    receiver: &mut Receiver<File>,
+    the_box: &mut TheBox,
+    bar: &ProgressBar,
+) -> Result<Received> {
     let mut received = Received::default();
-    let mut datagram = [0; PACKET_BYTES_MAX];
     let mut heard = Instant::now();
     loop {
-        match socket.recv(&mut datagram) {
-            Ok(length) => {
-                heard = Instant::now();
-                match decode_datagram(&datagram[..length]) {
-                    Ok(Message::Pose(pose)) => {
-                        bar.set_position(u64::from(pose.sequence) + 1);
-                        if pose.sequence % 16 == 0 {
-                            bar.set_message(summary(&pose));
-                        }
-                        received.poses.push(pose);
-                    }
-                    Ok(Message::Health(health)) => received.health = Some(health),
-                    Ok(_) => {}
-                    Err(_) => received.corrupt += 1,
+        let mut handled = Ok(());
+        transport.poll(&mut |event| {
+            heard = Instant::now();
+            if let Event::Message(Message::Pose(pose)) = &event {
+                bar.set_position(u64::from(pose.sequence) + 1);
+                if pose.sequence.is_multiple_of(16) {
+                    bar.set_message(summary(pose));
                 }
+                received.poses.push(pose.clone());
             }
-            Err(error) if is_timeout(&error) => {
-                let ended = received.health.as_ref().is_some_and(|health| {
-                    health.camera == CameraState::Ended
-                });
-                let gone = the_box.is_gone()?;
-                if (ended || gone) && heard.elapsed() > STRAGGLERS {
-                    if !ended {
-                        bail!("the box's program ended before the last frame");
-                    }
-                    return Ok(received);
-                }
-                if heard.elapsed() > SILENCE_MAX {
-                    bail!(
-                        "nothing came from the box for {} s: does a firewall block UDP on 127.0.0.1?",
-                        SILENCE_MAX.as_secs()
-                    );
-                }
+            if handled.is_ok() {
+                handled = receiver.handle(event, heard);
             }
-            Err(error) => return Err(error).context("receiving from the box failed"),
+        })?;
+        handled?;
+        receiver.tick(Instant::now())?;
+        let last = receiver.health().is_some_and(|health| health.camera == CameraState::Ended);
+        let silent = heard.elapsed();
+        if last && silent > STRAGGLERS {
+            break;
+        }
+        if silent > STRAGGLERS && the_box.is_gone()? {
+            bail!("the box's program ended before the last frame");
+        }
+        if silent > SILENCE_MAX {
+            bail!(
+                "nothing came from the box for {} s: does a firewall block UDP on 127.0.0.1?",
+                SILENCE_MAX.as_secs()
+            );
         }
     }
-}
-
-fn is_timeout(error: &std::io::Error) -> bool {
-    matches!(error.kind(), std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut)
+    receiver.finish()?;
+    received.repeated = receiver.counts().repeated;
+    let bad = receiver.bad();
+    received.corrupt = bad.corrupt + bad.malformed + bad.other_version + bad.other_schema;
+    received.heap_allocations = receiver.health().and_then(|health| health.heap_allocations);
+    Ok(received)
 }
 
 /// A few words on a packet, for the progress line.
@@ -181,16 +207,16 @@ fn summary(pose: &PosePacket) -> String {
     format!("depth {}", depths.collect::<Vec<_>>().join(", "))
 }
 
-fn write_config(path: &Path, simulation: &Simulation) -> Result<()> {
+fn configuration(simulation: &Simulation) -> Result<Config> {
     let mut targets = heapless::Vec::new();
     for target in simulation.targets() {
-        let name = target.layout.name.try_into().map_err(|_| anyhow::anyhow!("a long name"))?;
+        let name = target.layout.name.try_into().map_err(|_| anyhow!("a long name"))?;
         let target = TargetConfig { name, geometry: target.geometry.clone() };
-        targets.push(target).map_err(|_| anyhow::anyhow!("more targets than a box tracks"))?;
+        targets.push(target).map_err(|_| anyhow!("more targets than a box tracks"))?;
     }
     let cam_from_scene = simulation.cam_from_scene();
     let (angles, place_mm) = (cam_from_scene.euler(), cam_from_scene.translation_mm);
-    let config = Config {
+    Ok(Config {
         device: "demo".try_into().unwrap_or_default(),
         serial_number: heapless::String::new(),
         lens: *simulation.camera(),
@@ -204,76 +230,73 @@ fn write_config(path: &Path, simulation: &Simulation) -> Result<()> {
             place_mm.z,
         ]),
         links: Links::default(),
-    };
+    })
+}
+
+fn write_config(path: &Path, config: &Config) -> Result<()> {
     let mut blob = vec![0; BLOB_BYTES_MAX];
     let blob = config.encode(&mut blob).context("the demo's own configuration is refused")?;
     std::fs::write(path, blob).map_err(|error| BadInput::io(path.display(), &error))?;
     Ok(())
 }
 
-/// Writes everything that is worth keeping, and says what is where.
-fn write_results(
-    folder: &Path,
+fn write_truth(path: &Path, simulation: &Simulation, frames: u64) -> Result<()> {
+    let mut rows = Writer::create(path)?;
+    for frame in 0..frames {
+        for row in truth_rows(simulation, frame) {
+            rows.write(&row)?;
+        }
+    }
+    Ok(rows.flush()?)
+}
+
+/// The first frame with what the box found in it drawn in.
+fn write_picture(
+    path: &Path,
     simulation: &Simulation,
+    config: &Config,
     received: &Received,
-    figures: &Figures,
-) -> Result<Vec<(PathBuf, &'static str)>> {
-    let poses = folder.join("poses.csv");
-    write_poses(&poses, simulation, received)?;
-    let truth = folder.join("truth.csv");
-    write_truth(&truth, simulation, received)?;
-    let plot = folder.join("sway.svg");
-    plot::write(&plot, figures)?;
-    Ok(vec![
-        (plot, "the sway path and the depth error; any browser shows it"),
-        (poses, "what was measured"),
-        (truth, "what was true"),
-    ])
+) -> Result<()> {
+    let found = |packet: &&PosePacket| packet.targets.iter().all(|target| target.pose.is_ok());
+    let Some(packet) = received.poses.iter().find(found).or(received.poses.first()) else {
+        return Ok(());
+    };
+    let mut pixels = Vec::<u8>::new();
+    simulation.render(u64::from(packet.sequence), &mut pixels);
+    let frame = Frame {
+        index: u64::from(packet.sequence),
+        capture_time_ns: packet.capture_time_ns,
+        width: usize::from(config.lens.width_px),
+        height: usize::from(config.lens.height_px),
+        white_level: 255,
+        pixels: Pixels::Grey8(&pixels),
+    };
+    annotated(&frame, config, &report(packet, config))
+        .save(path)
+        .with_context(|| format!("the picture {} cannot be written", path.display()))
 }
 
-fn write_poses(path: &Path, simulation: &Simulation, received: &Received) -> Result<()> {
-    let mut rows = Writer::create(path)?;
-    for packet in &received.poses {
-        let time_s = packet.capture_time_ns as f64 / 1e9;
-        for target in &packet.targets {
-            let name = simulation
-                .targets()
-                .iter()
-                .find(|known| known.layout.role == target.role)
-                .map_or("unknown", |known| known.layout.name);
-            let frame = u64::from(packet.sequence);
-            let row = match &target.pose {
-                Ok(pose) => {
-                    let theta = [pose.theta_rad, pose.translation_mm].concat();
-                    let theta = std::array::from_fn(|index| f64::from(theta[index]));
-                    let [sd_x_mm, sd_y_mm, sd_z_mm] = pose.sd_mm.map(|sd| Some(f64::from(sd)));
-                    PoseRow {
-                        sd_x_mm,
-                        sd_y_mm,
-                        sd_z_mm,
-                        rms_px: Some(f64::from(pose.rms_px)),
-                        points: Some(u32::from(pose.corners)),
-                        ..PoseRow::without_pose(frame, time_s, name, target.state.word())
-                            .with_pose(&plumbline::pose::Pose::from_theta(theta))
-                    }
-                }
-                Err(reason) => PoseRow::without_pose(frame, time_s, name, reason.words()),
-            };
-            rows.write(&row)?;
-        }
+/// The part of a report that a packet carries and a picture needs.
+fn report(packet: &PosePacket, config: &Config) -> Report {
+    let targets = packet.targets.iter().zip(&config.targets).map(|(target, known)| {
+        let measurement = target.pose.map(|pose| {
+            let [x, y, z] = pose.translation_mm.map(f64::from);
+            let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
+            Measurement {
+                cam_from_target: Pose::from_theta([theta1, theta2, theta3, x, y, z]),
+                covariance: Matrix6::zeros(),
+                rms_px: f64::from(pose.rms_px),
+                corners: pose.corners,
+                corners_total: known.geometry.corner_count() as u8,
+            }
+        });
+        TargetReport { role: target.role, state: target.state, measurement }
+    });
+    Report {
+        sequence: packet.sequence,
+        capture_time_ns: packet.capture_time_ns,
+        targets: targets.collect(),
+        upper_trunk: None,
+        lower_trunk: None,
     }
-    Ok(rows.flush()?)
-}
-
-fn write_truth(path: &Path, simulation: &Simulation, received: &Received) -> Result<()> {
-    let mut rows = Writer::create(path)?;
-    for packet in &received.poses {
-        let truth = simulation.truth(u64::from(packet.sequence));
-        for (target, known) in truth.targets.iter().zip(simulation.targets()) {
-            let row = PoseRow::without_pose(truth.frame, truth.time_s, known.layout.name, "truth")
-                .with_pose(&target.cam_from_target);
-            rows.write(&row)?;
-        }
-    }
-    Ok(rows.flush()?)
 }

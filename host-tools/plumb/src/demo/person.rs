@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use rayon::prelude::*;
 
 use crate::simulate::Simulation;
+use crate::simulate::command::ratio;
 
 /// Frames rendered at a time, per core: enough to keep every core busy, few
 /// enough that the box gets frames in a steady stream.
@@ -26,7 +27,7 @@ fn write_frames(
     sink: impl Write,
 ) -> Result<(), y4m::Error> {
     let camera = simulation.camera();
-    let rate = y4m::Ratio::new(simulation.settings().frame_rate_hz.round() as usize, 1);
+    let rate = ratio(simulation.settings().frame_rate_hz);
     let mut encoder =
         y4m::encode(usize::from(camera.width_px), usize::from(camera.height_px), rate)
             .with_colorspace(y4m::Colorspace::Cmono)

@@ -198,7 +198,7 @@ fn describe(
 
 /// One frame's rows of truth.csv: the columns of poses.csv, `points` being the
 /// corners in view.
-fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
+pub(crate) fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
     let truth = simulation.truth(frame);
     simulation
         .targets()
@@ -273,7 +273,7 @@ fn finished_or(error: y4m::Error, place: &str) -> anyhow::Result<()> {
 }
 
 /// Frames per second as the fraction that Y4M holds, to a thousandth.
-fn ratio(frame_rate_hz: f64) -> y4m::Ratio {
+pub(crate) fn ratio(frame_rate_hz: f64) -> y4m::Ratio {
     let thousandths = (frame_rate_hz * 1000.0).round() as usize;
     if thousandths.is_multiple_of(1000) {
         y4m::Ratio::new(thousandths / 1000, 1)
