@@ -160,48 +160,15 @@ impl Design {
         let mut normal = Normal::zeros();
         let mut right = Coefficients::zeros();
         let chunks = patch.chunks();
-        self.row_products::<0, 7>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<1, 6>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<2, 5>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<3, 4>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<4, 3>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<5, 2>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<6, 1>(patch, chunks, &mut normal, &mut right);
+        for row in 0..COLUMNS {
+            for column in row..COLUMNS {
+                let product = inner_product(&self.columns[row], &self.columns[column], chunks);
+                normal[(row, column)] = product;
+                normal[(column, row)] = product;
+            }
+            right[row] = inner_product(&self.columns[row], &patch.value, chunks);
+        }
         (normal, right)
-    }
-
-    /// Column ROW times itself, the OTHERS - 1 columns after it, and the pixels:
-    /// at most eight sums, which stay in registers.
-    fn row_products<const ROW: usize, const OTHERS: usize>(
-        &self,
-        patch: &Patch,
-        chunks: usize,
-        normal: &mut Normal,
-        right: &mut Coefficients,
-    ) {
-        const { assert!(ROW + OTHERS == COLUMNS) };
-        let mut sums = [[0.0_f32; LANES]; OTHERS];
-        let mut right_sum = [0.0_f32; LANES];
-        let row = &self.columns[ROW][..chunks];
-        let others: [&[Lanes]; OTHERS] =
-            core::array::from_fn(|other| &self.columns[ROW + other][..chunks]);
-        let pixels = &patch.value[..chunks];
-        for chunk in 0..chunks {
-            for (sum, other) in sums.iter_mut().zip(&others) {
-                for lane in 0..LANES {
-                    sum[lane] += row[chunk][lane] * other[chunk][lane];
-                }
-            }
-            for lane in 0..LANES {
-                right_sum[lane] += row[chunk][lane] * pixels[chunk][lane];
-            }
-        }
-        for (other, sum) in sums.iter().enumerate() {
-            let total = total(sum);
-            normal[(ROW, ROW + other)] = total;
-            normal[(ROW + other, ROW)] = total;
-        }
-        right[ROW] = total(&right_sum);
     }
 
     /// The part of the pixels that the columns do not explain, and the structure in it.
@@ -211,14 +178,16 @@ impl Design {
         coefficients: &Coefficients,
         offset_px: [f32; 2],
     ) -> Residual {
-        let weights = coefficients.map(|value| value as f32);
-        let mut left = patch.value;
-        for (weight, column) in weights.iter().zip(&self.columns) {
-            for (left, value) in left.iter_mut().zip(column).take(patch.chunks()) {
+        let weights: [f32; COLUMNS] = coefficients.map(|value| value as f32).into();
+        let mut left = [[0.0_f32; LANES]; CHUNKS_MAX];
+        for chunk in 0..patch.chunks().min(CHUNKS_MAX) {
+            let mut rest = patch.value[chunk];
+            for (weight, column) in weights.iter().zip(&self.columns) {
                 for lane in 0..LANES {
-                    left[lane] -= weight * value[lane];
+                    rest[lane] -= weight * column[chunk][lane];
                 }
             }
+            left[chunk] = rest;
         }
         let left = &left.as_flattened()[..patch.count()];
         let squares: f32 = left.iter().map(|value| value * value).sum();
@@ -272,8 +241,16 @@ struct Residual {
     odd_structure: f32,
 }
 
-fn total(lanes: &Lanes) -> f64 {
-    lanes.iter().map(|&value| f64::from(value)).sum()
+/// One pair at a time: with several sums side by side the compiler shuffles them
+/// among the lanes, three times the instructions.
+fn inner_product(a: &[Lanes; CHUNKS_MAX], b: &[Lanes; CHUNKS_MAX], chunks: usize) -> f64 {
+    let mut sums = [0.0_f32; LANES];
+    for (a, b) in a[..chunks].iter().zip(&b[..chunks]) {
+        for lane in 0..LANES {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().map(|&value| f64::from(value)).sum()
 }
 
 /// The model's constants for one shape.
