@@ -7,22 +7,24 @@
 //! lines are seen, nothing goes on beyond them, and every corner agrees with
 //! its neighbours; else there is a reason, never a guess.
 //!
-//! What it cannot know: a board with a whole border line hidden by something
-//! is a smaller board. What the frame's own border cuts off is known, and is refused.
+//! What it cannot know: a board with a whole border line, and the squares beyond
+//! it, hidden by something is a smaller board. What the frame's own border cuts
+//! off is known, and is refused; so is a line too blurred to be detected, because
+//! the squares beyond it are still seen to alternate.
 //!
 //! The work is bounded by the square of [`CORNERS_MAX`]; with the one or two
 //! hundred corners of a room it is a fraction of a millisecond.
-
-use core::ops::Range;
 
 use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::corner::Corner;
+use crate::image::{GreyImage, Pixel};
 use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
 
 mod agreement;
+mod beyond;
 mod lattice;
 
 use lattice::{Bounds, Lattice};
@@ -49,6 +51,9 @@ pub struct Grid {
     /// Index into the slice of corners for each corner of the grid, row by row;
     /// `None` where it was not detected, or did not agree with its neighbours.
     pub corners: Vec<Option<u16>, TARGET_CORNERS_MAX>,
+    /// Whether the square up and left of corner 0 is dark. A grid that looks the same
+    /// after half a turn may be printed either way.
+    pub first_square_dark: bool,
 }
 
 /// Why there is no grid of a wanted shape.
@@ -83,9 +88,9 @@ impl core::fmt::Display for GridRejection {
 
 impl core::error::Error for GridRejection {}
 
-/// Part of a line's corners that must be seen when it is a border: three quarters.
+/// Corners of a border line that must be seen: all but one.
 const fn border_corners_min(length: usize) -> usize {
-    (3 * length).div_ceil(4)
+    length - 1
 }
 
 /// Part of all corners that must be seen: five sixths.
@@ -121,16 +126,16 @@ impl GridFinder {
         Self { lattice: Lattice::new(), order: [0; CORNERS_MAX] }
     }
 
-    /// Writes one entry of `found` per wanted shape. `columns` and `rows` are
-    /// what was searched for the corners: a grid whose next line would lie
-    /// outside of it is refused. Corners past [`CORNERS_MAX`] are ignored.
+    /// Writes one entry of `found` per wanted shape, from the corners of a search
+    /// of the whole picture. The picture is asked whether a grid goes on beyond
+    /// its border. Corners past [`CORNERS_MAX`] are ignored.
     ///
     /// # Panics
     /// When `found` is shorter than `wanted`: a caller's bug.
-    pub fn find(
+    pub fn find<P: Pixel>(
         &mut self,
+        image: &GreyImage<'_, P>,
         corners: &[Corner],
-        [columns, rows]: [Range<usize>; 2],
         wanted: &[GridShape],
         found: &mut [Result<Grid, GridRejection>],
     ) {
@@ -146,9 +151,6 @@ impl GridFinder {
         order.sort_unstable_by(|&a, &b| {
             corners[usize::from(b)].score.total_cmp(&corners[usize::from(a)].score)
         });
-        let searched = [columns, rows].map(|range| {
-            range.start as f32 + DETECTABLE_PX..range.end as f32 - 1.0 - DETECTABLE_PX
-        });
         self.lattice.start(corners);
         for &seed in &*order {
             let Some(bounds) = self.lattice.grow(corners, seed) else { continue };
@@ -157,7 +159,7 @@ impl GridFinder {
                     note(entry, GridRejection::OtherDimensions);
                     continue;
                 }
-                match judge(&mut self.lattice, corners, &searched, bounds, *shape) {
+                match judge(image, &mut self.lattice, corners, bounds, *shape) {
                     Ok(grid) if entry.is_err() => *entry = Ok(grid),
                     Ok(_) => *entry = Err(GridRejection::Ambiguous),
                     Err(rejection) => note(entry, rejection),
@@ -187,10 +189,10 @@ fn may_be(bounds: Bounds, shape: GridShape) -> bool {
 }
 
 /// The grid of this shape, if the lattice is one.
-fn judge(
+fn judge<P: Pixel>(
+    image: &GreyImage<'_, P>,
     lattice: &mut Lattice,
     corners: &[Corner],
-    searched: &[Range<f32>; 2],
     bounds: Bounds,
     shape: GridShape,
 ) -> Result<Grid, GridRejection> {
@@ -215,7 +217,7 @@ fn judge(
             None => return Err(GridRejection::OtherDimensions),
         }
     }
-    let numbering = numbering(lattice, corners, bounds, shape)?;
+    let (numbering, first_square_dark) = numbering(lattice, corners, bounds, shape)?;
     if goes_on {
         return Err(GridRejection::GoesOn);
     }
@@ -224,20 +226,22 @@ fn judge(
         if seen < border_corners_min(line.length()) {
             return Err(GridRejection::Incomplete);
         }
-        // The next line, were there one, would have to be inside of what was searched.
-        let (mut next, mut next_inside) = (0, 0);
+        // The next line, were there one, would have to be visible.
+        let (mut next, mut next_visible) = (0, 0);
         for cell in line.cells() {
             if let Some(place) = lattice.beyond(corners, cell, line.outwards) {
                 next += 1;
-                next_inside +=
-                    usize::from(searched[0].contains(&place[0]) && searched[1].contains(&place[1]));
+                next_visible += usize::from(is_detectable(image, place));
             }
         }
-        if 2 * next_inside < next {
+        if 2 * next_visible < next {
             return Err(GridRejection::Cut);
         }
+        if beyond::squares_go_on(image, lattice, corners, &line) {
+            return Err(GridRejection::GoesOn);
+        }
     }
-    let mut grid = Grid { shape, corners: Vec::new() };
+    let mut grid = Grid { shape, corners: Vec::new(), first_square_dark };
     for row in 0..i32::from(shape.rows) {
         for column in 0..i32::from(shape.columns) {
             let cell = numbering.cell(column, row);
@@ -250,6 +254,13 @@ fn judge(
         return Err(GridRejection::Incomplete);
     }
     Ok(grid)
+}
+
+fn is_detectable<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [f32; 2]) -> bool {
+    let inside = |value: f32, side: usize| {
+        value >= DETECTABLE_PX && value <= (side - 1) as f32 - DETECTABLE_PX
+    };
+    inside(x, image.width()) && inside(y, image.height())
 }
 
 fn median_score(lattice: &Lattice, corners: &[Corner], bounds: Bounds) -> f32 {
@@ -280,13 +291,13 @@ impl Numbering {
     }
 }
 
-/// See [`Grid`] for the rule.
+/// The numbering by the rule of [`Grid`], and whether its first square is dark.
 fn numbering(
     lattice: &Lattice,
     corners: &[Corner],
     bounds: Bounds,
     shape: GridShape,
-) -> Result<Numbering, GridRejection> {
+) -> Result<(Numbering, bool), GridRejection> {
     let mut best: Option<(Numbering, bool, f32)> = None;
     // The four right-handed pairs of axes.
     for (x, y) in [([1, 0], [0, 1]), ([0, 1], [-1, 0]), ([-1, 0], [0, -1]), ([0, -1], [1, 0])] {
@@ -311,7 +322,7 @@ fn numbering(
             best = Some((numbering, dark, rightwards));
         }
     }
-    best.map(|(numbering, ..)| numbering).ok_or(GridRejection::OtherDimensions)
+    best.map(|(numbering, dark, _)| (numbering, dark)).ok_or(GridRejection::OtherDimensions)
 }
 
 /// Cosine between the mean direction of lattice steps `step` and the picture's x axis.

@@ -122,11 +122,12 @@ fn observe_corner<P: Pixel>(
 }
 
 /// Looks for every corner of the target in a window around the place where the
-/// expected pose puts it.
+/// expected pose puts it. `first_square_dark`: see [`Grid`].
 pub fn observe<P: Pixel>(
     optics: Optics<'_>,
     image: &GreyImage<'_, P>,
     target: &TargetGeometry,
+    first_square_dark: bool,
     expected_cam_from_target: &Pose<Cam, Target>,
     observations: &mut Observations,
 ) {
@@ -150,10 +151,11 @@ pub fn observe<P: Pixel>(
         };
         let x_rad = line_angle(along_x.x, along_x.y);
         let y_rad = line_angle(along_y.x, along_y.y);
-        // The square up and left of corner 0 is dark, and so is the opposite
-        // one, down and right: its sector runs from x to y.
+        // The square down and right of a corner has the colour of the one up and
+        // left, and its sector runs from x to y.
         let even = (index / target.columns() + index % target.columns()).is_multiple_of(2);
-        let edges_rad = if even { [x_rad, y_rad] } else { [y_rad, x_rad] };
+        let dark = even == first_square_dark;
+        let edges_rad = if dark { [x_rad, y_rad] } else { [y_rad, x_rad] };
         let seed = CornerSeed { position_px: [raw_px.x, raw_px.y], edges_rad, radius_px };
         if let Some(observation) = observe_corner(optics, image, target, index, &seed) {
             // One per corner of the target: the capacity is never reached.

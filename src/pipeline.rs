@@ -27,6 +27,8 @@ use crate::undistort::UndistortionLut;
 /// One configured target and its track.
 struct Track {
     geometry: TargetGeometry,
+    /// As the last grid that was found had it.
+    first_square_dark: bool,
     state: State,
     outcome: Result<Measurement, NoPose>,
 }
@@ -76,6 +78,7 @@ impl Pipeline {
         for target in &config.targets {
             let track = Track {
                 geometry: target.geometry.clone(),
+                first_square_dark: true,
                 state: State::Acquiring,
                 outcome: Err(NoPose::Searching),
             };
@@ -131,7 +134,14 @@ impl Pipeline {
                 continue;
             };
             let expected = motion.predict(time_ns);
-            observe(optics, frame, &track.geometry, &expected, &mut self.observations);
+            observe(
+                optics,
+                frame,
+                &track.geometry,
+                track.first_square_dark,
+                &expected,
+                &mut self.observations,
+            );
             track.outcome =
                 fit_predicted(&expected, &track.geometry, &self.observations).and_then(|fitted| {
                     let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
@@ -180,7 +190,8 @@ impl Pipeline {
                         corners,
                         &mut self.observations,
                     );
-                    track.outcome = acquire(optics, frame, &track.geometry, &mut self.observations);
+                    track.first_square_dark = grid.first_square_dark;
+                    track.outcome = acquire(optics, frame, track, &mut self.observations);
                 }
                 // A coasting target keeps the reason that its windows gave.
                 Err(rejection) if track.state == State::Acquiring => {
@@ -268,11 +279,12 @@ fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {
 fn acquire<P: Pixel>(
     optics: Optics<'_>,
     frame: &GreyImage<'_, P>,
-    target: &TargetGeometry,
+    track: &Track,
     observations: &mut Observations,
 ) -> Result<Measurement, NoPose> {
+    let target = &track.geometry;
     let rough = fit_found(target, observations)?.measurement.cam_from_target;
-    observe(optics, frame, target, &rough, observations);
+    observe(optics, frame, target, track.first_square_dark, &rough, observations);
     Ok(fit_predicted(&rough, target, observations)?.measurement)
 }
 

@@ -63,6 +63,12 @@ impl Detector {
                         self.tile.search(image, level, [x0, y0], [width, height]);
                     corners.count_dropped(dropped);
                     for candidate in candidates {
+                        // Most corners of the half size are known from the whole.
+                        let place = [candidate.x, candidate.y]
+                            .map(|value| f32::from(value << level) + 0.5 * level as f32);
+                        if level > 0 && corners.has_near(place) {
+                            continue;
+                        }
                         let corner = examine(image, &kernels, level, *candidate);
                         if let Some(corner) = corner.filter(|corner| {
                             is_within(corner.position_px[0], &columns)
@@ -93,12 +99,14 @@ fn examine<P: Pixel>(
     let least = LIKELIHOOD_MIN * white;
     let mut x = usize::from(candidate.x) << level;
     let mut y = usize::from(candidate.y) << level;
-    let (start, size) = kernels.best(image, x, y)?;
+    let (start, _) = kernels.best(image, x, y)?;
     // A pixel or two beside the corner the likelihood is still half of its maximum.
     if start < 0.5 * least {
         return None;
     }
-    let mut likelihood = start;
+    // The way up by the smallest kernels that are not lost in the blur: their peak is the sharpest.
+    let size = level;
+    let mut likelihood = kernels.of_size(image, x, y, size)?;
     for _ in 0..CLIMB_STEPS_MAX << level {
         let mut next = (x, y);
         for neighbour in [

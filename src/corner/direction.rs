@@ -10,6 +10,8 @@
 
 use core::f32::consts::PI;
 
+use heapless::Vec;
+
 use super::Corner;
 use crate::image::{GreyImage, Pixel};
 
@@ -28,6 +30,8 @@ const SECOND_EDGE_MIN: f32 = 0.15;
 const ALONG_SINE_MAX: f32 = 0.35;
 /// Half the width of an edge in the template of the gradient, Geiger's value.
 const EDGE_HALF_WIDTH_PX: f32 = 1.5;
+/// What is farther from the centre's edge is the parallel edge of the next square.
+const OWN_EDGE_PX: f32 = 3.5;
 /// The position may leave the pixel of the best likelihood by this much.
 const SHIFT_MAX_PX: f32 = 2.0;
 /// Smallest gap between the dark sectors and the bright ones, relative to the whole span. Perfect: 1.
@@ -35,12 +39,20 @@ const GAP_MIN: f32 = 0.3;
 /// Smallest correlation of the gradient with the edges.
 const CORRELATION_MIN: f32 = 0.2;
 
-#[derive(Clone, Copy, Default)]
-struct Gradient {
-    x: f32,
-    y: f32,
+/// Gradients weaker than this part of the strongest are noise and the flanks of the blur.
+const GRADIENT_MIN: f32 = 0.15;
+
+/// A pixel of some gradient.
+#[derive(Clone, Copy)]
+struct Element {
+    /// From the centre of the window.
+    offset: [f32; 2],
+    gradient: [f32; 2],
     magnitude: f32,
+    weight: f32,
 }
+
+type Elements = Vec<Element, { SIDE_MAX * SIDE_MAX }>;
 
 /// The corner at a pixel of high likelihood, or `None` when its window is not that of a corner.
 pub(super) fn describe<P: Pixel>(
@@ -50,12 +62,23 @@ pub(super) fn describe<P: Pixel>(
 ) -> Option<Corner> {
     // One pixel more for the differences.
     let room = x.min(y).min(image.width() - 1 - x).min(image.height() - 1 - y);
-    let window = (radius + 1).min(WINDOW_MAX).min(room.checked_sub(1)?);
+    let window = (radius + 3).min(WINDOW_MAX).min(room.checked_sub(1)?);
     if window < 3 {
         return None;
     }
     let side = 2 * window + 1;
-    let mut gradients = [[Gradient::default(); SIDE_MAX]; SIDE_MAX];
+    // The window is round, of Gaussian weight, so that no direction is favoured.
+    let mut gaussian = [0.0_f32; WINDOW_MAX + 1];
+    for (distance, weight) in gaussian.iter_mut().enumerate() {
+        *weight = libm::expf(-2.0 * (distance * distance) as f32 / (window * window) as f32);
+    }
+    let weight = |row: usize, column: usize| {
+        let (dx, dy) = (column.abs_diff(window), row.abs_diff(window));
+        let inside = dx * dx + dy * dy <= window * window + 1;
+        if inside { gaussian[dx] * gaussian[dy] } else { 0.0 }
+    };
+    let mut gradients = [[[0.0_f32; 3]; SIDE_MAX]; SIDE_MAX];
+    let mut strongest = 0.0_f32;
     for (row, line) in gradients[..side].iter_mut().enumerate() {
         let y = y + row - window;
         let above = &image.row(y - 1)[x - window..][..side];
@@ -64,46 +87,49 @@ pub(super) fn describe<P: Pixel>(
         for (column, gradient) in line[..side].iter_mut().enumerate() {
             let gx = value(here[column + 2]) - value(here[column]);
             let gy = value(below[column]) - value(above[column]);
-            *gradient = Gradient { x: gx, y: gy, magnitude: libm::sqrtf(gx * gx + gy * gy) };
+            let magnitude = libm::sqrtf(gx * gx + gy * gy);
+            *gradient = [gx, gy, magnitude];
+            strongest = strongest.max(magnitude);
         }
     }
-    // The window is round, of Gaussian weight, so that no direction is favoured.
-    let falloff = -2.0 / (window * window) as f32;
-    let mut weights = [[0.0_f32; SIDE_MAX]; SIDE_MAX];
-    for (row, line) in weights[..side].iter_mut().enumerate() {
-        for (column, weight) in line[..side].iter_mut().enumerate() {
-            let (dx, dy) = (column as f32 - window as f32, row as f32 - window as f32);
-            let square = dx * dx + dy * dy;
-            if square <= (window * window) as f32 + 1.0 {
-                *weight = libm::expf(falloff * square);
+    let mut elements = Elements::new();
+    for (row, line) in gradients[..side].iter().enumerate() {
+        for (column, &[gx, gy, magnitude]) in line[..side].iter().enumerate() {
+            let weight = weight(row, column);
+            if weight > 0.0 && magnitude > GRADIENT_MIN * strongest {
+                let offset = [column as f32 - window as f32, row as f32 - window as f32];
+                // One place per pixel of the window: it cannot be full.
+                let _ = elements.push(Element { offset, gradient: [gx, gy], magnitude, weight });
             }
         }
     }
 
-    let modes = modes(&gradients, &weights, side)?;
-    let edges = modes.map(|angle_rad| turned(&gradients, &weights, side, angle_rad));
+    let modes = modes(&elements)?;
+    let edges = modes.map(|angle_rad| turned(&elements, angle_rad));
     let [edge0, edge1] = edges.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
     if cross(edge0, edge1).abs() < 0.4 {
         return None;
     }
-    let shift = intersection(&gradients, &weights, side, [edge0, edge1])?;
+    let shift = intersection(&elements, [edge0, edge1])?;
 
     // Means of the four sectors around the found position, and how well the
     // gradient keeps to the edges.
     let mut sums = [[0.0_f32; 2]; 4];
     let mut moments = Moments::default();
+    let core = window.min(radius + 1);
     for row in 0..side {
         let pixels = &image.row(y + row - window)[x - window..][..side];
         for (column, &pixel) in pixels.iter().enumerate() {
-            let weight = weights[row][column];
-            if weight == 0.0 {
+            let (dx, dy) = (column.abs_diff(window), row.abs_diff(window));
+            if dx * dx + dy * dy > core * core + 1 {
                 continue;
             }
+            let weight = gaussian[dx] * gaussian[dy];
             let offset =
                 [column as f32 - window as f32 - shift[0], row as f32 - window as f32 - shift[1]];
             let (from0, from1) = (cross(edge0, offset), cross(edge1, offset));
             let on_edge = from0.abs().min(from1.abs()) <= EDGE_HALF_WIDTH_PX;
-            moments.add(if on_edge { 1.0 } else { -1.0 }, gradients[row][column].magnitude);
+            moments.add(if on_edge { 1.0 } else { -1.0 }, gradients[row][column][2]);
             // The edge itself, blurred, belongs to neither side.
             if from0.abs().min(from1.abs()) >= 0.75 {
                 let sector = usize::from(from0 > 0.0) + 2 * usize::from(from1 > 0.0);
@@ -153,25 +179,16 @@ fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
 }
 
 /// Directions of the two strongest edges, `[0, pi)`.
-fn modes(
-    gradients: &[[Gradient; SIDE_MAX]; SIDE_MAX],
-    weights: &[[f32; SIDE_MAX]; SIDE_MAX],
-    side: usize,
-) -> Option<[f32; 2]> {
+fn modes(elements: &Elements) -> Option<[f32; 2]> {
     let mut bins = [0.0_f32; BINS];
-    for (line, weights) in gradients[..side].iter().zip(weights) {
-        for (gradient, weight) in line[..side].iter().zip(weights) {
-            let mass = weight * gradient.magnitude;
-            if mass <= 0.0 {
-                continue;
-            }
-            // The edge is perpendicular to the gradient.
-            let position = half_turn(-gradient.x, gradient.y) * (BINS as f32);
-            let bin = (position as usize).min(BINS - 1);
-            let part = position - bin as f32;
-            bins[bin] += mass * (1.0 - part);
-            bins[(bin + 1) % BINS] += mass * part;
-        }
+    for Element { gradient, magnitude, weight, .. } in elements {
+        let mass = weight * magnitude;
+        // The edge is perpendicular to the gradient: (-y, x), or turned by half a turn (y, -x).
+        let position = half_turn(-gradient[0], gradient[1]) * BINS as f32;
+        let bin = (position as usize).min(BINS - 1);
+        let part = position - bin as f32;
+        bins[bin] += mass * (1.0 - part);
+        bins[(bin + 1) % BINS] += mass * part;
     }
     // Smoothed by 1 4 6 4 1, about the paper's mean shift of one bin.
     let at = |bin: usize, step: usize| bins[(bin + step) % BINS];
@@ -204,8 +221,6 @@ fn modes(
 /// The direction of (y, x) as a fraction of half a turn, `[0, 1)`: atan2 by a
 /// polynomial with an error of 0.005 rad, twenty times finer than a bin.
 fn half_turn(y: f32, x: f32) -> f32 {
-    // Called with the gradient turned by a quarter: edge = (-gy, gx) has angle atan2(gx, -gy);
-    // modulo half a turn this is atan2(-gx, gy).
     let (ax, ay) = (x.abs(), y.abs());
     let ratio = ax.min(ay) / ax.max(ay).max(f32::MIN_POSITIVE);
     let octant = ratio * (0.9724 - 0.1919 * ratio * ratio);
@@ -216,61 +231,50 @@ fn half_turn(y: f32, x: f32) -> f32 {
 }
 
 /// The direction turned so that the gradients along this edge are perpendicular to it.
-fn turned(
-    gradients: &[[Gradient; SIDE_MAX]; SIDE_MAX],
-    weights: &[[f32; SIDE_MAX]; SIDE_MAX],
-    side: usize,
-    angle_rad: f32,
-) -> f32 {
+fn turned(elements: &Elements, angle_rad: f32) -> f32 {
     let mut angle_rad = angle_rad;
     for _ in 0..2 {
         let edge = [libm::cosf(angle_rad), libm::sinf(angle_rad)];
         let (mut xx, mut xy, mut yy) = (0.0_f32, 0.0_f32, 0.0_f32);
-        for (line, weights) in gradients[..side].iter().zip(weights) {
-            for (gradient, weight) in line[..side].iter().zip(weights) {
-                let along = gradient.x * edge[0] + gradient.y * edge[1];
-                if along.abs() < ALONG_SINE_MAX * gradient.magnitude {
-                    xx += weight * gradient.x * gradient.x;
-                    xy += weight * gradient.x * gradient.y;
-                    yy += weight * gradient.y * gradient.y;
-                }
-            }
+        for element in elements.iter().filter(|element| is_along(element, edge)) {
+            let [x, y] = element.gradient;
+            xx += element.weight * x * x;
+            xy += element.weight * x * y;
+            yy += element.weight * y * y;
         }
         // The normal is the largest eigenvector of the moments; the edge is a quarter turn away.
         let normal_rad = 0.5 * libm::atan2f(2.0 * xy, xx - yy);
         angle_rad = normal_rad + 0.5 * PI;
     }
     // normal in [-pi/2, pi/2]: the edge in [0, pi].
-    if angle_rad >= PI { angle_rad - PI } else { angle_rad.max(0.0) }
+    if angle_rad >= PI { 0.0 } else { angle_rad.max(0.0) }
+}
+
+/// Whether an element belongs to an edge of this direction.
+fn is_along(element: &Element, edge: [f32; 2]) -> bool {
+    let along = element.gradient[0] * edge[0] + element.gradient[1] * edge[1];
+    along.abs() < ALONG_SINE_MAX * element.magnitude
 }
 
 /// The point that the edge elements point at, relative to the centre of the window.
-fn intersection(
-    gradients: &[[Gradient; SIDE_MAX]; SIDE_MAX],
-    weights: &[[f32; SIDE_MAX]; SIDE_MAX],
-    side: usize,
-    edges: [[f32; 2]; 2],
-) -> Option<[f32; 2]> {
-    let window = (side / 2) as f32;
+fn intersection(elements: &Elements, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
     let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-    for row in 0..side {
-        for column in 0..side {
-            let Gradient { x, y, magnitude } = gradients[row][column];
-            let is_along =
-                |edge: [f32; 2]| (x * edge[0] + y * edge[1]).abs() < ALONG_SINE_MAX * magnitude;
-            // The gradient of the middle has no direction yet.
-            let (dx, dy) = (column as f32 - window, row as f32 - window);
-            if dx * dx + dy * dy < 1.5 || !(is_along(edges[0]) || is_along(edges[1])) {
-                continue;
-            }
-            let weight = weights[row][column];
-            let inward = x * dx + y * dy;
-            xx += weight * x * x;
-            xy += weight * x * y;
-            yy += weight * y * y;
-            bx += weight * x * inward;
-            by += weight * y * inward;
+    for element in elements {
+        let Element { offset: [dx, dy], gradient: [x, y], weight, .. } = *element;
+        // The gradient of the middle has no direction yet.
+        let middle = dx * dx + dy * dy < 1.5;
+        let is_own = |&edge: &[f32; 2]| {
+            is_along(element, edge) && cross(edge, element.offset).abs() < OWN_EDGE_PX
+        };
+        if middle || !edges.iter().any(is_own) {
+            continue;
         }
+        let inward = x * dx + y * dy;
+        xx += weight * x * x;
+        xy += weight * x * y;
+        yy += weight * y * y;
+        bx += weight * x * inward;
+        by += weight * y * inward;
     }
     let determinant = xx * yy - xy * xy;
     let trace = xx + yy;

@@ -79,15 +79,16 @@ impl CornerList {
         self.dropped
     }
 
+    /// Whether there is a corner within [`SEPARATION_PX`].
+    fn has_near(&self, position_px: [f32; 2]) -> bool {
+        self.corners.iter().any(|corner| is_near(corner.position_px, position_px))
+    }
+
     /// Adds a corner. Of two within [`SEPARATION_PX`] the stronger stays; when
     /// the list is full the weakest goes.
     pub fn push(&mut self, corner: Corner) {
-        let near = |other: &Corner| {
-            let dx = other.position_px[0] - corner.position_px[0];
-            let dy = other.position_px[1] - corner.position_px[1];
-            dx * dx + dy * dy < SEPARATION_PX * SEPARATION_PX
-        };
-        if let Some(twin) = self.corners.iter_mut().find(|other| near(other)) {
+        let mut others = self.corners.iter_mut();
+        if let Some(twin) = others.find(|other| is_near(other.position_px, corner.position_px)) {
             if corner.score > twin.score {
                 *twin = corner;
             }
@@ -106,4 +107,9 @@ impl CornerList {
     fn count_dropped(&mut self, dropped: u32) {
         self.dropped = self.dropped.saturating_add(dropped);
     }
+}
+
+fn is_near(a: [f32; 2], b: [f32; 2]) -> bool {
+    let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
+    dx * dx + dy * dy < SEPARATION_PX * SEPARATION_PX
 }

@@ -14,7 +14,14 @@ pub fn config_of(simulation: &Simulation) -> Config {
     let pose = simulation.cam_from_scene();
     let angles = pose.euler();
     let position = pose.translation_mm;
-    let theta = [angles.theta1_rad, angles.theta2_rad, angles.theta3_rad, position.x, position.y, position.z];
+    let theta = [
+        angles.theta1_rad,
+        angles.theta2_rad,
+        angles.theta3_rad,
+        position.x,
+        position.y,
+        position.z,
+    ];
     Config {
         device: String::new(),
         serial_number: String::new(),

@@ -22,6 +22,9 @@ use crate::files::frames::{Frame, Pixels};
 /// Axes reach this many squares from the origin.
 const AXIS_SQUARES: f64 = 2.0;
 
+/// The label stands this far above the topmost corner, clear of a square of 40 px.
+const LABEL_HEIGHT_PX: i32 = 64;
+
 struct Canvas(RgbImage);
 
 impl OriginDimensions for Canvas {
@@ -109,7 +112,7 @@ impl Canvas {
                 measured.corners,
                 measured.corners_total
             );
-            self.text(&text, top_left - Point::new(0, 36), Rgb888::YELLOW);
+            self.text(&text, top_left - Point::new(0, LABEL_HEIGHT_PX), Rgb888::YELLOW);
         }
     }
 

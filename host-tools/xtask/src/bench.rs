@@ -1,8 +1,9 @@
 //! `cargo xtask bench`: the figures of README.md.
 //!
-//! The core is measured by `host-tools/plumb/benches/frame.rs`, OpenCV by
-//! `host-tools/bench/opencv_chain.py` on the frames which that left. Both print
-//! lines `name, tab, value`; here they become tables.
+//! `plumb simulate` renders the standard scene. On those frames the core is
+//! measured by `host-tools/plumb/benches/frame.rs` and OpenCV by
+//! `host-tools/bench/opencv_chain.py`. Both print lines `name, tab, value`; here
+//! they become tables.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -31,10 +32,15 @@ const END: &str = "<!-- /bench -->";
 pub fn run(arguments: &Arguments) -> Result<()> {
     setup::ensure(&[setup::LINKER])?;
     let directory = target_directory().join("bench-frames");
+    let frames = arguments.frames.to_string();
+    Task::cargo()
+        .args(["run", "--release", "--package", "plumb", "--", "simulate", "--force"])
+        .args(["--frames", &frames, "--out"])
+        .args([&directory])
+        .run()?;
     let bench = Task::cargo()
         .args(["bench", "--package", "plumb", "--bench", "frame", "--"])
-        .args([&directory])
-        .args([arguments.frames.to_string()]);
+        .args([&directory]);
     let plumbline = figures_of(bench)?;
     let opencv = if Task::new("python3").args(["-c", "import cv2, numpy"]).output().is_ok() {
         let script = root().join("host-tools/bench/opencv_chain.py");

@@ -4,18 +4,22 @@
 //! so that the compiler turns a loop over lanes into vector code on any target
 //! (on x86 with nothing above SSE2).
 
-/// The natural exponential of a number that is not positive; below -80 the
-/// value at -80 (2e-35) is given, a NaN gives that value too.
+/// The natural exponential of a number from -30 to 80; below, and for a NaN, the
+/// value at -30 (9e-14).
+///
+/// Not to go further down is what keeps it fast: the squares of what it gives
+/// stay clear of the subnormal numbers, which cost a hundred cycles each.
 ///
 /// Largest relative error: 2.5e-7 + 1.2e-7 |x|, the second part from rounding
-/// `x` to the base of 2. Above 0 the same holds up to 80.
+/// `x` to the base of 2.
 #[inline(always)]
 pub(super) fn exp(x: f32) -> f32 {
     // Adding this moves the binary point to the lowest bit: it rounds to an
     // integer and leaves that integer in the low bits of the word.
     const ROUNDER: f32 = 12_582_912.0;
+    const LOWEST: f32 = -30.0;
     // A comparison, not f32::max: that one costs extra instructions for NaN.
-    let x = if x > -80.0 { x } else { -80.0 };
+    let x = if x > LOWEST { x } else { LOWEST };
     let scaled = x * core::f32::consts::LOG2_E;
     let rounded = scaled + ROUNDER;
     let fraction = scaled - (rounded - ROUNDER);
@@ -58,14 +62,14 @@ mod tests {
 
     #[test]
     fn exponential_is_within_its_stated_error() {
-        for step in 0..=80_000 {
+        for step in 0..=30_000 {
             let x = -(step as f32) * 1e-3;
             let exact = libm::exp(f64::from(x));
             let error = (f64::from(exp(x)) / exact - 1.0).abs();
             assert!(error < 2.5e-7 + 1.2e-7 * f64::from(x.abs()), "{error:e} at {x}");
         }
-        assert!(exp(-1e30) > 0.0 && exp(-1e30) < 1e-34);
-        assert!(exp(f32::NAN) < 1e-34);
+        assert!(exp(-1e30) > 9e-14 && exp(-1e30) < 1e-13);
+        assert!(exp(f32::NAN) < 1e-13);
     }
 
     #[test]

@@ -1,14 +1,32 @@
-//! Sub-pixel refinement: a seed within a pixel or two becomes a position good
-//! to a hundredth of a pixel.
+//! Sub-pixel refinement: a seed a pixel or two off becomes a position good to a
+//! hundredth of a pixel.
 //!
-//! | method | spread per coordinate at full contrast 120, blur 0.7 px, noise 2 grey levels, window +-6 px |
-//! |---|---|
-//! | [`Refinement::GradientOrthogonality`], the paper's | see `tests` |
-//! | [`Refinement::Saddle`], linear | |
-//! | [`Refinement::ModelFit`], the default | |
+//! In goes a [`CornerSeed`] (where, which way the edges run, how large a window),
+//! out comes a [`RefinedCorner`] or the reason why there is none. All methods
+//! work on one square window of raw pixels, copied once and re-centred on the
+//! nearest pixel as the estimate moves; nothing is resampled.
 //!
-//! All three work on one square window of raw pixels, re-centred on the nearest
-//! pixel as the estimate moves. Nothing is resampled.
+//! Spread per coordinate and bias, px, of corners of contrast 120 (light minus
+//! dark), blur 0.7 px before the pixel's box, noise 2 grey levels, 8 bits,
+//! window +-6 px, edges 20 degrees off the rows; and of a board tilted by 60
+//! degrees (edges 53 degrees apart). The tests hold these figures.
+//!
+//! | method | spread | bias up to | tilted: spread | bias up to |
+//! |---|---|---|---|---|
+//! | [`Refinement::GradientOrthogonality`], the paper's | 0.024 | 0.020 | 0.028 | 0.035 |
+//! | [`Refinement::Saddle`], linear | 0.011 | 0.055 | 0.013 | 0.035 |
+//! | [`Refinement::ModelFit`], the default, also the Cramer-Rao bound | 0.0077 | 0.002 | 0.0094 | 0.002 |
+//!
+//! The fit's bias over sub-pixel phases, which all corners of an axis-aligned
+//! grid share, is below 0.003 px for blurs of 0.5 to 1.5 px, and 0.005 px at 0.4.
+//!
+//! Basin of the fit in a window of +-6 px: 1 px and 15 degrees always, 2 px in
+//! nine of ten cases; in windows of +-3 and +-4 px 1 px, and 15 degrees only for
+//! edges near right angles. What is outside is refused, not mistaken.
+//!
+//! It cannot tell a hair of half a pixel from noise (up to 0.25 px of error), and
+//! in a window of +-3 px it misses most covers: 49 pixels hold too little to
+//! judge seven parameters by. The pose's robust weights are there for those.
 
 mod fast_math;
 mod gradient_orthogonality;
@@ -30,8 +48,11 @@ const WINDOWS_MAX: usize = 4;
 /// of the white level: 6 of 255 grey levels.
 const CONTRAST_MIN: f32 = 0.025;
 
-/// Pixels closer to an edge than this are blurred and not counted as flat, px.
-const FLAT_DISTANCE_PX: f32 = 1.5;
+/// Pixels closer to an edge than this are blurred and not counted as flat; in a
+/// small window less is asked, so that some are left.
+fn flat_distance_px(radius: usize) -> f32 {
+    (0.35 * radius as f32).min(2.0)
+}
 
 /// How to refine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -137,8 +158,7 @@ pub fn refine<P: Pixel>(
             Ok(flats.corner(&patch, offset_px, sigma_px, edges_rad))
         }
         Refinement::ModelFit => {
-            let (offset_px, _) = locate_saddle(image, seed, &mut patch, edges_rad)?;
-            let fitted = model_fit::fit(&patch, &model_fit::start(offset_px, edges_rad))?;
+            let fitted = fit_model(image, seed, &mut patch, edges_rad)?;
             let contrast = 2.0 * fitted.half_contrast;
             if contrast < CONTRAST_MIN * patch.white_level {
                 return Err(RefineFailure::LowContrast);
@@ -194,8 +214,8 @@ fn locate<P: Pixel, T>(
         if farthest <= enough {
             return Ok(found);
         }
-        // Written so that a NaN ends here; one window sees no farther than this.
-        if !(farthest < radius as f32) {
+        // One window sees no farther than this.
+        if farthest.is_nan() || farthest >= radius as f32 {
             return Err(RefineFailure::Diverged);
         }
         position_px = patch.position_px(offset_px);
@@ -225,10 +245,20 @@ fn locate_saddle<P: Pixel>(
     })
 }
 
-/// The flat parts of a window: the four sectors away from the edges.
+fn fit_model<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    seed: &CornerSeed,
+    patch: &mut Patch,
+    edges_rad: [f32; 2],
+) -> Result<model_fit::Fitted, RefineFailure> {
+    let (offset_px, _) = locate_saddle(image, seed, patch, edges_rad)?;
+    model_fit::fit(patch, &model_fit::start(offset_px, edges_rad))
+}
+
+/// The flat parts of a window, light and dark, away from the edges.
 struct Flats {
     contrast: f32,
-    /// Standard deviation within the sectors, grey levels.
+    /// Standard deviation within the flat parts, grey levels.
     noise: f32,
 }
 
@@ -239,35 +269,36 @@ impl Flats {
         edges_rad: [f32; 2],
     ) -> Result<Self, RefineFailure> {
         let coordinates = Coordinates::of(patch.radius);
+        let distance_px = flat_distance_px(patch.radius);
         let directions = edges_rad.map(libm::sincosf);
-        let (mut sums, mut squares, mut counts) = ([0.0_f32; 4], [0.0_f32; 4], [0_u16; 4]);
+        let (mut sums, mut squares, mut counts) = ([0.0_f32; 2], [0.0_f32; 2], [0_u16; 2]);
         for (index, &value) in patch.pixels().iter().enumerate() {
             let x = coordinates.x[index / LANES][index % LANES] - offset_px[0];
             let y = coordinates.y[index / LANES][index % LANES] - offset_px[1];
             let [a, b] = directions.map(|(sine, cosine)| cosine * y - sine * x);
-            if a.abs() < FLAT_DISTANCE_PX || b.abs() < FLAT_DISTANCE_PX {
+            if a.abs().min(b.abs()) < distance_px {
                 continue;
             }
-            let sector = usize::from(a > 0.0) + 2 * usize::from(b > 0.0);
-            sums[sector] += value;
-            squares[sector] += value * value;
-            counts[sector] += 1;
+            // Signs equal: light, by the seed's convention.
+            let part = usize::from((a > 0.0) == (b > 0.0));
+            sums[part] += value;
+            squares[part] += value * value;
+            counts[part] += 1;
         }
-        if counts.contains(&0) {
+        // Too narrow a sector in too small a window.
+        if counts.iter().any(|&count| count < 2) {
             return Err(RefineFailure::Seed);
         }
-        let mean = |sector: usize| sums[sector] / f32::from(counts[sector]);
-        // Signs equal: light, by the seed's convention.
-        let contrast = 0.5 * (mean(0) + mean(3) - mean(1) - mean(2));
+        let mean = |part: usize| sums[part] / f32::from(counts[part]);
+        let contrast = mean(1) - mean(0);
         if contrast.abs() < CONTRAST_MIN * patch.white_level {
             return Err(RefineFailure::LowContrast);
         }
         if contrast < 0.0 {
             return Err(RefineFailure::WrongPolarity);
         }
-        let within: f32 = (0..4).map(|sector| squares[sector] - sums[sector] * mean(sector)).sum();
-        let free = counts.iter().sum::<u16>().saturating_sub(4).max(1);
-        let noise = libm::sqrtf(within.max(0.0) / f32::from(free));
+        let within = squares[0] + squares[1] - sums[0] * mean(0) - sums[1] * mean(1);
+        let noise = libm::sqrtf(within.max(0.0) / f32::from(counts[0] + counts[1] - 2));
         Ok(Self { contrast, noise })
     }
 

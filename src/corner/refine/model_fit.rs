@@ -38,7 +38,8 @@ use super::RefineFailure;
 use super::fast_math::{SLOPE_AT_ZERO, exp, normal_between};
 use super::patch::{CHUNKS_MAX, Coordinates, LANES, Lanes, Patch};
 
-/// Evaluations of the model at most; from the saddle of a clean corner, three.
+/// Evaluations of the model at most; from the saddle and true edges two, from
+/// edges 15 degrees off four.
 const EVALUATIONS_MAX: usize = 7;
 
 /// A step that moves the corner less than this is the last: the steps shrink by
@@ -47,15 +48,20 @@ const LAST_STEP_PX: f32 = 0.01;
 /// The same for the edges, rad, and for ln s.
 const LAST_TURN_RAD: f32 = 0.03;
 const LAST_LN_BLUR: f32 = 0.1;
+/// So is one that promises to lower the sum of squares by less than this many
+/// times the pixels' variance: it is a step of less than a third of the standard
+/// deviation in whichever direction it goes, and what is left after it is far less.
+const LAST_GAIN: f64 = 0.1;
 
 /// One step's bounds: the model is far from linear beyond them.
 const STEP_PX_MAX: f32 = 1.0;
 const STEP_RAD_MAX: f32 = 0.25;
 const STEP_LN_BLUR_MAX: f32 = 0.5;
 
-/// The blur fitted, box included: below the first the samples cannot tell,
-/// above the second the corner is out of focus beyond use.
-const BLUR_PX_MIN: f32 = 0.3;
+/// The blur fitted, box included. Below the first the samples cannot tell: only
+/// pictures sharpened by the camera ask for less, and get the first. Above the
+/// second the corner is out of focus beyond use.
+const BLUR_PX_MIN: f32 = 0.45;
 const BLUR_PX_MAX: f32 = 3.0;
 /// The first guess: a good lens in focus and the pixel's box.
 const BLUR_PX_START: f32 = 0.85;
@@ -67,14 +73,15 @@ const OFFSET_PX_MAX: f32 = 1.75;
 /// Farthest the fit may turn an edge away from the seed, rad.
 const TURN_RAD_MAX: f32 = 0.6;
 
-/// The structured part of the residual allowed, as a part of half the contrast.
-/// Measured on photographs (sharpened, JPEG): up to 0.05. A hair of one pixel
-/// through a window of +-6 px gives 0.15.
+/// Structure allowed in the residual, root mean square as a part of the half
+/// contrast. Photographs sharpened by the camera give up to 0.07.
 const STRUCTURE_MAX: f32 = 0.1;
-/// White noise has correlations between neighbours too, by chance: in the
-/// smallest window (49 pixels) their mean is below this part of its variance in
-/// 99.9 % of cases.
-const CHANCE_CORRELATION: f32 = 0.35;
+/// Structure allowed in the residual's odd part; those photographs give 0.02 in
+/// 99 of 100 corners.
+const ODD_STRUCTURE_MAX: f32 = 0.05;
+/// Neighbours in white noise correlate by chance: their mean correlation stays
+/// below this in the smallest window (49 pixels, three standard deviations).
+const CHANCE_CORRELATION: f32 = 0.43;
 
 /// Angle between the edges at least, as a sine.
 pub(super) const EDGES_SINE_MIN: f32 = 0.34;
@@ -83,6 +90,7 @@ pub(super) const EDGES_SINE_MIN: f32 = 0.34;
 /// s), by the two edges' angles, by ln s; f itself; 1.
 const COLUMNS: usize = 7;
 const NONLINEAR: usize = 5;
+const LN_BLUR: usize = 4;
 const PROFILE: usize = 5;
 const ONE: usize = 6;
 
@@ -106,7 +114,7 @@ pub(super) struct Fitted {
     pub(super) shape: Shape,
     pub(super) half_contrast: f32,
     pub(super) sigma_px: f32,
-    /// Evaluations used.
+    /// Evaluations of the model.
     #[cfg_attr(not(test), expect(dead_code, reason = "the tests bound it"))]
     pub(super) evaluations: usize,
 }
@@ -152,84 +160,97 @@ impl Design {
         let mut normal = Normal::zeros();
         let mut right = Coefficients::zeros();
         let chunks = patch.chunks();
-        self.row_products::<0, 7>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<1, 6>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<2, 5>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<3, 4>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<4, 3>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<5, 2>(patch, chunks, &mut normal, &mut right);
-        self.row_products::<6, 1>(patch, chunks, &mut normal, &mut right);
+        for row in 0..COLUMNS {
+            for column in row..COLUMNS {
+                let product = inner_product(&self.columns[row], &self.columns[column], chunks);
+                normal[(row, column)] = product;
+                normal[(column, row)] = product;
+            }
+            right[row] = inner_product(&self.columns[row], &patch.value, chunks);
+        }
         (normal, right)
     }
 
-    /// Column ROW times itself, the OTHERS - 1 columns after it, and the pixels:
-    /// at most eight sums, which stay in registers.
-    fn row_products<const ROW: usize, const OTHERS: usize>(
+    /// The part of the pixels that the columns do not explain, and the structure in it.
+    fn residual(
         &self,
         patch: &Patch,
-        chunks: usize,
-        normal: &mut Normal,
-        right: &mut Coefficients,
-    ) {
-        const { assert!(ROW + OTHERS == COLUMNS) };
-        let mut sums = [[0.0_f32; LANES]; OTHERS];
-        let mut right_sum = [0.0_f32; LANES];
-        let row = &self.columns[ROW][..chunks];
-        let others: [&[Lanes]; OTHERS] =
-            core::array::from_fn(|other| &self.columns[ROW + other][..chunks]);
-        let pixels = &patch.value[..chunks];
-        for chunk in 0..chunks {
-            for (sum, other) in sums.iter_mut().zip(&others) {
+        coefficients: &Coefficients,
+        offset_px: [f32; 2],
+    ) -> Residual {
+        let weights: [f32; COLUMNS] = coefficients.map(|value| value as f32).into();
+        let mut left = [[0.0_f32; LANES]; CHUNKS_MAX];
+        for chunk in 0..patch.chunks().min(CHUNKS_MAX) {
+            let mut rest = patch.value[chunk];
+            for (weight, column) in weights.iter().zip(&self.columns) {
                 for lane in 0..LANES {
-                    sum[lane] += row[chunk][lane] * other[chunk][lane];
+                    rest[lane] -= weight * column[chunk][lane];
                 }
             }
-            for lane in 0..LANES {
-                right_sum[lane] += row[chunk][lane] * pixels[chunk][lane];
-            }
-        }
-        for (other, sum) in sums.iter().enumerate() {
-            let total = total(sum);
-            normal[(ROW, ROW + other)] = total;
-            normal[(ROW + other, ROW)] = total;
-        }
-        right[ROW] = total(&right_sum);
-    }
-
-    /// The part of the pixels that the columns do not explain, and the structure in it.
-    fn residual(&self, patch: &Patch, coefficients: &Coefficients) -> Residual {
-        let weights = coefficients.map(|value| value as f32);
-        let mut left = patch.value;
-        for (weight, column) in weights.iter().zip(&self.columns) {
-            for (left, value) in left.iter_mut().zip(column).take(patch.chunks()) {
-                for lane in 0..LANES {
-                    left[lane] -= weight * value[lane];
-                }
-            }
+            left[chunk] = rest;
         }
         let left = &left.as_flattened()[..patch.count()];
-        // The few products from one row's end to the next row's start do no harm.
-        let beside: f32 = left.iter().zip(&left[1..]).map(|(a, b)| a * b).sum();
-        let below: f32 = left.iter().zip(&left[patch.side()..]).map(|(a, b)| a * b).sum();
         let squares: f32 = left.iter().map(|value| value * value).sum();
+
+        // Opposite pixels, as seen from the corner to the nearest half pixel.
+        let (radius, side) = (patch.radius as isize, patch.side() as isize);
+        let [column_sum, row_sum] =
+            offset_px.map(|offset_px| 2 * radius + libm::roundf(2.0 * offset_px) as isize);
+        let mut odd = [0.0_f32; LANES * CHUNKS_MAX];
+        for row in 0..side {
+            let opposite_row = row_sum - row;
+            if !(0..side).contains(&opposite_row) {
+                continue;
+            }
+            for column in 0..side {
+                let opposite_column = column_sum - column;
+                if (0..side).contains(&opposite_column) {
+                    let index = (row * side + column) as usize;
+                    let opposite = (opposite_row * side + opposite_column) as usize;
+                    odd[index] = 0.5 * (left[index] - left[opposite]);
+                }
+            }
+        }
         let count = patch.count() as f32;
         Residual {
             variance: squares / (count - COLUMNS as f32),
-            neighbour_covariance: 0.5 * (beside + below) / count,
+            structure: structure(left, patch.side()),
+            odd_structure: structure(&odd[..patch.count()], patch.side()),
         }
     }
+}
+
+/// Mean product of neighbours beyond what chance explains: 0 for white noise,
+/// near the mean square for anything with a shape.
+fn structure(values: &[f32], side: usize) -> f32 {
+    // The few products from one row's end to the next row's start do no harm.
+    let beside: f32 = values.iter().zip(&values[1..]).map(|(a, b)| a * b).sum();
+    let below: f32 = values.iter().zip(&values[side..]).map(|(a, b)| a * b).sum();
+    let squares: f32 = values.iter().map(|value| value * value).sum();
+    (0.5 * (beside + below) - CHANCE_CORRELATION * squares).max(0.0) / values.len() as f32
 }
 
 /// What is left of the pixels after the fit, grey levels squared.
 struct Residual {
     variance: f32,
-    /// Mean product of neighbouring residuals: 0 for white noise, near the
-    /// variance for anything with a shape.
-    neighbour_covariance: f32,
+    /// That of it which has a shape.
+    structure: f32,
+    /// The same of its odd part: half the difference of opposite pixels. What the
+    /// camera does to every corner (sharpening, an imperfect blur model) is even
+    /// and does not move the corner; what covers one side is odd as well, and does.
+    odd_structure: f32,
 }
 
-fn total(lanes: &Lanes) -> f64 {
-    lanes.iter().map(|&value| f64::from(value)).sum()
+/// One pair at a time: with several sums side by side the compiler shuffles them
+/// among the lanes, three times the instructions.
+fn inner_product(a: &[Lanes; CHUNKS_MAX], b: &[Lanes; CHUNKS_MAX], chunks: usize) -> f64 {
+    let mut sums = [0.0_f32; LANES];
+    for (a, b) in a[..chunks].iter().zip(&b[..chunks]) {
+        for lane in 0..LANES {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().map(|&value| f64::from(value)).sum()
 }
 
 /// The model's constants for one shape.
@@ -385,16 +406,25 @@ impl Evaluated {
             normal[(index, index)] *= 1.0 + damping;
         }
         let cholesky = normal.cholesky()?;
-        let coefficients = cholesky.solve(&self.right);
+        let mut coefficients = cholesky.solve(&self.right);
+        let is_pinned = self.shape.blur_px <= BLUR_PX_MIN
+            && coefficients[LN_BLUR] * coefficients[PROFILE] < 0.0;
+        if is_pinned {
+            normal[(LN_BLUR, LN_BLUR)] *= 1e6;
+            coefficients = normal.cholesky()?.solve(&self.right);
+        }
         let half_contrast = coefficients[PROFILE];
         let step = core::array::from_fn(|index| (coefficients[index] / half_contrast) as f32);
-        Some(Solved { coefficients, step })
+        let cost = -coefficients.dot(&self.right);
+        Some(Solved { coefficients, step, cost })
     }
 }
 
 struct Solved {
     coefficients: Coefficients,
     step: [f32; NONLINEAR],
+    /// The cost that the step promises.
+    cost: f64,
 }
 
 /// Fits the model to a window whose middle is within about a pixel of the corner.
@@ -406,6 +436,8 @@ struct Solved {
 /// the window.
 pub(super) fn fit(patch: &Patch, start: &Shape) -> Result<Fitted, RefineFailure> {
     let mut design = Design::new();
+    let squares: f64 = patch.pixels().iter().map(|&value| f64::from(value * value)).sum();
+    let free = (patch.count() - COLUMNS) as f64;
     let mut damping = 1e-3;
     let mut shape = *start;
     let mut best: Option<Evaluated> = None;
@@ -425,7 +457,10 @@ pub(super) fn fit(patch: &Patch, start: &Shape) -> Result<Fitted, RefineFailure>
         if !shape.is_corner() {
             return Err(RefineFailure::Diverged);
         }
-        if better && is_last(&current.shape, &solved.step) {
+        let variance = (squares + solved.cost) / free;
+        let is_last = is_small(&current.shape, &solved.step)
+            || current.cost - solved.cost < LAST_GAIN * variance;
+        if better && is_last {
             let fitted = finish(&design, patch, current, &solved, shape, evaluations)?;
             return if is_near(&fitted.shape, start) {
                 Ok(fitted)
@@ -437,7 +472,7 @@ pub(super) fn fit(patch: &Patch, start: &Shape) -> Result<Fitted, RefineFailure>
     Err(RefineFailure::Diverged)
 }
 
-fn is_last(shape: &Shape, step: &[f32; NONLINEAR]) -> bool {
+fn is_small(shape: &Shape, step: &[f32; NONLINEAR]) -> bool {
     let [x, y] = shape.moved_by_shifts([step[0], step[1]]);
     x * x + y * y < LAST_STEP_PX * LAST_STEP_PX
         && step[2].abs() < LAST_TURN_RAD
@@ -465,11 +500,12 @@ fn finish(
     if half_contrast <= 0.0 {
         return Err(RefineFailure::WrongPolarity);
     }
-    let residual = design.residual(patch, &solved.coefficients);
-    let allowed = STRUCTURE_MAX * half_contrast;
+    let residual = design.residual(patch, &solved.coefficients, shape.offset_px);
+    let power = half_contrast * half_contrast;
     // Written so that a NaN fails.
-    let is_clean =
-        residual.neighbour_covariance < allowed * allowed + CHANCE_CORRELATION * residual.variance;
+    let is_clean = residual.structure <= STRUCTURE_MAX * STRUCTURE_MAX * power
+        && residual.odd_structure <= ODD_STRUCTURE_MAX * ODD_STRUCTURE_MAX * power
+        && residual.variance.is_finite();
     if !is_clean {
         return Err(RefineFailure::Obstructed);
     }
@@ -493,4 +529,56 @@ fn finish(
 /// The start at a saddle, with the seed's edges.
 pub(super) fn start(offset_px: [f32; 2], edges_rad: [f32; 2]) -> Shape {
     Shape { offset_px, edges_rad, blur_px: BLUR_PX_START }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest difference between the columns, scaled, and central differences of f.
+    fn derivative_error(shape: &Shape, scale: f32) -> f32 {
+        const STEP: f32 = 0.003;
+        let mut worst = 0.0_f32;
+        for index in 0..NONLINEAR {
+            let moved = |sign: f32| {
+                let mut step = [0.0; NONLINEAR];
+                step[index] = sign * STEP;
+                Profile::new(&shape.stepped(step))
+            };
+            let (ahead, behind, here) = (moved(1.0), moved(-1.0), Profile::new(shape));
+            for pixel in 0..81 {
+                let (x, y) = ((pixel % 9) as f32 - 4.0, (pixel / 9) as f32 - 4.0);
+                let difference =
+                    (ahead.at(x, y)[PROFILE] - behind.at(x, y)[PROFILE]) / (2.0 * STEP);
+                worst = worst.max((scale * here.at(x, y)[index] - difference).abs());
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn derivatives_match_differences_and_wrong_ones_do_not() {
+        for gap_rad in [1.0_f32, 1.570_796_4, 2.1] {
+            let shape =
+                Shape { offset_px: [0.3, -0.2], edges_rad: [0.4, 0.4 + gap_rad], blur_px: 0.8 };
+            // The differences' own error: 0.003^2 / 6 times a third derivative of up
+            // to 300 (an edge's turn acts over 6 blurs), and rounding of 3e-7 / 0.003.
+            let error = derivative_error(&shape, 1.0);
+            assert!(error < 2e-3, "{error} at {gap_rad}");
+            let error = derivative_error(&shape, 1.01);
+            assert!(error > 1e-2, "{error} at {gap_rad}");
+        }
+    }
+
+    #[test]
+    fn profile_is_an_orthant_probability() {
+        // In the middle of a corner f is 1 - 2 gap / pi whatever the blur, by symmetry.
+        for gap_rad in [0.93_f32, 1.2, 1.570_796_4, 2.2] {
+            let shape =
+                Shape { offset_px: [0.0; 2], edges_rad: [0.3, 0.3 + gap_rad], blur_px: 0.8 };
+            let value = Profile::new(&shape).at(0.0, 0.0)[PROFILE];
+            let expected = 1.0 - 2.0 * gap_rad / core::f32::consts::PI;
+            assert!((value - expected).abs() < 2e-4, "{value} {expected}");
+        }
+    }
 }

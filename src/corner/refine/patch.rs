@@ -7,11 +7,11 @@ pub const RADIUS_PX_MIN: usize = 3;
 /// Largest half width of a window, px.
 pub const RADIUS_PX_MAX: usize = 8;
 
-/// Numbers handled together: one SSE2 or NEON register.
-pub(super) const LANES: usize = 4;
+/// Numbers handled together: two SSE2 or NEON registers, so that two sums are under way.
+pub(super) const LANES: usize = 8;
 /// Lanes of the largest window.
 pub(super) const CHUNKS_MAX: usize = (2 * RADIUS_PX_MAX + 1).pow(2).div_ceil(LANES);
-/// One register's worth of numbers.
+/// Numbers handled together.
 pub(super) type Lanes = [f32; LANES];
 
 /// A square window of a picture, row by row without gaps.

@@ -8,17 +8,17 @@
 //! the saddle is where the quadratic's gradient vanishes. Only five are kept:
 //! nobody needs k0.
 //!
-//! Whatever the corner's contrast and blur, the saddle is within the window's
-//! middle for seeds that the model fit could not start from; its spread is 1.5
-//! to 2.5 times the fit's.
+//! The cone is the larger part of the window: that halves the pull towards the
+//! window's middle, which is left of a fit that is no model of the corner (see
+//! the module's table). It needs neither contrast nor blur nor edges, and finds
+//! the corner from farther away than the model fit could start.
 
 use super::RefineFailure;
 use super::patch::{LANES, Lanes, Patch, RADIUS_PX_MAX, RADIUS_PX_MIN};
 
 /// The smaller curvature must reach this part of the larger: an edge alone has
-/// one curvature only. The saddle of the most tilted useful target (edges 40
-/// degrees apart) has 0.35.
-const CURVATURE_RATIO_MIN: f32 = 0.2;
+/// one curvature only. A seed two pixels off sees a lopsided saddle.
+const CURVATURE_RATIO_MIN: f32 = 0.1;
 
 /// The kernels of the quadratic's coefficients for one radius, over the raw window.
 struct Kernels<const CHUNKS: usize> {
@@ -42,7 +42,7 @@ pub(super) struct Quadratic {
 /// Half width of the cone for a window of half width `radius`; the quadratic is
 /// fitted to the rest.
 const fn cone_radius(radius: usize) -> usize {
-    radius / 2
+    radius.div_ceil(2)
 }
 
 /// Square root by Newton's steps, for the tables: the library's is not const.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 
 use crate::error::BadInput;
 
@@ -30,15 +30,16 @@ use transport::{Serial, Transport, Udp};
 /// on by this computer's clock. Ends with --duration, --frames or Ctrl-C, and a
 /// summary.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("source").required(true).args(["udp", "serial"]))]
 #[command(after_help = "Examples:\n  plumb receive --udp 0.0.0.0:4210 --out poses.csv\n  \
     plumb receive --serial /dev/ttyUSB0 --baud 115200 --out poses.csv --duration 60")]
 pub struct Arguments {
     /// Listen for datagrams at this address and port
-    #[arg(long, value_name = "ADDRESS:PORT", required_unless_present = "serial", value_parser = address)]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = address)]
     pub udp: Option<SocketAddr>,
 
     /// Listen on this serial device
-    #[arg(long, value_name = "DEVICE", conflicts_with = "udp")]
+    #[arg(long, value_name = "DEVICE")]
     pub serial: Option<String>,
 
     /// Bits per second of the serial device

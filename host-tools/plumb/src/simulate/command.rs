@@ -102,7 +102,13 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
         let simulation = prepared(&settings)?;
         // Without the standard library's line buffer: a frame is passed on whole, at once.
         let stdout = io::stdout().as_fd().try_clone_to_owned().context("standard output")?;
-        return write_frames(&simulation, arguments.frames, File::from(stdout), |_, _| Ok(()));
+        return write_frames(
+            &simulation,
+            arguments.frames,
+            File::from(stdout),
+            "standard output",
+            |_, _| Ok(()),
+        );
     }
 
     let directory = &arguments.out;
@@ -121,8 +127,9 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
     describe(&simulation, &camera, &targets, &scene)?;
     let mut truth = Writer::create(&truth)?;
     let mut outside = vec![0_u64; simulation.targets().len()];
-    let file = File::create(&frames).map_err(|error| BadInput::io(frames.display(), &error))?;
-    write_frames(&simulation, arguments.frames, file, |frame, samples| {
+    let place = frames.display().to_string();
+    let file = File::create(&frames).map_err(|error| BadInput::io(&place, &error))?;
+    write_frames(&simulation, arguments.frames, file, &place, |frame, samples| {
         for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
             truth.write(row)?;
             *outside += u64::from(row.points == Some(0));
@@ -131,8 +138,7 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
             save_png(&simulation, samples, &png_paths[index])?;
         }
         Ok(())
-    })
-    .with_context(|| frames.display().to_string())?;
+    })?;
     truth.flush()?;
     for (target, outside) in simulation.targets().iter().zip(outside) {
         if outside > 0 {
@@ -218,6 +224,7 @@ fn write_frames(
     simulation: &Simulation,
     frames: u64,
     sink: impl Write + Send,
+    place: &str,
     mut each: impl FnMut(u64, &[u8]) -> anyhow::Result<()> + Send,
 ) -> anyhow::Result<()> {
     let lens = simulation.camera();
@@ -225,7 +232,7 @@ fn write_frames(
     let encoder = y4m::encode(width, height, ratio(simulation.settings().frame_rate_hz))
         .with_colorspace(y4m::Colorspace::Cmono);
     let mut encoder = match encoder.write_header(sink) {
-        Err(error) => return finished_or(error),
+        Err(error) => return finished_or(error, place),
         Ok(encoder) => encoder,
     };
     let progress = ProgressBar::new(frames).with_style(
@@ -247,7 +254,7 @@ fn write_frames(
         );
         if let Err(error) = written {
             progress.abandon();
-            return finished_or(error);
+            return finished_or(error, place);
         }
         std::mem::swap(&mut now, &mut next);
         progress.inc(1);
@@ -257,10 +264,11 @@ fn write_frames(
 }
 
 /// Nothing wrong when the reader of a pipe has had enough.
-fn finished_or(error: y4m::Error) -> anyhow::Result<()> {
+fn finished_or(error: y4m::Error, place: &str) -> anyhow::Result<()> {
     match error {
         y4m::Error::IoError(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        error => Err(anyhow::Error::new(error).context("the video cannot be written")),
+        y4m::Error::IoError(error) => Err(BadInput::io(place, &error).into()),
+        error => Err(anyhow::Error::new(error).context(format!("{place}: cannot be written"))),
     }
 }
 
@@ -279,4 +287,65 @@ fn save_png(simulation: &Simulation, samples: &[u8], path: &Path) -> anyhow::Res
     let (width, height) = (u32::from(lens.width_px), u32::from(lens.height_px));
     image::save_buffer(path, samples, width, height, image::ExtendedColorType::L8)
         .with_context(|| path.display().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::files::frames::{FrameSource, Pixels};
+    use crate::files::poses;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: SimulateArguments,
+    }
+
+    fn simulate(directory: &Path, options: &[&str]) -> anyhow::Result<()> {
+        let out = directory.to_str().unwrap();
+        run(&Line::parse_from(["simulate", "--out", out].iter().chain(options)).arguments)
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        simulate(directory.path(), &["--frames", "2", "--fps", "29.97", "--png", "1"]).unwrap();
+        let settings = SimulationSettings { frame_rate_hz: 29.97, ..Default::default() };
+        let simulation = Simulation::new(&settings).unwrap();
+
+        let mut source = FrameSource::open(&[at("frames.y4m")], None).unwrap();
+        assert!((source.rate_hz() - 29.97).abs() < 1e-9);
+        let mut expected: Vec<u8> = Vec::new();
+        for number in 0..2 {
+            simulation.render(number, &mut expected);
+            let frame = source.next_frame().unwrap().unwrap();
+            assert!(matches!(frame.pixels, Pixels::Grey8(found) if found == expected));
+        }
+        assert!(source.next_frame().unwrap().is_none());
+        let png = image::open(at("frame_1.png")).unwrap().into_luma8();
+        assert!(png.into_raw() == expected);
+
+        assert_eq!(camera::read(&at("camera.toml")).unwrap().lens, *simulation.camera());
+        let scene = scene::read(&at("scene.toml")).unwrap().cam_from_scene;
+        assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
+        let read = targets::read(&at("targets.toml")).unwrap();
+        assert!(read.warnings.is_empty());
+        for (read, target) in read.targets.iter().zip(simulation.targets()) {
+            assert_eq!(read.name, target.layout.name);
+            assert_eq!(read.geometry, target.geometry);
+        }
+        let rows = poses::read(&at("truth.csv")).unwrap();
+        assert_eq!(rows.len(), 4);
+        let last = simulation.truth(1).targets[1].cam_from_target;
+        let pose = rows[3].cam_from_target().unwrap();
+        assert!((pose.rotation - last.rotation).norm() < 1e-12);
+        assert_eq!(pose.translation_mm, last.translation_mm);
+
+        let again = simulate(directory.path(), &["--frames", "1"]).unwrap_err().to_string();
+        assert!(again.contains("frames.y4m") && again.contains("--force"), "{again}");
+        simulate(directory.path(), &["--frames", "1", "--force"]).unwrap();
+    }
 }

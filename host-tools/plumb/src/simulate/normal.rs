@@ -99,8 +99,8 @@ impl GaussLegendre {
 ///
 /// Plackett's identity says that the derivative of the bivariate CDF by rho is
 /// the bivariate density; with rho = sin t the integral is smooth up to the
-/// ends (Drezner and Wesolowsky 1990; Genz 2004, who found 6, 12 and 20 points
-/// to give 1e-15 below |rho| = 0.3, 0.75 and 0.925).
+/// ends (Drezner and Wesolowsky 1990; Genz 2004). 3, 8 and 20 points give 1e-7
+/// below |rho| = 0.3, 0.75 and 0.925: a hundred-thousandth of a grey level.
 pub(super) struct Correlation {
     /// [sin t, 1 / (2 cos^2 t), weight / 2 pi]
     nodes: Vec<[f64; 3]>,
@@ -108,7 +108,7 @@ pub(super) struct Correlation {
 
 impl Correlation {
     pub(super) fn rules() -> [GaussLegendre; 3] {
-        [6, 12, 20].map(GaussLegendre::new)
+        [3, 8, 20].map(GaussLegendre::new)
     }
 
     /// Prepared for one correlation; `rules` are [`rules`](Self::rules)'s.
@@ -181,7 +181,7 @@ mod tests {
         let mut correlation = Correlation::none();
         for rho in [0.0_f64, 0.05, -0.25, 0.6, -0.74, 0.9] {
             correlation.prepare(rho, &rules);
-            assert!((correlation.added(0.0, 0.0) - rho.asin() / (2.0 * PI)).abs() < 1e-12);
+            assert!((correlation.added(0.0, 0.0) - rho.asin() / (2.0 * PI)).abs() < 1e-7);
         }
     }
 
@@ -192,7 +192,9 @@ mod tests {
         let cdf = |x: f64| 0.5 * libm::erfc(-x * FRAC_1_SQRT_2);
         let fine = GaussLegendre::new(200);
         let mut correlation = Correlation::none();
-        for (h, k, rho) in [(0.3, -0.8, 0.2), (-1.1, 0.4, -0.55), (1.5, 1.2, 0.85)] {
+        let arguments = [(0.3, -0.8), (-1.1, 0.4), (1.5, 1.2), (2.4, 2.5), (-2.0, 2.2)];
+        let rhos = [0.2, -0.29, -0.55, 0.74, 0.85, -0.92];
+        for ((h, k), rho) in arguments.into_iter().flat_map(|at| rhos.map(|rho| (at, rho))) {
             correlation.prepare(rho, &rules);
             let conditional = |x: f64| {
                 let density = (-0.5 * x * x).exp() / (2.0 * PI).sqrt();
@@ -202,7 +204,7 @@ mod tests {
             let integral: f64 =
                 fine.0.iter().map(|[x, w]| w * half * conditional(half * (x + 1.0) - 9.0)).sum();
             let found = cdf(h) * cdf(k) + correlation.added(h, k);
-            assert!((found - integral).abs() < 1e-12, "{h} {k} {rho}: {:e}", found - integral);
+            assert!((found - integral).abs() < 1e-7, "{h} {k} {rho}: {:e}", found - integral);
         }
     }
 }

@@ -410,35 +410,56 @@ impl Painter<'_> {
             let rho = covariance.m12 * inverse_sd.x * inverse_sd.y;
             scratch.correlation.prepare(rho, &self.rules.correlation);
         }
-        let mut value = 0.0;
-        for [x_px, x_weight] in &self.rules.pixel {
-            for [y_px, y_weight] in &self.rules.pixel {
-                let there = ray + ray_by_raw * Vector2::new(*x_px, *y_px);
-                let point_mm = self.map.point_mm(&there);
-                let (h, k) = (&mut scratch.h, &mut scratch.k);
-                let (across, down) = (&mut scratch.x_probabilities, &mut scratch.y_probabilities);
-                columns.probabilities(cdf, point_mm.x, inverse_sd.x, h, across);
-                rows.probabilities(cdf, point_mm.y, inverse_sd.y, k, down);
-                let mut sum = 0.0;
-                for (row, down) in down.iter().enumerate() {
-                    for (column, across) in across.iter().enumerate() {
-                        sum += across * down * cell(column, row);
-                    }
+        let points =
+            self.rules.pixel.iter().flat_map(|x| self.rules.pixel.iter().map(move |y| (x, y)));
+        let points = points.map(|([x_px, x_weight], [y_px, y_weight])| {
+            let there = ray + ray_by_raw * Vector2::new(*x_px, *y_px);
+            (self.map.point_mm(&there), x_weight * y_weight)
+        });
+        // Almost all pixels see one edge or one corner.
+        if columns.lines_mm.len() <= 1 && rows.lines_mm.len() <= 1 {
+            let (x_line, y_line) = (columns.lines_mm.first(), rows.lines_mm.first());
+            let first = cell(0, 0);
+            let across = x_line.map_or(0.0, |_| cell(1, 0) - first);
+            let down = y_line.map_or(0.0, |_| cell(0, 1) - first);
+            let twist = if corners { cell(1, 1) - first - across - down } else { 0.0 };
+            let value = points.map(|(point_mm, weight)| {
+                let h = x_line.map_or(0.0, |line| (point_mm.x - line) * inverse_sd.x);
+                let k = y_line.map_or(0.0, |line| (point_mm.y - line) * inverse_sd.y);
+                let past_x = if x_line.is_some() { cdf.at(h) } else { 0.0 };
+                let past_y = if y_line.is_some() { cdf.at(k) } else { 0.0 };
+                let mut sum = across * past_x + down * past_y;
+                if twist != 0.0 {
+                    sum += twist * (past_x * past_y + scratch.correlation.added(h, k));
                 }
-                for (row, k) in k.iter().enumerate() {
-                    for (column, h) in h.iter().enumerate() {
-                        let step = cell(column, row) + cell(column + 1, row + 1)
-                            - cell(column + 1, row)
-                            - cell(column, row + 1);
-                        if step != 0.0 {
-                            sum += step * scratch.correlation.added(*h, *k);
-                        }
-                    }
-                }
-                value += sum * x_weight * y_weight;
-            }
+                weight * sum
+            });
+            return Some(first + value.sum::<f64>());
         }
-        Some(value)
+        let value = points.map(|(point_mm, weight)| {
+            let (h, k) = (&mut scratch.h, &mut scratch.k);
+            let (across, down) = (&mut scratch.x_probabilities, &mut scratch.y_probabilities);
+            columns.probabilities(cdf, point_mm.x, inverse_sd.x, h, across);
+            rows.probabilities(cdf, point_mm.y, inverse_sd.y, k, down);
+            let mut sum = 0.0;
+            for (row, down) in down.iter().enumerate() {
+                for (column, across) in across.iter().enumerate() {
+                    sum += across * down * cell(column, row);
+                }
+            }
+            for (row, k) in k.iter().enumerate() {
+                for (column, h) in h.iter().enumerate() {
+                    let twist = cell(column, row) + cell(column + 1, row + 1)
+                        - cell(column + 1, row)
+                        - cell(column, row + 1);
+                    if twist != 0.0 {
+                        sum += twist * scratch.correlation.added(*h, *k);
+                    }
+                }
+            }
+            weight * sum
+        });
+        Some(value.sum())
     }
 }
 

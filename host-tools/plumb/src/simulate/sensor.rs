@@ -1,6 +1,7 @@
 //! What the sensor adds: photon noise, read noise, quantisation, clipping.
 
 use rand::SeedableRng;
+use rand::rngs::Xoshiro256PlusPlus;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -59,8 +60,7 @@ impl Sensor {
         let rows = picture.grey.par_chunks(picture.width);
         rows.zip(samples.par_chunks_mut(picture.width)).enumerate().for_each(
             |(row, (greys, samples))| {
-                let mut random = ChaCha8Rng::seed_from_u64(seed);
-                random.set_stream((frame << 16) | row as u64);
+                let mut random = noise_of_row(seed, frame, row as u64);
                 for (grey, sample) in greys.iter().zip(samples) {
                     let noise: f32 = StandardNormal.sample(&mut random);
                     let sd = (read_variance + photon_variance_per_level * grey.max(0.0)).sqrt();
@@ -70,6 +70,18 @@ impl Sensor {
             },
         );
     }
+}
+
+/// The generator of one row's noise.
+fn noise_of_row(seed: u64, frame: u64, row: u64) -> Xoshiro256PlusPlus {
+    // Neighbouring seeds, frames and rows must not share a state: the three are
+    // spread over the seed's bytes, which are then scrambled as a whole.
+    let mut bytes = [0; 32];
+    for (bytes, value) in bytes.chunks_exact_mut(8).zip([seed, frame, row]) {
+        bytes.copy_from_slice(&value.to_le_bytes());
+    }
+    let mut mixer = ChaCha8Rng::from_seed(bytes);
+    Xoshiro256PlusPlus::from_rng(&mut mixer)
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 //! ignored). Colour becomes its luma. Memory is bounded by one frame of at most
 //! [`FRAME_SIDE_PX_MAX`] a side, whatever a header claims.
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -59,14 +60,14 @@ enum Samples {
 }
 
 enum Open {
-    Video(Video),
+    Video(Box<Video>),
     /// Read already: its size had to be known.
     Picture(Picture),
 }
 
 /// Frames of a list of inputs.
 pub struct FrameSource {
-    inputs: std::vec::IntoIter<PathBuf>,
+    inputs: VecDeque<PathBuf>,
     /// The input that the next frame comes from, and its name.
     open: Option<Open>,
     place: String,
@@ -105,7 +106,7 @@ impl FrameSource {
             }
         }
         let mut source = Self {
-            inputs: inputs.to_vec().into_iter(),
+            inputs: inputs.iter().cloned().collect(),
             open: None,
             place: String::new(),
             given_rate_hz: rate_hz,
@@ -209,7 +210,7 @@ impl FrameSource {
 
     /// Opens the next input; false when there is none.
     fn open_next(&mut self) -> Result<bool, BadInput> {
-        let Some(input) = self.inputs.next() else {
+        let Some(input) = self.inputs.pop_front() else {
             return Ok(false);
         };
         let is_first = self.place.is_empty();
@@ -277,7 +278,7 @@ fn open_input(input: &Path, given_rate_hz: Option<f64>) -> Result<Opened, BadInp
     if start.starts_with(b"YUV4MPEG2") {
         let video = Video::open(reader, bytes, given_rate_hz, &place)?;
         let (size, rate_hz) = (video.size(), video.rate_hz());
-        return Ok((Open::Video(video), size, rate_hz));
+        return Ok((Open::Video(Box::new(video)), size, rate_hz));
     }
     if input.as_os_str() == STANDARD_INPUT {
         return Err(BadInput::whole(

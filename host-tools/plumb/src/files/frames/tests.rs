@@ -58,7 +58,7 @@ fn videos_follow_each_other_at_the_headers_rate() {
     let (frames, end) = drain(&[one.clone(), two], None);
     assert_eq!(frames, [(0, 0), (1, 20_000_000), (0, 40_000_000)]);
     assert_eq!(end, Ok(()));
-    assert_eq!(drain(&[one.clone()], Some(100.0)).0[1].1, 10_000_000);
+    assert_eq!(drain(std::slice::from_ref(&one), Some(100.0)).0[1].1, 10_000_000);
     assert_eq!(FrameSource::open(&[one], None).unwrap().count_hint(), Some(2));
 }
 
