@@ -20,7 +20,8 @@ pub fn smooth(samples: &[f64], window: usize) -> Option<Vec<f64>> {
         let x = (index as f64 - half as f64) / half as f64;
         Vector3::new(1.0, x, x * x)
     };
-    let normal: Matrix3<f64> = (0..window).map(|index| powers(index) * powers(index).transpose()).sum();
+    let normal: Matrix3<f64> =
+        (0..window).map(|index| powers(index) * powers(index).transpose()).sum();
     let inverse = normal.try_inverse()?;
     let smoothed = (0..samples.len()).map(|index| {
         let start = index.saturating_sub(half).min(samples.len() - window);

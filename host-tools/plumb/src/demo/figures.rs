@@ -243,13 +243,12 @@ impl Figures {
         for target in &self.targets {
             let found = format!("{} of {}", target.found, self.frames);
             let measured = target.found > 0;
-            for (what, values) in [("spread +-", target.spread_mm), ("mean error", target.mean_mm)] {
-                let first = what == "spread +-";
-                let mut row = vec![
-                    Cell::new(if first { target.name } else { "" }),
-                    right(if first { found.clone() } else { String::new() }),
-                    Cell::new(what),
-                ];
+            let rows = [
+                (target.name, found, "spread \u{b1}", target.spread_mm),
+                ("", String::new(), "mean error", target.mean_mm),
+            ];
+            for (name, found, what, values) in rows {
+                let mut row = vec![Cell::new(name), right(found), Cell::new(what)];
                 row.extend(values.iter().map(|value| {
                     right(if measured { format!("{value:.4}") } else { "none".into() })
                 }));
@@ -263,17 +262,15 @@ impl Figures {
         let mut table = table(&["path length", "", "AP (mm)", "ML (mm)", "SI (mm)"]);
         for trunk in &self.trunk {
             let measured = !trunk.measured_mm.is_empty();
-            let relative = trunk.path_mm.component_div(&trunk.true_path_mm);
+            let difference_mm = trunk.path_mm - trunk.true_path_mm;
             let rows = [
                 (trunk.name, "measured", trunk.path_mm.map(|mm| format!("{mm:.2}"))),
                 ("", "true", trunk.true_path_mm.map(|mm| format!("{mm:.2}"))),
-                ("", "difference", relative.map(|ratio| format!("{:+.2} %", 100.0 * (ratio - 1.0)))),
+                ("", "difference", difference_mm.map(|mm| format!("{mm:+.2}"))),
             ];
             for (name, what, values) in rows {
                 let mut row = vec![Cell::new(name), Cell::new(what)];
-                row.extend(
-                    values.iter().map(|value| right(if measured { value } else { "none" })),
-                );
+                row.extend(values.iter().map(|value| right(if measured { value } else { "none" })));
                 table.add_row(row);
             }
         }

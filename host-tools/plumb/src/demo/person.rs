@@ -21,11 +21,7 @@ pub fn feed(simulation: &Simulation, frames: u64, sink: impl Write) -> Result<()
     }
 }
 
-fn write_frames(
-    simulation: &Simulation,
-    frames: u64,
-    sink: impl Write,
-) -> Result<(), y4m::Error> {
+fn write_frames(simulation: &Simulation, frames: u64, sink: impl Write) -> Result<(), y4m::Error> {
     let camera = simulation.camera();
     let rate = ratio(simulation.settings().frame_rate_hz);
     let mut encoder =

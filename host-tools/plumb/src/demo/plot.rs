@@ -24,8 +24,7 @@ const INK: RGBColor = RGBColor(51, 60, 69);
 const GRID: RGBColor = RGBColor(233, 236, 239);
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Chart<'a, 'b> =
-    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// Draws the picture into an SVG file.
 pub fn write(path: &Path, figures: &Figures) -> Result<()> {
@@ -63,25 +62,27 @@ fn draw_path(area: &Area<'_>, trunk: &TrunkFigures, colour: RGBColor) -> Result<
         range,
         ("ML (mm), + to the right", "AP (mm), + forward"),
     )?;
-    for points in &trunk.true_mm {
-        chart
-            .draw_series(LineSeries::new(relative(points), TRUTH.stroke_width(7)))?
-            .label("true")
-            .legend(|(x, y)| PathElement::new([(x, y), (x + 22, y)], TRUTH.stroke_width(7)));
-    }
-    for points in &trunk.measured_mm {
-        chart
-            .draw_series(LineSeries::new(relative(points), colour.stroke_width(2)))?
-            .label("measured")
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], colour.stroke_width(2)));
-    }
-    let ends = [(&trunk.measured_mm, "start")];
-    for (points, text) in ends {
-        if let Some(first) = points.first().map(|points| relative(points)).and_then(|p| p.first().copied()) {
-            chart.draw_series([Circle::new(first, 5, colour.filled())])?;
-            let style = (FONT, 14).into_font().color(&INK);
-            chart.draw_series([EmptyElement::at(first) + Text::new(text, (8, -14), style)])?;
+    let pairs = trunk.true_mm.iter().zip(&trunk.measured_mm);
+    for (stretch, (true_mm, measured_mm)) in pairs.enumerate() {
+        let styles = [
+            (true_mm, "true", TRUTH.stroke_width(7)),
+            (measured_mm, "measured", colour.stroke_width(2)),
+        ];
+        for (points, label, style) in styles {
+            let line = chart.draw_series(LineSeries::new(relative(points), style))?;
+            // One entry in the legend, however many gaps there are.
+            if stretch == 0 {
+                line.label(label)
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], style));
+            }
         }
+    }
+    if let Some(start) =
+        trunk.measured_mm.first().and_then(|points| relative(points).first().copied())
+    {
+        chart.draw_series([Circle::new(start, 5, colour.filled())])?;
+        let style = (FONT, 14).into_font().color(&INK);
+        chart.draw_series([EmptyElement::at(start) + Text::new("start", (8, -14), style)])?;
     }
     legend(&mut chart, SeriesLabelPosition::UpperRight)
 }
@@ -102,9 +103,12 @@ fn draw_depth(area: &Area<'_>, targets: &[TargetFigures]) -> Result<()> {
         -reach_mm..reach_mm,
         ("time (s)", "measured - true (mm)"),
     )?;
-    for target in targets {
+    // The larger error first, so that it does not cover the smaller one.
+    let mut order: Vec<&TargetFigures> = targets.iter().collect();
+    order.sort_by(|a, b| b.spread_mm.z.total_cmp(&a.spread_mm.z));
+    for target in order {
         let colour = if target.name == "lumbar" { LOWER } else { UPPER };
-        let label = format!("{}  +-{:.3} mm (1.96 SD)", target.name, target.spread_mm.z);
+        let label = format!("{}  \u{b1}{:.3} mm (1.96 SD)", target.name, target.spread_mm.z);
         chart
             .draw_series(LineSeries::new(
                 target.depth_error.iter().copied(),
@@ -138,8 +142,16 @@ fn chart<'a, 'b>(
         .axis_desc_style((FONT, 15).into_font().color(&INK))
         .x_desc(x_name)
         .y_desc(y_name)
+        .x_label_formatter(&label)
+        .y_label_formatter(&label)
         .draw()?;
     Ok(chart)
+}
+
+/// As few digits as the grid's values need; zero has no sign.
+fn label(value: &f64) -> String {
+    let hundredths = (value * 100.0).round() / 100.0;
+    format!("{}", if hundredths == 0.0 { 0.0 } else { hundredths })
 }
 
 fn legend<'b: 'a, 'a>(chart: &mut Chart<'a, 'b>, position: SeriesLabelPosition) -> Result<()> {
