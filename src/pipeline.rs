@@ -173,7 +173,7 @@ impl Pipeline {
         }
         let wanted: Vec<GridShape, TARGETS_MAX> =
             self.tracks.iter().map(|track| track.geometry.shape()).collect();
-        let grids = self.search.grids(&wanted);
+        let grids = self.search.grids(frame, &wanted);
         let optics = Optics { lens, lut: &self.lut };
         for (track, grid) in self.tracks.iter_mut().zip(&grids) {
             if track.outcome.is_ok() {

@@ -114,15 +114,15 @@ impl Search {
         &self.corners
     }
 
-    /// The grids of these shapes among the gathered corners.
-    pub fn grids(&mut self, wanted: &[GridShape]) -> Grids {
+    /// The grids of these shapes among the gathered corners. `image` is the frame in
+    /// which the sweep came to its end.
+    pub fn grids<P: Pixel>(&mut self, image: &GreyImage<'_, P>, wanted: &[GridShape]) -> Grids {
         let mut grids = Grids::new();
         for _ in wanted.iter().take(TARGETS_MAX) {
             let _ = grids.push(Err(GridRejection::NoLattice));
         }
-        let Area { columns, rows } = self.area.clone();
         let wanted = &wanted[..grids.len()];
-        self.finder.find(self.corners.as_slice(), [columns, rows], wanted, &mut grids);
+        self.finder.find(image, self.corners.as_slice(), wanted, &mut grids);
         grids
     }
 }

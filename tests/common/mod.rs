@@ -4,6 +4,7 @@ use heapless::{String, Vec};
 use plumb::simulate::Simulation;
 use plumbline::config::{Config, Links, TargetConfig};
 use plumbline::image::GreyImage;
+use rayon::prelude::*;
 
 /// The simulation's camera, targets and scene, as a box is provisioned with them.
 pub fn config_of(simulation: &Simulation) -> Config {
@@ -32,14 +33,14 @@ pub fn config_of(simulation: &Simulation) -> Config {
     }
 }
 
-/// Frames of the simulation, as the sensor gives them.
+/// The first frames of the simulation, as the sensor gives them; on all cores.
 pub fn render(simulation: &Simulation, count: u64) -> std::vec::Vec<std::vec::Vec<u8>> {
     let render = |frame| {
         let mut samples = std::vec::Vec::new();
         simulation.render(frame, &mut samples);
         samples
     };
-    (0..count).map(render).collect()
+    (0..count).into_par_iter().map(render).collect()
 }
 
 /// The view of one frame.
