@@ -4,10 +4,11 @@ use std::sync::{Mutex, mpsc};
 use std::thread;
 
 use plumbline::packet::{
-    AnatomicalPoint, FRAME_BYTES_MAX, Hello, MarkedInstant, MeasuredPose, Message, NoPoseReason,
-    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket, TargetState,
-    encode_datagram, encode_frame,
+    AnatomicalPoint, FRAME_BYTES_MAX, Hello, MarkedInstant, MeasuredPose, Message,
+    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket, encode_datagram,
+    encode_frame,
 };
+use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 
 use super::*;
@@ -34,7 +35,7 @@ fn pose(sequence: u32) -> Message {
         latency_us: 4100,
         targets: [
             target(Role::Upper, TargetState::Tracking, Ok(measured)),
-            target(Role::Lower, TargetState::Coasting, Err(NoPoseReason::TooFewCorners)),
+            target(Role::Lower, TargetState::Coasting, Err(NoPose::TooFewCorners)),
         ]
         .into_iter()
         .collect(),
