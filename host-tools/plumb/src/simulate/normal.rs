@@ -5,8 +5,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 use std::sync::LazyLock;
 
 /// Beyond this many standard deviations an edge is not seen: the CDF is within
-/// 1e-9 of 0 or 1, a ten-millionth of a grey level.
-pub(super) const REACH_SD: f64 = 6.0;
+/// 3e-7 of 0 or 1, a thirty-thousandth of a grey level.
+pub(super) const REACH_SD: f64 = 5.0;
 
 /// Table nodes per standard deviation.
 const NODES_PER_SD: f64 = 64.0;

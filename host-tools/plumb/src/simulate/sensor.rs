@@ -18,19 +18,19 @@ const READ_VARIANCE_SHARE: f32 = 0.25;
 
 /// A sample that a sensor delivers.
 pub trait Sample: Copy + Default + Send {
-    /// From a whole number that fits.
-    fn from_level(level: f32) -> Self;
+    /// The nearest whole number to a level that fits and is not negative.
+    fn rounded(level: f32) -> Self;
 }
 
 impl Sample for u8 {
-    fn from_level(level: f32) -> Self {
-        level as u8
+    fn rounded(level: f32) -> Self {
+        (level + 0.5) as u8
     }
 }
 
 impl Sample for u16 {
-    fn from_level(level: f32) -> Self {
-        level as u16
+    fn rounded(level: f32) -> Self {
+        (level + 0.5) as u16
     }
 }
 
@@ -64,8 +64,8 @@ impl Sensor {
                 for (grey, sample) in greys.iter().zip(samples) {
                     let noise: f32 = StandardNormal.sample(&mut random);
                     let sd = (read_variance + photon_variance_per_level * grey.max(0.0)).sqrt();
-                    let level = ((grey + sd * noise) * scale).round_ties_even();
-                    *sample = S::from_level(level.clamp(0.0, white));
+                    let level = (grey + sd * noise) * scale;
+                    *sample = S::rounded(level.clamp(0.0, white));
                 }
             },
         );
