@@ -143,7 +143,7 @@ impl Bench {
             let (mut window, mut fit) = (Duration::ZERO, Duration::ZERO);
             for (target, pose) in self.config.targets.iter().zip(expected) {
                 let start = Instant::now();
-                observe(optics, &view, &target.geometry, pose, &mut observations);
+                observe(optics, &view, &target.geometry, true, pose, &mut observations);
                 window += start.elapsed();
                 let start = Instant::now();
                 let _ = black_box(fit_predicted(pose, &target.geometry, &observations));
@@ -167,9 +167,9 @@ impl Bench {
             let start = Instant::now();
             detector.detect(&view, 0..view.width(), 0..view.height(), &mut corners);
             detections.push(start.elapsed());
-            let mut found: Vec<_> = wanted.iter().map(|_| Err(GridRejection::NotFound)).collect();
+            let mut found: Vec<_> = wanted.iter().map(|_| Err(GridRejection::NoLattice)).collect();
             let start = Instant::now();
-            finder.find(corners.as_slice(), &wanted, &mut found);
+            finder.find(&view, corners.as_slice(), &wanted, &mut found);
             grids.push(start.elapsed());
         }
         say_times("stage_detector", &mut detections);
