@@ -16,6 +16,8 @@ mod detect;
 mod direction;
 mod kernel;
 mod ring;
+#[cfg(test)]
+pub(crate) mod tests;
 
 pub use detect::Detector;
 
