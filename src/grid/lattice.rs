@@ -208,9 +208,9 @@ impl Lattice {
     fn bounds(&self) -> Bounds {
         let mut bounds = Bounds { first: [0; 2], last: [0; 2] };
         for cell in &self.queue[..self.count] {
-            for axis in 0..2 {
-                bounds.first[axis] = bounds.first[axis].min(i32::from(cell[axis]));
-                bounds.last[axis] = bounds.last[axis].max(i32::from(cell[axis]));
+            for (axis, value) in cell.map(i32::from).into_iter().enumerate() {
+                bounds.first[axis] = bounds.first[axis].min(value);
+                bounds.last[axis] = bounds.last[axis].max(value);
             }
         }
         bounds
