@@ -26,6 +26,8 @@ use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
 mod agreement;
 mod beyond;
 mod lattice;
+#[cfg(test)]
+mod tests;
 
 use lattice::{Bounds, Lattice};
 

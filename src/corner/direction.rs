@@ -117,9 +117,9 @@ pub(super) fn describe<P: Pixel>(
     let mut sums = [[0.0_f32; 2]; 4];
     let mut moments = Moments::default();
     let core = window.min(radius + 1);
-    for row in 0..side {
+    for (row, line) in gradients[..side].iter().enumerate() {
         let pixels = &image.row(y + row - window)[x - window..][..side];
-        for (column, &pixel) in pixels.iter().enumerate() {
+        for (column, (&pixel, gradient)) in pixels.iter().zip(line).enumerate() {
             let (dx, dy) = (column.abs_diff(window), row.abs_diff(window));
             if dx * dx + dy * dy > core * core + 1 {
                 continue;
@@ -129,7 +129,7 @@ pub(super) fn describe<P: Pixel>(
                 [column as f32 - window as f32 - shift[0], row as f32 - window as f32 - shift[1]];
             let (from0, from1) = (cross(edge0, offset), cross(edge1, offset));
             let on_edge = from0.abs().min(from1.abs()) <= EDGE_HALF_WIDTH_PX;
-            moments.add(if on_edge { 1.0 } else { -1.0 }, gradients[row][column][2]);
+            moments.add(if on_edge { 1.0 } else { -1.0 }, gradient[2]);
             // The edge itself, blurred, belongs to neither side.
             if from0.abs().min(from1.abs()) >= 0.75 {
                 let sector = usize::from(from0 > 0.0) + 2 * usize::from(from1 > 0.0);

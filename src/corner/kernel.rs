@@ -89,9 +89,9 @@ impl Size {
         // A wedge of prototype 2: for each distance d along its axis, what is nearer to it than d.
         let mut wedge = 0.0;
         let mut across = gaussian[0];
-        for distance in 1..=radius {
-            wedge += gaussian[distance] * across;
-            across += 2.0 * gaussian[distance];
+        for weight in &gaussian[1..=radius] {
+            wedge += weight * across;
+            across += 2.0 * weight;
         }
         Self { radius, gaussian, norm: [1.0 / (half * half), 1.0 / wedge] }
     }

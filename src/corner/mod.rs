@@ -17,6 +17,8 @@ mod direction;
 mod kernel;
 pub mod refine;
 mod ring;
+#[cfg(test)]
+pub(crate) mod tests;
 
 pub use detect::Detector;
 

@@ -248,3 +248,94 @@ fn respond(rows: &[[u8; PIXELS_WIDTH]; 2 * RING + 1], responses: &mut [Lanes]) {
         *response = core::array::from_fn(|n| if over[n] == 0 { rest[n] } else { 0 });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// The response at one pixel of a picture of bytes, by the definition.
+    fn plain(bytes: &[u8], width: usize, height: usize, x: usize, y: usize) -> u8 {
+        let at = |dx: i32, dy: i32| {
+            let column = (x as i32 + dx).clamp(0, width as i32 - 1) as usize;
+            let row = (y as i32 + dy).clamp(0, height as i32 - 1) as usize;
+            i32::from(bytes[row * width + column])
+        };
+        let mean = |values: &[i32]| {
+            let mut values = values.to_vec();
+            while values.len() > 1 {
+                values = values.chunks(2).map(|pair| (pair[0] + pair[1] + 1) / 2).collect();
+            }
+            values[0]
+        };
+        let half = [(4, 0), (4, 2), (3, 3), (2, 4), (0, 4), (-2, 4), (-3, 3), (-4, 2)];
+        let pairs: Vec<_> = half.iter().map(|&(x, y)| mean(&[at(x, y), at(-x, -y)])).collect();
+        let odd: Vec<_> = half.iter().map(|&(x, y)| (at(x, y) - at(-x, -y)).abs()).collect();
+        let quarters: Vec<_> = (0..4).map(|n| (pairs[n] - pairs[n + 4]).abs()).collect();
+        let signal = mean(&quarters);
+        let centre = mean(&[at(-1, 0), at(1, 0), at(0, -1), at(0, 1)]);
+        let disorder = mean(&odd) + (mean(&pairs) - centre).abs();
+        if (2 * disorder).min(255) > (signal + 4).min(255) {
+            return 0;
+        }
+        (signal - disorder - 4).max(0) as u8
+    }
+
+    #[test]
+    fn the_ring_is_its_definition_at_every_pixel_of_odd_tiles() {
+        let (width, height) = (97, 83);
+        let mut random = crate::corner::tests::Random(3);
+        // Coarse blocks, so that corners occur; the first rows are of two values only.
+        let bytes: Vec<u8> = (0..width * height)
+            .map(|n| {
+                let block = (n % width / 7 + n / width / 6) % 2;
+                (200.0 * block as f64 + 40.0 * random.next()) as u8
+            })
+            .collect();
+        let image = GreyImage::new(&bytes, width, height, width).unwrap();
+        let mut tile = Box::new(Tile::new());
+        let mut positive = 0;
+        for (x0, y0, w, h) in [(0, 0, 50, 41), (50, 0, 47, 41), (0, 41, 97, 42), (13, 29, 17, 1)] {
+            let (candidates, _) = tile.search(&image, 0, [x0, y0], [w, h]);
+            let candidates = candidates.to_vec();
+            let response = |x: usize, y: usize| plain(&bytes, width, height, x, y);
+            for y in y0..y0 + h {
+                for x in x0..x0 + w {
+                    let fast = tile.responses[y - y0 + MAXIMUM].as_flattened()[x - x0 + MAXIMUM];
+                    assert_eq!(fast, response(x, y), "{x} {y}");
+                    positive += usize::from(fast > 0);
+                    let mut highest = fast > 0;
+                    for dy in 0..=2 * MAXIMUM {
+                        for dx in 0..=2 * MAXIMUM {
+                            let row = tile.responses[y - y0 + dy].as_flattened();
+                            highest &= row[x - x0 + dx] <= fast;
+                        }
+                    }
+                    let candidate = Candidate { x: x as u16, y: y as u16 };
+                    // Of equal neighbours the first is the candidate.
+                    assert!(highest || !candidates.contains(&candidate), "{x} {y}");
+                }
+            }
+        }
+        assert!(positive > 100, "{positive}");
+    }
+
+    #[test]
+    fn the_half_size_is_the_mean_of_four() {
+        let mut random = crate::corner::tests::Random(4);
+        let rows: [Vec<u16>; 2] =
+            [0, 1].map(|_| (0..2 * 41).map(|_| (random.next() * 1023.0) as u16).collect());
+        let mut bytes = [0; 41];
+        fill_half(&mut bytes, &rows[0], &rows[1], shift_to_bytes(1023));
+        for (n, byte) in bytes.iter().enumerate() {
+            let four = [rows[0][2 * n], rows[0][2 * n + 1], rows[1][2 * n], rows[1][2 * n + 1]];
+            let mean = four.iter().map(|&value| f64::from(value)).sum::<f64>() / 16.0;
+            // Cut to 8 bits, then rounded up at most twice.
+            assert!((f64::from(*byte) - mean).abs() <= 1.0, "{n}: {byte} {mean}");
+        }
+    }
+}

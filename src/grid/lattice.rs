@@ -10,6 +10,8 @@ const CENTRE: i32 = SIDE as i32 / 2;
 const NONE: u16 = u16::MAX;
 const _: () = assert!(CORNERS_MAX < NONE as usize);
 
+/// Rounds of growing: the first finds nearly all, the others what lies behind gaps.
+const ROUNDS_MAX: usize = 4;
 /// Fewest corners of a lattice: 3 x 3.
 const LATTICE_MIN: usize = 9;
 /// An edge and the line to the neighbour, sine: 15 degrees. Over one square even a fisheye bends a line by less.
@@ -172,12 +174,20 @@ impl Lattice {
         }
         self.clear();
         let bounds = self.place_first_cell(corners, seed).and_then(|()| {
-            let mut next = 0;
-            while next < self.count {
-                let cell = self.queue[next].map(i32::from);
-                next += 1;
-                for step in [[1, 0], [0, 1], [-1, 0], [0, -1]] {
-                    self.grow_step(corners, cell, step);
+            // Beside a gap a corner can often be predicted only once its other
+            // neighbours are there, so the rounds go on while they add something.
+            for _ in 0..ROUNDS_MAX {
+                let before = self.count;
+                let mut next = 0;
+                while next < self.count {
+                    let cell = self.queue[next].map(i32::from);
+                    next += 1;
+                    for step in [[1, 0], [0, 1], [-1, 0], [0, -1]] {
+                        self.grow_step(corners, cell, step);
+                    }
+                }
+                if self.count == before {
+                    break;
                 }
             }
             let bounds = self.bounds();
@@ -198,9 +208,9 @@ impl Lattice {
     fn bounds(&self) -> Bounds {
         let mut bounds = Bounds { first: [0; 2], last: [0; 2] };
         for cell in &self.queue[..self.count] {
-            for axis in 0..2 {
-                bounds.first[axis] = bounds.first[axis].min(i32::from(cell[axis]));
-                bounds.last[axis] = bounds.last[axis].max(i32::from(cell[axis]));
+            for (axis, value) in cell.map(i32::from).into_iter().enumerate() {
+                bounds.first[axis] = bounds.first[axis].min(value);
+                bounds.last[axis] = bounds.last[axis].max(value);
             }
         }
         bounds
