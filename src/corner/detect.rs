@@ -99,9 +99,8 @@ fn examine<P: Pixel>(
     let least = LIKELIHOOD_MIN * white;
     let mut x = usize::from(candidate.x) << level;
     let mut y = usize::from(candidate.y) << level;
-    let (start, _) = kernels.best(image, x, y)?;
     // A pixel or two beside the corner the likelihood is still half of its maximum.
-    if start < 0.5 * least {
+    if !kernels.reaches(image, x, y, 0.5 * least) {
         return None;
     }
     // The way up by the smallest kernels that are not lost in the blur: their peak is the sharpest.

@@ -55,6 +55,18 @@ impl Kernels {
         best
     }
 
+    /// Whether the likelihood at a pixel is at least this, by whatever size is asked first.
+    pub(super) fn reaches<P: Pixel>(
+        &self,
+        image: &GreyImage<'_, P>,
+        x: usize,
+        y: usize,
+        least: f32,
+    ) -> bool {
+        (0..self.sizes.len())
+            .any(|size| self.of_size(image, x, y, size).is_some_and(|value| value >= least))
+    }
+
     /// The likelihood at a pixel by the kernels of one size; `None` where they do not fit into the frame.
     pub(super) fn of_size<P: Pixel>(
         &self,
@@ -115,6 +127,8 @@ impl Size {
         for row in 0..SIDE {
             let pixels = &image.row(y + row - radius)[x - radius..][..SIDE];
             let distance = row.abs_diff(radius);
+            let (inside, outside) =
+                (&Wedges::<SIDE>::INSIDE[distance], &Wedges::<SIDE>::OUTSIDE[distance]);
             let weight = self.gaussian[distance];
             let mut weighted = [0.0_f32; SIDE];
             for (weighted, &pixel) in weighted.iter_mut().zip(pixels) {
@@ -122,8 +136,7 @@ impl Size {
                 *weighted = value * weight;
             }
             for column in 0..SIDE {
-                let outside = column.abs_diff(radius) > distance;
-                beside[column] += if outside { weighted[column] } else { 0.0 };
+                beside[column] += weighted[column] * outside[column];
             }
             if distance == 0 {
                 continue;
@@ -132,8 +145,7 @@ impl Size {
                 if row < radius { (&mut above, &mut upper) } else { (&mut below, &mut lower) };
             for column in 0..SIDE {
                 half[column] += weighted[column];
-                let inside = column.abs_diff(radius) < distance;
-                wedge[column] += if inside { weighted[column] } else { 0.0 };
+                wedge[column] += weighted[column] * inside[column];
             }
         }
         let side = |sums: &[f32; SIDE], first: usize, last: usize| {
@@ -154,6 +166,32 @@ impl Size {
             side(&beside, radius + 1, SIDE),
         ];
         combine(quadrants, self.norm[0]).max(combine(wedges, self.norm[1]))
+    }
+}
+
+/// Which columns of a window lie inside and outside of the wedges of prototype
+/// 2, 1 or 0, for each distance of the row from the centre. On the diagonal neither.
+struct Wedges<const SIDE: usize>;
+
+impl<const SIDE: usize> Wedges<SIDE> {
+    const INSIDE: [[f32; SIDE]; RADIUS_MAX + 1] = Self::columns(true);
+    const OUTSIDE: [[f32; SIDE]; RADIUS_MAX + 1] = Self::columns(false);
+
+    const fn columns(inside: bool) -> [[f32; SIDE]; RADIUS_MAX + 1] {
+        let mut columns = [[0.0; SIDE]; RADIUS_MAX + 1];
+        let mut distance = 0;
+        while distance <= RADIUS_MAX {
+            let mut column = 0;
+            while column < SIDE {
+                let across = column.abs_diff(SIDE / 2);
+                if (inside && across < distance) || (!inside && across > distance) {
+                    columns[distance][column] = 1.0;
+                }
+                column += 1;
+            }
+            distance += 1;
+        }
+        columns
     }
 }
 
