@@ -20,6 +20,8 @@ const LINE_SINE_MAX: f32 = 0.26;
 const EDGE_SINE_MAX: f32 = 0.42;
 /// Opposite sides of the first cell, ratio. Tilted by 60 degrees at 10 squares' distance: 1.2.
 const SIDES_RATIO_MAX: f32 = 1.4;
+/// Neighbouring sides of the first cell, ratio: a square seen at 70 degrees is 1 : 2.9.
+const ASPECT_MAX: f32 = 3.0;
 /// Distance of a corner from its prediction, in steps. Half of it is perspective in the worst case.
 const PREDICTION_ERROR_MAX: f32 = 0.25;
 
@@ -224,6 +226,8 @@ impl Lattice {
     }
 
     /// The seed and three neighbours around one square, so that both ways to the far one agree.
+    /// Of the squares around the seed the smallest: at a board's border the others reach out
+    /// to whatever lies beyond.
     fn place_first_cell(&mut self, corners: &[Corner], seed: u16) -> Option<()> {
         let [edge0, mut edge1] = self.edges[usize::from(seed)];
         if cross(edge0, edge1) < 0.0 {
@@ -231,6 +235,7 @@ impl Lattice {
         }
         let opposite = |edge: [f32; 2]| edge.map(|value| -value);
         let turns = [edge0, edge1, opposite(edge0), opposite(edge1)];
+        let mut smallest: Option<(f32, usize, [u16; 3])> = None;
         for turn in 0..4 {
             let (along_u, along_v) = (turns[turn], turns[(turn + 1) % 4]);
             let edge_u = turn % 2;
@@ -243,19 +248,24 @@ impl Lattice {
             });
             let Some([right, below, far]) = square else { continue };
             let side = |from: u16, to: u16| length(between(corners, from, to));
-            let similar = |a: f32, b: f32| a < SIDES_RATIO_MAX * b && b < SIDES_RATIO_MAX * a;
-            if similar(side(seed, right), side(below, far))
-                && similar(side(seed, below), side(right, far))
+            let [u, v] = [side(seed, right), side(seed, below)];
+            let [far_u, far_v] = [side(below, far), side(right, far)];
+            let within = |ratio: f32, a: f32, b: f32| a < ratio * b && b < ratio * a;
+            if within(SIDES_RATIO_MAX, u, far_u)
+                && within(SIDES_RATIO_MAX, v, far_v)
+                && within(ASPECT_MAX, u, v)
+                && smallest.is_none_or(|(least, ..)| u + v < least)
             {
-                self.seed_edge = edge_u;
-                self.place([0, 0], seed);
-                self.place([1, 0], right);
-                self.place([0, 1], below);
-                self.place([1, 1], far);
-                return Some(());
+                smallest = Some((u + v, edge_u, [right, below, far]));
             }
         }
-        None
+        let (_, edge_u, [right, below, far]) = smallest?;
+        self.seed_edge = edge_u;
+        self.place([0, 0], seed);
+        self.place([1, 0], right);
+        self.place([0, 1], below);
+        self.place([1, 1], far);
+        Some(())
     }
 
     /// The nearest unused corner in a direction, along edge `edge` of corner `from`.

@@ -146,6 +146,21 @@ fn a_corner_out_of_place_is_left_out() {
 }
 
 #[test]
+fn a_lattice_grows_from_any_corner_and_never_into_another_board() {
+    // Upright and in line, so that a border corner looks straight at the other board.
+    let boards = [lumbar(0.0, 0.0), shoulder(0.0, 0.0)];
+    let mut scene = Scene::new(&boards, 5);
+    for strongest in 0..scene.corners.len() {
+        let score = scene.corners[strongest].score;
+        scene.corners[strongest].score = 1.0;
+        let found = scene.find(&SHAPES);
+        scene.assert_is(&found[0], &boards[0]);
+        scene.assert_is(&found[1], &boards[1]);
+        scene.corners[strongest].score = score;
+    }
+}
+
+#[test]
 fn two_boards_of_one_shape_are_ambiguous() {
     let boards = [shoulder(0.1, 0.0), Board::new([5, 4], [120.0, 140.0], 20.0, 0.4, 0.3, 0.0)];
     let scene = Scene::new(&boards, 5);
