@@ -15,6 +15,52 @@
 //!       ─▶ pose and covariance ─▶ anatomical axes ─▶ packet
 //! ```
 //!
+//! # Example
+//!
+//! ```
+//! use heapless::{String, Vec};
+//! use plumbline::config::{Config, Links, TargetConfig};
+//! use plumbline::image::GreyImage;
+//! use plumbline::lens::{Distortion, Lens};
+//! use plumbline::pipeline::Pipeline;
+//! use plumbline::target::{Origin, Role, TargetGeometry};
+//!
+//! let lens = Lens {
+//!     width_px: 640,
+//!     height_px: 480,
+//!     fx_px: 760.0,
+//!     fy_px: 760.0,
+//!     cx_px: 319.5,
+//!     cy_px: 239.5,
+//!     skew_px: 0.0,
+//!     distortion: Distortion::Radial2([-0.12, 0.05]),
+//! };
+//! let lumbar =
+//!     TargetGeometry::checker(6, 5, 12.0, Origin::Center, Role::Lower, [0.0, 0.0, 100.0])?;
+//! let mut targets = Vec::new();
+//! let _ = targets.push(TargetConfig { name: String::try_from("lumbar")?, geometry: lumbar });
+//!
+//! // On a box the pipeline lives in a static; it is too large for a small stack.
+//! let mut pipeline = Box::new(Pipeline::new());
+//! pipeline.configure(&Config {
+//!     device: String::new(),
+//!     serial_number: String::new(),
+//!     lens,
+//!     targets,
+//!     cam_from_scene_theta: None,
+//!     links: Links::default(),
+//! })?;
+//!
+//! let pixels = [90_u8; 640 * 480];
+//! let report = pipeline.step(&GreyImage::new(&pixels, 640, 480, 640)?, 0);
+//! match &report.targets[0].measurement {
+//!     Ok(found) => println!("{} mm away", found.cam_from_target.translation_mm.z),
+//!     // A grey wall: the pipeline says why there is no pose.
+//!     Err(reason) => assert_eq!(reason.words(), "no checkerboard"),
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! # Conventions
 //!
 //! | what | convention |

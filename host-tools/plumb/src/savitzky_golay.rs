@@ -46,7 +46,7 @@ mod tests {
     #[test]
     fn parabolas_pass_unchanged_to_their_very_ends() {
         let samples: Vec<f64> =
-            (0..40).map(|index| f64::from(index)).map(|t| 3.0 - 2.0 * t + 0.25 * t * t).collect();
+            (0..40).map(f64::from).map(|t| 3.0 - 2.0 * t + 0.25 * t * t).collect();
         let smoothed = smooth(&samples, 31).unwrap();
         for (after, before) in smoothed.iter().zip(&samples) {
             assert!((after - before).abs() < 1e-9, "{after} {before}");

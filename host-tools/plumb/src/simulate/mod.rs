@@ -5,7 +5,7 @@
 //! use plumb::simulate::{Simulation, SimulationSettings};
 //!
 //! let simulation = Simulation::new(&SimulationSettings::default())?;
-//! let mut samples = Vec::new();
+//! let mut samples = Vec::<u8>::new();
 //! for frame in 0..300 {
 //!     simulation.render(frame, &mut samples);
 //!     let truth = simulation.truth(frame);
