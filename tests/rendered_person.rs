@@ -206,3 +206,37 @@ fn after_a_long_loss_a_part_of_a_target_is_not_enough() {
         }
     }
 }
+
+#[test]
+fn a_target_lost_for_long_is_searched_for_in_slices_and_found_again() {
+    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+    let mut pipeline = pipeline_for(&simulation);
+    // Two frames in turn: the person holds still, as far as the search is concerned.
+    let seen = common::render(&simulation, 2);
+    let mut hidden = seen.clone();
+    for (frame, pixels) in hidden.iter_mut().enumerate() {
+        cover(&simulation, frame as u64, 0, false, pixels);
+    }
+    // Longer than a target coasts, so that the whole frame must be searched.
+    const HIDDEN: std::ops::Range<usize> = 10..90;
+    let mut searched_in_slices = 0;
+    let mut found_again = None;
+    for frame in 0..140 {
+        let rendered = if HIDDEN.contains(&frame) { &hidden } else { &seen };
+        let view = common::view(&simulation, &rendered[frame % 2]);
+        let report = pipeline.step(&view, frame as u64 * FRAME_NS);
+        assert!(report.targets[1].measurement.is_ok(), "frame {frame}");
+        let lost = &report.targets[0];
+        if lost.state == TargetState::Acquiring && lost.measurement == Err(NoPose::Searching) {
+            searched_in_slices += 1;
+        }
+        if frame >= HIDDEN.end && lost.measurement.is_ok() {
+            found_again.get_or_insert(frame);
+        }
+    }
+    assert!(searched_in_slices > 10, "{searched_in_slices} frames");
+    // A sweep of 1456 x 1088 pixels takes 13 steps; one may be half done when the target
+    // comes back, and the next one finds it.
+    let found_again = found_again.expect("found again");
+    assert!(found_again < HIDDEN.end + 2 * 13, "found in frame {found_again}");
+}
