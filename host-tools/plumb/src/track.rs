@@ -9,9 +9,10 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use plumbline::config::Config;
+use plumbline::grid::GridRejection;
 use plumbline::image::GreyImage;
 use plumbline::pipeline::Pipeline;
-use plumbline::report::Report;
+use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
 
 use crate::draw;
@@ -126,8 +127,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         // The reader has seen enough, as `head` does.
         return Ok(());
     }
+    let other_dimensions = summary.other_dimensions(&config, &places.targets);
     summary.print(&source, arguments.timing);
-    outcome
+    outcome?;
+    match other_dimensions {
+        Some(error) => Err(error.into()),
+        None => Ok(()),
+    }
 }
 
 fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInput> {
@@ -267,6 +273,9 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("a template that is right")
 }
 
+/// Why there is no pose when a target's columns or rows are wrong.
+const OTHER_DIMENSIONS: NoPose = NoPose::NotFound(GridRejection::OtherDimensions);
+
 /// What is told at the end.
 struct Summary {
     frames: u64,
@@ -302,6 +311,28 @@ impl Summary {
         }
     }
 
+    /// A target that no frame holds, although checkerboards of other sizes are there: its
+    /// columns and rows are wrong.
+    fn other_dimensions(&self, config: &Config, targets_file: &str) -> Option<BadInput> {
+        let wrong = |target: &TargetSummary| {
+            let most = target.missing.iter().max_by_key(|(_, count)| **count);
+            target.rms_px.is_empty()
+                && most.is_some_and(|(reason, _)| *reason == OTHER_DIMENSIONS.words())
+        };
+        let (target, configured) =
+            self.targets.iter().zip(&config.targets).find(|(target, _)| wrong(target))?;
+        let shape = configured.geometry.shape();
+        Some(BadInput::new(
+            targets_file,
+            format!("columns, rows of target \"{}\"", target.name),
+            format!(
+                "no frame holds {} x {} inner corners; the checkerboards that are seen have other columns and rows",
+                shape.columns, shape.rows
+            ),
+            "count the INNER corners, where four squares meet; --draw DIR shows the frames as the tracker sees them",
+        ))
+    }
+
     fn print(mut self, source: &FrameSource, timing: bool) {
         let frames = self.frames;
         eprintln!("{frames} frames of {} x {} px", source.width(), source.height());
@@ -317,11 +348,6 @@ impl Summary {
                 line += &format!("; not found: {}", reasons.join(", "));
             }
             eprintln!("{line}");
-            if found == 0 && frames > 0 {
-                eprintln!(
-                    "  never found: columns and rows count INNER corners, where four squares meet; --draw DIR shows the frames as the tracker sees them"
-                );
-            }
         }
         let worst = self.step_times.iter().max().copied();
         if let Some((median, worst)) = median(&mut self.step_times, Ord::cmp).zip(worst)
