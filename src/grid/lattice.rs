@@ -6,9 +6,7 @@ use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
 /// Side of the map: the longest target, 3 rows of corners, may lie on any side of the seed.
 const SIDE: usize = 2 * (TARGET_CORNERS_MAX / 3) + 16;
 const CENTRE: i32 = SIDE as i32 / 2;
-/// No corner.
-const NONE: u16 = u16::MAX;
-const _: () = assert!(CORNERS_MAX < NONE as usize);
+const _: () = assert!(CORNERS_MAX < u16::MAX as usize);
 
 /// Rounds of growing: the first finds nearly all, the others what lies behind gaps.
 const ROUNDS_MAX: usize = 4;
@@ -95,7 +93,8 @@ impl Bounds {
 /// A lattice: axis u along one family of lines, v along the other, right-handed with y down.
 #[derive(Debug)]
 pub(super) struct Lattice {
-    /// The corner at each place, by v and u, the seed at the centre.
+    /// The corner at each place, by v and u, the seed at the centre: its index + 1, and 0
+    /// where there is none, so that an empty map takes no place in a program's file.
     map: [[u16; SIDE]; SIDE],
     /// Which edge of the seed lies along u.
     seed_edge: usize,
@@ -113,7 +112,7 @@ const _: () = assert!(SIDE / 2 < 127);
 impl Lattice {
     pub(super) const fn new() -> Self {
         Self {
-            map: [[NONE; SIDE]; SIDE],
+            map: [[0; SIDE]; SIDE],
             seed_edge: 0,
             used: [false; CORNERS_MAX],
             edges: [[[0.0; 2]; 2]; CORNERS_MAX],
@@ -134,7 +133,7 @@ impl Lattice {
 
     fn clear(&mut self) {
         for row in &mut self.map {
-            row.fill(NONE);
+            row.fill(0);
         }
         self.count = 0;
     }
@@ -142,13 +141,13 @@ impl Lattice {
     /// The corner at a place of the lattice.
     pub(super) fn corner(&self, [i, j]: [i32; 2]) -> Option<u16> {
         let row = self.map.get(usize::try_from(j + CENTRE).ok()?)?;
-        row.get(usize::try_from(i + CENTRE).ok()?).copied().filter(|&index| index != NONE)
+        row.get(usize::try_from(i + CENTRE).ok()?)?.checked_sub(1)
     }
 
     /// Forgets the corner at a place. It stays used.
     pub(super) fn remove(&mut self, cell: [i32; 2]) {
         if self.corner(cell).is_some() {
-            self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = NONE;
+            self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = 0;
         }
     }
 
@@ -219,7 +218,7 @@ impl Lattice {
     }
 
     fn place(&mut self, cell: [i32; 2], index: u16) {
-        self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = index;
+        self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = index + 1;
         self.used[usize::from(index)] = true;
         self.queue[self.count] = cell.map(|value| value as i8);
         self.count += 1;
