@@ -183,7 +183,7 @@ mod tests {
                 assert_eq!(rows_at_once, [area.rows.len()]);
             }
         }
-        // The promise of `SEARCH_PIXELS_PER_STEP`: a quarter of a second at 60 Hz.
+        // What `SEARCH_PIXELS_PER_STEP` says: a quarter of a second at 60 Hz.
         let image = GreyImage::new(&pixels, 1456, 1088, 1456).unwrap();
         let steps = bands(&image, &Area { columns: 0..1456, rows: 0..1088 }, false).len();
         assert!(steps <= 15, "{steps} steps");
