@@ -65,7 +65,7 @@ pub enum GridRejection {
     NoLattice,
     /// There are lattices, none with these columns and rows.
     OtherDimensions,
-    /// A lattice of this shape is cut by the border of what was searched: it may be a part of a larger one.
+    /// A lattice of this shape is cut by the border of the picture: it may be a part of a larger one.
     Cut,
     /// A lattice of this shape lacks too many corners, or border corners, for its extent to be certain.
     Incomplete,
@@ -129,8 +129,8 @@ impl GridFinder {
     }
 
     /// Writes one entry of `found` per wanted shape, from the corners of a search
-    /// of the whole picture. The picture is asked whether a grid goes on beyond
-    /// its border. Corners past [`CORNERS_MAX`] are ignored.
+    /// of the picture, or of a part of it. The picture is asked whether a grid goes
+    /// on beyond its border. Corners past [`CORNERS_MAX`] are ignored.
     ///
     /// # Panics
     /// When `found` is shorter than `wanted`: a caller's bug.

@@ -25,8 +25,8 @@ const _: () =
 const _: () = assert!(TARGET_CORNERS_MAX <= 128);
 
 /// Pixels that a search looks at in one step while another target is tracked:
-/// a twelfth of a 1456 x 1088 frame, so that a lost target is found again within
-/// a quarter of a second at 60 Hz and costs a step less than tracking does.
+/// a twelfth of a 1456 x 1088 frame, so that a sweep of all of it takes less than a
+/// quarter of a second at 60 Hz.
 pub const SEARCH_PIXELS_PER_STEP: usize = 128 * 1024;
 
 /// Longest name of a target, in bytes.

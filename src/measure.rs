@@ -208,7 +208,7 @@ pub fn observe_grid<P: Pixel>(
     }
 }
 
-/// Direction of a line, [0, pi).
+/// Direction of a line, [0, pi]: a tiny negative angle rounds to pi itself.
 fn line_angle(x: f64, y: f64) -> f64 {
     let angle_rad = libm::atan2(y, x);
     if angle_rad < 0.0 { angle_rad + core::f64::consts::PI } else { angle_rad }

@@ -27,7 +27,7 @@ use crate::undistort::UndistortionLut;
 /// One configured target and its track.
 struct Track {
     geometry: TargetGeometry,
-    /// As the last grid that was found had it.
+    /// As the last grid that gave a pose had it.
     first_square_dark: bool,
     state: State,
     outcome: Result<Measurement, NoPose>,
@@ -167,6 +167,7 @@ impl Pipeline {
             let (goal, area) = self.next_sweep(lens, frame, time_ns);
             self.search.begin(goal, area);
         }
+        let whole_frame = self.search.goal() == Some(Goal::WholeFrame);
         let nothing_tracked = missing == self.tracks.len();
         if !self.search.advance(frame, nothing_tracked) {
             return;
@@ -190,11 +191,17 @@ impl Pipeline {
                         corners,
                         &mut self.observations,
                     );
-                    track.first_square_dark = grid.first_square_dark;
-                    track.outcome = acquire(optics, frame, track, &mut self.observations);
+                    let dark = grid.first_square_dark;
+                    track.outcome =
+                        acquire(optics, frame, &track.geometry, dark, &mut self.observations);
+                    // A grid that was refused must not mislead a coasting target's windows.
+                    if track.outcome.is_ok() {
+                        track.first_square_dark = dark;
+                    }
                 }
-                // A coasting target keeps the reason that its windows gave.
-                Err(rejection) if track.state == State::Acquiring => {
+                // A coasting target keeps the reason that its windows gave; that another
+                // one's region does not hold a target says nothing about the frame.
+                Err(rejection) if whole_frame && track.state == State::Acquiring => {
                     track.outcome = Err(NoPose::NotFound(*rejection));
                 }
                 Err(_) => {}
@@ -279,17 +286,17 @@ fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {
 fn acquire<P: Pixel>(
     optics: Optics<'_>,
     frame: &GreyImage<'_, P>,
-    track: &Track,
+    target: &TargetGeometry,
+    first_square_dark: bool,
     observations: &mut Observations,
 ) -> Result<Measurement, NoPose> {
-    let target = &track.geometry;
     let rough = fit_found(target, observations)?.measurement.cam_from_target;
-    observe(optics, frame, target, track.first_square_dark, &rough, observations);
+    observe(optics, frame, target, first_square_dark, &rough, observations);
     Ok(fit_predicted(&rough, target, observations)?.measurement)
 }
 
 /// The part of the frame in which a target may be: its outline where it is
-/// expected, and three squares more on every side. `None` when it is outside.
+/// expected, and at least three squares more on every side. `None` when it is outside.
 fn region(
     lens: &Lens,
     target: &TargetGeometry,

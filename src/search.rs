@@ -81,7 +81,8 @@ impl Search {
         self.sweep = None;
     }
 
-    /// Begins a sweep of an area (its bounds must lie in the frames to come).
+    /// Begins a sweep of an area. What of it lies beyond the frames to come is
+    /// passed over.
     pub fn begin(&mut self, goal: Goal, area: Area) {
         self.corners.clear();
         self.sweep = Some(Sweep { goal, next_row: area.rows.start });
@@ -130,5 +131,77 @@ impl Search {
 impl Default for Search {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+    use std::vec;
+
+    use super::*;
+
+    /// Rows that each step of a sweep worked on, to its end.
+    fn bands(image: &GreyImage<'_, u8>, area: &Area, all_at_once: bool) -> vec::Vec<usize> {
+        let mut search = Box::new(Search::new());
+        search.begin(Goal::WholeFrame, area.clone());
+        let mut bands = vec::Vec::new();
+        loop {
+            let before = search.sweep.as_ref().map(|sweep| sweep.next_row).unwrap();
+            let complete = search.advance(image, all_at_once);
+            let after = search.sweep.as_ref().map_or(area.rows.end, |sweep| sweep.next_row);
+            bands.push(after - before);
+            if complete {
+                assert_eq!(search.goal(), None);
+                return bands;
+            }
+            assert!(after > before, "a step without progress");
+        }
+    }
+
+    #[test]
+    fn a_step_beside_a_tracked_target_is_bounded_and_the_sweep_ends() {
+        let pixels = vec![90_u8; 4096 * 1088];
+        for (width, height) in [(1456, 1088), (4096, 1088), (64, 64), (64, 1088)] {
+            let image = GreyImage::new(&pixels, width, height, width).unwrap();
+            for area in [
+                Area { columns: 0..width, rows: 0..height },
+                Area { columns: 7..width - 1, rows: height / 2..height },
+                Area { columns: 20..21, rows: 63..64 },
+            ] {
+                let rows_at_once = bands(&image, &area, true);
+                let bands = bands(&image, &area, false);
+                assert_eq!(bands.iter().sum::<usize>(), area.rows.len(), "{area:?}");
+                for &rows in &bands {
+                    assert!(
+                        rows * area.columns.len() <= SEARCH_PIXELS_PER_STEP || rows == 1,
+                        "{rows} rows of {area:?}"
+                    );
+                }
+                assert_eq!(rows_at_once, [area.rows.len()]);
+            }
+        }
+        // What `SEARCH_PIXELS_PER_STEP` says: a quarter of a second at 60 Hz.
+        let image = GreyImage::new(&pixels, 1456, 1088, 1456).unwrap();
+        let steps = bands(&image, &Area { columns: 0..1456, rows: 0..1088 }, false).len();
+        assert!(steps <= 15, "{steps} steps");
+    }
+
+    #[test]
+    fn an_area_beyond_the_frame_ends_too() {
+        let pixels = [90_u8; 64 * 64];
+        let image = GreyImage::new(&pixels, 64, 64, 64).unwrap();
+        for area in [
+            Area { columns: 0..200, rows: 0..200 },
+            Area { columns: 100..200, rows: 100..200 },
+            Area { columns: 5..5, rows: 9..9 },
+        ] {
+            for all_at_once in [false, true] {
+                let bands = bands(&image, &area, all_at_once);
+                assert_eq!(bands.iter().sum::<usize>(), area.rows.len());
+            }
+        }
     }
 }

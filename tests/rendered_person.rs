@@ -189,6 +189,30 @@ fn a_half_hidden_target_goes_on_and_says_so_and_a_lost_one_comes_back() {
 }
 
 #[test]
+fn a_target_is_not_found_only_where_the_whole_frame_was_searched() {
+    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+    let mut pipeline = pipeline_for(&simulation);
+    let mut rendered = common::render(&simulation, 12);
+    let mut reasons = Vec::new();
+    for (frame, pixels) in rendered.iter_mut().enumerate() {
+        cover(&simulation, frame as u64, 1, false, pixels);
+        if frame >= 4 {
+            cover(&simulation, frame as u64, 0, false, pixels);
+        }
+        let view = common::view(&simulation, pixels);
+        let report = pipeline.step(&view, frame as u64 * FRAME_NS);
+        if frame >= 4 {
+            assert_eq!(report.targets[0].state, TargetState::Coasting);
+            reasons.push(report.targets[1].measurement.unwrap_err());
+        }
+    }
+    // Nothing is tracked, so that each frame ends a sweep: in turn one around the place
+    // where the first target was, and one of the whole frame for the second.
+    let searching = reasons.iter().filter(|&&reason| reason == NoPose::Searching).count();
+    assert_eq!(searching, reasons.len() / 2, "{reasons:?}");
+}
+
+#[test]
 fn after_a_long_loss_a_part_of_a_target_is_not_enough() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let mut pipeline = pipeline_for(&simulation);

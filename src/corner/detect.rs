@@ -15,6 +15,9 @@ const LEVELS: usize = 2;
 const LIKELIHOOD_MIN: f32 = 0.01;
 /// Steps from the pixel of the best ring response to that of the best likelihood.
 const CLIMB_STEPS_MAX: usize = 4;
+/// How far beyond the ranges candidates are looked for. A corner is seldom farther from its
+/// candidate, and without it the corners between two bands would belong to neither.
+const REACH_PX: usize = CLIMB_STEPS_MAX;
 
 /// Finds checkerboard corners. Holds one tile of the frame; its size does not depend on the frame's.
 #[derive(Debug)]
@@ -49,9 +52,14 @@ impl Detector {
     ) {
         let kernels = Kernels::new();
         for level in 0..LEVELS {
-            // Pixels of the level that hold a part of the ranges.
+            // Pixels of the level whose candidates may become corners in the ranges.
             let scaled = |range: &Range<usize>, side: usize| {
-                range.start >> level..range.end.min(side).div_ceil(1 << level).min(side >> level)
+                if range.is_empty() || range.start >= side {
+                    return 0..0;
+                }
+                let end = range.end.min(side) + REACH_PX;
+                range.start.saturating_sub(REACH_PX) >> level
+                    ..end.div_ceil(1 << level).min(side >> level)
             };
             let (columns_level, rows_level) =
                 (scaled(&columns, image.width()), scaled(&rows, image.height()));

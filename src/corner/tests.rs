@@ -401,6 +401,31 @@ fn parts_of_a_picture_hold_the_same_corners_as_the_whole() {
 }
 
 #[test]
+fn wherever_a_picture_is_split_no_corner_is_lost_or_found_twice() {
+    let [width, height] = [120, 100];
+    // Rows of corners at all sub-pixel phases: 11.3 px apart, and slightly turned.
+    let board = Board::new([5, 4], [60.2, 50.4], 11.3, 0.02, 0.0, 0.0);
+    let picture = render([width, height], &[board], 0.5, 0.01, 5);
+    let bytes: Vec<u8> = samples(&picture, width, 0, 255);
+    let image = GreyImage::new(&bytes, width, height, width).unwrap();
+    let count = detect(&image).as_slice().len();
+    assert!(count >= 20, "{count}");
+    let mut detector = Box::new(Detector::new());
+    let mut parts = Box::new(CornerList::new());
+    for split in 20..80 {
+        for [first, second] in [
+            [(0..width, 0..split), (0..width, split..height)],
+            [(0..split, 0..height), (split..width, 0..height)],
+        ] {
+            parts.clear();
+            detector.detect(&image, first.0, first.1, &mut parts);
+            detector.detect(&image, second.0, second.1, &mut parts);
+            assert_eq!(parts.as_slice().len(), count, "split at {split}");
+        }
+    }
+}
+
+#[test]
 fn empty_and_noisy_frames_give_finite_corners_or_none() {
     for value in [0_u8, 1, 128, 255] {
         let flat = [value; 64 * 80];
