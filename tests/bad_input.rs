@@ -251,6 +251,49 @@ fn an_output_never_overwrites_an_input() {
             .expect("plumb runs"),
         &["no/such/place.csv: "],
     );
+    let scene = "theta1_rad = 0\ntheta2_rad = 0\ntheta3_rad = 0\nx_mm = 0\ny_mm = 0\nz_mm = 1000\n";
+    setting.write("scene.toml", scene.as_bytes());
+    let described = ["--camera", "camera.toml", "--targets", "targets.toml"];
+    for (command, out, frames) in [
+        ("track", "scene.toml", Some("frames.y4m")),
+        ("provision", "scene.toml", None),
+        ("provision", "./camera.toml", None),
+    ] {
+        let output = binary::plumb()
+            .arg(command)
+            .args(described)
+            .args(["--scene", "scene.toml", "--out", out])
+            .args(frames)
+            .current_dir(setting.0.path())
+            .output()
+            .expect("plumb runs");
+        assert_refused(&output, &["--out: ", out, "one of the inputs"]);
+    }
+    assert_eq!(std::fs::read(setting.path("scene.toml")).expect("the scene"), scene.as_bytes());
+    assert_eq!(std::fs::read(setting.path("camera.toml")).expect("the camera"), CAMERA.as_bytes());
+}
+
+#[test]
+fn a_file_where_a_directory_belongs_is_named_with_a_remedy() {
+    let setting = Setting::new();
+    let output = setting.track(&["--draw", "camera.toml", "frames.y4m"]);
+    assert_refused(&output, &["camera.toml: ", "another name"]);
+}
+
+#[test]
+fn a_negative_number_is_a_value_and_not_an_option() {
+    let setting = Setting::new();
+    assert_refused(&setting.track(&["--fps", "-5", "frames.y4m"]), &["--fps: -5 frames"]);
+    let simulate = |gradient: &str| {
+        binary::plumb()
+            .args(["simulate", "--frames", "1", "--out", "trial", "--gradient", gradient])
+            .current_dir(setting.0.path())
+            .output()
+            .expect("plumb runs")
+    };
+    assert_refused(&simulate("-5"), &["--gradient: -5; give a value from -1 to 1"]);
+    let darker = simulate("-0.5");
+    assert_eq!(darker.status.code(), Some(0), "{}", binary::messages(&darker));
 }
 
 #[test]

@@ -18,12 +18,12 @@ use crate::source::rate::Rate;
     after_help = "\
 Examples:
   Replay a recording at its own rate and send packets to a host:
-    plumbline-board --config box.plb --replay trial.y4m --udp 192.168.1.20:4711
-  As fast as it can go, from another program, into a file for `plumb receive`:
+    plumbline-board --config box.plb --replay trial.y4m --udp 192.168.1.20:4210
+  As fast as it can go, from another program, packets into a file as on a serial line:
     ffmpeg -i trial.mp4 -pix_fmt yuv420p -f yuv4mpegpipe - |
       plumbline-board --config box.plb --replay - --unpaced --record packets.bin
   Over a serial line and UDP at once:
-    plumbline-board --config box.plb --replay trial.y4m --serial /dev/ttyAMA0 --udp host:4711
+    plumbline-board --config box.plb --replay trial.y4m --serial /dev/ttyAMA0 --udp host:4210
 
 Exit code: 0 when the recording ended or the program was asked to stop, 2 when
 something outside was wrong; the message says what, where and the remedy.

@@ -49,6 +49,7 @@ fn run(cli: &Cli) -> Result<()> {
     pipeline
         .configure(&config)
         .with_context(|| format!("the configuration {} cannot be used", cli.config.display()))?;
+    refuse_recording_onto_inputs(cli)?;
     let links = open_links(cli, &config)?;
     let boot_count = cli.boot_count_file.as_deref().map_or(Ok(0), count_start)?;
 
@@ -92,10 +93,27 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
 fn read_config(cli: &Cli) -> Result<Config> {
     let name = cli.config.display();
     let blob = std::fs::read(&cli.config)
-        .with_context(|| format!("the configuration {name} cannot be read"))?;
+        .with_context(|| format!("the configuration {name} cannot be read: check the path"))?;
     Config::decode(&blob).with_context(|| {
         format!("the configuration {name} cannot be used: make it again with `plumb provision`")
     })
+}
+
+/// Packets are appended: a recording or a configuration would be spoilt.
+fn refuse_recording_onto_inputs(cli: &Cli) -> Result<()> {
+    let Some(record) = &cli.record else { return Ok(()) };
+    // A file that is not there yet is no input.
+    let Ok(existing) = record.canonicalize() else { return Ok(()) };
+    let inputs = [Some(&cli.config), Some(&cli.replay), cli.boot_count_file.as_ref()];
+    let is_input = |input: &std::path::PathBuf| input.canonicalize().is_ok_and(|it| it == existing);
+    if inputs.into_iter().flatten().any(is_input) {
+        bail!(
+            "--record: {} is one of the inputs, and would be spoilt: give another name for the \
+             packets",
+            record.display()
+        );
+    }
+    Ok(())
 }
 
 /// The links of the command line, and of the configuration where it says nothing else.
@@ -105,6 +123,13 @@ fn open_links(cli: &Cli, config: &Config) -> Result<Links> {
     let configured = config.links.serial.as_ref();
     let serial = cli.serial.as_deref().or(configured.map(|serial| serial.path.as_str()));
     let baud = cli.baud.or(configured.map(|serial| serial.baud)).unwrap_or(BAUD_DEFAULT);
+    if cli.baud.is_some() && serial.is_none() {
+        bail!(
+            "--baud: there is no serial line, neither here nor in the configuration {}: \
+             add --serial DEVICE, or leave --baud out",
+            cli.config.display()
+        );
+    }
     let opened = [
         udp.map(|destination| UdpLink::open(&destination).map(Link::Udp)),
         serial.map(|device| SerialLink::open(device, baud).map(Link::Serial)),

@@ -42,10 +42,11 @@ impl Durations {
         self.worst
     }
 
-    /// Half of them are shorter.
+    /// Half of them are shorter; never above [`Durations::worst`].
     #[must_use]
     pub fn median(&self) -> Duration {
-        Duration::from_nanos(self.histogram.value_at_quantile(0.5))
+        // The histogram answers with the upper end of a bucket.
+        Duration::from_nanos(self.histogram.value_at_quantile(0.5)).min(self.worst)
     }
 }
 
@@ -61,7 +62,15 @@ mod tests {
         }
         let median_us = durations.median().as_secs_f64() * 1e6;
         assert!((median_us - 501.0).abs() < 0.6, "{median_us}");
+        assert_eq!(Durations::new().median(), Duration::ZERO);
         durations.record(Duration::from_secs(3600));
         assert_eq!(durations.worst(), Duration::from_secs(3600));
+    }
+
+    #[test]
+    fn the_median_of_one_is_not_above_the_worst() {
+        let mut durations = Durations::new();
+        durations.record(Duration::from_nanos(53_585_123));
+        assert_eq!(durations.median(), durations.worst());
     }
 }

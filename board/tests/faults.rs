@@ -68,6 +68,22 @@ fn bad_input_is_named_with_a_remedy() {
     let record = ["--replay", trial, "--record", "/no/such/packets.bin"];
     assert_refused(&run(&good, &record), &["/no/such/packets.bin"]);
 
+    let recording = std::fs::read(trial).unwrap();
+    assert_refused(
+        &run(&good, &["--replay", trial, "--record", trial]),
+        &["trial.y4m", "--record"],
+    );
+    assert_eq!(std::fs::read(trial).unwrap(), recording, "nothing was appended to the recording");
+    let blob = std::fs::read(&good).unwrap();
+    let onto_config = ["--replay", trial, "--record", good.to_str().unwrap()];
+    assert_refused(&run(&good, &onto_config), &["--record", "another name"]);
+    assert_eq!(std::fs::read(&good).unwrap(), blob, "nothing was appended to the configuration");
+
+    let idle_baud = [&["--replay", trial, "--baud", "9600"][..], &udp].concat();
+    assert_refused(&run(&good, &idle_baud), &["--baud", "--serial"]);
+    let port_0 = ["--replay", trial, "--udp", "127.0.0.1:0"];
+    assert_refused(&run(&good, &port_0), &["127.0.0.1:0", "port"]);
+
     let mut other = config();
     other.lens.width_px = 320;
     let other_folder = common::folder();

@@ -1,4 +1,4 @@
-//! Frames appended to a file, for a later replay on the host.
+//! Frames appended to a file, as they would go over a serial line.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;

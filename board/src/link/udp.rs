@@ -2,7 +2,7 @@
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use plumbline::packet::{Message, PACKET_BYTES_MAX, decode_datagram};
 
 use super::Counts;
@@ -30,11 +30,14 @@ impl UdpLink {
             .with_context(|| {
                 format!(
                     "the UDP destination {destination} cannot be resolved: give HOST:PORT, \
-                     for example 192.168.1.20:4711, and check the name or the network"
+                     for example 192.168.1.20:4210, and check the name or the network"
                 )
             })?
             .next()
             .with_context(|| format!("the UDP destination {destination} has no address"))?;
+        if to.port() == 0 {
+            bail!("the UDP destination {destination} has port 0: give the port of the host");
+        }
         let any: SocketAddr = if to.is_ipv4() {
             (Ipv4Addr::UNSPECIFIED, 0).into()
         } else {

@@ -119,13 +119,12 @@ impl Replay {
         rate: Option<Rate>,
         stop: &AtomicBool,
     ) -> Result<Option<Self>> {
-        let reader: Box<dyn Read + Send> =
-            match input {
-                Input::File(path) => Box::new(std::fs::File::open(path).with_context(|| {
-                    format!("the recording {} cannot be opened", path.display())
-                })?),
-                Input::Stdin => Box::new(io::stdin()),
-            };
+        let reader: Box<dyn Read + Send> = match input {
+            Input::File(path) => Box::new(std::fs::File::open(path).with_context(|| {
+                format!("the recording {} cannot be opened: check the path", path.display())
+            })?),
+            Input::Stdin => Box::new(io::stdin()),
+        };
         let slot = Slot { state: SlotState::Opening, luma: Vec::new(), arrived: None };
         let shared = Arc::new(Shared { slot: Mutex::new(slot), changed: Condvar::new() });
         let for_reader = Arc::clone(&shared);

@@ -54,6 +54,9 @@ impl BadInput {
                 "change the file's permissions, or run as a user who may use it"
             }
             ErrorKind::IsADirectory => "name the files in the directory, not the directory",
+            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+                "a directory belongs here and a file is in its place: give another name"
+            }
             ErrorKind::StorageFull => "make room on the disk",
             _ => "check the disk or the device, and try again",
         };

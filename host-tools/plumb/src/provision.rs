@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use plumbline::config::{BLOB_BYTES_MAX, Config, SerialLink};
 
 use crate::error::BadInput;
-use crate::files::{camera, scene, targets};
+use crate::files::{camera, refuse_overwriting, scene, targets};
 use crate::setup::{self, Places};
 
 /// Write what a box needs to know into one file.
@@ -15,7 +15,7 @@ use crate::setup::{self, Places};
 /// version and a checksum, which the box's program takes at its start.
 #[derive(clap::Args)]
 #[command(after_help = "Example:
-  plumb provision --camera camera.toml --targets targets.toml --udp 192.168.1.20:5005 --out config.plb")]
+  plumb provision --camera camera.toml --targets targets.toml --udp 192.168.1.20:4210 --out config.plb")]
 pub struct Arguments {
     /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
     #[arg(long, value_name = "FILE")]
@@ -53,6 +53,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         targets: arguments.targets.display().to_string(),
         scene: arguments.scene.as_deref().unwrap_or(Path::new("")).display().to_string(),
     };
+    let described = [&arguments.camera, &arguments.targets];
+    refuse_overwriting(&arguments.out, described.into_iter().chain(&arguments.scene))?;
     let camera = camera::read(&arguments.camera)?;
     let targets = targets::read(&arguments.targets)?;
     let scene = arguments.scene.as_deref().map(scene::read).transpose()?;
@@ -92,7 +94,7 @@ fn text<const N: usize>(option: &str, value: &str) -> Result<heapless::String<N>
 
 fn udp(value: &str) -> Result<SocketAddr, BadInput> {
     let bad = |found: String| {
-        BadInput::whole("--udp", found, "give HOST:PORT, for example 192.168.1.20:5005")
+        BadInput::whole("--udp", found, "give HOST:PORT, for example 192.168.1.20:4210")
     };
     let mut addresses =
         value.to_socket_addrs().map_err(|error| bad(format!("{value:?}: {error}")))?;

@@ -19,7 +19,7 @@ use crate::draw;
 use crate::error::BadInput;
 use crate::files::frames::{Frame, FrameSource, Pixels};
 use crate::files::poses::{PoseRow, Writer};
-use crate::files::{camera, scene, targets};
+use crate::files::{camera, refuse_overwriting, scene, targets};
 use crate::setup::{self, Places};
 
 /// Track the targets in recorded frames and write their poses.
@@ -35,10 +35,13 @@ use crate::setup::{self, Places};
 /// A summary goes to standard error. Exit code 0: done; 2: an input could not be
 /// used (rows written before that stay).
 #[derive(clap::Args)]
-#[command(after_help = "Examples:
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Examples:
   plumb track --camera camera.toml --targets targets.toml --out poses.csv trial.y4m
   plumb track --camera left_intrinsics.yml --targets board.toml --independent photos/*.jpg
-  ffmpeg -i trial.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe - | plumb track --camera camera.toml --targets targets.toml -")]
+  ffmpeg -i trial.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe - | plumb track --camera camera.toml --targets targets.toml -"
+)]
 pub struct Arguments {
     /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
     #[arg(long, value_name = "FILE")]
@@ -141,16 +144,11 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
         return Ok(Writer::new(Box::new(std::io::stdout()), "standard output"));
     };
     let place = path.display().to_string();
-    let existing = path.canonicalize().ok();
-    let read = [&arguments.camera, &arguments.targets].into_iter().chain(&arguments.inputs);
-    if existing.is_some() && read.into_iter().any(|input| input.canonicalize().ok() == existing) {
-        return Err(BadInput::new(
-            "--out",
-            "",
-            format!("{place} is one of the inputs, and would be overwritten"),
-            "give another name for the poses",
-        ));
-    }
+    let described = [&arguments.camera, &arguments.targets];
+    refuse_overwriting(
+        path,
+        described.into_iter().chain(&arguments.scene).chain(&arguments.inputs),
+    )?;
     let file = File::create(path).map_err(|error| BadInput::io(&place, &error))?;
     Ok(Writer::new(Box::new(file), place))
 }

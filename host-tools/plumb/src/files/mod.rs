@@ -7,7 +7,7 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
@@ -56,6 +56,26 @@ pub fn read_text(path: &Path) -> Result<String, BadInput> {
 /// When the operating system refuses.
 pub fn write_text(path: &Path, text: &str) -> Result<(), BadInput> {
     std::fs::write(path, text).map_err(|error| BadInput::io(path.display(), &error))
+}
+
+/// Checks that writing `out` destroys none of the files that are read.
+///
+/// # Errors
+/// When `out` exists and is one of `inputs`, under whatever name.
+pub fn refuse_overwriting<'a>(
+    out: &Path,
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), BadInput> {
+    // A file that is not there yet is no input.
+    let Ok(existing) = out.canonicalize() else { return Ok(()) };
+    if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|it| it == existing)) {
+        return Err(BadInput::whole(
+            "--out",
+            format!("{} is one of the inputs, and would be overwritten", out.display()),
+            "give another name",
+        ));
+    }
+    Ok(())
 }
 
 /// The value of a TOML text; errors name the field and its line.

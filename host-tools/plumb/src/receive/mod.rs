@@ -30,6 +30,7 @@ use transport::{Serial, Transport, Udp};
 /// on by this computer's clock. Ends with --duration, --frames or Ctrl-C, and a
 /// summary.
 #[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
 #[command(group = ArgGroup::new("source").required(true).args(["udp", "serial"]))]
 #[command(after_help = "Examples:\n  plumb receive --udp 0.0.0.0:4210 --out poses.csv\n  \
     plumb receive --serial /dev/ttyUSB0 --baud 115200 --out poses.csv --duration 60")]

@@ -25,6 +25,7 @@ use crate::files::targets::{self, OriginName, TargetDescription};
 /// --targets DIR/targets.toml DIR/frames.y4m` can run on it. The same settings
 /// give the same files on every machine. A frame takes 1.6 MB.
 #[derive(Debug, clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct SimulateArguments {
     /// Directory to write into; `-` streams the Y4M to standard output and writes nothing else
     #[arg(long, value_name = "DIR")]

@@ -326,7 +326,7 @@ impl SimulationSettings {
             if (low..=high).contains(&value) {
                 return Ok(());
             }
-            Err(SettingsError(format!("{name}: {value} is not within {low} to {high}")))
+            Err(SettingsError(format!("{name}: {value}; give a value from {low} to {high}")))
         };
         within("fps", self.frame_rate_hz, 1e-3, 1e5)?;
         within("noise", self.noise_levels, 0.0, 100.0)?;
