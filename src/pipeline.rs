@@ -10,7 +10,7 @@ use heapless::Vec;
 use crate::config::{Config, ConfigError};
 use crate::grid::GridShape;
 use crate::image::{GreyImage, Pixel};
-use crate::lens::Lens;
+use crate::lens::{Distortion, Lens};
 use crate::limits::TARGETS_MAX;
 use crate::measure::{
     Measurement, Observations, Optics, extent_is_certain, fit_found, fit_predicted, observe,
@@ -37,7 +37,8 @@ struct Track {
 ///
 /// Large (see `memory.md`): keep it in a `static` or behind a pointer.
 pub struct Pipeline {
-    lens: Option<Lens>,
+    /// All zero until configured: no frame has that size.
+    lens: Lens,
     lut: UndistortionLut,
     scene: Option<SceneFrame>,
     tracks: Vec<Track, TARGETS_MAX>,
@@ -45,6 +46,7 @@ pub struct Pipeline {
     /// The target for which the next sweep is made, if it is missing.
     search_turn: usize,
     observations: Observations,
+    corners_dropped: u32,
     sequence: u32,
 }
 
@@ -53,13 +55,14 @@ impl Pipeline {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            lens: None,
+            lens: NO_LENS,
             lut: UndistortionLut::new(),
             scene: None,
             tracks: Vec::new(),
             search: Search::new(),
             search_turn: 0,
             observations: Vec::new(),
+            corners_dropped: 0,
             sequence: 0,
         }
     }
@@ -70,7 +73,7 @@ impl Pipeline {
     /// The first field that is out of range; the pipeline is then without a
     /// configuration.
     pub fn configure(&mut self, config: &Config) -> Result<(), ConfigError> {
-        self.lens = None;
+        self.lens = NO_LENS;
         self.tracks.clear();
         config.check()?;
         self.lut.build(&config.lens)?;
@@ -85,9 +88,10 @@ impl Pipeline {
             // The configuration's own list has the same capacity.
             let _ = self.tracks.push(track);
         }
-        self.lens = Some(config.lens);
+        self.lens = config.lens;
         self.search.stop();
         self.search_turn = 0;
+        self.corners_dropped = 0;
         self.sequence = 0;
         Ok(())
     }
@@ -105,15 +109,13 @@ impl Pipeline {
     /// `capture_time_ns` is the capture clock's time of the frame; only
     /// differences matter.
     pub fn step<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
-        match self.lens {
-            Some(lens) if lens_fits(&lens, frame) => {
-                self.measure_tracked(&lens, frame, capture_time_ns);
-                self.search_missing(&lens, frame, capture_time_ns);
-            }
-            _ => {
-                for track in &mut self.tracks {
-                    track.outcome = Err(NoPose::FrameSize);
-                }
+        let lens = self.lens;
+        if lens_fits(&lens, frame) {
+            self.measure_tracked(&lens, frame, capture_time_ns);
+            self.search_missing(&lens, frame, capture_time_ns);
+        } else {
+            for track in &mut self.tracks {
+                track.outcome = Err(NoPose::FrameSize);
             }
         }
         for track in &mut self.tracks {
@@ -167,7 +169,7 @@ impl Pipeline {
             let (goal, area) = self.next_sweep(lens, frame, time_ns);
             self.search.begin(goal, area);
         }
-        let whole_frame = self.search.goal() == Some(Goal::WholeFrame);
+        let goal = self.search.goal();
         let nothing_tracked = missing == self.tracks.len();
         if !self.search.advance(frame, nothing_tracked) {
             return;
@@ -175,9 +177,16 @@ impl Pipeline {
         let wanted: Vec<GridShape, TARGETS_MAX> =
             self.tracks.iter().map(|track| track.geometry.shape()).collect();
         let grids = self.search.grids(frame, &wanted);
+        let dropped = self.search.corners().dropped();
+        self.corners_dropped = self.corners_dropped.saturating_add(dropped);
         let optics = Optics { lens, lut: &self.lut };
-        for (track, grid) in self.tracks.iter_mut().zip(&grids) {
-            if track.outcome.is_ok() {
+        for (index, (track, grid)) in self.tracks.iter_mut().zip(&grids).enumerate() {
+            // A region may cut another target, and says nothing about it.
+            let searched_for = goal.is_none_or(|goal| match goal {
+                Goal::WholeFrame => true,
+                Goal::Region { target } => target == index,
+            });
+            if track.outcome.is_ok() || !searched_for {
                 continue;
             }
             match grid {
@@ -199,9 +208,8 @@ impl Pipeline {
                         track.first_square_dark = dark;
                     }
                 }
-                // A coasting target keeps the reason that its windows gave; that another
-                // one's region does not hold a target says nothing about the frame.
-                Err(rejection) if whole_frame && track.state == State::Acquiring => {
+                // A coasting target keeps the reason that its windows gave.
+                Err(rejection) if track.state == State::Acquiring => {
                     track.outcome = Err(NoPose::NotFound(*rejection));
                 }
                 Err(_) => {}
@@ -266,6 +274,7 @@ impl Pipeline {
             targets,
             upper_trunk: trunk(Role::Upper),
             lower_trunk: trunk(Role::Lower),
+            corners_dropped: self.corners_dropped,
         }
     }
 }
@@ -275,6 +284,18 @@ impl Default for Pipeline {
         Self::new()
     }
 }
+
+/// What an unconfigured pipeline holds, so that it is all zero in a program's file.
+const NO_LENS: Lens = Lens {
+    width_px: 0,
+    height_px: 0,
+    fx_px: 0.0,
+    fy_px: 0.0,
+    cx_px: 0.0,
+    cy_px: 0.0,
+    skew_px: 0.0,
+    distortion: Distortion::Radial2([0.0; 2]),
+};
 
 /// Whether a frame has the size that the camera was calibrated for.
 fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {

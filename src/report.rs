@@ -94,4 +94,7 @@ pub struct Report {
     pub upper_trunk: Option<Anatomical>,
     /// The lower target's virtual point in anatomical axes (the paper's z_l').
     pub lower_trunk: Option<Anatomical>,
+    /// Corners that searches have lost since the configuration because a buffer was full:
+    /// 0 unless the scene is full of patterns.
+    pub corners_dropped: u32,
 }

@@ -37,21 +37,18 @@ pub struct Area {
     pub rows: Range<usize>,
 }
 
-/// A sweep under way.
-struct Sweep {
-    goal: Goal,
-    /// The row with which its next band begins.
-    next_row: usize,
-}
-
 /// The searcher: the detector, the grid finder, and the sweep under way.
 pub struct Search {
     detector: Detector,
     finder: GridFinder,
     corners: CornerList,
-    /// What the last sweep searched, or the one under way is to search.
+    /// Whether a sweep is under way; the rest is then its own, else the last one's. (No
+    /// `Option`: an idle search is all zero, and takes no place in a program's file.)
+    under_way: bool,
+    goal: Goal,
     area: Area,
-    sweep: Option<Sweep>,
+    /// The row with which the next band begins.
+    next_row: usize,
 }
 
 /// One result per wanted shape.
@@ -65,48 +62,51 @@ impl Search {
             detector: Detector::new(),
             finder: GridFinder::new(),
             corners: CornerList::new(),
+            under_way: false,
+            goal: Goal::WholeFrame,
             area: Area { columns: 0..0, rows: 0..0 },
-            sweep: None,
+            next_row: 0,
         }
     }
 
     /// What is being searched for.
     #[must_use]
     pub fn goal(&self) -> Option<Goal> {
-        self.sweep.as_ref().map(|sweep| sweep.goal)
+        self.under_way.then_some(self.goal)
     }
 
     /// Drops the sweep under way.
     pub fn stop(&mut self) {
-        self.sweep = None;
+        self.under_way = false;
     }
 
     /// Begins a sweep of an area. What of it lies beyond the frames to come is
     /// passed over.
     pub fn begin(&mut self, goal: Goal, area: Area) {
         self.corners.clear();
-        self.sweep = Some(Sweep { goal, next_row: area.rows.start });
+        self.under_way = true;
+        self.goal = goal;
+        self.next_row = area.rows.start;
         self.area = area;
     }
 
     /// Works on the sweep: all of it, or one step's share of it. True when it
     /// has come to its end; the corners are then complete.
     pub fn advance<P: Pixel>(&mut self, image: &GreyImage<'_, P>, all_at_once: bool) -> bool {
-        let Some(sweep) = &mut self.sweep else { return false };
+        if !self.under_way {
+            return false;
+        }
         let Area { columns, rows } = &self.area;
         let share = if all_at_once {
             rows.len()
         } else {
             (SEARCH_PIXELS_PER_STEP / columns.len().max(1)).max(1)
         };
-        let end = rows.end.min(sweep.next_row + share);
-        self.detector.detect(image, columns.clone(), sweep.next_row..end, &mut self.corners);
-        sweep.next_row = end;
-        let complete = end == rows.end;
-        if complete {
-            self.sweep = None;
-        }
-        complete
+        let end = rows.end.min(self.next_row + share);
+        self.detector.detect(image, columns.clone(), self.next_row..end, &mut self.corners);
+        self.next_row = end;
+        self.under_way = end != rows.end;
+        !self.under_way
     }
 
     /// The corners gathered by the last sweep.
@@ -149,9 +149,9 @@ mod tests {
         search.begin(Goal::WholeFrame, area.clone());
         let mut bands = vec::Vec::new();
         loop {
-            let before = search.sweep.as_ref().map(|sweep| sweep.next_row).unwrap();
+            let before = search.next_row;
             let complete = search.advance(image, all_at_once);
-            let after = search.sweep.as_ref().map_or(area.rows.end, |sweep| sweep.next_row);
+            let after = search.next_row;
             bands.push(after - before);
             if complete {
                 assert_eq!(search.goal(), None);

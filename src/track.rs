@@ -55,14 +55,15 @@ impl Motion {
         self.cam_from_target.moved_by(&(self.velocity_per_s * gap_s))
     }
 
-    /// True while the prediction is certain to half a pitch, so that a corner
-    /// near its predicted place is that corner and not its neighbour: a part of
-    /// the target is then enough. The error of a constant velocity grows as
-    /// a t^2 / 2.
+    /// True while a corner near its predicted place can only be that corner: a part of
+    /// the target is then enough. The nearest corner of the same colours lies one square
+    /// across and one down, 1.41 pitches away, and the prediction must be good to half of
+    /// that; the error of a constant velocity grows as a t^2 / 2. At a pitch of 12 mm the
+    /// frames may be 58 ms apart: 20 Hz, but not 15.
     #[must_use]
     pub fn identifies_corners(&self, time_ns: u64, pitch_mm: f64) -> bool {
         let gap_s = self.gap_ns(time_ns) as f64 * 1e-9;
-        ACCELERATION_MM_PER_S2_MAX * gap_s * gap_s < pitch_mm
+        ACCELERATION_MM_PER_S2_MAX * gap_s * gap_s < core::f64::consts::SQRT_2 * pitch_mm
     }
 
     /// The motion after a new measurement.
@@ -119,7 +120,9 @@ impl State {
             }
             (Self::Acquiring, None) => Self::Acquiring,
             (Self::Tracking(motion) | Self::Coasting(motion), None) => {
-                if motion.gap_ns(time_ns) > COASTING_NS_MAX {
+                let gap_ns = motion.gap_ns(time_ns);
+                // A clock that stands still would let a target coast for ever.
+                if gap_ns == 0 || gap_ns > COASTING_NS_MAX {
                     Self::Acquiring
                 } else {
                     Self::Coasting(motion)
@@ -161,6 +164,8 @@ mod tests {
             (State::Coasting(last), Some(pose(0.0)), 2_000, "Tracking"),
             (State::Coasting(last), None, 2_000, "Coasting"),
             (State::Coasting(last), None, late, "Acquiring"),
+            // A clock that stands still.
+            (State::Tracking(last), None, 1_000, "Acquiring"),
             // A recording that starts again: time runs backwards.
             (State::Coasting(last), None, 0, "Acquiring"),
         ] {
@@ -188,9 +193,9 @@ mod tests {
 
     #[test]
     fn corners_are_identified_for_about_three_frames() {
-        // 5 m/s^2 moves 12 mm / 2 in 49 ms.
+        // 5 m/s^2 moves 12 mm / sqrt(2) in 58.3 ms.
         let last = motion(0);
-        assert!(last.identifies_corners(48_000_000, 12.0));
-        assert!(!last.identifies_corners(50_000_000, 12.0));
+        assert!(last.identifies_corners(58_000_000, 12.0));
+        assert!(!last.identifies_corners(59_000_000, 12.0));
     }
 }

@@ -84,6 +84,7 @@ struct Session {
     camera: CameraState,
     last_frame: Instant,
     frames: u64,
+    corners_dropped: u32,
     late: u64,
     step: Durations,
     latency: Durations,
@@ -122,6 +123,7 @@ impl Session {
             camera: CameraState::Starting,
             last_frame: now,
             frames: 0,
+            corners_dropped: 0,
             late: 0,
             step: Durations::new(),
             latency: Durations::new(),
@@ -156,6 +158,7 @@ impl Session {
                     };
                     let report = pipeline.step(&image, frame.capture_time_ns);
                     self.step.record(began.elapsed());
+                    self.corners_dropped = report.corners_dropped;
                     let latency = frame.ready_at.elapsed();
                     let packet = PosePacket::from_report(
                         &report,
@@ -217,6 +220,7 @@ impl Session {
             frames: saturated(self.frames),
             // A replay skips none; late frames are in the figures at the end.
             frames_dropped: 0,
+            corners_dropped: self.corners_dropped,
             heap_allocations: Some(saturated(self.allocations_after_first_frame())),
             temperature_decicelsius: self.sensor.decicelsius(),
             camera: self.camera,

@@ -110,6 +110,8 @@ pub struct Health {
     pub frames: u32,
     /// Frames that came and were skipped because the one before took too long.
     pub frames_dropped: u32,
+    /// Corners that searches have lost because a buffer was full.
+    pub corners_dropped: u32,
     /// Heap allocations since the first frame; `None` when nobody counts them.
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.

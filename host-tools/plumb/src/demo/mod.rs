@@ -298,5 +298,6 @@ fn report(packet: &PosePacket, config: &Config) -> Report {
         targets: targets.collect(),
         upper_trunk: None,
         lower_trunk: None,
+        corners_dropped: 0,
     }
 }

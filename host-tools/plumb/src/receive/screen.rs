@@ -142,6 +142,7 @@ pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     }
     if let Some(health) = receiver.health() {
         rows.push(("frames the box dropped", u64::from(health.frames_dropped)));
+        rows.push(("corners the box dropped", u64::from(health.corners_dropped)));
     }
     for (what, count) in rows {
         table.add_row([what.to_owned(), count.to_string()]);
