@@ -106,10 +106,13 @@ pub fn encode_datagram<'a>(
 pub fn encode_frame<'a>(message: &Message, buffer: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
     let mut packet = [0; PACKET_BYTES_MAX];
     let packet = encode_datagram(message, &mut packet)?;
-    let room = buffer.len().checked_sub(1).ok_or(EncodeError)?;
-    let length = cobs::try_encode(packet, &mut buffer[..room]).map_err(|_| EncodeError)?;
-    buffer[length] = DELIMITER;
-    Ok(&buffer[..=length])
+    // COBS costs one byte up to 254. The room is checked here, because the crate does not
+    // notice that a final zero needs a byte more than there is.
+    let frame = buffer.get_mut(..packet.len() + 2).ok_or(EncodeError)?;
+    let (delimiter, stuffed) = frame.split_last_mut().ok_or(EncodeError)?;
+    cobs::try_encode(packet, stuffed).map_err(|_| EncodeError)?;
+    *delimiter = DELIMITER;
+    Ok(frame)
 }
 
 /// Reads one packet: a datagram, or a frame out of its COBS form.

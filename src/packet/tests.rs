@@ -160,6 +160,24 @@ fn every_message_comes_back_through_datagram_and_frame() {
 }
 
 #[test]
+fn a_packet_that_ends_in_zero_needs_its_room_too() {
+    let mut ends_in_zero = 0;
+    for id in 0..2_000 {
+        let message = Message::Command(Command { id, action: Action::SendHello });
+        let mut packet = [0; PACKET_BYTES_MAX];
+        ends_in_zero +=
+            usize::from(encode_datagram(&message, &mut packet).unwrap().last() == Some(&0));
+        let mut buffer = [0; FRAME_BYTES_MAX];
+        let length = encode_frame(&message, &mut buffer).unwrap().len();
+        for short in 0..length {
+            assert_eq!(encode_frame(&message, &mut buffer[..short]), Err(EncodeError), "{id}");
+        }
+    }
+    // One checksum in 256 does.
+    assert!(ends_in_zero > 0);
+}
+
+#[test]
 fn the_longest_packets_keep_their_bounds() {
     // Every field of a pose packet has a fixed width once it is there, so that
     // the packet with everything there is the longest.

@@ -1,13 +1,13 @@
 //! `plumb provision`: the configuration of a box, as one file.
 
 use std::net::{SocketAddr, ToSocketAddrs};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config, SerialLink};
 
 use crate::error::BadInput;
-use crate::files::{camera, refuse_overwriting, scene, targets};
-use crate::setup::{self, Places};
+use crate::files::refuse_overwriting;
+use crate::setup::{self, Descriptions};
 
 /// Write what a box needs to know into one file.
 ///
@@ -17,15 +17,8 @@ use crate::setup::{self, Places};
 #[command(after_help = "Example:
   plumb provision --camera camera.toml --targets targets.toml --udp 192.168.1.20:4210 --out config.plb")]
 pub struct Arguments {
-    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
-    #[arg(long, value_name = "FILE")]
-    camera: PathBuf,
-    /// Targets file: each printed target's name, role, inner corners and pitch.
-    #[arg(long, value_name = "FILE")]
-    targets: PathBuf,
-    /// Scene file: where the scene board stands; without it there are no trunk points.
-    #[arg(long, value_name = "FILE")]
-    scene: Option<PathBuf>,
+    #[command(flatten)]
+    descriptions: Descriptions,
     /// Where the box sends its packets.
     #[arg(long, value_name = "HOST:PORT")]
     udp: Option<String>,
@@ -48,19 +41,9 @@ pub struct Arguments {
 /// # Errors
 /// When an input cannot be used or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let places = Places {
-        camera: arguments.camera.display().to_string(),
-        targets: arguments.targets.display().to_string(),
-        scene: arguments.scene.as_deref().unwrap_or(Path::new("")).display().to_string(),
-    };
-    let described = [&arguments.camera, &arguments.targets];
-    refuse_overwriting(&arguments.out, described.into_iter().chain(&arguments.scene))?;
-    let camera = camera::read(&arguments.camera)?;
-    let targets = targets::read(&arguments.targets)?;
-    let scene = arguments.scene.as_deref().map(scene::read).transpose()?;
-    for warning in &targets.warnings {
-        eprintln!("warning: {warning}");
-    }
+    let places = arguments.descriptions.places();
+    refuse_overwriting(&arguments.out, arguments.descriptions.paths())?;
+    let (camera, targets, scene) = arguments.descriptions.read()?;
     let mut config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
     config.device = text("--device", &arguments.device)?;
     config.serial_number = text("--serial-number", &arguments.serial_number)?;

@@ -1,11 +1,59 @@
 //! From the description files to what the pipeline is configured with.
 
+use std::path::PathBuf;
+
 use plumbline::config::{Config, ConfigError, Links, TargetConfig};
 
 use crate::error::BadInput;
-use crate::files::camera::Camera;
-use crate::files::scene::SceneFile;
-use crate::files::targets::Targets;
+use crate::files::camera::{self, Camera};
+use crate::files::scene::{self, SceneFile};
+use crate::files::targets::{self, Targets};
+
+/// The description files, as the subcommands that need them take them.
+#[derive(clap::Args)]
+pub struct Descriptions {
+    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
+    #[arg(long, value_name = "FILE")]
+    camera: PathBuf,
+    /// Targets file: each printed target's name, role, inner corners and pitch.
+    #[arg(long, value_name = "FILE")]
+    targets: PathBuf,
+    /// Scene file: where the scene board stands; without it there are no trunk points.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+}
+
+impl Descriptions {
+    /// The files' paths.
+    pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
+        [&self.camera, &self.targets].into_iter().chain(&self.scene)
+    }
+
+    /// The files' names, for errors.
+    #[must_use]
+    pub fn places(&self) -> Places {
+        let name = |path: &PathBuf| path.display().to_string();
+        Places {
+            camera: name(&self.camera),
+            targets: name(&self.targets),
+            scene: self.scene.as_ref().map(name).unwrap_or_default(),
+        }
+    }
+
+    /// Reads the files; prints the targets' warnings on standard error.
+    ///
+    /// # Errors
+    /// When one of them cannot be read or used.
+    pub fn read(&self) -> Result<(Camera, Targets, Option<SceneFile>), BadInput> {
+        let camera = camera::read(&self.camera)?;
+        let targets = targets::read(&self.targets)?;
+        let scene = self.scene.as_deref().map(scene::read).transpose()?;
+        for warning in &targets.warnings {
+            eprintln!("warning: {warning}");
+        }
+        Ok((camera, targets, scene))
+    }
+}
 
 /// The names that errors give to the description files.
 #[derive(Debug, Clone)]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -19,8 +19,8 @@ use crate::draw;
 use crate::error::BadInput;
 use crate::files::frames::{Frame, FrameSource, Pixels};
 use crate::files::poses::{PoseRow, Writer};
-use crate::files::{camera, refuse_overwriting, scene, targets};
-use crate::setup::{self, Places};
+use crate::files::{camera, refuse_overwriting};
+use crate::setup::{self, Descriptions};
 
 /// Track the targets in recorded frames and write their poses.
 ///
@@ -43,15 +43,8 @@ use crate::setup::{self, Places};
   ffmpeg -i trial.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe - | plumb track --camera camera.toml --targets targets.toml -"
 )]
 pub struct Arguments {
-    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
-    #[arg(long, value_name = "FILE")]
-    camera: PathBuf,
-    /// Targets file: each printed target's name, role, inner corners and pitch.
-    #[arg(long, value_name = "FILE")]
-    targets: PathBuf,
-    /// Scene file: where the scene board stands; gives the anatomical axes.
-    #[arg(long, value_name = "FILE")]
-    scene: Option<PathBuf>,
+    #[command(flatten)]
+    descriptions: Descriptions,
     /// Search every image afresh, for photographs that do not follow each other.
     #[arg(long)]
     independent: bool,
@@ -84,17 +77,8 @@ const PROGRESS_AFTER: Duration = Duration::from_millis(700);
 /// When an input cannot be used or an output cannot be written; the rows of all
 /// frames before that have been written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let places = Places {
-        camera: arguments.camera.display().to_string(),
-        targets: arguments.targets.display().to_string(),
-        scene: arguments.scene.as_deref().unwrap_or(Path::new("")).display().to_string(),
-    };
-    let mut camera = camera::read(&arguments.camera)?;
-    let targets = targets::read(&arguments.targets)?;
-    let scene = arguments.scene.as_deref().map(scene::read).transpose()?;
-    for warning in &targets.warnings {
-        eprintln!("warning: {warning}");
-    }
+    let places = arguments.descriptions.places();
+    let (mut camera, targets, scene) = arguments.descriptions.read()?;
     let mut source = FrameSource::open(&arguments.inputs, arguments.fps)?;
     if arguments.scale_camera {
         camera = camera::scaled(&camera, source.width(), source.height(), &places.camera)?;
@@ -144,11 +128,7 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
         return Ok(Writer::new(Box::new(std::io::stdout()), "standard output"));
     };
     let place = path.display().to_string();
-    let described = [&arguments.camera, &arguments.targets];
-    refuse_overwriting(
-        path,
-        described.into_iter().chain(&arguments.scene).chain(&arguments.inputs),
-    )?;
+    refuse_overwriting(path, arguments.descriptions.paths().chain(&arguments.inputs))?;
     let file = File::create(path).map_err(|error| BadInput::io(&place, &error))?;
     Ok(Writer::new(Box::new(file), place))
 }
