@@ -155,12 +155,6 @@ impl Solution {
     pub fn inlier_count(&self) -> usize {
         self.inliers.count_ones() as usize
     }
-
-    /// Standard deviations of the origin's x, y and z in the camera frame.
-    #[must_use]
-    pub fn sd_mm(&self) -> [f64; 3] {
-        [3, 4, 5].map(|axis| libm::sqrt(self.covariance[(axis, axis)]))
-    }
 }
 
 /// Refines a pose with a fixed number of iterations: for a start from the last frame

@@ -336,17 +336,10 @@ fn corners_are_where_they_were_drawn_with_dark_from_edge_0_to_edge_1() {
             tilt_rad,
             0.02,
         );
-        let picture = render([240, 220], &[board], 0.5, 0.008, n as u64);
+        let boards = core::slice::from_ref(&board);
+        let picture = render([240, 220], boards, 0.5, 0.008, n as u64);
         let bytes: Vec<u8> = samples(&picture, 240, 0, 255);
         let corners = detect(&GreyImage::new(&bytes, 240, 220, 240).unwrap());
-        let board = Board::new(
-            [6, 5],
-            [120.3, 109.6],
-            22.0,
-            f64::from(turn_deg).to_radians(),
-            tilt_rad,
-            0.02,
-        );
         for row in 0..5 {
             for column in 0..6 {
                 let truth = board.corner_px(column, row);

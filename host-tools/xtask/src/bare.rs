@@ -11,7 +11,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::command::{Task, target_directory};
 
@@ -22,7 +22,11 @@ const ENTRY: &str = "plumbline_bare_step";
 /// always has them, and none allocates.
 const COMPILERS_OWN: &[&str] = &["memcpy", "memmove", "memset", "memcmp", "bcmp"];
 
-/// Builds the artefact and reads its symbols.
+/// Largest initialised data of the artefact. An idle pipeline is all zero, so that its
+/// quarter of a megabyte costs no place in a program's file or a board's flash.
+const DATA_BYTES_MAX: usize = 4096;
+
+/// Builds the artefact, reads its symbols and the size of its data.
 pub fn check() -> Result<()> {
     // Apart from the other builds, so that nobody's choice of features reaches it.
     let directory = target_directory().join("bare");
@@ -44,12 +48,26 @@ pub fn check() -> Result<()> {
     if !foreign.is_empty() {
         bail!("the core without an allocator needs {} from others", foreign.join(", "));
     }
+    let data_bytes = data_bytes(&artefact)?;
+    ensure!(
+        data_bytes <= DATA_BYTES_MAX,
+        "{} holds {data_bytes} bytes of initialised data: an idle pipeline is no longer all zero",
+        artefact.display()
+    );
     println!(
-        "{}: linked without an allocator; of others it needs only {}",
+        "{}: linked without an allocator, {data_bytes} bytes of data; of others it needs only {}",
         artefact.display(),
         undefined.into_iter().collect::<Vec<_>>().join(" ")
     );
     Ok(())
+}
+
+/// The size of the artefact's initialised data: the second number of `size`'s second line.
+fn data_bytes(artefact: &Path) -> Result<usize> {
+    let listing = Task::new("size").args(["--format=berkeley"]).args([artefact]).output()?;
+    let data = listing.lines().nth(1).and_then(|line| line.split_whitespace().nth(1));
+    data.and_then(|data| data.parse().ok())
+        .with_context(|| format!("`size` does not tell the data's size: {listing}"))
 }
 
 /// The names in the artefact's dynamic symbol table.
