@@ -1,5 +1,5 @@
-//! What a box is provisioned with: its camera, its targets, the scene and its
-//! links, as one blob of bytes.
+//! What a box is provisioned with: its camera, its targets, the scene, its links
+//! and its computer's settings, as one blob of bytes.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -29,11 +29,17 @@ use crate::pose::{Cam, Pose, Scene};
 use crate::target::{Role, TargetGeometry};
 use crate::undistort::UndistortError;
 
-/// Changes when the blob's content changes.
-pub const FORMAT_VERSION: u16 = 1;
+mod capture;
+mod machine;
 
-/// Longest path of a serial device, in bytes.
-pub const SERIAL_PATH_BYTES_MAX: usize = 64;
+pub use capture::{Capture, CaptureDriver, CaptureError, PixelFormat};
+pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
+
+/// Changes when the blob's content changes.
+pub const FORMAT_VERSION: u16 = 2;
+
+/// Longest path or name of a serial line or a camera, in bytes.
+pub const DEVICE_PATH_BYTES_MAX: usize = 64;
 
 const MAGIC: [u8; 4] = *b"PLMB";
 
@@ -41,8 +47,8 @@ const MAGIC: [u8; 4] = *b"PLMB";
 const HEADER_BYTES: usize = 10;
 
 /// Everything in a blob but the targets: header, checksum, texts, lens (87),
-/// scene (49), links (91), rounded up.
-const FIXED_BYTES_MAX: usize = 320;
+/// scene (49), links (91), capture (82), machine (18), rounded up.
+const FIXED_BYTES_MAX: usize = 416;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
 /// rows, role, a virtual point, and its corners of three f64.
@@ -62,7 +68,7 @@ pub struct TargetConfig {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SerialLink {
     /// The device, such as `/dev/ttyS0`.
-    pub path: String<SERIAL_PATH_BYTES_MAX>,
+    pub path: String<DEVICE_PATH_BYTES_MAX>,
     /// Bits per second.
     pub baud: u32,
 }
@@ -92,6 +98,10 @@ pub struct Config {
     pub cam_from_scene_theta: Option<[f64; 6]>,
     /// Where the packets go.
     pub links: Links,
+    /// How frames are taken; `None` for a box that only replays recordings.
+    pub capture: Option<Capture>,
+    /// How the box's computer runs the measurement.
+    pub machine: Machine,
 }
 
 /// Why a configuration cannot be used.
@@ -155,6 +165,10 @@ pub enum ConfigError {
     Udp,
     /// The serial path is empty, or the baud rate is not within 1,200 to 12,000,000.
     Serial,
+    /// The camera's settings.
+    Capture(CaptureError),
+    /// The computer's settings.
+    Machine(MachineError),
 }
 
 impl core::fmt::Display for ConfigError {
@@ -203,6 +217,8 @@ impl core::fmt::Display for ConfigError {
             Self::Serial => formatter.write_str(
                 "links.serial: needs a path, and a baud rate within 1,200 to 12,000,000",
             ),
+            Self::Capture(error) => write!(formatter, "capture.{error}"),
+            Self::Machine(error) => write!(formatter, "machine.{error}"),
         }
     }
 }
@@ -212,6 +228,18 @@ impl core::error::Error for ConfigError {}
 impl From<LensError> for ConfigError {
     fn from(error: LensError) -> Self {
         Self::Lens(error)
+    }
+}
+
+impl From<CaptureError> for ConfigError {
+    fn from(error: CaptureError) -> Self {
+        Self::Capture(error)
+    }
+}
+
+impl From<MachineError> for ConfigError {
+    fn from(error: MachineError) -> Self {
+        Self::Machine(error)
     }
 }
 
@@ -252,6 +280,10 @@ impl Config {
         {
             return Err(ConfigError::Serial);
         }
+        if let Some(capture) = &self.capture {
+            capture.check()?;
+        }
+        self.machine.check()?;
         Ok(())
     }
 

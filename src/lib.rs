@@ -19,7 +19,7 @@
 //!
 //! ```
 //! use heapless::{String, Vec};
-//! use plumbline::config::{Config, Links, TargetConfig};
+//! use plumbline::config::{Config, Links, Machine, TargetConfig};
 //! use plumbline::image::GreyImage;
 //! use plumbline::lens::{Distortion, Lens};
 //! use plumbline::pipeline::Pipeline;
@@ -49,6 +49,8 @@
 //!     targets,
 //!     cam_from_scene_theta: None,
 //!     links: Links::default(),
+//!     capture: None,
+//!     machine: Machine::default(),
 //! })?;
 //!
 //! let pixels = [90_u8; 640 * 480];

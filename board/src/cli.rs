@@ -62,7 +62,7 @@ pub struct Cli {
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 
-    /// Counts starts in this file and tells the host; without it every start is number 0
+    /// Counts starts in this file and tells the host
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
 }

@@ -51,7 +51,7 @@ fn run(cli: &Cli) -> Result<()> {
         .with_context(|| format!("the configuration {} cannot be used", cli.config.display()))?;
     refuse_recording_onto_inputs(cli)?;
     let links = open_links(cli, &config)?;
-    let boot_count = cli.boot_count_file.as_deref().map_or(Ok(0), count_start)?;
+    let boot_count = cli.boot_count_file.as_deref().map(count_start).transpose()?;
 
     let input = Input::from(cli.replay.as_path());
     let pace = if cli.unpaced { Pace::Unpaced } else { Pace::Recorded };

@@ -1,15 +1,15 @@
 //! The main loop: frames through the pipeline, packets to the links, a
 //! heartbeat once a second, and the figures at the end.
 
+use std::hash::BuildHasher;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
-use plumbline::image::GreyImage;
 use plumbline::packet::{
-    Action, CameraState, Command, FRAME_BYTES_MAX, Health, Hello, LINKS_MAX, LinkHealth,
-    MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, Refusal, Reply, ReplyOutcome,
-    ResetReason, TargetInfo, encode_datagram, encode_frame,
+    Action, CameraState, Command, FRAME_BYTES_MAX, Health, Hello, LINKS_MAX, LinkHealth, Message,
+    PACKET_BYTES_MAX, PosePacket, Refusal, Reply, ReplyOutcome, ResetReason, TargetInfo,
+    encode_datagram, encode_frame,
 };
 use plumbline::pipeline::Pipeline;
 
@@ -17,7 +17,7 @@ use crate::allocation::allocations;
 use crate::link::{Counts, Encoded, Link};
 use crate::logger;
 use crate::measure::Durations;
-use crate::source::{FrameSource, Next};
+use crate::source::{Condition, FrameSource, Next, Pixels};
 use crate::temperature::Sensor;
 
 /// Hello and Health go out this often.
@@ -25,9 +25,6 @@ pub const HEARTBEAT: Duration = Duration::from_secs(1);
 
 /// The loop turns at least this often: so soon is a signal or a command noticed.
 const TURN_MAX: Duration = Duration::from_millis(20);
-
-/// Frames that fail to come for this long are reported as a stall.
-const STALL: Duration = Duration::from_secs(1);
 
 /// At the end, links get this long to hand on what waits.
 const FINISH: Duration = Duration::from_secs(2);
@@ -68,7 +65,7 @@ pub fn run(
     config: &Config,
     source: &mut impl FrameSource,
     links: Links,
-    boot_count: u32,
+    boot_count: Option<u32>,
     stop: &AtomicBool,
 ) -> Ended {
     let mut session = Session::new(config, links, boot_count);
@@ -76,13 +73,21 @@ pub fn run(
     Ended { summary: session.finish(), broken }
 }
 
+/// What a source is before anybody asked.
+const STARTING: Condition = Condition {
+    camera: CameraState::Starting,
+    frames_dropped: 0,
+    frames_missed: 0,
+    camera_losses: 0,
+};
+
 struct Session {
     started: Instant,
     hello: Hello,
     links: Links,
     sensor: Sensor,
-    camera: CameraState,
-    last_frame: Instant,
+    /// Of the source, when it was last asked.
+    source: Condition,
     frames: u64,
     corners_dropped: u32,
     late: u64,
@@ -94,7 +99,7 @@ struct Session {
 }
 
 impl Session {
-    fn new(config: &Config, links: Links, boot_count: u32) -> Self {
+    fn new(config: &Config, links: Links, boot_count: Option<u32>) -> Self {
         let targets = config.targets.iter().map(|target| TargetInfo {
             name: target.name.clone(),
             role: target.geometry.role(),
@@ -108,6 +113,7 @@ impl Session {
                 .try_into()
                 .unwrap_or_default(),
             config_crc: config.crc(),
+            boot_id: boot_id(),
             boot_count,
             reset_reason: ResetReason::Unknown,
             width_px: config.lens.width_px,
@@ -120,8 +126,7 @@ impl Session {
             hello,
             links,
             sensor: Sensor::open(),
-            camera: CameraState::Starting,
-            last_frame: now,
+            source: STARTING,
             frames: 0,
             corners_dropped: 0,
             late: 0,
@@ -139,10 +144,16 @@ impl Session {
         source: &mut impl FrameSource,
         stop: &AtomicBool,
     ) -> Option<String> {
-        let (width, height) = source.size_px();
         let mut beat = self.started;
         while !stop.load(Ordering::Relaxed) {
             let now = Instant::now();
+            let condition = source.condition();
+            // A camera that is lost or back is no news that can wait.
+            let news = condition.camera != self.source.camera;
+            self.source = condition;
+            if news && now < beat {
+                self.send_health();
+            }
             if now >= beat {
                 self.heartbeat();
                 // Beats that were missed are not made up for.
@@ -152,17 +163,17 @@ impl Session {
             match source.next(beat.min(now + TURN_MAX)) {
                 Next::Frame(frame) => {
                     let began = Instant::now();
-                    let image = match GreyImage::new(frame.luma, width, height, width) {
-                        Ok(image) => image,
-                        Err(error) => return Some(format!("a frame cannot be used: {error}")),
+                    let time_ns = frame.capture_time_ns;
+                    let report = match &frame.pixels {
+                        Pixels::Grey8(image) => pipeline.step(image, time_ns),
+                        Pixels::Grey16(image) => pipeline.step(image, time_ns),
                     };
-                    let report = pipeline.step(&image, frame.capture_time_ns);
                     self.step.record(began.elapsed());
                     self.corners_dropped = report.corners_dropped;
                     let latency = frame.ready_at.elapsed();
                     let packet = PosePacket::from_report(
                         &report,
-                        MarkedInstant::Recording,
+                        frame.instant,
                         u32::try_from(latency.as_micros()).unwrap_or(u32::MAX),
                     );
                     self.send(&Message::Pose(packet));
@@ -181,8 +192,6 @@ impl Session {
         self.late += u64::from(late);
         self.latency.record(latency);
         self.latency_max_since_health = self.latency_max_since_health.max(latency);
-        self.camera = CameraState::Running;
-        self.last_frame = Instant::now();
         let count = allocations();
         let after_first = self.allocations.map_or(count, |(after_first, _)| after_first);
         self.allocations = Some((after_first, count));
@@ -194,9 +203,6 @@ impl Session {
 
     fn heartbeat(&mut self) {
         self.send_hello();
-        if self.camera == CameraState::Running && self.last_frame.elapsed() > STALL {
-            self.camera = CameraState::Stalled;
-        }
         self.send_health();
     }
 
@@ -218,12 +224,13 @@ impl Session {
         let health = Health {
             uptime_ms: self.started.elapsed().as_millis() as u64,
             frames: saturated(self.frames),
-            // A replay skips none; late frames are in the figures at the end.
-            frames_dropped: 0,
+            frames_dropped: saturated(self.source.frames_dropped),
+            frames_missed: saturated(self.source.frames_missed),
+            camera_losses: self.source.camera_losses,
             corners_dropped: self.corners_dropped,
             heap_allocations: Some(saturated(self.allocations_after_first_frame())),
             temperature_decicelsius: self.sensor.decicelsius(),
-            camera: self.camera,
+            camera: self.source.camera,
             latency_us_max: u32::try_from(latency_max.as_micros()).unwrap_or(u32::MAX),
             logs_dropped: logger::dropped(),
             links: links.collect(),
@@ -284,7 +291,7 @@ impl Session {
 
     /// Tells the host that this is the end, and hands on what waits.
     fn finish(mut self) -> Summary {
-        self.camera = CameraState::Ended;
+        self.source.camera = CameraState::Ended;
         self.serve_links();
         self.send_health();
         let give_up = Instant::now() + FINISH;
@@ -313,6 +320,12 @@ fn send(links: &mut [Link], message: &Message) {
     for link in links {
         link.send(Encoded { datagram, frame });
     }
+}
+
+/// A number that no earlier start is likely to have had.
+fn boot_id() -> u32 {
+    // The keys of the standard hasher are drawn at random by the operating system.
+    std::collections::hash_map::RandomState::new().hash_one(0_u8) as u32
 }
 
 fn saturated(count: u64) -> u32 {

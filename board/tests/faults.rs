@@ -123,6 +123,6 @@ fn starts_are_counted() {
         assert!(finished.status.success(), "{}", finished.stderr);
         let all = messages(&std::fs::read(&file).unwrap());
         let plumbline::packet::Message::Hello(hello) = &all[0] else { panic!("{:?}", all[0]) };
-        assert_eq!(hello.boot_count, start);
+        assert_eq!(hello.boot_count, Some(start));
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use plumbline_board::source::rate::Rate;
 use plumbline_board::source::replay::{Input, Pace, Replay};
-use plumbline_board::source::{FrameSource, Next};
+use plumbline_board::source::{Frame, FrameSource, Next, Pixels};
 use tempfile::TempDir;
 
 /// Nothing here takes longer; a test that waits this long has failed.
@@ -49,6 +49,15 @@ struct Seen {
     late: bool,
 }
 
+/// The one grey value of the whole frame.
+fn value(frame: &Frame<'_>) -> u8 {
+    let Pixels::Grey8(image) = frame.pixels else { panic!("{frame:?}") };
+    assert_eq!((image.width(), image.height()), SIZE_PX);
+    let value = image.row(0)[0];
+    assert!((0..image.height()).all(|y| image.row(y).iter().all(|other| *other == value)));
+    value
+}
+
 /// All frames, and the message if the source broke.
 fn replay_all(
     replay: &mut Replay,
@@ -60,10 +69,8 @@ fn replay_all(
         assert!(Instant::now() < give_up, "the recording never ended");
         match replay.next(Instant::now() + Duration::from_millis(100)) {
             Next::Frame(frame) => {
-                assert_eq!(frame.luma.len(), SIZE_PX.0 * SIZE_PX.1);
-                assert!(frame.luma.iter().all(|value| *value == frame.luma[0]));
                 seen.push(Seen {
-                    value: frame.luma[0],
+                    value: value(&frame),
                     time_ns: frame.capture_time_ns,
                     ready_at: frame.ready_at,
                     late: frame.late,
@@ -141,7 +148,7 @@ fn an_impatient_caller_gets_its_time_back() {
         Replay::open(&Input::from(path.as_path()), Pace::Recorded, rate, &stop).unwrap().unwrap();
     let first =
         (0..100).find_map(|_| match replay.next(Instant::now() + Duration::from_millis(50)) {
-            Next::Frame(frame) => Some(frame.luma[0]),
+            Next::Frame(frame) => Some(value(&frame)),
             _ => None,
         });
     assert_eq!(first, Some(0));

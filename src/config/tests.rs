@@ -1,5 +1,6 @@
 extern crate std;
 
+use core::net::Ipv4Addr;
 use std::string::ToString;
 use std::vec::Vec as StdVec;
 
@@ -12,6 +13,12 @@ fn target(name: &str, columns: u8, rows: u8, role: Role) -> TargetConfig {
         TargetGeometry::checker(columns, rows, 12.0, Origin::Center, role, [0.0, 0.0, 100.0]);
     TargetConfig { name: name.try_into().unwrap(), geometry: geometry.unwrap() }
 }
+
+const FIXED: Network = Network::Static {
+    address: Ipv4Addr::new(192, 168, 7, 2),
+    prefix_bits: 24,
+    gateway: Some(Ipv4Addr::new(192, 168, 7, 1)),
+};
 
 fn config() -> Config {
     Config {
@@ -35,7 +42,29 @@ fn config() -> Config {
             udp: Some("192.168.7.1:4210".parse().unwrap()),
             serial: Some(SerialLink { path: "/dev/ttyS0".try_into().unwrap(), baud: 115_200 }),
         },
+        capture: Some(Capture {
+            driver: CaptureDriver::V4l2,
+            device: "/dev/video0".try_into().unwrap(),
+            pixel_format: PixelFormat::Grey,
+            rate_hz: 60.0,
+            exposure_us: Some(4_000),
+            gain: Some(2.0),
+        }),
+        machine: Machine {
+            network: FIXED,
+            realtime_priority: Some(50),
+            cpu: Some(3),
+            watchdog_s: Some(15),
+        },
     }
+}
+
+fn capture(config: &mut Config) -> &mut Capture {
+    config.capture.as_mut().unwrap()
+}
+
+fn fixed(address: Ipv4Addr, prefix_bits: u8) -> Network {
+    Network::Static { address, prefix_bits, gateway: None }
 }
 
 fn blob(config: &Config) -> StdVec<u8> {
@@ -76,8 +105,14 @@ fn the_largest_config_fits_its_buffer() {
     .collect();
     config.device = "012345678901234567890123".try_into().unwrap();
     config.serial_number = config.device.clone();
-    let path = core::iter::repeat_n('x', SERIAL_PATH_BYTES_MAX).collect();
+    let path: String<DEVICE_PATH_BYTES_MAX> =
+        core::iter::repeat_n('x', DEVICE_PATH_BYTES_MAX).collect();
+    let capture = config.capture.as_mut().unwrap();
+    capture.device = path.clone();
+    capture.rate_hz = 1.0;
+    capture.exposure_us = Some(1_000_000);
     config.links.serial = Some(SerialLink { path, baud: 12_000_000 });
+    config.machine.watchdog_s = Some(WATCHDOG_S_MAX);
     config.links.udp = Some("[1:2:3:4:5:6:7:8]:65535".parse().unwrap());
     let length = blob(&config).len();
     // Within a few bytes of the formula: neither too small nor idly large.
@@ -94,7 +129,7 @@ fn the_largest_config_fits_its_buffer() {
 #[test]
 fn every_fault_of_a_value_is_named() {
     type Change = fn(&mut Config);
-    let table: [(Change, ConfigError); 14] = [
+    let table: [(Change, ConfigError); 22] = [
         (|c| c.lens.fx_px = f64::NAN, ConfigError::Lens(LensError::FocalLength)),
         (|c| c.targets.clear(), ConfigError::NoTarget),
         (|c| c.targets[1].name.clear(), ConfigError::TargetName { index: 1 }),
@@ -122,6 +157,24 @@ fn every_fault_of_a_value_is_named() {
         (|c| c.links.udp = Some("0.0.0.0:4210".parse().unwrap()), ConfigError::Udp),
         (|c| c.links.serial.as_mut().unwrap().baud = 0, ConfigError::Serial),
         (|c| c.links.serial.as_mut().unwrap().path.clear(), ConfigError::Serial),
+        (|c| capture(c).rate_hz = f32::NAN, ConfigError::Capture(CaptureError::Rate)),
+        (|c| capture(c).exposure_us = Some(0), ConfigError::Capture(CaptureError::Exposure)),
+        // At 60 Hz a frame lasts 16,667 us.
+        (|c| capture(c).exposure_us = Some(16_700), ConfigError::Capture(CaptureError::Exposure)),
+        (|c| capture(c).gain = Some(-1.0), ConfigError::Capture(CaptureError::Gain)),
+        (
+            |c| c.machine.network = fixed(Ipv4Addr::UNSPECIFIED, 24),
+            ConfigError::Machine(MachineError::Network),
+        ),
+        (
+            |c| c.machine.network = fixed(Ipv4Addr::new(10, 0, 0, 1), 31),
+            ConfigError::Machine(MachineError::Network),
+        ),
+        (
+            |c| c.machine.realtime_priority = Some(100),
+            ConfigError::Machine(MachineError::RealtimePriority),
+        ),
+        (|c| c.machine.watchdog_s = Some(0), ConfigError::Machine(MachineError::Watchdog)),
     ];
     for (change, error) in table {
         let mut wrong = config();

@@ -22,14 +22,10 @@ pub const LOG_TEXT_BYTES_MAX: usize = 128;
 pub enum ResetReason {
     /// The box cannot tell.
     Unknown,
-    /// Power came on.
+    /// Power came on, or the box was restarted in good order: no watchdog was in it.
     PowerOn,
-    /// The program hung, and the watchdog started it anew.
+    /// No frame was processed for too long, and the watchdog restarted the box.
     Watchdog,
-    /// A command asked for it.
-    Command,
-    /// The program ended in error and was started anew.
-    Failure,
 }
 
 /// One configured target.
@@ -54,8 +50,10 @@ pub struct Hello {
     pub firmware: String<DEVICE_TEXT_BYTES_MAX>,
     /// [`Config::crc`](crate::config::Config::crc) of the configuration in use.
     pub config_crc: u32,
-    /// How often the program has started; a new number is a new session.
-    pub boot_count: u32,
+    /// Drawn at random at each start; a new number is a new session.
+    pub boot_id: u32,
+    /// How often the program has started, where that is kept.
+    pub boot_count: Option<u32>,
     /// Why it started this time.
     pub reset_reason: ResetReason,
     /// Frame width.
@@ -95,8 +93,10 @@ pub enum CameraState {
     Starting,
     /// Frames come.
     Running,
-    /// Frames came, and no longer do.
+    /// It is there, and no frame has come for a second; it is being reopened.
     Stalled,
+    /// It is absent or reports errors; opening it is tried again and again.
+    Lost,
     /// The recording is over.
     Ended,
 }
@@ -106,13 +106,18 @@ pub enum CameraState {
 pub struct Health {
     /// Time since the start.
     pub uptime_ms: u64,
-    /// Frames that came in.
+    /// Frames that were processed.
     pub frames: u32,
-    /// Frames that came and were skipped because the one before took too long.
+    /// Frames that came and were skipped, because newer ones were already there.
     pub frames_dropped: u32,
+    /// Frames that never came, or came damaged: gaps in the camera's numbers.
+    pub frames_missed: u32,
+    /// How often frames stopped coming, so that the camera had to be reopened.
+    pub camera_losses: u32,
     /// Corners that searches have lost because a buffer was full.
     pub corners_dropped: u32,
-    /// Heap allocations since the first frame; `None` when nobody counts them.
+    /// Heap allocations since the first frame after the camera was last opened;
+    /// `None` when nobody counts them.
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.
     pub temperature_decicelsius: Option<i16>,

@@ -2,7 +2,7 @@
 
 use heapless::{String, Vec};
 use plumb::simulate::Simulation;
-use plumbline::config::{Config, Links, TargetConfig};
+use plumbline::config::{Config, Links, Machine, TargetConfig};
 use plumbline::image::GreyImage;
 use rayon::prelude::*;
 
@@ -30,6 +30,8 @@ pub fn config_of(simulation: &Simulation) -> Config {
         targets: targets.collect::<Vec<_, _>>(),
         cam_from_scene_theta: Some(theta),
         links: Links::default(),
+        capture: None,
+        machine: Machine::default(),
     }
 }
 

@@ -4,10 +4,14 @@
 //! is used where it lies, and never keeps the caller waiting beyond the instant
 //! it names: the main loop has a heartbeat to send while the source is silent.
 
+pub mod camera;
 pub mod rate;
 pub mod replay;
 
 use std::time::Instant;
+
+use plumbline::image::GreyImage;
+use plumbline::packet::{CameraState, MarkedInstant};
 
 /// Gives frames, in the order of their capture.
 pub trait FrameSource {
@@ -18,6 +22,22 @@ pub trait FrameSource {
     ///
     /// Allocates nothing once the first frame has been handed out.
     fn next(&mut self, until: Instant) -> Next<'_>;
+
+    /// How the source is doing.
+    fn condition(&self) -> Condition;
+}
+
+/// How a source is doing; counters run from the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Condition {
+    /// Whether frames come.
+    pub camera: CameraState,
+    /// Frames that came and were skipped, because newer ones were already there.
+    pub frames_dropped: u64,
+    /// Frames that never came, or came damaged.
+    pub frames_missed: u64,
+    /// How often frames stopped coming, so that the camera had to be reopened.
+    pub camera_losses: u32,
 }
 
 /// What a source has to say.
@@ -33,15 +53,27 @@ pub enum Next<'a> {
     Broken(String),
 }
 
-/// One frame: 8-bit luma, row by row without gaps.
+/// The pixels of a frame, where they lie.
+#[derive(Debug, Clone, Copy)]
+pub enum Pixels<'a> {
+    /// 8 bits each.
+    Grey8(GreyImage<'a, u8>),
+    /// Up to 16 bits each.
+    Grey16(GreyImage<'a, u16>),
+}
+
+/// One frame.
 #[derive(Debug)]
 pub struct Frame<'a> {
     /// `size_px` pixels.
-    pub luma: &'a [u8],
-    /// When it was captured, on the source's own clock.
+    pub pixels: Pixels<'a>,
+    /// When it was captured: CLOCK_MONOTONIC for a camera, the time in the
+    /// recording for a replay.
     pub capture_time_ns: u64,
-    /// When work on it could have begun: its arrival, or the instant at which
-    /// a paced replay owes it. Latency counts from here.
+    /// Which instant of the frame that is.
+    pub instant: MarkedInstant,
+    /// The same instant on this program's clock; a paced replay's is the one at
+    /// which it owes the frame. Latency counts from here.
     pub ready_at: Instant,
     /// It was handed out when the frame after it was already due.
     pub late: bool,

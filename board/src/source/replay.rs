@@ -16,13 +16,18 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use plumbline::image::GreyImage;
 use plumbline::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
+use plumbline::packet::{CameraState, MarkedInstant};
 
 use super::rate::Rate;
-use super::{Frame, FrameSource, Next};
+use super::{Condition, Frame, FrameSource, Next, Pixels};
 
 /// What every message about a bad recording ends with.
 const REMEDY: &str = "make one with: ffmpeg -i INPUT -pix_fmt yuv420p -f yuv4mpegpipe OUTPUT.y4m";
+
+/// Frames that fail to come for this long are reported as a stall.
+const STALL: Duration = Duration::from_secs(1);
 
 /// How often a wait for the recording's header looks whether it should stop.
 const STOP_CHECK: Duration = Duration::from_millis(50);
@@ -71,6 +76,8 @@ pub struct Replay {
     frame: Vec<u8>,
     index: u64,
     started: Option<Instant>,
+    /// When the last frame was handed out.
+    silent_since: Instant,
 }
 
 #[derive(Debug)]
@@ -164,6 +171,7 @@ impl Replay {
             frame,
             index: 0,
             started: None,
+            silent_since: Instant::now(),
         }))
     }
 
@@ -231,7 +239,27 @@ impl FrameSource for Replay {
         shared.changed.notify_all();
         let capture_time_ns = self.rate.time_ns(self.index);
         self.index += 1;
-        Next::Frame(Frame { luma: &self.frame, capture_time_ns, ready_at, late })
+        self.silent_since = Instant::now();
+        let (width, height) = self.size_px;
+        let image = GreyImage::new(&self.frame, width, height, width);
+        Next::Frame(Frame {
+            pixels: Pixels::Grey8(image.expect("the header's size has been checked")),
+            capture_time_ns,
+            instant: MarkedInstant::Recording,
+            ready_at,
+            late,
+        })
+    }
+
+    fn condition(&self) -> Condition {
+        let camera = match self.shared.lock().state {
+            SlotState::Ended => CameraState::Ended,
+            _ if self.index == 0 => CameraState::Starting,
+            _ if self.silent_since.elapsed() > STALL => CameraState::Stalled,
+            _ => CameraState::Running,
+        };
+        // A replay skips nothing, and is opened once.
+        Condition { camera, frames_dropped: 0, frames_missed: 0, camera_losses: 0 }
     }
 }
 

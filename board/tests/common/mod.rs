@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use plumbline::config::{Config, Links, TargetConfig};
+use plumbline::config::{Config, Links, Machine, TargetConfig};
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{Deframer, Message, PosePacket};
 use plumbline::target::{Origin, Role, TargetGeometry};
@@ -47,6 +47,8 @@ pub fn config() -> Config {
             .collect(),
         cam_from_scene_theta: Some([0.0, 0.0, 0.0, 0.0, 0.0, 1000.0]),
         links: Links::default(),
+        capture: None,
+        machine: Machine::default(),
     }
 }
 

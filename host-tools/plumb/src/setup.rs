@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use plumbline::config::{Config, ConfigError, Links, TargetConfig};
+use plumbline::config::{Config, ConfigError, Links, Machine, TargetConfig};
 
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera};
@@ -94,6 +94,8 @@ pub fn config(
             ]
         }),
         links: Links::default(),
+        capture: None,
+        machine: Machine::default(),
     };
     for target in &targets.targets {
         // The reader of targets.toml has checked the length of the name and the number of targets.

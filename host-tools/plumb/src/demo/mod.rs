@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Matrix6;
-use plumbline::config::{BLOB_BYTES_MAX, Config, Links, TargetConfig};
+use plumbline::config::{BLOB_BYTES_MAX, Config, Links, Machine, TargetConfig};
 use plumbline::measure::Measurement;
 use plumbline::packet::{CameraState, Message, PosePacket};
 use plumbline::pose::Pose;
@@ -230,6 +230,8 @@ fn configuration(simulation: &Simulation) -> Result<Config> {
             place_mm.z,
         ]),
         links: Links::default(),
+        capture: None,
+        machine: Machine::default(),
     })
 }
 

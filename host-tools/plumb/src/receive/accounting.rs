@@ -54,7 +54,7 @@ pub struct Counts {
 #[derive(Debug, Default)]
 pub struct Accounting {
     counts: Counts,
-    boot_count: Option<u32>,
+    boot_id: Option<u32>,
     uptime_ms: Option<u64>,
     /// The highest sequence number of this session; `None` when the next packet
     /// begins a session.
@@ -77,9 +77,9 @@ impl Accounting {
     }
 
     /// Takes note of a Hello; true when it comes from a box that started anew.
-    pub fn hello(&mut self, boot_count: u32) -> bool {
-        let known = self.boot_count.replace(boot_count);
-        let anew = known.is_some_and(|known| known != boot_count);
+    pub fn hello(&mut self, boot_id: u32) -> bool {
+        let known = self.boot_id.replace(boot_id);
+        let anew = known.is_some_and(|known| known != boot_id);
         if anew {
             self.highest = None;
             self.uptime_ms = None;
@@ -94,7 +94,7 @@ impl Accounting {
         let anew = known.is_some_and(|known| uptime_ms.saturating_add(UPTIME_SLACK_MS) < known);
         if anew {
             self.highest = None;
-            self.boot_count = None;
+            self.boot_id = None;
         }
         anew
     }
@@ -125,7 +125,7 @@ impl Accounting {
                 if self.highest.is_some() {
                     // Found by the number alone: what was known of the run
                     // before must not end this one a second time.
-                    self.boot_count = None;
+                    self.boot_id = None;
                     self.uptime_ms = None;
                 }
                 self.counts.sessions += 1;

@@ -5,7 +5,9 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Action, Command, Health, Hello, Message, PacketError, PosePacket};
+use plumbline::packet::{
+    Action, Command, Health, Hello, Message, PacketError, PosePacket, ResetReason,
+};
 use plumbline::target::Role;
 
 use super::accounting::{Accounting, Arrival, Counts};
@@ -267,11 +269,8 @@ impl<W: Write> Receiver<W> {
     }
 
     fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
-        if self.accounting.hello(hello.boot_count) {
-            self.notices.push(format!(
-                "the box has started anew (start {}, reason: {:?})",
-                hello.boot_count, hello.reset_reason
-            ));
+        if self.accounting.hello(hello.boot_id) {
+            self.notices.push(format!("the box has started anew ({})", start_of(&hello)));
             // What is held belongs to the run before.
             self.finish()?;
             self.names = None;
@@ -372,5 +371,18 @@ impl<W: Write> Receiver<W> {
         if let Some(remedy) = remedy.filter(|_| *counter == 1) {
             self.notices.push(format!("{remedy} ({error})"));
         }
+    }
+}
+
+/// Which start of the box this is and why, for people.
+fn start_of(hello: &Hello) -> String {
+    let reason = match hello.reset_reason {
+        ResetReason::Unknown => "for a reason it does not know",
+        ResetReason::PowerOn => "power on or an orderly restart",
+        ResetReason::Watchdog => "the watchdog restarted it: no frame was processed for too long",
+    };
+    match hello.boot_count {
+        Some(count) => format!("start {count}, {reason}"),
+        None => reason.into(),
     }
 }

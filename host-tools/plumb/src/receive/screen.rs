@@ -142,6 +142,8 @@ pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     }
     if let Some(health) = receiver.health() {
         rows.push(("frames the box dropped", u64::from(health.frames_dropped)));
+        rows.push(("frames the camera missed", u64::from(health.frames_missed)));
+        rows.push(("camera losses", u64::from(health.camera_losses)));
         rows.push(("corners the box dropped", u64::from(health.corners_dropped)));
     }
     for (what, count) in rows {

@@ -44,7 +44,7 @@ fn pose(sequence: u32) -> Message {
     })
 }
 
-fn hello(boot_count: u32) -> Message {
+fn hello(boot_id: u32) -> Message {
     let info =
         |name: &str, role, corners| TargetInfo { name: name.try_into().unwrap(), role, corners };
     Message::Hello(Hello {
@@ -52,7 +52,8 @@ fn hello(boot_count: u32) -> Message {
         serial_number: "PL-0001".try_into().unwrap(),
         firmware: "0.1.0".try_into().unwrap(),
         config_crc: 7,
-        boot_count,
+        boot_id,
+        boot_count: None,
         reset_reason: ResetReason::Watchdog,
         width_px: 1456,
         height_px: 1088,

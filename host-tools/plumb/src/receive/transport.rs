@@ -27,6 +27,7 @@ const REOPEN_WAIT_MAX: Duration = Duration::from_secs(4);
 
 /// What came in.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "it is handed on at once and never stored")]
 pub enum Event {
     /// A message.
     Message(Message),

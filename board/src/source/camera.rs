@@ -1,0 +1,374 @@
+//! A camera that may vanish and come back.
+//!
+//! ```text
+//!             opened                 a frame
+//!   Absent ───────────▶ Waiting ───────────────▶ Giving
+//!    ▲  ▲                  │                        │
+//!    │  └──────────────────┘ silent for a second    │
+//!    └──────────────────────────────────────────────┘
+//!                            error, or silent for a second
+//! ```
+//!
+//! An absent camera is opened again and again, soon at first and then every
+//! [`BACK_OFF_MAX`], for as long as it takes. Opening allocates; giving frames
+//! does not.
+
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use plumbline::config::Capture;
+use plumbline::packet::CameraState;
+
+use super::{Condition, Frame, FrameSource, Next};
+
+/// An open camera that is silent for this long is closed and opened again.
+pub const SILENCE_MAX: Duration = Duration::from_secs(1);
+
+/// The pause after the first failure; each further one doubles it.
+pub const BACK_OFF_MIN: Duration = Duration::from_millis(100);
+
+/// The longest pause between two attempts.
+pub const BACK_OFF_MAX: Duration = Duration::from_secs(2);
+
+/// One kind of camera, open.
+pub trait Device: Sized {
+    /// Opens the camera, sets it up as asked and starts it.
+    ///
+    /// # Errors
+    /// When there is none, or it cannot do what is asked for; the message names
+    /// the setting and the remedy.
+    fn open(capture: &Capture, size_px: (usize, usize)) -> Result<Self>;
+
+    /// Waits until a frame is there, but not beyond `until`. The frame of the
+    /// wait before goes back to the camera. When several frames are there, those
+    /// before the newest two are skipped and counted.
+    fn wait(&mut self, until: Instant) -> Waited;
+
+    /// The frame that the last [`wait`](Self::wait) has found.
+    fn frame(&self) -> Frame<'_>;
+
+    /// Frames skipped, and frames missed, since it was opened.
+    fn counts(&self) -> Counts;
+}
+
+/// What came of waiting for a frame.
+#[derive(Debug)]
+pub enum Waited {
+    /// [`Device::frame`] has one.
+    Ready,
+    /// None by the instant asked for.
+    Quiet,
+    /// The camera is gone or broken; the text says what it reported.
+    Lost(String),
+}
+
+/// Frames that were not handed out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// They came, and newer ones were already there.
+    pub dropped: u64,
+    /// They never came, or came damaged.
+    pub missed: u64,
+}
+
+/// A camera as a source of frames, whatever happens to it.
+#[derive(Debug)]
+pub struct Camera<D> {
+    capture: Capture,
+    size_px: (usize, usize),
+    state: State<D>,
+    reported: CameraState,
+    /// Of the openings before this one.
+    earlier: Counts,
+    losses: u32,
+    /// Attempts since the last frame.
+    attempts: u32,
+    /// What was wrong last, so that it is said once.
+    said: String,
+}
+
+#[derive(Debug)]
+enum State<D> {
+    Absent { again_at: Instant },
+    Waiting { device: D, since: Instant },
+    Giving { device: D, last_frame: Instant },
+}
+
+impl<D: Device> Camera<D> {
+    /// A camera that is opened when the first frame is asked for.
+    #[must_use]
+    pub fn new(capture: Capture, size_px: (usize, usize)) -> Self {
+        Self {
+            capture,
+            size_px,
+            state: State::Absent { again_at: Instant::now() },
+            reported: CameraState::Starting,
+            earlier: Counts::default(),
+            losses: 0,
+            attempts: 0,
+            said: String::new(),
+        }
+    }
+
+    /// Opens the camera when it is time to; sleeps towards `until` otherwise.
+    fn open(&mut self, again_at: Instant, until: Instant) {
+        let now = Instant::now();
+        if now < again_at {
+            std::thread::sleep(again_at.min(until).saturating_duration_since(now));
+            return;
+        }
+        self.attempts = self.attempts.saturating_add(1);
+        match D::open(&self.capture, self.size_px) {
+            Ok(device) => self.state = State::Waiting { device, since: Instant::now() },
+            Err(error) => {
+                self.say(format!("{error:#}"));
+                self.reported = CameraState::Lost;
+                self.state = State::Absent { again_at: Instant::now() + back_off(self.attempts) };
+            }
+        }
+    }
+
+    /// Closes a camera that is silent or broken.
+    fn close(&mut self, reported: CameraState, what: String) {
+        let absent = State::Absent { again_at: Instant::now() + back_off(self.attempts) };
+        match std::mem::replace(&mut self.state, absent) {
+            State::Absent { .. } => {}
+            State::Waiting { device, .. } => self.add_counts(&device),
+            State::Giving { device, .. } => {
+                self.add_counts(&device);
+                self.losses = self.losses.saturating_add(1);
+            }
+        }
+        self.say(what);
+        self.reported = reported;
+    }
+
+    fn add_counts(&mut self, device: &D) {
+        let counts = device.counts();
+        self.earlier.dropped += counts.dropped;
+        self.earlier.missed += counts.missed;
+    }
+
+    fn say(&mut self, what: String) {
+        if what != self.said {
+            log::error!("camera: {what}");
+            self.said = what;
+        }
+    }
+}
+
+/// The pause before the next attempt, when so many have failed.
+fn back_off(attempts: u32) -> Duration {
+    let doublings = attempts.saturating_sub(1).min(10);
+    (BACK_OFF_MIN * 2_u32.pow(doublings)).min(BACK_OFF_MAX)
+}
+
+impl<D: Device> FrameSource for Camera<D> {
+    fn size_px(&self) -> (usize, usize) {
+        self.size_px
+    }
+
+    fn next(&mut self, until: Instant) -> Next<'_> {
+        if let State::Absent { again_at } = self.state {
+            self.open(again_at, until);
+        }
+        let (waited, silent_since) = match &mut self.state {
+            State::Absent { .. } => return Next::Quiet,
+            State::Waiting { device, since } => (device.wait(until), *since),
+            State::Giving { device, last_frame } => (device.wait(until), *last_frame),
+        };
+        match waited {
+            Waited::Quiet if silent_since.elapsed() < SILENCE_MAX => return Next::Quiet,
+            Waited::Quiet => {
+                self.close(CameraState::Stalled, "no frame for a second: opening it anew".into());
+                return Next::Quiet;
+            }
+            Waited::Lost(what) => {
+                self.close(CameraState::Lost, what);
+                return Next::Quiet;
+            }
+            Waited::Ready => {}
+        }
+        let absent = State::Absent { again_at: until };
+        self.state = match std::mem::replace(&mut self.state, absent) {
+            State::Waiting { device, .. } | State::Giving { device, .. } => {
+                State::Giving { device, last_frame: Instant::now() }
+            }
+            State::Absent { again_at } => State::Absent { again_at },
+        };
+        if !self.said.is_empty() {
+            log::info!("camera: frames come again");
+            self.said.clear();
+        }
+        self.attempts = 0;
+        self.reported = CameraState::Running;
+        match &self.state {
+            State::Giving { device, .. } => Next::Frame(device.frame()),
+            _ => Next::Quiet,
+        }
+    }
+
+    fn condition(&self) -> Condition {
+        let counts = match &self.state {
+            State::Absent { .. } => Counts::default(),
+            State::Waiting { device, .. } | State::Giving { device, .. } => device.counts(),
+        };
+        Condition {
+            camera: self.reported,
+            frames_dropped: self.earlier.dropped + counts.dropped,
+            frames_missed: self.earlier.missed + counts.missed,
+            camera_losses: self.losses,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::collections::VecDeque;
+
+    use plumbline::config::{CaptureDriver, PixelFormat};
+    use plumbline::image::GreyImage;
+    use plumbline::packet::MarkedInstant;
+
+    use super::super::Pixels;
+    use super::*;
+
+    thread_local! {
+        /// What the fake camera of this test does next: its openings and its waits.
+        static SCRIPT: RefCell<VecDeque<Step>> = const { RefCell::new(VecDeque::new()) };
+    }
+
+    enum Step {
+        Opens,
+        Fails(&'static str),
+        Gives,
+        Silent,
+        Breaks,
+    }
+
+    /// A camera that fails on command, as no real one does.
+    #[derive(Debug)]
+    struct Fake;
+
+    static BLACK: [u8; 64 * 64] = [0; 64 * 64];
+
+    fn next_step() -> Step {
+        SCRIPT.with_borrow_mut(VecDeque::pop_front).expect("the script says what happens")
+    }
+
+    impl Device for Fake {
+        fn open(_: &Capture, _: (usize, usize)) -> Result<Self> {
+            match next_step() {
+                Step::Opens => Ok(Self),
+                Step::Fails(why) => anyhow::bail!(why),
+                _ => panic!("nothing to open"),
+            }
+        }
+
+        fn wait(&mut self, until: Instant) -> Waited {
+            match next_step() {
+                Step::Gives => Waited::Ready,
+                Step::Silent => {
+                    std::thread::sleep(until.saturating_duration_since(Instant::now()));
+                    Waited::Quiet
+                }
+                Step::Breaks => Waited::Lost("it broke".into()),
+                _ => panic!("nothing to wait for"),
+            }
+        }
+
+        fn frame(&self) -> Frame<'_> {
+            Frame {
+                pixels: Pixels::Grey8(GreyImage::new(&BLACK, 64, 64, 64).unwrap()),
+                capture_time_ns: 1,
+                instant: MarkedInstant::ExposureEnd,
+                ready_at: Instant::now(),
+                late: false,
+            }
+        }
+
+        fn counts(&self) -> Counts {
+            Counts { dropped: 2, missed: 3 }
+        }
+    }
+
+    fn camera(script: impl IntoIterator<Item = Step>) -> Camera<Fake> {
+        SCRIPT.with_borrow_mut(|steps| steps.extend(script));
+        let capture = Capture {
+            driver: CaptureDriver::V4l2,
+            device: heapless::String::new(),
+            pixel_format: PixelFormat::Grey,
+            rate_hz: 60.0,
+            exposure_us: None,
+            gain: None,
+        };
+        Camera::new(capture, (64, 64))
+    }
+
+    /// Asks for frames until one comes.
+    fn frame_within(camera: &mut Camera<Fake>, turns: usize) -> bool {
+        (0..turns).any(|_| {
+            let until = Instant::now() + Duration::from_millis(300);
+            matches!(camera.next(until), Next::Frame(_))
+        })
+    }
+
+    #[test]
+    fn an_absent_camera_is_opened_until_it_is_there() {
+        let mut camera = camera([Step::Fails("a"), Step::Fails("a"), Step::Opens, Step::Gives]);
+        assert_eq!(camera.condition().camera, CameraState::Starting);
+        assert!(!frame_within(&mut camera, 1));
+        assert_eq!(camera.condition().camera, CameraState::Lost);
+        assert!(frame_within(&mut camera, 20));
+        let condition = camera.condition();
+        assert_eq!(condition.camera, CameraState::Running);
+        // It was never there before, so that it was not lost.
+        assert_eq!(condition.camera_losses, 0);
+    }
+
+    #[test]
+    fn a_camera_that_breaks_comes_back_and_its_counts_go_on() {
+        let script = [
+            Step::Opens,
+            Step::Gives,
+            Step::Breaks,
+            Step::Fails("gone"),
+            Step::Opens,
+            Step::Gives,
+            Step::Gives,
+        ];
+        let mut camera = camera(script);
+        assert!(frame_within(&mut camera, 1));
+        assert!(!frame_within(&mut camera, 1));
+        assert_eq!(camera.condition().camera, CameraState::Lost);
+        assert!(frame_within(&mut camera, 20));
+        let expected = Condition {
+            camera: CameraState::Running,
+            frames_dropped: 4,
+            frames_missed: 6,
+            camera_losses: 1,
+        };
+        assert_eq!(camera.condition(), expected);
+    }
+
+    #[test]
+    fn a_silent_camera_is_reported_and_reopened() {
+        let silence = std::iter::repeat_with(|| Step::Silent).take(4);
+        let script = [Step::Opens, Step::Gives].into_iter().chain(silence);
+        let mut camera = camera(script.chain([Step::Opens, Step::Gives]));
+        assert!(frame_within(&mut camera, 1));
+        // Four waits of 0.3 s are more than the silence that is borne.
+        assert!(!frame_within(&mut camera, 4));
+        assert_eq!(camera.condition().camera, CameraState::Stalled);
+        assert!(frame_within(&mut camera, 5));
+        assert_eq!(camera.condition().camera_losses, 1);
+    }
+
+    #[test]
+    fn pauses_double_up_to_their_bound() {
+        let pauses_ms: Vec<u128> = (0..8).map(|n| back_off(n).as_millis()).collect();
+        assert_eq!(pauses_ms, [100, 100, 200, 400, 800, 1600, 2000, 2000]);
+        assert_eq!(back_off(u32::MAX), BACK_OFF_MAX);
+    }
+}
