@@ -12,6 +12,7 @@
 mod bare;
 mod bench;
 mod command;
+mod cross;
 mod demo;
 mod setup;
 mod tests;
