@@ -40,7 +40,7 @@ impl Target {
     }
 
     /// The program that runs its static programs on this machine.
-    pub const fn emulator(self) -> &'static str {
+    const fn emulator(self) -> &'static str {
         match self {
             Self::Aarch64 => "qemu-aarch64-static",
             Self::Armv7 => "qemu-arm-static",
@@ -70,17 +70,24 @@ impl Target {
         }
     }
 
+    /// Installs what is missing.
+    pub fn prepare(self) -> Result<()> {
+        self.toolchain().map(drop)
+    }
+
     /// Installs what is missing, and tells how to build.
     pub fn toolchain(self) -> Result<Toolchain> {
         setup::ensure(&[setup::LINKER, self.linking_needs()])?;
         let compiler = if self.is_installed_by_rustup() {
             Compiler::Rustup
         } else {
-            let triple = self.triple();
-            println!(
-                "For {triple} Debian's Rust is taken; this one would do after \
-                 `rustup target add {triple}`"
-            );
+            if !setup::are_there(self.compiler_needs()) {
+                let triple = self.triple();
+                println!(
+                    "This Rust cannot build for {triple}: Debian's is taken. \
+                     Instead, `rustup target add {triple}` does where its download works."
+                );
+            }
             setup::ensure(&[self.compiler_needs()])?;
             Compiler::Debian
         };
@@ -217,6 +224,11 @@ pub struct Toolchain {
 }
 
 impl Toolchain {
+    /// The program that runs static programs of the target on this machine.
+    pub const fn emulator(&self) -> &'static str {
+        self.target.emulator()
+    }
+
     /// A cargo whose `build`, `test` and `run` are for the target. Its tests and
     /// runs happen under QEMU, which wants [`Linking::Static`].
     pub fn cargo(&self, linking: Linking) -> Task {

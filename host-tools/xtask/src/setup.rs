@@ -80,6 +80,11 @@ impl fmt::Display for Lacking {
 
 impl std::error::Error for Lacking {}
 
+/// Whether nothing of `needs` is missing.
+pub fn are_there(needs: &[Need]) -> bool {
+    needs.iter().all(|need| is_there(need.probe))
+}
+
 /// Installs those of `needs` that are missing.
 pub fn ensure(needs: &[&[Need]]) -> Result<()> {
     let missing: Vec<&Need> =
