@@ -45,7 +45,7 @@ struct Timings {
     pixel_clock_hz: u64,
     horizontal_front_sync_back: [u32; 3],
     vertical_front_sync_back: [u32; 3],
-    rest: [u32; 19],
+    rest: [u32; 20],
 }
 
 /// `struct v4l2_queryctrl`.
@@ -69,6 +69,14 @@ struct Control {
     id: u32,
     value: i32,
 }
+
+// As the kernel has them on a 64-bit machine; a request with another size is refused.
+const _: () = assert!(
+    size_of::<Format>() == 208
+        && size_of::<Timings>() == 132
+        && size_of::<ControlQuery>() == 68
+        && size_of::<Control>() == 8
+);
 
 /// A call that reads and writes a `T`.
 struct Call<T> {
@@ -114,7 +122,7 @@ fn timings() -> Timings {
         pixel_clock_hz: 59_400_000,
         horizontal_front_sync_back: [1760, 40, 220],
         vertical_front_sync_back: [5, 5, 20],
-        rest: [0; 19],
+        rest: [0; 20],
     }
 }
 
