@@ -11,9 +11,12 @@
 pub mod allocation;
 pub mod boot_count;
 pub mod cli;
+pub mod clock;
 pub mod link;
 pub mod logger;
 pub mod measure;
+pub mod realtime;
 pub mod session;
 pub mod source;
 pub mod temperature;
+pub mod watchdog;

@@ -8,13 +8,14 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use plumbline::config::Config;
+use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 use plumbline_board::allocation::CountingAllocator;
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
 use plumbline_board::logger;
-use plumbline_board::session::{self, Links};
+use plumbline_board::session::{self, Links, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::replay::{Input, Pace, Replay};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -74,7 +75,14 @@ fn run(cli: &Cli) -> Result<()> {
         source.rate().hz()
     );
 
-    let ended = session::run(pipeline, &config, &mut source, links, boot_count, &stop);
+    let setup = Setup {
+        links,
+        boot_count,
+        reset_reason: ResetReason::Unknown,
+        watchdog: None,
+        may_reboot: false,
+    };
+    let ended = session::run(pipeline, &config, &mut source, setup, &stop);
     let _ = writeln!(std::io::stdout(), "{}", ended.summary);
     ended.broken.map_or(Ok(()), |message| bail!(message))
 }
