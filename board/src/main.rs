@@ -11,6 +11,7 @@ use plumbline::config::Config;
 use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 use plumbline_board::allocation::CountingAllocator;
+use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
@@ -31,9 +32,27 @@ static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new(
 const BAUD_DEFAULT: u32 = 115_200;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    logger::install(log::LevelFilter::Info);
-    match run(&cli) {
+    let arguments: Vec<String> =
+        std::env::args_os().map(|it| it.to_string_lossy().into_owned()).collect();
+    let (called, rest) = arguments.split_first().map_or(("", &[][..]), |(it, rest)| (it, rest));
+    let result = match Role::of(std::process::id(), called) {
+        Role::Box => boot::run(PIPELINE.take()),
+        Role::Network => {
+            logger::install(log::LevelFilter::Info);
+            boot::network::run(rest)
+        }
+        Role::Lease => {
+            logger::install(log::LevelFilter::Info);
+            let event = rest.first().map_or("", String::as_str);
+            boot::lease::run(event, |name| std::env::var(name).ok())
+        }
+        Role::Program => {
+            let cli = Cli::parse();
+            logger::install(log::LevelFilter::Info);
+            run(&cli)
+        }
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Standard error may be closed; then there is nobody to tell.
