@@ -9,11 +9,15 @@
 //! loop that ties them together ([`session`]). No geometry is: that is the core's.
 
 pub mod allocation;
+pub mod boot;
 pub mod boot_count;
 pub mod cli;
+pub mod clock;
 pub mod link;
 pub mod logger;
 pub mod measure;
+pub mod realtime;
 pub mod session;
 pub mod source;
 pub mod temperature;
+pub mod watchdog;

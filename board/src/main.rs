@@ -8,13 +8,15 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use plumbline::config::Config;
+use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 use plumbline_board::allocation::CountingAllocator;
+use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
 use plumbline_board::logger;
-use plumbline_board::session::{self, Links};
+use plumbline_board::session::{self, Links, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::replay::{Input, Pace, Replay};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -30,9 +32,27 @@ static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new(
 const BAUD_DEFAULT: u32 = 115_200;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    logger::install(log::LevelFilter::Info);
-    match run(&cli) {
+    let arguments: Vec<String> =
+        std::env::args_os().map(|it| it.to_string_lossy().into_owned()).collect();
+    let (called, rest) = arguments.split_first().map_or(("", &[][..]), |(it, rest)| (it, rest));
+    let result = match Role::of(std::process::id(), called) {
+        Role::Box => boot::run(PIPELINE.take()),
+        Role::Network => {
+            logger::install(log::LevelFilter::Info);
+            boot::network::run(rest)
+        }
+        Role::Lease => {
+            logger::install(log::LevelFilter::Info);
+            let event = rest.first().map_or("", String::as_str);
+            boot::lease::run(event, |name| std::env::var(name).ok())
+        }
+        Role::Program => {
+            let cli = Cli::parse();
+            logger::install(log::LevelFilter::Info);
+            run(&cli)
+        }
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Standard error may be closed; then there is nobody to tell.
@@ -74,7 +94,14 @@ fn run(cli: &Cli) -> Result<()> {
         source.rate().hz()
     );
 
-    let ended = session::run(pipeline, &config, &mut source, links, boot_count, &stop);
+    let setup = Setup {
+        links,
+        boot_count,
+        reset_reason: ResetReason::Unknown,
+        watchdog: None,
+        may_reboot: false,
+    };
+    let ended = session::run(pipeline, &config, &mut source, setup, &stop);
     let _ = writeln!(std::io::stdout(), "{}", ended.summary);
     ended.broken.map_or(Ok(()), |message| bail!(message))
 }

@@ -8,6 +8,7 @@
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -23,21 +24,33 @@ pub const WAITING_BYTES_MAX: usize = 2048;
 /// Bit rates that a line is opened with.
 pub const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
 
+/// A line that is not there is opened again this often.
+const REOPEN_EVERY: Duration = Duration::from_secs(1);
+
 /// A serial device, raw, 8 data bits, no parity, 1 stop bit, no flow control.
+///
+/// A line that breaks (unplugged) is opened again when it is back. Until then
+/// packets for it are dropped and counted.
 #[derive(Debug)]
 pub struct SerialLink {
+    line: Option<Line>,
+    /// When an absent line is looked for again.
+    again_at: Instant,
+    name: String,
+    baud: u32,
+    waiting: Vec<u8>,
+    incoming: Deframer,
+    counts: Counts,
+}
+
+/// The open device.
+#[derive(Debug)]
+struct Line {
     /// The same device, opened so that nothing on it ever waits; the
     /// port's own writes wait until the line has taken everything.
     device: File,
     /// Holds the line's settings and the exclusive access.
     _port: TTYPort,
-    name: String,
-    baud: u32,
-    waiting: Vec<u8>,
-    incoming: Deframer,
-    /// The line takes nothing any more (unplugged).
-    broken: bool,
-    counts: Counts,
 }
 
 impl SerialLink {
@@ -46,6 +59,16 @@ impl SerialLink {
     /// # Errors
     /// When the device is absent, in use, not a serial line or does not know the rate.
     pub fn open(device: &str, baud: u32) -> Result<Self> {
+        let mut link = Self::absent(device, baud)?;
+        link.line = Some(Line::open(device, baud)?);
+        Ok(link)
+    }
+
+    /// A link to a device that may come later.
+    ///
+    /// # Errors
+    /// When no line runs at such a rate.
+    pub fn absent(device: &str, baud: u32) -> Result<Self> {
         if !BAUD.contains(&baud) {
             bail!(
                 "the serial device {device} cannot run at {baud} baud: give a rate from {} to {}, \
@@ -54,28 +77,13 @@ impl SerialLink {
                 BAUD.end()
             );
         }
-        let hint = || {
-            format!(
-                "the serial device {device} cannot be opened: check that it is plugged in \
-                 (ls /dev/tty*), that no other program uses it, and that this user may (group dialout)"
-            )
-        };
-        // Before the port takes exclusive access, after which nobody opens it again.
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
-            .open(device)
-            .with_context(hint)?;
-        let port = TTYPort::open(&serialport::new(device, baud)).with_context(hint)?;
         Ok(Self {
-            device: file,
-            _port: port,
+            line: None,
+            again_at: Instant::now(),
             name: device.into(),
             baud,
             waiting: Vec::with_capacity(WAITING_BYTES_MAX),
             incoming: Deframer::new(),
-            broken: false,
             counts: Counts::default(),
         })
     }
@@ -83,7 +91,7 @@ impl SerialLink {
     /// Puts one frame into the buffer, if it fits, and hands on what the line takes.
     pub fn send(&mut self, frame: &[u8]) {
         self.service();
-        if self.broken || self.waiting.len() + frame.len() > WAITING_BYTES_MAX {
+        if self.line.is_none() || self.waiting.len() + frame.len() > WAITING_BYTES_MAX {
             self.counts.dropped += 1;
             return;
         }
@@ -94,8 +102,11 @@ impl SerialLink {
 
     /// Hands on as many bytes as the line takes now.
     pub fn service(&mut self) {
-        while !self.waiting.is_empty() && !self.broken {
-            match self.device.write(&self.waiting) {
+        self.reopen();
+        while !self.waiting.is_empty()
+            && let Some(line) = &mut self.line
+        {
+            match line.device.write(&self.waiting) {
                 Ok(0) => return,
                 Ok(count) => {
                     // A frame ends with its only zero byte.
@@ -106,19 +117,37 @@ impl SerialLink {
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
                 Err(error) => {
-                    log::error!("{} broke: {error}; plug it in and restart", self.name);
-                    self.broken = true;
+                    log::error!("{} broke: {error}; it is used again when it is back", self.name);
+                    self.line = None;
+                    self.again_at = Instant::now() + REOPEN_EVERY;
                     self.drop_waiting();
                 }
             }
         }
     }
 
+    /// Opens an absent line when it is time to.
+    fn reopen(&mut self) {
+        if self.line.is_some() || Instant::now() < self.again_at {
+            return;
+        }
+        self.again_at = Instant::now() + REOPEN_EVERY;
+        // Opening allocates, so it waits for the device.
+        if !Path::new(&self.name).exists() {
+            return;
+        }
+        self.line = Line::open(&self.name, self.baud).ok();
+        if self.line.is_some() {
+            log::info!("{} is there", self.name);
+        }
+    }
+
     /// Gives the messages that have come from the host; what is no message is ignored.
     pub fn receive(&mut self, mut take: impl FnMut(Message)) {
         let mut bytes = [0; 256];
+        let Some(line) = &mut self.line else { return };
         for _ in 0..super::RECEIVED_PER_TURN_MAX {
-            match self.device.read(&mut bytes) {
+            match line.device.read(&mut bytes) {
                 Ok(count) if count > 0 => self.incoming.push(&bytes[..count], |outcome| {
                     if let Ok(message) = outcome {
                         take(message);
@@ -152,8 +181,70 @@ impl SerialLink {
     }
 }
 
+impl Line {
+    fn open(device: &str, baud: u32) -> Result<Self> {
+        let hint = || {
+            format!(
+                "the serial device {device} cannot be opened: check that it is plugged in \
+                 (ls /dev/tty*), that no other program uses it, and that this user may (group dialout)"
+            )
+        };
+        // Before the port takes exclusive access, after which nobody opens it again.
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
+            .open(device)
+            .with_context(hint)?;
+        let port = TTYPort::open(&serialport::new(device, baud)).with_context(hint)?;
+        Ok(Self { device: file, _port: port })
+    }
+}
+
 impl std::fmt::Display for SerialLink {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(formatter, "serial {} at {} baud", self.name, self.baud)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use serialport::SerialPort;
+
+    use super::*;
+
+    #[test]
+    fn a_line_that_broke_is_used_again_when_it_is_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let name = folder.path().join("line");
+        let plug_in = || {
+            let (host, box_end) = TTYPort::pair().unwrap();
+            let _ = std::fs::remove_file(&name);
+            symlink(box_end.name().unwrap(), &name).unwrap();
+            (host, box_end)
+        };
+        let mut plugged = plug_in();
+        let mut link = SerialLink::open(name.to_str().unwrap(), 115_200).unwrap();
+        link.send(&[1, 2, 0]);
+        assert_eq!(link.counts(), Counts { sent: 1, dropped: 0, waiting: 0 });
+        drop(plugged);
+        std::fs::remove_file(&name).unwrap();
+        // The first finds out that the line is gone, the second knows.
+        link.send(&[3, 0]);
+        link.send(&[4, 0]);
+        assert_eq!(link.counts(), Counts { sent: 1, dropped: 2, waiting: 0 });
+        plugged = plug_in();
+        plugged.0.set_timeout(Duration::from_secs(10)).unwrap();
+        let give_up = Instant::now() + Duration::from_secs(10);
+        while link.counts().sent < 2 {
+            assert!(Instant::now() < give_up, "the line is not used again");
+            std::thread::sleep(Duration::from_millis(50));
+            link.send(&[5, 0]);
+        }
+        let mut bytes = [0; 2];
+        plugged.0.read_exact(&mut bytes).unwrap();
+        assert_eq!(bytes, [5, 0]);
     }
 }

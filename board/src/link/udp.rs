@@ -1,5 +1,6 @@
 //! One packet per UDP datagram, to one host.
 
+use std::io::ErrorKind;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, bail};
@@ -11,11 +12,13 @@ use super::Counts;
 ///
 /// Being connected, it hears on the next send that nobody listens
 /// (ECONNREFUSED). That packet is not sent and counts as dropped; sending goes
-/// on, because the host may start at any time.
+/// on, because the host may start at any time. It is connected as soon as there
+/// is a way to the host: a box may have its address only after its first frame.
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
     to: SocketAddr,
+    connected: bool,
     counts: Counts,
 }
 
@@ -23,7 +26,7 @@ impl UdpLink {
     /// A socket to `destination`, `HOST:PORT`.
     ///
     /// # Errors
-    /// When the name cannot be resolved or there is no way to the host.
+    /// When the name cannot be resolved or its port is 0.
     pub fn open(destination: &str) -> Result<Self> {
         let to = destination
             .to_socket_addrs()
@@ -38,25 +41,47 @@ impl UdpLink {
         if to.port() == 0 {
             bail!("the UDP destination {destination} has port 0: give the port of the host");
         }
+        Self::to(to)
+    }
+
+    /// A socket to an address, to which there need not be a way yet.
+    ///
+    /// # Errors
+    /// When the system has no socket left.
+    pub fn to(to: SocketAddr) -> Result<Self> {
         let any: SocketAddr = if to.is_ipv4() {
             (Ipv4Addr::UNSPECIFIED, 0).into()
         } else {
             (Ipv6Addr::UNSPECIFIED, 0).into()
         };
         let socket = UdpSocket::bind(any).context("no UDP socket can be opened")?;
-        socket.connect(to).with_context(|| {
-            format!("there is no way to {to} (UDP): check the address and the network")
-        })?;
         socket.set_nonblocking(true).context("the UDP socket cannot be made non-blocking")?;
-        Ok(Self { socket, to, counts: Counts::default() })
+        let mut link = Self { socket, to, connected: false, counts: Counts::default() };
+        if let Err(error) = link.connect() {
+            log::info!(
+                "there is no way to {to} (UDP) yet: {error}; packets are dropped until then"
+            );
+        }
+        Ok(link)
+    }
+
+    fn connect(&mut self) -> std::io::Result<()> {
+        if !self.connected {
+            self.socket.connect(self.to)?;
+            self.connected = true;
+        }
+        Ok(())
     }
 
     /// Sends one datagram.
     pub fn send(&mut self, datagram: &[u8]) {
+        if self.connect().is_err() {
+            self.counts.dropped += 1;
+            return;
+        }
         // A refusal that the socket reports here belongs to an EARLIER datagram
         // and this one was not sent: try once more, now that the report is taken.
-        let refused =
-            |error: &std::io::Error| error.kind() == std::io::ErrorKind::ConnectionRefused;
+        let refused = |error: &std::io::Error| error.kind() == ErrorKind::ConnectionRefused;
         let mut result = self.socket.send(datagram);
         if result.as_ref().is_err_and(refused) {
             self.counts.dropped += 1;
@@ -65,12 +90,24 @@ impl UdpLink {
         }
         match result {
             Ok(count) if count == datagram.len() => self.counts.sent += 1,
-            _ => self.counts.dropped += 1,
+            // A full queue, or a host that does not listen: the way is there.
+            Err(error) if refused(&error) || error.kind() == ErrorKind::WouldBlock => {
+                self.counts.dropped += 1;
+            }
+            // The network or this box's own address has changed: choose the way anew.
+            _ => {
+                self.counts.dropped += 1;
+                self.connected = false;
+            }
         }
     }
 
     /// Gives the messages that have come from the host; what is no message is ignored.
     pub fn receive(&mut self, mut take: impl FnMut(Message)) {
+        if !self.connected {
+            // It would hear anybody.
+            return;
+        }
         let mut datagram = [0; PACKET_BYTES_MAX];
         // A bound: a host that floods the box must not keep it from tracking.
         for _ in 0..super::RECEIVED_PER_TURN_MAX {

@@ -1,0 +1,108 @@
+//! What is counted along the way, and the Health that is made of it.
+
+use std::time::{Duration, Instant};
+
+use plumbline::packet::{CameraState, Health, LinkHealth};
+
+use super::Links;
+use crate::allocation::allocations;
+use crate::logger;
+use crate::measure::Durations;
+use crate::source::Condition;
+use crate::temperature::Sensor;
+
+/// What a source is before anybody asked.
+const STARTING: Condition = Condition {
+    camera: CameraState::Starting,
+    frames_dropped: 0,
+    frames_missed: 0,
+    camera_losses: 0,
+};
+
+/// Counters of one session. All memory is taken when it begins.
+pub struct Counters {
+    started: Instant,
+    sensor: Sensor,
+    /// Of the source, when it was last asked.
+    pub source: Condition,
+    pub frames: u64,
+    pub late: u64,
+    pub corners_dropped: u32,
+    pub step: Durations,
+    pub latency: Durations,
+    latency_max_since_health: Duration,
+    /// The allocator's count after the first frame, and after the last.
+    allocations: Option<(u64, u64)>,
+    /// Losses of the camera when the first frame came: reopening it allocates,
+    /// and the count begins again after it.
+    losses_at_first_frame: u32,
+}
+
+impl Counters {
+    pub fn new(started: Instant) -> Self {
+        Self {
+            started,
+            sensor: Sensor::open(),
+            source: STARTING,
+            frames: 0,
+            late: 0,
+            corners_dropped: 0,
+            step: Durations::new(),
+            latency: Durations::new(),
+            latency_max_since_health: Duration::ZERO,
+            allocations: None,
+            losses_at_first_frame: 0,
+        }
+    }
+
+    /// A frame's packet has been handed over.
+    pub fn frame(&mut self, latency: Duration, late: bool, losses: u32) {
+        self.frames += 1;
+        self.late += u64::from(late);
+        self.latency.record(latency);
+        self.latency_max_since_health = self.latency_max_since_health.max(latency);
+        let count = allocations();
+        let after_first = match self.allocations {
+            Some((after_first, _)) if losses == self.losses_at_first_frame => after_first,
+            _ => count,
+        };
+        self.losses_at_first_frame = losses;
+        self.allocations = Some((after_first, count));
+    }
+
+    /// Heap allocations since the first frame after the camera was last opened.
+    pub fn allocations(&self) -> u64 {
+        self.allocations.map_or(0, |(after_first, after_last)| after_last - after_first)
+    }
+
+    /// How the box is doing; the largest latency is counted anew after it.
+    pub fn health(&mut self, links: &Links) -> Health {
+        let latency_max = std::mem::take(&mut self.latency_max_since_health);
+        let links = links.iter().map(|link| {
+            let counts = link.counts();
+            LinkHealth {
+                kind: link.kind(),
+                packets_sent: saturated(counts.sent),
+                packets_dropped: saturated(counts.dropped),
+            }
+        });
+        Health {
+            uptime_ms: self.started.elapsed().as_millis() as u64,
+            frames: saturated(self.frames),
+            frames_dropped: saturated(self.source.frames_dropped),
+            frames_missed: saturated(self.source.frames_missed),
+            camera_losses: self.source.camera_losses,
+            corners_dropped: self.corners_dropped,
+            heap_allocations: Some(saturated(self.allocations())),
+            temperature_decicelsius: self.sensor.decicelsius(),
+            camera: self.source.camera,
+            latency_us_max: u32::try_from(latency_max.as_micros()).unwrap_or(u32::MAX),
+            logs_dropped: logger::dropped(),
+            links: links.collect(),
+        }
+    }
+}
+
+fn saturated(count: u64) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
+}

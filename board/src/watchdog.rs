@@ -1,0 +1,161 @@
+//! The hardware watchdog: restarts the computer when no frame is processed.
+//!
+//! ```text
+//!            a frame              the camera is lost
+//!   Stopped ─────────▶ Running ──────────────────────▶ Stopped
+//!                      │     ▲
+//!                      └─────┘ a frame feeds it
+//! ```
+//!
+//! Nothing else feeds it: a loop that turns without measuring is as good as one
+//! that hangs. A camera that is known to be lost is no fault of the computer, and
+//! a restart would not bring it back; then it is stopped.
+//!
+//! When the program ends in good order it is stopped as well. When it ends in a
+//! panic it runs on, and restarts the computer.
+
+// The kernel's ioctls are unsafe functions; each gets a pointer to an integer
+// that lives through the call.
+#![allow(unsafe_code)]
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::fd::AsRawFd;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use nix::libc::c_int;
+use plumbline::packet::ResetReason;
+
+/// Where the first watchdog of the computer is.
+const DEVICE: &str = "/dev/watchdog0";
+
+/// From linux/watchdog.h: the watchdog has restarted the computer.
+const WDIOF_CARDRESET: c_int = 0x20;
+const WDIOS_DISABLECARD: c_int = 1;
+const WDIOS_ENABLECARD: c_int = 2;
+
+/// The kernel's calls, as linux/watchdog.h declares them.
+mod ioctl {
+    #![allow(missing_docs, reason = "the macros make the functions")]
+    use nix::libc::c_int;
+
+    nix::ioctl_read!(boot_status, b'W', 2, c_int);
+    // Declared as reading, although it is given the options.
+    nix::ioctl_read!(set_options, b'W', 4, c_int);
+    nix::ioctl_read!(keep_alive, b'W', 5, c_int);
+    nix::ioctl_readwrite!(set_timeout, b'W', 6, c_int);
+}
+
+/// The computer's watchdog.
+#[derive(Debug)]
+pub struct Watchdog {
+    device: File,
+    reset_reason: ResetReason,
+    running: bool,
+}
+
+impl Watchdog {
+    /// Takes the watchdog, tells it the longest time without a frame, and leaves
+    /// it stopped until the first one.
+    ///
+    /// # Errors
+    /// When there is none, another program has it, or it does not take the time.
+    pub fn open(seconds: u16) -> Result<Self> {
+        Self::open_device(Path::new(DEVICE), seconds)
+    }
+
+    fn open_device(path: &Path, seconds: u16) -> Result<Self> {
+        // Opening starts it; it is stopped below.
+        let device = OpenOptions::new().write(true).open(path).with_context(|| {
+            format!(
+                "the watchdog {} cannot be opened: check that the computer has one, that its \
+                 driver is loaded and that no other program uses it",
+                path.display()
+            )
+        })?;
+        let fd = device.as_raw_fd();
+        let mut status = 0;
+        // SAFETY: `status` outlives the call, which writes one integer.
+        let reset_reason = match unsafe { ioctl::boot_status(fd, &raw mut status) } {
+            Ok(_) if status & WDIOF_CARDRESET != 0 => ResetReason::Watchdog,
+            Ok(_) => ResetReason::PowerOn,
+            Err(_) => ResetReason::Unknown,
+        };
+        let mut watchdog = Self { device, reset_reason, running: true };
+        let mut granted = c_int::from(seconds);
+        // SAFETY: `granted` outlives the call, which reads and writes one integer.
+        let set = unsafe { ioctl::set_timeout(fd, &raw mut granted) };
+        watchdog.stop();
+        set.with_context(|| {
+            format!(
+                "machine.watchdog_s: {} does not take {seconds} s: ask for less",
+                path.display()
+            )
+        })?;
+        if granted != c_int::from(seconds) {
+            // Some hardware rounds; a much longer time would not be what was asked for.
+            log::warn!("the watchdog waits {granted} s instead of {seconds} s");
+        }
+        if watchdog.running {
+            log::warn!(
+                "{} cannot be stopped, and will restart the computer whenever the camera is \
+                 lost: load its driver without nowayout",
+                path.display()
+            );
+        }
+        Ok(watchdog)
+    }
+
+    /// Why the computer started.
+    #[must_use]
+    pub fn reset_reason(&self) -> ResetReason {
+        self.reset_reason
+    }
+
+    /// A frame has been processed.
+    pub fn feed(&mut self) {
+        if !self.running {
+            self.running = self.set(WDIOS_ENABLECARD);
+        }
+        let mut unused = 0;
+        // SAFETY: `unused` outlives the call, which touches at most one integer.
+        // A failure shows as a restart, and there is nothing better to do about it.
+        let _ = unsafe { ioctl::keep_alive(self.device.as_raw_fd(), &raw mut unused) };
+    }
+
+    /// The camera is lost: there will be no frames for a while.
+    pub fn stop(&mut self) {
+        if self.running {
+            self.running = !self.set(WDIOS_DISABLECARD);
+        }
+    }
+
+    fn set(&mut self, mut options: c_int) -> bool {
+        // SAFETY: `options` outlives the call, which reads one integer.
+        unsafe { ioctl::set_options(self.device.as_raw_fd(), &raw mut options) }.is_ok()
+    }
+}
+
+impl Drop for Watchdog {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            self.stop();
+            // The kernel takes this letter as leave to stop it when the device is closed.
+            let _ = self.device.write_all(b"V");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_watchdog_is_refused_by_name() {
+        let absent = Watchdog::open_device(Path::new("/no/such/watchdog"), 10).unwrap_err();
+        assert!(format!("{absent:#}").contains("/no/such/watchdog"), "{absent:#}");
+        let other = Watchdog::open_device(Path::new("/dev/null"), 10).unwrap_err();
+        assert!(format!("{other:#}").contains("machine.watchdog_s"), "{other:#}");
+    }
+}
