@@ -14,10 +14,11 @@
 //! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back.
 
-mod video;
+mod camera;
+mod kernel;
 
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{Seek, SeekFrom};
 use std::os::unix::fs::FileExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -26,14 +27,13 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use rustix::io::Errno;
-use rustix::mount::MountFlags;
-use video::{HEIGHT_PX, WIDTH_PX};
+use camera::{FRAME_BYTES, Player};
+use nix::errno::Errno;
+use nix::kmod::{ModuleInitFlags, finit_module};
+use nix::mount::{MsFlags, mount};
 
 const CAPTURE: &str = "/dev/video0";
 const OUTPUT: &str = "/dev/video1";
-
-const FRAME_BYTES: usize = WIDTH_PX as usize * HEIGHT_PX as usize;
 
 /// Disks and devices come within this, or never.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -51,11 +51,11 @@ fn main() {
 fn start() -> Result<()> {
     for (kind, place) in [("proc", "/proc"), ("sysfs", "/sys"), ("devtmpfs", "/dev")] {
         fs::create_dir_all(place)?;
-        rustix::mount::mount(kind, place, kind, MountFlags::empty(), None)
+        mount(Some(kind), place, Some(kind), MsFlags::empty(), None::<&str>)
             .with_context(|| format!("{kind} cannot be mounted"))?;
     }
     load_modules(Path::new("/test/modules"))?;
-    video::connect(CAPTURE, OUTPUT)?;
+    camera::connect(CAPTURE, OUTPUT)?;
     Command::new("/proc/self/exe").arg("feed").spawn().context("the feeder does not start")?;
     // Comes back only when it fails.
     Err(Command::new("/init").exec()).context("/init does not start")
@@ -67,8 +67,8 @@ fn load_modules(list: &Path) -> Result<()> {
         let (path, options) = line.split_once(' ').unwrap_or((line, ""));
         let file = File::open(path).with_context(|| path.to_owned())?;
         let options = std::ffi::CString::new(options)?;
-        match rustix::system::finit_module(&file, &options, 0) {
-            Ok(()) | Err(Errno::EXIST) => {}
+        match finit_module(&file, &options, ModuleInitFlags::empty()) {
+            Ok(()) | Err(Errno::EEXIST) => {}
             Err(error) => bail!("{path}: {error}"),
         }
     }
@@ -77,29 +77,29 @@ fn load_modules(list: &Path) -> Result<()> {
 
 /// Plays the frames for as long as the machine runs.
 fn feed() -> Result<()> {
-    let frames = File::open(disk("frames")?)?;
-    let count = frame_count(&frames)?;
+    let mut frames = File::open(disk("frames")?)?;
+    let count = frame_count(&mut frames)?;
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
-    let mut pixels = vec![0; FRAME_BYTES];
-    let mut output = open_output()?;
+    let mut player = player()?;
     for step in 0_usize.. {
-        frames.read_exact_at(&mut pixels, (frame_index(step, count) * FRAME_BYTES) as u64)?;
-        // The driver takes a frame when the one before has been shown: this is what paces.
-        if let Err(error) = output.write_all(&pixels) {
-            ensure!(error.raw_os_error() == Some(Errno::NODEV.raw_os_error()), "{OUTPUT}: {error}");
-            output = open_output()?;
+        let offset = (frame_index(step, count) * FRAME_BYTES) as u64;
+        // The driver hands a buffer back when it has been shown: this is what paces.
+        let played = player.play(|pixels| frames.read_exact_at(pixels, offset));
+        if played.is_err_and(|error| error.raw_os_error() == Some(Errno::ENODEV as i32)) {
+            drop(player);
+            player = self::player()?;
         }
         if let Some(Disconnection { after, lasts }) = disconnection
             && started.elapsed() >= after
         {
-            println!("test: the camera's plug is pulled");
-            video::press_disconnect(CAPTURE)?;
             disconnection = None;
-            // vivid puts the plug back when its last user has gone: this open file is one.
+            println!("test: the camera's plug is pulled");
+            camera::press_disconnect(CAPTURE)?;
+            // vivid puts the plug back when its last user has gone: the player is one.
             sleep(lasts);
-            drop(output);
-            output = open_output()?;
+            drop(player);
+            player = self::player()?;
             println!("test: the camera's plug is back");
         }
     }
@@ -113,8 +113,9 @@ fn frame_index(step: usize, count: usize) -> usize {
 }
 
 /// The number of whole frames; a disk's size is rounded up to sectors.
-fn frame_count(disk: &File) -> Result<usize> {
-    let bytes = rustix::fs::seek(disk, rustix::fs::SeekFrom::End(0))? as usize;
+fn frame_count(disk: &mut File) -> Result<usize> {
+    // A device's metadata says nothing of its size.
+    let bytes = disk.seek(SeekFrom::End(0))? as usize;
     ensure!(bytes >= FRAME_BYTES, "the disk of frames holds {bytes} bytes");
     Ok(bytes / FRAME_BYTES)
 }
@@ -136,11 +137,11 @@ fn disk(serial: &str) -> Result<PathBuf> {
 }
 
 /// Opens the output device, waiting until it is (again) there.
-fn open_output() -> Result<File> {
+fn player() -> Result<Player> {
     let until = Instant::now() + PATIENCE;
     loop {
-        match File::options().write(true).open(OUTPUT) {
-            Ok(output) => return Ok(output),
+        match Player::open(OUTPUT) {
+            Ok(player) => return Ok(player),
             Err(error) if Instant::now() > until => return Err(error).context(OUTPUT),
             Err(_) => sleep(Duration::from_millis(20)),
         }
