@@ -74,3 +74,22 @@ pub struct Cli {
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_has_neither_a_pace_nor_a_rate_of_a_recording() {
+        let parse = |arguments: &[&str]| {
+            let program = ["plumbline-board", "--config", "box.plb"];
+            Cli::try_parse_from(program.iter().chain(arguments))
+        };
+        assert_eq!(parse(&[]).unwrap().replay, None);
+        for recording_only in [&["--unpaced"][..], &["--fps", "60"]] {
+            let error = parse(recording_only).unwrap_err().to_string();
+            assert!(error.contains("--replay"), "{error}");
+            assert!(parse(&[recording_only, &["--replay", "-"]].concat()).is_ok());
+        }
+    }
+}
