@@ -5,6 +5,7 @@
 //! processed any more (see [`gate`](super::gate)), so that nothing feeds the
 //! watchdog. Without a watchdog the program restarts the computer itself.
 
+use std::io::Write;
 use std::panic::PanicHookInfo;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,7 +20,7 @@ use crate::watchdog::Watchdog;
 const WATCHDOG_S: u16 = 10;
 
 /// So much later than the watchdog should have, the program restarts the computer.
-const GRACE: Duration = Duration::from_secs(10);
+const GRACE: Duration = Duration::from_secs(5);
 
 static FAILED: AtomicBool = AtomicBool::new(false);
 
@@ -53,7 +54,7 @@ pub fn end(what: &str) -> ! {
     }
     let text = format!("failed: {what}");
     // Not by the logger: its lock may be held by whoever failed.
-    eprintln!("ERROR: {text}");
+    let _ = writeln!(std::io::stderr(), "ERROR: {text}");
     let audience = AUDIENCE.try_lock().ok().and_then(|audience| audience.clone());
     let (links, watchdog_s) = audience.unwrap_or((Links::default(), WATCHDOG_S));
     // Taken already, it runs, unless the camera was lost: then the end below comes first.

@@ -50,7 +50,7 @@ use crate::link::{Link, SerialLink, UdpLink};
 use crate::session::{self, Links, Setup};
 use crate::source::chosen::Source;
 use crate::watchdog::Watchdog;
-use crate::{logger, realtime};
+use crate::{clock, logger, realtime};
 use gate::Gate;
 
 /// What this process is.
@@ -146,9 +146,7 @@ fn measure(
     self_test::run(pipeline).context("self-test")?;
     pipeline.configure(config).context("the configuration")?;
     step("self-test passed");
-    let watchdog = config.machine.watchdog_s.and_then(|seconds| {
-        Watchdog::open(seconds).inspect_err(|error| log::error!("{error:#}")).ok()
-    });
+    let watchdog = Watchdog::of(&config.machine);
     let setup = Setup {
         links,
         boot_count: None,
@@ -174,12 +172,7 @@ fn restart() -> ! {
 
 /// Says what has been done, and how long after the kernel's start.
 fn step(what: &str) {
-    log::info!("boot: {what} at {:.2} s", uptime_s().unwrap_or(f64::NAN));
-}
-
-fn uptime_s() -> Option<f64> {
-    let text = std::fs::read_to_string("/proc/uptime").ok()?;
-    text.split_whitespace().next()?.parse().ok()
+    log::info!("boot: {what} at {:.2} s", clock::monotonic_ns() as f64 * 1e-9);
 }
 
 #[cfg(test)]

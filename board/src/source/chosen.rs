@@ -84,3 +84,58 @@ impl super::camera::Device for V4l2 {
         super::camera::Counts::default()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use plumbline::config::{Capture, Links, Machine, PixelFormat};
+    use plumbline::lens::{Distortion, Lens};
+
+    use super::*;
+
+    fn config(driver: Option<CaptureDriver>) -> Config {
+        Config {
+            device: heapless::String::new(),
+            serial_number: heapless::String::new(),
+            lens: Lens {
+                width_px: 640,
+                height_px: 480,
+                fx_px: 500.0,
+                fy_px: 500.0,
+                cx_px: 319.5,
+                cy_px: 239.5,
+                skew_px: 0.0,
+                distortion: Distortion::Radial2([0.0; 2]),
+            },
+            targets: heapless::Vec::new(),
+            cam_from_scene_theta: None,
+            links: Links::default(),
+            capture: driver.map(|driver| Capture {
+                driver,
+                device: heapless::String::new(),
+                pixel_format: PixelFormat::Grey,
+                rate_hz: 60.0,
+                exposure_us: None,
+                gain: None,
+            }),
+            machine: Machine::default(),
+        }
+    }
+
+    #[test]
+    fn the_camera_has_the_size_that_was_calibrated() {
+        let source = Source::camera(&config(Some(CaptureDriver::V4l2))).unwrap();
+        assert_eq!(source.size_px(), (640, 480));
+    }
+
+    #[test]
+    fn a_configuration_without_a_camera_is_refused_by_name() {
+        let error = Source::camera(&config(None)).unwrap_err().to_string();
+        assert!(error.starts_with("capture: "), "{error}");
+    }
+
+    #[test]
+    fn a_camera_that_was_not_built_in_is_refused_by_name() {
+        let error = Source::camera(&config(Some(CaptureDriver::Libcamera))).unwrap_err();
+        assert!(error.to_string().starts_with("capture.driver: "), "{error}");
+    }
+}
