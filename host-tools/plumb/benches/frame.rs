@@ -61,6 +61,7 @@ impl Bench {
             camera: camera.display().to_string(),
             targets: targets.display().to_string(),
             scene: String::new(),
+            settings: String::new(),
         };
         let config =
             setup::config(&camera::read(&camera)?, &targets::read(&targets)?, None, &places)?;
