@@ -15,6 +15,7 @@ mod bench;
 mod command;
 mod cross;
 mod demo;
+mod instructions;
 mod setup;
 mod tests;
 
