@@ -7,6 +7,7 @@
 pub mod camera;
 pub mod rate;
 pub mod replay;
+pub mod v4l2;
 
 use std::time::Instant;
 
