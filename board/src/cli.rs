@@ -8,15 +8,19 @@ use crate::source::rate::Rate;
 
 /// Tracks the two targets and sends pose packets: the program of the Plumbline box.
 ///
-/// Frames come from a recording; every frame becomes one packet, which goes to
-/// every link at once. Hello and Health packets are sent once a second. Stop it
-/// with Ctrl-C or SIGTERM: the frame under way is finished and sent first.
+/// Frames come from the camera that the configuration names, or from a recording;
+/// every frame becomes one packet, which goes to every link at once. Hello and
+/// Health packets are sent once a second. A camera that is absent or lost is
+/// opened again until it is there. Stop it with Ctrl-C or SIGTERM: the frame under
+/// way is finished and sent first.
 #[derive(Debug, Clone, Parser)]
 #[command(
     name = "plumbline-board",
     version,
     after_help = "\
 Examples:
+  Track what the camera sees and send packets where the configuration says:
+    plumbline-board --config box.plb
   Replay a recording at its own rate and send packets to a host:
     plumbline-board --config box.plb --replay trial.y4m --udp 192.168.1.20:4210
   As fast as it can go, from another program, packets into a file as on a serial line:
@@ -25,25 +29,29 @@ Examples:
   Over a serial line and UDP at once:
     plumbline-board --config box.plb --replay trial.y4m --serial /dev/ttyAMA0 --udp host:4210
 
+As the first process of a computer (init) it takes no command line: it finds its
+configuration, config.plb, on the boot partition, brings up the network and tracks.
+
 Exit code: 0 when the recording ended or the program was asked to stop, 2 when
 something outside was wrong; the message says what, where and the remedy.
 Messages go to standard error, the figures at the end to standard output."
 )]
 pub struct Cli {
-    /// The configuration: camera, targets, scene, links
+    /// The configuration: camera, targets, scene, links, the computer's settings
     #[arg(long, value_name = "FILE.plb")]
     pub config: PathBuf,
 
-    /// The recording: a Y4M file, 8-bit grey or the luma of 4:2:0; - reads standard input
+    /// A recording instead of the camera: a Y4M file, 8-bit grey or the luma of 4:2:0;
+    /// - reads standard input
     #[arg(long, value_name = "FILE|-")]
-    pub replay: PathBuf,
+    pub replay: Option<PathBuf>,
 
     /// Track as fast as frames can be read, instead of at the recording's rate
-    #[arg(long)]
+    #[arg(long, requires = "replay")]
     pub unpaced: bool,
 
     /// The recording's rate, where its header is wrong or silent: 60 or 60000/1001
-    #[arg(long, value_name = "RATE")]
+    #[arg(long, value_name = "RATE", requires = "replay")]
     pub fps: Option<Rate>,
 
     /// Send packets to this host, instead of the configuration's
@@ -65,4 +73,23 @@ pub struct Cli {
     /// Counts starts in this file and tells the host
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_has_neither_a_pace_nor_a_rate_of_a_recording() {
+        let parse = |arguments: &[&str]| {
+            let program = ["plumbline-board", "--config", "box.plb"];
+            Cli::try_parse_from(program.iter().chain(arguments))
+        };
+        assert_eq!(parse(&[]).unwrap().replay, None);
+        for recording_only in [&["--unpaced"][..], &["--fps", "60"]] {
+            let error = parse(recording_only).unwrap_err().to_string();
+            assert!(error.contains("--replay"), "{error}");
+            assert!(parse(&[recording_only, &["--replay", "-"]].concat()).is_ok());
+        }
+    }
 }

@@ -9,6 +9,7 @@
 //! loop that ties them together ([`session`]). No geometry is: that is the core's.
 
 pub mod allocation;
+pub mod boot;
 pub mod boot_count;
 pub mod cli;
 pub mod clock;

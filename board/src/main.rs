@@ -11,13 +11,16 @@ use plumbline::config::Config;
 use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 use plumbline_board::allocation::CountingAllocator;
+use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
-use plumbline_board::logger;
 use plumbline_board::session::{self, Links, Setup};
 use plumbline_board::source::FrameSource;
+use plumbline_board::source::chosen::Source;
 use plumbline_board::source::replay::{Input, Pace, Replay};
+use plumbline_board::watchdog::Watchdog;
+use plumbline_board::{logger, realtime};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use static_cell::ConstStaticCell;
 
@@ -31,9 +34,27 @@ static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new(
 const BAUD_DEFAULT: u32 = 115_200;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    logger::install(log::LevelFilter::Info);
-    match run(&cli) {
+    let arguments: Vec<String> =
+        std::env::args_os().map(|it| it.to_string_lossy().into_owned()).collect();
+    let (called, rest) = arguments.split_first().map_or(("", &[][..]), |(it, rest)| (it, rest));
+    let result = match Role::of(std::process::id(), called) {
+        Role::Box => boot::run(PIPELINE.take()),
+        Role::Network => {
+            logger::install(log::LevelFilter::Info);
+            boot::network::run(rest)
+        }
+        Role::Lease => {
+            logger::install(log::LevelFilter::Info);
+            let event = rest.first().map_or("", String::as_str);
+            boot::lease::run(event, |name| std::env::var(name).ok())
+        }
+        Role::Program => {
+            let cli = Cli::parse();
+            logger::install(log::LevelFilter::Info);
+            run(&cli)
+        }
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Standard error may be closed; then there is nobody to tell.
@@ -54,37 +75,53 @@ fn run(cli: &Cli) -> Result<()> {
     let links = open_links(cli, &config)?;
     let boot_count = cli.boot_count_file.as_deref().map(count_start).transpose()?;
 
-    let input = Input::from(cli.replay.as_path());
-    let pace = if cli.unpaced { Pace::Unpaced } else { Pace::Recorded };
-    let Some(mut source) = Replay::open(&input, pace, cli.fps, &stop)? else {
-        return Ok(());
+    let Some(mut source) = open_source(cli, &config, &stop)? else { return Ok(()) };
+    // A recording is replayed on any computer, and leaves it as it is.
+    let live = cli.replay.is_none();
+    let setup = Setup {
+        links,
+        boot_count,
+        // Why the computer started is known, but not why this program did.
+        reset_reason: ResetReason::Unknown,
+        watchdog: if live { Watchdog::of(&config.machine) } else { None },
+        may_reboot: false,
     };
-    let (width, height) = source.size_px();
+    if live {
+        realtime::set_up(&config.machine);
+    }
+    let ended = session::run(pipeline, &config, &mut source, setup, &stop);
+    let _ = writeln!(std::io::stdout(), "{}", ended.summary);
+    ended.broken.map_or(Ok(()), |message| bail!(message))
+}
+
+/// The recording of the command line, or else the camera of the configuration;
+/// `None` when a recording that is waited for was not there before `stop`.
+fn open_source(cli: &Cli, config: &Config, stop: &AtomicBool) -> Result<Option<Source>> {
+    let name = cli.config.display();
+    let Some(path) = &cli.replay else {
+        let source = Source::camera(config).with_context(|| {
+            format!("no camera can be used (add --replay FILE for a recording): {name}")
+        })?;
+        return Ok(Some(source));
+    };
+    let input = Input::from(path.as_path());
+    let pace = if cli.unpaced { Pace::Unpaced } else { Pace::Recorded };
+    let Some(replay) = Replay::open(&input, pace, cli.fps, stop)? else { return Ok(None) };
+    let (width, height) = replay.size_px();
     let expected = (usize::from(config.lens.width_px), usize::from(config.lens.height_px));
     if (width, height) != expected {
         bail!(
-            "{input}: its frames are {width}x{height}, but the camera in {} was calibrated at \
+            "{input}: its frames are {width}x{height}, but the camera in {name} was calibrated at \
              {}x{}: use the configuration of the camera that made the recording",
-            cli.config.display(),
             expected.0,
             expected.1
         );
     }
     log::info!(
         "replaying {input}: {width}x{height} at {:.3} frames per second",
-        source.rate().hz()
+        replay.rate().hz()
     );
-
-    let setup = Setup {
-        links,
-        boot_count,
-        reset_reason: ResetReason::Unknown,
-        watchdog: None,
-        may_reboot: false,
-    };
-    let ended = session::run(pipeline, &config, &mut source, setup, &stop);
-    let _ = writeln!(std::io::stdout(), "{}", ended.summary);
-    ended.broken.map_or(Ok(()), |message| bail!(message))
+    Ok(Some(Source::Replay(replay.into())))
 }
 
 /// The first signal asks the loop to end; a second one ends the program at once.
@@ -112,7 +149,7 @@ fn refuse_recording_onto_inputs(cli: &Cli) -> Result<()> {
     let Some(record) = &cli.record else { return Ok(()) };
     // A file that is not there yet is no input.
     let Ok(existing) = record.canonicalize() else { return Ok(()) };
-    let inputs = [Some(&cli.config), Some(&cli.replay), cli.boot_count_file.as_ref()];
+    let inputs = [Some(&cli.config), cli.replay.as_ref(), cli.boot_count_file.as_ref()];
     let is_input = |input: &std::path::PathBuf| input.canonicalize().is_ok_and(|it| it == existing);
     if inputs.into_iter().flatten().any(is_input) {
         bail!(

@@ -25,6 +25,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use nix::libc::c_int;
+use plumbline::config::Machine;
 use plumbline::packet::ResetReason;
 
 /// Where the first watchdog of the computer is.
@@ -56,6 +57,14 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
+    /// The watchdog, where the configuration asks for it. One that cannot be had
+    /// is said: the measurement runs without it.
+    #[must_use]
+    pub fn of(machine: &Machine) -> Option<Self> {
+        let opened = Self::open(machine.watchdog_s?);
+        opened.inspect_err(|error| log::error!("machine.watchdog_s: {error:#}")).ok()
+    }
+
     /// Takes the watchdog, tells it the longest time without a frame, and leaves
     /// it stopped until the first one.
     ///

@@ -58,7 +58,7 @@ impl UdpLink {
         socket.set_nonblocking(true).context("the UDP socket cannot be made non-blocking")?;
         let mut link = Self { socket, to, connected: false, counts: Counts::default() };
         if let Err(error) = link.connect() {
-            log::warn!(
+            log::info!(
                 "there is no way to {to} (UDP) yet: {error}; packets are dropped until then"
             );
         }

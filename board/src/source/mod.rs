@@ -5,6 +5,7 @@
 //! it names: the main loop has a heartbeat to send while the source is silent.
 
 pub mod camera;
+pub mod chosen;
 pub mod rate;
 pub mod replay;
 pub mod v4l2;

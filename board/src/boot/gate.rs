@@ -1,0 +1,77 @@
+//! Frames pass until something has failed: then the loop that asks for them
+//! stands still here, and nothing feeds the watchdog any more.
+//!
+//! With the feature `fault-injection` it also stands still, or panics, after a
+//! number of frames, for tests of the watchdog.
+
+use std::time::Instant;
+
+use super::failure;
+use super::kernel_command_line::Options;
+use crate::source::{Condition, FrameSource, Next};
+
+/// A source behind the gate.
+#[derive(Debug)]
+pub struct Gate<S> {
+    source: S,
+    #[cfg(feature = "fault-injection")]
+    faults: Faults,
+}
+
+impl<S: FrameSource> Gate<S> {
+    /// Puts a source behind the gate.
+    #[cfg_attr(not(feature = "fault-injection"), expect(unused_variables))]
+    pub fn new(source: S, options: &Options) -> Self {
+        Self {
+            source,
+            #[cfg(feature = "fault-injection")]
+            faults: Faults {
+                frames: 0,
+                hang_after: options.hang_after,
+                panic_after: options.panic_after,
+            },
+        }
+    }
+}
+
+impl<S: FrameSource> FrameSource for Gate<S> {
+    fn size_px(&self) -> (usize, usize) {
+        self.source.size_px()
+    }
+
+    fn next(&mut self, until: Instant) -> Next<'_> {
+        if failure::failed() {
+            failure::stand_still();
+        }
+        let next = self.source.next(until);
+        #[cfg(feature = "fault-injection")]
+        if matches!(next, Next::Frame(_)) {
+            self.faults.next_frame();
+        }
+        next
+    }
+
+    fn condition(&self) -> Condition {
+        self.source.condition()
+    }
+}
+
+/// Faults that are asked for.
+#[cfg(feature = "fault-injection")]
+#[derive(Debug)]
+struct Faults {
+    frames: u64,
+    hang_after: Option<u64>,
+    panic_after: Option<u64>,
+}
+
+#[cfg(feature = "fault-injection")]
+impl Faults {
+    fn next_frame(&mut self) {
+        if self.hang_after == Some(self.frames) {
+            failure::stand_still();
+        }
+        assert!(self.panic_after != Some(self.frames), "a panic was asked for");
+        self.frames += 1;
+    }
+}

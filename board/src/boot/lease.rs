@@ -1,0 +1,107 @@
+//! What the DHCP client calls when a server has told it something.
+//!
+//! busybox's `udhcpc` starts a program of our choice with the event as its
+//! argument and the lease in the environment: `interface`, `ip`, `subnet`,
+//! `router`. The program is this one, by another name.
+
+use std::net::Ipv4Addr;
+
+use anyhow::{Context, Result};
+
+use super::interface;
+use super::network::Address;
+
+/// The client calls the program by this name.
+pub const NAME: &str = "network-lease";
+
+/// Carries out one event; `variable` is the environment.
+///
+/// # Errors
+/// When a variable is missing or wrong, or the interface refuses the address.
+pub fn run(event: &str, variable: impl Fn(&str) -> Option<String>) -> Result<()> {
+    let name = variable("interface").context("the DHCP client names no interface")?;
+    match event {
+        "deconfig" => {
+            interface::clear(&name)?;
+            interface::bring_up(&name)
+        }
+        "bound" | "renew" => {
+            let address = address(variable)?;
+            interface::configure(&name, &address)?;
+            if event == "bound" {
+                log::info!("network: {name} has {address}, by DHCP");
+            }
+            Ok(())
+        }
+        "leasefail" => {
+            log::warn!("network: no DHCP server answers on {name}");
+            Ok(())
+        }
+        // A refusal, after which the client begins anew by itself.
+        _ => Ok(()),
+    }
+}
+
+fn address(variable: impl Fn(&str) -> Option<String>) -> Result<Address> {
+    let read = |name: &str, text: &str| -> Result<Ipv4Addr> {
+        text.parse().with_context(|| format!("the DHCP server's {name} is {text:?}, no address"))
+    };
+    let required = |name: &str| -> Result<Ipv4Addr> {
+        read(name, &variable(name).with_context(|| format!("the DHCP server gives no {name}"))?)
+    };
+    let netmask = required("subnet")?.to_bits();
+    // Leading ones, then zeros only.
+    let prefix_bits = netmask.leading_ones();
+    anyhow::ensure!(
+        netmask.checked_shl(prefix_bits).unwrap_or(0) == 0,
+        "the DHCP server's subnet is {}, no mask",
+        Ipv4Addr::from(netmask)
+    );
+    // Of several routers the first is preferred.
+    let routers = variable("router").unwrap_or_default();
+    let gateway = routers.split_whitespace().next().map(|first| read("router", first));
+    Ok(Address {
+        address: required("ip")?,
+        prefix_bits: prefix_bits as u8,
+        gateway: gateway.transpose()?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn environment<'a>(set: &'a [(&str, &str)]) -> impl Fn(&str) -> Option<String> + 'a {
+        |name| set.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned())
+    }
+
+    #[test]
+    fn a_lease_is_read_from_the_environment() {
+        let set =
+            [("ip", "10.0.2.15"), ("subnet", "255.255.254.0"), ("router", "10.0.2.2 10.0.2.3")];
+        let expected = Address {
+            address: Ipv4Addr::new(10, 0, 2, 15),
+            prefix_bits: 23,
+            gateway: Some(Ipv4Addr::new(10, 0, 2, 2)),
+        };
+        assert_eq!(address(environment(&set)).unwrap(), expected);
+        let alone = Address { gateway: None, ..expected };
+        assert_eq!(address(environment(&set[..2])).unwrap(), alone);
+    }
+
+    #[test]
+    fn what_is_wrong_in_a_lease_is_named() {
+        let table: [(&[(&str, &str)], &str); 5] = [
+            (&[("subnet", "255.0.0.0")], "no ip"),
+            (&[("ip", "10.0.2.15")], "no subnet"),
+            (&[("ip", "10.0.2.15"), ("subnet", "255.0.255.0")], "255.0.255.0"),
+            (&[("ip", "10.0.2"), ("subnet", "255.0.0.0")], "\"10.0.2\""),
+            (&[("ip", "10.0.2.15"), ("subnet", "255.0.0.0"), ("router", "none")], "\"none\""),
+        ];
+        for (set, said) in table {
+            let error = format!("{:#}", address(environment(set)).unwrap_err());
+            assert!(error.contains(said), "{error}");
+        }
+        assert!(run("bound", environment(&[])).is_err());
+    }
+}

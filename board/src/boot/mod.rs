@@ -1,0 +1,198 @@
+//! The program as the first process of its computer: from the kernel to poses,
+//! with nobody to log in and nothing to write to.
+//!
+//! ```text
+//!  mounts ─▶ modules ─▶ partition ─▶ configuration ─▶ network ─▶ self-test ─▶ session
+//!                           │              │          (a process    │            │
+//!                           │ none in 10 s │ refused    of its own) │ fails      │ asked to,
+//!                           ▼              ▼                        ▼            ▼ panics
+//!                        refusal: says why, for ever            failure       restart
+//!                                                  says why, and the watchdog restarts
+//! ```
+//!
+//! A *refusal* is about the configuration: a new start would read the same one,
+//! so the box stays up and repeats what is wrong. A *failure* is about the
+//! program or the machine: it says what and where, stops feeding the watchdog,
+//! and starts anew.
+//!
+//! The kernel has opened the console as standard input, output and error before
+//! this starts. Measuring does not wait for the network; packets leave as soon
+//! as there is a way. Nothing is ever written to a disk, so that the power may
+//! be pulled at any time.
+//!
+//! The same program plays three small parts beside that one, told apart by the
+//! name that it is called by: see [`Role`].
+
+mod announce;
+mod children;
+mod failure;
+mod gate;
+mod interface;
+mod kernel_command_line;
+pub mod lease;
+mod modules;
+mod mounts;
+pub mod network;
+mod partition;
+mod refusal;
+mod self_test;
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, Result, bail};
+use nix::sys::reboot::{RebootMode, reboot};
+use plumbline::config::{Config, Network};
+use plumbline::packet::ResetReason;
+use plumbline::pipeline::Pipeline;
+
+use crate::link::{Link, SerialLink, UdpLink};
+use crate::session::{self, Links, Setup};
+use crate::source::chosen::Source;
+use crate::watchdog::Watchdog;
+use crate::{clock, logger, realtime};
+use gate::Gate;
+
+/// What this process is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// The first process of a box.
+    Box,
+    /// The process that brings the box's network up.
+    Network,
+    /// What the DHCP client calls with what a server has told it.
+    Lease,
+    /// A program with a command line.
+    Program,
+}
+
+impl Role {
+    /// The role of the process of this number that was called by this name.
+    #[must_use]
+    pub fn of(process: u32, called: &str) -> Self {
+        match Path::new(called).file_name().and_then(|name| name.to_str()) {
+            Some(lease::NAME) => Self::Lease,
+            Some(network::NAME) => Self::Network,
+            _ if process == 1 => Self::Box,
+            _ => Self::Program,
+        }
+    }
+}
+
+/// Kernel modules to load, in this order.
+const MODULES: &str = "/etc/plumbline/modules";
+
+/// Boots, and measures until the computer restarts.
+pub fn run(pipeline: &'static mut Pipeline) -> ! {
+    logger::install(log::LevelFilter::Info);
+    failure::take_panics();
+    if let Err(error) = mounts::mount_all() {
+        failure::end(&format!("{error:#}"));
+    }
+    mounts::restart_on_kernel_panic();
+    step("started");
+    let options = kernel_command_line::read();
+    failure::tell(&options.links, None);
+    let modules = modules::load_all(Path::new(MODULES));
+    step(&modules.to_string());
+
+    let (config, links, source) = match configuration(pipeline) {
+        Ok(usable) => usable,
+        Err(error) => {
+            children::look_after(Network::Dhcp);
+            refusal::stay(&options.links, &format!("{error:#}"));
+        }
+    };
+    failure::tell(&config.links, config.machine.watchdog_s);
+    children::look_after(config.machine.network);
+    match measure(pipeline, &config, links, Gate::new(source, &options)) {
+        Ok(()) => restart(),
+        Err(error) => failure::end(&format!("{error:#}")),
+    }
+}
+
+/// The configuration of the boot partition, with its links and its camera, once
+/// all of it has been found usable.
+fn configuration(pipeline: &mut Pipeline) -> Result<(Config, Links, Source)> {
+    let (blob, device) = partition::find_config()?;
+    let config = Config::decode(&blob)
+        .and_then(|config| pipeline.configure(&config).map(|()| config))
+        .with_context(|| format!("{} on {device}", partition::CONFIG_NAME))?;
+    let links = links(&config)?;
+    let source = Source::camera(&config)?;
+    step(&format!("configuration {:08x} on {device}", config.crc()));
+    Ok((config, links, source))
+}
+
+/// The links of the configuration; what they need may come later.
+fn links(config: &Config) -> Result<Links> {
+    let udp = config.links.udp.map(|host| UdpLink::to(host).map(Link::Udp));
+    let serial = config.links.serial.as_ref();
+    let serial = serial.map(|line| SerialLink::absent(&line.path, line.baud).map(Link::Serial));
+    let links: Links = udp.into_iter().chain(serial).collect::<Result<_>>()?;
+    if links.is_empty() {
+        bail!("links: neither udp nor serial is given, and packets would have nowhere to go");
+    }
+    Ok(links)
+}
+
+/// The measurement; ends when the host asks for a restart.
+fn measure(
+    pipeline: &mut Pipeline,
+    config: &Config,
+    links: Links,
+    mut source: Gate<Source>,
+) -> Result<()> {
+    self_test::run(pipeline).context("self-test")?;
+    pipeline.configure(config).context("the configuration")?;
+    step("self-test passed");
+    let watchdog = Watchdog::of(&config.machine);
+    let setup = Setup {
+        links,
+        boot_count: None,
+        reset_reason: watchdog.as_ref().map_or(ResetReason::Unknown, Watchdog::reset_reason),
+        watchdog,
+        may_reboot: true,
+    };
+    realtime::set_up(&config.machine);
+    let never = AtomicBool::new(false);
+    let ended = session::run(pipeline, config, &mut source, setup, &never);
+    ended.broken.map_or(Ok(()), |message| bail!(message))
+}
+
+/// Restarts the computer.
+fn restart() -> ! {
+    log::info!("restarting");
+    nix::unistd::sync();
+    let Err(error) = reboot(RebootMode::RB_AUTOBOOT);
+    // The end of process 1 is a kernel panic, after which the kernel restarts.
+    log::error!("the computer cannot be restarted: {error}");
+    std::process::exit(1)
+}
+
+/// Says what has been done, and how long after the kernel's start.
+fn step(what: &str) {
+    log::info!("boot: {what} at {:.2} s", clock::monotonic_ns() as f64 * 1e-9);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_and_the_number_of_a_process_tell_its_role() {
+        let table = [
+            (1, "/init", Role::Box),
+            (1, "init", Role::Box),
+            (1, "", Role::Box),
+            (50, "/sbin/network-lease", Role::Lease),
+            (50, "plumbline-network", Role::Network),
+            (50, "/init", Role::Program),
+            (50, "target/release/plumbline-board", Role::Program),
+            (50, "/network-lease/plumbline-board", Role::Program),
+        ];
+        for (process, called, role) in table {
+            assert_eq!(Role::of(process, called), role, "{process} {called}");
+        }
+    }
+}

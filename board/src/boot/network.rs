@@ -1,0 +1,251 @@
+//! The box's network: an address for its Ethernet, fixed or from a DHCP server.
+//!
+//! This is a process of its own, beside the measurement. It waits, lists and
+//! starts programs, which takes heap, and it may do so at any time: an adapter
+//! is unplugged, a lease is lost. The measurement knows nothing of it.
+//!
+//! The interface is the first Ethernet hardware in the order of names, whenever
+//! it appears; one that vanishes and comes back is set up again.
+
+use std::net::Ipv4Addr;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use plumbline::config::Network;
+
+use super::interface;
+
+/// The process is called so.
+pub const NAME: &str = "plumbline-network";
+
+const INTERFACES: &str = "/sys/class/net";
+
+/// While no interface is there.
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
+
+/// Looks without an interface before that is said: ten seconds' worth.
+const LOOKS_IN_SILENCE: u32 = 100;
+
+/// While one is there: so soon is its loss noticed.
+const CHECK: Duration = Duration::from_secs(1);
+
+/// The DHCP client.
+const BUSYBOX: &str = "/sbin/busybox";
+
+/// What the client calls: this program, by the name of that part.
+const LEASE_PROGRAM: &str = "/sbin/network-lease";
+
+/// An address and the way to other networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Address {
+    /// The box.
+    pub address: Ipv4Addr,
+    /// Leading bits that all addresses of its network share, 32 at most.
+    pub prefix_bits: u8,
+    /// The way to other networks.
+    pub gateway: Option<Ipv4Addr>,
+}
+
+impl Address {
+    /// The network's bits, as a mask.
+    pub fn netmask(&self) -> Ipv4Addr {
+        let host_bits = 32 - u32::from(self.prefix_bits.min(32));
+        u32::MAX.checked_shl(host_bits).unwrap_or(0).into()
+    }
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}/{}", self.address, self.prefix_bits)?;
+        self.gateway.map_or(Ok(()), |gateway| write!(formatter, " by {gateway}"))
+    }
+}
+
+/// The arguments with which the process is started.
+pub fn arguments(network: Network) -> Vec<String> {
+    match network {
+        Network::Dhcp => vec!["dhcp".into()],
+        Network::Static { address, prefix_bits, gateway } => {
+            let own = [address.to_string(), prefix_bits.to_string()];
+            own.into_iter().chain(gateway.map(|it| it.to_string())).collect()
+        }
+    }
+}
+
+fn network(arguments: &[String]) -> Option<Network> {
+    let (address, rest) = match arguments {
+        [word] if word == "dhcp" => return Some(Network::Dhcp),
+        [address, rest @ ..] => (address.parse().ok()?, rest),
+        [] => return None,
+    };
+    let (prefix_bits, gateway) = match rest {
+        [prefix_bits] => (prefix_bits, None),
+        [prefix_bits, gateway] => (prefix_bits, Some(gateway.parse().ok()?)),
+        _ => return None,
+    };
+    Some(Network::Static { address, prefix_bits: prefix_bits.parse().ok()?, gateway })
+}
+
+/// The process: looks after the network until the computer restarts.
+///
+/// # Errors
+/// When the arguments are not those of [`arguments`].
+pub fn run(given: &[String]) -> Result<()> {
+    let Some(network) = network(given) else {
+        bail!(
+            "{NAME} takes `dhcp` or ADDRESS PREFIX_BITS [GATEWAY], not `{}`; \
+             the box starts it by itself",
+            given.join(" ")
+        );
+    };
+    if let Err(error) = interface::bring_up("lo") {
+        log::warn!("{error:#}");
+    }
+    let mut looks = 0;
+    loop {
+        match ethernet(Path::new(INTERFACES)) {
+            Some(found) => {
+                looks = 0;
+                if let Err(error) = look_after(&found, network) {
+                    log::error!("{error:#}");
+                }
+                std::thread::sleep(CHECK);
+            }
+            None => {
+                looks += 1;
+                if looks == LOOKS_IN_SILENCE {
+                    log::error!("no Ethernet is there: plug the adapter in");
+                }
+                std::thread::sleep(LOOK_AGAIN);
+            }
+        }
+    }
+}
+
+/// Gives the interface its address, and stays with it until it is gone or the
+/// DHCP client has ended.
+fn look_after(found: &Interface, network: Network) -> Result<()> {
+    let mut client = match network {
+        Network::Dhcp => Some(start_client(&found.name)?),
+        Network::Static { address, prefix_bits, gateway } => {
+            let address = Address { address, prefix_bits, gateway };
+            interface::configure(&found.name, &address)?;
+            log::info!("network: {} has {address}", found.name);
+            None
+        }
+    };
+    let mut ended = None;
+    while ended.is_none() && ethernet(Path::new(INTERFACES)).as_ref() == Some(found) {
+        std::thread::sleep(CHECK);
+        if let Some(client) = &mut client {
+            ended = client.try_wait().context("the DHCP client cannot be waited for")?;
+        }
+    }
+    match (ended, client) {
+        (Some(status), _) => bail!("the DHCP client ended: {status}; starting it again"),
+        (None, Some(mut client)) => {
+            let _ = client.kill();
+            let _ = client.wait();
+        }
+        (None, None) => {}
+    }
+    bail!("the network interface {} is gone", found.name)
+}
+
+/// The client asks every second at first, and calls [`lease`](super::lease) with the answers.
+fn start_client(interface: &str) -> Result<Child> {
+    Command::new(BUSYBOX)
+        .args(["udhcpc", "-f", "-i", interface, "-s", LEASE_PROGRAM])
+        .args(["-t", "5", "-T", "1", "-A", "5"])
+        .stdin(Stdio::null())
+        // It repeats itself while no server answers; what it has got, `lease` says.
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .with_context(|| format!("the DHCP client {BUSYBOX} cannot be started"))
+}
+
+/// An interface as the kernel knows it: the number is never used twice.
+#[derive(Debug, PartialEq, Eq)]
+struct Interface {
+    name: String,
+    number: String,
+}
+
+/// The first Ethernet hardware that is no radio.
+fn ethernet(class: &Path) -> Option<Interface> {
+    let read = |name: &str, file: &str| {
+        std::fs::read_to_string(class.join(name).join(file)).map(|text| text.trim().to_owned())
+    };
+    let mut names: Vec<String> = std::fs::read_dir(class)
+        .ok()?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| {
+            // ARPHRD_ETHER, of which bridges and the like have no hardware below them.
+            read(name, "type").is_ok_and(|kind| kind == "1")
+                && class.join(name).join("device").exists()
+                && !class.join(name).join("phy80211").exists()
+        })
+        .collect();
+    names.sort();
+    let name = names.into_iter().next()?;
+    let number = read(&name, "ifindex").ok()?;
+    Some(Interface { name, number })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_have_as_many_bits_as_they_should() {
+        let mask = |prefix_bits| {
+            Address { address: Ipv4Addr::LOCALHOST, prefix_bits, gateway: None }.netmask()
+        };
+        assert_eq!(mask(0), Ipv4Addr::new(0, 0, 0, 0));
+        assert_eq!(mask(1), Ipv4Addr::new(128, 0, 0, 0));
+        assert_eq!(mask(23), Ipv4Addr::new(255, 255, 254, 0));
+        assert_eq!(mask(24), Ipv4Addr::new(255, 255, 255, 0));
+        assert_eq!(mask(32), Ipv4Addr::new(255, 255, 255, 255));
+    }
+
+    #[test]
+    fn the_process_understands_how_it_is_started() {
+        let address = Ipv4Addr::new(192, 168, 1, 7);
+        for gateway in [None, Some(Ipv4Addr::new(192, 168, 1, 1))] {
+            let fixed = Network::Static { address, prefix_bits: 24, gateway };
+            assert_eq!(network(&arguments(fixed)), Some(fixed));
+        }
+        assert_eq!(network(&arguments(Network::Dhcp)), Some(Network::Dhcp));
+        for wrong in [&[][..], &["192.168.1.7"], &["box", "24"], &["1.2.3.4", "24", "1.1.1.1", "x"]]
+        {
+            let wrong: Vec<String> = wrong.iter().map(ToString::to_string).collect();
+            assert_eq!(network(&wrong), None, "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_wired_hardware_is_chosen() {
+        let class = tempfile::tempdir().unwrap();
+        assert_eq!(ethernet(class.path()), None);
+        let add = |name: &str, kind: &str, below: &[&str]| {
+            let folder = class.path().join(name);
+            std::fs::create_dir(&folder).unwrap();
+            std::fs::write(folder.join("type"), kind).unwrap();
+            std::fs::write(folder.join("ifindex"), "3\n").unwrap();
+            for name in below {
+                std::fs::create_dir(folder.join(name)).unwrap();
+            }
+        };
+        add("lo", "772\n", &[]);
+        add("br0", "1\n", &[]);
+        add("ath0", "1\n", &["device", "phy80211"]);
+        assert_eq!(ethernet(class.path()), None);
+        add("eth1", "1\n", &["device"]);
+        add("eth0", "1\n", &["device"]);
+        let expected = Interface { name: "eth0".into(), number: "3".into() };
+        assert_eq!(ethernet(class.path()), Some(expected));
+    }
+}

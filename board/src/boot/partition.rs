@@ -1,0 +1,124 @@
+//! The boot partition: the first FAT file system that has a configuration.
+//!
+//! Disks appear when their drivers have found them, so all are looked at again
+//! and again for a while. Everything is mounted read-only and stays so.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use nix::mount::{MsFlags, mount, umount};
+use plumbline::config::BLOB_BYTES_MAX;
+
+/// The configuration's name on its partition.
+pub const CONFIG_NAME: &str = "config.plb";
+
+/// Where the partition is mounted.
+const PLACE: &str = "/boot";
+
+const BLOCK_DEVICES: &str = "/sys/class/block";
+
+/// A USB disk takes a few seconds to appear.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Pause between two looks at all of them.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+
+/// The configuration's bytes, and the device they are on.
+///
+/// # Errors
+/// When no device has one in time, or the one that is there cannot be read.
+pub fn find_config() -> Result<(Vec<u8>, String)> {
+    std::fs::create_dir_all(PLACE).with_context(|| format!("{PLACE} cannot be made"))?;
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        let devices = devices(Path::new(BLOCK_DEVICES))?;
+        for device in &devices {
+            if let Some(blob) = config_of(device)? {
+                return Ok((blob, device.clone()));
+            }
+        }
+        if Instant::now() >= give_up {
+            let looked = if devices.is_empty() { "no disk".into() } else { devices.join(" ") };
+            bail!(
+                "no {CONFIG_NAME} in {} s on a FAT partition ({looked}): copy it to the boot \
+                 partition",
+                PATIENCE.as_secs()
+            );
+        }
+        std::thread::sleep(LOOK_AGAIN);
+    }
+}
+
+/// The disks and partitions that hold anything, in the order of their names.
+fn devices(class: &Path) -> Result<Vec<String>> {
+    let listed = std::fs::read_dir(class)
+        .with_context(|| format!("the disks in {} cannot be listed", class.display()))?;
+    let mut names: Vec<String> = listed
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| {
+            let sectors = std::fs::read_to_string(class.join(name).join("size"));
+            sectors.is_ok_and(|text| text.trim().parse().is_ok_and(|count: u64| count > 0))
+        })
+        .collect();
+    names.sort();
+    Ok(names)
+}
+
+/// The configuration of one device, if that has a FAT file system with one.
+fn config_of(device: &str) -> Result<Option<Vec<u8>>> {
+    let node = format!("/dev/{device}");
+    let flags = MsFlags::MS_RDONLY
+        | MsFlags::MS_NOSUID
+        | MsFlags::MS_NODEV
+        | MsFlags::MS_NOEXEC
+        // Disks that hold something else are no news.
+        | MsFlags::MS_SILENT;
+    if mount(Some(node.as_str()), PLACE, Some("vfat"), flags, None::<&str>).is_err() {
+        return Ok(None);
+    }
+    match read_bounded(&Path::new(PLACE).join(CONFIG_NAME)) {
+        Ok(blob) => Ok(Some(blob)),
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            umount(PLACE).with_context(|| format!("{node} cannot be unmounted"))?;
+            Ok(None)
+        }
+        Err(error) => Err(error).with_context(|| format!("{device}: {CONFIG_NAME} cannot be read")),
+    }
+}
+
+/// One byte more than the largest is enough to see that a file is too long.
+fn read_bounded(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut blob = Vec::new();
+    File::open(path)?.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?;
+    Ok(blob)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn disks_without_a_medium_are_passed_over() {
+        let class = tempfile::tempdir().unwrap();
+        for (name, size) in
+            [("vda1", "2048\n"), ("vda", "4096\n"), ("loop0", "0\n"), ("mmcblk0p1", "8192\n")]
+        {
+            std::fs::create_dir(class.path().join(name)).unwrap();
+            std::fs::write(class.path().join(name).join("size"), size).unwrap();
+        }
+        // A device that vanishes while it is looked at.
+        std::fs::create_dir(class.path().join("sda")).unwrap();
+        assert_eq!(devices(class.path()).unwrap(), ["mmcblk0p1", "vda", "vda1"]);
+        assert!(devices(&class.path().join("absent")).is_err());
+    }
+
+    #[test]
+    fn a_file_without_end_is_not_read_to_its_end() {
+        let blob = read_bounded(Path::new("/dev/zero")).unwrap();
+        assert_eq!(blob.len(), BLOB_BYTES_MAX + 1);
+        assert!(plumbline::config::Config::decode(&blob).is_err());
+    }
+}

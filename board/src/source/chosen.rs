@@ -1,0 +1,141 @@
+//! The source in use, chosen at the start: a recording, or the camera of the
+//! configuration.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use plumbline::config::{CaptureDriver, Config};
+
+use super::camera::Camera;
+use super::replay::Replay;
+use super::{Condition, FrameSource, Next};
+
+/// One of the sources that there are.
+#[derive(Debug)]
+pub enum Source {
+    /// A recording.
+    Replay(Box<Replay>),
+    /// A camera that Video4Linux drives.
+    V4l2(Box<Camera<V4l2>>),
+}
+
+impl Source {
+    /// The camera that the configuration names. It is opened when the first
+    /// frame is asked for, so that it need not be there yet.
+    ///
+    /// # Errors
+    /// When it names none, or one that this program was not built for.
+    pub fn camera(config: &Config) -> Result<Self> {
+        let capture = config.capture.clone().context(
+            "capture: the configuration names no camera; provision the box again with its camera",
+        )?;
+        let size_px = (usize::from(config.lens.width_px), usize::from(config.lens.height_px));
+        match capture.driver {
+            CaptureDriver::V4l2 => Ok(Self::V4l2(Camera::new(capture, size_px).into())),
+            CaptureDriver::Libcamera => bail!(
+                "capture.driver: libcamera, without which this program was built; use the Debian \
+                 package of plumbline-board, or provision the box for V4l2"
+            ),
+        }
+    }
+}
+
+impl FrameSource for Source {
+    fn size_px(&self) -> (usize, usize) {
+        match self {
+            Self::Replay(source) => source.size_px(),
+            Self::V4l2(source) => source.size_px(),
+        }
+    }
+
+    fn next(&mut self, until: Instant) -> Next<'_> {
+        match self {
+            Self::Replay(source) => source.next(until),
+            Self::V4l2(source) => source.next(until),
+        }
+    }
+
+    fn condition(&self) -> Condition {
+        match self {
+            Self::Replay(source) => source.condition(),
+            Self::V4l2(source) => source.condition(),
+        }
+    }
+}
+
+/// Stands in for the real one.
+#[derive(Debug)]
+pub struct V4l2;
+
+impl super::camera::Device for V4l2 {
+    fn open(_: &plumbline::config::Capture, _: (usize, usize)) -> Result<Self> {
+        bail!("this program cannot open V4L2 cameras yet")
+    }
+
+    fn wait(&mut self, _: Instant) -> super::camera::Waited {
+        super::camera::Waited::Quiet
+    }
+
+    fn frame(&self) -> super::Frame<'_> {
+        unreachable!()
+    }
+
+    fn counts(&self) -> super::camera::Counts {
+        super::camera::Counts::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::config::{Capture, Links, Machine, PixelFormat};
+    use plumbline::lens::{Distortion, Lens};
+
+    use super::*;
+
+    fn config(driver: Option<CaptureDriver>) -> Config {
+        Config {
+            device: heapless::String::new(),
+            serial_number: heapless::String::new(),
+            lens: Lens {
+                width_px: 640,
+                height_px: 480,
+                fx_px: 500.0,
+                fy_px: 500.0,
+                cx_px: 319.5,
+                cy_px: 239.5,
+                skew_px: 0.0,
+                distortion: Distortion::Radial2([0.0; 2]),
+            },
+            targets: heapless::Vec::new(),
+            cam_from_scene_theta: None,
+            links: Links::default(),
+            capture: driver.map(|driver| Capture {
+                driver,
+                device: heapless::String::new(),
+                pixel_format: PixelFormat::Grey,
+                rate_hz: 60.0,
+                exposure_us: None,
+                gain: None,
+            }),
+            machine: Machine::default(),
+        }
+    }
+
+    #[test]
+    fn the_camera_has_the_size_that_was_calibrated() {
+        let source = Source::camera(&config(Some(CaptureDriver::V4l2))).unwrap();
+        assert_eq!(source.size_px(), (640, 480));
+    }
+
+    #[test]
+    fn a_configuration_without_a_camera_is_refused_by_name() {
+        let error = Source::camera(&config(None)).unwrap_err().to_string();
+        assert!(error.starts_with("capture: "), "{error}");
+    }
+
+    #[test]
+    fn a_camera_that_was_not_built_in_is_refused_by_name() {
+        let error = Source::camera(&config(Some(CaptureDriver::Libcamera))).unwrap_err();
+        assert!(error.to_string().starts_with("capture.driver: "), "{error}");
+    }
+}
