@@ -35,7 +35,7 @@ fn track_with(stack_bytes: usize) {
     let mut frames = common::render(&simulation, 3);
     frames.push(vec![3; frames[0].len()]);
     let pipeline = PIPELINE.take();
-    pipeline.configure(&common::config_of(&simulation)).unwrap();
+    pipeline.configure(&simulation.config()).unwrap();
     let found = thread::scope(|scope| {
         let body = || {
             let mut found = [0; 4];

@@ -17,6 +17,7 @@ mod command;
 mod cross;
 mod demo;
 mod image;
+mod instructions;
 mod setup;
 mod tests;
 
