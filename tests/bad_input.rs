@@ -321,6 +321,42 @@ fn a_provisioned_box_gets_what_the_files_say_or_nothing() {
     assert_eq!(config.cam_from_scene_theta, None);
 }
 
+#[test]
+fn a_box_file_s_fault_is_named_by_field() {
+    let setting = Setting::new();
+    let capture = "[capture]\ndriver = \"v4l2\"\npixel_format = \"grey\"\nrate_hz = 60\n";
+    let provision = |text: &str, links: &[&str]| {
+        std::fs::write(setting.path("box.toml"), text).expect("a file");
+        binary::plumb()
+            .args(["provision", "--camera", "camera.toml", "--targets", "targets.toml"])
+            .args(["--box", "box.toml", "--out", "config.plb"])
+            .args(links)
+            .current_dir(setting.0.path())
+            .output()
+            .expect("plumb runs")
+    };
+    for (text, parts) in [
+        (
+            "[capture]\ndriver = \"v4l2\"\npixel_format = \"rgb\"",
+            ["box.toml: pixel_format", "nv12"],
+        ),
+        (&*format!("{capture}exposure_us = 20000"), ["box.toml: capture.exposure_us", "frame"]),
+        (&*format!("{capture}[machine]\nrealtime_priority = 120"), ["box.toml: machine.", "99"]),
+        ("[network]\naddress = \"192.168.1.5\"", ["box.toml: network.address", "/24"]),
+    ] {
+        assert_refused(&provision(text, &[]), &parts);
+    }
+    assert!(!setting.path("config.plb").exists());
+    // The command line has the last word on the links, and leaves the rest.
+    let text = format!("{capture}[links]\nudp = \"10.0.0.1:4210\"");
+    let output = provision(&text, &["--udp", "10.0.0.2:4210"]);
+    assert_eq!(output.status.code(), Some(0), "{}", binary::messages(&output));
+    let config = read_config(&setting.path("config.plb"));
+    assert_eq!(config.links.udp, Some(([10, 0, 0, 2], 4210).into()));
+    assert_eq!(config.capture.expect("a camera").rate_hz, 60.0);
+    assert_eq!(config.machine.watchdog_s, Some(15));
+}
+
 fn read_config(path: &Path) -> plumbline::config::Config {
     plumbline::config::Config::decode(&std::fs::read(path).expect("a blob")).expect("a good blob")
 }

@@ -11,7 +11,7 @@ use rand::{Rng, SeedableRng};
 fn pipeline() -> Box<Pipeline> {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&common::config_of(&simulation)).unwrap();
+    pipeline.configure(&simulation.config()).unwrap();
     pipeline
 }
 

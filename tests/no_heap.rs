@@ -75,7 +75,7 @@ fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let clean = common::render(&simulation, DISTINCT as u64);
     let pipeline = PIPELINE.take();
-    pipeline.configure(&common::config_of(&simulation)).unwrap();
+    pipeline.configure(&simulation.config()).unwrap();
     let mut pixels = clean[0].clone();
 
     let mut allocated = 0;

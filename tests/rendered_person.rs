@@ -16,7 +16,7 @@ const FRAME_NS: u64 = 16_666_667;
 /// A pipeline for a simulation. On the heap: tests have it, the pipeline does not need it.
 fn pipeline_for(simulation: &Simulation) -> Box<Pipeline> {
     let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&common::config_of(simulation)).expect("the simulation's own scene");
+    pipeline.configure(&simulation.config()).expect("the simulation's own scene");
     pipeline
 }
 

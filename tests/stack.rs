@@ -4,9 +4,11 @@
 //! overflows, so the figure contains the little that a thread needs for itself.
 
 mod common;
+#[path = "common/runner.rs"]
+mod runner;
 
 use std::env;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::thread;
 
 use plumb::simulate::{Simulation, SimulationSettings};
@@ -33,7 +35,7 @@ fn track_with(stack_bytes: usize) {
     let mut frames = common::render(&simulation, 3);
     frames.push(vec![3; frames[0].len()]);
     let pipeline = PIPELINE.take();
-    pipeline.configure(&common::config_of(&simulation)).unwrap();
+    pipeline.configure(&simulation.config()).unwrap();
     let found = thread::scope(|scope| {
         let body = || {
             let mut found = [0; 4];
@@ -59,7 +61,7 @@ fn step_stays_within_its_stack() {
         return;
     }
     let survives = |bytes: usize| {
-        Command::new(env::current_exe().expect("the test's own program"))
+        runner::command(env::current_exe().expect("the test's own program"))
             .args(["--exact", "step_stays_within_its_stack", "--nocapture"])
             .env(CHILD, bytes.to_string())
             .stdout(Stdio::null())

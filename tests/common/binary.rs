@@ -1,5 +1,7 @@
 //! The real `plumb`, for tests that use it as a person would.
 
+mod runner;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
@@ -7,12 +9,13 @@ use std::sync::OnceLock;
 /// The program, built once per test process, wherever cargo puts it.
 pub fn plumb() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
-    let mut command = Command::new(PROGRAM.get_or_init(build));
+    let mut command = runner::command(PROGRAM.get_or_init(build));
     // An error is one line, whatever the environment asks for.
     command.env("RUST_BACKTRACE", "1");
     command
 }
 
+// Cargo is the machine's own, and finds the processor to build for in the environment.
 fn build() -> PathBuf {
     let output = Command::new(env!("CARGO"))
         .args(["build", "--package", "plumb", "--bin", "plumb"])

@@ -8,6 +8,7 @@ pub mod camera;
 pub mod chosen;
 pub mod rate;
 pub mod replay;
+pub mod v4l2;
 
 use std::time::Instant;
 

@@ -2,6 +2,9 @@
 // Each test program uses a part of this.
 #![allow(dead_code)]
 
+#[path = "../../../tests/common/runner.rs"]
+mod runner;
+
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -93,7 +96,7 @@ pub struct Finished {
 
 impl Board {
     pub fn start(config: &Path, arguments: &[&str]) -> Self {
-        let child = Command::new(env!("CARGO_BIN_EXE_plumbline-board"))
+        let child = runner::command(env!("CARGO_BIN_EXE_plumbline-board"))
             .arg("--config")
             .arg(config)
             .args(arguments)

@@ -1,36 +1,61 @@
 //! `plumb provision`: the configuration of a box, as one file.
 
-use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
-use plumbline::config::{BLOB_BYTES_MAX, Config, SerialLink};
+use plumbline::config::{BLOB_BYTES_MAX, Config};
 
 use crate::error::BadInput;
+use crate::files::box_settings::{self, BoxSettings};
 use crate::files::refuse_overwriting;
 use crate::setup::{self, Descriptions};
 
 /// Write what a box needs to know into one file.
 ///
-/// Camera, targets, scene and links go in; out comes a checked blob with a
+/// Camera, targets, scene and the box's own settings go in; out comes a checked blob with a
 /// version and a checksum, which the box's program takes at its start.
 #[derive(clap::Args)]
-#[command(after_help = "Example:
-  plumb provision --camera camera.toml --targets targets.toml --udp 192.168.1.20:4210 --out config.plb")]
+#[command(after_help = "\
+Examples:
+  For a box with a camera:
+    plumb provision --camera camera.toml --targets targets.toml --scene scene.toml \\
+        --box box.toml --out config.plb
+  For a replay on this machine:
+    plumb provision --camera camera.toml --targets targets.toml --udp 127.0.0.1:4210 --out config.plb
+
+A box file (only driver, pixel_format and rate_hz of a capture must be given):
+  device = \"ward 3\"
+  serial_number = \"PL-0001\"
+  [capture]
+  driver = \"v4l2\"             # or \"libcamera\"
+  device = \"/dev/video0\"      # left out: the first camera that can do this
+  pixel_format = \"grey\"       # grey, y10, y16, yuyv or nv12
+  rate_hz = 60.0
+  exposure_us = 4000          # left out: as the camera has it
+  gain = 2.0                  # the driver's steps (v4l2) or a factor (libcamera)
+  [links]
+  udp = \"192.168.1.20:4210\"
+  serial = \"/dev/ttyS0:115200\"
+  [network]                   # left out: an address by DHCP
+  address = \"192.168.1.30/24\"
+  gateway = \"192.168.1.1\"
+  [machine]
+  realtime_priority = 50      # 1 to 99, 0 for none
+  cpu = 3                     # left out: any core
+  watchdog_s = 15             # seconds without a frame until a restart, 0 for none")]
 pub struct Arguments {
     #[command(flatten)]
     descriptions: Descriptions,
-    /// Where the box sends its packets.
+    /// Box file: name, camera settings, links, network, watchdog; without it the
+    /// box can only replay recordings.
+    #[arg(long = "box", value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Where the box sends its packets, instead of the box file's.
     #[arg(long, value_name = "HOST:PORT")]
     udp: Option<String>,
-    /// A serial device of the BOX that it sends its packets on, such as /dev/ttyS0:115200.
+    /// A serial device of the BOX that it sends its packets on, such as
+    /// /dev/ttyS0:115200, instead of the box file's.
     #[arg(long, value_name = "DEVICE:BAUD")]
     serial: Option<String>,
-    /// The box's name, for people.
-    #[arg(long, default_value = "plumbline")]
-    device: String,
-    /// The box's serial number.
-    #[arg(long, default_value = "0")]
-    serial_number: String,
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -41,14 +66,23 @@ pub struct Arguments {
 /// # Errors
 /// When an input cannot be used or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let places = arguments.descriptions.places();
-    refuse_overwriting(&arguments.out, arguments.descriptions.paths())?;
+    let mut places = arguments.descriptions.places();
+    let inputs = arguments.descriptions.paths().chain(&arguments.settings);
+    refuse_overwriting(&arguments.out, inputs)?;
     let (camera, targets, scene) = arguments.descriptions.read()?;
     let mut config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
-    config.device = text("--device", &arguments.device)?;
-    config.serial_number = text("--serial-number", &arguments.serial_number)?;
-    config.links.udp = arguments.udp.as_deref().map(udp).transpose()?;
-    config.links.serial = arguments.serial.as_deref().map(serial).transpose()?;
+    if let Some(path) = &arguments.settings {
+        places.settings = path.display().to_string();
+        box_settings::read(path)?.apply(&mut config, &places.settings)?;
+    } else {
+        BoxSettings::default().apply(&mut config, "")?;
+    }
+    if let Some(value) = &arguments.udp {
+        config.links.udp = Some(box_settings::udp("--udp", "", value)?);
+    }
+    if let Some(value) = &arguments.serial {
+        config.links.serial = Some(box_settings::serial("--serial", "", value)?);
+    }
 
     let mut buffer = vec![0; BLOB_BYTES_MAX];
     let blob = config.encode(&mut buffer).map_err(|error| setup::bad_config(&error, &places))?;
@@ -56,42 +90,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     std::fs::write(&arguments.out, blob)
         .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
     eprintln!(
-        "{}: {} bytes, checksum {:08x}, {} targets",
+        "{}: {} bytes, checksum {:08x}, {} targets, {}",
         arguments.out.display(),
         blob.len(),
         config.crc(),
-        config.targets.len()
+        config.targets.len(),
+        if config.capture.is_some() { "a camera" } else { "no camera (replays only)" }
     );
     Ok(())
-}
-
-fn text<const N: usize>(option: &str, value: &str) -> Result<heapless::String<N>, BadInput> {
-    value.try_into().map_err(|_| {
-        BadInput::whole(
-            option,
-            format!("{value:?} has {} bytes", value.len()),
-            format!("give at most {N} bytes"),
-        )
-    })
-}
-
-fn udp(value: &str) -> Result<SocketAddr, BadInput> {
-    let bad = |found: String| {
-        BadInput::whole("--udp", found, "give HOST:PORT, for example 192.168.1.20:4210")
-    };
-    let mut addresses =
-        value.to_socket_addrs().map_err(|error| bad(format!("{value:?}: {error}")))?;
-    addresses.next().ok_or_else(|| bad(format!("{value:?} has no address")))
-}
-
-fn serial(value: &str) -> Result<SerialLink, BadInput> {
-    let parts = value.rsplit_once(':').and_then(|(path, baud)| Some((path, baud.parse().ok()?)));
-    let Some((path, baud)) = parts else {
-        return Err(BadInput::whole(
-            "--serial",
-            format!("{value:?}"),
-            "give DEVICE:BAUD, for example /dev/ttyS0:115200",
-        ));
-    };
-    Ok(SerialLink { path: text("--serial", path)?, baud })
 }

@@ -37,6 +37,7 @@ impl Descriptions {
             camera: name(&self.camera),
             targets: name(&self.targets),
             scene: self.scene.as_ref().map(name).unwrap_or_default(),
+            settings: String::new(),
         }
     }
 
@@ -64,6 +65,8 @@ pub struct Places {
     pub targets: String,
     /// Of the scene file.
     pub scene: String,
+    /// Of the box file.
+    pub settings: String,
 }
 
 /// The configuration of these files, without links and with an empty identity.
@@ -115,6 +118,7 @@ pub fn bad_config(error: &ConfigError, places: &Places) -> BadInput {
         ConfigError::Scene => &places.scene,
         ConfigError::Udp => "--udp",
         ConfigError::Serial => "--serial",
+        ConfigError::Capture(_) | ConfigError::Machine(_) => &places.settings,
         _ => &places.targets,
     };
     BadInput::whole(place, error, "correct this value")

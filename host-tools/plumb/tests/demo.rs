@@ -1,8 +1,11 @@
 //! `plumb demo`, with the box's real program and with programs that fail.
 
+#[path = "../../../tests/common/runner.rs"]
+mod runner;
+
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 /// The demo has limits of its own; a loaded machine renders slowly.
@@ -15,7 +18,7 @@ struct Finished {
 }
 
 fn demo(board: Option<&Path>, out: &Path) -> Finished {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
     command.args(["demo", "--frames", "60", "--out"]).arg(out);
     match board {
         Some(board) => command.env("PLUMBLINE_BOARD", board),
@@ -39,6 +42,12 @@ fn demo(board: Option<&Path>, out: &Path) -> Finished {
     Finished { code: status.code(), stdout, stderr }
 }
 
+/// The box's program for `plumb` to start: beside it, or through what runs both.
+fn real_box(board: &Path, folder: &Path) -> Option<PathBuf> {
+    let runner = std::env::var(runner::RUNNER).ok()?;
+    Some(impostor(folder, &format!("exec {runner} '{}' \"$@\"", board.display())))
+}
+
 /// A program of our own in the box's place.
 fn impostor(folder: &Path, script: &str) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;
@@ -57,7 +66,7 @@ fn the_real_box_measures_the_simulated_person() {
     }
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("new/demo");
-    let finished = demo(None, &out);
+    let finished = demo(real_box(&board, folder.path()).as_deref(), &out);
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
     let stdout = finished.stdout;
     for part in ["Frames 60", "Packets lost 0, repeated 0, corrupt 0", "first frame: 0."] {

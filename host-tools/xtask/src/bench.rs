@@ -1,18 +1,20 @@
 //! `cargo xtask bench`: the figures of README.md.
 //!
 //! `plumb simulate` renders the standard scene. On those frames the core is
-//! measured by `host-tools/plumb/benches/frame.rs` and OpenCV by
+//! measured by `host-tools/bench/src/main.rs` and OpenCV by
 //! `host-tools/bench/opencv_chain.py`. Both print lines `name, tab, value`; here
-//! they become tables.
+//! they become tables. The core is measured a second time on an emulated ARM
+//! board, in instructions.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
 use crate::command::{Task, root, target_directory};
-use crate::setup;
+use crate::{instructions, setup};
 
 /// What `cargo xtask bench` takes.
 #[derive(clap::Args)]
@@ -23,6 +25,9 @@ pub struct Arguments {
     /// Rendered frames to measure on, 60 to a second.
     #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(10..=3000))]
     frames: u32,
+    /// Count instructions on a board that starts this Linux kernel for 64-bit ARM.
+    #[arg(long, value_name = "VMLINUZ")]
+    kernel: Option<PathBuf>,
 }
 
 const BEGIN: &str = "<!-- bench -->";
@@ -31,27 +36,33 @@ const END: &str = "<!-- /bench -->";
 /// Measures, prints the tables, and puts them into README.md if asked.
 pub fn run(arguments: &Arguments) -> Result<()> {
     setup::ensure(&[setup::LINKER])?;
+    if arguments.kernel.is_some() {
+        instructions::prepare()?;
+    }
     let directory = target_directory().join("bench-frames");
-    let frames = arguments.frames.to_string();
-    Task::cargo()
-        .args(["run", "--release", "--package", "plumb", "--", "simulate", "--force"])
-        .args(["--frames", &frames, "--out"])
-        .args([&directory])
-        .run()?;
+    render(&directory, arguments.frames)?;
     let bench = Task::cargo()
-        .args(["bench", "--package", "plumb", "--bench", "frame", "--"])
+        .args(["run", "--release", "--package", "plumbline-bench", "--"])
         .args([&directory]);
-    let plumbline = figures_of(bench)?;
+    let plumbline = figures_of(|each_line| bench.run_and_read(each_line))?;
     let opencv = if Task::new("python3").args(["-c", "import cv2, numpy"]).output().is_ok() {
         let script = root().join("host-tools/bench/opencv_chain.py");
-        Some(figures_of(Task::new("python3").args([&script, &directory]))?)
+        let chain = Task::new("python3").args([&script, &directory]);
+        Some(figures_of(|each_line| chain.run_and_read(each_line))?)
     } else {
         println!("OpenCV is not compared: this machine's python3 has no cv2");
         None
     };
+    let arm = match &arguments.kernel {
+        Some(kernel) => {
+            render(&directory, instructions::FRAMES)?;
+            Some(figures_of(|each_line| instructions::count(kernel, &directory, each_line))?)
+        }
+        None => None,
+    };
     // Half a gigabyte that nobody wants to find again.
     fs::remove_dir_all(&directory).context(format!("{}", directory.display()))?;
-    let tables = tables(&plumbline, opencv.as_ref())?;
+    let tables = tables(&plumbline, opencv.as_ref(), arm.as_ref())?;
     println!("\n{tables}");
     if arguments.write_readme {
         let path = root().join("README.md");
@@ -64,11 +75,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 type Figures = BTreeMap<String, String>;
 
-fn figures_of(task: Task) -> Result<Figures> {
+/// The standard scene's recording, its truth, and a box's configuration.
+fn render(directory: &Path, frames: u32) -> Result<()> {
+    let plumb = || Task::cargo().args(["run", "--release", "--package", "plumb", "--"]);
+    let place = |name: &str| directory.join(name).display().to_string();
+    plumb()
+        .args(["simulate", "--force", "--frames", &frames.to_string(), "--out", &place("")])
+        .run()?;
+    plumb()
+        .args(["provision", "--camera", &place("camera.toml"), "--targets"])
+        .args([place("targets.toml"), "--out".into(), place("box.plb")])
+        .run()
+}
+
+/// What `run` prints as `name, tab, value`.
+fn figures_of(run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>) -> Result<Figures> {
     let mut figures = Figures::new();
-    task.run_and_read(|line| {
+    run(&mut |line| {
         if let Some((name, value)) = line.split_once('\t') {
-            figures.insert(name.to_owned(), value.to_owned());
+            // A serial console ends its lines with a carriage return as well.
+            figures.insert(name.to_owned(), value.trim_end().to_owned());
         }
     })?;
     Ok(figures)
@@ -86,6 +112,12 @@ fn times(figures: &Figures, run: &str) -> Result<String> {
     Ok(format!("{:.3} / {:.3}", ms("median")?, ms("worst")?))
 }
 
+/// The median in millions of instructions, of figures whose nanoseconds are instructions.
+fn instructions(figures: &Figures, run: &str) -> Result<String> {
+    let thousands = get(figures, &format!("{run}_median_us"))?.parse::<f64>()?;
+    Ok(format!("{:.2}", thousands / 1e3))
+}
+
 /// The targets' cells of the table of spreads, and the frames without a pose.
 fn spreads(figures: &Figures, run: &str, targets: &[&str]) -> Result<String> {
     let mut cells = String::new();
@@ -98,19 +130,30 @@ fn spreads(figures: &Figures, run: &str, targets: &[&str]) -> Result<String> {
     Ok(format!("{cells}{lost}"))
 }
 
-fn tables(plumbline: &Figures, opencv: Option<&Figures>) -> Result<String> {
+fn tables(plumbline: &Figures, opencv: Option<&Figures>, arm: Option<&Figures>) -> Result<String> {
     let mut text = String::new();
     let frames = get(plumbline, "frames")?;
     let compared = match opencv {
         Some(figures) => format!(", beside OpenCV {} in the same run", get(figures, "version")?),
         None => String::new(),
     };
-    writeln!(text, "{frames} frames, one core of {}{compared}.\n", processor())?;
+    writeln!(text, "{frames} frames, one core of {}{compared}.", processor())?;
+    if let Some(arm) = arm {
+        writeln!(
+            text,
+            "Instructions: the median of {} frames on an emulated Cortex-A72, the kernel's interrupts included.",
+            get(arm, "frames")?
+        )?;
+    }
+    writeln!(text)?;
 
     let theirs =
         |run: &str| opencv.map_or(Ok("not measured".into()), |figures| times(figures, run));
-    writeln!(text, "| both targets, ms per frame, median / worst | Plumbline | OpenCV |")?;
-    writeln!(text, "|---|---:|---:|")?;
+    writeln!(
+        text,
+        "| both targets, ms per frame, median / worst | Plumbline | OpenCV | million aarch64 instructions |"
+    )?;
+    writeln!(text, "|---|---:|---:|---:|")?;
     for (what, run, opencv_run) in [
         ("**a tracked frame** (`step`)", "tracking", Some("warm")),
         ("its windows: corners, undistortion", "stage_windows", None),
@@ -120,7 +163,8 @@ fn tables(plumbline: &Figures, opencv: Option<&Figures>) -> Result<String> {
         ("its grid finder", "stage_grid", None),
     ] {
         let theirs = opencv_run.map_or(Ok(String::new()), theirs)?;
-        writeln!(text, "| {what} | {} | {theirs} |", times(plumbline, run)?)?;
+        let count = arm.map_or(Ok("not counted".into()), |figures| instructions(figures, run))?;
+        writeln!(text, "| {what} | {} | {theirs} | {count} |", times(plumbline, run)?)?;
     }
 
     let targets: Vec<&str> =
@@ -187,7 +231,16 @@ mod tests {
 
     #[test]
     fn a_figure_that_is_missing_is_named() {
-        let error = tables(&Figures::new(), None).unwrap_err().to_string();
+        let error = tables(&Figures::new(), None, None).unwrap_err().to_string();
         assert!(error.contains("frames"), "{error}");
+    }
+
+    #[test]
+    fn a_nanosecond_of_the_emulated_clock_is_an_instruction() {
+        let figures = figures_of(|each_line| {
+            ["a kernel's message", "tracking_median_us\t2345.6\r"].into_iter().for_each(each_line);
+            Ok(())
+        });
+        assert_eq!(instructions(&figures.unwrap(), "tracking").unwrap(), "2.35");
     }
 }

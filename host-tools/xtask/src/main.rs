@@ -9,10 +9,13 @@
 //! Exit codes: 0 done, 1 something failed, 2 the machine lacks something that
 //! could not be installed (the message holds the line to run).
 
+mod agreement;
 mod bare;
 mod bench;
 mod command;
+mod cross;
 mod demo;
+mod instructions;
 mod setup;
 mod tests;
 

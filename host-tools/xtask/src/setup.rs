@@ -6,7 +6,7 @@
 //! line to run.
 
 use std::env;
-use std::fmt;
+use std::fmt::{self, Write as _};
 use std::path::Path;
 use std::time::Duration;
 
@@ -19,19 +19,24 @@ const RUSTUP_WITHIN: Duration = Duration::from_secs(300);
 
 /// How to see that something is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Probe {
+pub enum Probe {
     /// A program in PATH.
     Program(&'static str),
     /// A file of a development package.
     File(&'static str),
+    /// The very package, for what is used because it is Debian's.
+    Package(&'static str),
 }
 
 /// One thing that comes from a Debian package.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Need {
-    probe: Probe,
-    package: &'static str,
-    why: &'static str,
+    /// Whether it is there.
+    pub probe: Probe,
+    /// Where it is in; `name:architecture` where it is of another processor.
+    pub package: &'static str,
+    /// For whoever is to install it.
+    pub why: &'static str,
 }
 
 /// A linker, for every Rust program.
@@ -75,6 +80,11 @@ impl fmt::Display for Lacking {
 
 impl std::error::Error for Lacking {}
 
+/// Whether nothing of `needs` is missing.
+pub fn are_there(needs: &[Need]) -> bool {
+    needs.iter().all(|need| is_there(need.probe))
+}
+
 /// Installs those of `needs` that are missing.
 pub fn ensure(needs: &[&[Need]]) -> Result<()> {
     let missing: Vec<&Need> =
@@ -84,7 +94,7 @@ pub fn ensure(needs: &[&[Need]]) -> Result<()> {
     }
     println!("This machine lacks:");
     for need in &missing {
-        println!("  {:<12} {}", need.package, need.why);
+        println!("  {:<26} {}", need.package, need.why);
     }
     install(&missing.iter().map(|need| need.package).collect::<Vec<_>>())
 }
@@ -100,7 +110,7 @@ pub fn ensure_components() -> Result<()> {
     }
     println!("This Rust toolchain lacks:");
     for component in &missing {
-        println!("  {:<12} {}", component.name, component.why);
+        println!("  {:<26} {}", component.name, component.why);
     }
     let names: Vec<_> = missing.iter().map(|component| component.name).collect();
     // Debian's own rustfmt and clippy belong to a Rust that is too old for this workspace.
@@ -132,15 +142,11 @@ fn install(packages: &[&str]) -> Result<()> {
     } else {
         Access::None
     };
-    let by_hand = format!("sudo apt-get install --no-install-recommends {}", packages.join(" "));
-    let apt = |arguments: &[&str]| match access {
-        Access::Root => {
-            Task::new("apt-get").env("DEBIAN_FRONTEND", "noninteractive").args(arguments)
-        }
-        _ => Task::new("sudo")
-            .args(["-n", "env", "DEBIAN_FRONTEND=noninteractive", "apt-get"])
-            .args(arguments),
+    let foreign = match access {
+        Access::None => foreign_architectures(packages, ""),
+        _ => foreign_architectures(packages, &known_architectures()?),
     };
+    let by_hand = by_hand(packages, &foreign);
     if access == Access::None {
         let remedy = if apt_is_there {
             format!(
@@ -155,15 +161,56 @@ fn install(packages: &[&str]) -> Result<()> {
         };
         bail!(Lacking(remedy));
     }
+    let as_root = |program: &str, arguments: &[&str]| match access {
+        Access::Root => Task::new(program).args(arguments),
+        _ => Task::new("sudo").args(["-n", program]).args(arguments),
+    };
+    let lacking = |error| Lacking(format!("{error}\nTo try by hand:\n    {by_hand}"));
     println!("Installing it from Debian:");
+    for architecture in &foreign {
+        as_root("dpkg", &["--add-architecture", architecture]).run().map_err(lacking)?;
+    }
     // A list that cannot be refreshed (one dead mirror of several) may still be good enough.
-    if let Err(error) = apt(&["update"]).run() {
+    if let Err(error) = as_root("apt-get", &["update"]).run() {
         println!("{error}; trying with the package lists that are there");
     }
-    apt(&["install", "--yes", "--no-install-recommends"])
+    // What is there stays: a package that only fits in another's place is an error.
+    let install = ["DEBIAN_FRONTEND=noninteractive", "apt-get", "install", "--yes", "--no-remove"];
+    as_root("env", &install)
+        .args(["--no-install-recommends"])
         .args(packages)
         .run()
-        .map_err(|error| Lacking(format!("{error}\nTo try by hand:\n    {by_hand}")).into())
+        .map_err(|error| lacking(error).into())
+}
+
+/// The architectures whose packages apt can install here, one to a line.
+fn known_architectures() -> Result<String> {
+    let own = Task::new("dpkg").args(["--print-architecture"]).output()?;
+    Ok(own + &Task::new("dpkg").args(["--print-foreign-architectures"]).output()?)
+}
+
+/// The architectures of `packages` that are not among the `known`, each once.
+fn foreign_architectures<'a>(packages: &[&'a str], known: &str) -> Vec<&'a str> {
+    let mut foreign: Vec<&str> = packages
+        .iter()
+        .filter_map(|package| Some(package.split_once(':')?.1))
+        .filter(|architecture| !known.lines().any(|line| line == *architecture))
+        .collect();
+    foreign.sort_unstable();
+    foreign.dedup();
+    foreign
+}
+
+/// The line that installs `packages` for somebody who may become root.
+fn by_hand(packages: &[&str], foreign: &[&str]) -> String {
+    let mut line = String::new();
+    for architecture in foreign {
+        let _ = write!(line, "sudo dpkg --add-architecture {architecture} && ");
+    }
+    if !foreign.is_empty() {
+        line += "sudo apt-get update && ";
+    }
+    line + "sudo apt-get install --no-install-recommends " + &packages.join(" ")
 }
 
 #[derive(PartialEq, Eq)]
@@ -176,6 +223,10 @@ enum Access {
 fn is_there(probe: Probe) -> bool {
     match probe {
         Probe::File(path) => Path::new(path).exists(),
+        // dpkg keeps a list of the files of each package that is installed.
+        Probe::Package(name) => {
+            Path::new("/var/lib/dpkg/info").join(format!("{name}.list")).exists()
+        }
         Probe::Program(name) => env::var_os("PATH").is_some_and(|path| {
             env::split_paths(&path).any(|directory| directory.join(name).is_file())
         }),
@@ -192,6 +243,25 @@ mod tests {
         assert!(!is_there(Probe::Program("no-such-program")));
         assert!(is_there(Probe::File("/proc/self/exe")));
         assert!(!is_there(Probe::File("/no/such/file")));
+        assert!(!is_there(Probe::Package("no-such-package:arm64")));
+    }
+
+    #[test]
+    fn an_architecture_is_added_once_and_only_when_it_is_missing() {
+        let packages = ["gcc", "libc6:arm64", "libstd:arm64", "libc6:armhf"];
+        assert_eq!(foreign_architectures(&packages, "amd64\narmhf\n"), ["arm64"]);
+        assert!(foreign_architectures(&packages, "amd64\narm64\narmhf\n").is_empty());
+        assert!(foreign_architectures(&["gcc"], "").is_empty());
+    }
+
+    #[test]
+    fn the_line_to_type_adds_architectures_first() {
+        assert_eq!(by_hand(&["gcc"], &[]), "sudo apt-get install --no-install-recommends gcc");
+        assert_eq!(
+            by_hand(&["libc6:arm64"], &["arm64"]),
+            "sudo dpkg --add-architecture arm64 && sudo apt-get update && \
+             sudo apt-get install --no-install-recommends libc6:arm64"
+        );
     }
 
     #[test]

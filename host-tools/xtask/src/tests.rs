@@ -12,7 +12,8 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
 use crate::command::{Task, root};
-use crate::{bare, setup};
+use crate::cross::{Linking, Target};
+use crate::{agreement, bare, setup};
 
 /// What `cargo xtask test` takes.
 #[derive(clap::Args)]
@@ -28,24 +29,52 @@ enum Part {
     /// On this machine: rustfmt, clippy, build, all tests, and the core linked
     /// without an allocator.
     Native,
+    /// All tests, built for 64-bit ARM and run under QEMU, and one recording
+    /// whose poses agree with this machine's.
+    Arm,
+    /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
+    Armhf,
+}
+
+impl Part {
+    /// Installs what the part needs.
+    fn prepare(self) -> Result<()> {
+        match self {
+            Self::Native => {
+                setup::ensure(&[setup::LINKER, setup::BINUTILS])?;
+                setup::ensure_components()
+            }
+            Self::Arm => Target::Aarch64.prepare(),
+            Self::Armhf => Target::Armv7.prepare(),
+        }
+    }
+
+    fn run(self, journal: &mut Journal) -> Result<()> {
+        match self {
+            Self::Native => native(journal),
+            Self::Arm => arm(journal)?,
+            Self::Armhf => armhf(journal)?,
+        }
+        Ok(())
+    }
 }
 
 /// Runs the parts and sums up.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let parts =
         if arguments.parts.is_empty() { Part::value_variants() } else { &arguments.parts[..] };
-    setup::ensure(&[setup::LINKER, setup::BINUTILS])?;
+    // What a later part lacks is known before an earlier one takes its minutes.
+    for part in parts {
+        part.prepare()?;
+    }
     let mut journal = Journal::default();
     for part in parts {
-        match part {
-            Part::Native => native(&mut journal)?,
-        }
+        part.run(&mut journal)?;
     }
     journal.close()
 }
 
-fn native(journal: &mut Journal) -> Result<()> {
-    setup::ensure_components()?;
+fn native(journal: &mut Journal) {
     journal.check("format", || Task::cargo().args(["fmt", "--all", "--check"]).run());
     journal.check("lint", || {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
@@ -55,9 +84,30 @@ fn native(journal: &mut Journal) -> Result<()> {
     let built = journal.check("build", || Task::cargo().args(["build", "--workspace"]).run());
     if built {
         say_where_the_data_are();
-        journal.tests("tests", &["test", "--workspace", "--no-fail-fast"]);
+        journal.tests("tests", Task::cargo().args(["test", "--workspace", "--no-fail-fast"]));
     }
     journal.check("bare", bare::check);
+}
+
+/// The same tests on the box's processor. They start the programs through QEMU as well,
+/// and those that would take too long there do less of the same, and say so.
+fn arm(journal: &mut Journal) -> Result<()> {
+    let toolchain = Target::Aarch64.toolchain()?;
+    let cargo = || toolchain.cargo(Linking::Static);
+    let built = journal.check("arm build", || cargo().args(["build", "--workspace"]).run());
+    if built {
+        say_where_the_data_are();
+        journal.tests("arm tests", cargo().args(["test", "--workspace", "--no-fail-fast"]));
+        journal.check("agreement", || agreement::check(&toolchain));
+    }
+    Ok(())
+}
+
+/// The core on a smaller processor: its own tests and its examples.
+fn armhf(journal: &mut Journal) -> Result<()> {
+    let cargo = Target::Armv7.toolchain()?.cargo(Linking::Static);
+    let core = ["test", "--package", "plumbline", "--lib", "--no-fail-fast"];
+    journal.tests("armhf tests", cargo.args(core));
     Ok(())
 }
 
@@ -117,13 +167,13 @@ impl Journal {
     }
 
     /// Runs cargo's tests and collects their summaries.
-    fn tests(&mut self, name: &'static str, arguments: &[&str]) {
+    fn tests(&mut self, name: &'static str, cargo_test: Task) {
         let mut tally = Tally::default();
         let mut summaries = Vec::new();
         let mut failed = Vec::new();
         self.check(name, || {
             let mut running = String::new();
-            let done = Task::cargo().args(arguments).run_and_read(|line| {
+            let done = cargo_test.run_and_read(|line| {
                 let words = line.trim_start();
                 if words.starts_with("Running ") || words.starts_with("Doc-tests ") {
                     running = line.to_owned();

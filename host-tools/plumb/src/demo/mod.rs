@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Matrix6;
-use plumbline::config::{BLOB_BYTES_MAX, Config, Links, Machine, TargetConfig};
+use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::measure::Measurement;
 use plumbline::packet::{CameraState, Message, PosePacket};
 use plumbline::pose::Pose;
@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
 
-    let config = configuration(&simulation)?;
+    let config = simulation.config();
     let frames = u64::from(arguments.frames);
     let file = |name: &str| arguments.out.join(name);
     let [plot, picture, poses, truth] =
@@ -205,34 +205,6 @@ fn summary(pose: &PosePacket) -> String {
         Err(reason) => reason.words().to_owned(),
     });
     format!("depth {}", depths.collect::<Vec<_>>().join(", "))
-}
-
-fn configuration(simulation: &Simulation) -> Result<Config> {
-    let mut targets = heapless::Vec::new();
-    for target in simulation.targets() {
-        let name = target.layout.name.try_into().map_err(|_| anyhow!("a long name"))?;
-        let target = TargetConfig { name, geometry: target.geometry.clone() };
-        targets.push(target).map_err(|_| anyhow!("more targets than a box tracks"))?;
-    }
-    let cam_from_scene = simulation.cam_from_scene();
-    let (angles, place_mm) = (cam_from_scene.euler(), cam_from_scene.translation_mm);
-    Ok(Config {
-        device: "demo".try_into().unwrap_or_default(),
-        serial_number: heapless::String::new(),
-        lens: *simulation.camera(),
-        targets,
-        cam_from_scene_theta: Some([
-            angles.theta1_rad,
-            angles.theta2_rad,
-            angles.theta3_rad,
-            place_mm.x,
-            place_mm.y,
-            place_mm.z,
-        ]),
-        links: Links::default(),
-        capture: None,
-        machine: Machine::default(),
-    })
 }
 
 fn write_config(path: &Path, config: &Config) -> Result<()> {

@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 
 use crate::error::BadInput;
 
+pub mod box_settings;
 pub mod camera;
 pub mod frames;
 pub mod poses;

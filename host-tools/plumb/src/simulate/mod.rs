@@ -23,6 +23,7 @@ pub mod command;
 pub mod layout;
 mod normal;
 pub mod occluder;
+mod provisioning;
 pub mod render;
 pub mod sensor;
 pub mod sway;

@@ -1,17 +1,20 @@
 //! Measures the core on rendered frames; started by `cargo xtask bench`.
 //!
-//! `cargo bench --package plumb --bench frame -- DIRECTORY` reads what `plumb
-//! simulate --out DIRECTORY` has written, and prints one line per figure: name,
-//! tab, value.
+//! `plumbline-bench DIRECTORY` reads the directory that `plumb simulate` has
+//! written, with the configuration of `plumb provision` as `box.plb` beside it.
+//! It prints one line per figure: name, tab, value.
+//!
+//! Times are those of the machine's clock. In an emulator whose clock advances by
+//! one nanosecond per instruction they are instructions; there this program is the
+//! only one, process 1, and the kernel ends the machine when it returns.
 
 use std::env;
+use std::fs;
 use std::hint::black_box;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use plumb::files::{camera, frames, poses, targets};
-use plumb::setup::{self, Places};
 use plumbline::config::Config;
 use plumbline::corner::{CornerList, Detector};
 use plumbline::grid::{GridFinder, GridRejection};
@@ -29,12 +32,8 @@ const SEARCH_EVERY: usize = 5;
 const FALSE_MM: f64 = 20.0;
 
 fn main() -> Result<()> {
-    // `cargo bench` adds `--bench`; `cargo test --all-targets` gives no arguments at all.
-    let arguments: Vec<String> = env::args().skip(1).filter(|one| one != "--bench").collect();
-    let [directory] = &arguments[..] else {
-        println!("usage: cargo bench --package plumb --bench frame -- DIRECTORY");
-        return Ok(());
-    };
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    let [directory] = &arguments[..] else { bail!("usage: plumbline-bench DIRECTORY") };
     let bench = Bench::read(Path::new(directory))?;
     println!("frames\t{}", bench.frames.len());
     println!("pipeline_bytes\t{}", size_of::<Pipeline>());
@@ -54,26 +53,14 @@ struct Bench {
 
 impl Bench {
     fn read(directory: &Path) -> Result<Self> {
-        let [camera, targets, truth, video] =
-            ["camera.toml", "targets.toml", "truth.csv", "frames.y4m"]
-                .map(|name| directory.join(name));
-        let places = Places {
-            camera: camera.display().to_string(),
-            targets: targets.display().to_string(),
-            scene: String::new(),
+        let open = |name: &str| {
+            let path = directory.join(name);
+            fs::File::open(&path).with_context(|| path.display().to_string())
         };
-        let config =
-            setup::config(&camera::read(&camera)?, &targets::read(&targets)?, None, &places)?;
-        let (frames, rate_hz) = read_frames(video)?;
-        let rows = poses::read(&truth)?;
-        let pose = |frame: usize, name: &str| {
-            let row = rows.iter().find(|row| row.frame == frame as u64 && row.target == name);
-            row.and_then(|row| row.cam_from_target())
-                .with_context(|| format!("{}: no {name} in frame {frame}", truth.display()))
-        };
-        let poses_of =
-            |frame| config.targets.iter().map(|target| pose(frame, &target.name)).collect();
-        let truth = (0..frames.len()).map(poses_of).collect::<Result<_>>()?;
+        let blob = fs::read(directory.join("box.plb")).context("box.plb")?;
+        let config = Config::decode(&blob).context("box.plb")?;
+        let (frames, rate_hz) = read_frames(open("frames.y4m")?).context("frames.y4m")?;
+        let truth = read_truth(open("truth.csv")?, &config, frames.len()).context("truth.csv")?;
         Ok(Self { config, frames, rate_hz, truth })
     }
 
@@ -178,18 +165,50 @@ impl Bench {
     }
 }
 
-fn read_frames(video: PathBuf) -> Result<(Vec<Vec<u8>>, f64)> {
-    let mut source = frames::FrameSource::open(&[video], None)?;
-    let rate_hz = source.rate_hz();
-    let mut all = Vec::new();
-    while let Some(frame) = source.next_frame()? {
-        let frames::Pixels::Grey8(pixels) = frame.pixels else {
-            bail!("the recording is not 8-bit")
-        };
-        all.push(pixels.to_vec());
+fn read_frames(file: fs::File) -> Result<(Vec<Vec<u8>>, f64)> {
+    let mut decoder = y4m::decode(file)?;
+    let rate = decoder.get_framerate();
+    ensure!(decoder.get_bytes_per_sample() == 1, "the recording is not 8-bit");
+    let mut frames = Vec::new();
+    loop {
+        match decoder.read_frame() {
+            Ok(frame) => frames.push(frame.get_y_plane().to_vec()),
+            Err(y4m::Error::EOF) => break,
+            Err(error) => return Err(error.into()),
+        }
     }
-    ensure!(all.len() > 1, "the recording has fewer than two frames");
-    Ok((all, rate_hz))
+    ensure!(frames.len() > 1, "the recording has fewer than two frames");
+    Ok((frames, rate.num as f64 / rate.den as f64))
+}
+
+/// Per frame: the pose of each target, in the order of the configuration.
+fn read_truth(
+    file: fs::File,
+    config: &Config,
+    frames: usize,
+) -> Result<Vec<Vec<Pose<Cam, Target>>>> {
+    const POSE: [&str; 6] = ["theta1_rad", "theta2_rad", "theta3_rad", "x_mm", "y_mm", "z_mm"];
+    let mut rows = csv::Reader::from_reader(file);
+    let header = rows.headers()?.clone();
+    let column = |name: &str| {
+        header.iter().position(|column| column == name).with_context(|| format!("no column {name}"))
+    };
+    let (frame, target) = (column("frame")?, column("target")?);
+    let theta = POSE.map(column).into_iter().collect::<Result<Vec<_>>>()?;
+    let mut truth = vec![vec![None; config.targets.len()]; frames];
+    for row in rows.records() {
+        let row = row?;
+        let place = config.targets.iter().position(|one| one.name.as_str() == &row[target]);
+        let of_frame = truth.get_mut(row[frame].parse::<usize>()?);
+        let (Some(place), Some(of_frame)) = (place, of_frame) else { continue };
+        let mut values = [0.0; 6];
+        for (value, &column) in values.iter_mut().zip(&theta) {
+            *value = row[column].parse()?;
+        }
+        of_frame[place] = Some(Pose::from_theta(values));
+    }
+    let whole = |poses: Vec<Option<_>>| poses.into_iter().collect::<Option<Vec<_>>>();
+    truth.into_iter().map(whole).collect::<Option<_>>().context("a frame or target is missing")
 }
 
 /// Per target: depth errors, and frames without a (true) pose.

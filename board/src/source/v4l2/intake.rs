@@ -1,0 +1,229 @@
+//! Takes frames off the driver's queue: the newest two are kept, in order.
+//!
+//! Per wait: the frame of the wait before goes back, everything that is done is
+//! taken, what is older than the newest two goes back and is counted, and the
+//! first of the two is handed out. The other is there for the wait after. Three
+//! buffers at most are away from the driver at any moment, two between waits.
+//!
+//! The kernel is reached through [`Queue`], so that the tests can play a driver
+//! that errs in every way. Nothing is allocated unless the camera is lost.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use v4l::v4l_sys::V4L2_BUF_FLAG_ERROR;
+
+use super::super::camera::{Counts, Waited};
+use super::buffers::{Buffers, Ours};
+use super::stamp::{Now, Sequence, Stamp};
+
+/// Frames that wait to be handed out.
+const WAITING_MAX: usize = 2;
+
+/// Fewer buffers than this starve the driver while three are away from it.
+pub const BUFFERS_MIN: u32 = WAITING_MAX as u32 + 2;
+
+/// The driver's side of the queue; no call on it blocks but [`wait`](Self::wait).
+pub trait Queue {
+    /// Gives the driver a buffer to fill.
+    fn queue(&self, index: u32) -> io::Result<()>;
+
+    /// Takes back a buffer that is done, if there is one.
+    fn dequeue(&self) -> io::Result<Option<Dequeued>>;
+
+    /// Waits until there is something to take or to know.
+    fn wait(&self, timeout: Duration) -> io::Result<Wake>;
+
+    /// CLOCK_MONOTONIC now.
+    fn monotonic_ns(&self) -> u64;
+}
+
+/// What the driver says of a buffer that it hands back.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Dequeued {
+    /// Which buffer.
+    pub index: u32,
+    /// How much of it is filled.
+    pub bytes: usize,
+    /// Bits `V4L2_BUF_FLAG_*`.
+    pub flags: u32,
+    /// The frame's number.
+    pub sequence: u32,
+    /// The stamp's whole seconds.
+    pub stamp_s: i64,
+    /// The stamp's microseconds.
+    pub stamp_us: i64,
+}
+
+/// Why a wait ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wake {
+    /// The time was up, or a signal came in between.
+    Nothing,
+    /// A buffer is done.
+    Frame,
+    /// The signal at the input is another one.
+    SignalChanged,
+    /// No frame will come any more.
+    Broken,
+}
+
+impl Wake {
+    /// From the events that `poll` reports.
+    pub fn from_events(events: i16) -> Self {
+        let has = |event| events & event != 0;
+        if has(libc::POLLERR | libc::POLLHUP | libc::POLLNVAL) {
+            Self::Broken
+        } else if has(libc::POLLPRI) {
+            Self::SignalChanged
+        } else if has(libc::POLLIN) {
+            Self::Frame
+        } else {
+            Self::Nothing
+        }
+    }
+}
+
+/// A frame in a buffer of ours.
+#[derive(Debug)]
+pub struct Arrived {
+    /// The buffer.
+    pub ours: Ours,
+    /// Its capture time.
+    pub stamp: Stamp,
+}
+
+/// All buffers of a running queue, and the frames in them.
+#[derive(Debug)]
+pub struct Intake {
+    buffers: Buffers,
+    /// A frame of fewer bytes is damaged.
+    bytes_min: usize,
+    sequence: Sequence,
+    waiting: heapless::Deque<Arrived, WAITING_MAX>,
+    out: Option<Arrived>,
+    counts: Counts,
+}
+
+impl Intake {
+    /// Gives all buffers to the driver.
+    ///
+    /// # Errors
+    /// When it does not take one.
+    pub fn new(queue: &impl Queue, count: usize, bytes_min: usize) -> io::Result<Self> {
+        let (buffers, all) = Buffers::new(count);
+        let mut intake = Self {
+            buffers,
+            bytes_min,
+            sequence: Sequence::default(),
+            waiting: heapless::Deque::new(),
+            out: None,
+            counts: Counts::default(),
+        };
+        for ours in all {
+            intake.give(queue, ours)?;
+        }
+        Ok(intake)
+    }
+
+    /// Waits for a frame, but not beyond `until`.
+    pub fn wait(&mut self, queue: &impl Queue, until: Instant) -> Waited {
+        match self.next(queue, until) {
+            Ok(true) => Waited::Ready,
+            Ok(false) => Waited::Quiet,
+            Err(what) => Waited::Lost(what),
+        }
+    }
+
+    /// The frame that the last wait has found.
+    pub fn out(&self) -> Option<&Arrived> {
+        self.out.as_ref()
+    }
+
+    /// Whether the frame after the one handed out has come already.
+    pub fn is_late(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
+    /// Frames that were not handed out.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    fn next(&mut self, queue: &impl Queue, until: Instant) -> Result<bool, String> {
+        if let Some(arrived) = self.out.take() {
+            self.give(queue, arrived.ours).map_err(|error| lost(&error))?;
+        }
+        loop {
+            self.take_done(queue)?;
+            self.out = self.waiting.pop_front();
+            if self.out.is_some() {
+                return Ok(true);
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(false);
+            }
+            match queue.wait(left).map_err(|error| lost(&error))? {
+                Wake::Nothing | Wake::Frame => {}
+                Wake::SignalChanged => return Err("the signal at its input changed".into()),
+                // What is wrong, the call for a frame says.
+                Wake::Broken => match queue.dequeue() {
+                    Err(error) => return Err(lost(&error)),
+                    Ok(_) => return Err("its driver reports an error".into()),
+                },
+            }
+        }
+    }
+
+    /// Takes every frame that is done. A driver faster than this loop cannot
+    /// hold it: one turn per buffer that it had.
+    fn take_done(&mut self, queue: &impl Queue) -> Result<(), String> {
+        for _ in 0..self.buffers.with_driver() {
+            let Some(done) = queue.dequeue().map_err(|error| lost(&error))? else {
+                break;
+            };
+            let now = Now { monotonic_ns: queue.monotonic_ns(), instant: Instant::now() };
+            let ours = self.buffers.take(done.index).map_err(|refused| refused.to_string())?;
+            self.counts.missed += self.sequence.missed_before(done.sequence);
+            let free = if done.flags & V4L2_BUF_FLAG_ERROR != 0 || done.bytes < self.bytes_min {
+                self.counts.missed += 1;
+                Some(ours)
+            } else {
+                let stamp = Stamp::new(done.flags, done.stamp_s, done.stamp_us, now);
+                self.keep(Arrived { ours, stamp })
+            };
+            if let Some(ours) = free {
+                self.give(queue, ours).map_err(|error| lost(&error))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Lines up a frame; the oldest one gives way when there are too many.
+    fn keep(&mut self, arrived: Arrived) -> Option<Ours> {
+        let arrived = self.waiting.push_back(arrived).err()?;
+        let oldest = self.waiting.pop_front().map(|oldest| oldest.ours);
+        self.counts.dropped += 1;
+        match self.waiting.push_back(arrived) {
+            Ok(()) => oldest,
+            Err(arrived) => Some(arrived.ours),
+        }
+    }
+
+    fn give(&mut self, queue: &impl Queue, ours: Ours) -> io::Result<()> {
+        queue.queue(ours.index())?;
+        self.buffers.give(ours);
+        Ok(())
+    }
+}
+
+fn lost(error: &io::Error) -> String {
+    match error.raw_os_error() {
+        Some(libc::ENODEV) => "it was unplugged".into(),
+        _ => format!("its driver reports: {error}"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,247 @@
+//! The grey values within a camera's buffer.
+//!
+//! Goes in: the bytes of one frame in one of the formats below. Comes out:
+//! 8-bit or 16-bit grey.
+//!
+//! | format | kernel's code | bytes of a row | cost |
+//! |---|---|---|---|
+//! | Grey | `GREY` | Y | none, read where it lies |
+//! | Nv12 | `NV12` | Y; the colours lie behind all rows | none |
+//! | Y10 | `Y10 ` | 10 bits in each little-endian word | none |
+//! | Y16 | `Y16 ` | little-endian words | none |
+//! | Yuyv | `YUYV` | Y U Y V | the luma is copied |
+//! | Y10 | `Y10P` | 4 high bytes, then the low bits of the four | unpacked |
+//! | Y10 | `Y10B` | 4 samples in 5 bytes, highest bit first | unpacked |
+//!
+//! Rows may be padded. What is copied goes to memory that is allocated once.
+
+use anyhow::{Context, Result, bail};
+use plumbline::config::PixelFormat;
+use plumbline::image::GreyImage;
+
+use super::super::Pixels;
+
+// Words are read where they lie, in the byte order of the formats.
+const _: () = assert!(cfg!(target_endian = "little"));
+
+/// White of 10-bit samples.
+const WHITE_10_BIT: u16 = 1023;
+
+/// The kernel's codes of a configured format; the first that the camera has is taken.
+pub fn codes(format: PixelFormat) -> &'static [&'static [u8; 4]] {
+    match format {
+        PixelFormat::Grey => &[b"GREY"],
+        PixelFormat::Y10 => &[b"Y10 ", b"Y10P", b"Y10B"],
+        PixelFormat::Y16 => &[b"Y16 "],
+        PixelFormat::Yuyv => &[b"YUYV"],
+        PixelFormat::Nv12 => &[b"NV12"],
+    }
+}
+
+/// A camera's layout, and the memory for what must be copied.
+#[derive(Debug)]
+pub struct Luma {
+    width_px: usize,
+    height_px: usize,
+    stride_bytes: usize,
+    row_bytes: usize,
+    samples: Samples,
+}
+
+#[derive(Debug)]
+enum Samples {
+    /// One byte each, first in the buffer.
+    Bytes,
+    /// One word each.
+    Words { white_level: u16 },
+    /// Every other byte.
+    Alternate { luma: Vec<u8> },
+    /// Four in five bytes.
+    Packed { unpack: fn(&[u8; 5]) -> [u16; 4], luma: Vec<u16> },
+}
+
+impl Luma {
+    /// The layout of the kernel's code; `stride_bytes` is from row to row, 0
+    /// when rows are not padded.
+    ///
+    /// # Errors
+    /// When rows do not fit in the stride, or the size cannot be tracked or packed.
+    pub fn new(code: &[u8; 4], size_px: (usize, usize), stride_bytes: usize) -> Result<Self> {
+        let (width_px, height_px) = size_px;
+        let samples_max = width_px.checked_mul(height_px).context("the size is too large")?;
+        let packed = |unpack| Samples::Packed { unpack, luma: vec![0; samples_max] };
+        let (row_bytes, samples) = match code {
+            b"GREY" | b"NV12" => (width_px, Samples::Bytes),
+            b"Y10 " => (2 * width_px, Samples::Words { white_level: WHITE_10_BIT }),
+            b"Y16 " => (2 * width_px, Samples::Words { white_level: u16::MAX }),
+            b"YUYV" => (2 * width_px, Samples::Alternate { luma: vec![0; samples_max] }),
+            b"Y10P" => (width_px / 4 * 5, packed(unpack_low_bits_last)),
+            b"Y10B" => (width_px / 4 * 5, packed(unpack_bit_stream)),
+            _ => bail!("the format {} is not read here", code.escape_ascii()),
+        };
+        if matches!(samples, Samples::Packed { .. }) && !width_px.is_multiple_of(4) {
+            bail!("packed rows of {width_px} px: only multiples of 4 are read");
+        }
+        let stride_bytes = if stride_bytes == 0 { row_bytes } else { stride_bytes };
+        if stride_bytes < row_bytes {
+            bail!("its rows of {width_px} px take {row_bytes} bytes, and it says {stride_bytes}");
+        }
+        if matches!(samples, Samples::Words { .. }) && !stride_bytes.is_multiple_of(2) {
+            bail!("its rows of 16-bit words are {stride_bytes} bytes apart, an odd number");
+        }
+        let luma = Self { width_px, height_px, stride_bytes, row_bytes, samples };
+        let blank = vec![0; luma.bytes_min()];
+        let blank_words = vec![0; luma.bytes_min() / 2];
+        luma.view(&blank, &blank_words).context("the size of the frame cannot be tracked")?;
+        Ok(luma)
+    }
+
+    /// What a whole frame takes; the last row's padding and colours are not needed.
+    pub fn bytes_min(&self) -> usize {
+        self.stride_bytes * (self.height_px - 1) + self.row_bytes
+    }
+
+    /// Copies what cannot be read where it lies. `bytes` holds a whole frame.
+    pub fn load(&mut self, bytes: &[u8]) {
+        let rows = bytes.chunks(self.stride_bytes).map(|row| &row[..self.row_bytes]);
+        match &mut self.samples {
+            Samples::Bytes | Samples::Words { .. } => {}
+            Samples::Alternate { luma } => {
+                for (to, row) in luma.chunks_exact_mut(self.width_px).zip(rows) {
+                    for (to, pair) in to.iter_mut().zip(row.chunks_exact(2)) {
+                        *to = pair[0];
+                    }
+                }
+            }
+            Samples::Packed { unpack, luma } => {
+                for (to, row) in luma.chunks_exact_mut(self.width_px).zip(rows) {
+                    let (groups, _) = row.as_chunks();
+                    for (to, group) in to.as_chunks_mut().0.iter_mut().zip(groups) {
+                        *to = unpack(group);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The frame: its own `bytes`, the same as `words`, or what
+    /// [`load`](Self::load) has copied of them. `None` when they are too short.
+    pub fn view<'a>(&'a self, bytes: &'a [u8], words: &'a [u16]) -> Option<Pixels<'a>> {
+        let (width, height) = (self.width_px, self.height_px);
+        let grey8 = |luma, stride| GreyImage::new(luma, width, height, stride).ok();
+        let grey16 = |luma, stride, white_level| {
+            GreyImage::with_white_level(luma, width, height, stride, white_level).ok()
+        };
+        match &self.samples {
+            Samples::Bytes => grey8(bytes, self.stride_bytes).map(Pixels::Grey8),
+            Samples::Words { white_level } => {
+                grey16(words, self.stride_bytes / 2, *white_level).map(Pixels::Grey16)
+            }
+            Samples::Alternate { luma } => grey8(luma, width).map(Pixels::Grey8),
+            Samples::Packed { luma, .. } => grey16(luma, width, WHITE_10_BIT).map(Pixels::Grey16),
+        }
+    }
+}
+
+/// Four high bytes; the fifth has the low bits, those of the first sample lowest.
+fn unpack_low_bits_last(group: &[u8; 5]) -> [u16; 4] {
+    let low = u16::from(group[4]);
+    std::array::from_fn(|i| u16::from(group[i]) << 2 | low >> (2 * i) & 3)
+}
+
+/// One stream of bits, the highest bit of the first sample first.
+fn unpack_bit_stream(group: &[u8; 5]) -> [u16; 4] {
+    let bits = group.iter().fold(0_u64, |bits, &byte| bits << 8 | u64::from(byte));
+    std::array::from_fn(|i| (bits >> (30 - 10 * i)) as u16 & WHITE_10_BIT)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+
+    /// Sample (x, y) of a frame, by the format's definition, bit by bit.
+    fn sample(code: &[u8; 4], bytes: &[u8], stride: usize, x: usize, y: usize) -> u16 {
+        let row = &bytes[y * stride..];
+        let byte = |at: usize| u16::from(row[at]);
+        match code {
+            b"GREY" | b"NV12" => byte(x),
+            b"Y10 " | b"Y16 " => byte(2 * x) + 256 * byte(2 * x + 1),
+            b"YUYV" => byte(2 * x),
+            b"Y10P" => {
+                let (group, of) = (5 * (x / 4), x % 4);
+                4 * byte(group + of) + (byte(group + 4) / 4_u16.pow(of as u32)) % 4
+            }
+            b"Y10B" => (10 * x..10 * x + 10)
+                .fold(0, |value, bit| 2 * value + (byte(bit / 8) >> (7 - bit % 8)) % 2),
+            _ => unreachable!(),
+        }
+    }
+
+    #[test]
+    fn every_format_reads_as_it_is_defined() {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let tight: [(&[u8; 4], usize, u16); 7] = [
+            (b"GREY", 64, 255),
+            (b"NV12", 64, 255),
+            (b"Y10 ", 128, 1023),
+            (b"Y16 ", 128, 65535),
+            (b"YUYV", 128, 255),
+            (b"Y10P", 80, 1023),
+            (b"Y10B", 80, 1023),
+        ];
+        for (code, row_bytes, white_level) in tight {
+            for padding in [0, 2, 6, 64] {
+                let stride = row_bytes + padding;
+                let asked = if padding == 0 { 0 } else { stride };
+                let mut luma = Luma::new(code, (64, 65), asked).unwrap();
+                assert_eq!(luma.bytes_min(), stride * 64 + row_bytes);
+                let mut bytes = vec![0; luma.bytes_min()];
+                random.fill_bytes(&mut bytes);
+                let words: Vec<u16> =
+                    bytes.as_chunks().0.iter().copied().map(u16::from_le_bytes).collect();
+                luma.load(&bytes);
+                let pixels = luma.view(&bytes, &words).unwrap();
+                let mut read = |x: usize, y: usize| match pixels {
+                    Pixels::Grey8(image) => (u16::from(image.row(y)[x]), image.white_level()),
+                    Pixels::Grey16(image) => (image.row(y)[x], image.white_level()),
+                };
+                for (x, y) in (0..65).flat_map(|y| (0..64).map(move |x| (x, y))) {
+                    let expected = (sample(code, &bytes, stride, x, y), white_level);
+                    let name = code.escape_ascii();
+                    assert_eq!(read(x, y), expected, "{name} +{padding} at {x}, {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_frame_that_is_read_where_it_lies_is_not_copied() {
+        for code in [b"GREY", b"NV12"] {
+            let luma = Luma::new(code, (64, 64), 0).unwrap();
+            let bytes = [7; 64 * 64];
+            let Some(Pixels::Grey8(image)) = luma.view(&bytes, &[]) else { panic!("8 bits") };
+            assert_eq!(image.row(0).as_ptr(), bytes.as_ptr());
+        }
+        let luma = Luma::new(b"Y16 ", (64, 64), 0).unwrap();
+        let words = [7; 64 * 64];
+        let Some(Pixels::Grey16(image)) = luma.view(&[], &words) else { panic!("16 bits") };
+        assert_eq!(image.row(0).as_ptr(), words.as_ptr());
+    }
+
+    #[test]
+    fn impossible_layouts_are_refused_with_their_reason() {
+        let cases: [(&[u8; 4], (usize, usize), usize, &str); 5] = [
+            (b"MJPG", (64, 64), 0, "MJPG is not read"),
+            (b"GREY", (64, 64), 63, "take 64 bytes, and it says 63"),
+            (b"Y16 ", (64, 64), 129, "an odd number"),
+            (b"Y10P", (66, 64), 0, "multiples of 4"),
+            (b"GREY", (8, 8), 0, "cannot be tracked"),
+        ];
+        for (code, size_px, stride, expected) in cases {
+            let error = Luma::new(code, size_px, stride).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! A Video4Linux camera: USB cameras, HDMI grabbers, and others whose driver
+//! gives whole pictures.
+//!
+//! [`device`] finds the camera and settles format, size and rate; [`controls`]
+//! fixes exposure and gain; [`intake`] takes the frames off the driver's queue,
+//! with [`buffers`] to know who owns which buffer and [`stamp`] to know when a
+//! frame was captured; [`luma`] finds the grey values. [`driver`] and
+//! [`mapping`] are the only parts that touch the kernel, and the only ones with
+//! unsafe code.
+//!
+//! Frames are read in the driver's own memory where the format allows. Waiting
+//! and handing out allocate nothing; losing the camera does, once. A frame that
+//! is handed out stays whole until the next wait.
+
+mod buffers;
+mod controls;
+mod device;
+mod driver;
+mod intake;
+mod luma;
+mod mapping;
+mod stamp;
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+use plumbline::config::Capture;
+
+use super::Frame;
+use super::camera::{Counts, Device, Waited};
+use buffers::BUFFERS_MAX;
+use driver::Driver;
+use intake::{BUFFERS_MIN, Intake};
+use luma::Luma;
+use mapping::Mapping;
+
+/// Three may be away from the driver at once; as many are left to it, so that
+/// a loop that is late by two frames loses none.
+const BUFFERS_ASKED: u32 = 6;
+
+/// A camera that runs.
+#[derive(Debug)]
+pub struct V4l2 {
+    path: String,
+    luma: Luma,
+    intake: Intake,
+    stream: Stream,
+}
+
+/// The driver's buffers in this process's memory.
+///
+/// Dropped in the one order that the kernel accepts: the flow of frames stops,
+/// the memory is unmapped, the buffers are freed, the device is closed.
+#[derive(Debug)]
+struct Stream {
+    mappings: Vec<Mapping>,
+    driver: Driver,
+}
+
+impl Stream {
+    /// Asks for buffers and maps them.
+    fn new(driver: Driver, bytes_min: usize) -> Result<Self> {
+        let mut stream = Self { mappings: Vec::new(), driver };
+        let driver = &stream.driver;
+        let count = driver
+            .request_buffers(BUFFERS_ASKED)
+            .context("its driver gives no buffers: does another program use it?")?;
+        ensure!(
+            count >= BUFFERS_MIN,
+            "its driver gives {count} buffers, and at least {BUFFERS_MIN} are needed"
+        );
+        for index in 0..count.min(BUFFERS_MAX as u32) {
+            let mapping = driver.map(index).context("a buffer cannot be mapped")?;
+            ensure!(
+                mapping.len_bytes() >= bytes_min,
+                "its buffers have {} bytes, and a frame takes {bytes_min}",
+                mapping.len_bytes()
+            );
+            stream.mappings.push(mapping);
+        }
+        Ok(stream)
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        // A device that is gone answers with errors, and has stopped all the same.
+        let _ = self.driver.stop();
+        self.mappings.clear();
+        let _ = self.driver.request_buffers(0);
+    }
+}
+
+impl V4l2 {
+    fn start(settled: device::Settled, capture: &Capture, width_px: usize) -> Result<Self> {
+        let device::Settled { driver, path, luma } = settled;
+        for warning in controls::set_up(&driver, capture, width_px)? {
+            log::warn!("camera: {path}: {warning}");
+        }
+        let stream = Stream::new(driver, luma.bytes_min())?;
+        let intake = Intake::new(&stream.driver, stream.mappings.len(), luma.bytes_min())
+            .context("its driver does not take its buffers")?;
+        stream.driver.start().context("it does not start")?;
+        Ok(Self { path, luma, intake, stream })
+    }
+}
+
+impl Device for V4l2 {
+    fn open(capture: &Capture, size_px: (usize, usize)) -> Result<Self> {
+        let settled = device::settle(capture, size_px)?;
+        let path = settled.path.clone();
+        Self::start(settled, capture, size_px.0).context(path)
+    }
+
+    fn wait(&mut self, until: Instant) -> Waited {
+        let waited = self.intake.wait(&self.stream.driver, until);
+        if let Some(arrived) = self.intake.out() {
+            let mapping = &self.stream.mappings[arrived.ours.index() as usize];
+            self.luma.load(mapping.bytes(&arrived.ours));
+        }
+        match waited {
+            Waited::Lost(what) => Waited::Lost(format!("{}: {what}", self.path)),
+            waited => waited,
+        }
+    }
+
+    fn frame(&self) -> Frame<'_> {
+        let arrived = self.intake.out().expect("a frame is asked for after a wait that found one");
+        let mapping = &self.stream.mappings[arrived.ours.index() as usize];
+        let pixels = self
+            .luma
+            .view(mapping.bytes(&arrived.ours), mapping.words(&arrived.ours))
+            .expect("every mapping was found to hold a frame when the camera was opened");
+        Frame {
+            pixels,
+            capture_time_ns: arrived.stamp.capture_time_ns,
+            instant: arrived.stamp.instant,
+            ready_at: arrived.stamp.ready_at,
+            late: self.intake.is_late(),
+        }
+    }
+
+    fn counts(&self) -> Counts {
+        self.intake.counts()
+    }
+}

@@ -1,0 +1,354 @@
+//! `box.toml`: the box's name, its camera's settings, its links, its computer.
+//!
+//! ```toml
+//! device = "ward 3"
+//! serial_number = "PL-0001"
+//!
+//! [capture]
+//! driver = "v4l2"                # or "libcamera"
+//! device = "/dev/video0"         # left out: the first camera that can do this
+//! pixel_format = "grey"          # "grey", "y10", "y16", "yuyv" or "nv12"
+//! rate_hz = 60.0
+//! exposure_us = 4000             # left out: as the camera has it
+//! gain = 2.0                     # the driver's steps (v4l2) or a factor (libcamera)
+//!
+//! [links]
+//! udp = "192.168.1.20:4210"
+//! serial = "/dev/ttyS0:115200"
+//!
+//! [network]                      # left out: an address by DHCP
+//! address = "192.168.1.30/24"
+//! gateway = "192.168.1.1"
+//!
+//! [machine]
+//! realtime_priority = 50         # 0: none
+//! cpu = 3                        # left out: any core
+//! watchdog_s = 15                # 0: none
+//! ```
+//!
+//! Everything may be left out but `driver`, `pixel_format` and `rate_hz` of a capture.
+
+use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
+use std::path::Path;
+
+use plumbline::config::{
+    Capture, CaptureDriver, Config, Links, Machine, Network, PixelFormat, SerialLink,
+};
+use serde::Deserialize;
+
+use crate::error::BadInput;
+use crate::files::{from_toml, read_text};
+
+const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial), [network] (address, gateway) and [machine] (realtime_priority, cpu, watchdog_s)";
+
+/// Above the computer's other programs, below the kernel's own threads.
+const REALTIME_PRIORITY: u8 = 50;
+
+/// The Raspberry Pi's watchdog waits at most this long.
+const WATCHDOG_S: u16 = 15;
+
+/// The settings of one box, as its file gives them.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoxSettings {
+    #[serde(default = "default_device")]
+    device: String,
+    #[serde(default = "default_serial_number")]
+    serial_number: String,
+    capture: Option<CaptureFields>,
+    #[serde(default)]
+    links: LinkFields,
+    network: Option<NetworkFields>,
+    #[serde(default)]
+    machine: MachineFields,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CaptureFields {
+    #[serde(with = "DriverName")]
+    driver: CaptureDriver,
+    #[serde(default)]
+    device: String,
+    #[serde(with = "PixelFormatName")]
+    pixel_format: PixelFormat,
+    rate_hz: f32,
+    exposure_us: Option<u32>,
+    gain: Option<f32>,
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "CaptureDriver", rename_all = "snake_case")]
+enum DriverName {
+    V4l2,
+    Libcamera,
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "PixelFormat", rename_all = "snake_case")]
+enum PixelFormatName {
+    Grey,
+    Y10,
+    Y16,
+    Yuyv,
+    Nv12,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LinkFields {
+    udp: Option<String>,
+    serial: Option<String>,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NetworkFields {
+    address: String,
+    gateway: Option<Ipv4Addr>,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MachineFields {
+    #[serde(default = "default_realtime_priority")]
+    realtime_priority: u8,
+    cpu: Option<u8>,
+    #[serde(default = "default_watchdog_s")]
+    watchdog_s: u16,
+}
+
+impl Default for MachineFields {
+    fn default() -> Self {
+        Self { realtime_priority: REALTIME_PRIORITY, cpu: None, watchdog_s: WATCHDOG_S }
+    }
+}
+
+impl Default for BoxSettings {
+    fn default() -> Self {
+        Self {
+            device: default_device(),
+            serial_number: default_serial_number(),
+            capture: None,
+            links: LinkFields::default(),
+            network: None,
+            machine: MachineFields::default(),
+        }
+    }
+}
+
+fn default_device() -> String {
+    "plumbline".into()
+}
+
+fn default_serial_number() -> String {
+    "0".into()
+}
+
+fn default_realtime_priority() -> u8 {
+    REALTIME_PRIORITY
+}
+
+fn default_watchdog_s() -> u16 {
+    WATCHDOG_S
+}
+
+/// The settings of a file.
+///
+/// # Errors
+/// When the file cannot be read, or a field is missing, unknown or of another type.
+pub fn read(path: &Path) -> Result<BoxSettings, BadInput> {
+    from_toml(&read_text(path)?, &path.display().to_string(), REMEDY)
+}
+
+impl BoxSettings {
+    /// Puts the settings into a configuration; `place` names the file in errors.
+    ///
+    /// # Errors
+    /// When a text is too long, or an address cannot be understood. Ranges are
+    /// the configuration's own check.
+    pub fn apply(&self, config: &mut Config, place: &str) -> Result<(), BadInput> {
+        config.device = text(place, "device", &self.device)?;
+        config.serial_number = text(place, "serial_number", &self.serial_number)?;
+        config.capture = match &self.capture {
+            Some(fields) => Some(Capture {
+                driver: fields.driver,
+                device: text(place, "capture.device", &fields.device)?,
+                pixel_format: fields.pixel_format,
+                rate_hz: fields.rate_hz,
+                exposure_us: fields.exposure_us,
+                gain: fields.gain,
+            }),
+            None => None,
+        };
+        config.links = Links {
+            udp: self.links.udp.as_deref().map(|it| udp(place, "links.udp", it)).transpose()?,
+            serial: match self.links.serial.as_deref() {
+                Some(value) => Some(serial(place, "links.serial", value)?),
+                None => None,
+            },
+        };
+        config.machine = Machine {
+            network: match &self.network {
+                Some(fields) => fixed(place, fields)?,
+                None => Network::Dhcp,
+            },
+            realtime_priority: Some(self.machine.realtime_priority).filter(|it| *it > 0),
+            cpu: self.machine.cpu,
+            watchdog_s: Some(self.machine.watchdog_s).filter(|it| *it > 0),
+        };
+        Ok(())
+    }
+}
+
+fn text<const N: usize>(
+    place: &str,
+    field: &str,
+    value: &str,
+) -> Result<heapless::String<N>, BadInput> {
+    value.try_into().map_err(|_| {
+        let found = format!("{value:?} has {} bytes", value.len());
+        BadInput::new(place, field, found, format!("give at most {N} bytes"))
+    })
+}
+
+/// A UDP destination; `place` and `field` name it in errors.
+///
+/// # Errors
+/// When it is not `HOST:PORT`, or the host has no address.
+pub fn udp(place: &str, field: &str, value: &str) -> Result<SocketAddr, BadInput> {
+    let bad = |found: String| {
+        BadInput::new(place, field, found, "give HOST:PORT, for example 192.168.1.20:4210")
+    };
+    let mut addresses =
+        value.to_socket_addrs().map_err(|error| bad(format!("{value:?}: {error}")))?;
+    addresses.next().ok_or_else(|| bad(format!("{value:?} has no address")))
+}
+
+/// A serial line; `place` and `field` name it in errors.
+///
+/// # Errors
+/// When it is not `DEVICE:BAUD`, or the device's name is too long.
+pub fn serial(place: &str, field: &str, value: &str) -> Result<SerialLink, BadInput> {
+    let parts = value.rsplit_once(':').and_then(|(path, baud)| Some((path, baud.parse().ok()?)));
+    let Some((path, baud)) = parts else {
+        let remedy = "give DEVICE:BAUD, for example /dev/ttyS0:115200";
+        return Err(BadInput::new(place, field, format!("{value:?}"), remedy));
+    };
+    Ok(SerialLink { path: text(place, field, path)?, baud })
+}
+
+fn fixed(place: &str, fields: &NetworkFields) -> Result<Network, BadInput> {
+    let parts = fields.address.split_once('/');
+    let parts = parts.and_then(|(address, bits)| Some((address.parse().ok()?, bits.parse().ok()?)));
+    let Some((address, prefix_bits)) = parts else {
+        let remedy = "give an address with its prefix, for example 192.168.1.30/24";
+        return Err(BadInput::new(
+            place,
+            "network.address",
+            format!("{:?}", fields.address),
+            remedy,
+        ));
+    };
+    Ok(Network::Static { address, prefix_bits, gateway: fields.gateway })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{Simulation, SimulationSettings};
+
+    const WHOLE: &str = r#"
+        device = "ward 3"
+        serial_number = "PL-0001"
+        [capture]
+        driver = "libcamera"
+        device = "imx296"
+        pixel_format = "y10"
+        rate_hz = 60
+        exposure_us = 4000
+        gain = 2.5
+        [links]
+        udp = "192.168.1.20:4210"
+        serial = "/dev/ttyS0:115200"
+        [network]
+        address = "192.168.1.30/24"
+        gateway = "192.168.1.1"
+        [machine]
+        realtime_priority = 0
+        cpu = 3
+        watchdog_s = 0
+    "#;
+
+    fn parse(text: &str) -> Result<BoxSettings, BadInput> {
+        from_toml(text, "box.toml", REMEDY)
+    }
+
+    fn applied(text: &str) -> Result<Config, BadInput> {
+        let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+        let mut config = simulation.config();
+        parse(text)?.apply(&mut config, "box.toml")?;
+        Ok(config)
+    }
+
+    #[test]
+    fn every_field_arrives() {
+        let config = applied(WHOLE).unwrap();
+        assert_eq!((config.device.as_str(), config.serial_number.as_str()), ("ward 3", "PL-0001"));
+        let expected = Capture {
+            driver: CaptureDriver::Libcamera,
+            device: "imx296".try_into().unwrap(),
+            pixel_format: PixelFormat::Y10,
+            rate_hz: 60.0,
+            exposure_us: Some(4000),
+            gain: Some(2.5),
+        };
+        assert_eq!(config.capture, Some(expected));
+        assert_eq!(config.links.udp, Some("192.168.1.20:4210".parse().unwrap()));
+        let line = config.links.serial.as_ref().unwrap();
+        assert_eq!((line.path.as_str(), line.baud), ("/dev/ttyS0", 115_200));
+        let network = Network::Static {
+            address: Ipv4Addr::new(192, 168, 1, 30),
+            prefix_bits: 24,
+            gateway: Some(Ipv4Addr::new(192, 168, 1, 1)),
+        };
+        let expected = Machine { network, realtime_priority: None, cpu: Some(3), watchdog_s: None };
+        assert_eq!(config.machine, expected);
+    }
+
+    #[test]
+    fn what_is_left_out_has_a_sensible_value() {
+        let config = applied("").unwrap();
+        assert_eq!(config.capture, None);
+        assert_eq!(config.links, Links::default());
+        let expected = Machine {
+            network: Network::Dhcp,
+            realtime_priority: Some(REALTIME_PRIORITY),
+            cpu: None,
+            watchdog_s: Some(WATCHDOG_S),
+        };
+        assert_eq!(config.machine, expected);
+        assert_eq!(parse("").unwrap(), BoxSettings::default());
+    }
+
+    #[test]
+    fn a_bad_field_is_named() {
+        for (good, bad, field) in [
+            ("device = \"ward 3\"", "device = \"a name of more than 24 bytes\"", "device"),
+            ("\"libcamera\"", "\"gphoto\"", "driver"),
+            ("\"y10\"", "\"rgb\"", "pixel_format"),
+            ("rate_hz = 60", "", "rate_hz"),
+            ("gain = 2.5", "gains = 2.5", "gains"),
+            ("1.20:4210", "1.20", "links.udp"),
+            ("ttyS0:115200", "ttyS0", "links.serial"),
+            ("1.30/24", "1.30", "network.address"),
+            ("\"192.168.1.1\"", "\"the router\"", "gateway"),
+            ("watchdog_s = 0", "watchdog_s = -1", "watchdog_s"),
+        ] {
+            let text = WHOLE.replacen(good, bad, 1);
+            assert_ne!(text, WHOLE);
+            let error = applied(&text).unwrap_err();
+            assert!(error.field.starts_with(field), "{field}: {error}");
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! The same poses on every processor: one recording is tracked by this
+//! machine's `plumb` and by the one that runs under QEMU.
+//!
+//! Rust neither reorders nor fuses floating-point operations, and the core takes
+//! its functions from one library, so that the two should give the same bits.
+//! What is asked of them is [`DIFFERENCE_MM_MAX`]; what they reach is printed.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::command::{Task, target_directory};
+use crate::cross::{Linking, Toolchain};
+
+/// Farthest that a coordinate may be from the other processor's.
+const DIFFERENCE_MM_MAX: f64 = 1e-6;
+
+/// The length of the recording, 60 to a second. An arm hides a target for a part
+/// of it, so that losing, searching and finding are in it as well as tracking.
+const FRAMES: usize = 60;
+const ARM_IN_THE_WAY: &str = "lumbar:0.3:0.5";
+
+/// The standard scene has two.
+const TARGETS: usize = 2;
+
+/// The coordinates of a row: the target's origin, and the trunk point it carries.
+const COORDINATES: [&str; 6] = ["x_mm", "y_mm", "z_mm", "ap_mm", "ml_mm", "si_mm"];
+
+/// What must be the very same: what was seen, and how.
+const IDENTICAL: [&str; 4] = ["frame", "target", "state", "points"];
+
+/// Tracks the recording twice and compares every pose.
+pub fn check(toolchain: &Toolchain) -> Result<()> {
+    let directory = target_directory().join("agreement");
+    let place = |name: &str| directory.join(name).display().to_string();
+    Task::cargo().args(["build", "--package", "plumb"]).run()?;
+    let native = || Task::new(target_directory().join("debug/plumb"));
+    native()
+        .args(["simulate", "--force", "--frames", &FRAMES.to_string()])
+        .args(["--occlude", ARM_IN_THE_WAY, "--out", &place("")])
+        .run()?;
+    let track = |plumb: Task, out: &str| {
+        plumb
+            .args(["track", "--camera", &place("camera.toml"), "--targets", &place("targets.toml")])
+            .args(["--scene", &place("scene.toml"), "--out", &place(out)])
+            .args([&place("frames.y4m")])
+            .run()
+    };
+    track(native(), "native.csv")?;
+    let emulated = toolchain.programs(Linking::Static, "debug").join("plumb");
+    track(Task::new(toolchain.emulator()).args([emulated]), "arm.csv")?;
+    // A hundred megabytes that nobody wants to find again; the poses stay.
+    fs::remove_file(directory.join("frames.y4m")).context("frames.y4m")?;
+    let compared = compare(&directory.join("native.csv"), &directory.join("arm.csv"))?;
+    ensure!(
+        compared.rows == FRAMES * TARGETS,
+        "{} rows of poses for {FRAMES} frames of {TARGETS} targets",
+        compared.rows
+    );
+    println!("{compared}");
+    ensure!(
+        compared.largest_mm <= DIFFERENCE_MM_MAX,
+        "the poses of the two processors differ by {:e} mm, more than {DIFFERENCE_MM_MAX:e}",
+        compared.largest_mm
+    );
+    Ok(())
+}
+
+/// How two files of poses differ.
+#[derive(Debug, PartialEq)]
+struct Compared {
+    rows: usize,
+    /// Rows with a pose.
+    poses: usize,
+    /// The largest difference of a coordinate.
+    largest_mm: f64,
+}
+
+impl std::fmt::Display for Compared {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            formatter,
+            "{} poses in {} rows: largest difference of a coordinate {:e} mm",
+            self.poses, self.rows, self.largest_mm
+        )
+    }
+}
+
+fn compare(one: &Path, other: &Path) -> Result<Compared> {
+    let read = |path: &Path| fs::read_to_string(path).with_context(|| path.display().to_string());
+    compare_rows(&read(one)?, &read(other)?)
+        .with_context(|| format!("{} and {}", one.display(), other.display()))
+}
+
+/// Compares the rows of two files in pairs; an error where they tell of different things.
+fn compare_rows(one: &str, other: &str) -> Result<Compared> {
+    let [mut one, mut other] = [one, other].map(|text| csv::Reader::from_reader(text.as_bytes()));
+    let header = one.headers()?.clone();
+    ensure!(&header == other.headers()?, "the columns differ");
+    let column = |name: &str| {
+        header.iter().position(|column| column == name).with_context(|| format!("no column {name}"))
+    };
+    let identical = IDENTICAL.map(column).into_iter().collect::<Result<Vec<_>>>()?;
+    let coordinates = COORDINATES.map(column).into_iter().collect::<Result<Vec<_>>>()?;
+    let mut compared = Compared { rows: 0, poses: 0, largest_mm: 0.0 };
+    let (mut one, mut other) = (one.records(), other.records());
+    loop {
+        let (left, right) = match (one.next(), other.next()) {
+            (Some(left), Some(right)) => (left?, right?),
+            (None, None) => return Ok(compared),
+            _ => bail!("only one of them goes on after row {}", compared.rows),
+        };
+        compared.rows += 1;
+        for &column in &identical {
+            let (left, right) = (&left[column], &right[column]);
+            ensure!(
+                left == right,
+                "row {}: {} is {left:?} and {right:?}",
+                compared.rows,
+                &header[column]
+            );
+        }
+        let mut has_pose = false;
+        for &column in &coordinates {
+            let (left, right) = (&left[column], &right[column]);
+            if left.is_empty() && right.is_empty() {
+                continue;
+            }
+            let number = |text: &str| {
+                text.parse::<f64>().ok().filter(|value| value.is_finite()).with_context(|| {
+                    format!("row {}: {} is {text:?}", compared.rows, &header[column])
+                })
+            };
+            compared.largest_mm = compared.largest_mm.max((number(left)? - number(right)?).abs());
+            has_pose = true;
+        }
+        compared.poses += usize::from(has_pose);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str = "frame,time_s,target,state,x_mm,y_mm,z_mm,points,ap_mm,ml_mm,si_mm";
+
+    fn file(rows: &[&str]) -> String {
+        format!("{HEADER}\n{}\n", rows.join("\n"))
+    }
+
+    #[test]
+    fn the_largest_difference_of_all_coordinates_is_told() {
+        let one = file(&["0,0,lumbar,tracking,1,2,1000,30,4,5,6", "0,0,shoulder,lost,,,,0,,,"]);
+        let same = compare_rows(&one, &one).unwrap();
+        assert_eq!(same, Compared { rows: 2, poses: 1, largest_mm: 0.0 });
+        for (from, to, largest_mm) in
+            [("1000", "1000.000002", 2e-6), (",4,", ",3.5,", 0.5), (",2,", ",2.25,", 0.25)]
+        {
+            let other = one.replacen(from, to, 1);
+            let compared = compare_rows(&one, &other).unwrap();
+            assert!((compared.largest_mm - largest_mm).abs() < 1e-9, "{to}: {compared}");
+        }
+    }
+
+    #[test]
+    fn files_that_tell_of_different_things_do_not_agree() {
+        let row = "0,0,lumbar,tracking,1,2,1000,30,4,5,6";
+        let one = file(&[row]);
+        for (other, part) in [
+            (file(&[row, row]), "only one of them goes on after row 1"),
+            (one.replace("tracking", "coasting"), "state is \"tracking\" and \"coasting\""),
+            (one.replace(",30,", ",29,"), "points"),
+            (one.replace("1000", ""), "z_mm is \"\""),
+            (one.replace("1000", "NaN"), "z_mm is \"NaN\""),
+            (one.replace("y_mm", "w_mm"), "the columns differ"),
+        ] {
+            let error = format!("{:#}", compare_rows(&one, &other).unwrap_err());
+            assert!(error.contains(part), "{error}");
+        }
+        let narrow = "frame,target\n0,lumbar\n";
+        assert!(compare_rows(narrow, narrow).unwrap_err().to_string().contains("no column state"));
+    }
+}

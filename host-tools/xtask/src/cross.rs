@@ -1,0 +1,326 @@
+//! Building for ARM on this machine, and running what was built under QEMU.
+//!
+//! rustup's own standard library for the target is used where it is installed.
+//! Where it is not, a download may hang, so Debian's compiler is taken: it
+//! comes with a standard library for 64-bit ARM, and with the sources of one
+//! for 32-bit ARM. Both ways link with Debian's cross gcc.
+//!
+//! A [`Toolchain`] is a set of cargo's environment variables, so that every
+//! printed line can be typed again as it is. What it builds lies below
+//! `target/`, apart from the native build: artefacts of two compilers do not mix.
+
+use std::env;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+
+use crate::command::{Task, target_directory};
+use crate::setup::{self, Need, Probe};
+
+/// The variable that tells the tests what to start this project's programs with,
+/// where these are of another processor than the machine; see `tests/common/runner.rs`.
+pub const RUNNER: &str = "PLUMBLINE_RUNNER";
+
+/// An ARM processor's way of running Linux programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// 64-bit: the box.
+    Aarch64,
+    /// 32-bit, hard float: a smaller board.
+    Armv7,
+}
+
+impl Target {
+    /// Rust's name of it.
+    pub const fn triple(self) -> &'static str {
+        match self {
+            Self::Aarch64 => "aarch64-unknown-linux-gnu",
+            Self::Armv7 => "armv7-unknown-linux-gnueabihf",
+        }
+    }
+
+    /// The program that runs its static programs on this machine.
+    const fn emulator(self) -> &'static str {
+        match self {
+            Self::Aarch64 => "qemu-aarch64-static",
+            Self::Armv7 => "qemu-arm-static",
+        }
+    }
+
+    const fn linker(self) -> &'static str {
+        match self {
+            Self::Aarch64 => "aarch64-linux-gnu-gcc",
+            Self::Armv7 => "arm-linux-gnueabihf-gcc",
+        }
+    }
+
+    /// What every build for it needs.
+    const fn linking_needs(self) -> &'static [Need] {
+        match self {
+            Self::Aarch64 => AARCH64_LINKING,
+            Self::Armv7 => ARMV7_LINKING,
+        }
+    }
+
+    /// What stands in for rustup's standard library.
+    const fn compiler_needs(self) -> &'static [Need] {
+        match self {
+            Self::Aarch64 => AARCH64_COMPILER,
+            Self::Armv7 => ARMV7_COMPILER,
+        }
+    }
+
+    /// Installs what is missing.
+    pub fn prepare(self) -> Result<()> {
+        self.toolchain().map(drop)
+    }
+
+    /// Installs what is missing, and tells how to build.
+    pub fn toolchain(self) -> Result<Toolchain> {
+        setup::ensure(&[setup::LINKER, self.linking_needs()])?;
+        let compiler = if self.is_installed_by_rustup() {
+            Compiler::Rustup
+        } else {
+            if !setup::are_there(self.compiler_needs()) {
+                let triple = self.triple();
+                println!(
+                    "This Rust cannot build for {triple}: Debian's is taken. \
+                     Instead, `rustup target add {triple}` does where its download works."
+                );
+            }
+            setup::ensure(&[self.compiler_needs()])?;
+            Compiler::Debian
+        };
+        Ok(Toolchain { target: self, compiler })
+    }
+
+    fn is_installed_by_rustup(self) -> bool {
+        let compiler = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+        let sysroot = Task::new(compiler).args(["--print", "sysroot"]).output();
+        sysroot.is_ok_and(|path| {
+            Path::new(path.trim()).join("lib/rustlib").join(self.triple()).join("lib").is_dir()
+        })
+    }
+}
+
+const AARCH64_LINKING: &[Need] = &[
+    Need {
+        probe: Probe::Program("aarch64-linux-gnu-gcc"),
+        package: "gcc-aarch64-linux-gnu",
+        why: "links programs for 64-bit ARM",
+    },
+    Need {
+        probe: Probe::File("/usr/aarch64-linux-gnu/lib/libc.a"),
+        package: "libc6-dev-arm64-cross",
+        why: "the C library of 64-bit ARM, part of its programs",
+    },
+    Need {
+        probe: Probe::Program("qemu-aarch64-static"),
+        package: "qemu-user-static",
+        why: "runs ARM programs on this machine",
+    },
+];
+
+const AARCH64_COMPILER: &[Need] = &[
+    RUSTC,
+    CARGO,
+    Need {
+        probe: Probe::Package("libstd-rust-web-dev:arm64"),
+        package: "libstd-rust-web-dev:arm64",
+        why: "Rust's standard library for 64-bit ARM",
+    },
+];
+
+const ARMV7_LINKING: &[Need] = &[
+    Need {
+        probe: Probe::Program("arm-linux-gnueabihf-gcc"),
+        package: "gcc-arm-linux-gnueabihf",
+        why: "links programs for 32-bit ARM",
+    },
+    Need {
+        probe: Probe::File("/usr/arm-linux-gnueabihf/lib/libc.a"),
+        package: "libc6-dev-armhf-cross",
+        why: "the C library of 32-bit ARM, part of its programs",
+    },
+    Need {
+        probe: Probe::Program("qemu-arm-static"),
+        package: "qemu-user-static",
+        why: "runs ARM programs on this machine",
+    },
+];
+
+const ARMV7_COMPILER: &[Need] = &[
+    RUSTC,
+    CARGO,
+    Need {
+        probe: Probe::Package("rust-web-src"),
+        package: "rust-web-src",
+        why: "Rust's standard library, to be built for 32-bit ARM",
+    },
+];
+
+const RUSTC: Need = Need {
+    probe: Probe::Package("rustc-web"),
+    package: "rustc-web",
+    why: "a Rust compiler that Debian has standard libraries of other processors for",
+};
+
+const CARGO: Need = Need {
+    probe: Probe::Package("cargo-web"),
+    package: "cargo-web",
+    why: "the cargo that belongs to this compiler",
+};
+
+/// Whose compiler and standard library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Compiler {
+    /// The one that runs this program.
+    Rustup,
+    Debian,
+}
+
+/// Where a program finds its C library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Linking<'a> {
+    /// In itself: it runs in any root file system, also as the first process.
+    Static,
+    /// As shared libraries in a root file system of the target, which lies here.
+    #[allow(dead_code)]
+    Root(&'a Path),
+}
+
+impl Linking<'_> {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Static => "static",
+            Self::Root(_) => "root",
+        }
+    }
+
+    fn rustflags(self, target: Target) -> String {
+        match self {
+            Self::Static => "-Ctarget-feature=+crt-static".into(),
+            Self::Root(root) => {
+                let libraries = match target {
+                    Target::Aarch64 => "usr/lib/aarch64-linux-gnu",
+                    Target::Armv7 => "usr/lib/arm-linux-gnueabihf",
+                };
+                format!(
+                    "-Clink-arg=--sysroot={root} \
+                     -Clink-arg=-Wl,-rpath-link,{root}/{libraries} \
+                     -Clink-arg=-Wl,--allow-shlib-undefined",
+                    root = root.display()
+                )
+            }
+        }
+    }
+}
+
+/// What builds programs for one target.
+#[derive(Debug, Clone, Copy)]
+pub struct Toolchain {
+    target: Target,
+    compiler: Compiler,
+}
+
+impl Toolchain {
+    /// The program that runs static programs of the target on this machine.
+    pub const fn emulator(&self) -> &'static str {
+        self.target.emulator()
+    }
+
+    /// A cargo whose `build`, `test` and `run` are for the target. Its tests and
+    /// runs happen under QEMU, which wants [`Linking::Static`].
+    pub fn cargo(&self, linking: Linking) -> Task {
+        let task = match self.compiler {
+            Compiler::Rustup => Task::cargo(),
+            Compiler::Debian => Task::new("/usr/bin/cargo"),
+        };
+        self.environment(linking).iter().fold(task, |task, (name, value)| task.env(name, value))
+    }
+
+    /// Where the cargo of the same linking puts programs; `profile` is `debug` or `release`.
+    pub fn programs(&self, linking: Linking, profile: &str) -> PathBuf {
+        self.target_directory(linking).join(self.target.triple()).join(profile)
+    }
+
+    fn target_directory(&self, linking: Linking) -> PathBuf {
+        let processor = self.target.triple().split('-').next().expect("it has a first word");
+        target_directory().join(format!("{processor}-{}", linking.name()))
+    }
+
+    fn environment(&self, linking: Linking) -> Vec<(String, String)> {
+        let triple = self.target.triple();
+        let own = format!("CARGO_TARGET_{}", triple.replace('-', "_").to_uppercase());
+        let mut environment = vec![
+            ("CARGO_BUILD_TARGET".into(), triple.into()),
+            ("CARGO_TARGET_DIR".into(), self.target_directory(linking).display().to_string()),
+            (format!("{own}_LINKER"), self.target.linker().into()),
+            (format!("{own}_RUNNER"), self.target.emulator().into()),
+            (format!("{own}_RUSTFLAGS"), linking.rustflags(self.target)),
+            (RUNNER.into(), self.target.emulator().into()),
+        ];
+        if self.compiler == Compiler::Debian {
+            environment.push(("RUSTC".into(), "/usr/bin/rustc".into()));
+            environment.push(("RUSTDOC".into(), "/usr/bin/rustdoc".into()));
+            if self.target == Target::Armv7 {
+                // Building the standard library is not stable, and needs no more than
+                // this: the sources are those of the very compiler.
+                environment.push(("RUSTC_BOOTSTRAP".into(), "1".into()));
+                environment.push(("CARGO_UNSTABLE_BUILD_STD".into(), "std,panic_abort".into()));
+            }
+        }
+        environment
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn value<'a>(environment: &'a [(String, String)], name: &str) -> Option<&'a str> {
+        environment.iter().find(|(one, _)| one == name).map(|(_, value)| value.as_str())
+    }
+
+    #[test]
+    fn the_variables_are_those_of_the_target() {
+        let toolchain = Toolchain { target: Target::Aarch64, compiler: Compiler::Rustup };
+        let environment = toolchain.environment(Linking::Static);
+        let value = |name| value(&environment, name);
+        assert_eq!(value("CARGO_BUILD_TARGET"), Some("aarch64-unknown-linux-gnu"));
+        assert_eq!(
+            value("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER"),
+            Some("aarch64-linux-gnu-gcc")
+        );
+        assert_eq!(
+            value("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER"),
+            Some("qemu-aarch64-static")
+        );
+        assert!(value("CARGO_TARGET_DIR").unwrap().ends_with("/aarch64-static"));
+        assert_eq!(value("RUSTC"), None);
+    }
+
+    #[test]
+    fn only_debians_compiler_for_armv7_builds_the_standard_library() {
+        for (target, compiler, built) in [
+            (Target::Armv7, Compiler::Debian, Some("std,panic_abort")),
+            (Target::Armv7, Compiler::Rustup, None),
+            (Target::Aarch64, Compiler::Debian, None),
+        ] {
+            let environment = Toolchain { target, compiler }.environment(Linking::Static);
+            assert_eq!(value(&environment, "CARGO_UNSTABLE_BUILD_STD"), built);
+            let rustc = (compiler == Compiler::Debian).then_some("/usr/bin/rustc");
+            assert_eq!(value(&environment, "RUSTC"), rustc);
+        }
+    }
+
+    #[test]
+    fn static_and_shared_builds_lie_apart() {
+        let toolchain = Toolchain { target: Target::Aarch64, compiler: Compiler::Debian };
+        let root = Linking::Root(Path::new("/roots/trixie"));
+        assert_ne!(toolchain.programs(Linking::Static, "debug"), toolchain.programs(root, "debug"));
+        let environment = toolchain.environment(root);
+        let flags = value(&environment, "CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUSTFLAGS");
+        assert!(flags.unwrap().contains("--sysroot=/roots/trixie"));
+    }
+}
