@@ -154,7 +154,8 @@ fn look_after(found: &Interface, network: Network) -> Result<()> {
     bail!("the network interface {} is gone", found.name)
 }
 
-/// The client asks five times in five seconds, then pauses for ten; it calls [`lease`](super::lease) with the answers.
+/// The client asks five times in five seconds, then pauses for ten; with the
+/// answers it calls [`lease`](super::lease).
 fn start_client(interface: &str) -> Result<Child> {
     Command::new(BUSYBOX)
         .args(["udhcpc", "-f", "-i", interface, "-s", LEASE_PROGRAM])
