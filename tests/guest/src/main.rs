@@ -94,7 +94,7 @@ fn feed() -> Result<()> {
             && started.elapsed() >= after
         {
             disconnection = None;
-            println!("test: the camera's plug is pulled");
+            println!("test: the camera's plug is pulled at {} s", uptime_s()?);
             camera::press_disconnect(CAPTURE)?;
             // vivid puts the plug back when its last user has gone: the player is one.
             sleep(lasts);
@@ -146,6 +146,12 @@ fn player() -> Result<Player> {
             Err(_) => sleep(Duration::from_millis(20)),
         }
     }
+}
+
+/// Since the kernel's start.
+fn uptime_s() -> Result<String> {
+    let text = fs::read_to_string("/proc/uptime")?;
+    Ok(text.split_whitespace().next().unwrap_or_default().to_owned())
 }
 
 /// When the plug is pulled, counted from the first frame, and for how long.

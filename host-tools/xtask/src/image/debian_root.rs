@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use crate::command::{Task, target_directory};
-use crate::setup::{self, Need, Probe};
+use crate::setup::{Need, Probe};
 
 /// The release that the packages are from: it has libcamera 0.4, which the Debian
 /// package needs, and a kernel with drivers for all that the images run on.
@@ -32,7 +32,7 @@ const PACKAGES: &[&str] = &[
 const COMPONENTS: &str = "main,non-free-firmware";
 
 /// What fetching takes.
-const NEEDS: &[Need] = &[
+pub const NEEDS: &[Need] = &[
     Need {
         probe: Probe::Program("mmdebstrap"),
         package: "mmdebstrap",
@@ -70,7 +70,6 @@ impl DebianRoot {
             println!("Debian's packages are those in {}", path.display());
             return Ok(Self { path });
         }
-        setup::ensure(&[NEEDS])?;
         let unfinished = path.with_extension("unfinished");
         for old in [&path, &unfinished] {
             if old.exists() {
@@ -129,9 +128,9 @@ impl DebianRoot {
         Ok(versions.remove(0))
     }
 
-    /// The kernel itself.
-    pub fn kernel(&self) -> Result<Vec<u8>> {
-        self.read(&format!("boot/vmlinuz-{}", self.kernel_version()?))
+    /// Where the kernel itself is.
+    pub fn kernel_path(&self) -> Result<PathBuf> {
+        Ok(self.path.join(format!("boot/vmlinuz-{}", self.kernel_version()?)))
     }
 
     /// Which module needs which, as depmod has found out.

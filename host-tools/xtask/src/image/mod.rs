@@ -18,11 +18,14 @@ mod debian_root;
 mod fat;
 mod initramfs;
 mod modules;
+mod rpi4;
+mod test_overlay;
 mod virt;
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::ValueEnum;
 
 use crate::command::target_directory;
@@ -65,6 +68,8 @@ pub struct Arguments {
 enum What {
     /// A directory with kernel, initramfs and disk for QEMU's arm64 board.
     Virt,
+    /// The image of an SD card for a Raspberry Pi 4 with a USB camera.
+    Rpi4,
 }
 
 /// The configuration's name on the boot partition.
@@ -72,14 +77,42 @@ pub const CONFIG_NAME: &str = "config.plb";
 
 /// Makes the image.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    setup::ensure(&[NEEDS, fat::NEEDS])?;
     let config = arguments.config.as_deref();
-    let out = |default: &str| {
-        arguments.out.clone().unwrap_or_else(|| target_directory().join("image").join(default))
-    };
+    let out = |default: &str| arguments.out.clone().unwrap_or_else(|| directory().join(default));
     match arguments.what {
         What::Virt => virt::make(&Parts::make()?, config, &out("virt")),
+        What::Rpi4 => rpi4::make(&Parts::make()?, config, &out("plumbline-rpi4.img")),
     }
+}
+
+/// Installs what making the images takes.
+pub fn prepare() -> Result<()> {
+    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian_root::NEEDS])?;
+    Target::Aarch64.prepare()
+}
+
+/// Makes what the tests boot, and the SD card that they look into; the directory with it.
+///
+/// | file | is |
+/// |---|---|
+/// | `vmlinuz`, `initramfs` | as they ship |
+/// | `overlay.cpio` | [`test_overlay`] |
+/// | `overlay-fault.cpio` | the same, and an `/init` that can be told to hang |
+/// | `rpi4.img` | the SD card, without a configuration |
+pub fn make_for_tests() -> Result<PathBuf> {
+    let directory = directory().join("tests");
+    fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
+    let guest = built("plumbline-test-guest", &[])?;
+    // First this, so that afterwards the program without the fault is there again.
+    let faulty = built("plumbline-board", &["--features", "plumbline-board/fault-injection"])?;
+    let debian = DebianRoot::fetch()?;
+    let overlay = test_overlay::make(&debian, &guest, Some(&faulty))?;
+    fs::write(directory.join("overlay-fault.cpio"), overlay)?;
+    fs::write(directory.join("overlay.cpio"), test_overlay::make(&debian, &guest, None)?)?;
+    let parts = Parts::make()?;
+    parts.write_to(&directory)?;
+    rpi4::make(&parts, None, &directory.join("rpi4.img"))?;
+    Ok(directory)
 }
 
 const NEEDS: &[setup::Need] = &[setup::Need {
@@ -88,8 +121,12 @@ const NEEDS: &[setup::Need] = &[setup::Need {
     why: "unpacks Debian's kernel modules",
 }];
 
+fn directory() -> PathBuf {
+    target_directory().join("image")
+}
+
 /// What an image that boots consists of.
-pub struct Parts {
+struct Parts {
     debian: DebianRoot,
     initramfs: Vec<u8>,
 }
@@ -97,14 +134,27 @@ pub struct Parts {
 impl Parts {
     /// Fetches and builds them.
     fn make() -> Result<Self> {
+        prepare()?;
         let debian = DebianRoot::fetch()?;
-        let toolchain = Target::Aarch64.toolchain()?;
-        toolchain
-            .cargo(Linking::Static)
-            .args(["build", "--release", "--package", "plumbline-board"])
-            .run()?;
-        let program = toolchain.programs(Linking::Static, "release").join("plumbline-board");
-        let initramfs = initramfs::make(&debian, &program)?;
+        let initramfs = initramfs::make(&debian, &built("plumbline-board", &[])?)?;
         Ok(Self { debian, initramfs })
     }
+
+    /// Puts kernel and initramfs into a directory.
+    fn write_to(&self, directory: &Path) -> Result<()> {
+        fs::copy(self.debian.kernel_path()?, directory.join("vmlinuz"))?;
+        fs::write(directory.join("initramfs"), &self.initramfs)?;
+        Ok(())
+    }
+}
+
+/// Builds the program of a package for the box; where it is.
+fn built(package: &str, options: &[&str]) -> Result<PathBuf> {
+    let toolchain = Target::Aarch64.toolchain()?;
+    toolchain
+        .cargo(Linking::Static)
+        .args(["build", "--release", "--package", package])
+        .args(options)
+        .run()?;
+    Ok(toolchain.programs(Linking::Static, "release").join(package))
 }

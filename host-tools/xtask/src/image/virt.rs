@@ -16,8 +16,7 @@ const DISK_BYTES: u64 = 1 << 20;
 /// Makes the image in `directory`.
 pub fn make(parts: &Parts, config: Option<&Path>, directory: &Path) -> Result<()> {
     fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
-    fs::write(directory.join("vmlinuz"), parts.debian.kernel()?)?;
-    fs::write(directory.join("initramfs"), &parts.initramfs)?;
+    parts.write_to(directory)?;
     let disk = directory.join("boot.img");
     File::create(&disk)?.set_len(DISK_BYTES)?;
     let fat = Fat::make(&disk, 0, DISK_BYTES, 12)?;
