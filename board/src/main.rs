@@ -44,9 +44,9 @@ fn main() -> ExitCode {
             boot::network::run(rest)
         }
         Role::Lease => {
-            logger::install(log::LevelFilter::Info);
             let event = rest.first().map_or("", String::as_str);
-            boot::lease::run(event, |name| std::env::var(name).ok())
+            boot::lease::run(event, |name| std::env::var(name).ok());
+            Ok(())
         }
         Role::Program => {
             let cli = Cli::parse();

@@ -76,7 +76,8 @@ fn pieces(text: &str) -> impl Iterator<Item = &str> {
         if rest.is_empty() {
             return None;
         }
-        let fits = rest.floor_char_boundary(LOG_TEXT_BYTES_MAX);
+        let room = rest.len().min(LOG_TEXT_BYTES_MAX);
+        let fits = (0..=room).rfind(|&end| rest.is_char_boundary(end)).unwrap_or(0);
         let end = if fits == rest.len() {
             fits
         } else {

@@ -4,6 +4,7 @@
 //! argument and the lease in the environment: `interface`, `ip`, `subnet`,
 //! `router`. The program is this one, by another name.
 
+use std::io::Write;
 use std::net::Ipv4Addr;
 
 use anyhow::{Context, Result};
@@ -16,29 +17,34 @@ pub const NAME: &str = "network-lease";
 
 /// Carries out one event; `variable` is the environment.
 ///
-/// # Errors
-/// When a variable is missing or wrong, or the interface refuses the address.
-pub fn run(event: &str, variable: impl Fn(&str) -> Option<String>) -> Result<()> {
+/// What came of it goes to standard output: the client's own words, on standard
+/// error, are not shown.
+pub fn run(event: &str, variable: impl Fn(&str) -> Option<String>) {
+    let said = match carry_out(event, variable) {
+        Ok(None) => return,
+        Ok(Some(news)) => format!("INFO: network: {news}"),
+        Err(error) => format!("ERROR: network: {error:#}"),
+    };
+    // A console that has gone away is no reason to fail.
+    let _ = writeln!(std::io::stdout(), "{said}");
+}
+
+fn carry_out(event: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Option<String>> {
     let name = variable("interface").context("the DHCP client names no interface")?;
     match event {
         "deconfig" => {
             interface::clear(&name)?;
-            interface::bring_up(&name)
+            interface::bring_up(&name)?;
+            Ok(None)
         }
         "bound" | "renew" => {
             let address = address(variable)?;
             interface::configure(&name, &address)?;
-            if event == "bound" {
-                log::info!("network: {name} has {address}, by DHCP");
-            }
-            Ok(())
+            Ok((event == "bound").then(|| format!("{name} has {address}, from a DHCP server")))
         }
-        "leasefail" => {
-            log::warn!("network: no DHCP server answers on {name}");
-            Ok(())
-        }
+        "leasefail" => Ok(Some(format!("no DHCP server answers on {name}"))),
         // A refusal, after which the client begins anew by itself.
-        _ => Ok(()),
+        _ => Ok(None),
     }
 }
 
@@ -102,6 +108,6 @@ mod tests {
             let error = format!("{:#}", address(environment(set)).unwrap_err());
             assert!(error.contains(said), "{error}");
         }
-        assert!(run("bound", environment(&[])).is_err());
+        assert!(carry_out("bound", environment(&[])).is_err());
     }
 }

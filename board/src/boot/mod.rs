@@ -115,13 +115,18 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
 /// all of it has been found usable.
 fn configuration(pipeline: &mut Pipeline) -> Result<(Config, Links, Source)> {
     let (blob, device) = partition::find_config()?;
-    let config = Config::decode(&blob)
-        .and_then(|config| pipeline.configure(&config).map(|()| config))
-        .with_context(|| format!("{} on {device}", partition::CONFIG_NAME))?;
-    let links = links(&config)?;
-    let source = Source::camera(&config)?;
+    let config = Config::decode(&blob).with_context(|| in_config(&device))?;
+    let usable = pipeline
+        .configure(&config)
+        .map_err(anyhow::Error::new)
+        .and_then(|()| Ok((links(&config)?, Source::camera(&config)?)));
+    let (links, source) = usable.with_context(|| in_config(&device))?;
     step(&format!("configuration {:08x} on {device}", config.crc()));
     Ok((config, links, source))
+}
+
+fn in_config(device: &str) -> String {
+    format!("{} on {device}", partition::CONFIG_NAME)
 }
 
 /// The links of the configuration; what they need may come later.

@@ -154,14 +154,14 @@ fn look_after(found: &Interface, network: Network) -> Result<()> {
     bail!("the network interface {} is gone", found.name)
 }
 
-/// The client asks every second at first, and calls [`lease`](super::lease) with the answers.
+/// The client asks five times in five seconds, then pauses for ten; with the
+/// answers it calls [`lease`](super::lease).
 fn start_client(interface: &str) -> Result<Child> {
     Command::new(BUSYBOX)
         .args(["udhcpc", "-f", "-i", interface, "-s", LEASE_PROGRAM])
-        .args(["-t", "5", "-T", "1", "-A", "5"])
+        .args(["-t", "5", "-T", "1", "-A", "10"])
         .stdin(Stdio::null())
-        // It repeats itself while no server answers; what it has got, `lease` says.
-        .stdout(Stdio::null())
+        // It repeats itself; what comes of it, `lease` says on standard output.
         .stderr(Stdio::null())
         .spawn()
         .with_context(|| format!("the DHCP client {BUSYBOX} cannot be started"))

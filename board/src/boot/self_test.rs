@@ -90,9 +90,9 @@ fn config() -> Result<Config> {
     })
 }
 
-/// The target on white paper; each pixel is the mean of 8 x 8 points.
+/// The target on white paper; each pixel is the mean of 4 x 4 points.
 fn render() -> Vec<u8> {
-    const POINTS: usize = 8;
+    const POINTS: usize = 4;
     let [x_mm, y_mm, z_mm] = POSITION_MM;
     let (width_mm, height_mm) = (f64::from(COLUMNS + 1) * PITCH_MM, f64::from(ROWS + 1) * PITCH_MM);
     // From a position on the image to squares, counted from the target's corner.

@@ -8,6 +8,7 @@ use plumbline::config::{CaptureDriver, Config};
 
 use super::camera::Camera;
 use super::replay::Replay;
+use super::v4l2::V4l2;
 use super::{Condition, FrameSource, Next};
 
 /// One of the sources that there are.
@@ -60,28 +61,6 @@ impl FrameSource for Source {
             Self::Replay(source) => source.condition(),
             Self::V4l2(source) => source.condition(),
         }
-    }
-}
-
-/// Stands in for the real one.
-#[derive(Debug)]
-pub struct V4l2;
-
-impl super::camera::Device for V4l2 {
-    fn open(_: &plumbline::config::Capture, _: (usize, usize)) -> Result<Self> {
-        bail!("this program cannot open V4L2 cameras yet")
-    }
-
-    fn wait(&mut self, _: Instant) -> super::camera::Waited {
-        super::camera::Waited::Quiet
-    }
-
-    fn frame(&self) -> super::Frame<'_> {
-        unreachable!()
-    }
-
-    fn counts(&self) -> super::camera::Counts {
-        super::camera::Counts::default()
     }
 }
 
