@@ -5,6 +5,9 @@
 //! it names: the main loop has a heartbeat to send while the source is silent.
 
 pub mod camera;
+// Its pure parts are tested in every build.
+#[cfg(any(feature = "libcamera", test))]
+pub mod libcamera;
 pub mod rate;
 pub mod replay;
 
