@@ -120,7 +120,7 @@ mod tests {
         assert_eq!((image.width(), image.height()), SIZE_PX);
         for y in 0..SIZE_PX.1 {
             for (x, found) in image.row(y).iter().enumerate() {
-                assert_eq!((*found).into(), expected(x, y), "column {x}, row {y}");
+                assert_eq!(Into::<u32>::into(*found), expected(x, y), "column {x}, row {y}");
             }
         }
     }
