@@ -158,7 +158,8 @@ pub fn set_controls(
     controls: &mut ControlList,
 ) -> Result<()> {
     let knows = |control: ControlId, setting: &str| {
-        let known = camera.controls().count(control as u32) > 0;
+        // Looked for one by one: libcamera 0.4 also counts those it merely has a name for.
+        let known = camera.controls().into_iter().any(|(id, _)| id == control as u32);
         if !known {
             log::warn!(
                 "capture.{setting}: the camera {} has no control {control:?}: its own holds",
