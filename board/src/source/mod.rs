@@ -6,6 +6,9 @@
 
 pub mod camera;
 pub mod chosen;
+// Its pure parts are tested in every build.
+#[cfg(any(feature = "libcamera", test))]
+pub mod libcamera;
 pub mod rate;
 pub mod replay;
 pub mod v4l2;

@@ -32,6 +32,10 @@ const LISTED_MAX: usize = 16;
 /// A rate that differs by less is the one that was asked for: 29.97 is 30.
 const RATE_ERROR_MAX: f64 = 0.005;
 
+/// Every format that is read here.
+const FORMATS: [PixelFormat; 5] =
+    [PixelFormat::Grey, PixelFormat::Y10, PixelFormat::Y16, PixelFormat::Yuyv, PixelFormat::Nv12];
+
 /// A camera that gives what is configured; it does not run yet.
 #[derive(Debug)]
 pub struct Settled {
@@ -96,8 +100,11 @@ fn settle_stream(driver: &Driver, capture: &Capture, size_px: (usize, usize)) ->
     ensure!(can(V4L2_CAP_VIDEO_CAPTURE), "it does not capture video");
     ensure!(can(V4L2_CAP_STREAMING), "it does not stream into mapped memory");
     if driver.follows_signal() {
-        driver.take_timings().context(
+        let timings = driver.signal_timings().context(
             "there is no video signal at its input: check the cable, and that the camera is on",
+        )?;
+        driver.set_timings(timings).context(
+            "it does not let its input be set to the signal: does another program use it?",
         )?;
         // Not every driver tells; the size is checked again when it is reopened.
         let _ = driver.watch_signal();
@@ -125,10 +132,6 @@ fn settle_code(driver: &Driver, format: PixelFormat) -> Result<FourCC> {
         )
     })
 }
-
-/// Every format that is read here.
-const FORMATS: [PixelFormat; 5] =
-    [PixelFormat::Grey, PixelFormat::Y10, PixelFormat::Y16, PixelFormat::Yuyv, PixelFormat::Nv12];
 
 /// Sets the size; returns the bytes from row to row.
 fn settle_size(driver: &Driver, code: FourCC, size_px: (usize, usize)) -> Result<usize> {
@@ -176,17 +179,19 @@ fn settle_size(driver: &Driver, code: FourCC, size_px: (usize, usize)) -> Result
 /// Sets the rate, where the camera lets it be set.
 fn settle_rate(driver: &Driver, code: FourCC, size_px: (usize, usize), rate_hz: f32) -> Result<()> {
     let device = driver.device();
-    let Ok(taken) = device.set_params(&Parameters::new(interval(rate_hz))) else {
+    let taken = device.set_params(&Parameters::new(interval(rate_hz))).map(|taken| taken.interval);
+    let Some(taken) = taken.ok().filter(|taken| taken.numerator != 0 && taken.denominator != 0)
+    else {
         log::warn!("camera: it does not let its rate be set: capture.rate_hz is not checked");
         return Ok(());
     };
-    let taken_hz = f64::from(taken.interval.denominator) / f64::from(taken.interval.numerator);
+    let hz = |interval: &Fraction| f64::from(interval.denominator) / f64::from(interval.numerator);
+    let taken_hz = hz(&taken);
     if (taken_hz / f64::from(rate_hz) - 1.0).abs() <= RATE_ERROR_MAX {
         return Ok(());
     }
     let (width, height) = (size_px.0 as u32, size_px.1 as u32);
     let rates = device.enum_frameintervals(code, width, height).unwrap_or_default();
-    let hz = |interval: &Fraction| f64::from(interval.denominator) / f64::from(interval.numerator);
     let rates = listed(rates.into_iter().map(|rate| match &rate.interval {
         FrameIntervalEnum::Discrete(interval) => format!("{:.2}", hz(interval)),
         FrameIntervalEnum::Stepwise(range) => {

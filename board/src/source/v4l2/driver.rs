@@ -164,10 +164,15 @@ impl Driver {
             && input.capabilities & V4L2_IN_CAP_DV_TIMINGS != 0
     }
 
-    /// Sets the input to the timings of the signal that it gets.
-    pub fn take_timings(&self) -> io::Result<()> {
+    /// The timings of the signal at the input.
+    pub fn signal_timings(&self) -> io::Result<v4l2_dv_timings> {
         let mut timings = zeroed(&QUERY_DV_TIMINGS);
         self.call(&QUERY_DV_TIMINGS, &mut timings)?;
+        Ok(timings)
+    }
+
+    /// Sets the input to these timings.
+    pub fn set_timings(&self, mut timings: v4l2_dv_timings) -> io::Result<()> {
         self.call(&S_DV_TIMINGS, &mut timings)
     }
 
@@ -220,6 +225,11 @@ impl Driver {
     }
 }
 
+/// Stamps have 32 bits on some systems and 64 on others.
+fn widened(value: impl Into<i64>) -> i64 {
+    value.into()
+}
+
 impl Queue for Driver {
     fn queue(&self, index: u32) -> io::Result<()> {
         self.call(&QBUF, &mut self.buffer(index))
@@ -233,11 +243,13 @@ impl Queue for Driver {
                 bytes: buffer.bytesused as usize,
                 flags: buffer.flags,
                 sequence: buffer.sequence,
-                stamp_s: buffer.timestamp.tv_sec,
-                stamp_us: buffer.timestamp.tv_usec,
+                stamp_s: widened(buffer.timestamp.tv_sec),
+                stamp_us: widened(buffer.timestamp.tv_usec),
             })),
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(None),
-            Err(error) => Err(error),
+            Err(error) => match error.kind() {
+                io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(None),
+                _ => Err(error),
+            },
         }
     }
 
@@ -264,6 +276,6 @@ impl Queue for Driver {
         let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
         // SAFETY: the pointer outlives the call; this clock is always there.
         unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now) };
-        now.tv_sec.cast_unsigned() as u64 * 1_000_000_000 + now.tv_nsec.cast_unsigned() as u64
+        Duration::new(now.tv_sec as u64, now.tv_nsec as u32).as_nanos() as u64
     }
 }

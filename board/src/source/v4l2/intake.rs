@@ -4,6 +4,8 @@
 //! taken, what is older than the newest two goes back and is counted, and the
 //! first of the two is handed out. The other is there for the wait after. Three
 //! buffers at most are away from the driver at any moment, two between waits.
+//! A loop that stops for longer than the driver's buffers last finds frames from
+//! the beginning of that time, with their true stamps, and a gap after them.
 //!
 //! The kernel is reached through [`Queue`], so that the tests can play a driver
 //! that errs in every way. Nothing is allocated unless the camera is lost.

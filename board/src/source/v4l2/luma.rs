@@ -203,7 +203,7 @@ mod tests {
                     bytes.as_chunks().0.iter().copied().map(u16::from_le_bytes).collect();
                 luma.load(&bytes);
                 let pixels = luma.view(&bytes, &words).unwrap();
-                let mut read = |x: usize, y: usize| match pixels {
+                let read = |x: usize, y: usize| match pixels {
                     Pixels::Grey8(image) => (u16::from(image.row(y)[x]), image.white_level()),
                     Pixels::Grey16(image) => (image.row(y)[x], image.white_level()),
                 };
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn impossible_layouts_are_refused_with_their_reason() {
-        let cases: [(&[u8; 4], (usize, usize), usize, &str); 5] = [
+        let cases = [
             (b"MJPG", (64, 64), 0, "MJPG is not read"),
             (b"GREY", (64, 64), 63, "take 64 bytes, and it says 63"),
             (b"Y16 ", (64, 64), 129, "an odd number"),

@@ -1,12 +1,11 @@
 //! A Video4Linux camera: USB cameras, HDMI grabbers, and others whose driver
 //! gives whole pictures.
 //!
-//! [`device`] finds the camera and settles format, size and rate; [`controls`]
-//! fixes exposure and gain; [`intake`] takes the frames off the driver's queue,
-//! with [`buffers`] to know who owns which buffer and [`stamp`] to know when a
-//! frame was captured; [`luma`] finds the grey values. [`driver`] and
-//! [`mapping`] are the only parts that touch the kernel, and the only ones with
-//! unsafe code.
+//! `device` finds the camera and settles format, size and rate; `controls` fixes
+//! exposure and gain; `intake` takes the frames off the driver's queue, with
+//! `buffers` to know who owns which buffer and `stamp` to know when a frame was
+//! captured; `luma` finds the grey values. `driver` and `mapping` are the only
+//! parts that touch the kernel, and the only ones with unsafe code.
 //!
 //! Frames are read in the driver's own memory where the format allows. Waiting
 //! and handing out allocate nothing; losing the camera does, once. A frame that
@@ -34,8 +33,9 @@ use intake::{BUFFERS_MIN, Intake};
 use luma::Luma;
 use mapping::Mapping;
 
-/// Three may be away from the driver at once; as many are left to it, so that
-/// a loop that is late by two frames loses none.
+/// Three may be away from the driver at once, and as many are left to it: that
+/// is more than the two newest frames, which are all that is ever wanted of a
+/// backlog.
 const BUFFERS_ASKED: u32 = 6;
 
 /// A camera that runs.
