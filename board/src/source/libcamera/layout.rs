@@ -120,7 +120,8 @@ mod tests {
         assert_eq!((image.width(), image.height()), SIZE_PX);
         for y in 0..SIZE_PX.1 {
             for (x, found) in image.row(y).iter().enumerate() {
-                assert_eq!(Into::<u32>::into(*found), expected(x, y), "column {x}, row {y}");
+                let found: u32 = (*found).into();
+                assert_eq!(found, expected(x, y), "column {x}, row {y}");
             }
         }
     }
