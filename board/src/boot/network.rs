@@ -31,6 +31,9 @@ const LOOKS_IN_SILENCE: u32 = 100;
 /// While one is there: so soon is its loss noticed.
 const CHECK: Duration = Duration::from_secs(1);
 
+/// After an address that the interface did not take, or a client that ended.
+const TRY_AGAIN: Duration = Duration::from_secs(5);
+
 /// The DHCP client.
 const BUSYBOX: &str = "/sbin/busybox";
 
@@ -109,9 +112,9 @@ pub fn run(given: &[String]) -> Result<()> {
             Some(found) => {
                 looks = 0;
                 if let Err(error) = look_after(&found, network) {
-                    log::error!("{error:#}");
+                    log::error!("network: {error:#}; trying again");
+                    std::thread::sleep(TRY_AGAIN);
                 }
-                std::thread::sleep(CHECK);
             }
             None => {
                 looks += 1;
@@ -136,22 +139,21 @@ fn look_after(found: &Interface, network: Network) -> Result<()> {
             None
         }
     };
-    let mut ended = None;
-    while ended.is_none() && ethernet(Path::new(INTERFACES)).as_ref() == Some(found) {
+    while ethernet(Path::new(INTERFACES)).as_ref() == Some(found) {
         std::thread::sleep(CHECK);
-        if let Some(client) = &mut client {
-            ended = client.try_wait().context("the DHCP client cannot be waited for")?;
+        if let Some(client) = &mut client
+            && let Some(status) = client.try_wait().context("the DHCP client is lost")?
+        {
+            bail!("the DHCP client ended: {status}");
         }
     }
-    match (ended, client) {
-        (Some(status), _) => bail!("the DHCP client ended: {status}; starting it again"),
-        (None, Some(mut client)) => {
-            let _ = client.kill();
-            let _ = client.wait();
-        }
-        (None, None) => {}
+    log::warn!("network: {} is gone", found.name);
+    if let Some(mut client) = client {
+        // It may have ended just now, which is as good.
+        let _ = client.kill();
+        let _ = client.wait();
     }
-    bail!("the network interface {} is gone", found.name)
+    Ok(())
 }
 
 /// The client asks five times in five seconds, then pauses for ten; with the

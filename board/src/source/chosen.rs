@@ -3,10 +3,12 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use plumbline::config::{CaptureDriver, Config};
 
 use super::camera::Camera;
+#[cfg(feature = "libcamera")]
+use super::libcamera::Libcamera;
 use super::replay::Replay;
 use super::v4l2::V4l2;
 use super::{Condition, FrameSource, Next};
@@ -18,6 +20,9 @@ pub enum Source {
     Replay(Box<Replay>),
     /// A camera that Video4Linux drives.
     V4l2(Box<Camera<V4l2>>),
+    /// A camera that libcamera drives.
+    #[cfg(feature = "libcamera")]
+    Libcamera(Box<Camera<Libcamera>>),
 }
 
 impl Source {
@@ -33,7 +38,10 @@ impl Source {
         let size_px = (usize::from(config.lens.width_px), usize::from(config.lens.height_px));
         match capture.driver {
             CaptureDriver::V4l2 => Ok(Self::V4l2(Camera::new(capture, size_px).into())),
-            CaptureDriver::Libcamera => bail!(
+            #[cfg(feature = "libcamera")]
+            CaptureDriver::Libcamera => Ok(Self::Libcamera(Camera::new(capture, size_px).into())),
+            #[cfg(not(feature = "libcamera"))]
+            CaptureDriver::Libcamera => anyhow::bail!(
                 "capture.driver: libcamera, without which this program was built; use the Debian \
                  package of plumbline-board, or provision the box for V4l2"
             ),
@@ -46,6 +54,8 @@ impl FrameSource for Source {
         match self {
             Self::Replay(source) => source.size_px(),
             Self::V4l2(source) => source.size_px(),
+            #[cfg(feature = "libcamera")]
+            Self::Libcamera(source) => source.size_px(),
         }
     }
 
@@ -53,6 +63,8 @@ impl FrameSource for Source {
         match self {
             Self::Replay(source) => source.next(until),
             Self::V4l2(source) => source.next(until),
+            #[cfg(feature = "libcamera")]
+            Self::Libcamera(source) => source.next(until),
         }
     }
 
@@ -60,6 +72,8 @@ impl FrameSource for Source {
         match self {
             Self::Replay(source) => source.condition(),
             Self::V4l2(source) => source.condition(),
+            #[cfg(feature = "libcamera")]
+            Self::Libcamera(source) => source.condition(),
         }
     }
 }
@@ -112,6 +126,7 @@ mod tests {
         assert!(error.starts_with("capture: "), "{error}");
     }
 
+    #[cfg(not(feature = "libcamera"))]
     #[test]
     fn a_camera_that_was_not_built_in_is_refused_by_name() {
         let error = Source::camera(&config(Some(CaptureDriver::Libcamera))).unwrap_err();

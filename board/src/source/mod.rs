@@ -6,8 +6,12 @@
 
 pub mod camera;
 pub mod chosen;
+// Its pure parts are tested in every build.
+#[cfg(any(feature = "libcamera", test))]
+pub mod libcamera;
 pub mod rate;
 pub mod replay;
+pub mod stamp;
 pub mod v4l2;
 
 use std::time::Instant;

@@ -1,0 +1,177 @@
+//! Where a frame's grey values lie in the first plane of its buffer.
+
+use plumbline::config::PixelFormat;
+use plumbline::image::{GreyImage, ImageError};
+
+use crate::source::Pixels;
+
+/// How samples lie in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Samples {
+    /// One byte each.
+    Bytes,
+    /// One 16-bit word each, little endian.
+    Words {
+        /// The brightest possible sample.
+        white_level: u16,
+    },
+    /// Every second byte, from the first.
+    EverySecondByte,
+}
+
+impl Samples {
+    /// As the format asked for has them. A plane of luma is the same thing as a
+    /// picture of bytes.
+    pub fn of(format: PixelFormat) -> Self {
+        match format {
+            PixelFormat::Grey | PixelFormat::Nv12 => Self::Bytes,
+            PixelFormat::Y10 => Self::Words { white_level: 1023 },
+            PixelFormat::Y16 => Self::Words { white_level: u16::MAX },
+            PixelFormat::Yuyv => Self::EverySecondByte,
+        }
+    }
+}
+
+/// The picture in a plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    pub size_px: (usize, usize),
+    /// From one row to the next.
+    pub stride_bytes: usize,
+    pub samples: Samples,
+}
+
+impl Layout {
+    /// Bytes of a buffer for the luma of a frame, when it cannot be used where it
+    /// lies.
+    pub fn copied_bytes(&self) -> usize {
+        match self.samples {
+            Samples::EverySecondByte => self.size_px.0 * self.size_px.1,
+            Samples::Bytes | Samples::Words { .. } => 0,
+        }
+    }
+
+    /// Copies the luma that cannot be used where it lies.
+    pub fn copy_luma(&self, plane: &[u8], luma: &mut [u8]) {
+        if self.samples != Samples::EverySecondByte {
+            return;
+        }
+        let rows = luma.chunks_exact_mut(self.size_px.0);
+        for (to, from) in rows.zip(plane.chunks(self.stride_bytes)) {
+            for (sample, pair) in to.iter_mut().zip(from.chunks_exact(2)) {
+                *sample = pair[0];
+            }
+        }
+    }
+
+    /// The picture: `luma` when it has been copied, else in the plane itself.
+    ///
+    /// # Errors
+    /// When the plane is too short, or its words or rows do not start on an even
+    /// byte.
+    pub fn pixels<'a>(&self, plane: &'a [u8], luma: &'a [u8]) -> Result<Pixels<'a>, ImageError> {
+        let (width, height) = self.size_px;
+        match self.samples {
+            Samples::Bytes => {
+                GreyImage::new(plane, width, height, self.stride_bytes).map(Pixels::Grey8)
+            }
+            Samples::Words { white_level } => {
+                if !self.stride_bytes.is_multiple_of(2) {
+                    return Err(ImageError::Stride);
+                }
+                let even = &plane[..plane.len() & !1];
+                let words = bytemuck::try_cast_slice(even).map_err(|_| ImageError::Stride)?;
+                let stride = self.stride_bytes / 2;
+                GreyImage::with_white_level(words, width, height, stride, white_level)
+                    .map(Pixels::Grey16)
+            }
+            Samples::EverySecondByte => {
+                let pairs = self.stride_bytes / 2;
+                if pairs < width {
+                    return Err(ImageError::Stride);
+                }
+                if plane.len() < self.stride_bytes * (height - 1) + 2 * width {
+                    return Err(ImageError::TooShort);
+                }
+                GreyImage::new(luma, width, height, width).map(Pixels::Grey8)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::image::Pixel;
+
+    use super::*;
+
+    const SIZE_PX: (usize, usize) = (64, 66);
+
+    /// The sample at column `x`, row `y`.
+    fn sample(x: usize, y: usize) -> u8 {
+        (3 * x + 5 * y) as u8
+    }
+
+    fn layout(format: PixelFormat, stride_bytes: usize) -> Layout {
+        Layout { size_px: SIZE_PX, stride_bytes, samples: Samples::of(format) }
+    }
+
+    fn assert_samples<P: Pixel>(image: &GreyImage<P>, expected: impl Fn(usize, usize) -> u32) {
+        assert_eq!((image.width(), image.height()), SIZE_PX);
+        for y in 0..SIZE_PX.1 {
+            for (x, found) in image.row(y).iter().enumerate() {
+                let found: u32 = (*found).into();
+                assert_eq!(found, expected(x, y), "column {x}, row {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn bytes_and_a_plane_of_luma_are_used_where_they_lie() {
+        for format in [PixelFormat::Grey, PixelFormat::Nv12] {
+            let layout = layout(format, 80);
+            let plane: Vec<u8> = (0..80 * 66).map(|at| sample(at % 80, at / 80)).collect();
+            assert_eq!(layout.copied_bytes(), 0);
+            let Ok(Pixels::Grey8(image)) = layout.pixels(&plane, &[]) else { panic!() };
+            assert!(std::ptr::eq(image.row(0).as_ptr(), plane.as_ptr()));
+            assert_samples(&image, |x, y| sample(x, y).into());
+        }
+    }
+
+    #[test]
+    fn words_are_used_where_they_lie_when_they_lie_evenly() {
+        let layout = layout(PixelFormat::Y10, 160);
+        let words: Vec<u16> =
+            (0..80 * 66).map(|at| 4 * u16::from(sample(at % 80, at / 80))).collect();
+        let plane: &[u8] = bytemuck::cast_slice(&words);
+        let Ok(Pixels::Grey16(image)) = layout.pixels(plane, &[]) else { panic!() };
+        assert_eq!(image.white_level(), 1023);
+        assert!(std::ptr::eq(image.row(0).as_ptr(), words.as_ptr()));
+        assert_samples(&image, |x, y| 4 * u32::from(sample(x, y)));
+        // From an odd byte.
+        assert_eq!(layout.pixels(&plane[1..], &[]).unwrap_err(), ImageError::Stride);
+        let odd = Layout { stride_bytes: 161, ..layout };
+        assert_eq!(odd.pixels(plane, &[]).unwrap_err(), ImageError::Stride);
+        assert_eq!(layout.pixels(&plane[..160], &[]).unwrap_err(), ImageError::TooShort);
+    }
+
+    #[test]
+    fn luma_between_chroma_is_copied() {
+        let layout = layout(PixelFormat::Yuyv, 140);
+        let mut plane = vec![0xEE; 140 * 66];
+        for (y, row) in plane.chunks_mut(140).enumerate() {
+            for (x, pair) in row.chunks_mut(2).enumerate() {
+                pair[0] = sample(x, y);
+            }
+        }
+        let mut luma = vec![0; layout.copied_bytes()];
+        layout.copy_luma(&plane, &mut luma);
+        let Ok(Pixels::Grey8(image)) = layout.pixels(&plane, &luma) else { panic!() };
+        assert_samples(&image, |x, y| sample(x, y).into());
+
+        let narrow = Layout { stride_bytes: 126, ..layout };
+        assert_eq!(narrow.pixels(&plane, &luma).unwrap_err(), ImageError::Stride);
+        let short = &plane[..140 * 65 + 127];
+        assert_eq!(layout.pixels(short, &luma).unwrap_err(), ImageError::TooShort);
+    }
+}
