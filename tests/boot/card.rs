@@ -35,7 +35,7 @@ fn the_sd_card_is_sound_and_what_is_on_it_boots() {
     let bytes = read(&card);
     std::fs::write(&partition, &bytes[START_BYTES as usize..]).unwrap();
     let checked = run("/usr/sbin/fsck.fat", &["-n", "-v", partition.to_str().unwrap()]);
-    assert!(checked.contains("32 bits"), "{checked}");
+    assert!(checked.contains("32 bit entries"), "{checked}");
 
     // The files are what they are called, and those that the firmware is told of are there.
     let files = directory.path().join("files");

@@ -9,9 +9,13 @@ use crate::scene::{self, FRAMES, Position, RATE_HZ, SCENE};
 /// Packets to compare: the frames go by more than four times.
 const POSES: usize = 200;
 
-/// Same frame, same core: what differs is the pose that the fit started from, and the
-/// f32 of the packet, whose step at a metre is 0.00006 mm.
-const DIFFERENCE_MM_MAX: f64 = 0.01;
+/// Same frame, same core, but another frame before it: the windows around the corners lie
+/// where the prediction puts them, up to a pixel elsewhere, so that a little other noise
+/// comes in. That is some hundredths of a millimetre, well below the noise of a frame.
+const DIFFERENCE_MM_MAX: f64 = 0.1;
+
+/// So much may the spread differ for the same reason, relative to itself.
+const SPREAD_DIFFERENCE_MAX: f64 = 0.1;
 
 fn distance_mm(a: &Position, b: &Position) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
@@ -131,7 +135,7 @@ fn assert_as_good_as_here(measured: &[&PosePacket]) {
         }
         let (booted_mm, here_mm) = (depth_spread_mm(&booted_mm), depth_spread_mm(&here_mm));
         println!("depth of target {target}: +-{booted_mm:.4} mm booted, +-{here_mm:.4} mm here");
-        assert!((booted_mm - here_mm).abs() < DIFFERENCE_MM_MAX);
+        assert!((booted_mm / here_mm - 1.0).abs() < SPREAD_DIFFERENCE_MAX);
         // The scene is coarser than the standard one (f 1150 instead of 1740 px).
         assert!(booted_mm < 0.5, "+-{booted_mm} mm");
         let frames: std::collections::BTreeSet<usize> =
