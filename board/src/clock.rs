@@ -1,12 +1,20 @@
-//! The computer's monotonic clock, which cameras stamp their frames with.
+//! The computer's clocks, which cameras stamp their frames with.
 
 use nix::time::{ClockId, clock_gettime};
 
-/// CLOCK_MONOTONIC: time since the kernel started, in nanoseconds.
+/// CLOCK_MONOTONIC: time since the kernel started, without suspension, in nanoseconds.
 #[must_use]
 pub fn monotonic_ns() -> u64 {
-    // This clock is always there, and never before its own zero.
-    clock_gettime(ClockId::CLOCK_MONOTONIC).map_or(0, |now| {
-        now.tv_sec().cast_unsigned() * 1_000_000_000 + now.tv_nsec().cast_unsigned()
-    })
+    read_ns(ClockId::CLOCK_MONOTONIC)
+}
+
+/// CLOCK_BOOTTIME: the same with suspension.
+#[must_use]
+pub fn boottime_ns() -> u64 {
+    read_ns(ClockId::CLOCK_BOOTTIME)
+}
+
+fn read_ns(clock: ClockId) -> u64 {
+    // These clocks are always there, and never before their own zero.
+    clock_gettime(clock).map_or(0, |now| now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
 }

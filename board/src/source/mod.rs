@@ -11,6 +11,7 @@ pub mod chosen;
 pub mod libcamera;
 pub mod rate;
 pub mod replay;
+pub mod stamp;
 pub mod v4l2;
 
 use std::time::Instant;

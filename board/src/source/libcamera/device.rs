@@ -15,13 +15,14 @@ use libcamera::request::{Request, RequestStatus, ReuseFlag};
 use libcamera::stream::Stream;
 use plumbline::config::Capture;
 
-use super::inbox::{Inbox, Newest, REQUESTS_MAX, Sequence};
+use super::inbox::{Inbox, Newest, REQUESTS_MAX};
 use super::layout::{Layout, Samples};
 use super::mapping::Mapping;
 use super::setup::{self, Choice};
-use super::stamp::{Clocks, Stamp};
+use super::stamp::Clocks;
 use crate::source::Frame;
 use crate::source::camera::{Counts, Device, Waited};
+use crate::source::stamp::{Sequence, Stamp};
 
 /// A camera that runs.
 ///
@@ -83,15 +84,19 @@ impl Libcamera {
     /// The stamp of a good frame; counts the frames missing before it, and itself
     /// when it is damaged.
     fn judge(&mut self, request: &Request) -> Option<Stamp> {
-        let metadata = request.buffer::<FrameBuffer>(&self.stream)?.metadata()?;
-        self.counts.missed += u64::from(self.sequence.missing_before(metadata.sequence()));
-        match metadata.status() {
-            FrameMetadataStatus::Success => {}
-            // A sensor that starts gives frames that were never meant for use.
-            FrameMetadataStatus::Startup => return None,
-            FrameMetadataStatus::Error | FrameMetadataStatus::Cancelled => {
-                self.counts.missed += 1;
-                return None;
+        // Some pipelines fill in nothing: the completed request is then the word.
+        let metadata = request.buffer::<FrameBuffer>(&self.stream)?.metadata();
+        let driver_ns = metadata.as_ref().map_or(0, |metadata| metadata.timestamp());
+        if let Some(metadata) = metadata {
+            self.counts.missed += self.sequence.missed_before(metadata.sequence());
+            match metadata.status() {
+                FrameMetadataStatus::Success => {}
+                // A sensor that starts gives frames that were never meant for use.
+                FrameMetadataStatus::Startup => return None,
+                FrameMetadataStatus::Error | FrameMetadataStatus::Cancelled => {
+                    self.counts.missed += 1;
+                    return None;
+                }
             }
         }
         // Asked first, because libcamera logs every question for what is not there.
@@ -102,7 +107,7 @@ impl Libcamera {
             None
         };
         let sensor_ns = sensor.and_then(|stamp| u64::try_from(stamp.0).ok());
-        Some(Clocks::now().stamp(sensor_ns, metadata.timestamp()))
+        Some(Clocks::read().stamp(sensor_ns, driver_ns))
     }
 
     /// Gives a request back to the camera.

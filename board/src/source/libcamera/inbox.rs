@@ -3,8 +3,7 @@
 //! [`Inbox`] is the handover: a ring under a lock, filled by the completion
 //! callback and emptied by the loop. Neither side holds the lock for longer than
 //! one push or pop, and neither uses the heap. [`Newest`] is the loop's queue, of
-//! two frames at most; [`Sequence`] counts the frames that are not in it because
-//! they never came.
+//! two frames at most.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -98,21 +97,6 @@ impl<T> Newest<T> {
     }
 }
 
-/// Finds gaps in the camera's numbering of its frames.
-#[derive(Debug, Default)]
-pub struct Sequence(Option<u32>);
-
-impl Sequence {
-    /// How many frames are missing between the one before and this one. None
-    /// before the first: a sensor discards frames while it starts. None either
-    /// when the numbers run backwards, after the camera has started anew.
-    pub fn missing_before(&mut self, number: u32) -> u32 {
-        let gap = self.0.map_or(0, |before| number.wrapping_sub(before).wrapping_sub(1));
-        self.0 = Some(number);
-        if gap < 1 << 31 { gap } else { 0 }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -159,14 +143,5 @@ mod tests {
         assert_eq!((newest.pop(), newest.is_empty()), (Some(2), false));
         assert_eq!((newest.pop(), newest.is_empty()), (Some(3), true));
         assert_eq!(newest.pop(), None);
-    }
-
-    #[test]
-    fn gaps_in_the_numbering_are_missing_frames() {
-        let mut sequence = Sequence::default();
-        let numbers = [7, 8, 11, 12, u32::MAX, 0, 2, 0, 1];
-        let missing = numbers.map(|number| sequence.missing_before(number));
-        // 12 to u32::MAX is a leap of more than half the range: backwards.
-        assert_eq!(missing, [0, 0, 2, 0, 0, 0, 1, 0, 0]);
     }
 }

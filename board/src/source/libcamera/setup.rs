@@ -1,6 +1,6 @@
 //! Which camera, and how it is set up. All of it happens when a camera is opened.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use libcamera::camera::{Camera, CameraConfiguration};
 use libcamera::camera_manager::CameraManager;
 use libcamera::control::ControlList;
@@ -145,49 +145,52 @@ fn names(formats: &[PixelFormat]) -> String {
     formats.iter().map(PixelFormat::to_string).collect::<Vec<_>>().join(" or ")
 }
 
-/// Sets rate, exposure and gain, as far as the camera knows them.
+/// Sets rate, exposure and gain.
 ///
 /// A fixed exposure or gain turns the automatic one off: what is left open then
-/// stays as the camera has it.
+/// stays as the camera has it. As with other cameras, a configured value that the
+/// camera has no control for is refused, and a rate that it does not let be set
+/// is a warning.
 ///
 /// # Errors
-/// When libcamera refuses a value.
+/// When the camera has no such control, or libcamera refuses a value.
 pub fn set_controls(
     camera: &Camera<'_>,
     capture: &Capture,
     controls: &mut ControlList,
 ) -> Result<()> {
-    let knows = |control: ControlId, setting: &str| {
-        let known = camera.controls().count(control as u32) > 0;
-        if !known {
-            log::warn!(
-                "capture.{setting}: the camera {} has no control {control:?}: its own holds",
-                camera.id()
-            );
-        }
-        known
-    };
+    // One by one: the number that libcamera 0.4 gives includes controls that it does not list.
+    let knows =
+        |control: ControlId| camera.controls().into_iter().any(|(id, _)| id == control as u32);
+    let name = camera.id();
     let frame_us = (1e6 / f64::from(capture.rate_hz)).round() as i64;
-    if knows(ControlId::FrameDurationLimits, "rate_hz") {
+    if knows(ControlId::FrameDurationLimits) {
         controls.set(FrameDurationLimits([frame_us; 2])).context("capture.rate_hz")?;
+    } else {
+        log::warn!(
+            "camera {name}: it does not let its rate be set: capture.rate_hz is not checked"
+        );
     }
-    let setting = match (capture.exposure_us, capture.gain) {
-        (Some(_), _) => "exposure_us",
-        (None, Some(_)) => "gain",
-        (None, None) => return Ok(()),
-    };
-    if knows(ControlId::AeEnable, setting) {
+    let fixed = capture.exposure_us.is_some() || capture.gain.is_some();
+    if fixed && knows(ControlId::AeEnable) {
         controls.set(AeEnable(false)).context("automatic exposure")?;
     }
-    if let Some(exposure_us) = capture.exposure_us
-        && knows(ControlId::ExposureTime, "exposure_us")
-    {
+    let remedy = "leave it out to let the camera choose";
+    if let Some(exposure_us) = capture.exposure_us {
+        ensure!(
+            knows(ControlId::ExposureTime),
+            "capture.exposure_us: {exposure_us} cannot be set, the camera {name} has no control of \
+             the exposure; {remedy}"
+        );
         // No longer than a frame, which is a second at most.
         controls.set(ExposureTime(exposure_us as i32)).context("capture.exposure_us")?;
     }
-    if let Some(gain) = capture.gain
-        && knows(ControlId::AnalogueGain, "gain")
-    {
+    if let Some(gain) = capture.gain {
+        ensure!(
+            knows(ControlId::AnalogueGain),
+            "capture.gain: {gain} cannot be set, the camera {name} has no control of the gain; \
+             {remedy}"
+        );
         controls.set(AnalogueGain(gain)).context("capture.gain")?;
     }
     Ok(())

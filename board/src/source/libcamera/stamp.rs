@@ -6,71 +6,48 @@
 //! so they are the same on a box that never is; where they are not, a stamp that
 //! lies in CLOCK_MONOTONIC's future can only be of the other clock.
 
-use std::time::{Duration, Instant};
-
 use plumbline::packet::MarkedInstant;
+
+use super::super::stamp::{Now, Stamp};
 
 /// All clocks, read together.
 #[derive(Debug, Clone, Copy)]
 pub struct Clocks {
-    pub monotonic_ns: u64,
+    pub now: Now,
     pub boottime_ns: u64,
-    /// CLOCK_MONOTONIC as well, as the standard library has it.
-    pub instant: Instant,
-}
-
-/// When a frame was captured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stamp {
-    pub capture_time_ns: u64,
-    pub instant: MarkedInstant,
-    pub ready_at: Instant,
 }
 
 impl Clocks {
     #[cfg(feature = "libcamera")]
-    pub fn now() -> Self {
-        use rustix::time::{ClockId, clock_gettime};
-        let read_ns = |clock| {
-            let time = clock_gettime(clock);
-            // Neither clock is ever negative: both count from the boot.
-            time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
-        };
-        Self {
-            monotonic_ns: read_ns(ClockId::Monotonic),
-            boottime_ns: read_ns(ClockId::Boottime),
-            instant: Instant::now(),
-        }
+    pub fn read() -> Self {
+        Self { now: Now::read(), boottime_ns: crate::clock::boottime_ns() }
     }
 
     /// A frame's stamp: by the sensor when it has one, else by the driver, else
     /// now.
     pub fn stamp(&self, sensor_ns: Option<u64>, driver_ns: u64) -> Stamp {
-        let by_sensor = sensor_ns.and_then(|time_ns| self.monotonic(time_ns));
-        let (capture_time_ns, instant) = match by_sensor {
-            Some(time_ns) => (time_ns, MarkedInstant::ExposureStart),
-            None => {
-                let arrival_ns = self.monotonic(driver_ns).unwrap_or(self.monotonic_ns);
-                (arrival_ns, MarkedInstant::FrameArrival)
-            }
-        };
-        let age = Duration::from_nanos(self.monotonic_ns - capture_time_ns);
-        let ready_at = self.instant.checked_sub(age).unwrap_or(self.instant);
-        Stamp { capture_time_ns, instant, ready_at }
+        let at = |time_ns, instant| Stamp::at(self.monotonic(time_ns)?, instant, self.now);
+        sensor_ns
+            .and_then(|time_ns| at(time_ns, MarkedInstant::ExposureStart))
+            .or_else(|| at(driver_ns, MarkedInstant::FrameArrival))
+            .unwrap_or_else(|| Stamp::arrival(self.now))
     }
 
-    /// A stamp of either clock on CLOCK_MONOTONIC; `None` for one that is not
-    /// set, or that neither clock has reached.
+    /// A stamp of either clock on CLOCK_MONOTONIC.
     fn monotonic(&self, time_ns: u64) -> Option<u64> {
-        let suspended_ns = self.boottime_ns.saturating_sub(self.monotonic_ns);
-        let time_ns =
-            if time_ns > self.monotonic_ns { time_ns.checked_sub(suspended_ns)? } else { time_ns };
-        (1..=self.monotonic_ns).contains(&time_ns).then_some(time_ns)
+        let suspended_ns = self.boottime_ns.saturating_sub(self.now.monotonic_ns);
+        if time_ns > self.now.monotonic_ns {
+            time_ns.checked_sub(suspended_ns)
+        } else {
+            Some(time_ns)
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::{Duration, Instant};
+
     use super::*;
 
     /// Up for 100 s, of which 0 or 30 s suspended.
@@ -78,7 +55,7 @@ mod tests {
         let monotonic_ns = (100 - suspended_s) * 1_000_000_000;
         // Far from the standard clock's start, wherever that is.
         let instant = Instant::now() + Duration::from_secs(1000);
-        Clocks { monotonic_ns, boottime_ns: 100_000_000_000, instant }
+        Clocks { now: Now { monotonic_ns, instant }, boottime_ns: 100_000_000_000 }
     }
 
     #[test]
@@ -86,7 +63,7 @@ mod tests {
         let clocks = clocks(0);
         let stamp = |sensor_ns, driver_ns| {
             let stamp = clocks.stamp(sensor_ns, driver_ns);
-            (stamp.capture_time_ns, stamp.instant, clocks.instant - stamp.ready_at)
+            (stamp.capture_time_ns, stamp.instant, clocks.now.instant - stamp.ready_at)
         };
         let (sensor_ns, driver_ns) = (99_980_000_000, 99_990_000_000);
         let ms = Duration::from_millis;
@@ -109,7 +86,7 @@ mod tests {
             let stamp = clocks.stamp(Some(sensor_ns), 0);
             assert_eq!(stamp.capture_time_ns, expected_ns);
             assert_eq!(stamp.instant, MarkedInstant::ExposureStart);
-            assert_eq!(clocks.instant - stamp.ready_at, Duration::from_millis(10));
+            assert_eq!(clocks.now.instant - stamp.ready_at, Duration::from_millis(10));
         }
     }
 }

@@ -67,6 +67,8 @@ pub fn settle(capture: &Capture, size_px: (usize, usize)) -> Result<Settled> {
             Err(error) => {
                 Err(anyhow::Error::new(error).context(format!("{path}: cannot be opened")))
             }
+            // Output, decoders, and the nodes of a camera that carry no pictures.
+            Ok(driver) if !captures(driver.capabilities().unwrap_or(0)) => continue,
             Ok(driver) => settle_driver(driver, &path, capture, size_px),
         };
         match settled {
@@ -74,8 +76,13 @@ pub fn settle(capture: &Capture, size_px: (usize, usize)) -> Result<Settled> {
             Err(error) => reasons.push(format!("{error:#}")),
         }
     }
-    ensure!(!reasons.is_empty(), "there is no video device: is the camera plugged in?");
+    ensure!(!reasons.is_empty(), "no device captures video: is the camera plugged in?");
     bail!("no camera gives what is configured: {}", reasons.join("; "))
+}
+
+/// Whether a device with these capabilities is a camera, of any kind.
+fn captures(capabilities: u32) -> bool {
+    capabilities & (V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0
 }
 
 fn settle_driver(
@@ -91,13 +98,12 @@ fn settle_driver(
 fn settle_stream(driver: &Driver, capture: &Capture, size_px: (usize, usize)) -> Result<Luma> {
     let capabilities = driver.capabilities().context("it is not a video device")?;
     let can = |bit| capabilities & bit != 0;
-    if can(V4L2_CAP_VIDEO_CAPTURE_MPLANE) && !can(V4L2_CAP_VIDEO_CAPTURE) {
-        bail!(
-            "it gives frames in several planes, which are not read here: use another camera, or \
-             libcamera for a sensor on a ribbon cable"
-        );
-    }
-    ensure!(can(V4L2_CAP_VIDEO_CAPTURE), "it does not capture video");
+    ensure!(captures(capabilities), "it does not capture video");
+    ensure!(
+        can(V4L2_CAP_VIDEO_CAPTURE),
+        "it gives frames in several planes, which are not read here: use another camera, or \
+         libcamera for a sensor on a ribbon cable"
+    );
     ensure!(can(V4L2_CAP_STREAMING), "it does not stream into mapped memory");
     if driver.follows_signal() {
         let timings = driver.signal_timings().context(

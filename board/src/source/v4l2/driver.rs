@@ -30,6 +30,7 @@ use v4l::v4l_sys::{
 use v4l::v4l2::{self, vidioc};
 use v4l::{Device, FourCC};
 
+use super::super::stamp::Now;
 use super::intake::{Dequeued, Queue, Wake};
 use super::mapping::Mapping;
 
@@ -272,10 +273,7 @@ impl Queue for Driver {
         Ok(Wake::from_events(poll.revents))
     }
 
-    fn monotonic_ns(&self) -> u64 {
-        let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-        // SAFETY: the pointer outlives the call; this clock is always there.
-        unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now) };
-        Duration::new(now.tv_sec as u64, now.tv_nsec as u32).as_nanos() as u64
+    fn now(&self) -> Now {
+        Now::read()
     }
 }

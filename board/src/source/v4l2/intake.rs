@@ -16,8 +16,9 @@ use std::time::{Duration, Instant};
 use v4l::v4l_sys::V4L2_BUF_FLAG_ERROR;
 
 use super::super::camera::{Counts, Waited};
+use super::super::stamp::{Now, Sequence, Stamp};
 use super::buffers::{Buffers, Ours};
-use super::stamp::{Now, Sequence, Stamp};
+use super::stamp::stamp;
 
 /// Frames that wait to be handed out.
 const WAITING_MAX: usize = 2;
@@ -36,8 +37,8 @@ pub trait Queue {
     /// Waits until there is something to take or to know.
     fn wait(&self, timeout: Duration) -> io::Result<Wake>;
 
-    /// CLOCK_MONOTONIC now.
-    fn monotonic_ns(&self) -> u64;
+    /// Both clocks.
+    fn now(&self) -> Now;
 }
 
 /// What the driver says of a buffer that it hands back.
@@ -185,14 +186,14 @@ impl Intake {
             let Some(done) = queue.dequeue().map_err(|error| lost(&error))? else {
                 break;
             };
-            let now = Now { monotonic_ns: queue.monotonic_ns(), instant: Instant::now() };
+            let now = queue.now();
             let ours = self.buffers.take(done.index).map_err(|refused| refused.to_string())?;
             self.counts.missed += self.sequence.missed_before(done.sequence);
             let free = if done.flags & V4L2_BUF_FLAG_ERROR != 0 || done.bytes < self.bytes_min {
                 self.counts.missed += 1;
                 Some(ours)
             } else {
-                let stamp = Stamp::new(done.flags, done.stamp_s, done.stamp_us, now);
+                let stamp = stamp(done.flags, done.stamp_s, done.stamp_us, now);
                 self.keep(Arrived { ours, stamp })
             };
             if let Some(ours) = free {

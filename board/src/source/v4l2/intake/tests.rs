@@ -44,8 +44,8 @@ impl Queue for Fake {
         Ok(wake.unwrap_or(Wake::Nothing))
     }
 
-    fn monotonic_ns(&self) -> u64 {
-        1_000_000_000
+    fn now(&self) -> Now {
+        Now { monotonic_ns: 1_000_000_000, instant: Instant::now() }
     }
 }
 
