@@ -110,7 +110,12 @@ impl Task {
     }
 
     /// The standard output, in silence.
-    pub fn output(mut self) -> Result<String> {
+    pub fn output(self) -> Result<String> {
+        Ok(String::from_utf8_lossy(&self.output_bytes()?).into_owned())
+    }
+
+    /// As [`Self::output`], for what is no text.
+    pub fn output_bytes(mut self) -> Result<Vec<u8>> {
         let output = self
             .command
             .stdin(Stdio::null())
@@ -120,7 +125,7 @@ impl Task {
             let said = String::from_utf8_lossy(&output.stderr);
             bail!("`{}` failed ({}): {}", self.line, output.status, said.trim());
         }
-        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+        Ok(output.stdout)
     }
 
     fn announce(&self) {

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `demo` | builds the release programs and runs `plumb demo` |
 //! | `test` | formatting, lints, build, tests, and the proof that the core needs no heap |
+//! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
 //! | `bench` | measures the figures that README.md quotes |
 //!
 //! Exit codes: 0 done, 1 something failed, 2 the machine lacks something that
@@ -15,6 +16,7 @@ mod bench;
 mod command;
 mod cross;
 mod demo;
+mod image;
 mod instructions;
 mod setup;
 mod tests;
@@ -43,6 +45,8 @@ enum Task {
     /// Check everything: rustfmt, clippy with warnings as errors, build, all
     /// tests, and that the core links without an allocator.
     Test(tests::Arguments),
+    /// Make what a box boots from: for QEMU, an SD card, or a Debian package.
+    Image(image::Arguments),
     /// Measure speed, spread and memory on rendered frames, beside OpenCV where
     /// Python has it.
     Bench(bench::Arguments),
@@ -52,6 +56,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test(arguments) => tests::run(&arguments),
+        Task::Image(arguments) => image::run(&arguments),
         Task::Bench(arguments) => bench::run(&arguments),
     };
     match done {

@@ -56,6 +56,13 @@ pub const BINUTILS: &[Need] = &[Need {
     why: "nm lists what the core without an allocator asks of others",
 }];
 
+/// A whole emulated computer.
+pub const QEMU_SYSTEM: &[Need] = &[Need {
+    probe: Probe::Program("qemu-system-aarch64"),
+    package: "qemu-system-arm",
+    why: "the computer that the box's image is booted on",
+}];
+
 /// A part of the Rust toolchain that a minimal installation leaves out.
 struct Component {
     name: &'static str,

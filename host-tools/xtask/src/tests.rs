@@ -13,7 +13,7 @@ use clap::ValueEnum;
 
 use crate::command::{Task, root};
 use crate::cross::{Linking, Target};
-use crate::{agreement, bare, setup};
+use crate::{agreement, bare, image, setup};
 
 /// What `cargo xtask test` takes.
 #[derive(clap::Args)]
@@ -22,6 +22,9 @@ pub struct Arguments {
     #[arg(value_enum)]
     parts: Vec<Part>,
 }
+
+/// The variable that tells the tests in `tests/boot` where the images are.
+const IMAGES: &str = "PLUMBLINE_IMAGES";
 
 /// One way to run the checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -34,6 +37,9 @@ enum Part {
     Arm,
     /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
     Armhf,
+    /// The box's image, booted under QEMU: it tracks a camera, and survives what
+    /// happens to a box.
+    Boot,
 }
 
 impl Part {
@@ -46,6 +52,10 @@ impl Part {
             }
             Self::Arm => Target::Aarch64.prepare(),
             Self::Armhf => Target::Armv7.prepare(),
+            Self::Boot => {
+                setup::ensure(&[setup::QEMU_SYSTEM])?;
+                image::prepare()
+            }
         }
     }
 
@@ -54,6 +64,7 @@ impl Part {
             Self::Native => native(journal),
             Self::Arm => arm(journal)?,
             Self::Armhf => armhf(journal)?,
+            Self::Boot => boot(journal),
         }
         Ok(())
     }
@@ -109,6 +120,21 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     let core = ["test", "--package", "plumbline", "--lib", "--no-fail-fast"];
     journal.tests("armhf tests", cargo.args(core));
     Ok(())
+}
+
+/// Boots the box and looks at it from outside. Two machines at a time: each keeps one
+/// processor core busy.
+fn boot(journal: &mut Journal) {
+    let mut images = PathBuf::new();
+    let made = journal.check("images", || {
+        images = image::make_for_tests()?;
+        Ok(())
+    });
+    if made {
+        let test = ["test", "--test", "boot", "--", "--test-threads=2", "--nocapture"];
+        let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
+        journal.tests("boot tests", task);
+    }
 }
 
 /// Tests on photographs pass where there are none, so the log has to tell.

@@ -1,0 +1,147 @@
+//! Debian's arm64 files: kernel, modules, boot firmware, busybox, libcamera.
+//!
+//! `mmdebstrap` fetches the packages, checks their signatures and unpacks them;
+//! nothing in them is run, so that any computer can do it. The result is kept
+//! below `target/image`; removing it fetches the newest packages anew.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+use crate::command::{Task, target_directory};
+use crate::setup::{Need, Probe};
+
+/// The release that the packages are from: it has libcamera 0.4, which the Debian
+/// package needs, and a kernel with drivers for all that the images run on.
+const RELEASE: &str = "trixie";
+
+/// What is fetched; what these depend on comes with them.
+const PACKAGES: &[&str] = &[
+    "linux-image-arm64",
+    "busybox-static",
+    "raspi-firmware",
+    "libcamera-dev",
+    "libcamera-ipa",
+    "libc6-dev",
+    "libstdc++-14-dev",
+];
+
+/// The Raspberry Pi's boot firmware is not free software: its own section.
+const COMPONENTS: &str = "main,non-free-firmware";
+
+/// What fetching takes.
+pub const NEEDS: &[Need] = &[
+    Need {
+        probe: Probe::Program("mmdebstrap"),
+        package: "mmdebstrap",
+        why: "fetches and unpacks Debian's ARM packages",
+    },
+    Need {
+        probe: Probe::File("/usr/share/keyrings/debian-archive-keyring.gpg"),
+        package: "debian-archive-keyring",
+        why: "the keys that those packages are signed with",
+    },
+    Need {
+        probe: Probe::Program("newuidmap"),
+        package: "uidmap",
+        why: "lets mmdebstrap work for somebody who is not root",
+    },
+    Need {
+        probe: Probe::File("/usr/sbin/depmod"),
+        package: "kmod",
+        why: "finds out which kernel module needs which",
+    },
+];
+
+/// The unpacked packages.
+#[derive(Debug)]
+pub struct DebianRoot {
+    path: PathBuf,
+}
+
+impl DebianRoot {
+    /// Fetches the packages, unless they are there.
+    pub fn fetch() -> Result<Self> {
+        let path = target_directory().join("image").join(format!("{RELEASE}-arm64"));
+        let packages = PACKAGES.join(",");
+        if fs::read_to_string(stamp(&path)).is_ok_and(|found| found == packages) {
+            println!("Debian's packages are those in {}", path.display());
+            return Ok(Self { path });
+        }
+        let unfinished = path.with_extension("unfinished");
+        for old in [&path, &unfinished] {
+            if old.exists() {
+                fs::remove_dir_all(old).with_context(|| old.display().to_string())?;
+            }
+        }
+        fs::create_dir_all(&unfinished).with_context(|| unfinished.display().to_string())?;
+        let archive = path.with_extension("tar");
+        Task::new("mmdebstrap")
+            .args(["--variant=extract", "--architectures=arm64"])
+            .args([format!("--components={COMPONENTS}"), format!("--include={packages}")])
+            .args([RELEASE.as_ref(), archive.as_os_str()])
+            .run()?;
+        // Devices belong to a running system, and only root may make them.
+        Task::new("tar")
+            .args(["--extract", "--no-same-owner", "--exclude=./dev/*", "--file"])
+            .args([&archive])
+            .args(["--directory".as_ref(), unfinished.as_os_str()])
+            .run()?;
+        fs::remove_file(&archive)?;
+        // Debian has moved /lib there; a script that is not run makes the link.
+        if !unfinished.join("lib").exists() {
+            symlink("usr/lib", unfinished.join("lib"))?;
+        }
+        let root = Self { path: unfinished };
+        let dependencies = Task::new("/usr/sbin/depmod")
+            .args(["--show", "--basedir"])
+            .args([&root.path])
+            .args([root.kernel_version()?])
+            .output()?;
+        fs::write(root.path.join(DEPENDENCIES), dependencies)?;
+        fs::write(stamp(&root.path), packages)?;
+        fs::rename(&root.path, &path)?;
+        Ok(Self { path })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// A file of it.
+    pub fn read(&self, name: &str) -> Result<Vec<u8>> {
+        let path = self.path.join(name);
+        fs::read(&path).with_context(|| path.display().to_string())
+    }
+
+    /// The version of its one kernel.
+    pub fn kernel_version(&self) -> Result<String> {
+        let modules = self.path.join("usr/lib/modules");
+        let mut versions = Vec::new();
+        for entry in fs::read_dir(&modules).with_context(|| modules.display().to_string())? {
+            versions.push(entry?.file_name().to_string_lossy().into_owned());
+        }
+        ensure!(versions.len() == 1, "{}: not one kernel but {versions:?}", modules.display());
+        Ok(versions.remove(0))
+    }
+
+    /// Where the kernel itself is.
+    pub fn kernel_path(&self) -> Result<PathBuf> {
+        Ok(self.path.join(format!("boot/vmlinuz-{}", self.kernel_version()?)))
+    }
+
+    /// Which module needs which, as depmod has found out.
+    pub fn module_dependencies(&self) -> Result<String> {
+        Ok(String::from_utf8(self.read(DEPENDENCIES)?)?)
+    }
+}
+
+const DEPENDENCIES: &str = "modules.dep";
+
+/// The last file that is made, so that its content tells that all is there.
+fn stamp(root: &Path) -> PathBuf {
+    root.join("packages")
+}

@@ -1,0 +1,62 @@
+//! FAT file systems in files, made with dosfstools and mtools: neither needs to
+//! be root. The same content gives the same bytes.
+
+use std::path::Path;
+
+use anyhow::Result;
+
+use crate::command::Task;
+use crate::setup::{Need, Probe};
+
+/// The file systems' name.
+pub const LABEL: &str = "PLUMBLINE";
+
+/// What making them takes.
+pub const NEEDS: &[Need] = &[
+    Need {
+        probe: Probe::File("/usr/sbin/mkfs.fat"),
+        package: "dosfstools",
+        why: "makes the boot partition's file system",
+    },
+    Need {
+        probe: Probe::Program("mcopy"),
+        package: "mtools",
+        why: "copies files into it without mounting it",
+    },
+];
+
+const SECTOR_BYTES: u64 = 512;
+
+/// A file system within a file: the whole of it, or a partition.
+#[derive(Debug)]
+pub struct Fat<'a> {
+    file: &'a Path,
+    start_bytes: u64,
+}
+
+impl<'a> Fat<'a> {
+    /// Makes an empty one of `size_bytes` at `start_bytes` of the file, which must be large
+    /// enough. `bits` is 12, 16 or 32.
+    pub fn make(file: &'a Path, start_bytes: u64, size_bytes: u64, bits: u8) -> Result<Self> {
+        Task::new("/usr/sbin/mkfs.fat")
+            .args(["--invariant", "-n", LABEL, "-F", &bits.to_string()])
+            .args(["--offset", &(start_bytes / SECTOR_BYTES).to_string()])
+            .args([file])
+            .args([(size_bytes / 1024).to_string()])
+            .output()?;
+        Ok(Self { file, start_bytes })
+    }
+
+    /// Copies a file into its root, under this name.
+    pub fn copy(&self, from: &Path, name: &str) -> Result<()> {
+        let image = format!("{}@@{}", self.file.display(), self.start_bytes);
+        // mtools dates what it writes by this; otherwise each day gives another image.
+        Task::new("mcopy")
+            .env("SOURCE_DATE_EPOCH", "0")
+            .args(["-o", "-i", &image])
+            .args([from])
+            .args([format!("::{name}")])
+            .output()?;
+        Ok(())
+    }
+}

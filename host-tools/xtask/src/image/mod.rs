@@ -1,0 +1,160 @@
+//! `cargo xtask image`: what a box is made from.
+//!
+//! ```text
+//! Debian's packages ─▶ kernel, modules, busybox ─┐
+//!                                                ├─▶ initramfs ─┬─▶ virt: for QEMU
+//! plumbline-board, built static for arm64 ───────┘              └─▶ rpi4: SD card
+//! plumbline-board, built with libcamera for arm64 ────────────────▶ deb: Debian package
+//! ```
+//!
+//! The initramfs of `virt` and `rpi4` is one and the same, so that what the
+//! tests boot is what stands at the bedside. For that reason there is also only
+//! one kernel, Debian's ordinary one: its PREEMPT_RT twin would bring modules of
+//! its own. At 60 frames a second the ordinary one's scheduling latency, well below a
+//! millisecond under SCHED_FIFO, does not show.
+
+mod archive;
+mod debian_root;
+mod fat;
+mod initramfs;
+mod modules;
+mod rpi4;
+mod test_overlay;
+mod virt;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+
+use crate::command::target_directory;
+use crate::cross::{Linking, Target};
+use crate::setup;
+use debian_root::DebianRoot;
+
+/// What `cargo xtask image` takes.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  A box in QEMU, from nothing:
+    plumb provision --camera camera.toml --targets targets.toml \\
+        --capture v4l2 --udp 10.0.2.2:4210 --out box.plb
+    cargo xtask image virt --config box.plb
+    target/image/virt/run
+  An SD card for a Raspberry Pi 4 with a USB camera; X is the card's letter:
+    cargo xtask image rpi4 --config box.plb
+    sudo dd if=target/image/plumbline-rpi4.img of=/dev/sdX bs=4M conv=fsync
+  A package for Raspberry Pi OS or Debian, for a camera on a ribbon cable:
+    cargo xtask image deb
+
+The configuration is the file config.plb in the root of the card's one
+partition. Any computer can read and replace it; the box never writes to it.")]
+pub struct Arguments {
+    /// What to make.
+    #[arg(value_enum)]
+    what: What,
+    /// The configuration to put in, as `plumb provision` wrote it.
+    #[arg(long, value_name = "box.plb")]
+    config: Option<PathBuf>,
+    /// Where to [default: target/image/virt, target/image/plumbline-rpi4.img,
+    /// target/image/plumbline-board_VERSION_arm64.deb]
+    #[arg(long, value_name = "DIR|FILE")]
+    out: Option<PathBuf>,
+}
+
+/// The images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum What {
+    /// A directory with kernel, initramfs and disk for QEMU's arm64 board.
+    Virt,
+    /// The image of an SD card for a Raspberry Pi 4 with a USB camera.
+    Rpi4,
+}
+
+/// The configuration's name on the boot partition.
+pub const CONFIG_NAME: &str = "config.plb";
+
+/// Makes the image.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let config = arguments.config.as_deref();
+    let out = |default: &str| arguments.out.clone().unwrap_or_else(|| directory().join(default));
+    match arguments.what {
+        What::Virt => virt::make(&Parts::make()?, config, &out("virt")),
+        What::Rpi4 => rpi4::make(&Parts::make()?, config, &out("plumbline-rpi4.img")),
+    }
+}
+
+/// Installs what making the images takes.
+pub fn prepare() -> Result<()> {
+    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian_root::NEEDS])?;
+    Target::Aarch64.prepare()
+}
+
+/// Makes what the tests boot, and the SD card that they look into; the directory with it.
+///
+/// | file | is |
+/// |---|---|
+/// | `vmlinuz`, `initramfs` | as they ship |
+/// | `overlay.cpio` | [`test_overlay`] |
+/// | `overlay-fault.cpio` | the same, and an `/init` that can be told to hang |
+/// | `rpi4.img` | the SD card, without a configuration |
+pub fn make_for_tests() -> Result<PathBuf> {
+    let directory = directory().join("tests");
+    fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
+    let guest = built("plumbline-test-guest", &[])?;
+    // First this, so that afterwards the program without the fault is there again.
+    let faulty = built("plumbline-board", &["--features", "plumbline-board/fault-injection"])?;
+    let debian = DebianRoot::fetch()?;
+    let overlay = test_overlay::make(&debian, &guest, Some(&faulty))?;
+    fs::write(directory.join("overlay-fault.cpio"), overlay)?;
+    fs::write(directory.join("overlay.cpio"), test_overlay::make(&debian, &guest, None)?)?;
+    let parts = Parts::make()?;
+    parts.write_to(&directory)?;
+    rpi4::make(&parts, None, &directory.join("rpi4.img"))?;
+    Ok(directory)
+}
+
+const NEEDS: &[setup::Need] = &[setup::Need {
+    probe: setup::Probe::Program("xz"),
+    package: "xz-utils",
+    why: "unpacks Debian's kernel modules",
+}];
+
+fn directory() -> PathBuf {
+    target_directory().join("image")
+}
+
+/// What an image that boots consists of.
+struct Parts {
+    debian: DebianRoot,
+    initramfs: Vec<u8>,
+}
+
+impl Parts {
+    /// Fetches and builds them.
+    fn make() -> Result<Self> {
+        prepare()?;
+        let debian = DebianRoot::fetch()?;
+        let initramfs = initramfs::make(&debian, &built("plumbline-board", &[])?)?;
+        Ok(Self { debian, initramfs })
+    }
+
+    /// Puts kernel and initramfs into a directory.
+    fn write_to(&self, directory: &Path) -> Result<()> {
+        fs::copy(self.debian.kernel_path()?, directory.join("vmlinuz"))?;
+        fs::write(directory.join("initramfs"), &self.initramfs)?;
+        Ok(())
+    }
+}
+
+/// Builds the program of a package for the box; where it is.
+fn built(package: &str, options: &[&str]) -> Result<PathBuf> {
+    let toolchain = Target::Aarch64.toolchain()?;
+    toolchain
+        .cargo(Linking::Static)
+        .args(["build", "--release", "--package", package])
+        .args(options)
+        .run()?;
+    Ok(toolchain.programs(Linking::Static, "release").join(package))
+}

@@ -1,0 +1,85 @@
+//! The SD card of a Raspberry Pi 4: one FAT partition, which the Pi's own boot
+//! firmware reads, and which the box finds its configuration on.
+//!
+//! | file | from | is |
+//! |---|---|---|
+//! | `start4.elf`, `fixup4.dat` | raspi-firmware | the firmware; the Pi 4 has its first stage in its own memory |
+//! | `bcm2711-rpi-4-b.dtb` | linux-image-arm64 | what the board is made of |
+//! | `vmlinuz`, `initramfs` | | the same as for `virt` |
+//! | `config.txt`, `cmdline.txt` | `board/image/rpi4` | what the firmware and the kernel are told |
+//! | `config.plb` | `--config` | the box's configuration |
+
+use std::fs::{self, File};
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use super::fat::Fat;
+use super::{CONFIG_NAME, Parts};
+use crate::command::{Task, root, target_directory};
+use crate::setup::{Need, Probe};
+
+/// What making it takes besides.
+pub const NEEDS: &[Need] = &[Need {
+    probe: Probe::File("/usr/sbin/sfdisk"),
+    package: "fdisk",
+    why: "makes the SD card's partition table",
+}];
+
+/// Where the partition starts: cards are written in blocks of this size or a fraction.
+const START_BYTES: u64 = 4 << 20;
+
+/// The partition: twice what is in it, so that the next kernel fits beside this one.
+const PARTITION_BYTES: u64 = 128 << 20;
+
+/// Makes the image `card`.
+pub fn make(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
+    if let Some(directory) = card.parent() {
+        fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
+    }
+    // What an earlier run has left there must not show through.
+    let file = File::create(card).with_context(|| card.display().to_string())?;
+    file.set_len(START_BYTES + PARTITION_BYTES)?;
+    // Type c is FAT32 as the firmware looks for it; the number is that of the disk, which
+    // would otherwise be drawn at random.
+    let table = format!(
+        "label: dos\nlabel-id: 0x504c4d42\nunit: sectors\n\
+         start={}, size={}, type=c, bootable\n",
+        START_BYTES / 512,
+        PARTITION_BYTES / 512
+    );
+    let script = target_directory().join("image/rpi4.sfdisk");
+    fs::write(&script, table)?;
+    Task::new("sh")
+        .args(["-c", "/usr/sbin/sfdisk --quiet \"$1\" < \"$2\"", "sh"])
+        .args([card, &script])
+        .output()?;
+
+    let fat = Fat::make(card, START_BYTES, PARTITION_BYTES, 32)?;
+    let firmware = parts.debian.path().join("usr/lib/raspi-firmware");
+    let device_tree = parts.debian.path().join(format!(
+        "usr/lib/linux-image-{}/broadcom/bcm2711-rpi-4-b.dtb",
+        parts.debian.kernel_version()?
+    ));
+    fat.copy(&firmware.join("start4.elf"), "start4.elf")?;
+    fat.copy(&firmware.join("fixup4.dat"), "fixup4.dat")?;
+    fat.copy(&device_tree, "bcm2711-rpi-4-b.dtb")?;
+    fat.copy(&parts.debian.kernel_path()?, "vmlinuz")?;
+    let initramfs = target_directory().join("image/initramfs");
+    fs::write(&initramfs, &parts.initramfs)?;
+    fat.copy(&initramfs, "initramfs")?;
+    for name in ["config.txt", "cmdline.txt"] {
+        fat.copy(&root().join("board/image/rpi4").join(name), name)?;
+    }
+    if let Some(config) = config {
+        fat.copy(config, CONFIG_NAME)?;
+    }
+    println!("\n{}: write it to a card, see `cargo xtask image --help`", card.display());
+    if config.is_none() {
+        println!(
+            "It has no configuration yet, and will say so: copy the file of `plumb provision` \
+             as {CONFIG_NAME} to the card"
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,142 @@
+//! What the box sees in these tests, what it is provisioned with, and what the
+//! same core makes of the same frames on this machine.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::LazyLock;
+
+use plumb::simulate::layout::LensChoice;
+use plumb::simulate::{Simulation, SimulationSettings};
+use plumbline::config::{
+    BLOB_BYTES_MAX, Capture, CaptureDriver, Config, Machine, Network, PixelFormat, SerialLink,
+};
+use plumbline::image::GreyImage;
+use plumbline::pipeline::Pipeline;
+use rayon::prelude::*;
+use tempfile::TempDir;
+
+/// As the test guest plays them.
+pub const RATE_HZ: f64 = 24.0;
+
+/// Two seconds, forwards and then backwards.
+pub const FRAMES: usize = 48;
+
+/// A position, x, y, z in mm.
+pub type Position = [f64; 3];
+
+/// The rendered scene, made once for all tests.
+pub struct Scene {
+    pub simulation: Simulation,
+    /// Where the frames are, one after the other.
+    pub frames_disk: PathBuf,
+    /// Per target and frame.
+    pub truth_mm: [Vec<Position>; 2],
+    /// Per target and frame: what the core measures here.
+    pub offline_mm: [Vec<Position>; 2],
+    _directory: TempDir,
+}
+
+pub static SCENE: LazyLock<Scene> = LazyLock::new(Scene::make);
+
+impl Scene {
+    fn make() -> Self {
+        let settings = SimulationSettings {
+            frame_rate_hz: RATE_HZ,
+            lens: LensChoice::Hd,
+            ..SimulationSettings::default()
+        };
+        let simulation = Simulation::new(&settings).expect("settings that can be simulated");
+        let render = |frame| {
+            let mut pixels = Vec::new();
+            simulation.render(frame, &mut pixels);
+            pixels
+        };
+        let frames: Vec<Vec<u8>> = (0..FRAMES as u64).into_par_iter().map(render).collect();
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let frames_disk = directory.path().join("frames.grey");
+        std::fs::write(&frames_disk, frames.concat()).expect("the frames are written");
+
+        let truth_mm = [0, 1].map(|target| {
+            let truth = (0..FRAMES as u64).map(|frame| simulation.truth(frame));
+            truth.map(|truth| truth.targets[target].cam_from_target.translation_mm.into()).collect()
+        });
+        let offline_mm = track(&simulation, &frames);
+        Self { simulation, frames_disk, truth_mm, offline_mm, _directory: directory }
+    }
+}
+
+/// Per target and frame: where the core sees it.
+fn track(simulation: &Simulation, frames: &[Vec<u8>]) -> [Vec<Position>; 2] {
+    let mut pipeline = Box::new(Pipeline::new());
+    pipeline.configure(&simulation.config()).expect("the simulation's own scene");
+    let (width, height) = (simulation.camera().width_px, simulation.camera().height_px);
+    let mut positions = [Vec::new(), Vec::new()];
+    for (frame, pixels) in (0..).zip(frames) {
+        let image = GreyImage::new(pixels, width.into(), height.into(), width.into())
+            .expect("a whole frame");
+        let report = pipeline.step(&image, (f64::from(frame) / RATE_HZ * 1e9) as u64);
+        for (target, positions) in report.targets.iter().zip(&mut positions) {
+            let measured = target.measurement.as_ref().expect("both targets are always in sight");
+            positions.push(measured.cam_from_target.translation_mm.into());
+        }
+    }
+    positions
+}
+
+/// A box with vivid as its camera, both links, and everything of its computer in use.
+pub fn config(host: SocketAddr) -> Config {
+    let mut config = SCENE.simulation.config();
+    config.device = "boot test".try_into().expect("a short name");
+    config.links.udp = Some(host);
+    let path = "/dev/ttyS0".try_into().expect("a short path");
+    config.links.serial = Some(SerialLink { path, baud: 115_200 });
+    config.capture = Some(Capture {
+        driver: CaptureDriver::V4l2,
+        device: "/dev/video0".try_into().expect("a short path"),
+        pixel_format: PixelFormat::Grey,
+        rate_hz: RATE_HZ as f32,
+        exposure_us: None,
+        gain: None,
+    });
+    config.machine = Machine {
+        network: Network::Dhcp,
+        realtime_priority: Some(50),
+        cpu: Some(1),
+        watchdog_s: Some(5),
+    };
+    config
+}
+
+pub fn blob(config: &Config) -> Vec<u8> {
+    config.encode(&mut vec![0; BLOB_BYTES_MAX]).expect("a sound configuration").to_vec()
+}
+
+/// A disk without partitions, and the configuration in its FAT file system.
+pub fn boot_disk(directory: &Path, blob: &[u8]) -> PathBuf {
+    let disk = directory.join("boot.img");
+    std::fs::write(&disk, vec![0; 1 << 20]).expect("the disk is written");
+    run("/usr/sbin/mkfs.fat", &[disk.to_str().expect("a plain path")]);
+    copy_config(&disk, 0, directory, blob);
+    disk
+}
+
+/// Puts the configuration into the file system that starts at `start_bytes` of the disk.
+pub fn copy_config(disk: &Path, start_bytes: u64, directory: &Path, blob: &[u8]) {
+    let file = directory.join("config.plb");
+    std::fs::write(&file, blob).expect("the configuration is written");
+    let image = format!("{}@@{start_bytes}", disk.display());
+    run("mcopy", &["-o", "-i", &image, file.to_str().expect("a plain path"), "::config.plb"]);
+}
+
+/// Runs a standard tool; what it says.
+pub fn run(program: &str, arguments: &[&str]) -> String {
+    let output = Command::new(program)
+        .args(arguments)
+        .output()
+        .unwrap_or_else(|error| panic!("{program}: {error}"));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let complained = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{program} {arguments:?}: {said}{complained}");
+    said
+}

@@ -1,0 +1,175 @@
+//! `/test/start`: the first process of the test machine.
+//!
+//! ```text
+//! /test/start ── mounts, modules, camera ──▶ exec /init      (process 1, the box itself)
+//!      └────── starts /test/start feed ────▶ plays frames    (the scene in front of the camera)
+//! ```
+//!
+//! The camera is vivid, the kernel's own: a capture device (/dev/video0) and an
+//! output device (/dev/video1) that is looped into it, so that whatever is
+//! written to the one is seen by the other. The frames are raw, 1280 x 720, one
+//! byte per pixel, on a disk with the serial number `frames`; they are played
+//! forwards and backwards in turn, so that the motion never jumps.
+//!
+//! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
+//! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back.
+
+mod camera;
+mod kernel;
+
+use std::fs::{self, File};
+use std::io::{Seek, SeekFrom};
+use std::os::unix::fs::FileExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use camera::{FRAME_BYTES, Player};
+use nix::errno::Errno;
+use nix::kmod::{ModuleInitFlags, finit_module};
+use nix::mount::{MsFlags, mount};
+
+const CAPTURE: &str = "/dev/video0";
+const OUTPUT: &str = "/dev/video1";
+
+/// Disks and devices come within this, or never.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn main() {
+    let feeds = std::env::args().nth(1).is_some_and(|word| word == "feed");
+    let done = if feeds { feed() } else { start() };
+    let Err(error) = done else { return };
+    eprintln!("test: {error:#}");
+    // Where process 1 ends the kernel panics: better that the console is read first.
+    sleep(PATIENCE);
+}
+
+/// Sets up the camera, starts the feeder, and becomes the box.
+fn start() -> Result<()> {
+    for (kind, place) in [("proc", "/proc"), ("sysfs", "/sys"), ("devtmpfs", "/dev")] {
+        fs::create_dir_all(place)?;
+        mount(Some(kind), place, Some(kind), MsFlags::empty(), None::<&str>)
+            .with_context(|| format!("{kind} cannot be mounted"))?;
+    }
+    load_modules(Path::new("/test/modules"))?;
+    camera::connect(CAPTURE, OUTPUT)?;
+    Command::new("/proc/self/exe").arg("feed").spawn().context("the feeder does not start")?;
+    // Comes back only when it fails.
+    Err(Command::new("/init").exec()).context("/init does not start")
+}
+
+/// Each line is `PATH OPTIONS`.
+fn load_modules(list: &Path) -> Result<()> {
+    for line in fs::read_to_string(list).context("/test/modules")?.lines() {
+        let (path, options) = line.split_once(' ').unwrap_or((line, ""));
+        let file = File::open(path).with_context(|| path.to_owned())?;
+        let options = std::ffi::CString::new(options)?;
+        match finit_module(&file, &options, ModuleInitFlags::empty()) {
+            Ok(()) | Err(Errno::EEXIST) => {}
+            Err(error) => bail!("{path}: {error}"),
+        }
+    }
+    Ok(())
+}
+
+/// Plays the frames for as long as the machine runs.
+fn feed() -> Result<()> {
+    let mut frames = File::open(disk("frames")?)?;
+    let count = frame_count(&mut frames)?;
+    let mut disconnection = Disconnection::asked_for()?;
+    let started = Instant::now();
+    let mut player = player()?;
+    for step in 0_usize.. {
+        let offset = (frame_index(step, count) * FRAME_BYTES) as u64;
+        // The driver hands a buffer back when it has been shown: this is what paces.
+        let played = player.play(|pixels| frames.read_exact_at(pixels, offset));
+        if played.is_err_and(|error| error.raw_os_error() == Some(Errno::ENODEV as i32)) {
+            drop(player);
+            player = self::player()?;
+        }
+        if let Some(Disconnection { after, lasts }) = disconnection
+            && started.elapsed() >= after
+        {
+            disconnection = None;
+            println!("test: the camera's plug is pulled at {} s", uptime_s()?);
+            camera::press_disconnect(CAPTURE)?;
+            // vivid puts the plug back when its last user has gone: the player is one.
+            sleep(lasts);
+            drop(player);
+            player = self::player()?;
+            println!("test: the camera's plug is back");
+        }
+    }
+    Ok(())
+}
+
+/// 0, 1 ... n-1, n-1 ... 1, 0 and again.
+fn frame_index(step: usize, count: usize) -> usize {
+    let phase = step % (2 * count);
+    if phase < count { phase } else { 2 * count - 1 - phase }
+}
+
+/// The number of whole frames; a disk's size is rounded up to sectors.
+fn frame_count(disk: &mut File) -> Result<usize> {
+    // A device's metadata says nothing of its size.
+    let bytes = disk.seek(SeekFrom::End(0))? as usize;
+    ensure!(bytes >= FRAME_BYTES, "the disk of frames holds {bytes} bytes");
+    Ok(bytes / FRAME_BYTES)
+}
+
+/// The disk with this serial number. The box's init loads its driver, so it may take a while.
+fn disk(serial: &str) -> Result<PathBuf> {
+    let until = Instant::now() + PATIENCE;
+    while Instant::now() < until {
+        for entry in fs::read_dir("/sys/block")? {
+            let entry = entry?;
+            let found = fs::read_to_string(entry.path().join("serial"));
+            if found.is_ok_and(|found| found.trim() == serial) {
+                return Ok(Path::new("/dev").join(entry.file_name()));
+            }
+        }
+        sleep(Duration::from_millis(20));
+    }
+    bail!("there is no disk with the serial number {serial}")
+}
+
+/// Opens the output device, waiting until it is (again) there.
+fn player() -> Result<Player> {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        match Player::open(OUTPUT) {
+            Ok(player) => return Ok(player),
+            Err(error) if Instant::now() > until => return Err(error).context(OUTPUT),
+            Err(_) => sleep(Duration::from_millis(20)),
+        }
+    }
+}
+
+/// Since the kernel's start.
+fn uptime_s() -> Result<String> {
+    let text = fs::read_to_string("/proc/uptime")?;
+    Ok(text.split_whitespace().next().unwrap_or_default().to_owned())
+}
+
+/// When the plug is pulled, counted from the first frame, and for how long.
+struct Disconnection {
+    after: Duration,
+    lasts: Duration,
+}
+
+impl Disconnection {
+    /// What the kernel's command line asks for.
+    fn asked_for() -> Result<Option<Self>> {
+        let options = fs::read_to_string("/proc/cmdline")?;
+        let seconds = |name: &str| -> Result<Option<Duration>> {
+            let value = options.split_whitespace().find_map(|word| word.strip_prefix(name));
+            Ok(value.map(str::parse).transpose()?.map(Duration::from_secs_f64))
+        };
+        let after = seconds("test.disconnect_after=")?;
+        let lasts = seconds("test.disconnect_for=")?;
+        Ok(after.map(|after| Self { after, lasts: lasts.unwrap_or(Duration::from_secs(3)) }))
+    }
+}
