@@ -12,6 +12,8 @@ use std::env;
 use std::fs;
 use std::hint::black_box;
 use std::path::Path;
+use std::process::{self, ExitCode};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -31,7 +33,19 @@ const SEARCH_EVERY: usize = 5;
 /// A pose further from the truth than this is of something else.
 const FALSE_MM: f64 = 20.0;
 
-fn main() -> Result<()> {
+fn main() -> ExitCode {
+    let done = measure();
+    if let Err(error) = &done {
+        eprintln!("error: {error:#}");
+    }
+    if process::id() == 1 {
+        // With process 1 the machine ends; its console has not said everything yet.
+        thread::sleep(Duration::from_secs(1));
+    }
+    if done.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn measure() -> Result<()> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [directory] = &arguments[..] else { bail!("usage: plumbline-bench DIRECTORY") };
     let bench = Bench::read(Path::new(directory))?;
