@@ -12,6 +12,8 @@ mod scene;
 
 mod card;
 mod configuration;
+mod libcamera;
+mod package;
 mod poses;
 mod trouble;
 

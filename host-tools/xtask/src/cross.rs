@@ -185,7 +185,6 @@ pub enum Linking<'a> {
     /// In itself: it runs in any root file system, also as the first process.
     Static,
     /// As shared libraries in a root file system of the target, which lies here.
-    #[allow(dead_code)]
     Root(&'a Path),
 }
 
@@ -260,6 +259,9 @@ impl Toolchain {
             (format!("{own}_RUSTFLAGS"), linking.rustflags(self.target)),
             (RUNNER.into(), self.target.emulator().into()),
         ];
+        if let Linking::Root(root) = linking {
+            environment.extend(self.headers_and_libraries(root));
+        }
         if self.compiler == Compiler::Debian {
             environment.push(("RUSTC".into(), "/usr/bin/rustc".into()));
             environment.push(("RUSTDOC".into(), "/usr/bin/rustdoc".into()));
@@ -271,6 +273,31 @@ impl Toolchain {
             }
         }
         environment
+    }
+
+    /// Where build scripts find the headers and libraries of the root: pkg-config by its
+    /// own files, bindgen and the C++ compiler by their arguments.
+    fn headers_and_libraries(&self, root: &Path) -> Vec<(String, String)> {
+        let root = root.display();
+        let triple = self.target.triple().replace('-', "_");
+        let multiarch = match self.target {
+            Target::Aarch64 => "aarch64-linux-gnu",
+            Target::Armv7 => "arm-linux-gnueabihf",
+        };
+        let own = format!("-I{root}/usr/include/{multiarch}");
+        let cpp = format!("-I{root}/usr/include/c++/14 -I{root}/usr/include/{multiarch}/c++/14");
+        let packages = format!("{root}/usr/lib/{multiarch}/pkgconfig:{root}/usr/share/pkgconfig");
+        vec![
+            ("PKG_CONFIG_ALLOW_CROSS".into(), "1".into()),
+            ("PKG_CONFIG_SYSROOT_DIR".into(), root.to_string()),
+            ("PKG_CONFIG_LIBDIR".into(), packages),
+            (
+                format!("BINDGEN_EXTRA_CLANG_ARGS_{triple}"),
+                format!("--sysroot={root} {own} -I{root}/usr/include {cpp}"),
+            ),
+            (format!("CXX_{triple}"), format!("{multiarch}-g++")),
+            (format!("CXXFLAGS_{triple}"), format!("--sysroot={root} {own}")),
+        ]
     }
 }
 

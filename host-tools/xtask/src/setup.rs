@@ -41,13 +41,18 @@ pub struct Need {
     pub why: &'static str,
 }
 
-/// A linker, for every Rust program.
+/// What building anything here takes: a linker, and a reader of the kernel's headers.
 pub const LINKER: &[Need] = &[
     Need { probe: Probe::Program("cc"), package: "gcc", why: "Rust links programs with cc" },
     Need {
         probe: Probe::File("/usr/include/stdio.h"),
         package: "libc6-dev",
         why: "the C library's start-up code is part of every program",
+    },
+    Need {
+        probe: Probe::Package("libclang-dev"),
+        package: "libclang-dev",
+        why: "reads the kernel's description of video devices (crate v4l)",
     },
 ];
 

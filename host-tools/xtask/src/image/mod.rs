@@ -14,6 +14,7 @@
 //! millisecond under SCHED_FIFO, does not show.
 
 mod archive;
+mod deb;
 mod debian_root;
 mod fat;
 mod initramfs;
@@ -25,7 +26,7 @@ mod virt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 
 use crate::command::target_directory;
@@ -70,6 +71,8 @@ enum What {
     Virt,
     /// The image of an SD card for a Raspberry Pi 4 with a USB camera.
     Rpi4,
+    /// The Debian package of the box's program with libcamera, for arm64.
+    Deb,
 }
 
 /// The configuration's name on the boot partition.
@@ -82,12 +85,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     match arguments.what {
         What::Virt => virt::make(&Parts::make()?, config, &out("virt")),
         What::Rpi4 => rpi4::make(&Parts::make()?, config, &out("plumbline-rpi4.img")),
+        What::Deb => {
+            ensure!(
+                config.is_none(),
+                "--config: a package serves all boxes; copy the configuration to \
+                 /etc/plumbline/config.plb on the box"
+            );
+            let name = format!("plumbline-board_{}_arm64.deb", deb::VERSION);
+            prepare()?;
+            deb::make(&built_with_libcamera(&DebianRoot::fetch()?)?, &out(&name))
+        }
     }
 }
 
 /// Installs what making the images takes.
 pub fn prepare() -> Result<()> {
-    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian_root::NEEDS])?;
+    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian_root::NEEDS, deb::NEEDS])?;
     Target::Aarch64.prepare()
 }
 
@@ -99,6 +112,8 @@ pub fn prepare() -> Result<()> {
 /// | `overlay.cpio` | [`test_overlay`] |
 /// | `overlay-fault.cpio` | the same, and an `/init` that can be told to hang |
 /// | `rpi4.img` | the SD card, without a configuration |
+/// | `plumbline-board.deb` | the Debian package |
+/// | `overlay-libcamera.cpio` | its program as `/init`, and its libraries |
 pub fn make_for_tests() -> Result<PathBuf> {
     let directory = directory().join("tests");
     fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
@@ -112,6 +127,10 @@ pub fn make_for_tests() -> Result<PathBuf> {
     let parts = Parts::make()?;
     parts.write_to(&directory)?;
     rpi4::make(&parts, None, &directory.join("rpi4.img"))?;
+    let program = built_with_libcamera(&debian)?;
+    deb::make(&program, &directory.join("plumbline-board.deb"))?;
+    let overlay = test_overlay::make_with_libcamera(&debian, &program)?;
+    fs::write(directory.join("overlay-libcamera.cpio"), overlay)?;
     Ok(directory)
 }
 
@@ -158,3 +177,28 @@ fn built(package: &str, options: &[&str]) -> Result<PathBuf> {
         .run()?;
     Ok(toolchain.programs(Linking::Static, "release").join(package))
 }
+
+/// Builds the box's program with libcamera, against Debian's libraries; where it is.
+fn built_with_libcamera(debian: &DebianRoot) -> Result<PathBuf> {
+    setup::ensure(&[LIBCAMERA_NEEDS])?;
+    let toolchain = Target::Aarch64.toolchain()?;
+    let linking = Linking::Root(debian.path());
+    toolchain
+        .cargo(linking)
+        .args(["build", "--release", "--package", "plumbline-board", "--features", "libcamera"])
+        .run()?;
+    Ok(toolchain.programs(linking, "release").join("plumbline-board"))
+}
+
+const LIBCAMERA_NEEDS: &[setup::Need] = &[
+    setup::Need {
+        probe: setup::Probe::Program("aarch64-linux-gnu-g++"),
+        package: "g++-aarch64-linux-gnu",
+        why: "compiles the bridge to libcamera, which is C++",
+    },
+    setup::Need {
+        probe: setup::Probe::Program("pkg-config"),
+        package: "pkg-config",
+        why: "tells where libcamera's headers are",
+    },
+];

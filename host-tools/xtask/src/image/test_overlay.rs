@@ -3,14 +3,21 @@
 //!
 //! `/test/start` (package `tests/guest`) becomes the first process; it sets up
 //! vivid as a camera and then starts `/init`.
+//!
+//! For libcamera the overlay is another: the program with libcamera as `/init`,
+//! and what it needs of Debian. There libcamera's own virtual camera plays
+//! pictures, which the test adds in an archive of its own.
 
+use std::collections::BTreeSet;
+use std::fs;
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
 use super::archive::Archive;
 use super::debian_root::DebianRoot;
 use super::{initramfs, modules};
+use crate::command::Task;
 
 /// One capture and one output device, both HDMI: the only signal that vivid
 /// loops from the one to the other at any size.
@@ -29,4 +36,60 @@ pub fn make(debian: &DebianRoot, guest: &Path, init: Option<&Path>) -> Result<Ve
         root.program("init", initramfs::stripped(init)?);
     }
     root.to_bytes()
+}
+
+/// Where Debian has shared libraries, and where the loader looks for them.
+const LIBRARIES: &str = "usr/lib/aarch64-linux-gnu";
+
+/// The virtual camera: it plays the JPEG files of a directory, at 30 frames per second.
+const VIRTUAL_CAMERA: &str = "\
+\"Virtual0\":
+  supported_formats:
+  - width: 1280
+    height: 720
+    frame_rates: [30, 30]
+  frames:
+    path: \"/frames/\"
+  location: \"CameraLocationFront\"
+  model: \"Virtual Video Device\"
+";
+
+/// Makes the overlay with `program`, built with libcamera, as `/init`.
+pub fn make_with_libcamera(debian: &DebianRoot, program: &Path) -> Result<Vec<u8>> {
+    let mut root = Archive::default();
+    root.program("init", initramfs::stripped(program)?);
+    root.program("lib/ld-linux-aarch64.so.1", debian.read("usr/lib/ld-linux-aarch64.so.1")?);
+    for library in libraries(debian, program)? {
+        let name = format!("{LIBRARIES}/{library}");
+        root.program(&name, debian.read(&name)?);
+    }
+    // Its image processing modules, and their signatures: what is not signed runs in a
+    // process of its own.
+    let own = debian.path().join(LIBRARIES).join("libcamera");
+    for entry in fs::read_dir(&own).with_context(|| own.display().to_string())? {
+        let name = format!("{LIBRARIES}/libcamera/{}", entry?.file_name().to_string_lossy());
+        root.program(&name, debian.read(&name)?);
+    }
+    let camera = "usr/share/libcamera/pipeline/virtual/virtual.yaml";
+    root.file(camera, VIRTUAL_CAMERA.into());
+    root.to_bytes()
+}
+
+/// The shared libraries that a program needs, and those that these need.
+fn libraries(debian: &DebianRoot, program: &Path) -> Result<BTreeSet<String>> {
+    let (mut found, mut to_do) = (BTreeSet::new(), vec![program.to_owned()]);
+    while let Some(path) = to_do.pop() {
+        let listing = Task::new("aarch64-linux-gnu-readelf")
+            .args(["--wide", "--dynamic"])
+            .args([&path])
+            .output()?;
+        for line in listing.lines().filter(|line| line.contains("(NEEDED)")) {
+            let name = line.split(['[', ']']).nth(1).context("a NEEDED without a name")?;
+            let loader = name.starts_with("ld-linux");
+            if !loader && found.insert(name.to_owned()) {
+                to_do.push(debian.path().join(LIBRARIES).join(name));
+            }
+        }
+    }
+    Ok(found)
 }

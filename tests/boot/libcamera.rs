@@ -1,0 +1,91 @@
+//! The box with libcamera, whose virtual camera plays the scene.
+
+use plumbline::config::{CaptureDriver, PixelFormat};
+
+use crate::machine::{Host, Machine, Parts, image as built, is_measured, poses};
+use crate::scene::{self, Position, SCENE};
+
+/// Of the scene's frames, so many; each is unpacked into memory twice, forwards and backwards.
+const FRAMES: usize = 12;
+
+const POSES: usize = 60;
+
+/// JPEG at its best quality rounds each grey value, and so the pose moves by a part of
+/// what the frame's own noise moves it by.
+const DIFFERENCE_MM_MAX: f64 = 0.3;
+
+/// The frames as an archive over the initramfs: `/frames/0.jpg` and so on.
+fn pictures() -> Vec<u8> {
+    let lens = SCENE.simulation.camera();
+    let size = (u32::from(lens.width_px), u32::from(lens.height_px));
+    let mut archive = Vec::new();
+    let mut add = |name: &str, kind, bytes: &[u8]| {
+        let header = cpio::newc::Builder::new(name).mode(0o755).set_mode_file_type(kind);
+        let mut writer = header.write(&mut archive, bytes.len() as u32);
+        std::io::Write::write_all(&mut writer, bytes).unwrap();
+        writer.finish().unwrap();
+    };
+    add("frames", cpio::newc::ModeFileType::Directory, &[]);
+    for (place, frame) in (0..FRAMES).chain((0..FRAMES).rev()).enumerate() {
+        let mut pixels = Vec::new();
+        SCENE.simulation.render(frame as u64, &mut pixels);
+        let grey = image::GrayImage::from_raw(size.0, size.1, pixels).unwrap();
+        let mut jpeg = Vec::new();
+        // In colour: not every decoder takes a grey one.
+        let colour = image::DynamicImage::ImageLuma8(grey).to_rgb8();
+        image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 100)
+            .encode_image(&colour)
+            .unwrap();
+        add(&format!("frames/{place}.jpg"), cpio::newc::ModeFileType::Regular, &jpeg);
+    }
+    cpio::newc::trailer(&mut archive).unwrap();
+    archive
+}
+
+#[test]
+fn libcameras_virtual_camera_is_tracked() {
+    let host = Host::new();
+    let directory = tempfile::tempdir().unwrap();
+    let mut config = scene::config(host.address());
+    let capture = config.capture.as_mut().unwrap();
+    capture.driver = CaptureDriver::Libcamera;
+    capture.device = "Virtual0".try_into().unwrap();
+    capture.pixel_format = PixelFormat::Nv12;
+    capture.rate_hz = 30.0;
+    let disk = scene::boot_disk(directory.path(), &scene::blob(&config));
+    let frames = directory.path().join("frames.cpio");
+    std::fs::write(&frames, pictures()).unwrap();
+    let parts = Parts {
+        kernel: built("vmlinuz"),
+        initramfs: vec![built("initramfs"), built("overlay-libcamera.cpio"), frames],
+        command_line: "rdinit=/init",
+        boot_disk: &disk,
+        frames_disk: None,
+    };
+    let machine = Machine::start(&parts, &host);
+    machine.wait_for("poses", |seen| {
+        (poses(&seen.udp).filter(|pose| is_measured(pose)).count() >= POSES).then_some(())
+    });
+    machine.look(|seen| {
+        let mut largest_mm = [0.0_f64; 2];
+        for pose in poses(&seen.udp).filter(|pose| is_measured(pose)) {
+            for (target, largest_mm) in largest_mm.iter_mut().enumerate() {
+                let found = pose.targets[target].pose.unwrap().translation_mm.map(f64::from);
+                let offline = &SCENE.offline_mm[target][..FRAMES];
+                let nearest = offline
+                    .iter()
+                    .map(|here| distance_mm(here, &found))
+                    .fold(f64::INFINITY, f64::min);
+                *largest_mm = largest_mm.max(nearest);
+            }
+        }
+        println!("libcamera: at most {largest_mm:.4?} mm from the poses of these frames here");
+        println!("{:?}", seen.health());
+        assert!(largest_mm.iter().all(|&mm| mm < DIFFERENCE_MM_MAX), "{largest_mm:?} mm");
+        assert_eq!(seen.health().unwrap().heap_allocations, Some(0));
+    });
+}
+
+fn distance_mm(a: &Position, b: &Position) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
