@@ -1,6 +1,8 @@
 //! What several modules' tests share: a seeded generator that gives the same
 //! numbers on every machine, a lens, and the corners seen through it.
 
+extern crate std;
+
 use nalgebra::{Vector2, Vector3};
 
 use crate::lens::{Distortion, Lens};
@@ -10,6 +12,12 @@ use crate::solve::Observation;
 
 /// The corners of one target, as a tracker would see them.
 pub type Observations = heapless::Vec<Observation, TARGET_CORNERS_MAX>;
+
+/// How often a test does its work: `count` times, and a tenth as often in an emulator,
+/// where each time takes ten times as long or more. `cargo xtask test` sets the variable.
+pub fn repetitions(count: usize) -> usize {
+    if std::env::var_os("PLUMBLINE_RUNNER").is_some() { count.div_ceil(10) } else { count }
+}
 
 /// Steele, Lea and Flood's SplitMix64 (2014): 64 bits of state, every seed good.
 pub struct Random {

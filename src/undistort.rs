@@ -288,7 +288,7 @@ mod tests {
 
     use super::*;
     use crate::lens::Distortion;
-    use crate::test_support::Random;
+    use crate::test_support::{Random, repetitions};
 
     fn lens(width_px: u16, height_px: u16, focal_px: f64, distortion: Distortion) -> Lens {
         Lens {
@@ -334,7 +334,7 @@ mod tests {
     fn worst_errors(lens: &Lens, lut: &UndistortionLut) -> (f64, f64) {
         let mut random = Random::new(11);
         let mut worst = (0.0_f64, 0.0_f64);
-        for _ in 0..20_000 {
+        for _ in 0..repetitions(20_000) {
             let raw_px = point(&mut random, lens);
             let ray = lens.ray_from_raw(&raw_px).unwrap();
             let found = lut.undistort(&raw_px).unwrap();

@@ -7,6 +7,7 @@ use std::vec::Vec as StdVec;
 use super::*;
 use crate::lens::Distortion;
 use crate::target::Origin;
+use crate::test_support::repetitions;
 
 fn target(name: &str, columns: u8, rows: u8, role: Role) -> TargetConfig {
     let geometry =
@@ -241,7 +242,7 @@ fn no_blob_panics() {
             state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % end
     };
-    for _ in 0..20_000 {
+    for _ in 0..repetitions(20_000) {
         let mut wrong = body.to_vec();
         for _ in 0..=random(3) {
             let at = random(wrong.len());

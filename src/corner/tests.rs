@@ -7,6 +7,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::image::{GreyImage, Pixel};
+use crate::test_support::repetitions;
 
 /// Small and fast; the sequence does not matter.
 pub(crate) struct Random(pub(crate) u64);
@@ -301,7 +302,8 @@ fn the_search_finds_what_the_plain_one_finds() {
     /// Corners this good must agree. Below it lies clutter at the edge of what is one.
     const CLEAR: f32 = 0.05;
     let mut compared = 0;
-    for (n, (picture, width, height)) in scenes().into_iter().enumerate() {
+    let scenes_used = repetitions(8);
+    for (n, (picture, width, height)) in scenes().into_iter().take(scenes_used).enumerate() {
         let words: Vec<u16> = samples(&picture, width, n, 1023);
         let image = GreyImage::with_white_level(&words, width, height, width + n, 1023).unwrap();
         let fast = detect(&image);
@@ -321,12 +323,13 @@ fn the_search_finds_what_the_plain_one_finds() {
             }
         }
     }
-    assert!(compared > 2 * 8 * 15, "{compared}");
+    assert!(compared > 2 * scenes_used * 15, "{compared}");
 }
 
 #[test]
 fn corners_are_where_they_were_drawn_with_dark_from_edge_0_to_edge_1() {
-    for (n, turn_deg) in (0..360_u32).step_by(15).enumerate() {
+    let turns_deg = (0..360_u32).step_by(360 / repetitions(24));
+    for (n, turn_deg) in turns_deg.enumerate() {
         let tilt_rad = [0.0, 0.5, 1.0][n % 3];
         let board = Board::new(
             [6, 5],

@@ -9,6 +9,7 @@ use super::*;
 use crate::checksum::CRC32;
 use crate::report::{NoPose, TargetState};
 use crate::target::Role;
+use crate::test_support::repetitions;
 
 const POINT: AnatomicalPoint = AnatomicalPoint { ap_mm: -1.5, ml_mm: 20.25, si_mm: 1400.0 };
 
@@ -435,7 +436,7 @@ fn no_bytes_panic() {
     let mut random = Random(1);
     let samples: StdVec<_> = longest_messages().iter().map(datagram).collect();
     let mut decoded = 0;
-    for _ in 0..300_000 {
+    for _ in 0..repetitions(300_000) {
         // Random bodies, and good bodies with a few bytes changed, cut or
         // doubled, under a right header and checksum: these reach postcard.
         let sample = &samples[random.below(samples.len())];
@@ -468,7 +469,7 @@ fn no_bytes_panic() {
     // Streams of random bytes, with many delimiters, and of damaged frames.
     let mut deframer = Deframer::<FRAME_BYTES_MAX>::new();
     let (mut good, mut bad) = (0, 0);
-    for _ in 0..100_000 {
+    for _ in 0..repetitions(100_000) {
         let mut bytes = frame(&Message::Pose(pose(2)));
         match random.below(3) {
             0 => {

@@ -35,7 +35,7 @@ const END: &str = "<!-- /bench -->";
 
 /// Measures, prints the tables, and puts them into README.md if asked.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    setup::ensure(&[setup::LINKER])?;
+    setup::ensure(&[setup::LINKER, setup::VIDEO])?;
     if arguments.kernel.is_some() {
         instructions::prepare()?;
     }

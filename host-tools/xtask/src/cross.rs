@@ -77,7 +77,7 @@ impl Target {
 
     /// Installs what is missing, and tells how to build.
     pub fn toolchain(self) -> Result<Toolchain> {
-        setup::ensure(&[setup::LINKER, self.linking_needs()])?;
+        setup::ensure(&[setup::LINKER, setup::VIDEO, self.linking_needs()])?;
         let compiler = if self.is_installed_by_rustup() {
             Compiler::Rustup
         } else {

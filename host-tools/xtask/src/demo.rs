@@ -17,7 +17,7 @@ pub struct Arguments {
 
 /// Builds both release programs and runs the demo.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    setup::ensure(&[setup::LINKER])?;
+    setup::ensure(&[setup::LINKER, setup::VIDEO])?;
     // `plumb demo` starts the box's program, which lies beside its own.
     let packages = ["--package", "plumb", "--package", "plumbline-board"];
     Task::cargo().args(["build", "--release"]).args(packages).run()?;

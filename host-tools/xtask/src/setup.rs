@@ -7,7 +7,7 @@
 
 use std::env;
 use std::fmt::{self, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Result, bail};
@@ -24,6 +24,8 @@ pub enum Probe {
     Program(&'static str),
     /// A file of a development package.
     File(&'static str),
+    /// A shared library that a program loads by itself.
+    Library(&'static str),
     /// The very package, for what is used because it is Debian's.
     Package(&'static str),
 }
@@ -53,6 +55,13 @@ pub const LINKER: &[Need] = &[
         why: "reads the kernel's description of video devices (crate v4l)",
     },
 ];
+
+/// For the box's program: its V4L2 interface is made from the kernel's headers.
+pub const VIDEO: &[Need] = &[Need {
+    probe: Probe::Library("libclang"),
+    package: "libclang-dev",
+    why: "reads the kernel's headers for the V4L2 cameras",
+}];
 
 /// What looks into a linked program.
 pub const BINUTILS: &[Need] = &[Need {
@@ -235,6 +244,7 @@ enum Access {
 fn is_there(probe: Probe) -> bool {
     match probe {
         Probe::File(path) => Path::new(path).exists(),
+        Probe::Library(name) => library_directories().iter().any(|place| holds(place, name)),
         // dpkg keeps a list of the files of each package that is installed.
         Probe::Package(name) => {
             Path::new("/var/lib/dpkg/info").join(format!("{name}.list")).exists()
@@ -243,6 +253,32 @@ fn is_there(probe: Probe) -> bool {
             env::split_paths(&path).any(|directory| directory.join(name).is_file())
         }),
     }
+}
+
+/// Where distributions put shared libraries: the common directories, those of an
+/// architecture, and those of a versioned package such as `llvm-14/lib`.
+fn library_directories() -> Vec<PathBuf> {
+    let mut places: Vec<PathBuf> =
+        env::var_os("LIBCLANG_PATH").into_iter().map(Into::into).collect();
+    for root in ["/usr/lib", "/usr/lib64", "/usr/local/lib"] {
+        places.push(root.into());
+        for entry in std::fs::read_dir(root).into_iter().flatten().flatten() {
+            places.push(entry.path());
+            places.push(entry.path().join("lib"));
+        }
+    }
+    places
+}
+
+/// Whether a directory has `name.so`, `name.so.1`, `name-14.so` or the like.
+fn holds(place: &Path, name: &str) -> bool {
+    let is_it = |file: &str| {
+        file.strip_prefix(name).is_some_and(|rest| {
+            rest.starts_with(".so") || (rest.starts_with('-') && rest.contains(".so"))
+        })
+    };
+    let entries = std::fs::read_dir(place).into_iter().flatten().flatten();
+    entries.into_iter().any(|entry| entry.file_name().to_str().is_some_and(is_it))
 }
 
 #[cfg(test)]
@@ -255,6 +291,8 @@ mod tests {
         assert!(!is_there(Probe::Program("no-such-program")));
         assert!(is_there(Probe::File("/proc/self/exe")));
         assert!(!is_there(Probe::File("/no/such/file")));
+        assert!(is_there(Probe::Library("libc")));
+        assert!(!is_there(Probe::Library("libno-such-library")));
         assert!(!is_there(Probe::Package("no-such-package:arm64")));
     }
 

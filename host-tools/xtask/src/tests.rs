@@ -47,7 +47,7 @@ impl Part {
     fn prepare(self) -> Result<()> {
         match self {
             Self::Native => {
-                setup::ensure(&[setup::LINKER, setup::BINUTILS])?;
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BINUTILS])?;
                 setup::ensure_components()
             }
             Self::Arm => Target::Aarch64.prepare(),

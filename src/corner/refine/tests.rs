@@ -5,6 +5,7 @@ use std::vec::Vec;
 
 use super::rendered::{Random, SIDE, Scene, fine_image, image};
 use super::*;
+use crate::test_support::repetitions;
 
 /// The tilt that brings the edges of a square to 53 degrees.
 const TILT_RAD: f64 = PI / 3.0;
@@ -75,7 +76,8 @@ fn each_method_has_the_spread_and_bias_of_the_module_table() {
 
 #[test]
 fn the_fit_knows_its_spread_at_every_radius_and_blur() {
-    for (radius_px, blur_px) in [(3, 0.5), (3, 1.0), (4, 0.7), (6, 1.5), (8, 0.7)] {
+    let windows = [(3, 0.5), (3, 1.0), (4, 0.7), (6, 1.5), (8, 0.7)];
+    for (radius_px, blur_px) in windows.into_iter().take(repetitions(5)) {
         for scene in [
             Scene::new([31.3, 31.8], 0.0, blur_px),
             Scene::new([31.3, 31.8], 0.0, blur_px).tilted(TILT_RAD, 0.2),
@@ -112,7 +114,8 @@ fn bias_over_subpixel_phases_is_below_three_thousandths() {
     // All corners of an axis-aligned grid share a phase, so that this error does
     // not average out. It comes from the box, taken as Gaussian: it grows as the
     // blur falls, and is largest when the edges follow the pixel rows.
-    for (radius_px, blur_px) in [(3, 0.5), (3, 1.5), (6, 0.5), (6, 0.7), (6, 1.5)] {
+    let windows = [(3, 0.5), (3, 1.5), (6, 0.5), (6, 0.7), (6, 1.5)];
+    for (radius_px, blur_px) in windows.into_iter().take(repetitions(5)) {
         for angle_rad in [0.0, 0.35, 0.785] {
             let square = phase_error_px(radius_px, |at| Scene::new(at, angle_rad, blur_px));
             let tilted = phase_error_px(radius_px, |at| {
