@@ -8,6 +8,7 @@ mod binary;
 
 use std::path::{Path, PathBuf};
 
+use binary::repetitions;
 use plumb::files::frames::{FrameSource, Pixels};
 use plumb::files::poses::{self, PoseRow};
 
@@ -82,11 +83,16 @@ fn images(folder: &Path, name: impl Fn(u32) -> String, numbers: &[u32]) -> Vec<P
 }
 
 fn robot_images(folder: &Path) -> Vec<PathBuf> {
-    images(folder, |number| format!("img{number}_cam1.png"), &Vec::from_iter(1..=40))
+    images(
+        folder,
+        |number| format!("img{number}_cam1.png"),
+        &Vec::from_iter(1..=repetitions(40) as u32),
+    )
 }
 
 fn left_images(folder: &Path) -> Vec<PathBuf> {
-    let numbers: Vec<u32> = (1..=14).filter(|&number| number != 10).collect();
+    let numbers = (1..=14).filter(|&number| number != 10);
+    let numbers: Vec<u32> = numbers.take(repetitions(13)).collect();
     images(folder, |number| format!("left{number:02}.jpg"), &numbers)
 }
 

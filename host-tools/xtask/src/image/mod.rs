@@ -39,8 +39,8 @@ use debian_root::DebianRoot;
 #[command(after_help = "\
 Examples:
   A box in QEMU, from nothing:
-    plumb provision --camera camera.toml --targets targets.toml \\
-        --capture v4l2 --udp 10.0.2.2:4210 --out box.plb
+    plumb provision --camera camera.toml --targets targets.toml --box box.toml \\
+        --udp 10.0.2.2:4210 --out box.plb
     cargo xtask image virt --config box.plb
     target/image/virt/run
   An SD card for a Raspberry Pi 4 with a USB camera; X is the card's letter:
