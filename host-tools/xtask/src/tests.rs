@@ -125,6 +125,14 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     Ok(())
 }
 
+/// The boot of a box with a camera, which prints its figures as the bench's programs do.
+pub fn boot_with_camera() -> Result<Task> {
+    let images = image::make_for_tests()?;
+    let name = "poses::a_camera_is_tracked_over_both_links_as_well_as_here";
+    let test = ["test", "--test", "boot", "--", "--nocapture", "--exact", name];
+    Ok(Task::cargo().args(test).env(IMAGES, &images.to_string_lossy()))
+}
+
 /// Boots the box and looks at it from outside. Two machines at a time: each keeps one
 /// processor core busy.
 fn boot(journal: &mut Journal) {

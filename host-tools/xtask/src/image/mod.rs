@@ -32,7 +32,8 @@ use clap::ValueEnum;
 use crate::command::target_directory;
 use crate::cross::{Linking, Target};
 use crate::setup;
-use debian_root::DebianRoot;
+pub use archive::Archive;
+pub use debian_root::DebianRoot;
 
 /// What `cargo xtask image` takes.
 #[derive(clap::Args)]
