@@ -5,12 +5,14 @@
 
 #[path = "common/binary.rs"]
 mod binary;
+#[path = "common/repetitions.rs"]
+mod repetitions;
 
 use std::path::{Path, PathBuf};
 
-use binary::repetitions;
 use plumb::files::frames::{FrameSource, Pixels};
 use plumb::files::poses::{self, PoseRow};
+use repetitions::repetitions;
 
 /// The robot's camera, as its makers calibrated it at 1920 x 1080.
 const ROBOT_CAMERA: &str = "width_px = 1920

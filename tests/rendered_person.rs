@@ -4,15 +4,15 @@
 //! deviations of single frames without any filter, at most 0.25 mm.
 
 mod common;
-#[path = "common/runner.rs"]
-mod runner;
+#[path = "common/repetitions.rs"]
+mod repetitions;
 
 use nalgebra::Vector3;
 use plumb::simulate::layout::LensChoice;
 use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report, TargetState};
-use runner::repetitions;
+use repetitions::repetitions;
 
 const FRAME_NS: u64 = 16_666_667;
 

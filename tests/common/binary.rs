@@ -6,9 +6,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 
-#[allow(unused_imports, reason = "not every test repeats itself")]
-pub use runner::repetitions;
-
 /// The program, built once per test process, wherever cargo puts it.
 pub fn plumb() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();

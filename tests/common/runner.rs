@@ -20,10 +20,3 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
         None => Command::new(program),
     }
 }
-
-/// How often a test does its work: `count` times, and a tenth as often in an emulator,
-/// where each time takes ten times as long or more.
-#[allow(dead_code, reason = "not every test repeats itself")]
-pub fn repetitions(count: usize) -> usize {
-    if env::var_os(RUNNER).is_some() { count.div_ceil(10) } else { count }
-}
