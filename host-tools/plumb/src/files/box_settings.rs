@@ -255,6 +255,8 @@ fn fixed(place: &str, fields: &NetworkFields) -> Result<Network, BadInput> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
     use super::*;
     use crate::simulate::{Simulation, SimulationSettings};
 
@@ -284,9 +286,12 @@ mod tests {
         from_toml(text, "box.toml", REMEDY)
     }
 
+    /// Any configuration will do.
+    static CONFIG: LazyLock<Config> =
+        LazyLock::new(|| Simulation::new(&SimulationSettings::default()).unwrap().config());
+
     fn applied(text: &str) -> Result<Config, BadInput> {
-        let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-        let mut config = simulation.config();
+        let mut config = CONFIG.clone();
         parse(text)?.apply(&mut config, "box.toml")?;
         Ok(config)
     }
