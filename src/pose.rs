@@ -54,6 +54,14 @@ impl<To, From> Pose<To, From> {
         Self::new(angles.rotation(), Vector3::new(theta[3], theta[4], theta[5]))
     }
 
+    /// theta1..6, from which [`from_theta`](Self::from_theta) makes this transform again.
+    #[must_use]
+    pub fn theta(&self) -> [f64; 6] {
+        let EulerAngles { theta1_rad, theta2_rad, theta3_rad } = self.euler();
+        let position_mm = &self.translation_mm;
+        [theta1_rad, theta2_rad, theta3_rad, position_mm.x, position_mm.y, position_mm.z]
+    }
+
     /// A point of `From`, in `To`.
     #[must_use]
     pub fn transform(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
@@ -198,6 +206,14 @@ mod tests {
         let angles = EulerAngles { theta1_rad: 0.4, theta2_rad: pole, theta3_rad: 0.1 };
         let back = EulerAngles::from_rotation(&angles.rotation());
         assert!((back.rotation() - angles.rotation()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn theta_comes_back() {
+        let theta = [0.1, -0.2, 0.3, 10.0, -20.0, 1000.0];
+        let back = Pose::<Cam, Target>::from_theta(theta).theta();
+        // The angles go through a rotation matrix, the translation is kept as it is.
+        assert!(theta.iter().zip(back).all(|(from, to)| (from - to).abs() < 1e-14), "{back:?}");
     }
 
     #[test]

@@ -84,18 +84,7 @@ pub fn config(
         serial_number: heapless::String::new(),
         lens: camera.lens,
         targets: heapless::Vec::new(),
-        cam_from_scene_theta: scene.map(|scene| {
-            let angles = scene.cam_from_scene.euler();
-            let position_mm = scene.cam_from_scene.translation_mm;
-            [
-                angles.theta1_rad,
-                angles.theta2_rad,
-                angles.theta3_rad,
-                position_mm.x,
-                position_mm.y,
-                position_mm.z,
-            ]
-        }),
+        cam_from_scene_theta: scene.map(|scene| scene.cam_from_scene.theta()),
         links: Links::default(),
         capture: None,
         machine: Machine::default(),

@@ -91,17 +91,9 @@ pub fn write(path: &Path, scene: &SceneFile) -> Result<(), BadInput> {
 /// The scene file's text.
 #[must_use]
 pub fn to_toml(scene: &SceneFile) -> String {
-    let angles = scene.cam_from_scene.euler();
-    let position_mm = scene.cam_from_scene.translation_mm;
-    let fields = Fields {
-        theta1_rad: angles.theta1_rad,
-        theta2_rad: angles.theta2_rad,
-        theta3_rad: angles.theta3_rad,
-        x_mm: position_mm.x,
-        y_mm: position_mm.y,
-        z_mm: position_mm.z,
-        source: scene.source.clone(),
-    };
+    let [theta1_rad, theta2_rad, theta3_rad, x_mm, y_mm, z_mm] = scene.cam_from_scene.theta();
+    let source = scene.source.clone();
+    let fields = Fields { theta1_rad, theta2_rad, theta3_rad, x_mm, y_mm, z_mm, source };
     toml::to_string(&fields).expect("six numbers and a text are TOML")
 }
 
