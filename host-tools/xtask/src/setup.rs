@@ -49,11 +49,6 @@ pub const LINKER: &[Need] = &[
         package: "libc6-dev",
         why: "the C library's start-up code is part of every program",
     },
-    Need {
-        probe: Probe::Package("libclang-dev"),
-        package: "libclang-dev",
-        why: "reads the kernel's description of video devices (crate v4l)",
-    },
 ];
 
 /// For the box's program: its V4L2 interface is made from the kernel's headers.
