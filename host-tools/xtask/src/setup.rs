@@ -41,7 +41,7 @@ pub struct Need {
     pub why: &'static str,
 }
 
-/// What building anything here takes: a linker, and a reader of the kernel's headers.
+/// A linker, for every Rust program.
 pub const LINKER: &[Need] = &[
     Need { probe: Probe::Program("cc"), package: "gcc", why: "Rust links programs with cc" },
     Need {
