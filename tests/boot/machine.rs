@@ -3,8 +3,7 @@
 //!
 //! The guest's clock counts instructions, 2 ns each, so that what happens in it
 //! does not depend on how busy this machine is: it takes longer here, and that is
-//! all. 500 million instructions a second are about a third of what one of a
-//! Raspberry Pi 4's four cores executes.
+//! all.
 
 use std::io::Read;
 use std::net::{SocketAddr, UdpSocket};

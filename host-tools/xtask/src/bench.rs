@@ -202,8 +202,7 @@ fn tables(
     if let Some(figures) = booted {
         writeln!(
             text,
-            "\nThe booted box, emulated at 500 million instructions per second and core (about a third of a \
-             Raspberry Pi 4's), with a camera of 1280 x 720 at {} Hz: first pose packet {} s after the kernel's \
+            "\nThe booted box, emulated at 500 million instructions per second and core, with a camera of 1280 x 720 at {} Hz: first pose packet {} s after the kernel's \
              start; from the camera's time stamp to the packet's departure {} ms, median / worst.",
             get(figures, "booted_rate_hz")?,
             get(figures, "booted_first_pose_s")?,

@@ -6,7 +6,7 @@
 //! with that clock what it measures with this machine's own, and its
 //! microseconds are thousands of instructions. It is the only program on the
 //! board; what the kernel does in between, mostly its timer's interrupts, is
-//! counted too and adds less than one percent.
+//! counted too.
 
 use std::fs;
 use std::path::Path;

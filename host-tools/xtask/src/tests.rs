@@ -117,7 +117,7 @@ fn arm(journal: &mut Journal) -> Result<()> {
     Ok(())
 }
 
-/// The core on a smaller processor: its own tests and its examples.
+/// The core on a smaller processor: its own tests.
 fn armhf(journal: &mut Journal) -> Result<()> {
     let cargo = Target::Armv7.toolchain()?.cargo(Linking::Static);
     let core = ["test", "--package", "plumbline", "--lib", "--no-fail-fast"];

@@ -10,8 +10,7 @@
 //! The initramfs of `virt` and `rpi4` is one and the same, so that what the
 //! tests boot is what stands at the bedside. For that reason there is also only
 //! one kernel, Debian's ordinary one: its PREEMPT_RT twin would bring modules of
-//! its own. At 60 frames a second the ordinary one's scheduling latency, well below a
-//! millisecond under SCHED_FIFO, does not show.
+//! its own.
 
 mod archive;
 mod deb;
