@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
+use crate::beside;
+
 /// The root of the checkout.
 pub fn root() -> &'static Path {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -34,10 +36,17 @@ pub struct Task {
 }
 
 impl Task {
-    /// `program` with no arguments yet.
+    /// `program` with no arguments yet. It and its children find what was
+    /// unpacked beside the system as well.
     pub fn new(program: impl AsRef<OsStr>) -> Self {
         let mut command = Command::new(program.as_ref());
         command.current_dir(root());
+        let path = env::var_os("PATH").unwrap_or_default();
+        let places = env::split_paths(&path).chain([beside::programs()]);
+        // A PATH that has no form with one more place stays as it is.
+        if let Ok(path) = env::join_paths(places) {
+            command.env("PATH", path);
+        }
         Self { command, line: quoted(program.as_ref()) }
     }
 

@@ -13,6 +13,7 @@
 mod agreement;
 mod bare;
 mod bench;
+mod beside;
 mod command;
 mod cross;
 mod demo;

@@ -2,8 +2,9 @@
 //!
 //! A task names its needs; those that are missing are listed with their reason
 //! and then installed, as root or through sudo. What is there already is left
-//! alone. Without root, sudo or apt nothing is tried: the error holds the one
-//! line to run.
+//! alone: programs that apt could only install in another package's place are
+//! unpacked beside the system, see [`beside`]. Without root, sudo or apt nothing
+//! is tried: the error holds the one line to run.
 
 use std::env;
 use std::fmt::{self, Write as _};
@@ -12,6 +13,7 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 
+use crate::beside;
 use crate::command::Task;
 
 /// Longest wait for a download through rustup, which some networks let hang.
@@ -112,7 +114,7 @@ pub fn ensure(needs: &[&[Need]]) -> Result<()> {
     for need in &missing {
         println!("  {:<26} {}", need.package, need.why);
     }
-    install(&missing.iter().map(|need| need.package).collect::<Vec<_>>())
+    install(&missing)
 }
 
 /// Adds rustfmt and clippy to the toolchain where they are missing.
@@ -147,7 +149,8 @@ pub fn ensure_components() -> Result<()> {
     Ok(())
 }
 
-fn install(packages: &[&str]) -> Result<()> {
+fn install(missing: &[&Need]) -> Result<()> {
+    let packages: Vec<&str> = missing.iter().map(|need| need.package).collect();
     let apt_is_there = is_there(Probe::Program("apt-get"));
     let access = if !apt_is_there {
         Access::None
@@ -159,10 +162,10 @@ fn install(packages: &[&str]) -> Result<()> {
         Access::None
     };
     let foreign = match access {
-        Access::None => foreign_architectures(packages, ""),
-        _ => foreign_architectures(packages, &known_architectures()?),
+        Access::None => foreign_architectures(&packages, ""),
+        _ => foreign_architectures(&packages, &known_architectures()?),
     };
-    let by_hand = by_hand(packages, &foreign);
+    let by_hand = by_hand(&packages, &foreign);
     if access == Access::None {
         let remedy = if apt_is_there {
             format!(
@@ -192,11 +195,20 @@ fn install(packages: &[&str]) -> Result<()> {
     }
     // What is there stays: a package that only fits in another's place is an error.
     let install = ["DEBIAN_FRONTEND=noninteractive", "apt-get", "install", "--yes", "--no-remove"];
-    as_root("env", &install)
-        .args(["--no-install-recommends"])
-        .args(packages)
-        .run()
-        .map_err(|error| lacking(error).into())
+    let installed =
+        as_root("env", &install).args(["--no-install-recommends"]).args(&packages).run();
+    let Err(error) = installed else { return Ok(()) };
+    let programs: Option<Vec<&str>> = missing
+        .iter()
+        .map(|need| match need.probe {
+            Probe::Program(name) => Some(name),
+            Probe::File(_) | Probe::Library(_) | Probe::Package(_) => None,
+        })
+        .collect();
+    // Only programs work from a directory of their own.
+    let Some(programs) = programs else { bail!(lacking(error)) };
+    println!("{error}; unpacking it beside the system");
+    beside::unpack(as_root, &packages, &programs).map_err(|error| lacking(error).into())
 }
 
 /// The architectures whose packages apt can install here, one to a line.
@@ -246,6 +258,7 @@ fn is_there(probe: Probe) -> bool {
         }
         Probe::Program(name) => env::var_os("PATH").is_some_and(|path| {
             env::split_paths(&path).any(|directory| directory.join(name).is_file())
+                || beside::programs().join(name).is_file()
         }),
     }
 }

@@ -1,0 +1,95 @@
+//! Debian's programs, unpacked into the target directory.
+//!
+//! For those that apt could only install by removing other packages, such as an
+//! emulator beside newer tools of its family: the packages that are missing are
+//! downloaded and unpacked, and a script per program starts it with their
+//! libraries. The system stays as it is, and `cargo clean` removes all of it.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+
+use crate::command::{Task, quoted, target_directory};
+
+fn place() -> PathBuf {
+    target_directory().join("beside")
+}
+
+/// Where the programs are.
+pub fn programs() -> PathBuf {
+    place().join("bin")
+}
+
+/// Unpacks `packages` and what they need and the machine lacks, so that
+/// `programs` can be run.
+pub fn unpack(
+    as_root: impl Fn(&str, &[&str]) -> Task,
+    packages: &[&str],
+    programs: &[&str],
+) -> Result<()> {
+    let (archives, root) = (place().join("archives"), place().join("root"));
+    for directory in [&archives, &root, &self::programs()] {
+        fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
+    }
+    let option = format!("Dir::Cache::archives={}", archives.display());
+    as_root("apt-get", &["install", "--download-only", "--yes", "--no-install-recommends"])
+        .args(["-o", &option])
+        .args(packages)
+        .run()?;
+    for entry in fs::read_dir(&archives).with_context(|| archives.display().to_string())? {
+        let archive = entry?.path();
+        if archive.extension().is_some_and(|extension| extension == "deb") {
+            Task::new("dpkg-deb").args([Path::new("-x"), &archive, &root]).run()?;
+        }
+    }
+    let libraries = library_directories(&root)?;
+    for name in programs {
+        let found = ["usr/bin", "bin"].iter().map(|place| root.join(place).join(name));
+        let Some(program) = found.into_iter().find(|path| path.is_file()) else {
+            bail!("{name} is not in {}", packages.join(", "))
+        };
+        let script = format!(
+            "#!/bin/sh\nLD_LIBRARY_PATH={} exec {} \"$@\"\n",
+            quoted(libraries.as_ref()),
+            quoted(program.as_ref())
+        );
+        let path = self::programs().join(name);
+        fs::write(&path, script).with_context(|| path.display().to_string())?;
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755))?;
+    }
+    Ok(())
+}
+
+/// The unpacked libraries' directories, each named for an architecture, as a
+/// dynamic linker's list.
+fn library_directories(root: &Path) -> Result<String> {
+    let mut places = Vec::new();
+    for directory in ["usr/lib", "lib"].map(|name| root.join(name)) {
+        for entry in fs::read_dir(&directory).into_iter().flatten() {
+            let path = entry?.path();
+            if path.is_dir() && path.to_string_lossy().contains("-linux-gnu") {
+                places.push(path.to_string_lossy().into_owned());
+            }
+        }
+    }
+    Ok(places.join(":"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_directories_of_architectures_hold_libraries() {
+        let root = tempfile::tempdir().unwrap();
+        for name in ["usr/lib/x86_64-linux-gnu", "usr/lib/qemu", "lib/x86_64-linux-gnu"] {
+            fs::create_dir_all(root.path().join(name)).unwrap();
+        }
+        let at = |name: &str| root.path().join(name).display().to_string();
+        let wanted = format!("{}:{}", at("usr/lib/x86_64-linux-gnu"), at("lib/x86_64-linux-gnu"));
+        assert_eq!(library_directories(root.path()).unwrap(), wanted);
+        assert_eq!(library_directories(Path::new("/no/such/root")).unwrap(), "");
+    }
+}
