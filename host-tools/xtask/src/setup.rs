@@ -280,13 +280,17 @@ fn library_directories() -> Vec<PathBuf> {
 
 /// Whether a directory has `name.so`, `name.so.1`, `name-14.so` or the like.
 fn holds(place: &Path, name: &str) -> bool {
-    let is_it = |file: &str| {
-        file.strip_prefix(name).is_some_and(|rest| {
-            rest.starts_with(".so") || (rest.starts_with('-') && rest.contains(".so"))
-        })
-    };
     let entries = std::fs::read_dir(place).into_iter().flatten().flatten();
+    let is_it = |file: &str| is_library(file, name);
     entries.into_iter().any(|entry| entry.file_name().to_str().is_some_and(is_it))
+}
+
+/// `libclang-14.so.1` is libclang, `libclang-cpp.so.14` is another library.
+fn is_library(file: &str, name: &str) -> bool {
+    let Some(rest) = file.strip_prefix(name) else { return false };
+    let version = |rest: &str| rest.starts_with(|first: char| first.is_ascii_digit());
+    rest.starts_with(".so")
+        || rest.strip_prefix('-').is_some_and(|rest| version(rest) && rest.contains(".so"))
 }
 
 #[cfg(test)]
@@ -302,6 +306,16 @@ mod tests {
         assert!(is_there(Probe::Library("libc")));
         assert!(!is_there(Probe::Library("libno-such-library")));
         assert!(!is_there(Probe::Package("no-such-package:arm64")));
+    }
+
+    #[test]
+    fn a_library_is_told_from_those_whose_names_begin_with_its_own() {
+        for file in ["libclang.so", "libclang.so.1", "libclang-14.so", "libclang-14.so.1"] {
+            assert!(is_library(file, "libclang"), "{file}");
+        }
+        for file in ["libclang-cpp.so.14", "libclang-14.a", "libclangs.so", "libclang-"] {
+            assert!(!is_library(file, "libclang"), "{file}");
+        }
     }
 
     #[test]
