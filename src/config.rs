@@ -9,9 +9,6 @@
 //! | n | the [`Config`], postcard |
 //! | 4 | CRC-32 (ISO-HDLC) of all of the above, little endian |
 //!
-//! The undistortion table is not in the blob: it follows from the lens, and is
-//! built from it in milliseconds at each start.
-//!
 //! Bytes with a right checksum are still outside bytes: [`decode`](Config::decode)
 //! checks every value, and so does [`encode`](Config::encode), so that no blob
 //! is written that a box would refuse.
@@ -27,7 +24,6 @@ use crate::lens::{Lens, LensError};
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use crate::pose::{Cam, Pose, Scene};
 use crate::target::{Role, TargetGeometry};
-use crate::undistort::UndistortError;
 
 mod capture;
 mod machine;
@@ -129,8 +125,6 @@ pub enum ConfigError {
     BufferTooSmall,
     /// The lens.
     Lens(LensError),
-    /// The lens, from which no undistortion table can be built.
-    Undistortion(UndistortError),
     /// There is no target.
     NoTarget,
     /// A target's name is empty or holds a control character.
@@ -193,7 +187,6 @@ impl core::fmt::Display for ConfigError {
                 write!(formatter, "a configuration needs a buffer of {BLOB_BYTES_MAX} bytes")
             }
             Self::Lens(error) => write!(formatter, "lens: {error}"),
-            Self::Undistortion(error) => write!(formatter, "lens: {error}"),
             Self::NoTarget => formatter.write_str("targets: there must be at least one"),
             Self::TargetName { index } => write!(
                 formatter,
@@ -240,12 +233,6 @@ impl From<CaptureError> for ConfigError {
 impl From<MachineError> for ConfigError {
     fn from(error: MachineError) -> Self {
         Self::Machine(error)
-    }
-}
-
-impl From<UndistortError> for ConfigError {
-    fn from(error: UndistortError) -> Self {
-        Self::Undistortion(error)
     }
 }
 

@@ -95,11 +95,13 @@
 mod checksum;
 pub mod config;
 pub mod corner;
+pub mod edge;
 pub mod grid;
 pub mod image;
 pub mod lens;
 pub mod limits;
 pub mod measure;
+pub mod nodes;
 pub mod packet;
 pub mod pipeline;
 pub mod planar;
@@ -110,7 +112,6 @@ pub mod search;
 pub mod solve;
 pub mod target;
 pub mod track;
-pub mod undistort;
 
 #[cfg(test)]
 mod test_support;

@@ -13,16 +13,23 @@ pub const FRAME_SIDE_PX_MAX: u16 = 4096;
 /// Smallest frame side: one detector kernel must fit with room to move.
 pub const FRAME_SIDE_PX_MIN: u16 = 64;
 
-/// Nodes of the undistortion table, 8 bytes each, whatever the frame size. On a
-/// 1456 x 1088 frame they lie 11.4 px apart.
-pub const UNDISTORTION_NODES_MAX: usize = 12_288;
+/// Nodes of one target, see [`crate::nodes`]: (columns + 2) x (rows + 2), of which a
+/// grid of 40 x 3 corners has the most.
+pub const TARGET_NODES_MAX: usize = 210;
 
-// The narrowest frame still gets the four nodes that one interpolation needs.
-const _: () =
-    assert!(UNDISTORTION_NODES_MAX * FRAME_SIDE_PX_MIN as usize / FRAME_SIDE_PX_MAX as usize >= 16);
+/// Edges of one target: two per corner, one more per line, and those of the dark squares at
+/// the border, half of twice as many as there are lines and two.
+pub const TARGET_EDGES_MAX: usize = 2 * TARGET_CORNERS_MAX + 43 + 45;
 
-// A solution flags its inliers in the bits of a u128.
-const _: () = assert!(TARGET_CORNERS_MAX <= 128);
+/// Squares of one colour of one target: half of (columns + 1) x (rows + 1), of which a grid of
+/// 40 x 3 corners has the most.
+pub const TARGET_SQUARES_MAX: usize = 82;
+
+/// What one pose is made from, at most: every edge of a target.
+pub const OBSERVATIONS_MAX: usize = TARGET_EDGES_MAX;
+
+// A node's index is a byte, and a set of corners the bits of a u128.
+const _: () = assert!(TARGET_NODES_MAX <= 256 && TARGET_CORNERS_MAX <= 128);
 
 /// Pixels that a search looks at in one step while another target is tracked:
 /// a twelfth of a 1456 x 1088 frame, so that a sweep of all of it takes less than a

@@ -1,36 +1,28 @@
-//! One target measured in one frame: windows around the expected corners, and
-//! the pose that explains what was seen in them.
+//! One target in one frame: from where it is expected, or was found, to its pose.
 //!
-//! Work is bounded by the number of the target's corners: one window each, and
-//! two fits of a fixed number of iterations.
+//! ```text
+//!  expected pose ─▶ edges located ─▶ solved ─▶ ┌ edges fitted ─▶ solved ┐ ─▶ judged
+//!  found corners ─▶ both closed forms ──────┘  └──── moved too far? ◀───┘
+//! ```
+//!
+//! Locating makes the start of the fit good to a few hundredths of a pixel, so that one
+//! pass of the fit is enough in nearly every frame.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 
 use crate::corner::Corner;
-use crate::corner::refine::{CornerSeed, Refinement, refine};
+use crate::edge::{Appearance, Light, PixelFit, SeenEdge, fit, locate};
 use crate::grid::Grid;
 use crate::image::{GreyImage, Pixel};
 use crate::lens::Lens;
-use crate::limits::TARGET_CORNERS_MAX;
-use crate::planar::planar_poses;
+use crate::limits::{TARGET_CORNERS_MAX, TARGET_EDGES_MAX};
+use crate::nodes::{Direction, Nodes};
+use crate::planar::{SeenCorner, planar_poses};
 use crate::pose::{Cam, Pose, Target};
 use crate::report::NoPose;
 use crate::solve::{Observation, Solution, robust_cost, solve};
 use crate::target::TargetGeometry;
-use crate::undistort::UndistortionLut;
-
-/// Corners seen in one frame, at most one per corner of the target.
-pub type Observations = Vec<Observation, TARGET_CORNERS_MAX>;
-
-/// The camera as the measurement needs it.
-#[derive(Clone, Copy)]
-pub struct Optics<'a> {
-    /// The model: from rays to raw pixels.
-    pub lens: &'a Lens,
-    /// The way back: from raw to undistorted pixels.
-    pub lut: &'a UndistortionLut,
-}
 
 /// A target's pose in one frame, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,9 +31,10 @@ pub struct Measurement {
     pub cam_from_target: Pose<Cam, Target>,
     /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`].
     pub covariance: Matrix6<f64>,
-    /// Root mean square length of the raw-pixel residuals of the corners used.
+    /// Root mean square distance, raw pixels, of where the edges are seen from where the
+    /// pose puts them, both directions together.
     pub rms_px: f64,
-    /// Corners used.
+    /// Corners used: those of which an edge in each direction was.
     pub corners: u8,
     /// Corners of the target. Fewer used than it has: a part is hidden.
     pub corners_total: u8,
@@ -55,13 +48,36 @@ impl Measurement {
     }
 }
 
-/// Half width of a corner's window where the squares are large enough. Beyond
-/// 6 px a window adds little: the information lies along the two edges, and
-/// lens and print distort it more the longer it is.
-const WINDOW_RADIUS_PX_MAX: usize = 6;
+/// A measurement that was accepted, and what the next one can use.
+#[derive(Debug, Clone, Copy)]
+pub struct Fitted {
+    /// The pose and its quality.
+    pub measurement: Measurement,
+    /// How the camera shows the target.
+    pub appearance: Appearance,
+    /// Bit i is set when corner i of the target was used.
+    pub used: u128,
+}
 
-/// Below this half width a corner's two edges and its blur cannot be told apart.
-const WINDOW_RADIUS_PX_MIN: usize = 3;
+/// What is measured: a target of known colours in a picture through a lens.
+pub struct View<'a, P> {
+    /// The picture.
+    pub image: &'a GreyImage<'a, P>,
+    /// The camera.
+    pub lens: &'a Lens,
+    /// The target.
+    pub target: &'a TargetGeometry,
+    /// Whether the square up and left of corner 0 is dark, see [`Grid`].
+    pub first_square_dark: bool,
+}
+
+/// The buffers of a measurement; nothing in them outlives it.
+pub struct Workspace {
+    nodes: Nodes,
+    edges: Vec<SeenEdge, TARGET_EDGES_MAX>,
+    /// Of each edge, while they are fitted.
+    pixels: Vec<PixelFit, TARGET_EDGES_MAX>,
+}
 
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
 const CORNERS_MIN: usize = 6;
@@ -71,147 +87,310 @@ const CORNERS_MIN: usize = 6;
 const RMS_PX_MAX: f64 = 1.0;
 
 /// Worst accepted standard deviation of any axis of the translation: a handful
-/// of corners in one place can fix a pose formally and still say nothing.
+/// of edges in one place can fix a pose formally and still say nothing.
 const SD_MM_MAX: f64 = 5.0;
 
 /// A mirrored pose replaces the expected one when its robust cost, in variances,
 /// is lower by this: five standard deviations of a likelihood ratio.
 const DOUBT_COST: f64 = 25.0;
 
-/// Levenberg-Marquardt iterations of a fit that starts from a prediction.
-const ITERATIONS_WARM: usize = 6;
+/// Levenberg-Marquardt iterations on located edges, from a prediction.
+const ITERATIONS_LOCATED: usize = 4;
 
-/// Iterations of a fit that starts from the closed form.
-const ITERATIONS_COLD: usize = 15;
+/// On fitted edges, from the pose of the located ones, and from its mirror image.
+const ITERATIONS_FITTED: usize = 3;
 
-/// Half width of the window of a corner whose neighbouring lines are this far
-/// away; `None` where the squares are too small.
-///
-/// Half the spacing: the window's own corners, at 1.41 times its half width,
-/// then stay clear of the neighbours' blur however the grid is turned.
-fn window_radius(line_spacing_px: f64) -> Option<usize> {
-    let radius = (0.5 * line_spacing_px) as usize;
-    (radius >= WINDOW_RADIUS_PX_MIN).then_some(radius.min(WINDOW_RADIUS_PX_MAX))
-}
+/// From the closed form.
+const ITERATIONS_FOUND: usize = 15;
 
-/// Finds one corner in its window and turns it into an observation.
-fn observe_corner<P: Pixel>(
-    optics: Optics<'_>,
-    image: &GreyImage<'_, P>,
-    target: &TargetGeometry,
-    index: usize,
-    seed: &CornerSeed,
-) -> Option<Observation> {
-    let corner = refine(image, seed, Refinement::ModelFit).ok()?;
-    // A corner that wandered out of its own window is somebody else's.
-    let moved_px = libm::hypot(
-        corner.position_px[0] - seed.position_px[0],
-        corner.position_px[1] - seed.position_px[1],
-    );
-    if moved_px > seed.radius_px as f64 {
-        return None;
+/// Passes of the fit at most. One is enough when the start is good.
+const PASSES_MAX: usize = 3;
+
+/// The fit is repeated where a pass moves a node by more than this, because it is
+/// linear: what it neglects falls with the cube, and is 0.001 px here.
+const MOVED_PX_MAX: f64 = 0.15;
+
+/// And where it changes a blur by more than this part.
+const BLUR_CHANGE_MAX: f64 = 0.1;
+
+/// An edge whose pixels scatter by more than this many times what those of the middle one
+/// do (as a variance) is covered by something, or is none.
+const NOISE_RATIO_MAX: f32 = 4.0;
+
+/// Half a grey level of rounding: pixels are never better known than that.
+const ROUNDING_VARIANCE: f32 = 1.0 / 12.0;
+
+/// What the detector's corners are good to.
+const FOUND_SIGMA_PX: f64 = 0.25;
+
+impl Workspace {
+    /// Empty buffers.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { nodes: Nodes::new(), edges: Vec::new(), pixels: Vec::new() }
     }
-    let undistorted = optics.lut.undistort(&Vector2::from(corner.position_px))?;
-    Some(Observation::new(
-        index as u8,
-        target.corner_mm(index),
-        optics.lens,
-        &undistorted,
-        corner.sigma_px,
-    ))
-}
 
-/// Looks for every corner of the target in a window around the place where the
-/// expected pose puts it. `first_square_dark`: see [`Grid`].
-pub fn observe<P: Pixel>(
-    optics: Optics<'_>,
-    image: &GreyImage<'_, P>,
-    target: &TargetGeometry,
-    first_square_dark: bool,
-    expected_cam_from_target: &Pose<Cam, Target>,
-    observations: &mut Observations,
-) {
-    observations.clear();
-    let pitch_mm = target.pitch_mm();
-    for index in 0..target.corner_count() {
-        let point_cam_mm = expected_cam_from_target.transform(&target.corner_mm(index));
-        let Some((raw_px, raw_by_point)) = optics.lens.project_with_jacobian(&point_cam_mm) else {
-            continue;
-        };
-        // One square along each of the target's axes, in raw pixels.
-        let square_px = raw_by_point * expected_cam_from_target.rotation * pitch_mm;
-        let (along_x, along_y) = (square_px.column(0), square_px.column(1));
-        let area_px2 = along_x.x * along_y.y - along_x.y * along_y.x;
-        // Seen from behind, a printed target is not a target.
-        if area_px2 <= 0.0 {
-            continue;
+    /// Measures a target near an expected pose.
+    ///
+    /// # Errors
+    /// [`NoPose::TooFewCorners`] and [`NoPose::PoorFit`].
+    pub fn track<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        expected_cam_from_target: &Pose<Cam, Target>,
+        appearance: Appearance,
+    ) -> Result<Fitted, NoPose> {
+        self.locate(view, expected_cam_from_target)?;
+        let rough = solve(expected_cam_from_target, &self.edges, ITERATIONS_LOCATED)
+            .map_err(|_| NoPose::PoorFit)?;
+        self.fit(view, &rough.cam_from_target, appearance, DOUBT_COST)
+    }
+
+    /// Measures a target whose grid a search has found. Should both minima be equally
+    /// good, the frames to come will tell.
+    ///
+    /// # Errors
+    /// [`NoPose::TooFewCorners`] and [`NoPose::PoorFit`].
+    pub fn acquire<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        grid: &Grid,
+        corners: &[Corner],
+    ) -> Result<Fitted, NoPose> {
+        let found = seen_corners(view, grid, corners);
+        if found.len() < CORNERS_MIN {
+            return Err(NoPose::TooFewCorners);
         }
-        let Some(radius_px) = window_radius(area_px2 / along_x.norm().max(along_y.norm())) else {
-            continue;
-        };
-        let x_rad = line_angle(along_x.x, along_x.y);
-        let y_rad = line_angle(along_y.x, along_y.y);
-        // The square down and right of a corner has the colour of the one up and
-        // left, and its sector runs from x to y.
-        let even = (index / target.columns() + index % target.columns()).is_multiple_of(2);
-        let dark = even == first_square_dark;
-        let edges_rad = if dark { [x_rad, y_rad] } else { [y_rad, x_rad] };
-        let seed = CornerSeed { position_px: [raw_px.x, raw_px.y], edges_rad, radius_px };
-        if let Some(observation) = observe_corner(optics, image, target, index, &seed) {
-            // One per corner of the target: the capacity is never reached.
-            let _ = observations.push(observation);
+        let closed = planar_poses(&found).map_err(|_| NoPose::PoorFit)?;
+        let refined =
+            |place: usize| solve(&closed.get(place)?.cam_from_target, &found, ITERATIONS_FOUND).ok();
+        let rough = better(refined(0), refined(1), &found, 0.0).ok_or(NoPose::PoorFit)?;
+        self.locate(view, &rough.cam_from_target)?;
+        let located = self.both_minima(&rough.cam_from_target, ITERATIONS_FOUND, 0.0)?;
+        self.fit(view, &located.cam_from_target, Appearance::START, 0.0)
+    }
+
+    /// Locates every edge near an expected pose.
+    fn locate<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Result<(), NoPose> {
+        self.edges.clear();
+        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+            return Err(NoPose::PoorFit);
         }
+        for edge in self.nodes.edges(view.first_square_dark) {
+            if let Some(seen) = locate(view.image, &self.nodes, &edge) {
+                // One per edge of the target: the capacity is never reached.
+                let _ = self.edges.push(seen);
+            }
+        }
+        self.enough_edges()
+    }
+
+    /// Fits every edge near a pose good to a few tenths of a pixel, and the pose to the
+    /// edges; `doubt`: by how much the mirrored pose must be better to replace it.
+    fn fit<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        start_cam_from_target: &Pose<Cam, Target>,
+        mut appearance: Appearance,
+        doubt: f64,
+    ) -> Result<Fitted, NoPose> {
+        let mut pose = *start_cam_from_target;
+        let mut passes = 1;
+        loop {
+            self.fit_edges(view, &pose, &appearance)?;
+            let solution = self.both_minima(&pose, ITERATIONS_FITTED, doubt)?;
+            let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
+            let blur_change = self.correct(&mut appearance, &solution);
+            let is_last = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
+                && blur_change < BLUR_CHANGE_MAX;
+            if is_last || passes == PASSES_MAX {
+                return self.judge(view.target, &solution, appearance);
+            }
+            pose = solution.cam_from_target;
+            passes += 1;
+        }
+    }
+
+    /// Fits every edge expected at a pose, with the noise that the middle one has.
+    fn fit_edges<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+        appearance: &Appearance,
+    ) -> Result<(), NoPose> {
+        self.edges.clear();
+        self.pixels.clear();
+        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+            return Err(NoPose::PoorFit);
+        }
+        let light = Light::measure(view.image, &self.nodes, view.first_square_dark);
+        for edge in self.nodes.edges(view.first_square_dark) {
+            let fitted = fit(
+                view.image,
+                view.lens,
+                &self.nodes,
+                cam_from_target,
+                &edge,
+                appearance,
+                light.as_ref(),
+            );
+            if let Some((seen, pixels)) = fitted {
+                let _ = self.edges.push(seen);
+                let _ = self.pixels.push(pixels);
+            }
+        }
+        self.enough_edges()?;
+        let mut variances: Vec<f32, TARGET_EDGES_MAX> =
+            self.pixels.iter().map(|pixels| pixels.noise_variance).collect();
+        let middle = variances.len() / 2;
+        let (_, &mut median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
+        let variance = median.max(ROUNDING_VARIANCE);
+        let noise = libm::sqrt(f64::from(variance));
+        let mut kept = 0;
+        for place in 0..self.edges.len() {
+            if self.pixels[place].noise_variance <= NOISE_RATIO_MAX * variance {
+                self.edges.swap(kept, place);
+                self.pixels.swap(kept, place);
+                self.edges[kept].scale_uncertainty(noise);
+                kept += 1;
+            }
+        }
+        self.edges.truncate(kept);
+        self.pixels.truncate(kept);
+        self.enough_edges()
+    }
+
+    fn enough_edges(&self) -> Result<(), NoPose> {
+        // As many as six corners in two rows have: seven between them.
+        if self.edges.len() < CORNERS_MIN + 1 { Err(NoPose::TooFewCorners) } else { Ok(()) }
+    }
+
+    /// The pose that explains the edges, from a pose near it.
+    ///
+    /// A plane seen from afar has two poses that explain it nearly equally well, one
+    /// the other's mirror image (Schweighofer and Pinz 2006). Both are fitted in every
+    /// frame, and the mirrored one is taken when it is better beyond doubt: a warm
+    /// start alone would stay in the wrong one for ever once noise had led it there
+    /// while the target passed through frontal.
+    fn both_minima(
+        &self,
+        near_cam_from_target: &Pose<Cam, Target>,
+        iterations: usize,
+        doubt: f64,
+    ) -> Result<Solution, NoPose> {
+        let kept = solve(near_cam_from_target, &self.edges, iterations).ok();
+        let other = mirror_image(near_cam_from_target);
+        let mirrored = solve(&other, &self.edges, iterations).ok();
+        better(kept, mirrored, &self.edges, doubt).ok_or(NoPose::PoorFit)
+    }
+
+    /// Corrects the appearance by what the edges used say; returns the larger relative
+    /// change of a blur.
+    fn correct(&self, appearance: &mut Appearance, solution: &Solution) -> f64 {
+        let [mut x_blur, mut y_blur, mut growth] = [Mean::default(); 3];
+        for (place, (seen, pixels)) in self.edges.iter().zip(&self.pixels).enumerate() {
+            if !solution.inliers.contains(place) {
+                continue;
+            }
+            let blur = match seen.edge.direction {
+                Direction::X => &mut x_blur,
+                Direction::Y => &mut y_blur,
+            };
+            blur.add(pixels.ln_blur.into(), pixels.ln_blur_weight.into());
+            // The border's edges have it all in one direction, like a nearer target.
+            if !seen.edge.is_border
+                && let Some((growth_px, precision)) = seen.growth_px(&solution.cam_from_target)
+            {
+                growth.add(growth_px, precision);
+            }
+        }
+        appearance.correct([x_blur.value(), y_blur.value()], growth.value())
+    }
+
+    /// Refuses what the edges do not really support.
+    fn judge(
+        &self,
+        target: &TargetGeometry,
+        solution: &Solution,
+        appearance: Appearance,
+    ) -> Result<Fitted, NoPose> {
+        let used = self.used_corners(solution);
+        let corners = used.count_ones() as usize;
+        if corners < CORNERS_MIN {
+            return Err(NoPose::TooFewCorners);
+        }
+        let measurement = Measurement {
+            cam_from_target: solution.cam_from_target,
+            covariance: solution.covariance,
+            rms_px: solution.rms_px,
+            corners: corners as u8,
+            corners_total: target.corner_count() as u8,
+        };
+        let is_plausible = measurement.rms_px <= RMS_PX_MAX
+            && 2 * solution.inliers.count() >= self.edges.len()
+            && measurement.sd_mm().max() <= SD_MM_MAX;
+        if is_plausible { Ok(Fitted { measurement, appearance, used }) } else { Err(NoPose::PoorFit) }
+    }
+
+    /// The corners at which an edge of each direction ends that was used.
+    fn used_corners(&self, solution: &Solution) -> u128 {
+        let ends = |direction: Direction| {
+            self.edges
+                .iter()
+                .enumerate()
+                .filter(|(place, seen)| {
+                    seen.edge.direction == direction && solution.inliers.contains(*place)
+                })
+                .flat_map(|(_, seen)| seen.edge.nodes)
+                .filter_map(|node| self.nodes.corner(node))
+                .fold(0_u128, |used, corner| used | 1 << corner)
+        };
+        ends(Direction::X) & ends(Direction::Y)
     }
 }
 
-/// Refines the corners of a grid that the search found.
-pub fn observe_grid<P: Pixel>(
-    optics: Optics<'_>,
-    image: &GreyImage<'_, P>,
-    target: &TargetGeometry,
+impl Default for Workspace {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A weighted mean; 0 of nothing.
+#[derive(Default, Clone, Copy)]
+struct Mean {
+    sum: f64,
+    weights: f64,
+}
+
+impl Mean {
+    fn add(&mut self, value: f64, weight: f64) {
+        self.sum += weight * value;
+        self.weights += weight;
+    }
+
+    fn value(&self) -> f64 {
+        if self.weights > 0.0 { self.sum / self.weights } else { 0.0 }
+    }
+}
+
+/// The corners of a grid that the search found.
+fn seen_corners<P: Pixel>(
+    view: &View<'_, P>,
     grid: &Grid,
     corners: &[Corner],
-    observations: &mut Observations,
-) {
-    observations.clear();
-    let columns = target.columns();
-    let at = |row: usize, column: usize| -> Option<&Corner> {
-        corners.get(usize::from((*grid.corners.get(row * columns + column)?)?))
-    };
-    for index in 0..target.corner_count() {
-        let (row, column) = (index / columns, index % columns);
-        let Some(corner) = at(row, column) else { continue };
-        let neighbours = [
-            (row.checked_sub(1), Some(column)),
-            (Some(row + 1).filter(|&row| row < target.rows()), Some(column)),
-            (Some(row), column.checked_sub(1)),
-            (Some(row), Some(column + 1).filter(|&column| column < columns)),
-        ];
-        let nearest_px = neighbours
-            .into_iter()
-            .filter_map(|(row, column)| at(row?, column?))
-            .map(|other| {
-                libm::hypot(
-                    f64::from(other.position_px[0] - corner.position_px[0]),
-                    f64::from(other.position_px[1] - corner.position_px[1]),
-                )
-            })
-            .fold(f64::INFINITY, f64::min);
-        let edges_rad = corner.edges_rad.map(f64::from);
-        let line_spacing_px = nearest_px * libm::sin(edges_rad[1] - edges_rad[0]).abs();
-        let Some(radius_px) = window_radius(line_spacing_px) else { continue };
-        let position_px = corner.position_px.map(f64::from);
-        let seed = CornerSeed { position_px, edges_rad, radius_px };
-        if let Some(observation) = observe_corner(optics, image, target, index, &seed) {
-            let _ = observations.push(observation);
-        }
-    }
-}
-
-/// Direction of a line, [0, pi]: a tiny negative angle rounds to pi itself.
-fn line_angle(x: f64, y: f64) -> f64 {
-    let angle_rad = libm::atan2(y, x);
-    if angle_rad < 0.0 { angle_rad + core::f64::consts::PI } else { angle_rad }
+) -> Vec<SeenCorner, TARGET_CORNERS_MAX> {
+    (0..view.target.corner_count())
+        .filter_map(|index| {
+            let corner = corners.get(usize::from((*grid.corners.get(index)?)?))?;
+            let raw_px = Vector2::from(corner.position_px.map(f64::from));
+            let point_mm = view.target.corner_mm(index);
+            SeenCorner::new(index as u8, point_mm, view.lens, &raw_px, FOUND_SIGMA_PX)
+        })
+        .collect()
 }
 
 /// The other pose that explains a plane nearly as well: its mirror image in the
@@ -228,64 +407,11 @@ pub fn mirror_image(cam_from_target: &Pose<Cam, Target>) -> Pose<Cam, Target> {
     Pose::new(rotation, cam_from_target.translation_mm)
 }
 
-/// A fit that was accepted, and which corners of the target it rests on.
-#[derive(Debug, Clone, Copy)]
-pub struct Fitted {
-    /// The pose and its quality.
-    pub measurement: Measurement,
-    /// Bit i is set when corner i of the target was used.
-    pub used: u128,
-}
-
-/// The pose that explains the observations, from the pose predicted by the frames
-/// before.
-///
-/// A plane seen from afar has two poses that explain it nearly equally well, one
-/// the other's mirror image (Schweighofer and Pinz 2006). Both are fitted in every
-/// frame, and the mirrored one is taken when it is better beyond doubt: a warm
-/// start alone would stay in the wrong one for ever once noise had led it there
-/// while the target passed through frontal.
-///
-/// # Errors
-/// [`NoPose::TooFewCorners`] and [`NoPose::PoorFit`].
-pub fn fit_predicted(
-    expected_cam_from_target: &Pose<Cam, Target>,
-    target: &TargetGeometry,
-    observations: &Observations,
-) -> Result<Fitted, NoPose> {
-    if observations.len() < CORNERS_MIN {
-        return Err(NoPose::TooFewCorners);
-    }
-    let kept = solve(expected_cam_from_target, observations, ITERATIONS_WARM).ok();
-    let other = mirror_image(expected_cam_from_target);
-    let mirrored = solve(&other, observations, ITERATIONS_WARM).ok();
-    let solution = better(kept, mirrored, observations, DOUBT_COST).ok_or(NoPose::PoorFit)?;
-    accept(&solution, target, observations)
-}
-
-/// The pose of a target that was just found: both closed forms, refined; the
-/// better one. Should they be equally good, the frames to come will tell.
-///
-/// # Errors
-/// [`NoPose::TooFewCorners`] and [`NoPose::PoorFit`].
-pub fn fit_found(target: &TargetGeometry, observations: &Observations) -> Result<Fitted, NoPose> {
-    if observations.len() < CORNERS_MIN {
-        return Err(NoPose::TooFewCorners);
-    }
-    let closed = planar_poses(observations).map_err(|_| NoPose::PoorFit)?;
-    let refined = |place: usize| {
-        let start = &closed.get(place)?.cam_from_target;
-        solve(start, observations, ITERATIONS_COLD).ok()
-    };
-    let solution = better(refined(0), refined(1), observations, 0.0).ok_or(NoPose::PoorFit)?;
-    accept(&solution, target, observations)
-}
-
 /// The second solution when its cost is lower by more than `margin`, else the first.
-fn better(
+fn better<O: Observation>(
     first: Option<Solution>,
     second: Option<Solution>,
-    observations: &Observations,
+    observations: &[O],
     margin: f64,
 ) -> Option<Solution> {
     let (Some(one), Some(two)) = (first, second) else { return first.or(second) };
@@ -295,37 +421,6 @@ fn better(
         robust_cost(&solution.cam_from_target, observations, scale).unwrap_or(f64::INFINITY)
     };
     Some(if cost(&two) + margin < cost(&one) { two } else { one })
-}
-
-/// Refuses what the corners do not really support.
-fn accept(
-    solution: &Solution,
-    target: &TargetGeometry,
-    observations: &Observations,
-) -> Result<Fitted, NoPose> {
-    let corners = solution.inlier_count();
-    if corners < CORNERS_MIN {
-        return Err(NoPose::TooFewCorners);
-    }
-    let measurement = Measurement {
-        cam_from_target: solution.cam_from_target,
-        covariance: solution.covariance,
-        rms_px: solution.rms_px,
-        corners: corners as u8,
-        corners_total: target.corner_count() as u8,
-    };
-    let plausible = measurement.rms_px <= RMS_PX_MAX
-        && 2 * corners >= observations.len()
-        && measurement.sd_mm().max() <= SD_MM_MAX;
-    if !plausible {
-        return Err(NoPose::PoorFit);
-    }
-    let used = observations
-        .iter()
-        .enumerate()
-        .filter(|(place, _)| solution.inliers >> place & 1 == 1)
-        .fold(0, |used, (_, seen)| used | 1 << seen.index);
-    Ok(Fitted { measurement, used })
 }
 
 /// True when at least half of the corners of each of the grid's four border
@@ -376,13 +471,5 @@ mod tests {
         assert!(!extent_is_certain(&target, all & !(0b11110 << 15)));
         // A hole in the middle does not matter.
         assert!(extent_is_certain(&target, all & !(0b01110 << 5)));
-    }
-
-    #[test]
-    fn windows_stay_clear_of_their_neighbours() {
-        assert_eq!(window_radius(5.9), None);
-        assert_eq!(window_radius(8.0), Some(4));
-        assert_eq!(window_radius(28.0), Some(6));
-        assert_eq!(window_radius(f64::NAN), None);
     }
 }

@@ -8,27 +8,26 @@
 use heapless::Vec;
 
 use crate::config::{Config, ConfigError};
+use crate::edge::Appearance;
 use crate::grid::GridShape;
 use crate::image::{GreyImage, Pixel};
 use crate::lens::{Distortion, Lens};
 use crate::limits::TARGETS_MAX;
-use crate::measure::{
-    Measurement, Observations, Optics, extent_is_certain, fit_found, fit_predicted, observe,
-    observe_grid,
-};
+use crate::measure::{Measurement, View, Workspace, extent_is_certain};
 use crate::pose::{Cam, Pose, Target};
 use crate::report::{NoPose, Report, TargetReport, TargetState};
 use crate::scene::SceneFrame;
 use crate::search::{Area, Goal, Search};
 use crate::target::{Role, TargetGeometry};
 use crate::track::State;
-use crate::undistort::UndistortionLut;
 
 /// One configured target and its track.
 struct Track {
     geometry: TargetGeometry,
     /// As the last grid that gave a pose had it.
     first_square_dark: bool,
+    /// As it was last measured.
+    appearance: Appearance,
     state: State,
     outcome: Result<Measurement, NoPose>,
 }
@@ -39,13 +38,12 @@ struct Track {
 pub struct Pipeline {
     /// All zero until configured: no frame has that size.
     lens: Lens,
-    lut: UndistortionLut,
     scene: Option<SceneFrame>,
     tracks: Vec<Track, TARGETS_MAX>,
     search: Search,
     /// The target for which the next sweep is made, if it is missing.
     search_turn: usize,
-    observations: Observations,
+    workspace: Workspace,
     corners_dropped: u32,
     sequence: u32,
 }
@@ -56,18 +54,17 @@ impl Pipeline {
     pub const fn new() -> Self {
         Self {
             lens: NO_LENS,
-            lut: UndistortionLut::new(),
             scene: None,
             tracks: Vec::new(),
             search: Search::new(),
             search_turn: 0,
-            observations: Vec::new(),
+            workspace: Workspace::new(),
             corners_dropped: 0,
             sequence: 0,
         }
     }
 
-    /// Takes a configuration: builds the undistortion table and starts afresh.
+    /// Takes a configuration and starts afresh.
     ///
     /// # Errors
     /// The first field that is out of range; the pipeline is then without a
@@ -76,12 +73,12 @@ impl Pipeline {
         self.lens = NO_LENS;
         self.tracks.clear();
         config.check()?;
-        self.lut.build(&config.lens)?;
         self.scene = config.cam_from_scene().map(SceneFrame::new);
         for target in &config.targets {
             let track = Track {
                 geometry: target.geometry.clone(),
                 first_square_dark: true,
+                appearance: Appearance::START,
                 state: State::Acquiring,
                 outcome: Err(NoPose::Searching),
             };
@@ -127,29 +124,29 @@ impl Pipeline {
         report
     }
 
-    /// Measures the targets whose motion is known, in windows.
+    /// Measures the targets whose motion is known.
     fn measure_tracked<P: Pixel>(&mut self, lens: &Lens, frame: &GreyImage<'_, P>, time_ns: u64) {
-        let optics = Optics { lens, lut: &self.lut };
         for track in &mut self.tracks {
             let Some(motion) = track.state.motion() else {
                 track.outcome = Err(NoPose::Searching);
                 continue;
             };
-            let expected = motion.predict(time_ns);
-            observe(
-                optics,
-                frame,
-                &track.geometry,
-                track.first_square_dark,
-                &expected,
-                &mut self.observations,
-            );
-            track.outcome =
-                fit_predicted(&expected, &track.geometry, &self.observations).and_then(|fitted| {
-                    let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
-                        || extent_is_certain(&track.geometry, fitted.used);
-                    if identified { Ok(fitted.measurement) } else { Err(NoPose::ExtentUnknown) }
-                });
+            let view = View {
+                image: frame,
+                lens,
+                target: &track.geometry,
+                first_square_dark: track.first_square_dark,
+            };
+            let fitted = self.workspace.track(&view, &motion.predict(time_ns), track.appearance);
+            track.outcome = fitted.and_then(|fitted| {
+                let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
+                    || extent_is_certain(&track.geometry, fitted.used);
+                if !identified {
+                    return Err(NoPose::ExtentUnknown);
+                }
+                track.appearance = fitted.appearance;
+                Ok(fitted.measurement)
+            });
         }
     }
 
@@ -179,7 +176,6 @@ impl Pipeline {
         let grids = self.search.grids(frame, &wanted);
         let dropped = self.search.corners().dropped();
         self.corners_dropped = self.corners_dropped.saturating_add(dropped);
-        let optics = Optics { lens, lut: &self.lut };
         for (index, (track, grid)) in self.tracks.iter_mut().zip(&grids).enumerate() {
             // A region may cut another target, and says nothing about it.
             let searched_for = goal.is_none_or(|goal| match goal {
@@ -192,21 +188,15 @@ impl Pipeline {
             match grid {
                 Ok(grid) => {
                     let corners = self.search.corners().as_slice();
-                    observe_grid(
-                        optics,
-                        frame,
-                        &track.geometry,
-                        grid,
-                        corners,
-                        &mut self.observations,
-                    );
-                    let dark = grid.first_square_dark;
-                    track.outcome =
-                        acquire(optics, frame, &track.geometry, dark, &mut self.observations);
-                    // A grid that was refused must not mislead a coasting target's windows.
-                    if track.outcome.is_ok() {
-                        track.first_square_dark = dark;
-                    }
+                    let first_square_dark = grid.first_square_dark;
+                    let view =
+                        View { image: frame, lens, target: &track.geometry, first_square_dark };
+                    track.outcome = self.workspace.acquire(&view, grid, corners).map(|fitted| {
+                        // A grid that was refused must not mislead a coasting target.
+                        track.first_square_dark = first_square_dark;
+                        track.appearance = fitted.appearance;
+                        fitted.measurement
+                    });
                 }
                 // A coasting target keeps the reason that its windows gave.
                 Err(rejection) if track.state == State::Acquiring => {
@@ -300,20 +290,6 @@ const NO_LENS: Lens = Lens {
 /// Whether a frame has the size that the camera was calibrated for.
 fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {
     usize::from(lens.width_px) == frame.width() && usize::from(lens.height_px) == frame.height()
-}
-
-/// The pose of a target whose corners a search has found: closed form, fit, and
-/// then windows around every corner, as if it had been tracked.
-fn acquire<P: Pixel>(
-    optics: Optics<'_>,
-    frame: &GreyImage<'_, P>,
-    target: &TargetGeometry,
-    first_square_dark: bool,
-    observations: &mut Observations,
-) -> Result<Measurement, NoPose> {
-    let rough = fit_found(target, observations)?.measurement.cam_from_target;
-    observe(optics, frame, target, first_square_dark, &rough, observations);
-    Ok(fit_predicted(&rough, target, observations)?.measurement)
 }
 
 /// The part of the frame in which a target may be: its outline where it is

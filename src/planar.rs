@@ -21,9 +21,9 @@
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::lens::ray_of;
+use crate::lens::{Lens, ray_by_point, ray_of};
 use crate::pose::{Cam, Pose, Target};
-use crate::solve::Observation;
+use crate::solve::{Observation, by_increment};
 
 /// A homography has 8 parameters and a point 2 equations.
 pub const POINTS_MIN: usize = 4;
@@ -66,6 +66,75 @@ impl core::fmt::Display for PlanarFailure {
 
 impl core::error::Error for PlanarFailure {}
 
+/// One corner seen: where it is on the target, along which ray it was seen, and how
+/// raw pixels change with the ray there.
+///
+/// Its residual is in raw pixels although it arrives as a ray: the difference of two
+/// rays times `raw_by_ray`. Noise is even on the sensor; a wide-angle lens makes it
+/// several times larger in undistorted pixels at the frame's edge than in the middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenCorner {
+    /// Which corner of the target.
+    pub index: u8,
+    /// The corner in the target frame.
+    pub point_target_mm: Vector3<f64>,
+    /// The ray seen, undistorted, at z = 1.
+    pub ray: Vector2<f64>,
+    /// d raw pixel / d ray, there.
+    pub raw_by_ray: Matrix2<f64>,
+    /// Standard deviation of one raw coordinate.
+    pub sigma_px: f64,
+}
+
+impl SeenCorner {
+    /// A corner seen at a raw pixel; `None` when no ray reaches it.
+    #[must_use]
+    pub fn new(
+        index: u8,
+        point_target_mm: Vector3<f64>,
+        lens: &Lens,
+        raw_px: &Vector2<f64>,
+        sigma_px: f64,
+    ) -> Option<Self> {
+        let ray = lens.ray_from_raw(raw_px)?;
+        let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
+        Some(Self { index, point_target_mm, ray, raw_by_ray, sigma_px })
+    }
+}
+
+impl Observation for SeenCorner {
+    fn is_finite(&self) -> bool {
+        // A sum is finite only if its terms are, and no usable term is near overflow.
+        let sum = self.point_target_mm.sum() + self.ray.sum() + self.raw_by_ray.sum();
+        sum.is_finite() && self.sigma_px > 0.0 && self.sigma_px.is_finite()
+    }
+
+    fn residual(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[f64; 2]> {
+        let ray = ray_of(&cam_from_target.transform(&self.point_target_mm))?;
+        Some((self.raw_by_ray * (ray - self.ray) / self.sigma_px).into())
+    }
+
+    fn residual_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<([f64; 2], [[f64; 6]; 2])> {
+        let point_cam_mm = cam_from_target.transform(&self.point_target_mm);
+        let ray = ray_of(&point_cam_mm)?;
+        let whitened_by_ray = self.raw_by_ray / self.sigma_px;
+        let by_point = whitened_by_ray * ray_by_point(&point_cam_mm, &ray);
+        let rows = [0, 1].map(|row| {
+            let by_point = by_point.row(row).into_owned();
+            by_increment(&by_point, &cam_from_target.rotation, &self.point_target_mm)
+        });
+        Some(((whitened_by_ray * (ray - self.ray)).into(), rows))
+    }
+
+    fn square_px2(&self, residual: &[f64; 2]) -> f64 {
+        let [x, y] = residual;
+        (x * x + y * y) * self.sigma_px * self.sigma_px
+    }
+}
+
 /// One of the poses of a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPose {
@@ -86,11 +155,11 @@ pub type PlanarPoses = Vec<PlanarPose, 2>;
 ///
 /// # Errors
 /// [`PlanarFailure`].
-pub fn planar_poses(observations: &[Observation]) -> Result<PlanarPoses, PlanarFailure> {
+pub fn planar_poses(observations: &[SeenCorner]) -> Result<PlanarPoses, PlanarFailure> {
     if observations.len() < POINTS_MIN {
         return Err(PlanarFailure::TooFewPoints);
     }
-    if !observations.iter().all(Observation::is_finite) {
+    if !observations.iter().all(SeenCorner::is_finite) {
         return Err(PlanarFailure::NotFinite);
     }
     let plane = Normalisation::of(observations.iter().map(|seen| seen.point_target_mm.xy()))
@@ -148,7 +217,7 @@ impl Normalisation {
 /// element 1: the middle of what is seen is in front of the camera, so that its
 /// depth, which this element is, is not 0.
 fn homography(
-    observations: &[Observation],
+    observations: &[SeenCorner],
     plane: &Normalisation,
     image: &Normalisation,
 ) -> Option<Matrix3<f64>> {
@@ -255,7 +324,7 @@ fn rotations(
 
 /// The translation that fits a rotation best: least squares on
 /// `x (r_z p + t_z) = r_x p + t_x` and the same for y, linear in t.
-fn translation(observations: &[Observation], rotation: &Matrix3<f64>) -> Option<Vector3<f64>> {
+fn translation(observations: &[SeenCorner], rotation: &Matrix3<f64>) -> Option<Vector3<f64>> {
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
     for seen in observations {
@@ -274,7 +343,7 @@ fn translation(observations: &[Observation], rotation: &Matrix3<f64>) -> Option<
 }
 
 /// RMS of the residuals' lengths in raw pixels; `None` when a corner lies behind the camera.
-fn rms(observations: &[Observation], cam_from_target: &Pose<Cam, Target>) -> Option<f64> {
+fn rms(observations: &[SeenCorner], cam_from_target: &Pose<Cam, Target>) -> Option<f64> {
     let mut sum = 0.0;
     for seen in observations {
         let ray = ray_of(&cam_from_target.transform(&seen.point_target_mm))?;
@@ -373,7 +442,7 @@ mod tests {
         let mut random = Random::new(25);
         let pose = Pose::from_theta([0.1, 0.3, -0.2, 50.0, -80.0, 1000.0]);
         let good = observe(&bedside_lens(), &pose, [6, 5], 0.05, &mut random);
-        let refused = |seen: &[Observation]| planar_poses(seen).map(|_| ()).unwrap_err();
+        let refused = |seen: &[SeenCorner]| planar_poses(seen).map(|_| ()).unwrap_err();
         assert_eq!(refused(&good[..3]), PlanarFailure::TooFewPoints);
         // One row.
         assert_eq!(refused(&good[..6]), PlanarFailure::Degenerate);

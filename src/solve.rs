@@ -1,14 +1,10 @@
-//! The pose of a target from its corners: robust Levenberg-Marquardt on (t, R).
+//! The pose of a target from what was seen of it: robust Levenberg-Marquardt on (t, R).
 //!
-//! In: a pose to start from and up to 120 corners. Out: the pose that minimises the
-//! paper's sum of squared reprojection errors (section "Kinematic Model Fitting"),
-//! with a covariance and the corners that were believed.
-//!
-//! *Residuals* are raw pixels, although corners arrive as rays: the difference of
-//! two rays times `raw_by_ray`, the lens's Jacobian at the corner. Noise is even on
-//! the sensor; a wide-angle lens makes it several times larger in undistorted
-//! pixels at the frame's edge than in the middle. Dividing by each corner's
-//! `sigma_px` makes them numbers of standard deviations.
+//! In: a pose to start from and the [`Observation`]s: edges
+//! ([`crate::edge::SeenEdge`]) or corners ([`crate::planar::SeenCorner`]). Out: the pose
+//! that minimises the paper's sum of squared reprojection errors (section "Kinematic
+//! Model Fitting"), each weighted by its precision, with a covariance and the
+//! observations that were believed.
 //!
 //! *Steps* turn the target about its own origin and move that origin, see
 //! [`Pose::moved_by`]. A step that does not lower the cost is undone and its
@@ -16,36 +12,32 @@
 //! time is too.
 //!
 //! *Robust weights* are Tukey's biweight with a flat top: 1 for residuals
-//! up to 2.4 scales, 0 beyond 5, so that a wrong corner has no influence at all,
+//! up to 2.4 scales, 0 beyond 5, so that a wrong observation has no influence at all,
 //! and right ones almost always have all of theirs (which keeps the covariance
-//! honest). The scale is the residuals' median, or their sigma where that is more;
+//! honest). The scale is the residuals' median, or what they promise where that is more;
 //! it is found again after every accepted step, so that a far start, which makes all
-//! residuals large, rejects nothing. Fewer than half of the corners may be wrong.
+//! residuals large, rejects nothing. Fewer than half of the observations may be wrong.
 //!
 //! *Covariance* is the inverse of the weighted normal equations, times the
 //! observed variance of the residuals where that is more than predicted: what the
-//! sigmas do not know (a bent target, a poor calibration) makes the answer less
+//! observations do not know (a bent target, a poor calibration) makes the answer less
 //! certain, and luck never makes it more so.
-//!
-//! Cost: about 2 us per iteration with 30 corners on a workstation.
 
-use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, RowVector3, Vector3, Vector6};
 
-use crate::lens::{Lens, ray_by_point, ray_of};
-use crate::limits::TARGET_CORNERS_MAX;
+use crate::limits::OBSERVATIONS_MAX;
 use crate::pose::{Cam, Pose, Target};
-use crate::undistort::Undistorted;
 
-/// 3 corners fix a pose but leave nothing to tell a wrong one by.
-pub const POINTS_MIN: usize = 4;
+/// 3 observations of two numbers each fix a pose but leave nothing to tell a wrong one by.
+pub const OBSERVATIONS_MIN: usize = 4;
 
-/// Square of the residual, in scales, up to which a corner has full weight: 95 % of
-/// right corners lie below (the square of a 2-D normal's length is exponential
+/// Square of the residual, in scales, up to which an observation has full weight: 95 %
+/// of right ones lie below (the square of a 2-D normal's length is exponential
 /// with mean 2).
 const FULL_WEIGHT_SQUARE: f64 = 6.0;
 
-/// Square of the residual, in scales, from which a corner has no weight: 4 right
-/// corners in a million lie beyond.
+/// Square of the residual, in scales, from which an observation has no weight: 4 right
+/// ones in a million lie beyond.
 const NO_WEIGHT_SQUARE: f64 = 25.0;
 
 /// Median of the squared length of a 2-D normal: 2 ln 2.
@@ -61,70 +53,74 @@ const DAMPING_MIN: f64 = 1e-12;
 const DAMPING_MAX: f64 = 1e6;
 
 /// Smallest pivot of the normal equations, scaled to a diagonal of ones, of a pose
-/// that is fixed by its corners. Rounding leaves 1e-16 of a singular system; a
+/// that is fixed by what was seen. Rounding leaves 1e-16 of a singular system; a
 /// 10 mm target at 10 m has 1e-7.
 const PIVOT_MIN: f64 = 1e-11;
 
-/// One corner seen: where it is on the target, along which ray it was seen, and how
-/// raw pixels change with the ray there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Observation {
-    /// Which corner of the target, for the caller: the solver does not use it.
-    pub index: u8,
-    /// The corner in the target frame.
-    pub point_target_mm: Vector3<f64>,
-    /// The ray seen, undistorted, at z = 1.
-    pub ray: Vector2<f64>,
-    /// d raw pixel / d ray, there.
-    pub raw_by_ray: Matrix2<f64>,
-    /// Standard deviation of one raw coordinate.
-    pub sigma_px: f64,
+/// Something seen of the target: two numbers that follow its pose.
+///
+/// Whatever it is, its residual is whitened: two independent numbers of standard
+/// deviations each, which are 0 on average at the true pose.
+pub trait Observation: Copy {
+    /// True when every number is finite and the standard deviations positive.
+    fn is_finite(&self) -> bool;
+
+    /// The residual at a pose; `None` when the point would lie behind the camera.
+    fn residual(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[f64; 2]>;
+
+    /// The residual, and each number's derivatives by an increment of
+    /// [`Pose::moved_by`].
+    fn residual_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<([f64; 2], [[f64; 6]; 2])>;
+
+    /// The squared length of a residual in raw pixels, both directions together.
+    fn square_px2(&self, residual: &[f64; 2]) -> f64;
 }
 
-impl Observation {
-    /// The observation of an undistorted corner.
-    #[must_use]
-    pub fn new(
-        index: u8,
-        point_target_mm: Vector3<f64>,
-        lens: &Lens,
-        undistorted: &Undistorted,
-        sigma_px: f64,
-    ) -> Self {
-        let ray = lens.ray_from_pixel(&undistorted.pixel_px);
-        let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
-        Self { index, point_target_mm, ray, raw_by_ray, sigma_px }
-    }
-
-    /// True when every number is finite and the sigma positive.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        // A sum is finite only if its terms are, and no usable term is near overflow.
-        let sum = self.point_target_mm.sum() + self.ray.sum() + self.raw_by_ray.sum();
-        sum.is_finite() && self.sigma_px > 0.0 && self.sigma_px.is_finite()
-    }
+/// The gradient by an increment of a quantity whose gradient by the point, in the
+/// camera frame, is known.
+#[inline]
+pub(crate) fn by_increment(
+    by_point: &RowVector3<f64>,
+    rotation: &Matrix3<f64>,
+    point_target_mm: &Vector3<f64>,
+) -> [f64; 6] {
+    // d (R exp(omega) p) = R (omega x p), and a . R (omega x p) = omega . (p x R^T a).
+    let turned = by_point * rotation;
+    let (x, y, z) = (turned.x, turned.y, turned.z);
+    let point = point_target_mm;
+    [
+        point.y * z - point.z * y,
+        point.z * x - point.x * z,
+        point.x * y - point.y * x,
+        by_point.x,
+        by_point.y,
+        by_point.z,
+    ]
 }
 
 /// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolveFailure {
-    /// Fewer than [`POINTS_MIN`] corners, or so few left after the wrong ones.
-    TooFewPoints,
-    /// The corners leave a direction of the pose open.
+    /// Fewer than [`OBSERVATIONS_MIN`], or so few left after the wrong ones.
+    TooFew,
+    /// The observations leave a direction of the pose open.
     Degenerate,
-    /// A number that came in is not finite, or a sigma is not positive.
+    /// A number that came in is not finite, or a standard deviation not positive.
     NotFinite,
-    /// The start puts a corner behind the camera.
+    /// The start puts a point behind the camera.
     BehindCamera,
 }
 
 impl core::fmt::Display for SolveFailure {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         formatter.write_str(match self {
-            Self::TooFewPoints => "fewer than 4 usable corners",
-            Self::Degenerate => "the corners do not fix the pose",
-            Self::NotFinite => "a number is not finite, or a sigma is not positive",
-            Self::BehindCamera => "a corner would lie behind the camera",
+            Self::TooFew => "fewer than 4 usable observations",
+            Self::Degenerate => "the observations do not fix the pose",
+            Self::NotFinite => "a number is not finite, or a standard deviation is not positive",
+            Self::BehindCamera => "a point would lie behind the camera",
         })
     }
 }
@@ -142,41 +138,55 @@ pub struct Solution {
     /// Root mean square of the residuals' lengths in raw pixels over the inliers
     /// (what OpenCV calls the reprojection error).
     pub rms_px: f64,
-    /// Bit i is set when observation i (its place in the slice) has weight.
-    pub inliers: u128,
-    /// The robust scale: 1 when the residuals are what the sigmas promise, more when
-    /// they are larger.
+    /// The observations that have weight, by their places in the slice.
+    pub inliers: Inliers,
+    /// The robust scale: 1 when the residuals are what the observations promise, more
+    /// when they are larger.
     pub scale: f64,
 }
 
-impl Solution {
-    /// Number of inliers.
+/// A set of observations, by their places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Inliers([u32; OBSERVATIONS_MAX.div_ceil(32)]);
+
+impl Inliers {
+    /// Whether the observation at a place is one.
     #[must_use]
-    pub fn inlier_count(&self) -> usize {
-        self.inliers.count_ones() as usize
+    pub fn contains(&self, place: usize) -> bool {
+        self.0.get(place / 32).is_some_and(|word| word >> (place % 32) & 1 == 1)
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    fn insert(&mut self, place: usize) {
+        self.0[place / 32] |= 1 << (place % 32);
     }
 }
 
 /// Refines a pose with a fixed number of iterations: for a start from the last frame
-/// 4 do, or 6 where corners may be wrong; 15 for one from [`crate::planar`], whose
+/// 4 do, or 6 where observations may be wrong; 15 for one from [`crate::planar`], whose
 /// second pose has residuals that slow the convergence.
 ///
 /// # Errors
 /// [`SolveFailure`].
 ///
 /// # Panics
-/// When there are more than [`TARGET_CORNERS_MAX`] observations: a caller's bug.
-pub fn solve(
+/// When there are more than [`OBSERVATIONS_MAX`]: a caller's bug.
+pub fn solve<O: Observation>(
     start: &Pose<Cam, Target>,
-    observations: &[Observation],
+    observations: &[O],
     iterations: usize,
 ) -> Result<Solution, SolveFailure> {
-    assert!(observations.len() <= TARGET_CORNERS_MAX, "{} observations", observations.len());
-    if observations.len() < POINTS_MIN {
-        return Err(SolveFailure::TooFewPoints);
+    assert!(observations.len() <= OBSERVATIONS_MAX, "{} observations", observations.len());
+    if observations.len() < OBSERVATIONS_MIN {
+        return Err(SolveFailure::TooFew);
     }
     let start_sum = start.rotation.sum() + start.translation_mm.sum();
-    if !start_sum.is_finite() || !observations.iter().all(Observation::is_finite) {
+    if !start_sum.is_finite() || !observations.iter().all(O::is_finite) {
         return Err(SolveFailure::NotFinite);
     }
 
@@ -218,14 +228,14 @@ pub fn solve(
 }
 
 /// The robust cost of a pose at a given scale: the sum of the squared residuals in
-/// scales, those of wrong corners capped. `None` when a corner lies behind the camera.
+/// scales, those of wrong ones capped. `None` when a point lies behind the camera.
 ///
 /// Poses of one set of observations are compared by it; the difference of two costs
 /// is twice the logarithm of their likelihood ratio.
 #[must_use]
-pub fn robust_cost(
+pub fn robust_cost<O: Observation>(
     cam_from_target: &Pose<Cam, Target>,
-    observations: &[Observation],
+    observations: &[O],
     scale: f64,
 ) -> Option<f64> {
     let mut squares = Squares::new(observations.len());
@@ -235,33 +245,34 @@ pub fn robust_cost(
 }
 
 /// What a pose that has converged says about itself.
-fn conclude(
+fn conclude<O: Observation>(
     pose: Pose<Cam, Target>,
-    observations: &[Observation],
+    observations: &[O],
     squares: &Squares,
     normal: &NormalEquations,
 ) -> Result<Solution, SolveFailure> {
     let variance = squares.robust_variance();
-    let mut inliers = 0_u128;
+    let mut inliers = Inliers::default();
     let [mut weights, mut weighted_squares, mut squares_px2] = [0.0; 3];
     for (place, (square, seen)) in squares.iter().zip(observations).enumerate() {
         let weight = weight(square / variance);
         weights += weight;
         weighted_squares += weight * square;
         if weight > 0.0 {
-            inliers |= 1 << place;
-            squares_px2 += square * seen.sigma_px * seen.sigma_px;
+            inliers.insert(place);
+            let residual = seen.residual(&pose).ok_or(SolveFailure::BehindCamera)?;
+            squares_px2 += seen.square_px2(&residual);
         }
     }
-    let count = inliers.count_ones();
-    if (count as usize) < POINTS_MIN {
-        return Err(SolveFailure::TooFewPoints);
+    let count = inliers.count();
+    if count < OBSERVATIONS_MIN {
+        return Err(SolveFailure::TooFew);
     }
-    // Two numbers per corner, less the six that were fitted. With soft weights the
-    // divisor could fall below that of the fewest corners.
+    // Two numbers each, less the six that were fitted. With soft weights the
+    // divisor could fall below that of the fewest observations.
     let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
     let covariance = normal.inverse().ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
-    let rms_px = libm::sqrt(squares_px2 / f64::from(count));
+    let rms_px = libm::sqrt(squares_px2 / count as f64);
     let finite =
         (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum() + rms_px).is_finite();
     // Finite numbers came in, so that only a nearly singular system overflows.
@@ -272,7 +283,7 @@ fn conclude(
     Ok(Solution { cam_from_target: pose, covariance, rms_px, inliers, scale })
 }
 
-/// Weight of a corner by the square of its residual in scales.
+/// Weight of an observation by the square of its residual in scales.
 #[inline]
 fn weight(square: f64) -> f64 {
     let beyond = (square - FULL_WEIGHT_SQUARE) * (1.0 / (NO_WEIGHT_SQUARE - FULL_WEIGHT_SQUARE));
@@ -289,23 +300,26 @@ fn robust_square(square: f64) -> f64 {
     square.min(FULL_WEIGHT_SQUARE) + RANGE / 3.0 * (1.0 - left * left * left)
 }
 
-/// Squared residual of each observation, in its own sigmas.
+/// Squared residual of each observation.
 struct Squares {
-    values: [f64; TARGET_CORNERS_MAX],
+    values: [f64; OBSERVATIONS_MAX],
     count: usize,
 }
 
 impl Squares {
     fn new(count: usize) -> Self {
-        Self { values: [0.0; TARGET_CORNERS_MAX], count }
+        Self { values: [0.0; OBSERVATIONS_MAX], count }
     }
 
-    /// Measures the squares alone; `None` when a corner lies behind the camera.
-    fn measure(&mut self, pose: &Pose<Cam, Target>, observations: &[Observation]) -> Option<()> {
+    /// Measures the squares alone; `None` when a point lies behind the camera.
+    fn measure<O: Observation>(
+        &mut self,
+        pose: &Pose<Cam, Target>,
+        observations: &[O],
+    ) -> Option<()> {
         for (seen, square) in observations.iter().zip(&mut self.values) {
-            let ray = ray_of(&pose.transform(&seen.point_target_mm))?;
-            let residual_px = seen.raw_by_ray * (ray - seen.ray);
-            *square = residual_px.norm_squared() / (seen.sigma_px * seen.sigma_px);
+            let [first, second] = seen.residual(pose)?;
+            *square = first * first + second * second;
         }
         Some(())
     }
@@ -314,8 +328,8 @@ impl Squares {
         self.values[..self.count].iter().copied()
     }
 
-    /// The variance of which the squares' median speaks, in units of the sigmas', at
-    /// least 1. The fit has made the residuals smaller than the noise; the share of
+    /// The variance of which the squares' median speaks, in units of what was
+    /// promised, at least 1. The fit has made the residuals smaller than the noise; the share of
     /// degrees of freedom that is left makes up for that.
     fn robust_variance(&self) -> f64 {
         let mut sorted = self.values;
@@ -331,34 +345,6 @@ impl Squares {
     }
 }
 
-/// The residual of one observation, in sigmas, and its Jacobian by an increment;
-/// `None` when the corner lies behind the camera.
-#[inline]
-fn residual(pose: &Pose<Cam, Target>, seen: &Observation) -> Option<([f64; 2], [[f64; 6]; 2])> {
-    let point_cam_mm = pose.transform(&seen.point_target_mm);
-    let ray = ray_of(&point_cam_mm)?;
-    let per_sigma = 1.0 / seen.sigma_px;
-    let whitened_by_ray = seen.raw_by_ray * per_sigma;
-    let residual = whitened_by_ray * (ray - seen.ray);
-    let by_translation = whitened_by_ray * ray_by_point(&point_cam_mm, &ray);
-    // d (R exp(omega) p) = R (omega x p), so that a row a by the point gives
-    // a . R (omega x p) = omega . (p x R^T a).
-    let by_point = by_translation * pose.rotation;
-    let point = &seen.point_target_mm;
-    let rows = [0, 1].map(|row| {
-        let (x, y, z) = (by_point[(row, 0)], by_point[(row, 1)], by_point[(row, 2)]);
-        [
-            point.y * z - point.z * y,
-            point.z * x - point.x * z,
-            point.x * y - point.y * x,
-            by_translation[(row, 0)],
-            by_translation[(row, 1)],
-            by_translation[(row, 2)],
-        ]
-    });
-    Some(([residual.x, residual.y], rows))
-}
-
 /// Weighted normal equations `matrix * step = -gradient`.
 struct NormalEquations {
     /// Upper triangle.
@@ -367,12 +353,12 @@ struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// At a pose that has every corner in front of the camera.
-    fn new(pose: &Pose<Cam, Target>, observations: &[Observation], variance: f64) -> Self {
+    /// At a pose that has every point in front of the camera.
+    fn new<O: Observation>(pose: &Pose<Cam, Target>, observations: &[O], variance: f64) -> Self {
         let per_variance = 1.0 / variance;
         let mut normal = Self { matrix: [[0.0; 6]; 6], gradient: [0.0; 6] };
         for seen in observations {
-            let Some((residual, rows)) = residual(pose, seen) else { continue };
+            let Some((residual, rows)) = seen.residual_with_jacobian(pose) else { continue };
             let square = residual[0] * residual[0] + residual[1] * residual[1];
             normal.add(&residual, &rows, weight(square * per_variance));
         }

@@ -8,10 +8,10 @@ use nalgebra::{Vector2, Vector3};
 use crate::lens::{Distortion, Lens};
 use crate::limits::TARGET_CORNERS_MAX;
 use crate::pose::{Cam, Pose, Target};
-use crate::solve::Observation;
+use crate::planar::SeenCorner;
 
 /// The corners of one target, as a tracker would see them.
-pub type Observations = heapless::Vec<Observation, TARGET_CORNERS_MAX>;
+pub type Observations = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;
 
 /// How often a test does its work: `count` times, and a tenth as often in an emulator,
 /// where each time takes ten times as long or more. `cargo xtask test` sets the variable.
@@ -86,16 +86,10 @@ pub fn observe(
         let (x, y) = (offset(index % columns, columns), offset(index / columns, rows));
         let point_target_mm = Vector3::new(x, y, 0.0) * 12.0;
         let true_px = lens.project(&cam_from_target.transform(&point_target_mm)).unwrap();
-        let ray = lens.ray_from_raw(&(true_px + random.normal2() * sigma_px)).unwrap();
-        let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
-        let seen = Observation {
-            index,
-            point_target_mm,
-            ray,
-            raw_by_ray,
-            // Exact corners still need a sigma to be weighed by.
-            sigma_px: if sigma_px > 0.0 { sigma_px } else { 0.01 },
-        };
+        let seen_px = true_px + random.normal2() * sigma_px;
+        // Exact corners still need a sigma to be weighed by.
+        let sigma_px = if sigma_px > 0.0 { sigma_px } else { 0.01 };
+        let seen = SeenCorner::new(index, point_target_mm, lens, &seen_px, sigma_px).unwrap();
         observations.push(seen).unwrap();
     }
     observations

@@ -21,11 +21,9 @@ use plumbline::config::Config;
 use plumbline::corner::{CornerList, Detector};
 use plumbline::grid::{GridFinder, GridRejection};
 use plumbline::image::GreyImage;
-use plumbline::measure::{Observations, Optics, fit_predicted, observe};
 use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Report;
-use plumbline::undistort::UndistortionLut;
 
 /// Frames between two searches of the whole frame that are measured.
 const SEARCH_EVERY: usize = 5;
@@ -138,31 +136,6 @@ impl Bench {
 
     /// The parts of `step`, on their own.
     fn stages(&self) -> Result<()> {
-        let lens = &self.config.lens;
-        let mut lut = Box::new(UndistortionLut::new());
-        lut.build(lens)?;
-        let optics = Optics { lens, lut: &lut };
-        let mut observations = Observations::new();
-        let (mut windows, mut fits) = (Vec::new(), Vec::new());
-        for frame in 1..self.frames.len() {
-            let view = self.view(frame);
-            // As good as a prediction: the truth of one frame before.
-            let expected = &self.truth[frame - 1];
-            let (mut window, mut fit) = (Duration::ZERO, Duration::ZERO);
-            for (target, pose) in self.config.targets.iter().zip(expected) {
-                let start = Instant::now();
-                observe(optics, &view, &target.geometry, true, pose, &mut observations);
-                window += start.elapsed();
-                let start = Instant::now();
-                let _ = black_box(fit_predicted(pose, &target.geometry, &observations));
-                fit += start.elapsed();
-            }
-            windows.push(window);
-            fits.push(fit);
-        }
-        say_times("stage_windows", &mut windows);
-        say_times("stage_fit", &mut fits);
-
         let mut detector = Box::new(Detector::new());
         let mut corners = Box::new(CornerList::new());
         let mut finder = Box::new(GridFinder::new());

@@ -1,0 +1,468 @@
+//! The fine step: a blurred step fitted to all pixels beside an edge.
+//!
+//! # Region
+//!
+//! Each pixel of the target speaks about the edge that is nearest to it. Of an edge
+//! between two nodes these pixels fill a diamond whose long diagonal is the edge:
+//!
+//! ```text
+//!     ·────────·         no farther from the edge than from the crossing lines,
+//!     │╲ ┌──┐ ╱│         no farther out than where the squares are flat anyway,
+//!     │ ╱    ╲ │         and clear of the nodes, where the crossing line's blur
+//!   ──┼┤══════├┼──       bends the profile
+//!     │ ╲    ╱ │
+//!     │╱ └──┘ ╲│
+//!     ·────────·
+//! ```
+//!
+//! # Model
+//!
+//! With v the distance of a pixel from the expected line, w its place along the edge
+//! (-1/2 to 1/2 from node to node) and s the blur's standard deviation,
+//!
+//! ```text
+//! I = offset + contrast/2 * E((v - shift - w turn) / s),   E(x) = erf(x / sqrt 2)
+//! ```
+//!
+//! to first order in shift, turn and ln s, so that five numbers are found by one linear
+//! regression of the pixels on (1, E, dE/d ln s, dE/dv, w dE/dv). The pixel's own box is
+//! part of s: its variance, 1/12 px^2, is the same in every direction. The lens's
+//! curvature along the edge is taken out of v.
+//!
+//! # Information
+//!
+//! The columns are in such an order that the last two of the Cholesky factor of their
+//! normal equations are those of shift and turn with the others eliminated: a whitener for
+//! [`crate::solve`].
+
+use nalgebra::{SMatrix, SVector, Vector2};
+
+use super::light::{Levels, Light};
+use super::profile::blurred_step;
+use super::{CONTRAST_MIN, SeenEdge};
+use crate::image::{GreyImage, Pixel};
+use crate::lens::Lens;
+use crate::nodes::{Chord, Direction, Edge, Nodes};
+use crate::pose::{Cam, Pose, Target};
+
+/// How the camera shows a target's edges; what one frame finds serves the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Appearance {
+    /// Standard deviation of the blur and the pixel's box together, raw pixels, of the
+    /// edges along x. Motion blurs those across it more.
+    pub x_blur_px: f64,
+    /// Of the edges along y.
+    pub y_blur_px: f64,
+    /// How much larger dark squares look than they are, raw pixels on each side: ink
+    /// spreads, and a camera's response need not be straight. Inside the grid it shifts
+    /// edges by turns to and fro; on its border, all of them outwards.
+    pub growth_px: f64,
+}
+
+/// Below this the samples cannot tell: only pictures sharpened by the camera ask for less.
+const BLUR_PX_MIN: f64 = 0.4;
+/// Above this a target is out of focus beyond use.
+const BLUR_PX_MAX: f64 = 4.0;
+/// One correction's bound, of ln s: the model is far from linear beyond it.
+const LN_BLUR_STEP_MAX: f64 = 0.3;
+/// More growth than this is none.
+const GROWTH_PX_MAX: f64 = 1.0;
+
+impl Appearance {
+    /// The first guess: a good lens in focus, the pixel's box, and an exact print.
+    pub const START: Self = Self { x_blur_px: 0.75, y_blur_px: 0.75, growth_px: 0.0 };
+
+    fn blur_px(&self, direction: Direction) -> f64 {
+        match direction {
+            Direction::X => self.x_blur_px,
+            Direction::Y => self.y_blur_px,
+        }
+    }
+
+    /// Corrected by what fitted edges say: in ln s of either blur, and in growth. Returns
+    /// the larger relative change of a blur. What is not a number corrects nothing.
+    pub fn correct(&mut self, [ln_x, ln_y]: [f64; 2], growth_px: f64) -> f64 {
+        let mut largest = 0.0_f64;
+        for (blur_px, correction) in [(&mut self.x_blur_px, ln_x), (&mut self.y_blur_px, ln_y)] {
+            let correction = correction.clamp(-LN_BLUR_STEP_MAX, LN_BLUR_STEP_MAX);
+            let corrected = (*blur_px * libm::exp(correction)).clamp(BLUR_PX_MIN, BLUR_PX_MAX);
+            if corrected > 0.0 {
+                largest = largest.max((corrected / *blur_px - 1.0).abs());
+                *blur_px = corrected;
+            }
+        }
+        let grown_px = self.growth_px + growth_px;
+        if grown_px.abs() <= GROWTH_PX_MAX {
+            self.growth_px = grown_px;
+        }
+        largest
+    }
+}
+
+/// What the pixels of one edge say beside its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelFit {
+    /// Variance of the pixels about the model, grey levels squared.
+    pub noise_variance: f32,
+    /// How much ln s should change.
+    pub ln_blur: f32,
+    /// Its precision for unit noise.
+    pub ln_blur_weight: f32,
+}
+
+/// Pixels nearer than this to a crossing line, in s, are not used: there it still
+/// bends the profile by 2.8 % of the contrast, oddly, so that the edge does not move.
+const CLEAR_OF_NODES: f64 = 1.5;
+
+/// Farthest pixels from the edge, in s and px, within which there is all that moves and
+/// enough flat to know light and dark by.
+const WIDTH_IN_BLURS: f64 = 3.5;
+const WIDTH_PX: f64 = 1.5;
+
+/// Half of an edge's length that is looked at, at most: the work is bounded, however
+/// near the target is.
+const HALF_LENGTH_PX_MAX: f64 = 32.0;
+
+/// Largest shift that the linear model is good for, in s.
+const SHIFT_IN_BLURS_MAX: f64 = 1.0;
+
+/// Fewest pixels of an edge: five numbers are fitted.
+const PIXELS_MIN: f64 = 20.0;
+
+/// Smallest pivot over its own column's square: below, the pixels do not tell two of the
+/// model's columns apart.
+const PIVOT_RATIO_MIN: f64 = 1e-3;
+
+/// Fits one edge, expected where the nodes have it; its precision is that for pixels with
+/// a noise of 1. `None` where no edge of its colours is, or too little of it.
+pub fn fit<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    lens: &Lens,
+    nodes: &Nodes,
+    cam_from_target: &Pose<Cam, Target>,
+    edge: &Edge,
+    appearance: &Appearance,
+    light: Option<&Light>,
+) -> Option<(SeenEdge, PixelFit)> {
+    let chord = nodes.chord(edge);
+    let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
+    let middle_mm = (ends[0].point_target_mm + ends[1].point_target_mm) * 0.5;
+    let curve_px = lens.project(&cam_from_target.transform(&middle_mm))?;
+    let blur_px = appearance.blur_px(edge.direction);
+    let region = Region::new(&chord, &curve_px, blur_px)?;
+    let right = region.right;
+    let mut sums = region.sums(image)?;
+    let sign = if edge.is_right_light { 1.0 } else { -1.0 };
+    if let Some(light) = light {
+        sums.add_levels(&light.at(&curve_px), sign);
+    }
+    let regression = Regression::new(&sums)?;
+    let half_contrast = regression.coefficients[STEP] * sign;
+    let white_level = f64::from(image.white_level());
+    if half_contrast < 0.5 * f64::from(CONTRAST_MIN) * white_level {
+        return None;
+    }
+    // d I / d shift = -sign half_contrast / s dE/dx.
+    let per_px = -sign * half_contrast / blur_px;
+    let shift_px = regression.coefficients[SLOPE] / per_px;
+    if shift_px.abs() > SHIFT_IN_BLURS_MAX * blur_px {
+        return None;
+    }
+    // A whitener may change its sign as long as what was seen does.
+    let whitener = regression.factor.map(|value| value * per_px.abs());
+    let [shift, turn] = regression.seen.map(|value| value * per_px.signum());
+    let growth = whitener[0] * sign * appearance.growth_px;
+    let seen = SeenEdge::new(*edge, ends, &right, whitener, [shift - growth, turn]);
+    let pixels = PixelFit {
+        noise_variance: regression.noise_variance as f32,
+        ln_blur: (regression.coefficients[BLUR] / (sign * half_contrast)) as f32,
+        ln_blur_weight: (regression.blur_pivot * half_contrast * half_contrast) as f32,
+    };
+    Some((seen, pixels))
+}
+
+/// Pixels handled together: one SSE2 or NEON register.
+const LANES: usize = 4;
+type Lanes = [f32; LANES];
+
+/// Columns of the regression.
+const COLUMNS: usize = 5;
+const STEP: usize = 1;
+const BLUR: usize = 2;
+const SLOPE: usize = 3;
+const TURN: usize = 4;
+
+/// Inner products of the columns and the pixels, the upper triangle row by row, the
+/// pixels last. The column of ones makes the first row plain sums.
+const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
+
+struct Sums {
+    products: [f64; PRODUCTS],
+    /// Taken out of all pixels, so that the sums keep their digits.
+    base: f64,
+}
+
+impl Sums {
+    /// Adds what is known of both sides: so many pixels of the right one's level, where E
+    /// is 1, and so many of the left one's, where it is -1.
+    fn add_levels(&mut self, levels: &Levels, sign: f64) {
+        let light = (levels.light - self.base, levels.light_weight, sign);
+        let dark = (levels.dark - self.base, levels.dark_weight, -sign);
+        for (level, weight, step) in [light, dark] {
+            let mut columns = [0.0; COLUMNS + 1];
+            (columns[0], columns[STEP], columns[COLUMNS]) = (1.0, step, level);
+            let mut index = 0;
+            for row in 0..=COLUMNS {
+                for column in row..=COLUMNS {
+                    self.products[index] += weight * columns[row] * columns[column];
+                    index += 1;
+                }
+            }
+        }
+    }
+}
+
+/// The pixels of one edge, as a convex polygon about its middle.
+struct Region {
+    /// Whole pixel at the middle.
+    origin: [usize; 2],
+    /// From there to the exact middle.
+    middle: [f32; 2],
+    along: [f32; 2],
+    right: Vector2<f64>,
+    per_length: f32,
+    per_blur: f32,
+    /// The lens's bend in the middle of the edge, to its right, px.
+    bend_px: f32,
+    /// Rows of the polygon, above and below the origin.
+    reach_rows: f32,
+    sides: [HalfPlane; 8],
+}
+
+/// `normal . (pixel - middle) <= distance`, solved for x.
+#[derive(Clone, Copy)]
+struct HalfPlane {
+    /// x <= (or >=) at + by_y y.
+    at: f32,
+    by_y: f32,
+    bounds_above: bool,
+}
+
+impl HalfPlane {
+    fn new(normal: Vector2<f64>, distance: f64) -> Self {
+        // A side along the rows bounds x nowhere, or so far out that another does.
+        const FLATTEST: f64 = 1e-6;
+        let x = if normal.x.abs() < FLATTEST { libm::copysign(FLATTEST, normal.x) } else { normal.x };
+        Self {
+            at: (distance / x) as f32,
+            by_y: (-normal.y / x) as f32,
+            bounds_above: x > 0.0,
+        }
+    }
+}
+
+impl Region {
+    /// `None` where the blur leaves nothing of the edge, or it is outside every frame.
+    fn new(chord: &Chord, curve_px: &Vector2<f64>, blur_px: f64) -> Option<Self> {
+        let chord_px = chord.end_px - chord.start_px;
+        let length_px = chord_px.norm();
+        let along = chord_px / length_px;
+        let right = Vector2::new(-along.y, along.x);
+        let middle_px = (chord.start_px + chord.end_px) * 0.5;
+        let spacing_px = chord.across_px.dot(&right).abs();
+        // Distances from the crossing lines shrink by the sine of the angle to them.
+        let sine = spacing_px / chord.across_px.norm();
+        let half_length_px = 0.5 * length_px;
+        let used_px = (half_length_px - CLEAR_OF_NODES * blur_px / sine).min(HALF_LENGTH_PX_MAX);
+        let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
+        // Written so that a NaN is refused.
+        let is_usable = used_px > 1.0 && width_px > 1.0;
+        let is_near = middle_px.iter().all(|value| (0.0..65_536.0).contains(value));
+        if !is_usable || !is_near {
+            return None;
+        }
+        // |u| <= used, |v| <= width, |v| <= sine (half length - |u|).
+        let diagonal_px = sine * half_length_px;
+        let sides = [
+            HalfPlane::new(along, used_px),
+            HalfPlane::new(-along, used_px),
+            HalfPlane::new(right, width_px),
+            HalfPlane::new(-right, width_px),
+            HalfPlane::new(right + along * sine, diagonal_px),
+            HalfPlane::new(right - along * sine, diagonal_px),
+            HalfPlane::new(-right + along * sine, diagonal_px),
+            HalfPlane::new(-right - along * sine, diagonal_px),
+        ];
+        let origin = [middle_px.x as usize, middle_px.y as usize];
+        let reach_rows = used_px * along.y.abs() + width_px * along.x.abs();
+        Some(Self {
+            origin,
+            middle: [
+                (middle_px.x - origin[0] as f64) as f32,
+                (middle_px.y - origin[1] as f64) as f32,
+            ],
+            along: [along.x as f32, along.y as f32],
+            right,
+            per_length: (1.0 / length_px) as f32,
+            per_blur: (1.0 / blur_px) as f32,
+            bend_px: right.dot(&(curve_px - middle_px)) as f32,
+            reach_rows: reach_rows as f32,
+            sides,
+        })
+    }
+
+    /// The pixels' columns of row `y` (from the middle), first and one past the last, from
+    /// the origin.
+    #[inline]
+    fn row(&self, y: f32) -> (i32, i32) {
+        let (mut low, mut high) = (-1e4_f32, 1e4_f32);
+        for side in &self.sides {
+            let x = side.at + side.by_y * y;
+            if side.bounds_above {
+                high = if x < high { x } else { high };
+            } else {
+                low = if x > low { x } else { low };
+            }
+        }
+        let [x, _] = self.middle;
+        (libm::ceilf(low + x) as i32, libm::floorf(high + x) as i32 + 1)
+    }
+
+    /// Inner products over all pixels of the region inside the frame.
+    fn sums<P: Pixel>(&self, image: &GreyImage<'_, P>) -> Option<Sums> {
+        let [origin_x, origin_y] = self.origin;
+        if origin_x >= image.width() || origin_y >= image.height() {
+            return None;
+        }
+        let base: f32 = image.row(origin_y)[origin_x].into();
+        let mut products = [[0.0_f32; LANES]; PRODUCTS];
+        let [_, middle_y] = self.middle;
+        let first = (libm::ceilf(middle_y - self.reach_rows) as i32).max(-(origin_y as i32));
+        let last = libm::floorf(middle_y + self.reach_rows) as i32;
+        for row in first..=last.min((image.height() - 1 - origin_y) as i32) {
+            let y = row as f32 - middle_y;
+            let (start, end) = self.row(y);
+            let start = (origin_x as i32 + start).max(0);
+            let end = (origin_x as i32 + end).min(image.width() as i32);
+            if start >= end {
+                continue;
+            }
+            let pixels = &image.row((origin_y as i32 + row) as usize)[start as usize..end as usize];
+            let x = (start - origin_x as i32) as f32 - self.middle[0];
+            self.add_row(&mut products, pixels, x, y, base);
+        }
+        let products = products.map(|lanes| lanes.iter().map(|&value| f64::from(value)).sum());
+        Some(Sums { products, base: base.into() })
+    }
+
+    /// Adds pixels that begin at (x, y) from the middle.
+    #[inline]
+    fn add_row<P: Pixel>(
+        &self,
+        products: &mut [Lanes; PRODUCTS],
+        pixels: &[P],
+        x: f32,
+        y: f32,
+        base: f32,
+    ) {
+        let [along_x, along_y] = self.along;
+        for (chunk, pixels) in pixels.chunks(LANES).enumerate() {
+            let mut grey = [0.0; LANES];
+            let mut is_pixel = [0.0; LANES];
+            if let Some(pixels) = pixels.first_chunk::<LANES>() {
+                for lane in 0..LANES {
+                    let value: f32 = pixels[lane].into();
+                    grey[lane] = value - base;
+                }
+                is_pixel = [1.0; LANES];
+            } else {
+                for (lane, &pixel) in pixels.iter().enumerate() {
+                    let value: f32 = pixel.into();
+                    grey[lane] = value - base;
+                    is_pixel[lane] = 1.0;
+                }
+            }
+            let mut columns = [[0.0; LANES]; COLUMNS + 1];
+            let start = x + (chunk * LANES) as f32;
+            for lane in 0..LANES {
+                let x = start + lane as f32;
+                let w = (along_x * x + along_y * y) * self.per_length;
+                let bend_px = self.bend_px * (1.0 - 4.0 * w * w);
+                let v = (along_x * y - along_y * x - bend_px) * self.per_blur;
+                let (step, slope) = blurred_step(v);
+                let one = is_pixel[lane];
+                let slope = slope * one;
+                columns[0][lane] = one;
+                columns[STEP][lane] = step * one;
+                columns[BLUR][lane] = -v * slope;
+                columns[SLOPE][lane] = slope;
+                columns[TURN][lane] = slope * w;
+                columns[COLUMNS][lane] = grey[lane];
+            }
+            let mut index = 0;
+            for row in 0..=COLUMNS {
+                for column in row..=COLUMNS {
+                    for lane in 0..LANES {
+                        products[index][lane] += columns[row][lane] * columns[column][lane];
+                    }
+                    index += 1;
+                }
+            }
+        }
+    }
+}
+
+/// The regression's answer.
+struct Regression {
+    coefficients: [f64; COLUMNS],
+    /// Upper triangle of the factor of shift and turn: 00, 01, 11.
+    factor: [f64; 3],
+    /// That factor times their coefficients.
+    seen: [f64; 2],
+    /// Square of the blur's pivot.
+    blur_pivot: f64,
+    noise_variance: f64,
+}
+
+impl Regression {
+    /// `None` when the pixels are too few, or do not tell the columns apart.
+    fn new(Sums { products: sums, .. }: &Sums) -> Option<Self> {
+        let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
+        let mut right = SVector::<f64, COLUMNS>::zeros();
+        let mut index = 0;
+        for row in 0..COLUMNS {
+            for column in row..COLUMNS {
+                normal[(row, column)] = sums[index];
+                normal[(column, row)] = sums[index];
+                index += 1;
+            }
+            right[row] = sums[index];
+            index += 1;
+        }
+        let (count, squares) = (sums[0], sums[index]);
+        if count < PIXELS_MIN {
+            return None;
+        }
+        let factor = normal.cholesky()?.unpack();
+        for column in 0..COLUMNS {
+            let pivot = factor[(column, column)] * factor[(column, column)];
+            if pivot < PIVOT_RATIO_MIN * normal[(column, column)] {
+                return None;
+            }
+        }
+        let whitened = factor.solve_lower_triangular(&right)?;
+        let coefficients = factor.tr_solve_lower_triangular(&whitened)?;
+        let residual = (squares - whitened.norm_squared()).max(0.0);
+        Some(Self {
+            coefficients: coefficients.into(),
+            factor: [
+                factor[(SLOPE, SLOPE)],
+                factor[(TURN, SLOPE)],
+                factor[(TURN, TURN)],
+            ],
+            seen: [whitened[SLOPE], whitened[TURN]],
+            blur_pivot: factor[(BLUR, BLUR)] * factor[(BLUR, BLUR)],
+            noise_variance: residual / (count - COLUMNS as f64),
+        })
+    }
+}

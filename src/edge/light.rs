@@ -1,0 +1,171 @@
+//! How bright the light and the dark squares are, across one target.
+//!
+//! An edge knows its two grey levels from its own pixels, but their uncertainty costs it a
+//! fifth of its precision. Where the light falls evenly the whole target knows them far
+//! better. So the middle of each square is looked at first, a plane is fitted to the light
+//! ones and one to the dark ones, and each edge gets their levels as prior knowledge, to
+//! be believed as far as the squares agree with the planes: under a sharp shadow hardly.
+
+use heapless::Vec;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::image::{GreyImage, Pixel};
+use crate::limits::TARGET_SQUARES_MAX;
+use crate::nodes::Nodes;
+
+/// Half width of the window in a square's middle: a share of the square, and at most.
+const REACH_SHARE: f64 = 0.2;
+const REACH_PX_MAX: usize = 3;
+
+/// Fewest squares of a colour that make a plane.
+const SQUARES_MIN: usize = 5;
+
+/// Reweightings of a plane.
+const ITERATIONS: usize = 4;
+
+/// The planes are never believed beyond this share of the pixels' own noise: squares are
+/// not so even, nor the light so plane.
+const DEVIATION_IN_NOISE_MIN: f64 = 0.05;
+
+/// Grey levels of one colour: a plane over the picture, and how far squares are from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Plane {
+    /// At the origin, and per 100 px to the right and down.
+    coefficients: Vector3<f64>,
+    /// Variance of the squares' levels about it, the pixels' noise taken out.
+    variance: f64,
+}
+
+/// The light on one target in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    origin_px: Vector2<f64>,
+    light: Plane,
+    dark: Plane,
+    /// Of the pixels within squares, grey levels squared.
+    noise_variance: f64,
+}
+
+/// What is known of the levels at an edge beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Levels {
+    pub(super) light: f64,
+    pub(super) dark: f64,
+    /// What each counts, in pixels.
+    pub(super) light_weight: f64,
+    pub(super) dark_weight: f64,
+}
+
+/// One square's middle.
+#[derive(Clone, Copy)]
+struct Square {
+    place: Vector3<f64>,
+    level: f64,
+}
+
+impl Light {
+    /// Looks at the middle of each square. `None` where too few are inside the frame or
+    /// none too small; edges then know only what their own pixels say.
+    #[must_use]
+    pub fn measure<P: Pixel>(
+        image: &GreyImage<'_, P>,
+        nodes: &Nodes,
+        first_square_dark: bool,
+    ) -> Option<Self> {
+        let origin_px = nodes.as_slice().get(nodes.as_slice().len() / 2)?.raw_px;
+        let mut squares: [Vec<Square, TARGET_SQUARES_MAX>; 2] = [Vec::new(), Vec::new()];
+        let (mut noise, mut pixels_per_square) = (0.0, 0.0);
+        let mut noise_count = 0.0;
+        for square in nodes.squares(first_square_dark) {
+            let reach = ((REACH_SHARE * square.width_px) as usize).min(REACH_PX_MAX);
+            let middle_px = square.middle_px;
+            let Some((x, y)) = image.window_centre(middle_px.into(), reach) else { continue };
+            if reach == 0 {
+                continue;
+            }
+            let (mut sum, mut sum_squares) = (0.0_f32, 0.0_f32);
+            let base: f32 = image.row(y)[x].into();
+            for row in y - reach..=y + reach {
+                for &pixel in &image.row(row)[x - reach..=x + reach] {
+                    let value: f32 = pixel.into();
+                    sum += value - base;
+                    sum_squares += (value - base) * (value - base);
+                }
+            }
+            let count = (2 * reach + 1).pow(2) as f64;
+            let mean = f64::from(sum) / count;
+            noise += f64::from(sum_squares) - mean * mean * count;
+            noise_count += count - 1.0;
+            pixels_per_square = count;
+            let offset = (middle_px - origin_px) / 100.0;
+            let level = f64::from(base) + mean;
+            let _ = squares[usize::from(square.is_dark)]
+                .push(Square { place: Vector3::new(1.0, offset.x, offset.y), level });
+        }
+        let noise_variance = noise / noise_count;
+        let of_mean = noise_variance / pixels_per_square;
+        let floor = DEVIATION_IN_NOISE_MIN * DEVIATION_IN_NOISE_MIN * noise_variance;
+        let plane = |squares: &[Square]| Plane::fit(squares, of_mean, floor);
+        let (light, dark) = (plane(&squares[0])?, plane(&squares[1])?);
+        let sum = light.coefficients.sum() + dark.coefficients.sum() + noise_variance;
+        (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0)
+            .then_some(Self { origin_px, light, dark, noise_variance })
+    }
+
+    /// The levels at a place in the picture.
+    pub(super) fn at(&self, raw_px: &Vector2<f64>) -> Levels {
+        let offset = (raw_px - self.origin_px) / 100.0;
+        let place = Vector3::new(1.0, offset.x, offset.y);
+        Levels {
+            light: self.light.coefficients.dot(&place),
+            dark: self.dark.coefficients.dot(&place),
+            light_weight: self.noise_variance / self.light.variance,
+            dark_weight: self.noise_variance / self.dark.variance,
+        }
+    }
+}
+
+impl Plane {
+    /// Robust: squares that something covers do not count. `of_mean` is the variance that the
+    /// pixels' noise gives each level, `floor` the least that is left of the scatter.
+    fn fit(squares: &[Square], of_mean: f64, floor: f64) -> Option<Self> {
+        if squares.len() < SQUARES_MIN {
+            return None;
+        }
+        let mut levels: Vec<f64, TARGET_SQUARES_MAX> =
+            squares.iter().map(|square| square.level).collect();
+        let mut coefficients = Vector3::new(median(&mut levels), 0.0, 0.0);
+        let mut variance = 0.0;
+        for _ in 0..ITERATIONS {
+            let mut scatter: Vec<f64, TARGET_SQUARES_MAX> = squares
+                .iter()
+                .map(|square| {
+                    let off = square.level - coefficients.dot(&square.place);
+                    off * off
+                })
+                .collect();
+            // The median of a squared normal is 0.455 of its variance.
+            variance = (median(&mut scatter) / 0.455).max(of_mean);
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            for square in squares {
+                let off = square.level - coefficients.dot(&square.place);
+                // Tukey's biweight, gone at 5 deviations.
+                let left = (1.0 - off * off / (25.0 * variance)).max(0.0);
+                let weight = left * left;
+                normal += square.place * square.place.transpose() * weight;
+                right += square.place * (square.level * weight);
+            }
+            coefficients = normal.cholesky()?.solve(&right);
+        }
+        Some(Self { coefficients, variance: (variance - of_mean).max(floor) })
+    }
+}
+
+/// 0 of nothing.
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,178 @@
+//! The edges of a target's grid: where their pixels put them.
+//!
+//! A checkerboard is made of edges, and nearly all that a picture says of its pose
+//! stands in the pixels beside them. Each edge between two nodes of the grid is seen
+//! twice, by different means:
+//!
+//! 1. [`locate()`] finds it up to half a square away, in three lines of pixels
+//!    across it, to about a tenth of a pixel.
+//! 2. [`fit()`] fits a blurred step to every pixel that is nearer to this edge than to any
+//!    other, from a place known to a few tenths of a pixel.
+//!
+//! What an edge can say is a [`SeenEdge`]: how far it is from where it was expected, and
+//! how much it is turned. It keeps the whole of the pixels' information on these two
+//! numbers (their 2 x 2 normal matrix, after offset, contrast and blur were eliminated), so
+//! that [`crate::solve`] on all edges of a target is a fit of the pose to all of its
+//! pixels, though it never looks at one.
+//!
+//! Each edge has an offset and a contrast of its own, so that neither slow nor abrupt
+//! changes of the light matter beyond the edges that they touch, and something that
+//! covers a part of the target spoils the edges it covers, and is found out by their
+//! residuals.
+
+mod fit;
+mod light;
+mod locate;
+mod profile;
+#[cfg(test)]
+mod tests;
+
+pub use fit::{Appearance, PixelFit, fit};
+pub use light::Light;
+pub use locate::locate;
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::lens::{ray_by_point, ray_of};
+use crate::nodes::{Edge, Node};
+use crate::pose::{Cam, Pose, Target};
+use crate::solve::{Observation, by_increment};
+
+/// Light minus dark below which there is no edge, as a part of the white level: 6 of
+/// 255 grey levels.
+const CONTRAST_MIN: f32 = 0.025;
+
+/// One end of an edge, and how its distance from the expected line follows the pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct End {
+    point_target_mm: Vector3<f64>,
+    /// d distance / d ray: raw pixels to the right of the line.
+    distance_by_ray: Vector2<f64>,
+    /// `distance_by_ray` times the expected ray.
+    expected: f64,
+}
+
+impl End {
+    fn new(node: &Node, right: &Vector2<f64>) -> Self {
+        let distance_by_ray = node.raw_by_ray.tr_mul(right);
+        Self {
+            point_target_mm: node.point_target_mm,
+            distance_by_ray,
+            expected: distance_by_ray.dot(&node.ray),
+        }
+    }
+
+    #[inline]
+    fn distance_px(&self, cam_from_target: &Pose<Cam, Target>) -> Option<f64> {
+        let ray = ray_of(&cam_from_target.transform(&self.point_target_mm))?;
+        Some(self.distance_by_ray.dot(&ray) - self.expected)
+    }
+
+    #[inline]
+    fn distance_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<(f64, [f64; 6])> {
+        let point_cam_mm = cam_from_target.transform(&self.point_target_mm);
+        let ray = ray_of(&point_cam_mm)?;
+        let by_point = self.distance_by_ray.transpose() * ray_by_point(&point_cam_mm, &ray);
+        let row = by_increment(&by_point, &cam_from_target.rotation, &self.point_target_mm);
+        Some((self.distance_by_ray.dot(&ray) - self.expected, row))
+    }
+}
+
+/// An edge seen: its distance from the expected line, to the right of it in the
+/// picture, and its turn, with their precision.
+///
+/// The residual is `whitener * [mean of the ends' distances, their difference] - seen`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenEdge {
+    /// Which one.
+    pub edge: Edge,
+    ends: [End; 2],
+    /// Upper triangle: 00, 01, 11; standard deviations per raw pixel.
+    whitener: [f64; 3],
+    seen: [f64; 2],
+}
+
+impl SeenEdge {
+    /// From a measured shift (in the middle) and turn (end minus start), raw pixels, of
+    /// the given precision; `right` is the unit normal of the expected line.
+    fn new(
+        edge: Edge,
+        nodes: [&Node; 2],
+        right: &Vector2<f64>,
+        whitener: [f64; 3],
+        seen: [f64; 2],
+    ) -> Self {
+        Self { edge, ends: nodes.map(|node| End::new(node, right)), whitener, seen }
+    }
+
+    /// With standard deviations `factor` times as large.
+    pub fn scale_uncertainty(&mut self, factor: f64) {
+        let per = 1.0 / factor;
+        self.whitener = self.whitener.map(|value| value * per);
+        self.seen = self.seen.map(|value| value * per);
+    }
+
+    /// How much farther than at a pose the dark side reaches, and the precision of that;
+    /// `None` when it would lie behind the camera.
+    #[must_use]
+    pub fn growth_px(&self, cam_from_target: &Pose<Cam, Target>) -> Option<(f64, f64)> {
+        let [residual, _] = self.residual(cam_from_target)?;
+        let [precision, ..] = self.whitener;
+        let shift_px = -residual / precision;
+        let growth_px = if self.edge.is_right_light { shift_px } else { -shift_px };
+        Some((growth_px, precision * precision))
+    }
+
+    #[inline]
+    fn whitened(&self, shift: f64, turn: f64) -> [f64; 2] {
+        let [shift_by_shift, shift_by_turn, turn_by_turn] = self.whitener;
+        [shift_by_shift * shift + shift_by_turn * turn, turn_by_turn * turn]
+    }
+}
+
+impl Observation for SeenEdge {
+    fn is_finite(&self) -> bool {
+        let ends: f64 = self
+            .ends
+            .iter()
+            .map(|end| end.point_target_mm.sum() + end.distance_by_ray.sum() + end.expected)
+            .sum();
+        let [shift, _, turn] = self.whitener;
+        let sum = ends + self.seen.iter().sum::<f64>() + self.whitener.iter().sum::<f64>();
+        sum.is_finite() && shift > 0.0 && turn > 0.0
+    }
+
+    #[inline]
+    fn residual(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[f64; 2]> {
+        let start = self.ends[0].distance_px(cam_from_target)?;
+        let end = self.ends[1].distance_px(cam_from_target)?;
+        let [first, second] = self.whitened(0.5 * (start + end), end - start);
+        Some([first - self.seen[0], second - self.seen[1]])
+    }
+
+    #[inline]
+    fn residual_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<([f64; 2], [[f64; 6]; 2])> {
+        let (start, start_row) = self.ends[0].distance_with_jacobian(cam_from_target)?;
+        let (end, end_row) = self.ends[1].distance_with_jacobian(cam_from_target)?;
+        let [first, second] = self.whitened(0.5 * (start + end), end - start);
+        let mut rows = [[0.0; 6]; 2];
+        for axis in 0..6 {
+            let (start, end) = (start_row[axis], end_row[axis]);
+            [rows[0][axis], rows[1][axis]] = self.whitened(0.5 * (start + end), end - start);
+        }
+        Some(([first - self.seen[0], second - self.seen[1]], rows))
+    }
+
+    fn square_px2(&self, residual: &[f64; 2]) -> f64 {
+        // Edges lie across one direction each: twice the mean square of their distances
+        // is that of both directions together.
+        let distance_px = residual[0] / self.whitener[0];
+        2.0 * distance_px * distance_px
+    }
+}
