@@ -12,7 +12,7 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 
 use crate::corner::Corner;
-use crate::edge::{Appearance, Light, PixelFit, SeenEdge, fit, locate};
+use crate::edge::{Appearance, Batch, Light, PixelFit, SeenEdge, fit, locate};
 use crate::grid::Grid;
 use crate::image::{GreyImage, Pixel};
 use crate::lens::Lens;
@@ -77,6 +77,7 @@ pub struct Workspace {
     edges: Vec<SeenEdge, TARGET_EDGES_MAX>,
     /// Of each edge, while they are fitted.
     pixels: Vec<PixelFit, TARGET_EDGES_MAX>,
+    batch: Batch,
 }
 
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
@@ -95,10 +96,10 @@ const SD_MM_MAX: f64 = 5.0;
 const DOUBT_COST: f64 = 25.0;
 
 /// Levenberg-Marquardt iterations on located edges, from a prediction.
-const ITERATIONS_LOCATED: usize = 4;
+const ITERATIONS_LOCATED: usize = 2;
 
 /// On fitted edges, from the pose of the located ones, and from its mirror image.
-const ITERATIONS_FITTED: usize = 3;
+const ITERATIONS_FITTED: usize = 2;
 
 /// From the closed form.
 const ITERATIONS_FOUND: usize = 15;
@@ -127,7 +128,7 @@ impl Workspace {
     /// Empty buffers.
     #[must_use]
     pub const fn new() -> Self {
-        Self { nodes: Nodes::new(), edges: Vec::new(), pixels: Vec::new() }
+        Self { nodes: Nodes::new(), edges: Vec::new(), pixels: Vec::new(), batch: Batch::new() }
     }
 
     /// Measures a target near an expected pose.
@@ -162,8 +163,9 @@ impl Workspace {
             return Err(NoPose::TooFewCorners);
         }
         let closed = planar_poses(&found).map_err(|_| NoPose::PoorFit)?;
-        let refined =
-            |place: usize| solve(&closed.get(place)?.cam_from_target, &found, ITERATIONS_FOUND).ok();
+        let refined = |place: usize| {
+            solve(&closed.get(place)?.cam_from_target, &found, ITERATIONS_FOUND).ok()
+        };
         let rough = better(refined(0), refined(1), &found, 0.0).ok_or(NoPose::PoorFit)?;
         self.locate(view, &rough.cam_from_target)?;
         let located = self.both_minima(&rough.cam_from_target, ITERATIONS_FOUND, 0.0)?;
@@ -237,6 +239,7 @@ impl Workspace {
                 &edge,
                 appearance,
                 light.as_ref(),
+                &mut self.batch,
             );
             if let Some((seen, pixels)) = fitted {
                 let _ = self.edges.push(seen);
@@ -333,7 +336,11 @@ impl Workspace {
         let is_plausible = measurement.rms_px <= RMS_PX_MAX
             && 2 * solution.inliers.count() >= self.edges.len()
             && measurement.sd_mm().max() <= SD_MM_MAX;
-        if is_plausible { Ok(Fitted { measurement, appearance, used }) } else { Err(NoPose::PoorFit) }
+        if is_plausible {
+            Ok(Fitted { measurement, appearance, used })
+        } else {
+            Err(NoPose::PoorFit)
+        }
     }
 
     /// The corners at which an edge of each direction ends that was used.

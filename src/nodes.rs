@@ -318,7 +318,8 @@ mod tests {
             // line lies to the right of an edge along x and to the left of one along y.
             let area = along.x * chord.across_px.y - along.y * chord.across_px.x;
             let across = area / along.norm();
-            let (low, high) = if edge.direction == Direction::X { (21.0, 24.0) } else { (-24.0, -21.0) };
+            let (low, high) =
+                if edge.direction == Direction::X { (21.0, 24.0) } else { (-24.0, -21.0) };
             assert!(across > low && across < high, "{across}");
         }
     }
@@ -344,7 +345,8 @@ mod tests {
         let lens = bedside_lens();
         let mut farthest = 0.0_f64;
         for node in nodes.as_slice() {
-            let exact = lens.project(&moved.transform(&node.point_target_mm)).unwrap() - node.raw_px;
+            let exact =
+                lens.project(&moved.transform(&node.point_target_mm)).unwrap() - node.raw_px;
             // A millionth of the focal length per px of the way.
             assert!((node.moved_px(&moved).unwrap() - exact).norm() < 2e-5);
             farthest = farthest.max(exact.norm());

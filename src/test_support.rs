@@ -7,8 +7,8 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::lens::{Distortion, Lens};
 use crate::limits::TARGET_CORNERS_MAX;
-use crate::pose::{Cam, Pose, Target};
 use crate::planar::SeenCorner;
+use crate::pose::{Cam, Pose, Target};
 
 /// The corners of one target, as a tracker would see them.
 pub type Observations = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;

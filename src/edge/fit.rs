@@ -112,12 +112,12 @@ pub struct PixelFit {
 
 /// Pixels nearer than this to a crossing line, in s, are not used: there it still
 /// bends the profile by 2.8 % of the contrast, oddly, so that the edge does not move.
-const CLEAR_OF_NODES: f64 = 1.5;
+const CLEAR_OF_NODES: f64 = 2.65;
 
 /// Farthest pixels from the edge, in s and px, within which there is all that moves and
 /// enough flat to know light and dark by.
-const WIDTH_IN_BLURS: f64 = 3.5;
-const WIDTH_PX: f64 = 1.5;
+const WIDTH_IN_BLURS: f64 = 3.2;
+const WIDTH_PX: f64 = 0.7;
 
 /// Half of an edge's length that is looked at, at most: the work is bounded, however
 /// near the target is.
@@ -143,6 +143,7 @@ pub fn fit<P: Pixel>(
     edge: &Edge,
     appearance: &Appearance,
     light: Option<&Light>,
+    batch: &mut Batch,
 ) -> Option<(SeenEdge, PixelFit)> {
     let chord = nodes.chord(edge);
     let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
@@ -151,7 +152,7 @@ pub fn fit<P: Pixel>(
     let blur_px = appearance.blur_px(edge.direction);
     let region = Region::new(&chord, &curve_px, blur_px)?;
     let right = region.right;
-    let mut sums = region.sums(image)?;
+    let mut sums = region.sums(image, batch)?;
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
     if let Some(light) = light {
         sums.add_levels(&light.at(&curve_px), sign);
@@ -252,12 +253,9 @@ impl HalfPlane {
     fn new(normal: Vector2<f64>, distance: f64) -> Self {
         // A side along the rows bounds x nowhere, or so far out that another does.
         const FLATTEST: f64 = 1e-6;
-        let x = if normal.x.abs() < FLATTEST { libm::copysign(FLATTEST, normal.x) } else { normal.x };
-        Self {
-            at: (distance / x) as f32,
-            by_y: (-normal.y / x) as f32,
-            bounds_above: x > 0.0,
-        }
+        let x =
+            if normal.x.abs() < FLATTEST { libm::copysign(FLATTEST, normal.x) } else { normal.x };
+        Self { at: (distance / x) as f32, by_y: (-normal.y / x) as f32, bounds_above: x > 0.0 }
     }
 }
 
@@ -329,14 +327,16 @@ impl Region {
     }
 
     /// Inner products over all pixels of the region inside the frame.
-    fn sums<P: Pixel>(&self, image: &GreyImage<'_, P>) -> Option<Sums> {
+    fn sums<P: Pixel>(&self, image: &GreyImage<'_, P>, batch: &mut Batch) -> Option<Sums> {
         let [origin_x, origin_y] = self.origin;
         if origin_x >= image.width() || origin_y >= image.height() {
             return None;
         }
         let base: f32 = image.row(origin_y)[origin_x].into();
-        let mut products = [[0.0_f32; LANES]; PRODUCTS];
-        let [_, middle_y] = self.middle;
+        let mut products = Products::new();
+        batch.count = 0;
+        let [middle_x, middle_y] = self.middle;
+        let [along_x, along_y] = self.along;
         let first = (libm::ceilf(middle_y - self.reach_rows) as i32).max(-(origin_y as i32));
         let last = libm::floorf(middle_y + self.reach_rows) as i32;
         for row in first..=last.min((image.height() - 1 - origin_y) as i32) {
@@ -347,68 +347,195 @@ impl Region {
             if start >= end {
                 continue;
             }
-            let pixels = &image.row((origin_y as i32 + row) as usize)[start as usize..end as usize];
-            let x = (start - origin_x as i32) as f32 - self.middle[0];
-            self.add_row(&mut products, pixels, x, y, base);
+            let pixels = &image.row((origin_y as i32 + row) as usize)[start as usize..];
+            let x = (start - origin_x as i32) as f32 - middle_x;
+            let line = Line {
+                base,
+                across: (along_x * y - along_y * x) * self.per_blur,
+                across_per_pixel: -along_y * self.per_blur,
+                place: (along_x * x + along_y * y) * self.per_length,
+                place_per_pixel: along_x * self.per_length,
+            };
+            let count = (end - start) as usize;
+            if batch.count + count > BATCH_PX {
+                products.add(batch, self.bend_px * self.per_blur);
+            }
+            batch.push(pixels, count.min(BATCH_PX), &line);
         }
-        let products = products.map(|lanes| lanes.iter().map(|&value| f64::from(value)).sum());
-        Some(Sums { products, base: base.into() })
+        products.add(batch, self.bend_px * self.per_blur);
+        Some(Sums { products: products.total(), base: base.into() })
+    }
+}
+
+/// A row of pixels: its grey base, and where its pixels are.
+struct Line {
+    base: f32,
+    /// Distance of the first one from the chord, to its right, in blurs.
+    across: f32,
+    across_per_pixel: f32,
+    /// Place along the edge of the first one, in its lengths from the middle.
+    place: f32,
+    place_per_pixel: f32,
+}
+
+/// Pixels handled at once, more than an ordinary edge has.
+const BATCH_PX: usize = 256;
+
+/// One number per pixel. A row's last lanes may reach beyond its end, to be overwritten by
+/// the next row.
+type Column = [f32; BATCH_PX + LANES];
+
+/// Pixels of one edge, row after row without gaps, so that no lane is idle; a buffer that is
+/// kept only because clearing it would cost as much as using it.
+pub struct Batch {
+    count: usize,
+    grey: Column,
+    across: Column,
+    place: Column,
+    step: Column,
+    blur: Column,
+    slope: Column,
+    turn: Column,
+}
+
+impl Batch {
+    /// An empty one.
+    #[must_use]
+    pub const fn new() -> Self {
+        const EMPTY: Column = [0.0; BATCH_PX + LANES];
+        Self {
+            count: 0,
+            grey: EMPTY,
+            across: EMPTY,
+            place: EMPTY,
+            step: EMPTY,
+            blur: EMPTY,
+            slope: EMPTY,
+            turn: EMPTY,
+        }
     }
 
-    /// Adds pixels that begin at (x, y) from the middle.
+    /// Appends the first `count` pixels of a row; there must be room for them.
     #[inline]
-    fn add_row<P: Pixel>(
-        &self,
-        products: &mut [Lanes; PRODUCTS],
-        pixels: &[P],
-        x: f32,
-        y: f32,
-        base: f32,
-    ) {
-        let [along_x, along_y] = self.along;
-        for (chunk, pixels) in pixels.chunks(LANES).enumerate() {
-            let mut grey = [0.0; LANES];
-            let mut is_pixel = [0.0; LANES];
-            if let Some(pixels) = pixels.first_chunk::<LANES>() {
+    fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, line: &Line) {
+        for done in (0..count).step_by(LANES) {
+            let grey = &mut self.grey[self.count + done..][..LANES];
+            let across = &mut self.across[self.count + done..][..LANES];
+            let place = &mut self.place[self.count + done..][..LANES];
+            if let Some(pixels) = pixels[done..].first_chunk::<LANES>() {
                 for lane in 0..LANES {
                     let value: f32 = pixels[lane].into();
-                    grey[lane] = value - base;
+                    grey[lane] = value - line.base;
                 }
-                is_pixel = [1.0; LANES];
             } else {
-                for (lane, &pixel) in pixels.iter().enumerate() {
+                // At the frame's right border.
+                for (grey, &pixel) in grey.iter_mut().zip(&pixels[done..]) {
                     let value: f32 = pixel.into();
-                    grey[lane] = value - base;
-                    is_pixel[lane] = 1.0;
+                    *grey = value - line.base;
                 }
             }
-            let mut columns = [[0.0; LANES]; COLUMNS + 1];
-            let start = x + (chunk * LANES) as f32;
             for lane in 0..LANES {
-                let x = start + lane as f32;
-                let w = (along_x * x + along_y * y) * self.per_length;
-                let bend_px = self.bend_px * (1.0 - 4.0 * w * w);
-                let v = (along_x * y - along_y * x - bend_px) * self.per_blur;
-                let (step, slope) = blurred_step(v);
-                let one = is_pixel[lane];
-                let slope = slope * one;
-                columns[0][lane] = one;
-                columns[STEP][lane] = step * one;
-                columns[BLUR][lane] = -v * slope;
-                columns[SLOPE][lane] = slope;
-                columns[TURN][lane] = slope * w;
-                columns[COLUMNS][lane] = grey[lane];
-            }
-            let mut index = 0;
-            for row in 0..=COLUMNS {
-                for column in row..=COLUMNS {
-                    for lane in 0..LANES {
-                        products[index][lane] += columns[row][lane] * columns[column][lane];
-                    }
-                    index += 1;
-                }
+                let column = done as f32 + lane as f32;
+                across[lane] = line.across + line.across_per_pixel * column;
+                place[lane] = line.place + line.place_per_pixel * column;
             }
         }
+        self.count += count;
+    }
+}
+
+/// The inner products, in lanes.
+struct Products([Lanes; PRODUCTS]);
+
+impl Products {
+    fn new() -> Self {
+        Self([[0.0; LANES]; PRODUCTS])
+    }
+
+    /// Adds a batch and empties it; `bend`: the lens's, in blurs.
+    fn add(&mut self, batch: &mut Batch, bend: f32) {
+        let count = batch.count;
+        batch.count = 0;
+        let end = count.next_multiple_of(LANES);
+        let Batch { grey, across, place, step, blur, slope, turn, .. } = batch;
+        for start in (0..end).step_by(LANES) {
+            let (across, place) = (at(across, start), at(place, start));
+            let (step, blur) = (at_mut(step, start), at_mut(blur, start));
+            let (slope, turn) = (at_mut(slope, start), at_mut(turn, start));
+            for lane in 0..LANES {
+                let w = place[lane];
+                let v = across[lane] - bend * (1.0 - 4.0 * w * w);
+                let (value, by_v) = blurred_step(v);
+                step[lane] = value;
+                slope[lane] = by_v;
+                blur[lane] = -v * by_v;
+                turn[lane] = by_v * w;
+            }
+        }
+        // What lies past the last pixel takes no part.
+        for column in [&mut *grey, step, blur, slope, turn] {
+            column[count..end].fill(0.0);
+        }
+        // Few enough sums at a time that they stay in registers.
+        let [one, s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
+            &mut self.0;
+        one[0] += count as f32;
+        for start in (0..end).step_by(LANES) {
+            let [step, blur, slope, turn, grey] =
+                [&*step, blur, slope, turn, grey].map(|column| at(column, start));
+            add(s, step);
+            add(b, blur);
+            add(p, slope);
+            add(t, turn);
+            add(g, grey);
+            add_product(ss, step, step);
+            add_product(sb, step, blur);
+            add_product(sp, step, slope);
+            add_product(st, step, turn);
+            add_product(sg, step, grey);
+        }
+        for start in (0..end).step_by(LANES) {
+            let [blur, slope, turn, grey] =
+                [&*blur, slope, turn, grey].map(|column| at(column, start));
+            add_product(bb, blur, blur);
+            add_product(bp, blur, slope);
+            add_product(bt, blur, turn);
+            add_product(bg, blur, grey);
+            add_product(pp, slope, slope);
+            add_product(pt, slope, turn);
+            add_product(pg, slope, grey);
+            add_product(tt, turn, turn);
+            add_product(tg, turn, grey);
+            add_product(gg, grey, grey);
+        }
+    }
+
+    fn total(&self) -> [f64; PRODUCTS] {
+        self.0.map(|lanes| lanes.iter().map(|&value| f64::from(value)).sum())
+    }
+}
+
+#[inline(always)]
+fn at(column: &Column, start: usize) -> &Lanes {
+    column[start..].first_chunk().expect("a batch has room for its last lanes")
+}
+
+#[inline(always)]
+fn at_mut(column: &mut Column, start: usize) -> &mut Lanes {
+    column[start..].first_chunk_mut().expect("a batch has room for its last lanes")
+}
+
+#[inline(always)]
+fn add(sum: &mut Lanes, values: &Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += values[lane];
+    }
+}
+
+#[inline(always)]
+fn add_product(sum: &mut Lanes, a: &Lanes, b: &Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += a[lane] * b[lane];
     }
 }
 
@@ -455,11 +582,7 @@ impl Regression {
         let residual = (squares - whitened.norm_squared()).max(0.0);
         Some(Self {
             coefficients: coefficients.into(),
-            factor: [
-                factor[(SLOPE, SLOPE)],
-                factor[(TURN, SLOPE)],
-                factor[(TURN, TURN)],
-            ],
+            factor: [factor[(SLOPE, SLOPE)], factor[(TURN, SLOPE)], factor[(TURN, TURN)]],
             seen: [whitened[SLOPE], whitened[TURN]],
             blur_pivot: factor[(BLUR, BLUR)] * factor[(BLUR, BLUR)],
             noise_variance: residual / (count - COLUMNS as f64),

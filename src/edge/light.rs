@@ -108,8 +108,12 @@ impl Light {
         let plane = |squares: &[Square]| Plane::fit(squares, of_mean, floor);
         let (light, dark) = (plane(&squares[0])?, plane(&squares[1])?);
         let sum = light.coefficients.sum() + dark.coefficients.sum() + noise_variance;
-        (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0)
-            .then_some(Self { origin_px, light, dark, noise_variance })
+        (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0).then_some(Self {
+            origin_px,
+            light,
+            dark,
+            noise_variance,
+        })
     }
 
     /// The levels at a place in the picture.

@@ -30,11 +30,7 @@ const SIGMA_PX: f64 = 0.2;
 /// On a line of pixels that a step divides into light and dark, the sum of the pixels
 /// says where: neither the blur nor a start far away matters, as long as no other edge
 /// comes in.
-pub fn locate<P: Pixel>(
-    image: &GreyImage<'_, P>,
-    nodes: &Nodes,
-    edge: &Edge,
-) -> Option<SeenEdge> {
+pub fn locate<P: Pixel>(image: &GreyImage<'_, P>, nodes: &Nodes, edge: &Edge) -> Option<SeenEdge> {
     let chord = nodes.chord(edge);
     let along = chord.end_px - chord.start_px;
     let length_px = along.norm();

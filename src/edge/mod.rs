@@ -27,7 +27,7 @@ mod profile;
 #[cfg(test)]
 mod tests;
 
-pub use fit::{Appearance, PixelFit, fit};
+pub use fit::{Appearance, Batch, PixelFit, fit};
 pub use light::Light;
 pub use locate::locate;
 

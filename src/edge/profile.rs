@@ -11,14 +11,8 @@ const REACH: f32 = 3.2;
 /// Minimax for E under the condition of no slope at [`REACH`], largest error 1.6e-4 of
 /// the step's half height inside, 1.4e-3 (and constant) beyond: below the noise of any
 /// sensor, and odd, so that it cannot move an edge.
-const COEFFICIENTS: [f32; 6] = [
-    0.797_244_06,
-    -0.131_062_15,
-    0.018_275_095,
-    -0.001_722_625_0,
-    9.539_856_7e-5,
-    -2.297_245_0e-6,
-];
+const COEFFICIENTS: [f32; 6] =
+    [0.797_244_06, -0.131_062_15, 0.018_275_095, -0.001_722_625_0, 9.539_856_7e-5, -2.297_245_0e-6];
 
 /// E at `x`, and dE/dx.
 #[inline(always)]
@@ -28,8 +22,8 @@ pub(super) fn blurred_step(x: f32) -> (f32, f32) {
     let z = x * x;
     let [c0, c1, c2, c3, c4, c5] = COEFFICIENTS;
     let value = c0 + z * (c1 + z * (c2 + z * (c3 + z * (c4 + z * c5))));
-    let slope = c0
-        + z * (3.0 * c1 + z * (5.0 * c2 + z * (7.0 * c3 + z * (9.0 * c4 + z * (11.0 * c5)))));
+    let slope =
+        c0 + z * (3.0 * c1 + z * (5.0 * c2 + z * (7.0 * c3 + z * (9.0 * c4 + z * (11.0 * c5)))));
     (x * value, slope)
 }
 
@@ -43,7 +37,8 @@ mod tests {
             let x = step as f32 * 1e-4;
             let (value, slope) = blurred_step(x);
             let exact = libm::erf(f64::from(x) / core::f64::consts::SQRT_2);
-            let density = 2.0 * libm::exp(-0.5 * f64::from(x * x)) / libm::sqrt(core::f64::consts::TAU);
+            let density =
+                2.0 * libm::exp(-0.5 * f64::from(x * x)) / libm::sqrt(core::f64::consts::TAU);
             let bound = if x.abs() <= REACH { 1.6e-4 } else { 1.4e-3 };
             assert!((f64::from(value) - exact).abs() < bound, "{x}");
             assert!((f64::from(slope) - density).abs() < 5e-3, "{x}");

@@ -1,0 +1,149 @@
+//! One target in front of a camera, at any pose and in any light: frames with known truth.
+
+use nalgebra::Vector3;
+use plumb::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
+use plumb::simulate::sensor::Sensor;
+use plumbline::config::{Config, Links, Machine, TargetConfig};
+use plumbline::image::{GreyImage, Pixel};
+use plumbline::lens::{Distortion, Lens};
+use plumbline::measure::Measurement;
+use plumbline::pipeline::Pipeline;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::report::NoPose;
+use plumbline::target::{Origin, Role, TargetGeometry};
+
+/// The part of the standard scene's picture around one target, seen through the same lens.
+const WIDTH: u16 = 400;
+const HEIGHT: u16 = 360;
+
+/// Paper's white and print's black as the standard scene has them, and half a pitch of margin.
+const INK: Ink = Ink { black: 60.0, white: 180.0 };
+const MARGIN_MM: f64 = 12.0;
+/// What is behind the paper.
+const BACKGROUND: f32 = 100.0;
+
+/// How one frame is taken.
+#[derive(Debug, Clone, Copy)]
+pub struct Shot {
+    /// The lens's blur.
+    pub psf_sigma_px: f64,
+    /// Noise at mid grey, in levels of 255; 0: neither noise nor rounding.
+    pub noise_levels: f64,
+    /// Factor of the light.
+    pub light: f64,
+    /// How much more light falls on the frame's right edge than on the left one.
+    pub gradient: f64,
+    /// How far the target moves while the shutter is open.
+    pub motion_mm: Vector3<f64>,
+}
+
+impl Default for Shot {
+    fn default() -> Self {
+        Self {
+            psf_sigma_px: 0.6,
+            noise_levels: 2.0,
+            light: 1.0,
+            gradient: 0.0,
+            motion_mm: Vector3::zeros(),
+        }
+    }
+}
+
+/// A camera, a target and the pipeline that watches it.
+pub struct Booth {
+    lens: Lens,
+    board: Board,
+    pipeline: Box<Pipeline>,
+    frame: u64,
+}
+
+impl Booth {
+    /// A target of `columns` x `rows` corners of the standard pitch.
+    pub fn new(columns: u8, rows: u8) -> Self {
+        let lens = Lens {
+            width_px: WIDTH,
+            height_px: HEIGHT,
+            fx_px: 1740.0,
+            fy_px: 1741.0,
+            cx_px: f64::from(WIDTH) / 2.0 + 3.3,
+            cy_px: f64::from(HEIGHT) / 2.0 - 2.1,
+            skew_px: 0.0,
+            distortion: Distortion::Radial2([-0.12, 0.08]),
+        };
+        let geometry =
+            TargetGeometry::checker(columns, rows, 12.0, Origin::Center, Role::Upper, [0.0; 3])
+                .expect("a usual grid");
+        let board = Board::new(&geometry, MARGIN_MM, INK);
+        let name = "target".try_into().expect("a short name");
+        let config = Config {
+            device: heapless::String::new(),
+            serial_number: heapless::String::new(),
+            lens,
+            targets: [TargetConfig { name, geometry }].into_iter().collect(),
+            cam_from_scene_theta: None,
+            links: Links::default(),
+            capture: None,
+            machine: Machine::default(),
+        };
+        let mut pipeline = Box::new(Pipeline::new());
+        pipeline.configure(&config).expect("a usual camera");
+        Self { lens, board, pipeline, frame: 0 }
+    }
+
+    /// Nothing is known of the target any more.
+    pub fn forget(&mut self) {
+        self.pipeline.forget();
+    }
+
+    /// Before noise and rounding.
+    fn expose(&self, cam_from_target: &Pose<Cam, Target>, shot: &Shot) -> Picture {
+        let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
+        let gain =
+            |x: f64, _y: f64| shot.light * (1.0 + shot.gradient * (x / f64::from(WIDTH) - 0.5));
+        // An odd number of instants, evenly spaced: their mean is the pose itself.
+        let instants = if shot.motion_mm == Vector3::zeros() { 1 } else { 9 };
+        let mut sum = Picture::uniform(width, height, 0.0);
+        for instant in 0..instants {
+            let mut pose = *cam_from_target;
+            let part = (f64::from(instant) + 0.5) / f64::from(instants) - 0.5;
+            pose.translation_mm += shot.motion_mm * part;
+            let mut picture = Picture::uniform(width, height, BACKGROUND);
+            let placed = PlacedBoard { board: &self.board, cam_from_target: pose };
+            render_targets(&self.lens, shot.psf_sigma_px, &[placed], gain, &mut picture);
+            for (sum, grey) in sum.grey.iter_mut().zip(&picture.grey) {
+                *sum += grey / instants as f32;
+            }
+        }
+        sum
+    }
+
+    /// Measures the pixels as the next frame of 60 Hz.
+    pub fn measure<P: Pixel>(&mut self, pixels: &[P], white: u16) -> Result<Measurement, NoPose> {
+        let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
+        let view = GreyImage::with_white_level(pixels, width, height, width, white);
+        let time_ns = self.frame * 16_666_667;
+        self.frame += 1;
+        let report = self.pipeline.step(&view.expect("a whole frame"), time_ns);
+        report.targets[0].measurement
+    }
+
+    /// Takes a picture and measures it: the error of the position, and the measurement.
+    pub fn error_mm(
+        &mut self,
+        cam_from_target: &Pose<Cam, Target>,
+        shot: &Shot,
+    ) -> Result<(Vector3<f64>, Measurement), NoPose> {
+        let picture = self.expose(cam_from_target, shot);
+        let found = if shot.noise_levels > 0.0 {
+            let mut samples = vec![0_u8; picture.grey.len()];
+            let sensor = Sensor { noise_levels: shot.noise_levels as f32, bits: 8 };
+            sensor.expose(&picture, 17, self.frame, &mut samples);
+            self.measure(&samples, 255)?
+        } else {
+            // Without noise 8 bits would round the same way over and over.
+            let samples: Vec<u16> = picture.grey.iter().map(|grey| (grey * 257.0) as u16).collect();
+            self.measure(&samples, 65_535)?
+        };
+        Ok((found.cam_from_target.translation_mm - cam_from_target.translation_mm, found))
+    }
+}
