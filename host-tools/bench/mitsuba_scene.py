@@ -89,7 +89,7 @@ def read_targets(path):
     targets = {}
     for target in tomllib.loads(path.read_text())["target"]:
         if target.get("origin", "center") != "center":
-            sys.exit(f"error: {path}: {target['name']}: only origin = \"center\" is drawn")
+            sys.exit(f'error: {path}: {target["name"]}: only origin = "center" is drawn')
         # One more square than corners, and a margin of one pitch on either side.
         columns, rows = target["columns"] + 3, target["rows"] + 3
         print_greys = np.full((rows, columns), WHITE)
