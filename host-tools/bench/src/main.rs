@@ -11,16 +11,18 @@
 use std::env;
 use std::fs;
 use std::hint::black_box;
+use std::io::Read;
 use std::path::Path;
 use std::process::{self, ExitCode};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
+use nalgebra::Vector3;
 use plumbline::config::Config;
 use plumbline::corner::{CornerList, Detector};
 use plumbline::grid::{GridFinder, GridRejection};
-use plumbline::image::GreyImage;
+use plumbline::image::{GreyImage, Pixel};
 use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Report;
@@ -53,39 +55,65 @@ fn main() -> ExitCode {
 fn measure() -> Result<()> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [directory] = &arguments[..] else { bail!("usage: plumbline-bench DIRECTORY") };
-    let bench = Bench::read(Path::new(directory))?;
-    println!("frames\t{}", bench.frames.len());
-    println!("pipeline_bytes\t{}", size_of::<Pipeline>());
-    bench.tracking()?;
-    bench.searching()?;
-    bench.stages()
+    let directory = Path::new(directory);
+    let path = directory.join("frames.y4m");
+    let file = fs::File::open(&path).with_context(|| path.display().to_string())?;
+    let mut video = y4m::decode(file).context("frames.y4m")?;
+    match video.get_bytes_per_sample() {
+        1 => Bench::read(directory, &mut video, <[u8]>::to_vec)?.measure(),
+        _ => Bench::read(directory, &mut video, words)?.measure(),
+    }
 }
 
+/// The 16-bit samples of a plane.
+fn words(plane: &[u8]) -> Vec<u16> {
+    plane.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect()
+}
 /// A recording with its truth, in memory, so that no file is read between frames.
-struct Bench {
+struct Bench<P> {
     config: Config,
-    frames: Vec<Vec<u8>>,
+    frames: Vec<Vec<P>>,
+    white_level: u16,
     rate_hz: f64,
     /// Per frame: the pose of each target, in the order of the configuration.
     truth: Vec<Vec<Pose<Cam, Target>>>,
 }
 
-impl Bench {
-    fn read(directory: &Path) -> Result<Self> {
-        let open = |name: &str| {
-            let path = directory.join(name);
-            fs::File::open(&path).with_context(|| path.display().to_string())
-        };
+impl<P: Pixel> Bench<P> {
+    /// `samples` takes the samples out of a plane's bytes.
+    fn read(
+        directory: &Path,
+        video: &mut y4m::Decoder<impl Read>,
+        samples: fn(&[u8]) -> Vec<P>,
+    ) -> Result<Self> {
         let blob = fs::read(directory.join("box.plb")).context("box.plb")?;
         let config = Config::decode(&blob).context("box.plb")?;
-        let (frames, rate_hz) = read_frames(open("frames.y4m")?).context("frames.y4m")?;
-        let truth = read_truth(open("truth.csv")?, &config, frames.len()).context("truth.csv")?;
-        Ok(Self { config, frames, rate_hz, truth })
+        let rate = video.get_framerate();
+        let frames = read_frames(video, samples).context("frames.y4m")?;
+        let path = directory.join("truth.csv");
+        let truth = fs::File::open(&path).with_context(|| path.display().to_string())?;
+        let truth = read_truth(truth, &config, frames.len()).context("truth.csv")?;
+        Ok(Self {
+            config,
+            frames,
+            white_level: (1 << video.get_bit_depth()) - 1,
+            rate_hz: rate.num as f64 / rate.den as f64,
+            truth,
+        })
     }
 
-    fn view(&self, frame: usize) -> GreyImage<'_> {
+    fn measure(&self) -> Result<()> {
+        println!("frames\t{}", self.frames.len());
+        println!("pipeline_bytes\t{}", size_of::<Pipeline>());
+        self.tracking()?;
+        self.searching()?;
+        self.stages()
+    }
+
+    fn view(&self, frame: usize) -> GreyImage<'_, P> {
         let (width, height) = (self.config.lens.width_px.into(), self.config.lens.height_px.into());
-        GreyImage::new(&self.frames[frame], width, height, width).expect("a whole frame")
+        GreyImage::with_white_level(&self.frames[frame], width, height, width, self.white_level)
+            .expect("a whole frame")
     }
 
     fn time_ns(&self, frame: usize) -> u64 {
@@ -103,13 +131,13 @@ impl Bench {
         let mut pipeline = self.pipeline()?;
         pipeline.step(&self.view(0), 0);
         let mut times = Vec::new();
-        let mut errors = Errors::new(self);
+        let mut errors = Errors::new(&self.config);
         for frame in 1..self.frames.len() {
             let view = self.view(frame);
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
-            errors.add(frame, &report);
+            errors.add(&self.truth[frame], &report);
         }
         say_times("tracking", &mut times);
         errors.say("tracking");
@@ -120,14 +148,14 @@ impl Bench {
     fn searching(&self) -> Result<()> {
         let mut pipeline = self.pipeline()?;
         let mut times = Vec::new();
-        let mut errors = Errors::new(self);
+        let mut errors = Errors::new(&self.config);
         for frame in (0..self.frames.len()).step_by(SEARCH_EVERY) {
             let view = self.view(frame);
             pipeline.forget();
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
-            errors.add(frame, &report);
+            errors.add(&self.truth[frame], &report);
         }
         say_times("search", &mut times);
         errors.say("search");
@@ -159,20 +187,20 @@ impl Bench {
     }
 }
 
-fn read_frames(file: fs::File) -> Result<(Vec<Vec<u8>>, f64)> {
-    let mut decoder = y4m::decode(file)?;
-    let rate = decoder.get_framerate();
-    ensure!(decoder.get_bytes_per_sample() == 1, "the recording is not 8-bit");
+fn read_frames<P>(
+    video: &mut y4m::Decoder<impl Read>,
+    samples: fn(&[u8]) -> Vec<P>,
+) -> Result<Vec<Vec<P>>> {
     let mut frames = Vec::new();
     loop {
-        match decoder.read_frame() {
-            Ok(frame) => frames.push(frame.get_y_plane().to_vec()),
+        match video.read_frame() {
+            Ok(frame) => frames.push(samples(frame.get_y_plane())),
             Err(y4m::Error::EOF) => break,
             Err(error) => return Err(error.into()),
         }
     }
     ensure!(frames.len() > 1, "the recording has fewer than two frames");
-    Ok((frames, rate.num as f64 / rate.den as f64))
+    Ok(frames)
 }
 
 /// Per frame: the pose of each target, in the order of the configuration.
@@ -205,19 +233,19 @@ fn read_truth(
     truth.into_iter().map(whole).collect::<Option<_>>().context("a frame or target is missing")
 }
 
-/// Per target: depth errors, and frames without a (true) pose.
+/// Per target: the errors of its position in the camera's frame, and the number of
+/// frames without a (true) pose.
 struct Errors<'a> {
-    bench: &'a Bench,
-    targets: Vec<(Vec<f64>, usize)>,
+    config: &'a Config,
+    targets: Vec<(Vec<Vector3<f64>>, usize)>,
 }
 
 impl<'a> Errors<'a> {
-    fn new(bench: &'a Bench) -> Self {
-        Self { bench, targets: vec![(Vec::new(), 0); bench.config.targets.len()] }
+    fn new(config: &'a Config) -> Self {
+        Self { config, targets: vec![(Vec::new(), 0); config.targets.len()] }
     }
 
-    fn add(&mut self, frame: usize, report: &Report) {
-        let truth = &self.bench.truth[frame];
+    fn add(&mut self, truth: &[Pose<Cam, Target>], report: &Report) {
         for ((errors, lost), (target, truth)) in
             self.targets.iter_mut().zip(report.targets.iter().zip(truth))
         {
@@ -226,19 +254,25 @@ impl<'a> Errors<'a> {
                 .as_ref()
                 .map(|found| found.cam_from_target.translation_mm - truth.translation_mm);
             match error_mm {
-                Ok(error_mm) if error_mm.norm() < FALSE_MM => errors.push(error_mm.z),
+                Ok(error_mm) if error_mm.norm() < FALSE_MM => errors.push(error_mm),
                 _ => *lost += 1,
             }
         }
     }
 
+    /// Depth has no axis in its name.
     fn say(&self, run: &str) {
-        for (target, (errors, lost)) in self.bench.config.targets.iter().zip(&self.targets) {
+        for (target, (errors, lost)) in self.config.targets.iter().zip(&self.targets) {
+            let name = &target.name;
             let count = errors.len() as f64;
-            let mean = errors.iter().sum::<f64>() / count;
-            let variance = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / count;
-            println!("{run}_spread_mm:{}\t{:.4}", target.name, 1.96 * variance.sqrt());
-            println!("{run}_lost:{}\t{lost}", target.name);
+            let mean = errors.iter().sum::<Vector3<f64>>() / count;
+            let squares = errors.iter().map(|error| (error - mean).map(|value| value * value));
+            let spread = (squares.sum::<Vector3<f64>>() / count).map(f64::sqrt) * 1.96;
+            println!("{run}_spread_mm:{name}\t{:.4}", spread.z);
+            println!("{run}_spread_x_mm:{name}\t{:.4}", spread.x);
+            println!("{run}_spread_y_mm:{name}\t{:.4}", spread.y);
+            println!("{run}_bias_mm:{name}\t{:.4}", mean.z);
+            println!("{run}_lost:{name}\t{lost}");
         }
     }
 }

@@ -3,8 +3,8 @@
 //! `plumb simulate` renders the standard scene. On those frames the core is
 //! measured by `host-tools/bench/src/main.rs` and OpenCV by
 //! `host-tools/bench/opencv_chain.py`. Both print lines `name, tab, value`; here
-//! they become tables. The core is measured a second time on an emulated ARM
-//! board, in instructions.
+//! they become tables. The core is measured on frames of other forms as well, and
+//! on an emulated ARM board, in instructions.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -17,6 +17,8 @@ use crate::command::{Task, root, target_directory};
 use crate::image::{self, DebianRoot};
 use crate::tests::boot_with_camera;
 use crate::{instructions, setup};
+
+mod formats;
 
 /// What `cargo xtask bench` takes.
 #[derive(clap::Args)]
@@ -43,11 +45,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         image::prepare()?;
     }
     let directory = target_directory().join("bench-frames");
-    render(&directory, arguments.frames)?;
-    let bench = Task::cargo()
-        .args(["run", "--release", "--package", "plumbline-bench", "--"])
-        .args([&directory]);
-    let plumbline = figures_of(|each_line| bench.run_and_read(each_line))?;
+    render(&directory, arguments.frames, &[])?;
+    let plumbline = measure(&directory)?;
     let opencv = if Task::new("python3").args(["-c", "import cv2, numpy"]).output().is_ok() {
         let script = root().join("host-tools/bench/opencv_chain.py");
         let chain = Task::new("python3").args([&script, &directory]);
@@ -56,16 +55,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         println!("OpenCV is not compared: this machine's python3 has no cv2");
         None
     };
+    let formats = formats::measure_all(&directory, arguments.frames, &plumbline)?;
     let (mut arm, mut booted) = (None, None);
     if !arguments.host_only {
-        render(&directory, instructions::FRAMES)?;
+        render(&directory, instructions::FRAMES, &[])?;
         let debian = DebianRoot::fetch()?;
         arm = Some(figures_of(|each_line| instructions::count(&debian, &directory, each_line))?);
         booted = Some(figures_of(|each_line| boot_with_camera()?.run_and_read(each_line))?);
     }
     // Half a gigabyte that nobody wants to find again.
     fs::remove_dir_all(&directory).context(format!("{}", directory.display()))?;
-    let tables = tables(&plumbline, opencv.as_ref(), arm.as_ref(), booted.as_ref())?;
+    let tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
     println!("\n{tables}");
     if arguments.write_readme {
         let path = root().join("README.md");
@@ -78,17 +78,27 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 type Figures = BTreeMap<String, String>;
 
-/// The standard scene's recording, its truth, and a box's configuration.
-fn render(directory: &Path, frames: u32) -> Result<()> {
+/// The standard scene's recording, its truth, and a box's configuration; `options` are
+/// more of `plumb simulate`'s.
+fn render(directory: &Path, frames: u32, options: &[&str]) -> Result<()> {
     let plumb = || Task::cargo().args(["run", "--release", "--package", "plumb", "--"]);
     let place = |name: &str| directory.join(name).display().to_string();
     plumb()
         .args(["simulate", "--force", "--frames", &frames.to_string(), "--out", &place("")])
+        .args(options)
         .run()?;
     plumb()
         .args(["provision", "--camera", &place("camera.toml"), "--targets"])
         .args([place("targets.toml"), "--out".into(), place("box.plb")])
         .run()
+}
+
+/// The core's figures on what was rendered into a directory.
+fn measure(directory: &Path) -> Result<Figures> {
+    let bench = Task::cargo()
+        .args(["run", "--release", "--package", "plumbline-bench", "--"])
+        .args([directory]);
+    figures_of(|each_line| bench.run_and_read(each_line))
 }
 
 /// What `run` prints as `name, tab, value`.
@@ -136,6 +146,7 @@ fn spreads(figures: &Figures, run: &str, targets: &[&str]) -> Result<String> {
 fn tables(
     plumbline: &Figures,
     opencv: Option<&Figures>,
+    formats: &[(String, Figures)],
     arm: Option<&Figures>,
     booted: Option<&Figures>,
 ) -> Result<String> {
@@ -199,6 +210,7 @@ fn tables(
             spreads(figures, "search", &targets)?
         )?;
     }
+    write!(text, "\n{}", formats::table(formats, &targets)?)?;
     if let Some(figures) = booted {
         writeln!(
             text,
@@ -249,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_figure_that_is_missing_is_named() {
-        let error = tables(&Figures::new(), None, None, None).unwrap_err().to_string();
+        let error = tables(&Figures::new(), None, &[], None, None).unwrap_err().to_string();
         assert!(error.contains("frames"), "{error}");
     }
 

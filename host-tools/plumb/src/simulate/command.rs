@@ -11,6 +11,7 @@ use plumbline::target::Role;
 
 use super::layout::LensChoice;
 use super::occluder::Occlusion;
+use super::recorded::Form;
 use super::{Simulation, SimulationSettings};
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera, Provenance};
@@ -23,7 +24,7 @@ use crate::files::targets::{self, OriginName, TargetDescription};
 /// Writes into the directory DIR: frames.y4m, truth.csv, camera.toml,
 /// targets.toml and scene.toml, so that `plumb track --camera DIR/camera.toml
 /// --targets DIR/targets.toml DIR/frames.y4m` can run on it. The same settings
-/// give the same files on every machine. A frame takes 1.6 MB.
+/// give the same files on every machine. A frame takes 1.6 MB, of 10 bits 4.8 MB.
 #[derive(Debug, clap::Args)]
 #[command(allow_negative_numbers = true)]
 pub struct SimulateArguments {
@@ -57,6 +58,12 @@ pub struct SimulateArguments {
     /// An arm that covers FRACTION (0 to 1) of a target's width between two times; may be repeated
     #[arg(long, value_name = "TARGET:START_S:END_S[:FRACTION]")]
     pub occlude: Vec<Occlusion>,
+    /// Bits of a sample; of 10, the Y4M is 4:2:0 without colour
+    #[arg(long, value_name = "8|10", default_value = "8", value_parser = ["8", "10"])]
+    pub bits: String,
+    /// Encode each frame as JPEG of this quality, 1 to 100, and decode it again
+    #[arg(long, value_name = "QUALITY", value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub jpeg: Option<u8>,
     /// Also save frame N as DIR/frame_N.png; may be repeated
     #[arg(long, value_name = "N")]
     pub png: Vec<u64>,
@@ -66,12 +73,25 @@ pub struct SimulateArguments {
 }
 
 impl SimulateArguments {
-    fn settings(&self) -> SimulationSettings {
+    fn form(&self) -> anyhow::Result<Form> {
+        match (self.bits.as_str(), self.jpeg) {
+            ("8", None) => Ok(Form::Grey8),
+            ("8", Some(quality)) => Ok(Form::Jpeg(quality)),
+            (_, None) => {
+                anyhow::ensure!(self.png.is_empty(), "--png has 8 bits; leave out --bits 10");
+                Ok(Form::Grey10)
+            }
+            (_, Some(_)) => anyhow::bail!("--jpeg has 8 bits; leave out --bits 10"),
+        }
+    }
+
+    fn settings(&self, form: Form) -> SimulationSettings {
         SimulationSettings {
             frame_rate_hz: self.fps,
             seed: self.seed,
             noise_levels: self.noise,
             psf_sigma_px: self.psf,
+            bits: form.bits(),
             lens: self.lens,
             distance_mm: self.distance,
             gradient: self.gradient,
@@ -86,7 +106,8 @@ impl SimulateArguments {
 /// # Errors
 /// When a setting is impossible, files are in the way, or writing fails.
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
-    let settings = arguments.settings();
+    let form = arguments.form()?;
+    let settings = arguments.settings(form);
     for number in &arguments.png {
         anyhow::ensure!(
             *number < arguments.frames,
@@ -105,6 +126,7 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
         let stdout = io::stdout().as_fd().try_clone_to_owned().context("standard output")?;
         return write_frames(
             &simulation,
+            form,
             arguments.frames,
             File::from(stdout),
             "standard output",
@@ -130,7 +152,7 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
     let mut outside = vec![0_u64; simulation.targets().len()];
     let place = frames.display().to_string();
     let file = File::create(&frames).map_err(|error| BadInput::io(&place, &error))?;
-    write_frames(&simulation, arguments.frames, file, &place, |frame, samples| {
+    write_frames(&simulation, form, arguments.frames, file, &place, |frame, samples| {
         for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
             truth.write(row)?;
             *outside += u64::from(row.points == Some(0));
@@ -223,6 +245,7 @@ pub(crate) fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
 /// A reader that closes a pipe early (the box stopping, `head`) ends the run without an error.
 fn write_frames(
     simulation: &Simulation,
+    form: Form,
     frames: u64,
     sink: impl Write + Send,
     place: &str,
@@ -231,7 +254,7 @@ fn write_frames(
     let lens = simulation.camera();
     let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
     let encoder = y4m::encode(width, height, ratio(simulation.settings().frame_rate_hz))
-        .with_colorspace(y4m::Colorspace::Cmono);
+        .with_colorspace(form.colorspace());
     let mut encoder = match encoder.write_header(sink) {
         Err(error) => return finished_or(error, place),
         Ok(encoder) => encoder,
@@ -240,19 +263,23 @@ fn write_frames(
         ProgressStyle::with_template("rendering {bar:30} {pos}/{len} frames, {eta} left")
             .expect("a constant template"),
     );
+    let chroma = form.chroma(width, height);
     let (mut now, mut next) = (Vec::new(), Vec::new());
-    simulation.render(0, &mut now);
+    form.render(simulation, 0, &mut now)?;
     for frame in 0..frames {
         each(frame, &now)?;
         // The next frame is rendered while this one is written.
-        let (written, ()) = rayon::join(
-            || encoder.write_frame(&y4m::Frame::new([&now, &[], &[]], None)),
+        let (written, rendered) = rayon::join(
+            || encoder.write_frame(&y4m::Frame::new([&now, &chroma, &chroma], None)),
             || {
                 if frame + 1 < frames {
-                    simulation.render(frame + 1, &mut next);
+                    form.render(simulation, frame + 1, &mut next)
+                } else {
+                    Ok(())
                 }
             },
         );
+        rendered?;
         if let Err(error) = written {
             progress.abandon();
             return finished_or(error, place);
@@ -348,5 +375,28 @@ mod tests {
         let again = simulate(directory.path(), &["--frames", "1"]).unwrap_err().to_string();
         assert!(again.contains("frames.y4m") && again.contains("--force"), "{again}");
         simulate(directory.path(), &["--frames", "1", "--force"]).unwrap();
+    }
+
+    #[test]
+    fn ten_bits_are_read_back_and_jpeg_has_eight() {
+        let directory = tempfile::tempdir().unwrap();
+        simulate(directory.path(), &["--frames", "2", "--bits", "10"]).unwrap();
+        let settings = SimulationSettings { bits: 10, ..Default::default() };
+        let simulation = Simulation::new(&settings).unwrap();
+        let mut source = FrameSource::open(&[directory.path().join("frames.y4m")], None).unwrap();
+        let mut expected: Vec<u16> = Vec::new();
+        for number in 0..2 {
+            simulation.render(number, &mut expected);
+            let frame = source.next_frame().unwrap().unwrap();
+            assert_eq!(frame.white_level, 1023);
+            assert!(matches!(frame.pixels, Pixels::Grey16(found) if found == expected));
+        }
+        assert!(source.next_frame().unwrap().is_none());
+
+        for other in [["--jpeg", "95"], ["--png", "0"]] {
+            let options = [&["--force", "--bits", "10"][..], &other].concat();
+            let refused = simulate(directory.path(), &options).unwrap_err().to_string();
+            assert!(refused.contains(other[0]) && refused.contains("--bits 10"), "{refused}");
+        }
     }
 }

@@ -24,6 +24,7 @@ pub mod layout;
 mod normal;
 pub mod occluder;
 mod provisioning;
+mod recorded;
 pub mod render;
 pub mod sensor;
 pub mod sway;

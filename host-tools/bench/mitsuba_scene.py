@@ -1,0 +1,320 @@
+"""The simulated scene drawn by an independent renderer, and tracked.
+
+`plumb simulate` and the tracker have the same authors, and could share a mistake
+about where a pixel's centre or a print's edge lies. Here the ray tracer Mitsuba 3
+draws the same prints at the same true poses; of the project's own renderer nothing
+is used but its numbers.
+
+    python3 -m venv venv && venv/bin/pip install mitsuba
+    cargo build --release --package plumb
+    target/release/plumb simulate --lens none --frames 120 --out trial
+    venv/bin/python host-tools/bench/mitsuba_scene.py trial trial-mitsuba
+
+The second directory gets frames.y4m, and the first one's other files, so that
+everything that takes the first takes the second. `cargo xtask bench` does the same
+when its python3 has Mitsuba. It is no part of the tests. A frame takes some two seconds
+on two cores; where Mitsuba finds no LLVM (Debian has it as libllvm), four times that.
+
+What is drawn: each target is a rectangle whose picture has one texel per square,
+unfiltered, so that its edges are the ray tracer's own. It glows with the grey that
+the paper would reflect, which is how paper looks in even light. Every pixel is
+cut into 8 x 8, each the mean of 4 rays. The lens's blur (Gaussian), the pixel's
+square, and the sensor's noise and 8 bits are numpy's. Around the prints all is grey:
+only their surroundings are traced.
+
+Prints, after tracking, one line per figure: name, tab, value. Errors are what
+`plumb track` found less the truth, in millimetres in the camera's frame: `spread`
+is 1.96 standard deviations over the frames, `bias` the mean; both of the depth where no
+axis is named.
+"""
+
+import argparse
+import csv
+import math
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+try:
+    import mitsuba as mi
+    import numpy as np
+except ImportError as error:
+    sys.exit(
+        f"error: {error}: Mitsuba 3 is needed, which brings numpy along; "
+        "get it with `python3 -m venv venv && venv/bin/pip install mitsuba`, "
+        "and run this script with venv/bin/python"
+    )
+
+# The standard scene of `plumb simulate`.
+BLACK, WHITE, BACKGROUND = 60.0, 180.0, 90.0
+BLUR_PX = 0.6
+NOISE, NOISE_AT_GREY, READ_VARIANCE_SHARE = 2.0, 120.0, 0.25
+
+FINE = 8
+RAYS = 4
+# The blur's reach: beyond 6 standard deviations and half a pixel lies nothing.
+REACH_PX = math.ceil(6 * BLUR_PX + 0.5)
+
+# A pose further from the truth than this is of something else.
+FALSE_MM = 20.0
+
+PROGRESS_EVERY = 20
+
+
+def choose_variant():
+    """The fast one compiles with LLVM, which is not everywhere."""
+    for variant in ("llvm_ad_mono", "scalar_rgb"):
+        try:
+            mi.set_variant(variant)
+            mi.Float(0.0) + 1.0
+            return
+        except (ImportError, RuntimeError) as error:
+            print(f"{variant} does not run here: {error}", file=sys.stderr)
+    sys.exit("error: this build of Mitsuba runs neither with LLVM nor without")
+
+
+def read_camera(path):
+    camera = tomllib.loads(path.read_text())
+    if any(camera["distortion"]) or camera.get("skew_px", 0.0) != 0.0:
+        sys.exit(f"error: {path}: Mitsuba's lens is a pinhole; use `plumb simulate --lens none`")
+    if camera["fx_px"] != camera["fy_px"]:
+        sys.exit(f"error: {path}: Mitsuba's pixels are square, but fx_px and fy_px differ")
+    return camera
+
+
+def read_targets(path):
+    """name -> the print, one grey per square, and half its width and height in mm."""
+    targets = {}
+    for target in tomllib.loads(path.read_text())["target"]:
+        if target.get("origin", "center") != "center":
+            sys.exit(f'error: {path}: {target["name"]}: only origin = "center" is drawn')
+        # One more square than corners, and a margin of one pitch on either side.
+        columns, rows = target["columns"] + 3, target["rows"] + 3
+        print_greys = np.full((rows, columns), WHITE)
+        squares = print_greys[1:-1, 1:-1]
+        y, x = np.indices(squares.shape)
+        squares[(x + y) % 2 == 0] = BLACK
+        half_mm = np.array([columns, rows]) * target["pitch_mm"] / 2
+        targets[target["name"]] = print_greys, half_mm
+    return targets
+
+
+def read_poses(path):
+    """(frame, target) -> (rotation, position in mm), where there is a pose."""
+    poses = {}
+    for row in csv.DictReader(path.open()):
+        if not row["x_mm"]:
+            continue
+        t1, t2, t3 = (float(row[f"theta{i}_rad"]) for i in (1, 2, 3))
+        (s1, s2, s3), (c1, c2, c3) = np.sin([t1, t2, t3]), np.cos([t1, t2, t3])
+        about_z = np.array([[c1, -s1, 0], [s1, c1, 0], [0, 0, 1]])
+        about_y = np.array([[c2, 0, s2], [0, 1, 0], [-s2, 0, c2]])
+        about_x = np.array([[1, 0, 0], [0, c3, -s3], [0, s3, c3]])
+        position_mm = np.array([float(row[f"{axis}_mm"]) for axis in "xyz"])
+        poses[int(row["frame"]), row["target"]] = about_z @ about_y @ about_x, position_mm
+    return poses
+
+
+def crop_around(camera, half_mm, pose):
+    """The pixels that the print and its blur reach: left, top, width, height."""
+    rotation, position_mm = pose
+    outline_mm = np.array([[x, y, 0.0] for x in (-1, 1) for y in (-1, 1)])
+    outline_mm[:, :2] *= half_mm
+    x, y, z = rotation @ outline_mm.T + position_mm[:, None]
+    outline_px = np.array(
+        [camera["fx_px"] * x / z + camera["cx_px"], camera["fy_px"] * y / z + camera["cy_px"]]
+    )
+    # One more, so that what the blur adds at the crop's own border is grey as well.
+    low = np.floor(outline_px.min(1)).astype(int) - 2 * REACH_PX
+    high = np.ceil(outline_px.max(1)).astype(int) + 2 * REACH_PX
+    if low.min() < 0 or high[0] >= camera["width_px"] or high[1] >= camera["height_px"]:
+        sys.exit("error: a print leaves the frame; give `plumb simulate` a larger --distance")
+    return *low, *(high - low)
+
+
+def sensor(camera, crop):
+    width, height = camera["width_px"], camera["height_px"]
+    left, top, crop_width, crop_height = (int(value) * FINE for value in crop)
+    return {
+        "type": "perspective",
+        # Mitsuba's camera has x to the left and y up.
+        "to_world": mi.ScalarTransform4f().scale([-1, -1, 1]),
+        "fov": math.degrees(2 * math.atan(width / 2 / camera["fx_px"])),
+        "fov_axis": "x",
+        # From the film's middle, as shares of its sides; it moves the picture the
+        # other way. Mitsuba's origin is the first pixel's corner, not its centre.
+        "principal_point_offset_x": 0.5 - (camera["cx_px"] + 0.5) / width,
+        "principal_point_offset_y": 0.5 - (camera["cy_px"] + 0.5) / height,
+        "near_clip": 10.0,
+        "far_clip": 1e5,
+        "film": {
+            "type": "hdrfilm",
+            "width": width * FINE,
+            "height": height * FINE,
+            "crop_offset_x": left,
+            "crop_offset_y": top,
+            "crop_width": crop_width,
+            "crop_height": crop_height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "luminance",
+            "component_format": "float32",
+        },
+        "sampler": {"type": "multijitter", "sample_count": RAYS},
+    }
+
+
+def glowing_print(print_greys, half_mm, pose):
+    # Mitsuba's rectangle has sides of 2, y up and its face towards +z; a target has y
+    # down and its face towards -z.
+    cam_from_rectangle = np.eye(4)
+    cam_from_rectangle[:3, :3] = pose[0] @ np.diag([half_mm[0], -half_mm[1], -1.0])
+    cam_from_rectangle[:3, 3] = pose[1]
+    # A picture's first row is at v = 0, the rectangle's lower side.
+    greys = np.ascontiguousarray(print_greys[::-1, :, None], dtype=np.float32)
+    radiance = {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(greys),
+        "raw": True,
+        "filter_type": "nearest",
+        "wrap_mode": "clamp",
+    }
+    return {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f(cam_from_rectangle),
+        "emitter": {"type": "area", "radiance": radiance},
+    }
+
+
+def pixels_from_fine(count):
+    """The matrix from the fine cells along a side to its pixels: each pixel's own
+    square, blurred. The REACH_PX pixels at either end are left out."""
+
+    def normal_cdf(distance_px):
+        return 0.5 * math.erfc(-distance_px / BLUR_PX / math.sqrt(2))
+
+    fine_px = (np.arange(count * FINE) + 0.5) / FINE - 0.5
+    matrix = np.zeros((count - 2 * REACH_PX, count * FINE))
+    for row, pixel in enumerate(range(REACH_PX, count - REACH_PX)):
+        for cell in np.flatnonzero(abs(fine_px - pixel) < REACH_PX):
+            distance_px = fine_px[cell] - pixel
+            matrix[row, cell] = normal_cdf(distance_px + 0.5) - normal_cdf(distance_px - 0.5)
+    return matrix / matrix.sum(1, keepdims=True)
+
+
+def draw(camera, targets, poses, number):
+    """One frame before noise, in levels of 255."""
+    frame = np.full((camera["height_px"], camera["width_px"]), BACKGROUND)
+    here = {name: poses[number, name] for name in targets}
+    scene = {
+        "type": "scene",
+        # What glows is seen, and nothing is lit by it.
+        "integrator": {"type": "path", "max_depth": 1},
+        "background": {"type": "constant", "radiance": {"type": "rgb", "value": BACKGROUND}},
+    }
+    for name, (print_greys, half_mm) in targets.items():
+        scene[name] = glowing_print(print_greys, half_mm, here[name])
+    scene = mi.load_dict(scene)
+    for index, (name, (_, half_mm)) in enumerate(targets.items()):
+        crop = crop_around(camera, half_mm, here[name])
+        left, top, width, height = crop
+        view = mi.load_dict(sensor(camera, crop))
+        seed = number * len(targets) + index
+        fine = np.array(mi.render(scene, sensor=view, spp=RAYS, seed=seed), dtype=float)
+        fine = fine.reshape(height * FINE, width * FINE)
+        inner = np.s_[
+            top + REACH_PX : top + height - REACH_PX, left + REACH_PX : left + width - REACH_PX
+        ]
+        frame[inner] = pixels_from_fine(height) @ fine @ pixels_from_fine(width).T
+    return frame
+
+
+def expose(frame, random):
+    """With the sensor's noise, photons' and reading's, in 8 bits."""
+    photons = (1 - READ_VARIANCE_SHARE) * frame / NOISE_AT_GREY
+    sd = NOISE * np.sqrt(READ_VARIANCE_SHARE + photons)
+    return np.clip(np.rint(random.normal(frame, sd)), 0, 255).astype(np.uint8)
+
+
+def read_rate(path):
+    """Frames per second, as the header of a Y4M video writes it."""
+    with path.open("rb") as video:
+        header = video.readline().decode()
+    return next(field[1:] for field in header.split() if field.startswith("F"))
+
+
+def write_frames(path, camera, targets, poses, count, rate):
+    random = np.random.default_rng(1)
+    with path.open("wb") as video:
+        width, height = camera["width_px"], camera["height_px"]
+        video.write(f"YUV4MPEG2 W{width} H{height} F{rate} Ip Cmono\n".encode())
+        for number in range(count):
+            if number % PROGRESS_EVERY == 0:
+                print(f"drawing frame {number} of {count}", file=sys.stderr, flush=True)
+            video.write(b"FRAME\n")
+            video.write(expose(draw(camera, targets, poses, number), random).tobytes())
+
+
+def find_plumb():
+    built = Path(__file__).resolve().parents[2] / "target/release/plumb"
+    found = built if built.exists() else shutil.which("plumb")
+    if not found:
+        sys.exit("error: no program plumb; `cargo build --release --package plumb` makes it")
+    return found
+
+
+def track(plumb, directory):
+    """The poses that `plumb track` finds."""
+    files = {name: directory / name for name in ("camera.toml", "targets.toml", "poses.csv")}
+    command = [plumb, "track", "--camera", files["camera.toml"], "--targets", files["targets.toml"]]
+    command += ["--out", files["poses.csv"], directory / "frames.y4m"]
+    subprocess.run(command, check=True, stdout=sys.stderr)
+    return read_poses(files["poses.csv"])
+
+
+def say_errors(name, found, truth, count):
+    errors_mm = [
+        found[number, name][1] - truth[number, name][1]
+        for number in range(count)
+        if (number, name) in found
+    ]
+    errors_mm = np.array([error for error in errors_mm if np.linalg.norm(error) < FALSE_MM])
+    print(f"tracking_lost:{name}\t{count - len(errors_mm)}")
+    if len(errors_mm) == 0:
+        sys.exit(f"error: {name} was found in no frame")
+    for axis, spread, bias in zip(("_x", "_y", ""), 1.96 * errors_mm.std(0), errors_mm.mean(0)):
+        print(f"tracking_spread{axis}_mm:{name}\t{spread:.4f}")
+        print(f"tracking_bias{axis}_mm:{name}\t{bias:.4f}")
+
+
+def main():
+    arguments = argparse.ArgumentParser(
+        description="Draws a scene of `plumb simulate --lens none` with Mitsuba 3 and tracks it."
+    )
+    arguments.add_argument("simulated", type=Path, help="directory that plumb simulate has written")
+    arguments.add_argument("out", type=Path, help="directory to write into")
+    arguments.add_argument("--frames", type=int, help="only so many of the simulated frames")
+    arguments.add_argument("--plumb", type=Path, help="the program plumb, where it is not found")
+    arguments = arguments.parse_args()
+    plumb = arguments.plumb or find_plumb()
+    camera = read_camera(arguments.simulated / "camera.toml")
+    targets = read_targets(arguments.simulated / "targets.toml")
+    truth = read_poses(arguments.simulated / "truth.csv")
+    count = 1 + max(number for number, _ in truth)
+    count = min(count, arguments.frames or count)
+    choose_variant()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for name in ("camera.toml", "targets.toml", "scene.toml", "truth.csv"):
+        shutil.copy(arguments.simulated / name, arguments.out / name)
+    rate = read_rate(arguments.simulated / "frames.y4m")
+    write_frames(arguments.out / "frames.y4m", camera, targets, truth, count, rate)
+    found = track(plumb, arguments.out)
+    print(f"version\t{mi.__version__}")
+    print(f"frames\t{count}")
+    for name in targets:
+        say_errors(name, found, truth, count)
+
+
+if __name__ == "__main__":
+    main()

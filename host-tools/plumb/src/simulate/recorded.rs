@@ -1,0 +1,98 @@
+//! The form in which the simulated frames are recorded: 8 or 10 bits, or what
+//! JPEG leaves of 8 bits.
+
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageFormat, ImageResult};
+
+use super::Simulation;
+
+/// What becomes of a sample between the sensor and the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// 8 bits, as they are.
+    Grey8,
+    /// 10 bits, as they are.
+    Grey10,
+    /// 8 bits, encoded as JPEG of this quality (1 to 100) and decoded again, as
+    /// the frames of most USB cameras are.
+    Jpeg(u8),
+}
+
+impl Form {
+    pub(super) fn bits(self) -> u8 {
+        match self {
+            Self::Grey8 | Self::Jpeg(_) => 8,
+            Self::Grey10 => 10,
+        }
+    }
+
+    /// The Y4M colour space. There is none of 10 bits without colour that the crate `y4m` knows.
+    pub(super) fn colorspace(self) -> y4m::Colorspace {
+        match self {
+            Self::Grey8 | Self::Jpeg(_) => y4m::Colorspace::Cmono,
+            Self::Grey10 => y4m::Colorspace::C420p10,
+        }
+    }
+
+    /// Either chroma plane of every frame, in the file's bytes: no colour.
+    pub(super) fn chroma(self, width: usize, height: usize) -> Vec<u8> {
+        match self {
+            Self::Grey8 | Self::Jpeg(_) => Vec::new(),
+            Self::Grey10 => 512_u16.to_le_bytes().repeat(width.div_ceil(2) * height.div_ceil(2)),
+        }
+    }
+
+    /// A frame's luma in the file's bytes; `luma` is overwritten.
+    pub(super) fn render(
+        self,
+        simulation: &Simulation,
+        frame: u64,
+        luma: &mut Vec<u8>,
+    ) -> ImageResult<()> {
+        match self {
+            Self::Grey8 => simulation.render(frame, luma),
+            Self::Grey10 => {
+                let mut samples = Vec::<u16>::new();
+                simulation.render(frame, &mut samples);
+                luma.clear();
+                luma.extend(samples.into_iter().flat_map(u16::to_le_bytes));
+            }
+            Self::Jpeg(quality) => {
+                simulation.render(frame, luma);
+                let lens = simulation.camera();
+                *luma = through_jpeg(luma, lens.width_px.into(), lens.height_px.into(), quality)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn through_jpeg(samples: &[u8], width: u32, height: u32, quality: u8) -> ImageResult<Vec<u8>> {
+    let mut file = Vec::new();
+    JpegEncoder::new_with_quality(&mut file, quality).encode(
+        samples,
+        width,
+        height,
+        ExtendedColorType::L8,
+    )?;
+    Ok(image::load_from_memory_with_format(&file, ImageFormat::Jpeg)?.into_luma8().into_raw())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jpeg_changes_a_smooth_picture_by_what_its_quality_allows() {
+        let samples: Vec<u8> =
+            (0..64 * 48).map(|index| (index % 64 * 2 + index / 64) as u8).collect();
+        let error_max = |quality| {
+            let decoded = through_jpeg(&samples, 64, 48, quality).unwrap();
+            assert_eq!(decoded.len(), samples.len());
+            samples.iter().zip(&decoded).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
+        };
+        // The finest step of the usual quantisation table is 1 level at quality 95, 55 at 10.
+        let (fine, coarse) = (error_max(95), error_max(10));
+        assert!(fine <= 2 && coarse > fine, "{fine} {coarse}");
+    }
+}

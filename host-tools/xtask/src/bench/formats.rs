@@ -1,0 +1,94 @@
+//! What the form of the frames does to the precision: 8 bits, 10 bits, 8 bits after
+//! JPEG, and frames that are not the project's own drawing.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::Result;
+
+use super::{Figures, figures_of, get, measure, render};
+use crate::command::{Task, root, target_directory};
+
+/// A row's name, and the figures of its frames.
+type Row = (String, Figures);
+
+/// Frames that Mitsuba draws at most: it takes some seconds for each.
+const MITSUBA_FRAMES: u32 = 120;
+
+/// Measures everything but the plain 8-bit frames, whose figures are known already.
+/// What is in `directory` is replaced.
+pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec<Row>> {
+    let mut rows = vec![("8 bits".to_owned(), plain.clone())];
+    for (name, options) in [
+        ("10 bits", ["--bits", "10"]),
+        ("8 bits, after JPEG of quality 95", ["--jpeg", "95"]),
+        ("8 bits, lens without distortion", ["--lens", "none"]),
+    ] {
+        render(directory, frames, &options)?;
+        rows.push((name.to_owned(), measure(directory)?));
+    }
+    if Task::new("python3").args(["-c", "import mitsuba"]).output().is_ok() {
+        // Of the same scene as the last ones.
+        let script = root().join("host-tools/bench/mitsuba_scene.py");
+        let plumb = target_directory().join("release/plumb");
+        let drawn = Task::new("python3")
+            .args([&script, directory, &directory.join("mitsuba")])
+            .args(["--frames", &frames.min(MITSUBA_FRAMES).to_string()])
+            .args(["--plumb".as_ref(), plumb.as_os_str()]);
+        let figures = figures_of(|each_line| drawn.run_and_read(each_line))?;
+        let name = format!("the same, drawn by Mitsuba {}", get(&figures, "version")?);
+        rows.push((name, figures));
+    } else {
+        println!("No frames drawn by Mitsuba: this machine's python3 has no mitsuba");
+    }
+    Ok(rows)
+}
+
+/// One row per form and target.
+pub fn table(rows: &[Row], targets: &[&str]) -> Result<String> {
+    let mut text = String::from(
+        "| tracking, errors of the position in mm | target | depth, +-1.96 SD | x, +-1.96 SD | y, +-1.96 SD | depth, mean | poses missing | frames |\n\
+         |---|---|---:|---:|---:|---:|---:|---:|\n",
+    );
+    for (name, figures) in rows {
+        for target in targets {
+            let mm = |figure: &str| -> Result<f64> {
+                Ok(get(figures, &format!("tracking_{figure}_mm:{target}"))?.parse()?)
+            };
+            writeln!(
+                text,
+                "| {name} | {target} | {:.3} | {:.3} | {:.3} | {:+.3} | {} | {} |",
+                mm("spread")?,
+                mm("spread_x")?,
+                mm("spread_y")?,
+                mm("bias")?,
+                get(figures, &format!("tracking_lost:{target}"))?,
+                get(figures, "frames")?,
+            )?;
+        }
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_form_has_a_row_per_target() {
+        let figures = figures_of(|each_line| {
+            for figure in ["frames\t300", "tracking_lost:lumbar\t2"] {
+                each_line(figure);
+            }
+            for figure in ["spread", "spread_x", "spread_y", "bias"] {
+                each_line(&format!("tracking_{figure}_mm:lumbar\t-0.0426"));
+            }
+            Ok(())
+        });
+        let rows = [("10 bits".to_owned(), figures.unwrap())];
+        let text = table(&rows, &["lumbar"]).unwrap();
+        let row = "| 10 bits | lumbar | -0.043 | -0.043 | -0.043 | -0.043 | 2 | 300 |\n";
+        assert!(text.ends_with(row), "{text}");
+        assert!(table(&rows, &["shoulder"]).unwrap_err().to_string().contains("shoulder"));
+    }
+}
