@@ -1,11 +1,32 @@
 //! Every capacity of the pipeline, in one place, and the relations between
 //! them, checked when the crate is compiled.
+//!
+//! Those that decide how much memory the pipeline takes come in two sets. The feature
+//! `small-limits` selects the smaller one, for a microcontroller. Where both sets hold what
+//! is seen, the poses are the same. Packets have the same shape with both.
+
+/// The capacities that differ between the two sets.
+struct Capacities {
+    target_corners: usize,
+    corners: usize,
+    search_pixels_per_step: usize,
+}
+
+/// For frames of 1456 x 1088. A 13 x 9 calibration board fits.
+const STANDARD: Capacities =
+    Capacities { target_corners: 120, corners: 1024, search_pixels_per_step: 128 * 1024 };
+
+/// For frames of 640 x 480. A board of 8 x 6 corners fits.
+const SMALL: Capacities =
+    Capacities { target_corners: 48, corners: 384, search_pixels_per_step: 25 * 1024 };
+
+const SELECTED: Capacities = if cfg!(feature = "small-limits") { SMALL } else { STANDARD };
 
 /// Largest number of targets tracked at once: shoulder, lumbar, scene board.
 pub const TARGETS_MAX: usize = 3;
 
-/// Largest number of corners of one target: a 13 x 9 calibration board fits.
-pub const TARGET_CORNERS_MAX: usize = 120;
+/// Largest number of corners of one target.
+pub const TARGET_CORNERS_MAX: usize = SELECTED.target_corners;
 
 /// Largest frame side. Memory does not depend on it, the time of a full search does.
 pub const FRAME_SIDE_PX_MAX: u16 = 4096;
@@ -13,17 +34,22 @@ pub const FRAME_SIDE_PX_MAX: u16 = 4096;
 /// Smallest frame side: one detector kernel must fit with room to move.
 pub const FRAME_SIDE_PX_MIN: u16 = 64;
 
-/// Nodes of one target, see [`crate::nodes`]: (columns + 2) x (rows + 2), of which a
-/// grid of 40 x 3 corners has the most.
-pub const TARGET_NODES_MAX: usize = 210;
+/// Columns of the longest grid, which has 3 rows. Of all grids of as many corners it has the
+/// most nodes, edges and squares.
+const GRID_COLUMNS_MAX: usize = TARGET_CORNERS_MAX / 3;
+
+/// Grid lines of the longest grid.
+const GRID_LINES_MAX: usize = GRID_COLUMNS_MAX + 3;
+
+/// Nodes of one target, see [`crate::nodes`]: (columns + 2) x (rows + 2).
+pub const TARGET_NODES_MAX: usize = (GRID_COLUMNS_MAX + 2) * 5;
 
 /// Edges of one target: two per corner, one more per line, and those of the dark squares at
 /// the border, half of twice as many as there are lines and two.
-pub const TARGET_EDGES_MAX: usize = 2 * TARGET_CORNERS_MAX + 43 + 45;
+pub const TARGET_EDGES_MAX: usize = 2 * TARGET_CORNERS_MAX + GRID_LINES_MAX + (GRID_LINES_MAX + 2);
 
-/// Squares of one colour of one target: half of (columns + 1) x (rows + 1), of which a grid of
-/// 40 x 3 corners has the most.
-pub const TARGET_SQUARES_MAX: usize = 82;
+/// Squares of one colour of one target: half of (columns + 1) x (rows + 1).
+pub const TARGET_SQUARES_MAX: usize = (GRID_COLUMNS_MAX + 1) * 4 / 2;
 
 /// What one pose is made from, at most: every edge of a target.
 pub const OBSERVATIONS_MAX: usize = TARGET_EDGES_MAX;
@@ -31,10 +57,12 @@ pub const OBSERVATIONS_MAX: usize = TARGET_EDGES_MAX;
 // A node's index is a byte, and a set of corners the bits of a u128.
 const _: () = assert!(TARGET_NODES_MAX <= 256 && TARGET_CORNERS_MAX <= 128);
 
-/// Pixels that a search looks at in one step while another target is tracked:
-/// a twelfth of a 1456 x 1088 frame, so that a sweep of all of it takes less than a
-/// quarter of a second at 60 Hz.
-pub const SEARCH_PIXELS_PER_STEP: usize = 128 * 1024;
+// The longest grid has all the corners that there may be.
+const _: () = assert!(GRID_COLUMNS_MAX * 3 == TARGET_CORNERS_MAX);
+
+/// Pixels that a search looks at in one step while another target is tracked: a twelfth of
+/// a frame, so that a sweep of all of it takes less than a quarter of a second at 60 Hz.
+pub const SEARCH_PIXELS_PER_STEP: usize = SELECTED.search_pixels_per_step;
 
 /// Longest name of a target, in bytes.
 pub const NAME_BYTES_MAX: usize = 16;
@@ -43,4 +71,7 @@ pub const NAME_BYTES_MAX: usize = 16;
 pub const DEVICE_TEXT_BYTES_MAX: usize = 24;
 
 /// Largest number of corners that a search of a frame keeps, the strongest.
-pub const CORNERS_MAX: usize = 1024;
+pub const CORNERS_MAX: usize = SELECTED.corners;
+
+// All targets' corners fit beside as many of other things; an index of one is two bytes.
+const _: () = assert!(2 * TARGETS_MAX * TARGET_CORNERS_MAX <= CORNERS_MAX && CORNERS_MAX < 65_536);

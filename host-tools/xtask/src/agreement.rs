@@ -3,7 +3,7 @@
 //!
 //! Rust neither reorders nor fuses floating-point operations, and the core takes
 //! its functions from one library, so that the two should give the same bits.
-//! What is asked of them is [`DIFFERENCE_MM_MAX`]; what they reach is printed.
+//! What is asked of them is [`DIFFERENCE_MAX`]; what they reach is printed.
 
 use std::fs;
 use std::path::Path;
@@ -13,8 +13,8 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::command::{Task, target_directory};
 use crate::cross::{Linking, Toolchain};
 
-/// Farthest that a coordinate may be from the other processor's.
-const DIFFERENCE_MM_MAX: f64 = 1e-6;
+/// Farthest that a number may be from the other processor's, mm or rad.
+pub const DIFFERENCE_MAX: f64 = 1e-6;
 
 /// The recording lasts two seconds. For more than one of them an arm hides a target
 /// wholly, so that losing it, coasting, searching and finding are in it as well.
@@ -25,8 +25,9 @@ const ARM_IN_THE_WAY: &str = "lumbar:0.1:1.6:1";
 /// The standard scene has two.
 const TARGETS: usize = 2;
 
-/// The coordinates of a row: the target's origin, and the trunk point it carries.
-const COORDINATES: [&str; 6] = ["x_mm", "y_mm", "z_mm", "ap_mm", "ml_mm", "si_mm"];
+/// The numbers of a row: the target's pose, and the trunk point it carries.
+const NUMBERS: [&str; 9] =
+    ["theta1_rad", "theta2_rad", "theta3_rad", "x_mm", "y_mm", "z_mm", "ap_mm", "ml_mm", "si_mm"];
 
 /// What must be the very same: what was seen, and how.
 const IDENTICAL: [&str; 4] = ["frame", "target", "state", "points"];
@@ -61,29 +62,30 @@ pub fn check(toolchain: &Toolchain) -> Result<()> {
         "that is too little for {FRAMES} frames of {TARGETS} targets"
     );
     ensure!(
-        compared.largest_mm <= DIFFERENCE_MM_MAX,
-        "the poses of the two processors differ by {:e} mm, more than {DIFFERENCE_MM_MAX:e}",
-        compared.largest_mm
+        compared.largest <= DIFFERENCE_MAX,
+        "the poses of the two processors differ by {:e} mm or rad, more than {DIFFERENCE_MAX:e}",
+        compared.largest
     );
     Ok(())
 }
 
-/// How two files of poses differ.
+/// How two tables of poses differ.
 #[derive(Debug, PartialEq)]
-struct Compared {
-    rows: usize,
+pub struct Compared {
+    /// All rows.
+    pub rows: usize,
     /// Rows with a pose.
-    poses: usize,
-    /// The largest difference of a coordinate.
-    largest_mm: f64,
+    pub poses: usize,
+    /// The largest difference of a number, mm or rad.
+    pub largest: f64,
 }
 
 impl std::fmt::Display for Compared {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             formatter,
-            "{} poses in {} rows: largest difference of a coordinate {:e} mm",
-            self.poses, self.rows, self.largest_mm
+            "{} poses in {} rows: largest difference of a number {:e} mm or rad",
+            self.poses, self.rows, self.largest
         )
     }
 }
@@ -94,8 +96,8 @@ fn compare(one: &Path, other: &Path) -> Result<Compared> {
         .with_context(|| format!("{} and {}", one.display(), other.display()))
 }
 
-/// Compares the rows of two files in pairs; an error where they tell of different things.
-fn compare_rows(one: &str, other: &str) -> Result<Compared> {
+/// Compares the rows of two tables in pairs; an error where they tell of different things.
+pub fn compare_rows(one: &str, other: &str) -> Result<Compared> {
     let [mut one, mut other] = [one, other].map(|text| csv::Reader::from_reader(text.as_bytes()));
     let header = one.headers()?.clone();
     ensure!(&header == other.headers()?, "the columns differ");
@@ -103,8 +105,8 @@ fn compare_rows(one: &str, other: &str) -> Result<Compared> {
         header.iter().position(|column| column == name).with_context(|| format!("no column {name}"))
     };
     let identical = IDENTICAL.map(column).into_iter().collect::<Result<Vec<_>>>()?;
-    let coordinates = COORDINATES.map(column).into_iter().collect::<Result<Vec<_>>>()?;
-    let mut compared = Compared { rows: 0, poses: 0, largest_mm: 0.0 };
+    let numbers = NUMBERS.map(column).into_iter().collect::<Result<Vec<_>>>()?;
+    let mut compared = Compared { rows: 0, poses: 0, largest: 0.0 };
     let (mut one, mut other) = (one.records(), other.records());
     loop {
         let (left, right) = match (one.next(), other.next()) {
@@ -123,7 +125,7 @@ fn compare_rows(one: &str, other: &str) -> Result<Compared> {
             );
         }
         let mut has_pose = false;
-        for &column in &coordinates {
+        for &column in &numbers {
             let (left, right) = (&left[column], &right[column]);
             if left.is_empty() && right.is_empty() {
                 continue;
@@ -133,7 +135,7 @@ fn compare_rows(one: &str, other: &str) -> Result<Compared> {
                     format!("row {}: {} is {text:?}", compared.rows, &header[column])
                 })
             };
-            compared.largest_mm = compared.largest_mm.max((number(left)? - number(right)?).abs());
+            compared.largest = compared.largest.max((number(left)? - number(right)?).abs());
             has_pose = true;
         }
         compared.poses += usize::from(has_pose);
@@ -144,29 +146,30 @@ fn compare_rows(one: &str, other: &str) -> Result<Compared> {
 mod tests {
     use super::*;
 
-    const HEADER: &str = "frame,time_s,target,state,x_mm,y_mm,z_mm,points,ap_mm,ml_mm,si_mm";
+    const HEADER: &str = "frame,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,points,ap_mm,ml_mm,si_mm";
 
     fn file(rows: &[&str]) -> String {
         format!("{HEADER}\n{}\n", rows.join("\n"))
     }
 
     #[test]
-    fn the_largest_difference_of_all_coordinates_is_told() {
-        let one = file(&["0,0,lumbar,tracking,1,2,1000,30,4,5,6", "0,0,shoulder,lost,,,,0,,,"]);
+    fn the_largest_difference_of_all_numbers_is_told() {
+        let one =
+            file(&["0,lumbar,tracking,7,8,9,1,2,1000,30,4,5,6", "0,shoulder,lost,,,,,,,0,,,"]);
         let same = compare_rows(&one, &one).unwrap();
-        assert_eq!(same, Compared { rows: 2, poses: 1, largest_mm: 0.0 });
-        for (from, to, largest_mm) in
-            [("1000", "1000.000002", 2e-6), (",4,", ",3.5,", 0.5), (",2,", ",2.25,", 0.25)]
+        assert_eq!(same, Compared { rows: 2, poses: 1, largest: 0.0 });
+        for (from, to, largest) in
+            [("1000", "1000.000002", 2e-6), (",4,", ",3.5,", 0.5), (",8,", ",8.25,", 0.25)]
         {
             let other = one.replacen(from, to, 1);
             let compared = compare_rows(&one, &other).unwrap();
-            assert!((compared.largest_mm - largest_mm).abs() < 1e-9, "{to}: {compared}");
+            assert!((compared.largest - largest).abs() < 1e-9, "{to}: {compared}");
         }
     }
 
     #[test]
     fn files_that_tell_of_different_things_do_not_agree() {
-        let row = "0,0,lumbar,tracking,1,2,1000,30,4,5,6";
+        let row = "0,lumbar,tracking,7,8,9,1,2,1000,30,4,5,6";
         let one = file(&[row]);
         for (other, part) in [
             (file(&[row, row]), "only one of them goes on after row 1"),

@@ -73,6 +73,12 @@ impl Task {
         self
     }
 
+    /// As one would type it.
+    #[cfg(test)]
+    pub fn line(&self) -> &str {
+        &self.line
+    }
+
     /// Prints the line and runs it with this program's own input and output.
     pub fn run(mut self) -> Result<()> {
         self.announce();

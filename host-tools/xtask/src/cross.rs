@@ -66,7 +66,15 @@ impl Target {
     const fn compiler_needs(self) -> &'static [Need] {
         match self {
             Self::Aarch64 => AARCH64_COMPILER,
-            Self::Armv7 => ARMV7_COMPILER,
+            Self::Armv7 => BUILT_LIBRARY,
+        }
+    }
+
+    /// What Debian's compiler has to build of the standard library.
+    const fn built_library(self) -> Option<&'static str> {
+        match self {
+            Self::Aarch64 => None,
+            Self::Armv7 => Some("std,panic_abort"),
         }
     }
 
@@ -78,30 +86,21 @@ impl Target {
     /// Installs what is missing, and tells how to build.
     pub fn toolchain(self) -> Result<Toolchain> {
         setup::ensure(&[setup::LINKER, setup::VIDEO, self.linking_needs()])?;
-        let compiler = if self.is_installed_by_rustup() {
-            Compiler::Rustup
-        } else {
-            if !setup::are_there(self.compiler_needs()) {
-                let triple = self.triple();
-                println!(
-                    "This Rust cannot build for {triple}: Debian's is taken. \
-                     Instead, `rustup target add {triple}` does where its download works."
-                );
-            }
-            setup::ensure(&[self.compiler_needs()])?;
-            Compiler::Debian
-        };
+        let compiler = Compiler::of(self.triple(), self.compiler_needs())?;
         Ok(Toolchain { target: self, compiler })
     }
-
-    fn is_installed_by_rustup(self) -> bool {
-        let compiler = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-        let sysroot = Task::new(compiler).args(["--print", "sysroot"]).output();
-        sysroot.is_ok_and(|path| {
-            Path::new(path.trim()).join("lib/rustlib").join(self.triple()).join("lib").is_dir()
-        })
-    }
 }
+
+/// Rust's standard library for processors that Debian has none of.
+pub const BUILT_LIBRARY: &[Need] = &[
+    RUSTC,
+    CARGO,
+    Need {
+        probe: Probe::Package("rust-web-src"),
+        package: "rust-web-src",
+        why: "Rust's standard library, to be built for another processor",
+    },
+];
 
 const AARCH64_LINKING: &[Need] = &[
     Need {
@@ -149,16 +148,6 @@ const ARMV7_LINKING: &[Need] = &[
     },
 ];
 
-const ARMV7_COMPILER: &[Need] = &[
-    RUSTC,
-    CARGO,
-    Need {
-        probe: Probe::Package("rust-web-src"),
-        package: "rust-web-src",
-        why: "Rust's standard library, to be built for 32-bit ARM",
-    },
-];
-
 const RUSTC: Need = Need {
     probe: Probe::Package("rustc-web"),
     package: "rustc-web",
@@ -173,10 +162,57 @@ const CARGO: Need = Need {
 
 /// Whose compiler and standard library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Compiler {
+pub enum Compiler {
     /// The one that runs this program.
     Rustup,
+    /// Debian's, with a standard library of its own or one that is built.
     Debian,
+}
+
+impl Compiler {
+    /// rustup's where it has a standard library for `triple`, else Debian's, for which
+    /// `needs` are installed.
+    pub fn of(triple: &str, needs: &[Need]) -> Result<Self> {
+        let compiler = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+        let sysroot = Task::new(compiler).args(["--print", "sysroot"]).output();
+        let is_installed = sysroot.is_ok_and(|path| {
+            Path::new(path.trim()).join("lib/rustlib").join(triple).join("lib").is_dir()
+        });
+        if is_installed {
+            return Ok(Self::Rustup);
+        }
+        if !setup::are_there(needs) {
+            println!(
+                "This Rust cannot build for {triple}: Debian's is taken. \
+                 Instead, `rustup target add {triple}` does where its download works."
+            );
+        }
+        setup::ensure(&[needs])?;
+        Ok(Self::Debian)
+    }
+
+    /// Its cargo; `built` names what of the standard library is to be built, where it does
+    /// not come with it.
+    pub fn cargo(self, built: Option<&str>) -> Task {
+        match self {
+            Self::Rustup => Task::cargo(),
+            Self::Debian => Self::environment(built)
+                .into_iter()
+                .fold(Task::new("/usr/bin/cargo"), |task, (name, value)| task.env(name, value)),
+        }
+    }
+
+    /// Debian's, as cargo is told.
+    fn environment(built: Option<&str>) -> Vec<(&'static str, &str)> {
+        let mut environment = vec![("RUSTC", "/usr/bin/rustc"), ("RUSTDOC", "/usr/bin/rustdoc")];
+        if let Some(built) = built {
+            // Building the standard library is not stable, and needs no more than this: the
+            // sources are those of the very compiler.
+            environment.push(("RUSTC_BOOTSTRAP", "1"));
+            environment.push(("CARGO_UNSTABLE_BUILD_STD", built));
+        }
+        environment
+    }
 }
 
 /// Where a program finds its C library.
@@ -231,10 +267,7 @@ impl Toolchain {
     /// A cargo whose `build`, `test` and `run` are for the target. Its tests and
     /// runs happen under QEMU, which wants [`Linking::Static`].
     pub fn cargo(&self, linking: Linking) -> Task {
-        let task = match self.compiler {
-            Compiler::Rustup => Task::cargo(),
-            Compiler::Debian => Task::new("/usr/bin/cargo"),
-        };
+        let task = self.compiler.cargo(self.target.built_library());
         self.environment(linking).iter().fold(task, |task, (name, value)| task.env(name, value))
     }
 
@@ -261,16 +294,6 @@ impl Toolchain {
         ];
         if let Linking::Root(root) = linking {
             environment.extend(self.headers_and_libraries(root));
-        }
-        if self.compiler == Compiler::Debian {
-            environment.push(("RUSTC".into(), "/usr/bin/rustc".into()));
-            environment.push(("RUSTDOC".into(), "/usr/bin/rustdoc".into()));
-            if self.target == Target::Armv7 {
-                // Building the standard library is not stable, and needs no more than
-                // this: the sources are those of the very compiler.
-                environment.push(("RUSTC_BOOTSTRAP".into(), "1".into()));
-                environment.push(("CARGO_UNSTABLE_BUILD_STD".into(), "std,panic_abort".into()));
-            }
         }
         environment
     }
@@ -329,15 +352,14 @@ mod tests {
 
     #[test]
     fn only_debians_compiler_for_armv7_builds_the_standard_library() {
-        for (target, compiler, built) in [
-            (Target::Armv7, Compiler::Debian, Some("std,panic_abort")),
-            (Target::Armv7, Compiler::Rustup, None),
-            (Target::Aarch64, Compiler::Debian, None),
+        for (target, compiler, starts) in [
+            (Target::Armv7, Compiler::Debian, "CARGO_UNSTABLE_BUILD_STD=std,panic_abort "),
+            (Target::Armv7, Compiler::Rustup, "cargo"),
+            (Target::Aarch64, Compiler::Debian, "RUSTDOC=/usr/bin/rustdoc RUSTC=/usr/bin/rustc "),
         ] {
-            let environment = Toolchain { target, compiler }.environment(Linking::Static);
-            assert_eq!(value(&environment, "CARGO_UNSTABLE_BUILD_STD"), built);
-            let rustc = (compiler == Compiler::Debian).then_some("/usr/bin/rustc");
-            assert_eq!(value(&environment, "RUSTC"), rustc);
+            let cargo = compiler.cargo(target.built_library());
+            let line = cargo.line();
+            assert!(line.starts_with(starts), "{line}");
         }
     }
 

@@ -12,6 +12,7 @@
 
 mod agreement;
 mod bare;
+mod bare_metal;
 mod bench;
 mod beside;
 mod command;

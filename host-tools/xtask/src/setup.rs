@@ -74,6 +74,13 @@ pub const QEMU_SYSTEM: &[Need] = &[Need {
     why: "the computer that the box's image is booted on",
 }];
 
+/// An emulated board with a microcontroller.
+pub const QEMU_MICROCONTROLLER: &[Need] = &[Need {
+    probe: Probe::Program("qemu-system-arm"),
+    package: "qemu-system-arm",
+    why: "the board with a Cortex-M7 that the core runs on",
+}];
+
 /// A part of the Rust toolchain that a minimal installation leaves out.
 struct Component {
     name: &'static str,
@@ -150,7 +157,9 @@ pub fn ensure_components() -> Result<()> {
 }
 
 fn install(missing: &[&Need]) -> Result<()> {
-    let packages: Vec<&str> = missing.iter().map(|need| need.package).collect();
+    let mut packages: Vec<&str> = missing.iter().map(|need| need.package).collect();
+    packages.sort_unstable();
+    packages.dedup();
     let apt_is_there = is_there(Probe::Program("apt-get"));
     let access = if !apt_is_there {
         Access::None

@@ -13,7 +13,7 @@ use clap::ValueEnum;
 
 use crate::command::{Task, root};
 use crate::cross::{Linking, Target};
-use crate::{agreement, bare, image, setup};
+use crate::{agreement, bare, bare_metal, image, setup};
 
 /// What `cargo xtask test` takes.
 #[derive(clap::Args)]
@@ -37,6 +37,8 @@ enum Part {
     Arm,
     /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
     Armhf,
+    /// The core as firmware, on an emulated 64-bit ARM board and on one with a Cortex-M7.
+    BareMetal,
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
     Boot,
@@ -52,6 +54,7 @@ impl Part {
             }
             Self::Arm => Target::Aarch64.prepare(),
             Self::Armhf => Target::Armv7.prepare(),
+            Self::BareMetal => bare_metal::prepare(),
             Self::Boot => {
                 setup::ensure(&[setup::QEMU_SYSTEM])?;
                 image::prepare()
@@ -64,6 +67,7 @@ impl Part {
             Self::Native => native(journal),
             Self::Arm => arm(journal)?,
             Self::Armhf => armhf(journal)?,
+            Self::BareMetal => bare_metal(journal),
             Self::Boot => boot(journal),
         }
         Ok(())
@@ -123,6 +127,12 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     let core = ["test", "--package", "plumbline", "--lib", "--no-fail-fast"];
     journal.tests("armhf tests", cargo.args(core));
     Ok(())
+}
+
+/// The core on computers with nothing else on them.
+fn bare_metal(journal: &mut Journal) {
+    journal.check("virt", || bare_metal::check(&bare_metal::VIRT));
+    journal.check("mps2-an500", || bare_metal::check(&bare_metal::MPS2_AN500));
 }
 
 /// The boot of a box with a camera, which prints its figures as the bench's programs do.

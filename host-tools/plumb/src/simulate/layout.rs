@@ -20,10 +20,12 @@ pub enum LensChoice {
     Wide,
     /// A USB camera of 1280 x 720: the same view as the others, f 1150 px, mildly distorted.
     Hd,
+    /// A microcontroller's camera of 640 x 480: the same view, f 767 px, mildly distorted.
+    Vga,
 }
 
 impl LensChoice {
-    /// The whole camera: a 1456 x 1088 global-shutter sensor of 3.45 um pixels, but for `Hd`.
+    /// The whole camera: a 1456 x 1088 global-shutter sensor of 3.45 um pixels, but for `Hd` and `Vga`.
     #[must_use]
     pub fn lens(self) -> Lens {
         let standard = Lens {
@@ -62,6 +64,17 @@ impl LensChoice {
                 distortion: Distortion::Radial2([-0.12, 0.05]),
                 ..standard
             },
+            // So do these.
+            Self::Vga => Lens {
+                width_px: 640,
+                height_px: 480,
+                fx_px: 767.0,
+                fy_px: 767.0,
+                cx_px: 321.3,
+                cy_px: 238.1,
+                distortion: Distortion::Radial2([-0.12, 0.05]),
+                ..standard
+            },
         }
     }
 
@@ -70,7 +83,7 @@ impl LensChoice {
     #[must_use]
     pub fn distance_mm(self) -> f64 {
         match self {
-            Self::None | Self::Mild | Self::Hd => 1000.0,
+            Self::None | Self::Mild | Self::Hd | Self::Vga => 1000.0,
             Self::Wide => 600.0,
         }
     }

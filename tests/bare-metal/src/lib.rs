@@ -1,0 +1,107 @@
+//! What the boards and this machine do alike: one stored frame is measured again and again,
+//! and the poses are written as rows of a table.
+//!
+//! First the whole frame is searched, then the targets are tracked in it. A number is written
+//! with as many digits as it takes to read the very same bits again, so that two tables can be
+//! compared exactly.
+#![no_std]
+
+use core::fmt::{self, Write};
+
+use plumbline::config::{Config, ConfigError};
+use plumbline::image::GreyImage;
+use plumbline::pipeline::Pipeline;
+use plumbline::report::Report;
+use plumbline::scene::Anatomical;
+use plumbline::target::Role;
+
+/// The blob of `plumb provision`, in the directory of what is stored.
+pub const CONFIG_FILE: &str = "box.plb";
+
+/// The recording of `plumb simulate`: one frame.
+pub const RECORDING_FILE: &str = "frames.y4m";
+
+/// One search, and enough of tracking to trust an expected pose.
+pub const STEPS: u32 = 5;
+
+/// Of a camera with 60 frames per second.
+const STEP_NS: u64 = 16_666_667;
+
+const COLUMNS: &str = "frame,target,state,points,theta1_rad,theta2_rad,theta3_rad,\
+                       x_mm,y_mm,z_mm,ap_mm,ml_mm,si_mm";
+
+/// Why there is no table.
+#[derive(Debug)]
+pub enum NoTable {
+    /// The configuration.
+    Config(ConfigError),
+    /// The recording is shorter than a frame of the camera's size.
+    Recording,
+    /// The table cannot be written.
+    Output,
+}
+
+impl From<ConfigError> for NoTable {
+    fn from(error: ConfigError) -> Self {
+        Self::Config(error)
+    }
+}
+
+impl From<fmt::Error> for NoTable {
+    fn from(_: fmt::Error) -> Self {
+        Self::Output
+    }
+}
+
+/// Measures the frame of a recording [`STEPS`] times and writes a row per step and target.
+///
+/// `step` is to call [`Pipeline::step`] with what it is given; whoever passes it may measure
+/// the call.
+///
+/// # Errors
+/// What cannot be read or written.
+pub fn measure(
+    pipeline: &mut Pipeline,
+    config: &Config,
+    recording: &[u8],
+    out: &mut impl Write,
+    mut step: impl FnMut(&mut Pipeline, &GreyImage<'_>, u64) -> Report,
+) -> Result<(), NoTable> {
+    pipeline.configure(config)?;
+    let [width, height] = [config.lens.width_px, config.lens.height_px].map(usize::from);
+    // A recording ends with its last frame.
+    let start = recording.len().checked_sub(width * height).ok_or(NoTable::Recording)?;
+    let frame = GreyImage::new(&recording[start..], width, height, width)
+        .map_err(|_| NoTable::Recording)?;
+    writeln!(out, "{COLUMNS}")?;
+    for number in 0..STEPS {
+        let report = step(pipeline, &frame, u64::from(number) * STEP_NS);
+        write_rows(out, number, config, &report)?;
+    }
+    Ok(())
+}
+
+/// One row per target, with the columns of `poses.csv`.
+fn write_rows(out: &mut impl Write, number: u32, config: &Config, report: &Report) -> fmt::Result {
+    for (target, seen) in config.targets.iter().zip(&report.targets) {
+        write!(out, "{number},{},{}", target.name, seen.state.word())?;
+        let Ok(measured) = &seen.measurement else {
+            writeln!(out, ",0,,,,,,,,,")?;
+            continue;
+        };
+        write!(out, ",{}", measured.corners)?;
+        for value in measured.cam_from_target.theta() {
+            write!(out, ",{value}")?;
+        }
+        let trunk = match seen.role {
+            Role::Upper => report.upper_trunk,
+            Role::Lower => report.lower_trunk,
+            Role::Scene => None,
+        };
+        match trunk {
+            Some(Anatomical { ap_mm, ml_mm, si_mm }) => writeln!(out, ",{ap_mm},{ml_mm},{si_mm}")?,
+            None => writeln!(out, ",,,")?,
+        }
+    }
+    Ok(())
+}
