@@ -15,7 +15,6 @@ use crate::limits::CORNERS_MAX;
 mod detect;
 mod direction;
 mod kernel;
-pub mod refine;
 mod ring;
 #[cfg(test)]
 pub(crate) mod tests;
