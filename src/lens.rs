@@ -8,8 +8,7 @@
 //!
 //! The distortion is either the paper's two-coefficient radial one (Zhang 2000)
 //! or Brown's with k1 k2 p1 p2 k3, in OpenCV's order and meaning, so that OpenCV
-//! and ROS calibrations can be used as they are. An *undistorted pixel* is K
-//! applied to the ray itself: where the point would be without distortion.
+//! and ROS calibrations can be used as they are.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};

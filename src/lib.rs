@@ -10,8 +10,8 @@
 //! # Data flow
 //!
 //! ```text
-//! frame ─▶ windows around the predicted corners ─▶ corners, raw pixels
-//!       ─▶ undistorted pixels (look-up table) ─▶ warm-started Levenberg-Marquardt
+//! frame ─▶ the grid's edges near where the last frames expect them: located, then fitted
+//!          to all pixels beside them ─▶ warm-started Levenberg-Marquardt
 //!       ─▶ pose and covariance ─▶ anatomical axes ─▶ packet
 //! ```
 //!

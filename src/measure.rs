@@ -34,7 +34,7 @@ pub struct Measurement {
     /// Root mean square distance, raw pixels, of where the edges are seen from where the
     /// pose puts them, both directions together.
     pub rms_px: f64,
-    /// Corners used: those of which an edge in each direction was.
+    /// Corners used: those of which at least three of the four edges were.
     pub corners: u8,
     /// Corners of the target. Fewer used than it has: a part is hidden.
     pub corners_total: u8,
@@ -82,6 +82,9 @@ pub struct Workspace {
 
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
 const CORNERS_MIN: usize = 6;
+
+/// Edges that a corner has to have of its four.
+const EDGES_OF_CORNER_MIN: u8 = 3;
 
 /// Largest residual of an accepted pose. A good print and calibration give 0.02
 /// to 0.3 px; a wrongly indexed grid several pixels.
@@ -343,20 +346,20 @@ impl Workspace {
         }
     }
 
-    /// The corners at which an edge of each direction ends that was used.
+    /// The corners at which at least three edges end that were used. Two would not do: where
+    /// a dark square at the border ends, an edge of each direction ends too, and a grid shifted
+    /// by a square would look whole.
     fn used_corners(&self, solution: &Solution) -> u128 {
-        let ends = |direction: Direction| {
-            self.edges
-                .iter()
-                .enumerate()
-                .filter(|(place, seen)| {
-                    seen.edge.direction == direction && solution.inliers.contains(*place)
-                })
-                .flat_map(|(_, seen)| seen.edge.nodes)
-                .filter_map(|node| self.nodes.corner(node))
-                .fold(0_u128, |used, corner| used | 1 << corner)
-        };
-        ends(Direction::X) & ends(Direction::Y)
+        let mut ends = [0_u8; TARGET_CORNERS_MAX];
+        for (place, seen) in self.edges.iter().enumerate() {
+            if solution.inliers.contains(place) {
+                for corner in seen.edge.nodes.iter().filter_map(|&node| self.nodes.corner(node)) {
+                    ends[corner] += 1;
+                }
+            }
+        }
+        let used = ends.iter().enumerate().filter(|&(_, &ends)| ends >= EDGES_OF_CORNER_MIN);
+        used.fold(0, |used, (corner, _)| used | 1 << corner)
     }
 }
 

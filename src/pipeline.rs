@@ -1,7 +1,7 @@
 //! The pipeline: owns every buffer, and turns one frame into one report.
 //!
 //! [`Pipeline::step`] first measures the targets whose place is known, in
-//! windows. Only then, when a target is missing, it goes on with the search:
+//! there alone. Only then, when a target is missing, it goes on with the search:
 //! over the whole frame when nothing is tracked, by a small share otherwise.
 //! There is no allocation, no recursion and no loop without a bound in it.
 
@@ -198,7 +198,7 @@ impl Pipeline {
                         fitted.measurement
                     });
                 }
-                // A coasting target keeps the reason that its windows gave.
+                // A coasting target keeps the reason that its edges gave.
                 Err(rejection) if track.state == State::Acquiring => {
                     track.outcome = Err(NoPose::NotFound(*rejection));
                 }

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Acquiring knows nothing: only a search of the whole frame helps. Tracking and
-//! Coasting know a motion, and look in windows around the corners that it
+//! Coasting know a motion, and look for the edges where it
 //! predicts; Coasting has not seen the target in the frame before, and is
 //! searched for in the region around the prediction as well.
 

@@ -4,13 +4,13 @@ use core::mem::size_of;
 use std::collections::BTreeMap;
 
 use plumbline::corner::{CornerList, Detector};
+use plumbline::edge::Batch;
 use plumbline::grid::GridFinder;
-use plumbline::measure::Observations;
+use plumbline::measure::Workspace;
 use plumbline::pipeline::Pipeline;
 use plumbline::search::Search;
-use plumbline::undistort::UndistortionLut;
 
-/// The core's bound, undistortion table included.
+/// The core's bound.
 const TOTAL_BYTES_MAX: usize = 1024 * 1024;
 
 /// What a row may be without a formula of its own.
@@ -58,12 +58,12 @@ fn evaluate(formula: &str) -> usize {
 fn sizes() -> BTreeMap<&'static str, usize> {
     BTreeMap::from([
         ("Pipeline", size_of::<Pipeline>()),
-        ("UndistortionLut", size_of::<UndistortionLut>()),
+        ("Workspace", size_of::<Workspace>()),
+        ("Batch", size_of::<Batch>()),
         ("Search", size_of::<Search>()),
         ("Detector", size_of::<Detector>()),
         ("GridFinder", size_of::<GridFinder>()),
         ("CornerList", size_of::<CornerList>()),
-        ("Observations", size_of::<Observations>()),
     ])
 }
 

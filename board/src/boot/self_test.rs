@@ -3,7 +3,7 @@
 //! does: processor, arithmetic, every buffer. Takes some 10 ms.
 //!
 //! It finds a broken build or machine, not a wrong configuration, which
-//! [`Config::check`] and the building of the undistortion table find.
+//! [`Config::check`] finds.
 
 use std::time::Instant;
 
