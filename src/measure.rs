@@ -234,16 +234,8 @@ impl Workspace {
         }
         let light = Light::measure(view.image, &self.nodes, view.first_square_dark);
         for edge in self.nodes.edges(view.first_square_dark) {
-            let fitted = fit(
-                view.image,
-                view.lens,
-                &self.nodes,
-                cam_from_target,
-                &edge,
-                appearance,
-                light.as_ref(),
-                &mut self.batch,
-            );
+            let fitted =
+                fit(view.image, &self.nodes, &edge, appearance, light.as_ref(), &mut self.batch);
             if let Some((seen, pixels)) = fitted {
                 let _ = self.edges.push(seen);
                 let _ = self.pixels.push(pixels);

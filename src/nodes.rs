@@ -198,16 +198,29 @@ impl Nodes {
     pub fn chord(&self, edge: &Edge) -> Chord {
         let at = |node: usize| self.nodes[node].raw_px;
         let [start, end] = edge.nodes.map(usize::from);
-        let (beside, line, lines) = match edge.direction {
-            Direction::X => (self.columns, start / self.columns, self.rows),
-            Direction::Y => (1, start % self.columns, self.columns),
+        let (row, column) = (start / self.columns, start % self.columns);
+        // From a node to the next one beside the edge and along it, and how many there are.
+        let (beside, line, lines, along, place, places) = match edge.direction {
+            Direction::X => (self.columns, row, self.rows, 1, column, self.columns),
+            Direction::Y => (1, column, self.columns, self.columns, row, self.rows),
         };
         // The lines on both sides; a border has one.
         let before = if line == 0 { 0 } else { beside };
         let after = if line == lines - 1 { 0 } else { beside };
         let next = at(start + after) + at(end + after) - at(start - before) - at(end - before);
         let across_px = next * (0.5 * beside as f64 / (before + after) as f64);
-        Chord { start_px: at(start), end_px: at(end), across_px }
+
+        let chord_px = at(end) - at(start);
+        let right = Vector2::new(-chord_px.y, chord_px.x) / chord_px.norm();
+        // An arc's height over its chord is an eighth of its points' second difference.
+        let bend_at =
+            |node: usize| right.dot(&(at(node) * 2.0 - at(node - along) - at(node + along))) / 8.0;
+        let bend_px = match (place == 0, place + 2 == places) {
+            (true, _) => bend_at(end),
+            (_, true) => bend_at(start),
+            _ => 0.5 * (bend_at(start) + bend_at(end)),
+        };
+        Chord { start_px: at(start), end_px: at(end), across_px, right, bend_px }
     }
 
     /// The longest way of any corner from here to another pose; `None` when one is behind
@@ -237,6 +250,10 @@ pub struct Chord {
     pub end_px: Vector2<f64>,
     /// From here to the next line of its direction, along the crossing lines.
     pub across_px: Vector2<f64>,
+    /// Unit normal, to the right.
+    pub right: Vector2<f64>,
+    /// How far right of the chord's middle the lens (or a bent print) puts the edge.
+    pub bend_px: f64,
 }
 
 /// A node's place on the target. Those beyond the corners go on in a straight line.

@@ -41,9 +41,7 @@ use super::light::{Levels, Light};
 use super::profile::blurred_step;
 use super::{CONTRAST_MIN, SeenEdge};
 use crate::image::{GreyImage, Pixel};
-use crate::lens::Lens;
 use crate::nodes::{Chord, Direction, Edge, Nodes};
-use crate::pose::{Cam, Pose, Target};
 
 /// How the camera shows a target's edges; what one frame finds serves the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -137,9 +135,7 @@ const PIVOT_RATIO_MIN: f64 = 1e-3;
 /// a noise of 1. `None` where no edge of its colours is, or too little of it.
 pub fn fit<P: Pixel>(
     image: &GreyImage<'_, P>,
-    lens: &Lens,
     nodes: &Nodes,
-    cam_from_target: &Pose<Cam, Target>,
     edge: &Edge,
     appearance: &Appearance,
     light: Option<&Light>,
@@ -147,15 +143,12 @@ pub fn fit<P: Pixel>(
 ) -> Option<(SeenEdge, PixelFit)> {
     let chord = nodes.chord(edge);
     let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
-    let middle_mm = (ends[0].point_target_mm + ends[1].point_target_mm) * 0.5;
-    let curve_px = lens.project(&cam_from_target.transform(&middle_mm))?;
     let blur_px = appearance.blur_px(edge.direction);
-    let region = Region::new(&chord, &curve_px, blur_px)?;
-    let right = region.right;
+    let region = Region::new(&chord, blur_px)?;
     let mut sums = region.sums(image, batch)?;
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
     if let Some(light) = light {
-        sums.add_levels(&light.at(&curve_px), sign);
+        sums.add_levels(&light.at(&((chord.start_px + chord.end_px) * 0.5)), sign);
     }
     let regression = Regression::new(&sums)?;
     let half_contrast = regression.coefficients[STEP] * sign;
@@ -173,7 +166,7 @@ pub fn fit<P: Pixel>(
     let whitener = regression.factor.map(|value| value * per_px.abs());
     let [shift, turn] = regression.seen.map(|value| value * per_px.signum());
     let growth = whitener[0] * sign * appearance.growth_px;
-    let seen = SeenEdge::new(*edge, ends, &right, whitener, [shift - growth, turn]);
+    let seen = SeenEdge::new(*edge, ends, &chord.right, whitener, [shift - growth, turn]);
     let pixels = PixelFit {
         noise_variance: regression.noise_variance as f32,
         ln_blur: (regression.coefficients[BLUR] / (sign * half_contrast)) as f32,
@@ -230,7 +223,6 @@ struct Region {
     /// From there to the exact middle.
     middle: [f32; 2],
     along: [f32; 2],
-    right: Vector2<f64>,
     per_length: f32,
     per_blur: f32,
     /// The lens's bend in the middle of the edge, to its right, px.
@@ -261,11 +253,11 @@ impl HalfPlane {
 
 impl Region {
     /// `None` where the blur leaves nothing of the edge, or it is outside every frame.
-    fn new(chord: &Chord, curve_px: &Vector2<f64>, blur_px: f64) -> Option<Self> {
+    fn new(chord: &Chord, blur_px: f64) -> Option<Self> {
         let chord_px = chord.end_px - chord.start_px;
         let length_px = chord_px.norm();
         let along = chord_px / length_px;
-        let right = Vector2::new(-along.y, along.x);
+        let right = chord.right;
         let middle_px = (chord.start_px + chord.end_px) * 0.5;
         let spacing_px = chord.across_px.dot(&right).abs();
         // Distances from the crossing lines shrink by the sine of the angle to them.
@@ -300,10 +292,9 @@ impl Region {
                 (middle_px.y - origin[1] as f64) as f32,
             ],
             along: [along.x as f32, along.y as f32],
-            right,
             per_length: (1.0 / length_px) as f32,
             per_blur: (1.0 / blur_px) as f32,
-            bend_px: right.dot(&(curve_px - middle_px)) as f32,
+            bend_px: chord.bend_px as f32,
             reach_rows: reach_rows as f32,
             sides,
         })
@@ -396,6 +387,12 @@ pub struct Batch {
     blur: Column,
     slope: Column,
     turn: Column,
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Batch {

@@ -33,8 +33,7 @@ const SIGMA_PX: f64 = 0.2;
 pub fn locate<P: Pixel>(image: &GreyImage<'_, P>, nodes: &Nodes, edge: &Edge) -> Option<SeenEdge> {
     let chord = nodes.chord(edge);
     let along = chord.end_px - chord.start_px;
-    let length_px = along.norm();
-    let right = Vector2::new(-along.y, along.x) / length_px;
+    let right = chord.right;
     // The pixels' line: along the picture's axis that is nearer to the normal.
     let is_row = right.x.abs() > right.y.abs();
     let slant = if is_row { right.x } else { right.y };

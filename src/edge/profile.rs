@@ -12,7 +12,7 @@ const REACH: f32 = 3.2;
 /// the step's half height inside, 1.4e-3 (and constant) beyond: below the noise of any
 /// sensor, and odd, so that it cannot move an edge.
 const COEFFICIENTS: [f32; 6] =
-    [0.797_244_06, -0.131_062_15, 0.018_275_095, -0.001_722_625_0, 9.539_856_7e-5, -2.297_245_0e-6];
+    [0.797_244_1, -0.131_062_15, 0.018_275_095, -0.001_722_625, 9.539_856_7e-5, -2.297_245e-6];
 
 /// E at `x`, and dE/dx.
 #[inline(always)]

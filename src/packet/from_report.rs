@@ -1,6 +1,8 @@
 //! A report as a packet: f64 inside, what the wire carries outside.
 
-use super::pose::{AnatomicalPoint, MarkedInstant, MeasuredPose, PosePacket, TargetPacket};
+use super::pose::{
+    AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, PosePacket, TargetPacket, pairs,
+};
 use crate::measure::Measurement;
 use crate::report::{Report, TargetReport};
 use crate::scene::Anatomical;
@@ -36,10 +38,18 @@ impl From<&Measurement> for MeasuredPose {
     fn from(measurement: &Measurement) -> Self {
         let angles = measurement.cam_from_target.euler();
         let rad = [angles.theta1_rad, angles.theta2_rad, angles.theta3_rad];
+        let covariance = &measurement.covariance;
+        let sd = |axis: usize| libm::sqrt(covariance[(axis, axis)]);
+        let mut correlations = [0.0; CORRELATIONS];
+        for ((i, j), correlation) in pairs().zip(&mut correlations) {
+            *correlation = (covariance[(i, j)] / (sd(i) * sd(j))) as f32;
+        }
         Self {
             theta_rad: rad.map(|angle| angle as f32),
             translation_mm: measurement.cam_from_target.translation_mm.map(|mm| mm as f32).into(),
             sd_mm: measurement.sd_mm().map(|mm| mm as f32).into(),
+            sd_rad: [0, 1, 2].map(|axis| sd(axis) as f32),
+            correlations,
             rms_px: measurement.rms_px as f32,
             corners: measurement.corners,
         }

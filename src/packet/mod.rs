@@ -25,10 +25,10 @@
 //!
 //! # Size
 //!
-//! A pose packet of two targets is at most 128 bytes on a serial line, of three
-//! targets at most 164; both hold for every value, and a test computes them. At
-//! 60 Hz two targets take 7,680 of the 11,520 bytes per second of 115,200 baud,
-//! three take 9,840.
+//! A pose packet of two targets is at most 170 bytes on a serial line, of three
+//! targets at most 227; both hold for every value, and a test computes them. At
+//! 60 Hz two targets take 10,200 of the 11,520 bytes per second of 115,200 baud;
+//! three take 13,620 and want 230,400 baud. A quarter of it is the covariance.
 //!
 //! Outside bytes never panic, whatever they are.
 
@@ -51,7 +51,8 @@ pub use message::{
     ResetReason, TargetInfo,
 };
 pub use pose::{
-    AnatomicalPoint, MarkedInstant, MeasuredPose, PosePacket, RMS_STEP_PX, SD_STEP_MM, TargetPacket,
+    AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, PosePacket, RMS_STEP_PX,
+    SD_STEP_MM, TargetPacket,
 };
 
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
@@ -62,6 +63,8 @@ pub const PROTOCOL_VERSION: u8 = 1;
 /// Changes by itself when the shape of any message changes.
 pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
     pose::SD_STEPS_PER_MM as u64,
+    pose::SD_STEPS_PER_RAD as u64,
+    pose::CORRELATION_STEPS as u64,
     pose::RMS_STEPS_PER_PX as u64,
     TARGETS_MAX as u64,
     NAME_BYTES_MAX as u64,
@@ -72,7 +75,10 @@ pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
 ]);
 
 /// One message, in either direction.
-// The large variants are the frequent ones, and one message at a time is held.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "the large one is the frequent one, and one message at a time is held"
+)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Message {
     /// One frame's result.

@@ -1,6 +1,7 @@
 //! The pose packet: one frame's result in as few bytes as its precision needs.
 
 use heapless::Vec;
+use nalgebra::Matrix6;
 use postcard_schema::Schema;
 use postcard_schema::schema::NamedType;
 use serde::{Deserialize, Serialize};
@@ -11,6 +12,15 @@ use crate::target::Role;
 
 /// Steps of a standard deviation on the wire, per millimetre.
 pub(super) const SD_STEPS_PER_MM: u16 = 10_000;
+
+/// Steps of an angle's standard deviation on the wire, per radian: 65 mrad at most.
+pub(super) const SD_STEPS_PER_RAD: f32 = 1e6;
+
+/// Steps of a correlation on the wire.
+pub(super) const CORRELATION_STEPS: i8 = 127;
+
+/// Correlations between six numbers.
+pub const CORRELATIONS: usize = 15;
 
 /// Steps of a reprojection error on the wire, per pixel.
 pub(super) const RMS_STEPS_PER_PX: u16 = 10_000;
@@ -59,11 +69,40 @@ pub struct MeasuredPose {
     pub translation_mm: [f32; 3],
     /// Standard deviations of x, y, z; sent in steps of [`SD_STEP_MM`].
     pub sd_mm: [f32; 3],
+    /// Standard deviations of small turns about the target's x, y and z axes; sent in
+    /// steps of a microradian.
+    pub sd_rad: [f32; 3],
+    /// Correlations of the three turns and x, y, z, in this order: the upper triangle of
+    /// their matrix, row by row; sent in steps of 1/127.
+    pub correlations: [f32; CORRELATIONS],
     /// Reprojection error, root mean square of the residuals' lengths; sent in
     /// steps of [`RMS_STEP_PX`].
     pub rms_px: f32,
     /// Corners used; how many the target has is in the [`Hello`](super::Hello).
     pub corners: u8,
+}
+
+impl MeasuredPose {
+    /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the increments of
+    /// [`crate::pose::Pose::moved_by`].
+    #[must_use]
+    pub fn covariance(&self) -> Matrix6<f64> {
+        let sd = |axis: usize| match axis {
+            0..3 => f64::from(self.sd_rad[axis]),
+            _ => f64::from(self.sd_mm[axis - 3]),
+        };
+        let mut covariance = Matrix6::from_fn(|i, j| if i == j { sd(i) * sd(i) } else { 0.0 });
+        for ((i, j), &correlation) in pairs().zip(&self.correlations) {
+            covariance[(i, j)] = f64::from(correlation) * sd(i) * sd(j);
+            covariance[(j, i)] = covariance[(i, j)];
+        }
+        covariance
+    }
+}
+
+/// Places of the upper triangle of a 6 x 6, row by row, without the diagonal.
+pub(super) fn pairs() -> impl Iterator<Item = (usize, usize)> {
+    (0..6).flat_map(|i| (i + 1..6).map(move |j| (i, j)))
 }
 
 /// One target in one frame.
@@ -103,6 +142,8 @@ struct MeasuredPoseWire {
     theta_rad: [f32; 3],
     translation_mm: [f32; 3],
     sd_steps: [[u8; 2]; 3],
+    sd_turn_steps: [[u8; 2]; 3],
+    correlation_steps: [i8; CORRELATIONS],
     rms_steps: [u8; 2],
     corners: u8,
 }
@@ -139,15 +180,15 @@ impl core::fmt::Display for NotFinite {
 }
 
 /// Fixed point, rounded; what is too large, or not a number, is the largest.
-fn steps(value: f32, steps_per_unit: u16) -> [u8; 2] {
-    let scaled = value * f32::from(steps_per_unit) + 0.5;
+fn steps(value: f32, steps_per_unit: f32) -> [u8; 2] {
+    let scaled = value * steps_per_unit + 0.5;
     // `as` saturates at both ends, and NaN, which it would make 0, goes up here.
     let steps = if scaled.is_nan() { u16::MAX } else { scaled as u16 };
     steps.to_le_bytes()
 }
 
-fn from_steps(steps: [u8; 2], steps_per_unit: u16) -> f32 {
-    f32::from(u16::from_le_bytes(steps)) / f32::from(steps_per_unit)
+fn from_steps(steps: [u8; 2], steps_per_unit: f32) -> f32 {
+    f32::from(u16::from_le_bytes(steps)) / steps_per_unit
 }
 
 impl From<MeasuredPose> for MeasuredPoseWire {
@@ -155,8 +196,14 @@ impl From<MeasuredPose> for MeasuredPoseWire {
         Self {
             theta_rad: pose.theta_rad,
             translation_mm: pose.translation_mm,
-            sd_steps: pose.sd_mm.map(|sd_mm| steps(sd_mm, SD_STEPS_PER_MM)),
-            rms_steps: steps(pose.rms_px, RMS_STEPS_PER_PX),
+            sd_steps: pose.sd_mm.map(|sd_mm| steps(sd_mm, SD_STEPS_PER_MM.into())),
+            sd_turn_steps: pose.sd_rad.map(|sd_rad| steps(sd_rad, SD_STEPS_PER_RAD)),
+            // Rounded away from 0 by half a step; `as` saturates, and makes 0 of a NaN.
+            correlation_steps: pose.correlations.map(|correlation| {
+                let scaled = correlation * f32::from(CORRELATION_STEPS);
+                (scaled + libm::copysignf(0.5, scaled)) as i8
+            }),
+            rms_steps: steps(pose.rms_px, RMS_STEPS_PER_PX.into()),
             corners: pose.corners,
         }
     }
@@ -172,8 +219,12 @@ impl TryFrom<MeasuredPoseWire> for MeasuredPose {
         Ok(Self {
             theta_rad: wire.theta_rad,
             translation_mm: wire.translation_mm,
-            sd_mm: wire.sd_steps.map(|sd| from_steps(sd, SD_STEPS_PER_MM)),
-            rms_px: from_steps(wire.rms_steps, RMS_STEPS_PER_PX),
+            sd_mm: wire.sd_steps.map(|sd| from_steps(sd, SD_STEPS_PER_MM.into())),
+            sd_rad: wire.sd_turn_steps.map(|sd| from_steps(sd, SD_STEPS_PER_RAD)),
+            correlations: wire
+                .correlation_steps
+                .map(|steps| f32::from(steps) / f32::from(CORRELATION_STEPS)),
+            rms_px: from_steps(wire.rms_steps, RMS_STEPS_PER_PX.into()),
             corners: wire.corners,
         })
     }

@@ -17,6 +17,8 @@ const POSE: MeasuredPose = MeasuredPose {
     theta_rad: [0.1, -0.2, 3.0],
     translation_mm: [-12.5, 80.0, 1000.06],
     sd_mm: [0.0012, 0.0013, 0.025],
+    sd_rad: [0.000_12, 0.000_11, 0.000_03],
+    correlations: [0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
     rms_px: 0.0312,
     corners: 29,
 };
@@ -185,10 +187,10 @@ fn a_packet_that_ends_in_zero_needs_its_room_too() {
 fn the_longest_packets_keep_their_bounds() {
     // Every field of a pose packet has a fixed width once it is there, so that
     // the packet with everything there is the longest.
-    assert_eq!(frame(&Message::Pose(pose(2))).len(), 128);
-    assert_eq!(frame(&Message::Pose(pose(3))).len(), 164);
+    assert_eq!(frame(&Message::Pose(pose(2))).len(), 170);
+    assert_eq!(frame(&Message::Pose(pose(3))).len(), 227);
     let lengths: StdVec<_> = longest_messages().iter().map(|m| frame(m).len()).collect();
-    assert_eq!(lengths, [164, 168, 102, 189, 26, 16, 16, 16, 16, 46, 21, 16, 17, 84]);
+    assert_eq!(lengths, [227, 168, 102, 189, 26, 16, 16, 16, 16, 46, 21, 16, 17, 84]);
     // Shorter buffers are refused, and nothing is written past them.
     for message in longest_messages() {
         let length = frame(&message).len();
@@ -387,6 +389,36 @@ fn standard_deviations_are_rounded_and_saturate() {
     let back = back.targets[0].pose.unwrap();
     assert_eq!(back.sd_mm, [0.0123, 6.5535, 6.5535]);
     assert_eq!(back.rms_px, 6.5535);
+}
+
+#[test]
+fn a_covariance_comes_back_to_its_steps() {
+    let mut covariance = nalgebra::Matrix6::zeros();
+    let sd = [1.2e-4, 0.9e-4, 3.4e-5, 0.004, 0.005, 0.031];
+    for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
+        let correlation = if i == j { 1.0 } else { 0.9 / (1.0 + (i + j) as f64) };
+        covariance[(i, j)] = correlation * sd[i] * sd[j];
+    }
+    let measurement = crate::measure::Measurement {
+        cam_from_target: crate::pose::Pose::identity(),
+        covariance,
+        rms_px: 0.05,
+        corners: 30,
+        corners_total: 30,
+    };
+    let mut packet = pose(1);
+    packet.targets[0].pose = Ok((&measurement).into());
+    let Ok(Message::Pose(back)) = decode_datagram(&datagram(&Message::Pose(packet))) else {
+        panic!("a pose packet was sent");
+    };
+    let back = back.targets[0].pose.unwrap().covariance();
+    for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
+        // Half a step of a correlation, 0.004, and half a step of each deviation: 1.4 %
+        // of the smallest turn, 1.3 % of the smallest distance.
+        let error = (back[(i, j)] - covariance[(i, j)]).abs() / (sd[i] * sd[j]);
+        assert!(error < 0.04, "{error} at {i}, {j}");
+    }
+    assert_eq!(back, back.transpose());
 }
 
 #[test]

@@ -27,6 +27,8 @@ fn pose(sequence: u32) -> Message {
         theta_rad: [0.1, -0.2, 0.3],
         translation_mm: [12.5, -80.25, 1000.06],
         sd_mm: [0.0012, 0.0013, 0.025],
+        sd_rad: [0.000_12, 0.000_11, 0.000_03],
+        correlations: [0.0; 15],
         rms_px: 0.0312,
         corners: 18,
     };
