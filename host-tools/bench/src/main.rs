@@ -35,7 +35,7 @@ const SEARCH_EVERY: usize = 5;
 const FALSE_MM: f64 = 20.0;
 
 /// Half widths of windows in which the paper's step is tried.
-const PAPER_WINDOWS_PX: RangeInclusive<usize> = 3..=9;
+const PAPER_WINDOWS_PX: RangeInclusive<usize> = 3..=10;
 
 /// For so long after its start a kernel has work of its own left, which would share
 /// the processor with what is measured.
