@@ -52,7 +52,7 @@ fn corner<P: Pixel>(
     radius_px: usize,
 ) -> Option<Vector2<f64>> {
     let mut found_px = *expected_px;
-    for _ in 0..WINDOWS_MAX {
+    for window in 0..WINDOWS_MAX {
         let (x, y) = image.window_centre(found_px.into(), radius_px)?;
         let offset_px = step(image, [x, y], radius_px)?;
         found_px = Vector2::new(x as f64, y as f64) + offset_px;
@@ -60,8 +60,9 @@ fn corner<P: Pixel>(
         if (found_px - expected_px).amax() > radius_px as f64 {
             return None;
         }
-        // A little beyond the half: noise must not send the window to and fro.
-        if offset_px.amax() <= 0.75 {
+        // Between two pixels noise must not send the window to and fro.
+        let enough_px = if window == 0 { 0.5 } else { 0.75 };
+        if offset_px.amax() <= enough_px {
             return Some(found_px);
         }
     }

@@ -97,7 +97,8 @@ fn tracking<P: Pixel>(bench: &Bench<P>, known: &[Known]) -> Result<()> {
         }
         frames.push(parts);
     }
-    let parts: [(&str, fn(&Parts) -> Duration); 4] = [
+    type Part = fn(&Parts) -> Duration;
+    let parts: [(&str, Part); 4] = [
         ("stage_locate", |parts| parts.locate),
         ("stage_light", |parts| parts.light),
         ("stage_fit", |parts| parts.fit),
