@@ -48,7 +48,7 @@ except ImportError as error:
     )
 
 # The standard scene of `plumb simulate`.
-BLACK, WHITE, BACKGROUND = 60.0, 180.0, 90.0
+BLACK, WHITE, BACKGROUND = 20.0, 220.0, 90.0
 BLUR_PX = 0.6
 NOISE, NOISE_AT_GREY, READ_VARIANCE_SHARE = 2.0, 120.0, 0.25
 

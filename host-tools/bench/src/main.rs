@@ -10,8 +10,8 @@
 
 use std::env;
 use std::fs;
-use std::hint::black_box;
 use std::io::Read;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::process::{self, ExitCode};
 use std::thread;
@@ -20,18 +20,22 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use nalgebra::Vector3;
 use plumbline::config::Config;
-use plumbline::corner::{CornerList, Detector};
-use plumbline::grid::{GridFinder, GridRejection};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Report;
+
+mod paper;
+mod stages;
 
 /// Frames between two searches of the whole frame that are measured.
 const SEARCH_EVERY: usize = 5;
 
 /// A pose further from the truth than this is of something else.
 const FALSE_MM: f64 = 20.0;
+
+/// Half widths of windows in which the paper's step is tried.
+const PAPER_WINDOWS_PX: RangeInclusive<usize> = 3..=10;
 
 /// For so long after its start a kernel has work of its own left, which would share
 /// the processor with what is measured.
@@ -69,6 +73,7 @@ fn measure() -> Result<()> {
 fn words(plane: &[u8]) -> Vec<u16> {
     plane.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect()
 }
+
 /// A recording with its truth, in memory, so that no file is read between frames.
 struct Bench<P> {
     config: Config,
@@ -107,7 +112,8 @@ impl<P: Pixel> Bench<P> {
         println!("pipeline_bytes\t{}", size_of::<Pipeline>());
         self.tracking()?;
         self.searching()?;
-        self.stages()
+        self.paper();
+        stages::measure(self)
     }
 
     fn view(&self, frame: usize) -> GreyImage<'_, P> {
@@ -137,7 +143,7 @@ impl<P: Pixel> Bench<P> {
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
-            errors.add(&self.truth[frame], &report);
+            errors.add(&self.truth[frame], poses(&report));
         }
         say_times("tracking", &mut times);
         errors.say("tracking");
@@ -155,36 +161,50 @@ impl<P: Pixel> Bench<P> {
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
-            errors.add(&self.truth[frame], &report);
+            errors.add(&self.truth[frame], poses(&report));
         }
         say_times("search", &mut times);
         errors.say("search");
         Ok(())
     }
 
-    /// The parts of `step`, on their own.
-    fn stages(&self) -> Result<()> {
-        let mut detector = Box::new(Detector::new());
-        let mut corners = Box::new(CornerList::new());
-        let mut finder = Box::new(GridFinder::new());
-        let wanted: Vec<_> =
-            self.config.targets.iter().map(|target| target.geometry.shape()).collect();
-        let (mut detections, mut grids) = (Vec::new(), Vec::new());
-        for frame in (0..self.frames.len()).step_by(SEARCH_EVERY) {
-            let view = self.view(frame);
-            corners.clear();
-            let start = Instant::now();
-            detector.detect(&view, 0..view.width(), 0..view.height(), &mut corners);
-            detections.push(start.elapsed());
-            let mut found: Vec<_> = wanted.iter().map(|_| Err(GridRejection::NoLattice)).collect();
-            let start = Instant::now();
-            finder.find(&view, corners.as_slice(), &wanted, &mut found);
-            grids.push(start.elapsed());
-        }
-        say_times("stage_detector", &mut detections);
-        say_times("stage_grid", &mut grids);
-        Ok(())
+    /// The published baseline while both targets are tracked, with the window of the least
+    /// spread of those tried.
+    fn paper(&self) {
+        let runs = PAPER_WINDOWS_PX.map(|radius_px| {
+            let (times, errors) = self.paper_run(radius_px);
+            (radius_px, times, errors)
+        });
+        let best = runs.min_by(|(.., one), (.., other)| one.spread().total_cmp(&other.spread()));
+        let (radius_px, mut times, errors) = best.expect("at least one window");
+        println!("paper_window_px\t{radius_px}");
+        say_times("paper", &mut times);
+        errors.say("paper");
     }
+
+    fn paper_run(&self, radius_px: usize) -> (Vec<Duration>, Errors<'_>) {
+        let mut times = Vec::new();
+        let mut errors = Errors::new(&self.config);
+        for frame in 1..self.frames.len() {
+            let (view, lens) = (self.view(frame), &self.config.lens);
+            let targets = self.config.targets.iter().zip(&self.truth[frame - 1]);
+            let start = Instant::now();
+            let poses: Vec<_> = targets
+                .map(|(target, before)| {
+                    paper::pose(&view, lens, &target.geometry, before, radius_px)
+                })
+                .collect();
+            times.push(start.elapsed());
+            errors.add(&self.truth[frame], poses);
+        }
+        (times, errors)
+    }
+}
+
+/// The poses that a report holds.
+fn poses(report: &Report) -> impl Iterator<Item = Option<Pose<Cam, Target>>> + '_ {
+    let measured = report.targets.iter().map(|target| target.measurement.as_ref().ok());
+    measured.map(|found| found.map(|found| found.cam_from_target))
 }
 
 fn read_frames<P>(
@@ -245,29 +265,32 @@ impl<'a> Errors<'a> {
         Self { config, targets: vec![(Vec::new(), 0); config.targets.len()] }
     }
 
-    fn add(&mut self, truth: &[Pose<Cam, Target>], report: &Report) {
-        for ((errors, lost), (target, truth)) in
-            self.targets.iter_mut().zip(report.targets.iter().zip(truth))
+    fn add(
+        &mut self,
+        truth: &[Pose<Cam, Target>],
+        found: impl IntoIterator<Item = Option<Pose<Cam, Target>>>,
+    ) {
+        for ((errors, lost), (found, truth)) in
+            self.targets.iter_mut().zip(found.into_iter().zip(truth))
         {
-            let error_mm = target
-                .measurement
-                .as_ref()
-                .map(|found| found.cam_from_target.translation_mm - truth.translation_mm);
+            let error_mm = found.map(|found| found.translation_mm - truth.translation_mm);
             match error_mm {
-                Ok(error_mm) if error_mm.norm() < FALSE_MM => errors.push(error_mm),
+                Some(error_mm) if error_mm.norm() < FALSE_MM => errors.push(error_mm),
                 _ => *lost += 1,
             }
         }
+    }
+
+    /// Of the depth, all targets together.
+    fn spread(&self) -> f64 {
+        self.targets.iter().map(|(errors, _)| mean_and_spread(errors)[1].z).sum()
     }
 
     /// Depth has no axis in its name.
     fn say(&self, run: &str) {
         for (target, (errors, lost)) in self.config.targets.iter().zip(&self.targets) {
             let name = &target.name;
-            let count = errors.len() as f64;
-            let mean = errors.iter().sum::<Vector3<f64>>() / count;
-            let squares = errors.iter().map(|error| (error - mean).map(|value| value * value));
-            let spread = (squares.sum::<Vector3<f64>>() / count).map(f64::sqrt) * 1.96;
+            let [mean, spread] = mean_and_spread(errors);
             println!("{run}_spread_mm:{name}\t{:.4}", spread.z);
             println!("{run}_spread_x_mm:{name}\t{:.4}", spread.x);
             println!("{run}_spread_y_mm:{name}\t{:.4}", spread.y);
@@ -275,6 +298,14 @@ impl<'a> Errors<'a> {
             println!("{run}_lost:{name}\t{lost}");
         }
     }
+}
+
+/// Of each axis; the spread is 1.96 standard deviations.
+fn mean_and_spread(errors: &[Vector3<f64>]) -> [Vector3<f64>; 2] {
+    let count = errors.len() as f64;
+    let mean = errors.iter().sum::<Vector3<f64>>() / count;
+    let squares = errors.iter().map(|error| (error - mean).map(|value| value * value));
+    [mean, (squares.sum::<Vector3<f64>>() / count).map(f64::sqrt) * 1.96]
 }
 
 fn say_times(what: &str, times: &mut [Duration]) {

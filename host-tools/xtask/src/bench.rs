@@ -1,10 +1,11 @@
 //! `cargo xtask bench`: the figures of README.md.
 //!
 //! `plumb simulate` renders the standard scene. On those frames the core is
-//! measured by `host-tools/bench/src/main.rs` and OpenCV by
-//! `host-tools/bench/opencv_chain.py`. Both print lines `name, tab, value`; here
-//! they become tables. The core is measured on frames of other forms as well, and
-//! on an emulated ARM board, in instructions.
+//! measured by `host-tools/bench/src/main.rs`, with the paper's chain beside it, and
+//! OpenCV by `host-tools/bench/opencv_chain.py`; `host-tools/bench/limit.py` says how good
+//! any method could be. All print lines `name, tab, value`; here they become tables. The
+//! core is measured on frames of other forms as well, and on an emulated ARM board, in
+//! instructions.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -46,8 +47,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let directory = target_directory().join("bench-frames");
     render(&directory, arguments.frames, &[])?;
-    let plumbline = measure(&directory)?;
-    let opencv = if Task::new("python3").args(["-c", "import cv2, numpy"]).output().is_ok() {
+    let mut plumbline = measure(&directory)?;
+    plumbline.append(&mut limit(&directory, &[])?);
+    let opencv = if python_has("cv2, numpy") {
         let script = root().join("host-tools/bench/opencv_chain.py");
         let chain = Task::new("python3").args([&script, &directory]);
         Some(figures_of(|each_line| chain.run_and_read(each_line))?)
@@ -101,6 +103,23 @@ fn measure(directory: &Path) -> Result<Figures> {
     figures_of(|each_line| bench.run_and_read(each_line))
 }
 
+/// The Cramer-Rao bounds of what was rendered into a directory; `options` are those of
+/// `plumb simulate` that matter. Nothing where Python cannot calculate them.
+fn limit(directory: &Path, options: &[&str]) -> Result<Figures> {
+    if !python_has("numpy, scipy") {
+        println!("No Cramer-Rao bound: this machine's python3 has no numpy or no scipy");
+        return Ok(Figures::new());
+    }
+    let script = root().join("host-tools/bench/limit.py");
+    let bound = Task::new("python3").args([&script, directory]).args(options);
+    figures_of(|each_line| bound.run_and_read(each_line))
+}
+
+/// Whether python3 has all of these modules.
+fn python_has(modules: &str) -> bool {
+    Task::new("python3").args(["-c", &format!("import {modules}")]).output().is_ok()
+}
+
 /// What `run` prints as `name, tab, value`.
 fn figures_of(run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>) -> Result<Figures> {
     let mut figures = Figures::new();
@@ -129,6 +148,22 @@ fn times(figures: &Figures, run: &str) -> Result<String> {
 fn instructions(figures: &Figures, run: &str) -> Result<String> {
     let thousands = get(figures, &format!("{run}_median_us"))?.parse::<f64>()?;
     Ok(format!("{:.2}", thousands / 1e3))
+}
+
+/// The Cramer-Rao bound of a target's depth, mm.
+fn limit_mm(figures: &Figures, target: &str) -> Result<String> {
+    let Some(bound) = figures.get(&format!("limit_mm:{target}")) else {
+        return Ok("not calculated".into());
+    };
+    Ok(format!("{:.3}", bound.parse::<f64>()?))
+}
+
+/// The median of one run as a share of another's.
+fn share(figures: &Figures, run: &str, of_figures: &Figures, of_run: &str) -> Result<String> {
+    let median = |figures: &Figures, run: &str| -> Result<f64> {
+        Ok(get(figures, &format!("{run}_median_us"))?.parse()?)
+    };
+    Ok(format!("{:.2}", median(figures, run)? / median(of_figures, of_run)?))
 }
 
 /// The targets' cells of the table of spreads, and the frames without a pose.
@@ -170,20 +205,33 @@ fn tables(
         |run: &str| opencv.map_or(Ok("not measured".into()), |figures| times(figures, run));
     writeln!(
         text,
-        "| both targets, ms per frame, median / worst | Plumbline | OpenCV | million aarch64 instructions |"
+        "| both targets, ms per frame, median / worst | Plumbline | the paper's chain | OpenCV | million aarch64 instructions |"
     )?;
-    writeln!(text, "|---|---:|---:|---:|")?;
+    writeln!(text, "|---|---:|---:|---:|---:|")?;
     for (what, run, opencv_run) in [
         ("**a tracked frame** (`step`)", "tracking", Some("warm")),
-        ("its windows: corners, undistortion", "stage_windows", None),
-        ("its fits: pose and covariance", "stage_fit", None),
+        ("its edges located", "stage_locate", None),
+        ("its light", "stage_light", None),
+        ("its edges fitted to their pixels", "stage_fit", None),
+        ("its poses solved", "stage_solve", None),
         ("**a search of the whole frame** (`step`)", "search", Some("search")),
         ("its detector", "stage_detector", None),
         ("its grid finder", "stage_grid", None),
+        ("its poses, from corners to fitted edges", "stage_acquire", None),
     ] {
+        let papers = if run == "tracking" { times(plumbline, "paper")? } else { String::new() };
         let theirs = opencv_run.map_or(Ok(String::new()), theirs)?;
         let count = arm.map_or(Ok("not counted".into()), |figures| instructions(figures, run))?;
-        writeln!(text, "| {what} | {} | {theirs} | {count} |", times(plumbline, run)?)?;
+        writeln!(text, "| {what} | {} | {papers} | {theirs} | {count} |", times(plumbline, run)?)?;
+    }
+    if let Some(figures) = opencv {
+        for (what, run, opencv_run) in [
+            ("a tracked frame, share of OpenCV's (at most 0.5, aim 0.25)", "tracking", "warm"),
+            ("a search, share of OpenCV's (at most 0.5)", "search", "search"),
+        ] {
+            let share = share(plumbline, run, figures, opencv_run)?;
+            writeln!(text, "| {what} | {share} | | 1 | |")?;
+        }
     }
 
     let targets: Vec<&str> =
@@ -195,8 +243,16 @@ fn tables(
         targets.join(" | ")
     )?;
     writeln!(text, "|---|{}---:|", "---:|".repeat(targets.len()))?;
+    let bounds: Result<Vec<_>> = targets.iter().map(|target| limit_mm(plumbline, target)).collect();
+    writeln!(text, "| Cramer-Rao bound, for any method | {} | |", bounds?.join(" | "))?;
     writeln!(text, "| Plumbline, tracking | {} |", spreads(plumbline, "tracking", &targets)?)?;
     writeln!(text, "| Plumbline, search | {} |", spreads(plumbline, "search", &targets)?)?;
+    let window = get(plumbline, "paper_window_px")?;
+    writeln!(
+        text,
+        "| the paper's corners (+-{window} px, its best) and fit, from the true pose before | {} |",
+        spreads(plumbline, "paper", &targets)?
+    )?;
     if let Some(figures) = opencv {
         let window = get(figures, "warm_window_px")?;
         writeln!(
@@ -224,7 +280,7 @@ fn tables(
     let bytes: usize = get(plumbline, "pipeline_bytes")?.parse()?;
     write!(
         text,
-        "\nStatic memory of the core: {} KiB, undistortion table included ([memory.md](memory.md)).",
+        "\nStatic memory of the core: {} KiB ([memory.md](memory.md)).",
         bytes.div_ceil(1024)
     )?;
     Ok(text)

@@ -43,6 +43,13 @@ pub struct SimulateArguments {
     /// Noise at mid grey, standard deviation in grey levels; photon and read noise together
     #[arg(long, value_name = "LEVELS", default_value_t = 2.0)]
     pub noise: f64,
+    /// Grey of the prints' black, of 255; toner reflects about a tenth of what paper does, and
+    /// stray light adds to it: 60 with a white of 180 is a picture in poor light
+    #[arg(long, value_name = "GREY", default_value_t = 20.0)]
+    pub black: f64,
+    /// Grey of the prints' white, of 255; above some 240 the brightest pixels are cut off
+    #[arg(long, value_name = "GREY", default_value_t = 220.0)]
+    pub white: f64,
     /// The lens's blur, standard deviation in pixels
     #[arg(long, value_name = "PX", default_value_t = 0.6)]
     pub psf: f64,
@@ -94,6 +101,8 @@ impl SimulateArguments {
             bits: form.bits(),
             lens: self.lens,
             distance_mm: self.distance,
+            black: self.black,
+            white: self.white,
             gradient: self.gradient,
             occlusions: self.occlude.clone(),
             ..SimulationSettings::default()

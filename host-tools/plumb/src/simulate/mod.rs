@@ -43,7 +43,9 @@ use self::sensor::{Sample, Sensor};
 use self::sway::{Sway, SwaySettings};
 
 /// What is simulated. The default is the standard scene: 1456 x 1088, f 1740 px,
-/// 12 mm pitch, 1 m, PSF 0.6 px, noise 2 levels, 8 bits, 60 Hz.
+/// 12 mm pitch, 1 m, PSF 0.6 px, noise 2 levels, 8 bits, 60 Hz, prints of 20 and 220 of
+/// 255: paper exposed to 86 % of the sensor's range, as in a camera that was set up, and
+/// toner that reflects a tenth of it. In poor light it is 60 and 180.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulationSettings {
     /// Frames per second.
@@ -60,9 +62,9 @@ pub struct SimulationSettings {
     pub lens: LensChoice,
     /// From the camera to the back; `None`: the lens's own.
     pub distance_mm: Option<f64>,
-    /// Grey of the prints' black.
+    /// Grey of the prints' black, in levels of 255.
     pub black: f64,
-    /// Grey of the prints' white.
+    /// Grey of the prints' white, in levels of 255.
     pub white: f64,
     /// How much brighter the frame's right edge is than its left one, relative
     /// to the middle: 0.2 is 10 % more and 10 % less.
@@ -83,8 +85,8 @@ impl Default for SimulationSettings {
             bits: 8,
             lens: LensChoice::default(),
             distance_mm: None,
-            black: 60.0,
-            white: 180.0,
+            black: 20.0,
+            white: 220.0,
             gradient: 0.0,
             sway: SwaySettings::default(),
             occlusions: Vec::new(),

@@ -1,12 +1,12 @@
 //! What the form of the frames does to the precision: 8 bits, 10 bits, 8 bits after
-//! JPEG, and frames that are not the project's own drawing.
+//! JPEG, poor light, and frames that are not the project's own drawing.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Result;
 
-use super::{Figures, figures_of, get, measure, render};
+use super::{Figures, figures_of, get, limit, limit_mm, measure, python_has, render};
 use crate::command::{Task, root, target_directory};
 
 /// A row's name, and the figures of its frames.
@@ -19,15 +19,23 @@ const MITSUBA_FRAMES: u32 = 120;
 /// What is in `directory` is replaced.
 pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec<Row>> {
     let mut rows = vec![("8 bits".to_owned(), plain.clone())];
-    for (name, options) in [
-        ("10 bits", ["--bits", "10"]),
-        ("8 bits, after JPEG of quality 95", ["--jpeg", "95"]),
-        ("8 bits, lens without distortion", ["--lens", "none"]),
-    ] {
-        render(directory, frames, &options)?;
-        rows.push((name.to_owned(), measure(directory)?));
+    // With the options that the bound must know as well. JPEG can only raise it.
+    let (bits, light) = (["--bits", "10"], ["--black", "60", "--white", "180"]);
+    let forms: [(_, &[_], &[_]); 4] = [
+        ("8 bits, poor light (60 and 180)", &light, &light),
+        ("10 bits", &bits, &bits),
+        ("8 bits, after JPEG of quality 95", &["--jpeg", "95"], &[]),
+        ("8 bits, lens without distortion", &["--lens", "none"], &[]),
+    ];
+    let mut bounds = Figures::new();
+    for (name, options, options_of_bound) in forms {
+        render(directory, frames, options)?;
+        bounds = limit(directory, options_of_bound)?;
+        let mut figures = measure(directory)?;
+        figures.extend(bounds.clone());
+        rows.push((name.to_owned(), figures));
     }
-    if Task::new("python3").args(["-c", "import mitsuba"]).output().is_ok() {
+    if python_has("mitsuba") {
         // Of the same scene as the last ones.
         let script = root().join("host-tools/bench/mitsuba_scene.py");
         let plumb = target_directory().join("release/plumb");
@@ -35,7 +43,8 @@ pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec
             .args([&script, directory, &directory.join("mitsuba")])
             .args(["--frames", &frames.min(MITSUBA_FRAMES).to_string()])
             .args(["--plumb".as_ref(), plumb.as_os_str()]);
-        let figures = figures_of(|each_line| drawn.run_and_read(each_line))?;
+        let mut figures = figures_of(|each_line| drawn.run_and_read(each_line))?;
+        figures.append(&mut bounds);
         let name = format!("the same, drawn by Mitsuba {}", get(&figures, "version")?);
         rows.push((name, figures));
     } else {
@@ -47,8 +56,8 @@ pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec
 /// One row per form and target.
 pub fn table(rows: &[Row], targets: &[&str]) -> Result<String> {
     let mut text = String::from(
-        "| tracking, errors of the position in mm | target | depth, +-1.96 SD | x, +-1.96 SD | y, +-1.96 SD | depth, mean | poses missing | frames |\n\
-         |---|---|---:|---:|---:|---:|---:|---:|\n",
+        "| tracking, errors of the position in mm | target | depth, +-1.96 SD | its bound | x, +-1.96 SD | y, +-1.96 SD | depth, mean | poses missing | frames |\n\
+         |---|---|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for (name, figures) in rows {
         for target in targets {
@@ -57,8 +66,9 @@ pub fn table(rows: &[Row], targets: &[&str]) -> Result<String> {
             };
             writeln!(
                 text,
-                "| {name} | {target} | {:.3} | {:.3} | {:.3} | {:+.3} | {} | {} |",
+                "| {name} | {target} | {:.3} | {} | {:.3} | {:.3} | {:+.3} | {} | {} |",
                 mm("spread")?,
+                limit_mm(figures, target)?,
                 mm("spread_x")?,
                 mm("spread_y")?,
                 mm("bias")?,
@@ -77,7 +87,7 @@ mod tests {
     #[test]
     fn each_form_has_a_row_per_target() {
         let figures = figures_of(|each_line| {
-            for figure in ["frames\t300", "tracking_lost:lumbar\t2"] {
+            for figure in ["frames\t300", "tracking_lost:lumbar\t2", "limit_mm:lumbar\t0.0234"] {
                 each_line(figure);
             }
             for figure in ["spread", "spread_x", "spread_y", "bias"] {
@@ -87,7 +97,7 @@ mod tests {
         });
         let rows = [("10 bits".to_owned(), figures.unwrap())];
         let text = table(&rows, &["lumbar"]).unwrap();
-        let row = "| 10 bits | lumbar | -0.043 | -0.043 | -0.043 | -0.043 | 2 | 300 |\n";
+        let row = "| 10 bits | lumbar | -0.043 | 0.023 | -0.043 | -0.043 | -0.043 | 2 | 300 |\n";
         assert!(text.ends_with(row), "{text}");
         assert!(table(&rows, &["shoulder"]).unwrap_err().to_string().contains("shoulder"));
     }

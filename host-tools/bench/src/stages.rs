@@ -1,0 +1,175 @@
+//! The parts of `Pipeline::step`, each on its own.
+//!
+//! What is measured mirrors `plumbline::measure::Workspace`, whose parts nobody else
+//! needs, on the same public functions: one pass, which nearly every frame takes, for
+//! both targets. It starts from the true pose of the frame before.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use plumbline::corner::{CornerList, Detector};
+use plumbline::edge::{Appearance, Batch, Light, SeenEdge, fit, locate};
+use plumbline::grid::{GridFinder, GridRejection};
+use plumbline::image::Pixel;
+use plumbline::measure::{View, Workspace, mirror_image};
+use plumbline::nodes::Nodes;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::solve::solve;
+
+use crate::{Bench, SEARCH_EVERY, say_times};
+
+/// Levenberg-Marquardt iterations, on located edges and on fitted ones.
+const ITERATIONS: usize = 2;
+
+/// Measures and prints them all.
+pub fn measure<P: Pixel>(bench: &Bench<P>) -> Result<()> {
+    let known = searching(bench)?;
+    tracking(bench, &known)
+}
+
+/// What a search tells the tracking of a target.
+struct Known {
+    appearance: Appearance,
+    first_square_dark: bool,
+}
+
+/// The parts of a search; returns what the last one found of each target.
+fn searching<P: Pixel>(bench: &Bench<P>) -> Result<Vec<Known>> {
+    let targets = &bench.config.targets;
+    let mut detector = Box::new(Detector::new());
+    let mut corners = Box::new(CornerList::new());
+    let mut finder = Box::new(GridFinder::new());
+    let mut workspace = Box::new(Workspace::new());
+    let wanted: Vec<_> = targets.iter().map(|target| target.geometry.shape()).collect();
+    let [mut detector_times, mut grid_times, mut acquire_times] = [const { Vec::new() }; 3];
+    let mut known = None;
+    for frame in (0..bench.frames.len()).step_by(SEARCH_EVERY) {
+        let image = bench.view(frame);
+        corners.clear();
+        let start = Instant::now();
+        detector.detect(&image, 0..image.width(), 0..image.height(), &mut corners);
+        detector_times.push(start.elapsed());
+        let mut grids: Vec<_> = wanted.iter().map(|_| Err(GridRejection::NoLattice)).collect();
+        let start = Instant::now();
+        finder.find(&image, corners.as_slice(), &wanted, &mut grids);
+        grid_times.push(start.elapsed());
+        let start = Instant::now();
+        let found = targets.iter().zip(&grids).map(|(target, grid)| {
+            let grid = grid.as_ref().ok()?;
+            let first_square_dark = grid.first_square_dark;
+            let (lens, target) = (&bench.config.lens, &target.geometry);
+            let view = View { image: &image, lens, target, first_square_dark };
+            let fitted = workspace.acquire(&view, grid, corners.as_slice()).ok()?;
+            Some(Known { appearance: fitted.appearance, first_square_dark })
+        });
+        let found: Option<Vec<_>> = found.collect();
+        acquire_times.push(start.elapsed());
+        known = found.or(known);
+    }
+    say_times("stage_detector", &mut detector_times);
+    say_times("stage_grid", &mut grid_times);
+    say_times("stage_acquire", &mut acquire_times);
+    known.context("no search found all targets")
+}
+
+/// Time spent in each part while one frame is tracked. Before edges are located, and before
+/// the light is measured, the grid is projected; each has its projection in it.
+#[derive(Default)]
+struct Parts {
+    locate: Duration,
+    light: Duration,
+    fit: Duration,
+    solve: Duration,
+}
+
+/// The parts of a tracked frame.
+fn tracking<P: Pixel>(bench: &Bench<P>, known: &[Known]) -> Result<()> {
+    let mut tracker = Tracker { nodes: Nodes::new(), batch: Batch::new() };
+    let mut frames = Vec::new();
+    for frame in 1..bench.frames.len() {
+        let mut parts = Parts::default();
+        for (target, known) in known.iter().enumerate() {
+            let expected = &bench.truth[frame - 1][target];
+            tracker
+                .track(bench, frame, target, known, expected, &mut parts)
+                .with_context(|| format!("frame {frame}: no pose"))?;
+        }
+        frames.push(parts);
+    }
+    type Part = fn(&Parts) -> Duration;
+    let parts: [(&str, Part); 4] = [
+        ("stage_locate", |parts| parts.locate),
+        ("stage_light", |parts| parts.light),
+        ("stage_fit", |parts| parts.fit),
+        ("stage_solve", |parts| parts.solve),
+    ];
+    for (name, part) in parts {
+        let mut times: Vec<_> = frames.iter().map(part).collect();
+        say_times(name, &mut times);
+    }
+    Ok(())
+}
+
+struct Tracker {
+    nodes: Nodes,
+    batch: Batch,
+}
+
+impl Tracker {
+    /// As `Workspace::track` goes about it; its bookkeeping is left out.
+    fn track<P: Pixel>(
+        &mut self,
+        bench: &Bench<P>,
+        frame: usize,
+        target: usize,
+        known: &Known,
+        expected: &Pose<Cam, Target>,
+        parts: &mut Parts,
+    ) -> Option<()> {
+        let (image, lens) = (&bench.view(frame), &bench.config.lens);
+        let target = &bench.config.targets[target].geometry;
+        let Self { nodes, batch } = self;
+        let start = Instant::now();
+        if !nodes.project(lens, target, expected) {
+            return None;
+        }
+        let located: Vec<SeenEdge> = nodes
+            .edges(known.first_square_dark)
+            .filter_map(|edge| locate(image, nodes, &edge))
+            .collect();
+        parts.locate += start.elapsed();
+
+        let start = Instant::now();
+        let rough = solve(expected, &located, ITERATIONS).ok()?.cam_from_target;
+        parts.solve += start.elapsed();
+
+        let start = Instant::now();
+        if !nodes.project(lens, target, &rough) {
+            return None;
+        }
+        let light = Light::measure(image, nodes, known.first_square_dark);
+        parts.light += start.elapsed();
+
+        let start = Instant::now();
+        let appearance = &known.appearance;
+        let (mut fitted, mut variances): (Vec<SeenEdge>, Vec<f32>) = nodes
+            .edges(known.first_square_dark)
+            .filter_map(|edge| {
+                fit(image, lens, nodes, &rough, &edge, appearance, light.as_ref(), batch)
+            })
+            .map(|(seen, pixels)| (seen, pixels.noise_variance))
+            .unzip();
+        parts.fit += start.elapsed();
+
+        variances.sort_unstable_by(f32::total_cmp);
+        let noise = f64::from(*variances.get(variances.len() / 2)?).sqrt();
+        fitted.iter_mut().for_each(|seen| seen.scale_uncertainty(noise));
+        let start = Instant::now();
+        black_box(solve(&rough, &fitted, ITERATIONS)).ok()?;
+        // The mirrored pose may well have no solution.
+        let _ = black_box(solve(&mirror_image(&rough), &fitted, ITERATIONS));
+        parts.solve += start.elapsed();
+        Some(())
+    }
+}
