@@ -259,6 +259,8 @@ fn point_mm(target: &TargetGeometry, column: usize, row: usize) -> Vector3<f64> 
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
     use super::*;
     use crate::target::{Origin, Role};
     use crate::test_support::bedside_lens;

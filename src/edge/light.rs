@@ -173,3 +173,112 @@ fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec::Vec as Pixels;
+
+    use super::*;
+    use crate::edge::rendered::{HEIGHT, Scene, WHITE, WIDTH, image};
+    use crate::test_support::Random;
+
+    const NOISE: f64 = 0.01;
+
+    fn lit() -> Scene {
+        Scene { light_gain: 0.2, dark_gain: -0.05, ..Scene::new(21.0, 0.2, 0.15) }
+    }
+
+    fn measured(scene: &Scene, pixels: &[u16]) -> Option<Light> {
+        Light::measure(&image(pixels), &scene.nodes(&scene.cam_from_target), true)
+    }
+
+    /// Largest errors of the light and the dark level at the target's corners, parts of white.
+    fn errors(scene: &Scene, light: &Light) -> [f64; 2] {
+        let mut worst = [0.0_f64; 2];
+        for node in scene.nodes(&scene.cam_from_target).as_slice() {
+            let part = node.raw_px.x / f64::from(WIDTH) - 0.5;
+            let levels = light.at(&node.raw_px);
+            let true_light = scene.light + scene.light_gain * part;
+            let true_dark = scene.dark + scene.dark_gain * part;
+            let white = f64::from(WHITE);
+            worst[0] = worst[0].max((levels.light / white - true_light).abs());
+            worst[1] = worst[1].max((levels.dark / white - true_dark).abs());
+        }
+        worst
+    }
+
+    #[test]
+    fn planes_follow_light_and_dark_separately() {
+        let scene = lit();
+        let picture = scene.render();
+        let exact = measured(&scene, &picture.noise_free()).unwrap();
+        let mut random = Random::new(3);
+        let mut squares = [0.0; 2];
+        for _ in 0..100 {
+            let light = measured(&scene, &picture.sampled(NOISE, &mut random)).unwrap();
+            for (square, error) in squares.iter_mut().zip(errors(&scene, &light)) {
+                *square += error * error / 100.0;
+            }
+        }
+        let rms = squares.map(|square| libm::sqrt(square) / NOISE);
+        assert!(errors(&scene, &exact).iter().all(|error| *error < 2e-3));
+        // Ten squares of 49 pixels each: 1 / sqrt(490) = 0.045 of the noise in their middle,
+        // and some four times as much at the worst node, beyond the squares' middles.
+        assert!(rms.iter().all(|rms| *rms < 0.2), "{rms:?}");
+    }
+
+    #[test]
+    fn what_covers_a_third_of_the_squares_changes_nothing() {
+        let scene = lit();
+        let picture = scene.render();
+        let mut pixels = picture.sampled(NOISE, &mut Random::new(4));
+        // A grey hand over the left column and some of the last row.
+        let width = usize::from(WIDTH);
+        for (place, pixel) in pixels.iter_mut().enumerate() {
+            let (x, y) = (place % width, place / width);
+            if x < 70 || (y > 100 && x < 92) {
+                *pixel = WHITE / 2;
+            }
+        }
+        let after = measured(&scene, &pixels).unwrap();
+        // At the worst node, in the noise of one pixel: see above.
+        let worst = errors(&scene, &after).map(|error| error / NOISE);
+        assert!(worst.iter().all(|worst| *worst < 0.7), "{worst:?}");
+    }
+
+    #[test]
+    fn a_plane_is_hardly_believed_where_half_of_its_squares_are_in_the_shade() {
+        let scene = lit();
+        let pixels = scene.render().sampled(NOISE, &mut Random::new(5));
+        let open = measured(&scene, &pixels).unwrap().at(&Vector2::new(100.0, 80.0));
+        let width = usize::from(WIDTH);
+        let shaded: Pixels<u16> = pixels
+            .iter()
+            .enumerate()
+            .map(
+                |(place, &pixel)| {
+                    if place % width + place / width < 180 { pixel / 2 } else { pixel }
+                },
+            )
+            .collect();
+        let levels = measured(&scene, &shaded).unwrap().at(&Vector2::new(100.0, 80.0));
+        assert!(open.light_weight > 20.0 && open.dark_weight > 20.0, "{open:?}");
+        assert!(levels.light_weight < 3.0, "{levels:?}");
+    }
+
+    #[test]
+    fn too_few_squares_are_none() {
+        let scene = lit();
+        let pixels = scene.render().noise_free();
+        // Two columns of squares inside the frame: four of each colour.
+        let moved = Scene { cam_from_target: scene.moved_px([116.0, 0.0]), ..scene.clone() };
+        assert!(measured(&moved, &pixels).is_none());
+        let outside = scene.moved_px([0.0, f64::from(HEIGHT) * 2.0]);
+        assert!(measured(&Scene { cam_from_target: outside, ..scene.clone() }, &pixels).is_none());
+        // Squares whose middle is a single pixel.
+        let tiny = Scene::new(4.5, 0.0, 0.0);
+        assert!(measured(&tiny, &tiny.render().noise_free()).is_none());
+        assert!(Light::measure(&image(&pixels), &Nodes::new(), true).is_none());
+    }
+}

@@ -45,7 +45,9 @@ mod tests {
         }
         // Constant beyond its reach, for any number.
         assert_eq!(blurred_step(1e30), blurred_step(REACH));
-        assert!(blurred_step(REACH).1.abs() < 2e-6);
+        let slope = blurred_step(REACH).1;
+        // Rounding: half a dozen terms of up to 6.
+        assert!(slope.abs() < 6e-6, "{slope}");
     }
 
     #[test]
