@@ -101,6 +101,9 @@ const DOUBT_COST: f64 = 25.0;
 /// Levenberg-Marquardt iterations on located edges, from a prediction.
 const ITERATIONS_LOCATED: usize = 2;
 
+/// Edges that are located at least, where a target has as many.
+const LOCATED_EDGES: usize = 40;
+
 /// On fitted edges, from the pose of the located ones, and from its mirror image.
 const ITERATIONS_FITTED: usize = 2;
 
@@ -185,7 +188,10 @@ impl Workspace {
         if !self.nodes.project(view.lens, view.target, cam_from_target) {
             return Err(NoPose::PoorFit);
         }
-        for edge in self.nodes.edges(view.first_square_dark) {
+        let edges = self.nodes.edges(view.first_square_dark);
+        // Every second one of a usual target is plenty.
+        let stride = (edges.count() / LOCATED_EDGES).max(1);
+        for edge in self.nodes.edges(view.first_square_dark).step_by(stride) {
             if let Some(seen) = locate(view.image, &self.nodes, &edge) {
                 // One per edge of the target: the capacity is never reached.
                 let _ = self.edges.push(seen);

@@ -70,6 +70,8 @@ pub struct Edge {
 /// One square in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Square {
+    /// The node at its lower right.
+    pub node: u8,
     /// Raw pixel of its middle.
     pub middle_px: Vector2<f64>,
     /// Its shorter side.
@@ -186,11 +188,30 @@ impl Nodes {
             // The shorter way between opposite sides.
             let [x, y] = [here + above - left - across, here + left - above - across];
             Square {
+                node: node as u8,
                 middle_px: (here + left + above + across) * 0.25,
                 width_px: 0.5 * libm::sqrt(x.norm_squared().min(y.norm_squared())),
                 is_dark: (node / columns + node % columns).is_multiple_of(2) == first_square_dark,
             }
         })
+    }
+
+    /// The squares on both sides of an edge, by the nodes at their lower right; a border has
+    /// one.
+    pub fn squares_beside(&self, edge: &Edge) -> impl Iterator<Item = u8> {
+        let end = usize::from(edge.nodes[1]);
+        let (has_first, has_second, second) = match edge.direction {
+            Direction::X => {
+                let row = end / self.columns;
+                (row > 0, row + 1 < self.rows, end + self.columns)
+            }
+            Direction::Y => {
+                let column = end % self.columns;
+                (column > 0, column + 1 < self.columns, end + 1)
+            }
+        };
+        let first = has_first.then_some(end as u8);
+        first.into_iter().chain(has_second.then_some(second as u8))
     }
 
     /// The edge in the picture, and the lines next to it.

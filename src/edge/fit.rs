@@ -35,6 +35,8 @@
 //! normal equations are those of shift and turn with the others eliminated: a whitener for
 //! [`crate::solve`].
 
+use core::ops::{Range, RangeInclusive};
+
 use nalgebra::{SMatrix, SVector, Vector2};
 
 use super::light::{Levels, Light};
@@ -147,8 +149,9 @@ pub fn fit<P: Pixel>(
     let region = Region::new(&chord, blur_px)?;
     let mut sums = region.sums(image, batch)?;
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
-    if let Some(light) = light {
-        sums.add_levels(&light.at(&((chord.start_px + chord.end_px) * 0.5)), sign);
+    let middle_px = (chord.start_px + chord.end_px) * 0.5;
+    if let Some(levels) = light.and_then(|light| light.beside(nodes, edge, &middle_px)) {
+        sums.add_levels(&levels, sign);
     }
     let regression = Regression::new(&sums)?;
     let half_contrast = regression.coefficients[STEP] * sign;
@@ -191,6 +194,8 @@ const TURN: usize = 4;
 const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
 
 struct Sums {
+    /// Of what tells of the noise: pixels, and levels known beforehand.
+    count: f64,
     products: [f64; PRODUCTS],
     /// Taken out of all pixels, so that the sums keep their digits.
     base: f64,
@@ -198,8 +203,10 @@ struct Sums {
 
 impl Sums {
     /// Adds what is known of both sides: so many pixels of the right one's level, where E
-    /// is 1, and so many of the left one's, where it is -1.
+    /// is 1, and so many of the left one's, where it is -1. However much they weigh, of the
+    /// noise they tell as two pixels do.
     fn add_levels(&mut self, levels: &Levels, sign: f64) {
+        self.count += 2.0;
         let light = (levels.light - self.base, levels.light_weight, sign);
         let dark = (levels.dark - self.base, levels.dark_weight, -sign);
         for (level, weight, step) in [light, dark] {
@@ -259,32 +266,36 @@ impl Region {
         let along = chord_px / length_px;
         let right = chord.right;
         let middle_px = (chord.start_px + chord.end_px) * 0.5;
+        let across = chord.across_px / chord.across_px.norm();
         let spacing_px = chord.across_px.dot(&right).abs();
         // Distances from the crossing lines shrink by the sine of the angle to them.
-        let sine = spacing_px / chord.across_px.norm();
+        let sine = across.dot(&right);
+        let (across, sine) = if sine < 0.0 { (-across, -sine) } else { (across, sine) };
+        // The crossing lines' normal, along the edge.
+        let crossing = Vector2::new(across.y, -across.x);
         let half_length_px = 0.5 * length_px;
         let used_px = (half_length_px - CLEAR_OF_NODES * blur_px / sine).min(HALF_LENGTH_PX_MAX);
         let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
-        // Written so that a NaN is refused.
-        let is_usable = used_px > 1.0 && width_px > 1.0;
+        // Written so that a NaN is refused, which `min` passes over.
+        let is_usable = used_px > 1.0 && width_px > 1.0 && sine > 0.0 && blur_px.is_finite();
         let is_near = middle_px.iter().all(|value| (0.0..65_536.0).contains(value));
         if !is_usable || !is_near {
             return None;
         }
-        // |u| <= used, |v| <= width, |v| <= sine (half length - |u|).
-        let diagonal_px = sine * half_length_px;
+        // Neither near a crossing line, nor far from this one, nor nearer to a crossing one.
+        let (clear_px, diagonal_px) = (sine * used_px, sine * half_length_px);
         let sides = [
-            HalfPlane::new(along, used_px),
-            HalfPlane::new(-along, used_px),
+            HalfPlane::new(crossing, clear_px),
+            HalfPlane::new(-crossing, clear_px),
             HalfPlane::new(right, width_px),
             HalfPlane::new(-right, width_px),
-            HalfPlane::new(right + along * sine, diagonal_px),
-            HalfPlane::new(right - along * sine, diagonal_px),
-            HalfPlane::new(-right + along * sine, diagonal_px),
-            HalfPlane::new(-right - along * sine, diagonal_px),
+            HalfPlane::new(right + crossing, diagonal_px),
+            HalfPlane::new(right - crossing, diagonal_px),
+            HalfPlane::new(-right + crossing, diagonal_px),
+            HalfPlane::new(-right - crossing, diagonal_px),
         ];
         let origin = [middle_px.x as usize, middle_px.y as usize];
-        let reach_rows = used_px * along.y.abs() + width_px * along.x.abs();
+        let reach_rows = used_px * along.y.abs() + width_px / sine * across.y.abs();
         Some(Self {
             origin,
             middle: [
@@ -300,10 +311,18 @@ impl Region {
         })
     }
 
-    /// The pixels' columns of row `y` (from the middle), first and one past the last, from
-    /// the origin.
+    /// The rows inside a frame, from the origin.
+    fn rows(&self, height: usize) -> RangeInclusive<i32> {
+        let [_, origin] = self.origin.map(|place| place as i32);
+        let [_, y] = self.middle;
+        let first = libm::ceilf(y - self.reach_rows) as i32;
+        let last = libm::floorf(y + self.reach_rows) as i32;
+        first.max(-origin)..=last.min(height as i32 - 1 - origin)
+    }
+
+    /// The columns of row `y` (from the middle) inside a frame.
     #[inline]
-    fn row(&self, y: f32) -> (i32, i32) {
+    fn columns(&self, y: f32, width: usize) -> Range<i32> {
         let (mut low, mut high) = (-1e4_f32, 1e4_f32);
         for side in &self.sides {
             let x = side.at + side.by_y * y;
@@ -313,8 +332,11 @@ impl Region {
                 low = if x > low { x } else { low };
             }
         }
+        let [origin, _] = self.origin.map(|place| place as i32);
         let [x, _] = self.middle;
-        (libm::ceilf(low + x) as i32, libm::floorf(high + x) as i32 + 1)
+        let start = origin + libm::ceilf(low + x) as i32;
+        let end = origin + libm::floorf(high + x) as i32 + 1;
+        start.max(0)..end.min(width as i32)
     }
 
     /// Inner products over all pixels of the region inside the frame.
@@ -328,13 +350,10 @@ impl Region {
         batch.count = 0;
         let [middle_x, middle_y] = self.middle;
         let [along_x, along_y] = self.along;
-        let first = (libm::ceilf(middle_y - self.reach_rows) as i32).max(-(origin_y as i32));
-        let last = libm::floorf(middle_y + self.reach_rows) as i32;
-        for row in first..=last.min((image.height() - 1 - origin_y) as i32) {
+        for row in self.rows(image.height()) {
             let y = row as f32 - middle_y;
-            let (start, end) = self.row(y);
-            let start = (origin_x as i32 + start).max(0);
-            let end = (origin_x as i32 + end).min(image.width() as i32);
+            let columns = self.columns(y, image.width());
+            let (start, end) = (columns.start, columns.end);
             if start >= end {
                 continue;
             }
@@ -354,7 +373,8 @@ impl Region {
             batch.push(pixels, count.min(BATCH_PX), &line);
         }
         products.add(batch, self.bend_px * self.per_blur);
-        Some(Sums { products: products.total(), base: base.into() })
+        let products = products.total();
+        Some(Sums { count: products[0], products, base: base.into() })
     }
 }
 
@@ -550,7 +570,7 @@ struct Regression {
 
 impl Regression {
     /// `None` when the pixels are too few, or do not tell the columns apart.
-    fn new(Sums { products: sums, .. }: &Sums) -> Option<Self> {
+    fn new(&Sums { products: ref sums, count, .. }: &Sums) -> Option<Self> {
         let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
         let mut right = SVector::<f64, COLUMNS>::zeros();
         let mut index = 0;
@@ -563,7 +583,7 @@ impl Regression {
             right[row] = sums[index];
             index += 1;
         }
-        let (count, squares) = (sums[0], sums[index]);
+        let squares = sums[index];
         if count < PIXELS_MIN {
             return None;
         }
@@ -586,3 +606,6 @@ impl Regression {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;

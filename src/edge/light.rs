@@ -4,14 +4,15 @@
 //! fifth of its precision. Where the light falls evenly the whole target knows them far
 //! better. So the middle of each square is looked at first, a plane is fitted to the light
 //! ones and one to the dark ones, and each edge gets their levels as prior knowledge, to
-//! be believed as far as the squares agree with the planes: under a sharp shadow hardly.
+//! be believed as far as the squares agree with the planes, and not at all beside a square
+//! that does not: under a shadow, or behind something.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::image::{GreyImage, Pixel};
-use crate::limits::TARGET_SQUARES_MAX;
-use crate::nodes::Nodes;
+use crate::limits::{TARGET_NODES_MAX, TARGET_SQUARES_MAX};
+use crate::nodes::{Edge, Nodes};
 
 /// Half width of the window in a square's middle: a share of the square, and at most.
 const REACH_SHARE: f64 = 0.2;
@@ -19,6 +20,9 @@ const REACH_PX_MAX: usize = 3;
 
 /// Fewest squares of a colour that make a plane.
 const SQUARES_MIN: usize = 5;
+
+/// Squared deviations within which a square agrees with its plane.
+const AGREEMENT_SQUARE: f64 = 16.0;
 
 /// Reweightings of a plane.
 const ITERATIONS: usize = 4;
@@ -44,6 +48,8 @@ pub struct Light {
     dark: Plane,
     /// Of the pixels within squares, grey levels squared.
     noise_variance: f64,
+    /// The squares, by their nodes, that agree with their colour's plane.
+    agree: [bool; TARGET_NODES_MAX],
 }
 
 /// What is known of the levels at an edge beforehand.
@@ -59,6 +65,7 @@ pub(super) struct Levels {
 /// One square's middle.
 #[derive(Clone, Copy)]
 struct Square {
+    node: u8,
     place: Vector3<f64>,
     level: f64,
 }
@@ -99,25 +106,51 @@ impl Light {
             pixels_per_square = count;
             let offset = (middle_px - origin_px) / 100.0;
             let level = f64::from(base) + mean;
-            let _ = squares[usize::from(square.is_dark)]
-                .push(Square { place: Vector3::new(1.0, offset.x, offset.y), level });
+            let _ = squares[usize::from(square.is_dark)].push(Square {
+                node: square.node,
+                place: Vector3::new(1.0, offset.x, offset.y),
+                level,
+            });
         }
         let noise_variance = noise / noise_count;
         let of_mean = noise_variance / pixels_per_square;
         let floor = DEVIATION_IN_NOISE_MIN * DEVIATION_IN_NOISE_MIN * noise_variance;
         let plane = |squares: &[Square]| Plane::fit(squares, of_mean, floor);
         let (light, dark) = (plane(&squares[0])?, plane(&squares[1])?);
+        let mut agree = [false; TARGET_NODES_MAX];
+        for (plane, squares) in [light, dark].iter().zip(&squares) {
+            for square in squares {
+                let off = square.level - plane.coefficients.dot(&square.place);
+                let is_near = off * off < AGREEMENT_SQUARE * (plane.variance + of_mean);
+                agree[usize::from(square.node)] = is_near;
+            }
+        }
         let sum = light.coefficients.sum() + dark.coefficients.sum() + noise_variance;
         (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0).then_some(Self {
             origin_px,
             light,
             dark,
             noise_variance,
+            agree,
         })
     }
 
-    /// The levels at a place in the picture.
-    pub(super) fn at(&self, raw_px: &Vector2<f64>) -> Levels {
+    /// The levels at an edge whose middle is at a place in the picture; `None` where one of its
+    /// squares does not agree with them.
+    pub(super) fn beside(
+        &self,
+        nodes: &Nodes,
+        edge: &Edge,
+        raw_px: &Vector2<f64>,
+    ) -> Option<Levels> {
+        if nodes.squares_beside(edge).any(|square| !self.agree[usize::from(square)]) {
+            return None;
+        }
+        Some(self.at(raw_px))
+    }
+
+    /// The planes' levels at a place in the picture.
+    fn at(&self, raw_px: &Vector2<f64>) -> Levels {
         let offset = (raw_px - self.origin_px) / 100.0;
         let place = Vector3::new(1.0, offset.x, offset.y);
         Levels {
@@ -172,4 +205,113 @@ fn median(values: &mut [f64]) -> f64 {
     }
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec::Vec as Pixels;
+
+    use super::*;
+    use crate::edge::rendered::{HEIGHT, Scene, WHITE, WIDTH, image};
+    use crate::test_support::Random;
+
+    const NOISE: f64 = 0.01;
+
+    fn lit() -> Scene {
+        Scene { light_gain: 0.2, dark_gain: -0.05, ..Scene::new(21.0, 0.2, 0.15) }
+    }
+
+    fn measured(scene: &Scene, pixels: &[u16]) -> Option<Light> {
+        Light::measure(&image(pixels), &scene.nodes(&scene.cam_from_target), true)
+    }
+
+    /// Largest errors of the light and the dark level at the target's corners, parts of white.
+    fn errors(scene: &Scene, light: &Light) -> [f64; 2] {
+        let mut worst = [0.0_f64; 2];
+        for node in scene.nodes(&scene.cam_from_target).as_slice() {
+            let part = node.raw_px.x / f64::from(WIDTH) - 0.5;
+            let levels = light.at(&node.raw_px);
+            let true_light = scene.light + scene.light_gain * part;
+            let true_dark = scene.dark + scene.dark_gain * part;
+            let white = f64::from(WHITE);
+            worst[0] = worst[0].max((levels.light / white - true_light).abs());
+            worst[1] = worst[1].max((levels.dark / white - true_dark).abs());
+        }
+        worst
+    }
+
+    #[test]
+    fn planes_follow_light_and_dark_separately() {
+        let scene = lit();
+        let picture = scene.render();
+        let exact = measured(&scene, &picture.noise_free()).unwrap();
+        let mut random = Random::new(3);
+        let mut squares = [0.0; 2];
+        for _ in 0..100 {
+            let light = measured(&scene, &picture.sampled(NOISE, &mut random)).unwrap();
+            for (square, error) in squares.iter_mut().zip(errors(&scene, &light)) {
+                *square += error * error / 100.0;
+            }
+        }
+        let rms = squares.map(|square| libm::sqrt(square) / NOISE);
+        assert!(errors(&scene, &exact).iter().all(|error| *error < 2e-3));
+        // Ten squares of 49 pixels each: 1 / sqrt(490) = 0.045 of the noise in their middle,
+        // and some four times as much at the worst node, beyond the squares' middles.
+        assert!(rms.iter().all(|rms| *rms < 0.2), "{rms:?}");
+    }
+
+    #[test]
+    fn what_covers_a_third_of_the_squares_changes_nothing() {
+        let scene = lit();
+        let picture = scene.render();
+        let mut pixels = picture.sampled(NOISE, &mut Random::new(4));
+        // A grey hand over the left column and some of the last row.
+        let width = usize::from(WIDTH);
+        for (place, pixel) in pixels.iter_mut().enumerate() {
+            let (x, y) = (place % width, place / width);
+            if x < 70 || (y > 100 && x < 92) {
+                *pixel = WHITE / 2;
+            }
+        }
+        let after = measured(&scene, &pixels).unwrap();
+        // At the worst node, in the noise of one pixel: see above.
+        let worst = errors(&scene, &after).map(|error| error / NOISE);
+        assert!(worst.iter().all(|worst| *worst < 0.7), "{worst:?}");
+    }
+
+    #[test]
+    fn a_plane_is_hardly_believed_where_half_of_its_squares_are_in_the_shade() {
+        let scene = lit();
+        let pixels = scene.render().sampled(NOISE, &mut Random::new(5));
+        let open = measured(&scene, &pixels).unwrap().at(&Vector2::new(100.0, 80.0));
+        let width = usize::from(WIDTH);
+        let shaded: Pixels<u16> = pixels
+            .iter()
+            .enumerate()
+            .map(
+                |(place, &pixel)| {
+                    if place % width + place / width < 180 { pixel / 2 } else { pixel }
+                },
+            )
+            .collect();
+        let levels = measured(&scene, &shaded).unwrap().at(&Vector2::new(100.0, 80.0));
+        assert!(open.light_weight > 20.0 && open.dark_weight > 20.0, "{open:?}");
+        assert!(levels.light_weight < 3.0, "{levels:?}");
+    }
+
+    #[test]
+    fn too_few_squares_are_none() {
+        let scene = lit();
+        let pixels = scene.render().noise_free();
+        // Two columns of squares inside the frame: four of each colour.
+        let moved = Scene { cam_from_target: scene.moved_px([116.0, 0.0]), ..scene.clone() };
+        assert!(measured(&moved, &pixels).is_none());
+        let outside = scene.moved_px([0.0, f64::from(HEIGHT) * 2.0]);
+        assert!(measured(&Scene { cam_from_target: outside, ..scene.clone() }, &pixels).is_none());
+        // Squares whose middle is a single pixel.
+        let tiny = Scene::new(4.5, 0.0, 0.0);
+        assert!(measured(&tiny, &tiny.render().noise_free()).is_none());
+        assert!(Light::measure(&image(&pixels), &Nodes::new(), true).is_none());
+    }
 }

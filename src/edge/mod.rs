@@ -25,6 +25,8 @@ mod light;
 mod locate;
 mod profile;
 #[cfg(test)]
+mod rendered;
+#[cfg(test)]
 mod tests;
 
 pub use fit::{Appearance, Batch, PixelFit, fit};

@@ -156,7 +156,7 @@ impl Tracker {
         let (mut fitted, mut variances): (Vec<SeenEdge>, Vec<f32>) = nodes
             .edges(known.first_square_dark)
             .filter_map(|edge| {
-                fit(image, lens, nodes, &rough, &edge, appearance, light.as_ref(), batch)
+                fit(image, nodes, &edge, appearance, light.as_ref(), batch)
             })
             .map(|(seen, pixels)| (seen, pixels.noise_variance))
             .unzip();
