@@ -117,6 +117,14 @@ const PASSES_MAX: usize = 3;
 /// linear: what it neglects falls with the cube, and is 0.001 px here.
 const MOVED_PX_MAX: f64 = 0.15;
 
+/// A border farther than this from where the inner edges have it is not the target's: a
+/// thousandth of the size of a small one.
+const BORDER_OFF_PX_MAX: f64 = 0.1;
+
+/// Growth other than that of the frames before is taken out of the edges at once where it is
+/// more than this.
+const GROWN_PX_MAX: f64 = 0.01;
+
 /// And where it changes a blur by more than this part.
 const BLUR_CHANGE_MAX: f64 = 0.1;
 
@@ -175,7 +183,26 @@ impl Workspace {
         let rough = better(refined(0), refined(1), &found, 0.0).ok_or(NoPose::PoorFit)?;
         self.locate(view, &rough.cam_from_target)?;
         let located = self.both_minima(&rough.cam_from_target, ITERATIONS_FOUND, 0.0)?;
-        self.fit(view, &located.cam_from_target, Appearance::START, 0.0)
+        let mut fitted = self.fit(view, &located.cam_from_target, Appearance::START, 0.0)?;
+        fitted.appearance.has_border = self.border_agrees(view, &fitted);
+        Ok(fitted)
+    }
+
+    /// Whether the border is where a pose found without it has it, so that the next frames
+    /// can use it.
+    fn border_agrees<P: Pixel>(&mut self, view: &View<'_, P>, fitted: &Fitted) -> bool {
+        let pose = &fitted.measurement.cam_from_target;
+        let appearance = Appearance { has_border: true, ..fitted.appearance };
+        if self.fit_edges(view, pose, &appearance).is_err() {
+            return false;
+        }
+        let mut outwards = Mean::default();
+        for seen in self.edges.iter().filter(|seen| seen.edge.is_border) {
+            if let Some((growth_px, precision)) = seen.growth_px(pose) {
+                outwards.add(growth_px, precision);
+            }
+        }
+        outwards.weights > 0.0 && outwards.value().abs() < BORDER_OFF_PX_MAX
     }
 
     /// Locates every edge near an expected pose.
@@ -213,9 +240,15 @@ impl Workspace {
         let mut passes = 1;
         loop {
             self.fit_edges(view, &pose, &appearance)?;
-            let solution = self.both_minima(&pose, ITERATIONS_FITTED, doubt)?;
-            let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
+            let mut solution = self.both_minima(&pose, ITERATIONS_FITTED, doubt)?;
+            let growth_px = appearance.growth_px;
             let blur_change = self.correct(&mut appearance, &solution);
+            let grown_px = appearance.growth_px - growth_px;
+            if grown_px.abs() > GROWN_PX_MAX {
+                self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
+                solution = self.both_minima(&solution.cam_from_target, ITERATIONS_FITTED, doubt)?;
+            }
+            let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
             let is_last = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
                 && blur_change < BLUR_CHANGE_MAX;
             if is_last || passes == PASSES_MAX {
@@ -240,6 +273,9 @@ impl Workspace {
         }
         let light = Light::measure(view.image, &self.nodes, view.first_square_dark);
         for edge in self.nodes.edges(view.first_square_dark) {
+            if edge.is_border && !appearance.has_border {
+                continue;
+            }
             let fitted =
                 fit(view.image, &self.nodes, &edge, appearance, light.as_ref(), &mut self.batch);
             if let Some((seen, pixels)) = fitted {

@@ -57,6 +57,9 @@ pub struct Appearance {
     /// spreads, and a camera's response need not be straight. Inside the grid it shifts
     /// edges by turns to and fro; on its border, all of them outwards.
     pub growth_px: f64,
+    /// Whether the border was seen where it should be: the outermost squares of a board may
+    /// be cut, or have no margin.
+    pub has_border: bool,
 }
 
 /// Below this the samples cannot tell: only pictures sharpened by the camera ask for less.
@@ -70,7 +73,8 @@ const GROWTH_PX_MAX: f64 = 1.0;
 
 impl Appearance {
     /// The first guess: a good lens in focus, the pixel's box, and an exact print.
-    pub const START: Self = Self { x_blur_px: 0.75, y_blur_px: 0.75, growth_px: 0.0 };
+    pub const START: Self =
+        Self { x_blur_px: 0.75, y_blur_px: 0.75, growth_px: 0.0, has_border: false };
 
     fn blur_px(&self, direction: Direction) -> f64 {
         match direction {

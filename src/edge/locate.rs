@@ -19,6 +19,9 @@ const REACH_PX_MIN: usize = 2;
 /// Pixels of the longest line: both sides and the middle.
 const LINE_PX_MAX: usize = 2 * REACH_PX_MAX as usize + 1;
 
+/// Of a pixel's coordinates, which stay below 32,768.
+const ONE_PX: i32 = 1 << 16;
+
 /// What is on both sides of an edge must differ by this part of the line's whole range.
 const STEP_SHARE_MIN: f32 = 0.4;
 
@@ -69,18 +72,26 @@ fn step_on_line<P: Pixel>(
     let mut line = [0.0_f32; LINE_PX_MAX];
     let line = line.get_mut(..count)?;
     let (mut low, mut high, mut sum) = (f32::INFINITY, f32::NEG_INFINITY, 0.0);
-    let mut beside_px = 0.0;
-    let mut at_px = expected_px - right * reach as f64;
+    // Fixed point: a conversion of a float costs more than all the rest.
+    let fixed = |px: f64| (px * f64::from(ONE_PX)) as i32;
+    let start_px = expected_px - right * reach as f64;
+    let [mut x, mut y] = [fixed(start_px.x), fixed(start_px.y)];
+    let step = [fixed(right.x), fixed(right.y)];
+    let mut beside = [0_i32; 2];
     for value in line.iter_mut() {
-        // Rounds: inside the frame a position is above -0.5.
-        let (x, y) = ((at_px.x + 0.5) as usize, (at_px.y + 0.5) as usize);
-        *value = image.row(y)[x].into();
-        beside_px += (x as f64 - at_px.x) * right.x + (y as f64 - at_px.y) * right.y;
-        at_px += right;
+        // The nearest pixel, which is inside the frame.
+        let [column, row] = [x, y].map(|at| (at + ONE_PX / 2) >> ONE_PX.trailing_zeros());
+        *value = image.row(row as usize)[column as usize].into();
+        beside[0] += column * ONE_PX - x;
+        beside[1] += row * ONE_PX - y;
+        x += step[0];
+        y += step[1];
         low = if *value < low { *value } else { low };
         high = if *value > high { *value } else { high };
         sum += *value;
     }
+    let beside_px =
+        (right.x * f64::from(beside[0]) + right.y * f64::from(beside[1])) / f64::from(ONE_PX);
     let range = high - low;
     if range < CONTRAST_MIN * f32::from(image.white_level()) {
         return None;

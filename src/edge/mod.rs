@@ -117,6 +117,12 @@ impl SeenEdge {
         self.seen = self.seen.map(|value| value * per);
     }
 
+    /// As if dark squares looked larger by this: what is seen is less of a shift.
+    pub fn take_out_growth(&mut self, growth_px: f64) {
+        let shift_px = if self.edge.is_right_light { growth_px } else { -growth_px };
+        self.seen[0] -= self.whitener[0] * shift_px;
+    }
+
     /// How much farther than at a pose the dark side reaches, and the precision of that;
     /// `None` when it would lie behind the camera.
     #[must_use]

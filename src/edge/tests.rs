@@ -26,7 +26,12 @@ fn errors_px(seen: &SeenEdge, truth: &Pose<Cam, Target>) -> [f64; 2] {
 /// The appearance that the scene has.
 fn appearance(scene: &Scene) -> Appearance {
     let growth_px = scene.growth_mm * scene.lens.fx_px / scene.cam_from_target.translation_mm.z;
-    Appearance { x_blur_px: scene.blur_px(), y_blur_px: scene.blur_px(), growth_px }
+    Appearance {
+        x_blur_px: scene.blur_px(),
+        y_blur_px: scene.blur_px(),
+        growth_px,
+        has_border: true,
+    }
 }
 
 /// Fits every edge of a picture; with the light's planes or without.

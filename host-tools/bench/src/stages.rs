@@ -155,9 +155,7 @@ impl Tracker {
         let appearance = &known.appearance;
         let (mut fitted, mut variances): (Vec<SeenEdge>, Vec<f32>) = nodes
             .edges(known.first_square_dark)
-            .filter_map(|edge| {
-                fit(image, nodes, &edge, appearance, light.as_ref(), batch)
-            })
+            .filter_map(|edge| fit(image, nodes, &edge, appearance, light.as_ref(), batch))
             .map(|(seen, pixels)| (seen, pixels.noise_variance))
             .unzip();
         parts.fit += start.elapsed();
