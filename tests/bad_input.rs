@@ -42,7 +42,7 @@ impl Setting {
     fn track(&self, inputs: &[&str]) -> Output {
         binary::plumb()
             .args(["track", "--camera", "camera.toml", "--targets", "targets.toml"])
-            .args(["--out", "poses.csv"])
+            .args(["--force", "--out", "poses.csv"])
             .args(inputs)
             .current_dir(self.0.path())
             .output()
@@ -274,6 +274,32 @@ fn an_output_never_overwrites_an_input() {
 }
 
 #[test]
+fn an_output_replaces_nothing_unless_it_is_told_to() {
+    let setting = Setting::new();
+    for (command, out, more) in [
+        ("track", "poses.csv", &["frames.y4m"][..]),
+        ("provision", "config.plb", &["--udp", "127.0.0.1:4210"]),
+    ] {
+        let run = |force: &[&str]| {
+            binary::plumb()
+                .args([command, "--camera", "camera.toml", "--targets", "targets.toml"])
+                .args(["--out", out])
+                .args(more)
+                .args(force)
+                .current_dir(setting.0.path())
+                .output()
+                .expect("plumb runs")
+        };
+        setting.write(out, b"precious");
+        assert_refused(&run(&[]), &[out, "exists already", "--force"]);
+        assert_eq!(std::fs::read(setting.path(out)).expect("the file"), b"precious");
+        let output = run(&["--force"]);
+        assert_eq!(output.status.code(), Some(0), "{}", binary::messages(&output));
+        assert_ne!(std::fs::read(setting.path(out)).expect("the file"), b"precious");
+    }
+}
+
+#[test]
 fn a_file_where_a_directory_belongs_is_named_with_a_remedy() {
     let setting = Setting::new();
     let output = setting.track(&["--draw", "camera.toml", "frames.y4m"]);
@@ -343,6 +369,9 @@ fn a_box_file_s_fault_is_named_by_field() {
         (&*format!("{capture}exposure_us = 20000"), ["box.toml: capture.exposure_us", "frame"]),
         (&*format!("{capture}[machine]\nrealtime_priority = 120"), ["box.toml: machine.", "99"]),
         ("[network]\naddress = \"192.168.1.5\"", ["box.toml: network.address", "/24"]),
+        ("[links]\nserial = \"/dev/ttyS0:1\"", ["box.toml: links.serial: ", "baud"]),
+        ("[links]\nudp = \"0.0.0.0:1\"", ["box.toml: links.udp: ", "address"]),
+        (capture, ["box.toml: links: neither udp nor serial", "--udp"]),
     ] {
         assert_refused(&provision(text, &[]), &parts);
     }

@@ -58,7 +58,7 @@ impl Run {
             .arg(camera)
             .arg("--targets")
             .arg(targets)
-            .arg("--out")
+            .args(["--force", "--out"])
             .arg(&out)
             .args(images)
             .output()

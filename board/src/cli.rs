@@ -33,7 +33,8 @@ As the first process of a computer (init) it takes no command line: it finds its
 configuration, config.plb, on the boot partition, brings up the network and tracks.
 
 Exit code: 0 when the recording ended or the program was asked to stop, 2 when
-something outside was wrong; the message says what, where and the remedy.
+something outside was wrong or a packet could not be recorded; the message says
+what, where and the remedy.
 Messages go to standard error, the figures at the end to standard output."
 )]
 pub struct Cli {
@@ -66,13 +67,21 @@ pub struct Cli {
     #[arg(long, value_name = "BITS_PER_S")]
     pub baud: Option<u32>,
 
-    /// Append packets to this file
+    /// Append packets to this file; what cannot be written is dropped, and tracking goes on
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 
     /// Counts starts in this file and tells the host
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
+
+    /// Only check that a box with this program can run with the configuration: that it is
+    /// sound, and names a camera and a link
+    #[arg(
+        long,
+        conflicts_with_all = ["replay", "udp", "serial", "baud", "record", "boot_count_file"]
+    )]
+    pub check: bool,
 }
 
 #[cfg(test)]

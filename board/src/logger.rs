@@ -1,5 +1,6 @@
 //! Log records: to the console, and into a bounded queue from which the main
-//! loop sends them to the host. Nothing is allocated, nobody waits.
+//! loop sends them to the host, a long text as several. Nothing is allocated,
+//! nobody waits.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -13,6 +14,9 @@ use plumbline::packet::{LOG_TARGET_BYTES_MAX, LOG_TEXT_BYTES_MAX, Log, LogLevel}
 /// Records that can wait for the main loop, which takes them at every turn.
 const WAITING_MAX: usize = 16;
 
+/// Longest text that reaches the host whole.
+const WHOLE_TEXT_BYTES_MAX: usize = 4 * LOG_TEXT_BYTES_MAX;
+
 /// The program's logger.
 #[derive(Debug)]
 pub struct Logger {
@@ -24,8 +28,10 @@ pub struct Logger {
 struct Waiting {
     at: Instant,
     level: LogLevel,
-    target: Cut<LOG_TARGET_BYTES_MAX>,
-    text: Cut<LOG_TEXT_BYTES_MAX>,
+    target: String<LOG_TARGET_BYTES_MAX>,
+    text: String<LOG_TEXT_BYTES_MAX>,
+    /// Bytes of target and text that did not fit.
+    cut: usize,
 }
 
 /// A text of at most `N` bytes that counts the bytes for which there was no room.
@@ -60,13 +66,12 @@ pub fn install(level: log::LevelFilter) {
 /// Takes the oldest waiting record; its time is counted from `started`.
 pub fn take(started: Instant) -> Option<Log> {
     let waiting = LOGGER.lock().pop_front()?;
-    let cut = waiting.target.cut + waiting.text.cut;
     Some(Log {
         uptime_ms: waiting.at.saturating_duration_since(started).as_millis() as u64,
         level: waiting.level,
-        target: waiting.target.text,
-        text: waiting.text.text,
-        cut: u16::try_from(cut).unwrap_or(u16::MAX),
+        target: waiting.target,
+        text: waiting.text,
+        cut: u16::try_from(waiting.cut).unwrap_or(u16::MAX),
     })
 }
 
@@ -75,7 +80,60 @@ pub fn dropped() -> u32 {
     LOGGER.dropped.load(Ordering::Relaxed)
 }
 
+/// Tells the hosts, and not the console, where it would only be said again.
+pub fn tell_hosts(record: &log::Record<'_>) {
+    LOGGER.queue(record);
+}
+
+/// The text in pieces that fit a record each, broken at spaces where there are any.
+pub fn pieces(text: &str) -> impl Iterator<Item = &str> {
+    let mut rest = text.trim();
+    std::iter::from_fn(move || {
+        if rest.is_empty() {
+            return None;
+        }
+        let room = rest.len().min(LOG_TEXT_BYTES_MAX);
+        let fits = (0..=room).rfind(|&end| rest.is_char_boundary(end)).unwrap_or(0);
+        let end = if fits == rest.len() {
+            fits
+        } else {
+            rest[..fits].rfind(char::is_whitespace).filter(|&at| at > 0).unwrap_or(fits)
+        };
+        let (piece, after) = rest.split_at(end);
+        rest = after.trim_start();
+        Some(piece)
+    })
+}
+
 impl Logger {
+    /// For the host.
+    fn queue(&self, record: &log::Record<'_>) {
+        let mut target = Cut::<LOG_TARGET_BYTES_MAX>::default();
+        let mut text = Cut::<WHOLE_TEXT_BYTES_MAX>::default();
+        // Neither write fails; what does not fit is counted.
+        let _ = target.write_str(record.target());
+        let _ = text.write_fmt(*record.args());
+        let level = match record.level() {
+            log::Level::Error => LogLevel::Error,
+            log::Level::Warn => LogLevel::Warn,
+            log::Level::Info => LogLevel::Info,
+            log::Level::Debug => LogLevel::Debug,
+            log::Level::Trace => LogLevel::Trace,
+        };
+        let at = Instant::now();
+        let mut waiting = self.lock();
+        let mut pieces = pieces(&text.text).peekable();
+        while let Some(piece) = pieces.next() {
+            let cut = target.cut + if pieces.peek().is_none() { text.cut } else { 0 };
+            // It fits: no piece is longer.
+            let piece = piece.try_into().unwrap_or_default();
+            let next = Waiting { at, level, target: target.text.clone(), text: piece, cut };
+            if waiting.push_back(next).is_err() {
+                self.dropped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
     fn lock(&self) -> std::sync::MutexGuard<'_, Deque<Waiting, WAITING_MAX>> {
         self.waiting.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
@@ -89,22 +147,7 @@ impl log::Log for Logger {
     fn log(&self, record: &log::Record<'_>) {
         // A console that has gone away is no reason to stop measuring.
         let _ = writeln!(std::io::stderr(), "{}: {}", record.level(), record.args());
-        let mut target = Cut::default();
-        let mut text = Cut::default();
-        // Neither write fails; what does not fit is counted.
-        let _ = target.write_str(record.target());
-        let _ = text.write_fmt(*record.args());
-        let level = match record.level() {
-            log::Level::Error => LogLevel::Error,
-            log::Level::Warn => LogLevel::Warn,
-            log::Level::Info => LogLevel::Info,
-            log::Level::Debug => LogLevel::Debug,
-            log::Level::Trace => LogLevel::Trace,
-        };
-        let waiting = Waiting { at: Instant::now(), level, target, text };
-        if self.lock().push_back(waiting).is_err() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
+        self.queue(record);
     }
 
     fn flush(&self) {}
@@ -120,5 +163,42 @@ mod tests {
         let _ = write!(cut, "abcdefg\u{e9}x");
         assert_eq!(cut.text, "abcdefg");
         assert_eq!(cut.cut, 3);
+    }
+
+    #[test]
+    fn long_texts_are_said_in_whole_words_and_nothing_is_lost() {
+        let text = "targets[0] and targets[1] have grids of the same size, and could not be told \
+                    apart: change the columns or the rows of one, then provision the box again";
+        let found: Vec<&str> = pieces(text).collect();
+        assert_eq!(found.len(), 2);
+        assert_eq!(found.join(" "), text);
+        assert!(found.iter().all(|piece| piece.len() <= LOG_TEXT_BYTES_MAX));
+    }
+
+    #[test]
+    fn a_text_without_spaces_is_broken_between_characters() {
+        let text = "\u{e9}".repeat(LOG_TEXT_BYTES_MAX);
+        let found: Vec<&str> = pieces(&text).collect();
+        assert_eq!(found.concat(), text);
+        assert_eq!(found.len(), 2);
+        assert_eq!(pieces("  ").count(), 0);
+    }
+
+    #[test]
+    fn the_host_gets_a_long_text_whole() {
+        let words = "a remedy at the end of a long text ".repeat(10);
+        let logger = Logger { waiting: Mutex::new(Deque::new()), dropped: AtomicU32::new(0) };
+        let send = |text: &str| {
+            log::Log::log(&logger, &log::Record::builder().args(format_args!("{text}")).build());
+            std::iter::from_fn(|| logger.lock().pop_front()).collect::<Vec<_>>()
+        };
+        let sent = send(&words);
+        assert_eq!(sent.len(), 3);
+        assert!(sent.iter().all(|record| record.cut == 0));
+        let texts: Vec<&str> = sent.iter().map(|record| record.text.as_str()).collect();
+        assert_eq!(texts.join(" "), words.trim());
+        // What is beyond all measure is cut, and counted once.
+        let sent = send(&"x".repeat(WHOLE_TEXT_BYTES_MAX + 7));
+        assert_eq!(sent.iter().map(|record| record.cut).collect::<Vec<_>>(), [0, 0, 0, 7]);
     }
 }

@@ -50,7 +50,9 @@ fn main() -> ExitCode {
         }
         Role::Program => {
             let cli = Cli::parse();
-            logger::install(log::LevelFilter::Info);
+            // Of a box that is elsewhere, it is no news that its host cannot be reached from here.
+            let level = if cli.check { log::LevelFilter::Error } else { log::LevelFilter::Info };
+            logger::install(level);
             run(&cli)
         }
     };
@@ -68,6 +70,13 @@ fn run(cli: &Cli) -> Result<()> {
     let stop = stop_on_signals()?;
     let config = read_config(cli)?;
     let pipeline = PIPELINE.take();
+    if cli.check {
+        let name = cli.config.display();
+        boot::usable(pipeline, &config)
+            .with_context(|| format!("the configuration {name} cannot be used by a box"))?;
+        let _ = writeln!(std::io::stdout(), "{name}: a box can run with it");
+        return Ok(());
+    }
     pipeline
         .configure(&config)
         .with_context(|| format!("the configuration {} cannot be used", cli.config.display()))?;
@@ -91,7 +100,10 @@ fn run(cli: &Cli) -> Result<()> {
     }
     let ended = session::run(pipeline, &config, &mut source, setup, &stop);
     let _ = writeln!(std::io::stdout(), "{}", ended.summary);
-    ended.broken.map_or(Ok(()), |message| bail!(message))
+    if let Some(fault) = ended.broken.or(ended.unrecorded) {
+        bail!(fault);
+    }
+    Ok(())
 }
 
 /// The recording of the command line, or else the camera of the configuration;

@@ -65,7 +65,8 @@ pub fn run(
     let mut session = Session::new(config, setup);
     let broken = session.run(pipeline, source, stop);
     let reboot = session.reboot;
-    Ended { summary: session.finish(), broken, reboot }
+    let (summary, unrecorded) = session.finish();
+    Ended { summary, broken, unrecorded, reboot }
 }
 
 struct Session {
@@ -221,8 +222,10 @@ impl Session {
         send(&mut self.links, message);
     }
 
-    /// Tells the host that this is the end, and hands on what waits.
-    fn finish(mut self) -> Summary {
+    /// Tells the host that this is the end, and hands on what waits. The figures,
+    /// and why packets could not be recorded, if so.
+    fn finish(mut self) -> (Summary, Option<String>) {
+        let source = self.counters.source;
         self.counters.source.camera = CameraState::Ended;
         self.serve_links();
         self.send_health();
@@ -230,15 +233,17 @@ impl Session {
         for link in &mut self.links {
             link.finish(give_up.saturating_duration_since(Instant::now()));
         }
-        Summary {
+        let unrecorded = self.links.iter().find_map(Link::fault).map(str::to_owned);
+        let summary = Summary {
             frames: self.counters.frames,
             late: self.counters.late,
-            source: self.counters.source,
+            source,
             allocations: self.counters.allocations(),
             links: self.links.iter().map(|link| (link.to_string(), link.counts())).collect(),
             step: self.counters.step,
             latency: self.counters.latency,
-        }
+        };
+        (summary, unrecorded)
     }
 }
 

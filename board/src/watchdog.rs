@@ -1,4 +1,5 @@
-//! The hardware watchdog: restarts the computer when no frame is processed.
+//! The hardware watchdog: restarts the computer when no frame is processed,
+//! unless the camera is known to be lost.
 //!
 //! ```text
 //!            a frame              the camera is lost

@@ -2,6 +2,8 @@
 
 mod common;
 
+use plumbline::config::{BLOB_BYTES_MAX, Capture, CaptureDriver, Config, PixelFormat};
+
 use common::{Board, Finished, config, folder, messages, poses, write_config, write_recording};
 
 /// Exit code 2, the expected words, and no trace of a panic.
@@ -98,6 +100,62 @@ fn bad_input_is_named_with_a_remedy() {
 
     let fps = [&["--replay", trial, "--fps", "0"][..], &udp].concat();
     assert_refused(&run(&good, &fps), &["--fps", "60000/1001"]);
+}
+
+#[test]
+fn a_record_that_cannot_be_written_is_told_and_disturbs_no_tracking() {
+    let folder = folder();
+    let trial = write_recording(&folder, 30);
+    let arguments = ["--replay", trial.to_str().unwrap(), "--unpaced", "--record", "/dev/full"];
+    let finished = Board::start(&write_config(&folder, &config()), &arguments).wait();
+    assert_refused(&finished, &["/dev/full cannot be written: No space left", "--record"]);
+    // When it happens and at the end, but not for each packet.
+    assert_eq!(finished.stderr.matches("/dev/full").count(), 2, "{}", finished.stderr);
+    assert!(finished.stdout.contains("frames       30 "), "{}", finished.stdout);
+}
+
+#[test]
+fn a_configuration_is_checked_as_a_box_does() {
+    let check = |blob: &[u8]| {
+        let folder = folder();
+        let path = folder.path().join("box.plb");
+        std::fs::write(&path, blob).unwrap();
+        Board::start(&path, &["--check"]).wait()
+    };
+    let blob = |change: &dyn Fn(&mut Config)| {
+        let mut config = config();
+        config.links.udp = Some(([192, 0, 2, 1], 4210).into());
+        config.capture = Some(Capture {
+            driver: CaptureDriver::V4l2,
+            device: heapless::String::new(),
+            pixel_format: PixelFormat::Grey,
+            rate_hz: 60.0,
+            exposure_us: None,
+            gain: None,
+        });
+        change(&mut config);
+        config.encode(&mut vec![0; BLOB_BYTES_MAX]).unwrap().to_vec()
+    };
+    let sound = blob(&|_| ());
+    let finished = check(&sound);
+    assert!(finished.status.success(), "{}", finished.stderr);
+    assert_eq!(finished.stderr, "");
+
+    let mut flipped = sound.clone();
+    flipped[sound.len() / 2] ^= 1;
+    assert_refused(&check(&flipped), &["box.plb", "checksum", "plumb provision"]);
+    assert_refused(&check(b"[capture]\n"), &["box.plb", "no Plumbline configuration"]);
+    let no_camera = blob(&|config| config.capture = None);
+    assert_refused(&check(&no_camera), &["box.plb", "capture: ", "names no camera"]);
+    let no_link = blob(&|config| config.links.udp = None);
+    assert_refused(&check(&no_link), &["box.plb", "links: neither udp nor serial"]);
+    #[cfg(not(feature = "libcamera"))]
+    {
+        let set = |config: &mut Config| {
+            config.capture.as_mut().unwrap().driver = CaptureDriver::Libcamera;
+        };
+        assert_refused(&check(&blob(&set)), &["box.plb", "capture.driver: ", "\"v4l2\""]);
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use plumbline::packet::{Message, PosePacket, ResetReason};
 
-use crate::machine::{Host, healths, is_measured, poses};
+use crate::machine::{Host, healths, is_measured, logs, poses};
 use crate::scene::{self, FRAMES, Position, RATE_HZ, SCENE};
 
 /// Packets to compare: the frames go by more than four times.
@@ -74,6 +74,9 @@ fn a_camera_is_tracked_over_both_links_as_well_as_here() {
     assert_eq!(health.heap_allocations, Some(0));
     assert_eq!((health.corners_dropped, health.camera_losses, health.logs_dropped), (0, 0, 0));
     assert!(health.links.len() == 2 && health.links.iter().all(|link| link.packets_sent > 100));
+
+    // What the processes beside the box's own have to say arrives as well.
+    assert!(logs(&udp).contains("10.0.2.15/24 by 10.0.2.2, from a DHCP server"), "{}", logs(&udp));
 
     // Once it tracks, it goes on. The cable was plugged in while the box already looked.
     let measured: Vec<&PosePacket> = poses(&udp)

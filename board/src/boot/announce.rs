@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
 use plumbline::packet::{
-    FRAME_BYTES_MAX, LOG_TEXT_BYTES_MAX, Log, LogLevel, Message, PACKET_BYTES_MAX, encode_datagram,
-    encode_frame,
+    FRAME_BYTES_MAX, Log, LogLevel, Message, PACKET_BYTES_MAX, encode_datagram, encode_frame,
 };
 
 use crate::link::SerialLink;
+use crate::logger::pieces;
 
 /// A text is repeated this often.
 pub const AGAIN: Duration = Duration::from_secs(2);
@@ -67,48 +67,4 @@ fn open_udp(to: SocketAddr) -> std::io::Result<UdpSocket> {
     // A full buffer must not hold up the rest.
     socket.set_nonblocking(true)?;
     Ok(socket)
-}
-
-/// The text in pieces that fit a record each, broken at spaces where there are any.
-fn pieces(text: &str) -> impl Iterator<Item = &str> {
-    let mut rest = text.trim();
-    std::iter::from_fn(move || {
-        if rest.is_empty() {
-            return None;
-        }
-        let room = rest.len().min(LOG_TEXT_BYTES_MAX);
-        let fits = (0..=room).rfind(|&end| rest.is_char_boundary(end)).unwrap_or(0);
-        let end = if fits == rest.len() {
-            fits
-        } else {
-            rest[..fits].rfind(char::is_whitespace).filter(|&at| at > 0).unwrap_or(fits)
-        };
-        let (piece, after) = rest.split_at(end);
-        rest = after.trim_start();
-        Some(piece)
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn long_texts_are_said_in_whole_words_and_nothing_is_lost() {
-        let text = "targets[0] and targets[1] have grids of the same size, and could not be told \
-                    apart: change the columns or the rows of one, then provision the box again";
-        let pieces: Vec<&str> = pieces(text).collect();
-        assert_eq!(pieces.len(), 2);
-        assert_eq!(pieces.join(" "), text);
-        assert!(pieces.iter().all(|piece| piece.len() <= LOG_TEXT_BYTES_MAX));
-    }
-
-    #[test]
-    fn a_text_without_spaces_is_broken_between_characters() {
-        let text = "\u{e9}".repeat(LOG_TEXT_BYTES_MAX);
-        let pieces: Vec<&str> = pieces(&text).collect();
-        assert_eq!(pieces.concat(), text);
-        assert_eq!(pieces.len(), 2);
-        assert_eq!(super::pieces("  ").count(), 0);
-    }
 }

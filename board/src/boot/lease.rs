@@ -17,8 +17,8 @@ pub const NAME: &str = "network-lease";
 
 /// Carries out one event; `variable` is the environment.
 ///
-/// What came of it goes to standard output: the client's own words, on standard
-/// error, are not shown.
+/// What came of it goes to standard output, and so through the network's process
+/// to the box: the client's own words, on standard error, are not shown.
 pub fn run(event: &str, variable: impl Fn(&str) -> Option<String>) {
     let said = match carry_out(event, variable) {
         Ok(None) => return,

@@ -46,7 +46,7 @@ use plumbline::config::{Config, Network};
 use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 
-use crate::link::{Link, SerialLink, UdpLink};
+use crate::link::{Link, NO_LINK, SerialLink, UdpLink};
 use crate::session::{self, Links, Setup};
 use crate::source::chosen::Source;
 use crate::watchdog::Watchdog;
@@ -116,13 +116,20 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
 fn configuration(pipeline: &mut Pipeline) -> Result<(Config, Links, Source)> {
     let (blob, device) = partition::find_config()?;
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;
-    let usable = pipeline
-        .configure(&config)
-        .map_err(anyhow::Error::new)
-        .and_then(|()| Ok((links(&config)?, Source::camera(&config)?)));
-    let (links, source) = usable.with_context(|| in_config(&device))?;
+    let (links, source) = usable(pipeline, &config).with_context(|| in_config(&device))?;
     step(&format!("configuration {:08x} on {device}", config.crc()));
     Ok((config, links, source))
+}
+
+/// The links and the camera of a configuration, once the pipeline, which is
+/// configured with it, and this program have been found able to use it. Neither
+/// need be there yet.
+///
+/// # Errors
+/// What a box would refuse it for.
+pub fn usable(pipeline: &mut Pipeline, config: &Config) -> Result<(Links, Source)> {
+    pipeline.configure(config)?;
+    Ok((links(config)?, Source::camera(config)?))
 }
 
 fn in_config(device: &str) -> String {
@@ -136,7 +143,7 @@ fn links(config: &Config) -> Result<Links> {
     let serial = serial.map(|line| SerialLink::absent(&line.path, line.baud).map(Link::Serial));
     let links: Links = udp.into_iter().chain(serial).collect::<Result<_>>()?;
     if links.is_empty() {
-        bail!("links: neither udp nor serial is given, and packets would have nowhere to go");
+        bail!("links: {NO_LINK}");
     }
     Ok(links)
 }

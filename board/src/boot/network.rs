@@ -2,7 +2,8 @@
 //!
 //! This is a process of its own, beside the measurement. It waits, lists and
 //! starts programs, which takes heap, and it may do so at any time: an adapter
-//! is unplugged, a lease is lost. The measurement knows nothing of it.
+//! is unplugged, a lease is lost. The measurement knows nothing of it; what is
+//! said here goes to the box's own process, which tells the hosts.
 //!
 //! The interface is the first Ethernet hardware in the order of names, whenever
 //! it appears; one that vanishes and comes back is set up again.

@@ -17,6 +17,8 @@ pub struct FileLink {
     /// A frame was cut short (the disk was full): the next begins with a
     /// delimiter, so that only the one is lost.
     cut_short: bool,
+    /// What went wrong first.
+    fault: Option<String>,
     counts: Counts,
 }
 
@@ -32,21 +34,42 @@ impl FileLink {
                 path.display()
             )
         })?;
-        Ok(Self { file, path: path.into(), cut_short: false, counts: Counts::default() })
+        let path = path.into();
+        Ok(Self { file, path, cut_short: false, fault: None, counts: Counts::default() })
     }
 
     /// Appends one frame.
     pub fn send(&mut self, frame: &[u8]) {
-        if self.cut_short && self.file.write_all(&[0]).is_err() {
-            self.counts.dropped += 1;
-            return;
+        match self.append(frame) {
+            Ok(()) => self.counts.sent += 1,
+            Err(error) => {
+                self.counts.dropped += 1;
+                if self.fault.is_none() {
+                    let fault = format!(
+                        "the packet file {} cannot be written: {error}: make room, or give \
+                         --record another place",
+                        self.path.display()
+                    );
+                    log::error!("{fault}");
+                    self.fault = Some(fault);
+                }
+            }
         }
-        self.cut_short = self.file.write_all(frame).is_err();
+    }
+
+    fn append(&mut self, frame: &[u8]) -> std::io::Result<()> {
         if self.cut_short {
-            self.counts.dropped += 1;
-        } else {
-            self.counts.sent += 1;
+            self.file.write_all(&[0])?;
         }
+        let written = self.file.write_all(frame);
+        self.cut_short = written.is_err();
+        written
+    }
+
+    /// Why packets are missing in the file, with its name.
+    #[must_use]
+    pub fn fault(&self) -> Option<&str> {
+        self.fault.as_deref()
     }
 
     /// What became of the packets so far.

@@ -16,6 +16,9 @@ pub use file::FileLink;
 pub use serial::SerialLink;
 pub use udp::UdpLink;
 
+/// What is wrong with a configuration without a link.
+pub const NO_LINK: &str = "neither udp nor serial is given, and packets would have nowhere to go";
+
 /// Datagrams, or reads of a line, that are looked at before the next frame.
 pub(crate) const RECEIVED_PER_TURN_MAX: usize = 4;
 
@@ -81,6 +84,17 @@ impl Link {
             Self::Udp(link) => link.receive(take),
             Self::Serial(link) => link.receive(take),
             Self::File(_) => {}
+        }
+    }
+
+    /// Why packets of this link are missing for ever, if there is a reason that a
+    /// person must mend.
+    #[must_use]
+    pub fn fault(&self) -> Option<&str> {
+        match self {
+            Self::File(link) => link.fault(),
+            // A host that is absent now may hear the next packet.
+            Self::Udp(_) | Self::Serial(_) => None,
         }
     }
 

@@ -6,7 +6,7 @@ use crate::link::Counts;
 use crate::measure::Durations;
 use crate::source::Condition;
 
-use plumbline::packet::LINKS_MAX;
+use plumbline::packet::{CameraState, LINKS_MAX};
 
 /// How a session ended.
 #[derive(Debug)]
@@ -15,6 +15,8 @@ pub struct Ended {
     pub summary: Summary,
     /// Why the source broke, when it did.
     pub broken: Option<String>,
+    /// Why packets could not be recorded, when they could not.
+    pub unrecorded: Option<String>,
     /// The host has asked for a restart.
     pub reboot: bool,
 }
@@ -26,7 +28,7 @@ pub struct Summary {
     pub frames: u64,
     /// Of them, those taken up when the next one was already due.
     pub late: u64,
-    /// What the source says of itself.
+    /// What the source said of itself last.
     pub source: Condition,
     /// Time in the pipeline, per frame.
     pub step: Durations,
@@ -39,15 +41,27 @@ pub struct Summary {
     pub allocations: u64,
 }
 
+impl Summary {
+    fn camera(&self) -> String {
+        let absent = matches!(self.source.camera, CameraState::Lost | CameraState::Stalled);
+        if absent && self.frames == 0 {
+            return "the camera never gave a frame".into();
+        }
+        let at_the_end = if absent { ", absent at the end" } else { "" };
+        format!("camera lost {} times{at_the_end}", self.source.camera_losses)
+    }
+}
+
 impl std::fmt::Display for Summary {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let ms = |duration: Duration| duration.as_secs_f64() * 1e3;
-        let Condition { frames_dropped, frames_missed, camera_losses, .. } = self.source;
+        let Condition { frames_dropped, frames_missed, .. } = self.source;
         writeln!(
             formatter,
-            "frames       {} ({} late), {frames_dropped} dropped, {frames_missed} missed, \
-             camera lost {camera_losses} times",
-            self.frames, self.late
+            "frames       {} ({} late), {frames_dropped} dropped, {frames_missed} missed, {}",
+            self.frames,
+            self.late,
+            self.camera()
         )?;
         for (name, durations) in [("step time", &self.step), ("latency", &self.latency)] {
             writeln!(
@@ -65,5 +79,36 @@ impl std::fmt::Display for Summary {
             )?;
         }
         write!(formatter, "allocations  {} after the first frame", self.allocations)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_is_absent_at_the_end_is_not_counted_away() {
+        let text = |frames, camera, camera_losses| {
+            let source = Condition { camera, frames_dropped: 0, frames_missed: 0, camera_losses };
+            let summary = Summary {
+                frames,
+                late: 0,
+                source,
+                step: Durations::new(),
+                latency: Durations::new(),
+                links: heapless::Vec::new(),
+                allocations: 0,
+            };
+            summary.to_string()
+        };
+        for (frames, camera, losses, said) in [
+            (0, CameraState::Lost, 0, "missed, the camera never gave a frame\n"),
+            (9, CameraState::Lost, 1, "missed, camera lost 1 times, absent at the end\n"),
+            (9, CameraState::Stalled, 2, "missed, camera lost 2 times, absent at the end\n"),
+            (9, CameraState::Running, 1, "missed, camera lost 1 times\n"),
+        ] {
+            let text = text(frames, camera, losses);
+            assert!(text.contains(said), "{text}");
+        }
     }
 }

@@ -20,6 +20,7 @@ use plumbline::config::Capture;
 use plumbline::packet::CameraState;
 
 use super::{Condition, Frame, FrameSource, Next};
+use crate::logger;
 
 /// An open camera that is silent for this long is closed and opened again.
 pub const SILENCE_MAX: Duration = Duration::from_secs(1);
@@ -29,6 +30,10 @@ pub const BACK_OFF_MIN: Duration = Duration::from_millis(100);
 
 /// The longest pause between two attempts.
 pub const BACK_OFF_MAX: Duration = Duration::from_secs(2);
+
+/// What is wrong is told to the hosts again this often: one may have begun to
+/// listen only now.
+const TELL_AGAIN: Duration = Duration::from_secs(5);
 
 /// One kind of camera, open.
 pub trait Device: Sized {
@@ -83,8 +88,9 @@ pub struct Camera<D> {
     losses: u32,
     /// Attempts since the last frame.
     attempts: u32,
-    /// What was wrong last, so that it is said once.
+    /// What was wrong last, so that the console has it once, and when it was told.
     said: String,
+    told_at: Instant,
 }
 
 #[derive(Debug)]
@@ -107,6 +113,7 @@ impl<D: Device> Camera<D> {
             losses: 0,
             attempts: 0,
             said: String::new(),
+            told_at: Instant::now(),
         }
     }
 
@@ -153,7 +160,18 @@ impl<D: Device> Camera<D> {
         if what != self.said {
             log::error!("camera: {what}");
             self.said = what;
+        } else if self.told_at.elapsed() >= TELL_AGAIN {
+            logger::tell_hosts(
+                &log::Record::builder()
+                    .level(log::Level::Error)
+                    .target(module_path!())
+                    .args(format_args!("camera: {what}"))
+                    .build(),
+            );
+        } else {
+            return;
         }
+        self.told_at = Instant::now();
     }
 }
 
@@ -363,6 +381,21 @@ mod tests {
         assert_eq!(camera.condition().camera, CameraState::Stalled);
         assert!(frame_within(&mut camera, 5));
         assert_eq!(camera.condition().camera_losses, 1);
+    }
+
+    #[test]
+    fn the_hosts_are_told_again_of_a_camera_that_stays_away() {
+        let mut camera = camera([Step::Fails("far"), Step::Fails("far"), Step::Fails("far")]);
+        let mut open = || {
+            camera.state = State::Absent { again_at: Instant::now() };
+            let _ = camera.next(Instant::now());
+            camera.told_at -= TELL_AGAIN;
+            let logs = std::iter::from_fn(|| logger::take(Instant::now()));
+            logs.filter(|log| log.text == "camera: far").count()
+        };
+        // Said by the program's logger, which the tests have not installed.
+        assert_eq!(open(), 0);
+        assert_eq!((open(), open()), (1, 1));
     }
 
     #[test]

@@ -43,7 +43,7 @@ impl Source {
             #[cfg(not(feature = "libcamera"))]
             CaptureDriver::Libcamera => anyhow::bail!(
                 "capture.driver: libcamera, without which this program was built; use the Debian \
-                 package of plumbline-board, or provision the box for V4l2"
+                 package of plumbline-board, or provision the box with driver = \"v4l2\""
             ),
         }
     }

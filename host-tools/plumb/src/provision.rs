@@ -1,12 +1,14 @@
 //! `plumb provision`: the configuration of a box, as one file.
 
+use std::io::Write as _;
 use std::path::PathBuf;
 
-use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::config::{BLOB_BYTES_MAX, Config, Links};
+use plumbline_board::link::NO_LINK;
 
 use crate::error::BadInput;
 use crate::files::box_settings::{self, BoxSettings};
-use crate::files::refuse_overwriting;
+use crate::files::{self, refuse_overwriting};
 use crate::setup::{self, Descriptions};
 
 /// Write what a box needs to know into one file.
@@ -41,7 +43,8 @@ A box file (only driver, pixel_format and rate_hz of a capture must be given):
   [machine]
   realtime_priority = 50      # 1 to 99, 0 for none
   cpu = 3                     # left out: any core
-  watchdog_s = 15             # seconds without a frame until a restart, 0 for none")]
+  watchdog_s = 15             # seconds without a frame until a restart, 0 for none;
+                              # stopped while the camera is known to be lost")]
 pub struct Arguments {
     #[command(flatten)]
     descriptions: Descriptions,
@@ -59,6 +62,9 @@ pub struct Arguments {
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Replace the file of --out if it exists.
+    #[arg(long)]
+    force: bool,
 }
 
 /// Runs the subcommand.
@@ -73,21 +79,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
     if let Some(path) = &arguments.settings {
         places.settings = path.display().to_string();
+        places.udp.clone_from(&places.settings);
+        places.serial.clone_from(&places.settings);
         box_settings::read(path)?.apply(&mut config, &places.settings)?;
     } else {
         BoxSettings::default().apply(&mut config, "")?;
     }
     if let Some(value) = &arguments.udp {
+        places.udp = "--udp".into();
         config.links.udp = Some(box_settings::udp("--udp", "", value)?);
     }
     if let Some(value) = &arguments.serial {
+        places.serial = "--serial".into();
         config.links.serial = Some(box_settings::serial("--serial", "", value)?);
     }
 
     let mut buffer = vec![0; BLOB_BYTES_MAX];
     let blob = config.encode(&mut buffer).map_err(|error| setup::bad_config(&error, &places))?;
     assert_eq!(Config::decode(blob).as_ref(), Ok(&config), "a blob reads back as it was written");
-    std::fs::write(&arguments.out, blob)
+    if config.capture.is_some() && config.links == Links::default() {
+        // A box refuses it; a replay can be given a link when it is started.
+        return Err(BadInput::new(
+            &places.settings,
+            "links",
+            NO_LINK,
+            "add [links] with udp or serial, or give --udp or --serial",
+        )
+        .into());
+    }
+    files::create(&arguments.out, arguments.force)?
+        .write_all(blob)
         .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
     eprintln!(
         "{}: {} bytes, checksum {:08x}, {} targets, {}",

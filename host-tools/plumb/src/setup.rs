@@ -38,6 +38,8 @@ impl Descriptions {
             targets: name(&self.targets),
             scene: self.scene.as_ref().map(name).unwrap_or_default(),
             settings: String::new(),
+            udp: "--udp".into(),
+            serial: "--serial".into(),
         }
     }
 
@@ -67,6 +69,10 @@ pub struct Places {
     pub scene: String,
     /// Of the box file.
     pub settings: String,
+    /// Of what gives the UDP address: an option, or the box file.
+    pub udp: String,
+    /// Of what gives the serial line, likewise.
+    pub serial: String,
 }
 
 /// The configuration of these files, without links and with an empty identity.
@@ -105,8 +111,8 @@ pub fn bad_config(error: &ConfigError, places: &Places) -> BadInput {
     let place = match error {
         ConfigError::Lens(_) => &places.camera,
         ConfigError::Scene => &places.scene,
-        ConfigError::Udp => "--udp",
-        ConfigError::Serial => "--serial",
+        ConfigError::Udp => &places.udp,
+        ConfigError::Serial => &places.serial,
         ConfigError::Capture(_) | ConfigError::Machine(_) => &places.settings,
         _ => &places.targets,
     };

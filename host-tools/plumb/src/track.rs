@@ -1,7 +1,6 @@
 //! `plumb track`: the box's pipeline over recorded frames.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -19,7 +18,7 @@ use crate::draw;
 use crate::error::BadInput;
 use crate::files::frames::{Frame, FrameSource, Pixels};
 use crate::files::poses::{PoseRow, Writer};
-use crate::files::{camera, refuse_overwriting};
+use crate::files::{self, camera, refuse_overwriting};
 use crate::setup::{self, Descriptions};
 
 /// Track the targets in recorded frames and write their poses.
@@ -60,6 +59,9 @@ pub struct Arguments {
     /// Write the CSV here instead of to standard output.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Replace the file of --out if it exists.
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Write each frame as PNG into this directory, with what was found drawn in.
     #[arg(long, value_name = "DIR")]
     draw: Option<PathBuf>,
@@ -129,7 +131,7 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
     };
     let place = path.display().to_string();
     refuse_overwriting(path, arguments.descriptions.paths().chain(&arguments.inputs))?;
-    let file = File::create(path).map_err(|error| BadInput::io(&place, &error))?;
+    let file = files::create(path, arguments.force)?;
     Ok(Writer::new(Box::new(file), place))
 }
 

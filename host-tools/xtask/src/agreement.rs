@@ -45,7 +45,7 @@ pub fn check(toolchain: &Toolchain) -> Result<()> {
     let track = |plumb: Task, out: &str| {
         plumb
             .args(["track", "--camera", &place("camera.toml"), "--targets", &place("targets.toml")])
-            .args(["--scene", &place("scene.toml"), "--out", &place(out)])
+            .args(["--scene", &place("scene.toml"), "--force", "--out", &place(out)])
             .args([&place("frames.y4m")])
             .run()
     };

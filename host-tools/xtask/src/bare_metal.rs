@@ -162,7 +162,7 @@ impl Board {
             .run()?;
         let place = |name: &str| directory.join(name).display().to_string();
         plumb()
-            .args(["provision", "--camera", &place("camera.toml")])
+            .args(["provision", "--force", "--camera", &place("camera.toml")])
             .args(["--targets", &place("targets.toml"), "--scene", &place("scene.toml")])
             .args(["--out", &place("box.plb")])
             .run()

@@ -90,7 +90,7 @@ fn render(directory: &Path, frames: u32, options: &[&str]) -> Result<()> {
         .args(options)
         .run()?;
     plumb()
-        .args(["provision", "--camera", &place("camera.toml"), "--targets"])
+        .args(["provision", "--force", "--camera", &place("camera.toml"), "--targets"])
         .args([place("targets.toml"), "--out".into(), place("box.plb")])
         .run()
 }

@@ -7,8 +7,9 @@
 //! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
 //! | `bench` | measures the figures that README.md quotes |
 //!
-//! Exit codes: 0 done, 1 something failed, 2 the machine lacks something that
-//! could not be installed (the message holds the line to run).
+//! Exit codes: 0 done, 1 something failed, 2 what was given cannot be used, or
+//! the machine lacks something that could not be installed (the message holds
+//! the remedy, or the line to run).
 
 mod agreement;
 mod bare;
@@ -66,7 +67,8 @@ fn main() -> ExitCode {
         Err(error) if error.is::<tests::Told>() => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("error: {error:#}");
-            ExitCode::from(if error.is::<setup::Lacking>() { 2 } else { 1 })
+            let outside = error.is::<setup::Lacking>() || error.is::<command::BadInput>();
+            ExitCode::from(if outside { 2 } else { 1 })
         }
     }
 }

@@ -32,7 +32,7 @@ use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::Path;
 
 use plumbline::config::{
-    Capture, CaptureDriver, Config, Links, Machine, Network, PixelFormat, SerialLink,
+    Capture, CaptureDriver, Config, Links, Machine, MachineError, Network, PixelFormat, SerialLink,
 };
 use serde::Deserialize;
 
@@ -46,6 +46,13 @@ const REALTIME_PRIORITY: u8 = 50;
 
 /// The Raspberry Pi's watchdog waits at most this long.
 const WATCHDOG_S: u16 = 15;
+
+const REALTIME_PRIORITY_WANTED: &str = "give 1 to 99, or 0 for none";
+
+const WATCHDOG_WANTED: &str = "give 1 to 600 seconds, or 0 for none";
+
+const ADDRESS_WANTED: &str =
+    "give a host's address with a prefix within 1 to 30, for example 192.168.1.30/24";
 
 /// The settings of one box, as its file gives them.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -158,15 +165,44 @@ fn default_watchdog_s() -> u16 {
 /// # Errors
 /// When the file cannot be read, or a field is missing, unknown or of another type.
 pub fn read(path: &Path) -> Result<BoxSettings, BadInput> {
-    from_toml(&read_text(path)?, &path.display().to_string(), REMEDY)
+    parse(&read_text(path)?, &path.display().to_string())
+}
+
+fn parse(text: &str, place: &str) -> Result<BoxSettings, BadInput> {
+    from_toml(text, place, REMEDY).map_err(|mut error| {
+        let name = error.field.split(' ').next().unwrap_or_default();
+        if let Some(wanted) = wanted(name) {
+            error.remedy = wanted.into();
+        }
+        error
+    })
+}
+
+/// What a field takes, for whoever gave it something of another kind.
+fn wanted(name: &str) -> Option<&'static str> {
+    Some(match name {
+        "driver" => "give \"v4l2\" or \"libcamera\"",
+        "pixel_format" => "give \"grey\", \"y10\", \"y16\", \"yuyv\" or \"nv12\"",
+        "rate_hz" => "give frames per second, for example 60.0",
+        "exposure_us" => {
+            "give whole microseconds above 0, for example 4000; left out, it is as the camera has it"
+        }
+        "gain" => "give a number of 0 or more; left out, it is as the camera has it",
+        "realtime_priority" => REALTIME_PRIORITY_WANTED,
+        "cpu" => "give the number of a core, from 0; left out, it is any",
+        "watchdog_s" => WATCHDOG_WANTED,
+        "address" => ADDRESS_WANTED,
+        "gateway" => "give an address, for example 192.168.1.1, or leave it out",
+        _ => return None,
+    })
 }
 
 impl BoxSettings {
     /// Puts the settings into a configuration; `place` names the file in errors.
     ///
     /// # Errors
-    /// When a text is too long, or an address cannot be understood. Ranges are
-    /// the configuration's own check.
+    /// When a text is too long, an address cannot be understood, or the computer's
+    /// settings are out of range. Other ranges are the configuration's own check.
     pub fn apply(&self, config: &mut Config, place: &str) -> Result<(), BadInput> {
         config.device = text(place, "device", &self.device)?;
         config.serial_number = text(place, "serial_number", &self.serial_number)?;
@@ -197,7 +233,19 @@ impl BoxSettings {
             cpu: self.machine.cpu,
             watchdog_s: Some(self.machine.watchdog_s).filter(|it| *it > 0),
         };
-        Ok(())
+        // The check's own words know neither the file's zeros nor its tables.
+        config.machine.check().map_err(|error| match error {
+            MachineError::Network => network_fault(place, config.machine.network),
+            MachineError::RealtimePriority => {
+                let found = self.machine.realtime_priority;
+                let field = "machine.realtime_priority";
+                BadInput::new(place, field, found, REALTIME_PRIORITY_WANTED)
+            }
+            MachineError::Watchdog => {
+                let found = self.machine.watchdog_s;
+                BadInput::new(place, "machine.watchdog_s", found, WATCHDOG_WANTED)
+            }
+        })
     }
 }
 
@@ -242,15 +290,44 @@ fn fixed(place: &str, fields: &NetworkFields) -> Result<Network, BadInput> {
     let parts = fields.address.split_once('/');
     let parts = parts.and_then(|(address, bits)| Some((address.parse().ok()?, bits.parse().ok()?)));
     let Some((address, prefix_bits)) = parts else {
-        let remedy = "give an address with its prefix, for example 192.168.1.30/24";
+        let found = format!("{:?}", fields.address);
+        return Err(BadInput::new(place, "network.address", found, ADDRESS_WANTED));
+    };
+    let network = Network::Static { address, prefix_bits, gateway: fields.gateway };
+    if let Some(gateway) = fields.gateway
+        && !is_within(gateway, address, prefix_bits)
+    {
         return Err(BadInput::new(
             place,
-            "network.address",
-            format!("{:?}", fields.address),
-            remedy,
+            "network.gateway",
+            format!("{gateway} is not in the network of {}", fields.address),
+            "give the router of that network, or leave it out",
         ));
+    }
+    Ok(network)
+}
+
+/// Both have the same leading bits; a prefix that is none is another fault.
+fn is_within(gateway: Ipv4Addr, address: Ipv4Addr, prefix_bits: u8) -> bool {
+    let differing = gateway.to_bits() ^ address.to_bits();
+    prefix_bits > 32 || differing.leading_zeros() >= u32::from(prefix_bits)
+}
+
+/// Which of the two addresses a network is refused for.
+fn network_fault(place: &str, network: Network) -> BadInput {
+    let Network::Static { address, prefix_bits, gateway } = network else {
+        unreachable!("an address by DHCP has nothing to refuse");
     };
-    Ok(Network::Static { address, prefix_bits, gateway: fields.gateway })
+    let alone = Network::Static { address, prefix_bits, gateway: None };
+    match gateway {
+        Some(gateway) if (Machine { network: alone, ..Machine::default() }).check().is_ok() => {
+            BadInput::new(place, "network.gateway", gateway, "give the address of a router")
+        }
+        _ => {
+            let found = format!("{address}/{prefix_bits}");
+            BadInput::new(place, "network.address", found, ADDRESS_WANTED)
+        }
+    }
 }
 
 #[cfg(test)]
@@ -282,17 +359,13 @@ mod tests {
         watchdog_s = 0
     "#;
 
-    fn parse(text: &str) -> Result<BoxSettings, BadInput> {
-        from_toml(text, "box.toml", REMEDY)
-    }
-
     /// Any configuration will do.
     static CONFIG: LazyLock<Config> =
         LazyLock::new(|| Simulation::new(&SimulationSettings::default()).unwrap().config());
 
     fn applied(text: &str) -> Result<Config, BadInput> {
         let mut config = CONFIG.clone();
-        parse(text)?.apply(&mut config, "box.toml")?;
+        parse(text, "box.toml")?.apply(&mut config, "box.toml")?;
         Ok(config)
     }
 
@@ -333,7 +406,7 @@ mod tests {
             watchdog_s: Some(WATCHDOG_S),
         };
         assert_eq!(config.machine, expected);
-        assert_eq!(parse("").unwrap(), BoxSettings::default());
+        assert_eq!(parse("", "box.toml").unwrap(), BoxSettings::default());
     }
 
     #[test]
@@ -349,11 +422,32 @@ mod tests {
             ("1.30/24", "1.30", "network.address"),
             ("\"192.168.1.1\"", "\"the router\"", "gateway"),
             ("watchdog_s = 0", "watchdog_s = -1", "watchdog_s"),
+            ("watchdog_s = 0", "watchdog_s = 601", "machine.watchdog_s"),
+            ("realtime_priority = 0", "realtime_priority = 100", "machine.realtime_priority"),
+            ("1.30/24", "1.30/33", "network.address"),
+            ("192.168.1.30/24", "0.0.0.0/24", "network."),
+            ("192.168.1.1\"", "192.168.2.1\"", "network.gateway"),
+            ("1.30/24", "1.30/30", "network.gateway"),
         ] {
             let text = WHOLE.replacen(good, bad, 1);
             assert_ne!(text, WHOLE);
             let error = applied(&text).unwrap_err();
             assert!(error.field.starts_with(field), "{field}: {error}");
+        }
+    }
+
+    #[test]
+    fn what_a_field_takes_is_said() {
+        for (good, bad, wanted) in [
+            ("\"y10\"", "3", "\"yuyv\" or \"nv12\""),
+            ("= 4000", "= -4", "whole microseconds above 0"),
+            ("\"libcamera\"", "7", "\"v4l2\""),
+            ("cpu = 3", "cpu = \"last\"", "from 0"),
+            ("realtime_priority = 0", "realtime_priority = 100", "0 for none"),
+            ("watchdog_s = 0", "watchdog_s = 601", "0 for none"),
+        ] {
+            let error = applied(&WHOLE.replacen(good, bad, 1)).unwrap_err();
+            assert!(error.remedy.contains(wanted), "{wanted}: {error}");
         }
     }
 }

@@ -6,7 +6,7 @@
 //! allow, whatever a header claims.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -57,6 +57,33 @@ pub fn read_text(path: &Path) -> Result<String, BadInput> {
 /// When the operating system refuses.
 pub fn write_text(path: &Path, text: &str) -> Result<(), BadInput> {
     std::fs::write(path, text).map_err(|error| BadInput::io(path.display(), &error))
+}
+
+/// Opens the file of `--out` for writing. One that exists is kept unless `force`.
+///
+/// # Errors
+/// When it exists, or the operating system refuses.
+pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
+    let mut options = File::options();
+    options.write(true);
+    if force {
+        options.create(true).truncate(true)
+    } else {
+        options.create_new(true)
+    };
+    options.open(path).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => BadInput::whole(
+            path.display(),
+            "exists already",
+            "give another --out, or --force to replace it",
+        ),
+        ErrorKind::NotFound => BadInput::whole(
+            path.display(),
+            "there is no such directory",
+            "make the directory first, or give another --out",
+        ),
+        _ => BadInput::io(path.display(), &error),
+    })
 }
 
 /// Checks that writing `out` destroys none of the files that are read.

@@ -16,8 +16,9 @@ const WINDOW: usize = 128;
 /// The first packets of a session may have been overtaken too: by so many.
 const START_REORDER_MAX: u32 = 4;
 
-/// Health packets may overtake each other by this much without meaning a restart.
-const UPTIME_SLACK_MS: u64 = 500;
+/// Packets may be older than the one before by this much without meaning a restart:
+/// they overtake each other, and a Log waits while a camera is being opened.
+const UPTIME_SLACK_MS: u64 = 3000;
 
 /// What one pose packet is, going by its number and its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +47,7 @@ pub struct Counts {
     pub repeated: u64,
     /// Pose packets that came after a later one.
     pub reordered: u64,
-    /// How often the box started, as far as its packets tell.
+    /// How often the box started, as far as its packets tell, with frames or without.
     pub sessions: u32,
 }
 
@@ -56,6 +57,8 @@ pub struct Accounting {
     counts: Counts,
     boot_id: Option<u32>,
     uptime_ms: Option<u64>,
+    /// The session has been counted: something of it came.
+    counted: bool,
     /// The highest sequence number of this session; `None` when the next packet
     /// begins a session.
     highest: Option<u32>,
@@ -83,7 +86,9 @@ impl Accounting {
         if anew {
             self.highest = None;
             self.uptime_ms = None;
+            self.counted = false;
         }
+        self.count_session();
         anew
     }
 
@@ -95,8 +100,16 @@ impl Accounting {
         if anew {
             self.highest = None;
             self.boot_id = None;
+            self.counted = false;
         }
+        self.count_session();
         anew
+    }
+
+    /// Once per session, whatever of it comes first.
+    fn count_session(&mut self) {
+        self.counts.sessions += u32::from(!self.counted);
+        self.counted = true;
     }
 
     /// Takes note of a pose packet.
@@ -127,8 +140,9 @@ impl Accounting {
                     // before must not end this one a second time.
                     self.boot_id = None;
                     self.uptime_ms = None;
+                    self.counted = false;
                 }
-                self.counts.sessions += 1;
+                self.count_session();
                 self.highest = Some(sequence);
                 self.recent.clear();
             }
@@ -232,7 +246,7 @@ mod tests {
 
     #[test]
     fn every_order_of_arrival_is_told_from_the_others() {
-        let table: [(&str, &[Event], [u64; 5]); 14] = [
+        let table: [(&str, &[Event], [u64; 5]); 16] = [
             // received, lost, repeated, reordered, sessions
             ("in order", &[Pose(7, 7, NewSession), Pose(8, 8, NEXT)], [2, 0, 0, 0, 1]),
             ("lost", &[Pose(0, 0, NewSession), Pose(4, 4, after(3))], [2, 3, 0, 0, 1]),
@@ -276,7 +290,7 @@ mod tests {
                 &[
                     Uptime(9000, false),
                     Pose(0, 0, NewSession),
-                    Uptime(8600, false),
+                    Uptime(6100, false),
                     Uptime(10, true),
                     Pose(0, 0, NewSession),
                     Uptime(20, false),
@@ -308,6 +322,16 @@ mod tests {
                     Pose(1, 1, NEXT),
                 ],
                 [3, 0, 0, 0, 2],
+            ),
+            (
+                "restart without a frame",
+                &[Hello(1, false), Uptime(900, false), Pose(0, 0, NewSession), Hello(2, true)],
+                [1, 0, 0, 0, 2],
+            ),
+            (
+                "no frame in the first of two",
+                &[Uptime(9000, false), Uptime(10, true), Hello(2, false), Pose(0, 0, NewSession)],
+                [1, 0, 0, 0, 2],
             ),
             (
                 "the first ones reordered",

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use clap::{ArgGroup, Args};
 
 use crate::error::BadInput;
+use crate::files;
 
 pub mod accounting;
 pub mod receiver;
@@ -26,7 +27,7 @@ use transport::{Serial, Transport, Udp};
 ///
 /// Counts what is lost, repeated, late or corrupt. Every row is in the file as
 /// soon as it is received. When the box starts anew the recording goes on: the
-/// column `session` is then one higher, `frame` begins again, and `time_s` goes
+/// column `session` is then higher, `frame` begins again, and `time_s` goes
 /// on by this computer's clock. Ends with --duration, --frames or Ctrl-C, and a
 /// summary.
 #[derive(Debug, Args)]
@@ -154,7 +155,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         };
     let recorder = match &arguments.out {
         Some(path) => {
-            let file = recorder::create(path, arguments.force)?;
+            let file = files::create(path, arguments.force)?;
             Some(Recorder::new(file, path.display().to_string())?)
         }
         None => None,
@@ -175,13 +176,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     result?;
     if receiver.counts().received == 0 && !stop.load(Ordering::Relaxed) {
-        return Err(BadInput::whole(
-            place,
-            "no pose packet came",
-            "check that the box is on, and that it sends to this computer's address and port \
-             (or on this line, at this rate)",
-        )
-        .into());
+        return Err(screen::no_pose(&receiver, place, Instant::now()).into());
     }
     Ok(())
 }

@@ -6,7 +6,8 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{
-    Action, Command, Health, Hello, Message, PacketError, PosePacket, ResetReason,
+    Action, CameraState, Command, Health, Hello, Log, LogLevel, Message, PacketError, PosePacket,
+    ResetReason,
 };
 use plumbline::target::Role;
 
@@ -24,6 +25,12 @@ const REQUEST_EVERY: Duration = Duration::from_millis(200);
 
 /// The rate shown is over this time.
 const RATE_SPAN: Duration = Duration::from_secs(2);
+
+/// A pose is the latest for no longer than this; the slowest camera gives one a second.
+const FRESH: Duration = Duration::from_millis(1500);
+
+/// So many of the box's own messages are remembered.
+const TOLD_MAX: usize = 16;
 
 /// How many packets were bad, by cause.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -51,11 +58,47 @@ pub struct Share {
     pub poses: u64,
 }
 
+/// From one start of a box to the next.
+#[derive(Debug, Default)]
+pub struct Run {
+    /// Who the box is, once it has told.
+    pub hello: Option<Hello>,
+    /// Frames received.
+    pub frames: u64,
+}
+
+/// The box's camera, as its Health tells.
+#[derive(Debug, Clone, Copy)]
+pub struct Camera {
+    /// How it is, or was before the box's program ended.
+    pub state: CameraState,
+    /// When that was heard first.
+    pub since: Instant,
+    /// It was so when the box was first heard, and perhaps long before.
+    pub from_before: bool,
+    /// The box's program has ended.
+    pub ended: bool,
+}
+
+impl Camera {
+    /// There is no camera that gives frames.
+    #[must_use]
+    pub fn is_absent(&self) -> bool {
+        matches!(self.state, CameraState::Lost | CameraState::Stalled)
+    }
+}
+
+/// What the box has said of itself.
+struct Told {
+    level: LogLevel,
+    text: String,
+}
+
 /// A packet that waits for the targets' names.
 struct Held {
     packet: PosePacket,
-    /// When it came, if it begins a session.
-    begins: Option<Instant>,
+    /// The number of the session that it begins, if so, and when it came.
+    begins: Option<(u32, Instant)>,
 }
 
 /// The state of a reception. It does no input or output but the recording.
@@ -64,9 +107,14 @@ pub struct Receiver<W: Write> {
     accounting: Accounting,
     bad: BadPackets,
     shares: BTreeMap<String, Share>,
-    hello: Option<Hello>,
+    /// The last one is under way.
+    runs: Vec<Run>,
     health: Option<Health>,
+    camera: Option<Camera>,
+    /// Since the camera's state has changed.
+    told: VecDeque<Told>,
     latest: Option<PosePacket>,
+    latest_came: Option<Instant>,
     arrivals: VecDeque<Instant>,
     line_losses: u64,
     /// The names in use in this session, once they are settled.
@@ -89,9 +137,12 @@ impl<W: Write> Receiver<W> {
             accounting: Accounting::default(),
             bad: BadPackets::default(),
             shares: BTreeMap::new(),
-            hello: None,
+            runs: vec![Run::default()],
             health: None,
+            camera: None,
+            told: VecDeque::new(),
             latest: None,
+            latest_came: None,
             arrivals: VecDeque::new(),
             line_losses: 0,
             names: None,
@@ -122,22 +173,41 @@ impl<W: Write> Receiver<W> {
         &self.shares
     }
 
-    /// The box's latest Hello.
+    /// The runs of the box, or of the boxes one after the other; never none.
     #[must_use]
-    pub fn hello(&self) -> Option<&Hello> {
-        self.hello.as_ref()
+    pub fn runs(&self) -> &[Run] {
+        &self.runs
     }
 
-    /// The box's latest Health.
+    /// The latest Health of this run.
     #[must_use]
     pub fn health(&self) -> Option<&Health> {
         self.health.as_ref()
     }
 
-    /// The latest pose packet.
+    /// The camera of this run, once the box has told of it.
     #[must_use]
-    pub fn latest(&self) -> Option<&PosePacket> {
-        self.latest.as_ref()
+    pub fn camera(&self) -> Option<Camera> {
+        self.camera
+    }
+
+    /// The faults that the box has told of since its camera's state has changed.
+    #[must_use]
+    pub fn faults(&self) -> String {
+        let faults = self.told.iter().filter(|told| told.level == LogLevel::Error);
+        faults.map(|told| told.text.as_str()).collect::<Vec<_>>().join(" ")
+    }
+
+    /// The latest pose packet of this run, unless it is an old one.
+    #[must_use]
+    pub fn latest(&self, now: Instant) -> Option<&PosePacket> {
+        self.latest.as_ref().filter(|_| self.silence(now).is_some_and(|silence| silence <= FRESH))
+    }
+
+    /// How long ago the latest pose packet of all runs came.
+    #[must_use]
+    pub fn silence(&self, now: Instant) -> Option<Duration> {
+        self.latest_came.map(|came| now.saturating_duration_since(came))
     }
 
     /// How often the serial line was lost.
@@ -155,7 +225,7 @@ impl<W: Write> Receiver<W> {
     /// How many corners a target has, if the box has told.
     #[must_use]
     pub fn corners_total(&self, role: Role) -> Option<u8> {
-        let hello = self.hello.as_ref()?;
+        let hello = self.runs.last()?.hello.as_ref()?;
         hello.targets.iter().find(|target| target.role == role).map(|target| target.corners)
     }
 
@@ -163,10 +233,11 @@ impl<W: Write> Receiver<W> {
     #[must_use]
     pub fn rate_hz(&self, now: Instant) -> f64 {
         let lately = |arrival: &&Instant| now.saturating_duration_since(**arrival) <= RATE_SPAN;
-        let arrivals = self.arrivals.iter().filter(lately).count();
-        let oldest = self.arrivals.iter().find(lately);
-        let span = oldest.map_or(Duration::ZERO, |oldest| now.saturating_duration_since(*oldest));
-        if arrivals < 2 { 0.0 } else { arrivals as f64 / span.as_secs_f64().max(0.1) }
+        let mut arrivals = self.arrivals.iter().filter(lately);
+        let Some(first) = arrivals.next() else { return 0.0 };
+        // From the first on, each packet has come one period after another.
+        let (periods, last) = arrivals.fold((0, first), |(count, _), arrival| (count + 1, arrival));
+        f64::from(periods) / (*last - *first).as_secs_f64().max(0.1)
     }
 
     /// What there is to say to the user since the last call.
@@ -241,20 +312,13 @@ impl<W: Write> Receiver<W> {
             Message::Pose(packet) => return self.pose(packet, now),
             Message::Hello(hello) => return self.take_hello(hello),
             Message::Health(health) => {
-                self.uptime(health.uptime_ms);
+                self.uptime(health.uptime_ms)?;
+                self.take_camera(health.camera, now);
                 self.health = Some(health);
             }
             Message::Log(log) => {
-                self.uptime(log.uptime_ms);
-                let cut = if log.cut == 0 {
-                    String::new()
-                } else {
-                    format!(" (and {} bytes more)", log.cut)
-                };
-                let level = format!("{:?}", log.level).to_uppercase();
-                let text: String =
-                    log.text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-                self.notices.push(format!("box {level} {}: {text}{cut}", log.target));
+                self.uptime(log.uptime_ms)?;
+                self.take_log(&log);
             }
             // Ours, or none of ours.
             Message::Command(_) | Message::Reply(_) => (),
@@ -262,21 +326,64 @@ impl<W: Write> Receiver<W> {
         Ok(())
     }
 
-    fn uptime(&mut self, uptime_ms: u64) {
-        if self.accounting.uptime(uptime_ms) {
-            self.names = None;
+    fn uptime(&mut self, uptime_ms: u64) -> Result<(), BadInput> {
+        if self.accounting.uptime(uptime_ms) { self.start_run() } else { Ok(()) }
+    }
+
+    /// The box has started anew: what was known of the run before does not hold any more.
+    fn start_run(&mut self) -> Result<(), BadInput> {
+        // What is held belongs to the run before.
+        self.finish()?;
+        self.runs.push(Run::default());
+        self.names = None;
+        self.health = None;
+        self.camera = None;
+        self.told.clear();
+        self.latest = None;
+        self.arrivals.clear();
+        Ok(())
+    }
+
+    fn take_camera(&mut self, state: CameraState, now: Instant) {
+        match &mut self.camera {
+            Some(camera) if state == CameraState::Ended => camera.ended = true,
+            Some(camera) if camera.state == state => {}
+            known => {
+                let from_before = known.is_none();
+                let ended = state == CameraState::Ended;
+                *known = Some(Camera { state, since: now, from_before, ended });
+                self.told.clear();
+            }
         }
+    }
+
+    fn take_log(&mut self, log: &Log) {
+        let cut =
+            if log.cut == 0 { String::new() } else { format!(" (and {} bytes more)", log.cut) };
+        let text: String = log.text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let text = text + &cut;
+        // A box that does not track repeats why, for hosts that begin to listen.
+        let tracks = self.camera.is_some_and(|camera| camera.state == CameraState::Running);
+        if !tracks && self.told.iter().any(|told| told.text == text) {
+            return;
+        }
+        let level = format!("{:?}", log.level).to_uppercase();
+        self.notices.push(format!("box {level} {}: {text}", log.target));
+        if self.told.len() == TOLD_MAX {
+            self.told.pop_front();
+        }
+        self.told.push_back(Told { level: log.level, text });
     }
 
     fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
         if self.accounting.hello(hello.boot_id) {
             self.notices.push(format!("the box has started anew ({})", start_of(&hello)));
-            // What is held belongs to the run before.
-            self.finish()?;
-            self.names = None;
+            self.start_run()?;
         }
         self.names_heard = Names::of(&hello);
-        self.hello = Some(hello);
+        if let Some(run) = self.runs.last_mut() {
+            run.hello = Some(hello);
+        }
         if self.names.is_none() || self.accounting.awaits_session() {
             self.settle()?;
         }
@@ -298,12 +405,15 @@ impl<W: Write> Receiver<W> {
                     ));
                 }
                 if by_number {
-                    self.finish()?;
-                    self.names = None;
+                    self.start_run()?;
                 }
-                Some(now)
+                Some((session, now))
             }
         };
+        if let Some(run) = self.runs.last_mut() {
+            run.frames += 1;
+        }
+        self.latest_came = Some(now);
         self.arrivals.push_back(now);
         while self.arrivals.front().is_some_and(|first| now.duration_since(*first) > RATE_SPAN) {
             self.arrivals.pop_front();
@@ -337,8 +447,8 @@ impl<W: Write> Receiver<W> {
                 }
             }
             if let Some(recorder) = &mut self.recorder {
-                if let Some(arrival) = begins {
-                    recorder.start_session(packet.capture_time_ns, arrival);
+                if let Some((session, arrival)) = begins {
+                    recorder.start_session(session, packet.capture_time_ns, arrival);
                 }
                 recorder.write(&packet, names)?;
             }

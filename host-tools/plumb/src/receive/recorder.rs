@@ -3,14 +3,12 @@
 //!
 //! `frame` is the box's sequence number and `time_s` the capture time since the
 //! first packet. When the box starts anew both begin at another point: then
-//! `session` is one higher, and `time_s` goes on from where the host's clock
+//! `session` is one higher (or more, if a start in between brought no frame), and `time_s` goes on from where the host's clock
 //! says that the new session began. Within a session times are the box's, exact
 //! to the nanosecond; between sessions they are only as good as the arrival of
 //! the packets.
 
-use std::fs::{File, OpenOptions};
 use std::io::Write;
-use std::path::Path;
 use std::time::Instant;
 
 use plumbline::packet::{AnatomicalPoint, Hello, PosePacket, TargetPacket};
@@ -49,33 +47,6 @@ impl Names {
     }
 }
 
-/// Opens the file for the CSV. An old one is kept unless `force`.
-///
-/// # Errors
-/// When it exists, or the operating system refuses.
-pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
-    let mut options = OpenOptions::new();
-    options.write(true);
-    if force {
-        options.create(true).truncate(true)
-    } else {
-        options.create_new(true)
-    };
-    options.open(path).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => BadInput::whole(
-            path.display(),
-            "the file exists already, and may hold a recording",
-            "give another --out, or --force to replace it",
-        ),
-        std::io::ErrorKind::NotFound => BadInput::whole(
-            path.display(),
-            "there is no such directory",
-            "make the directory first, or give another --out",
-        ),
-        _ => BadInput::io(path.display(), &error),
-    })
-}
-
 /// One clock for all sessions.
 #[derive(Debug, Default)]
 struct Clock {
@@ -105,6 +76,7 @@ pub struct Recorder<W: Write> {
     rows: csv::Writer<W>,
     place: String,
     clock: Clock,
+    /// The number of the current session, from 1.
     session: u32,
 }
 
@@ -127,9 +99,9 @@ impl<W: Write> Recorder<W> {
         Ok(recorder)
     }
 
-    /// The next packet is the first one of a session.
-    pub fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
-        self.session += 1;
+    /// The next packet is the first one of this session.
+    pub fn start_session(&mut self, session: u32, capture_time_ns: u64, arrival: Instant) {
+        self.session = session;
         self.clock.start_session(capture_time_ns, arrival);
     }
 

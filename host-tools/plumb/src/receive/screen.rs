@@ -8,8 +8,11 @@ use std::time::{Duration, Instant};
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use plumbline::packet::{CameraState, Hello};
+
 use super::receiver::Receiver;
 use super::recorder::state_words;
+use crate::error::BadInput;
 
 /// A terminal is redrawn this often.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
@@ -74,12 +77,10 @@ impl Screen {
     }
 }
 
-fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
+pub(super) fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
     let counts = receiver.counts();
-    let Some(latest) = receiver.latest() else {
-        let bad = receiver.bad();
-        let unusable = bad.corrupt + bad.other_version + bad.other_schema + bad.malformed;
-        return format!("{place}: no pose yet, {unusable} unusable packets");
+    let Some(latest) = receiver.latest(now) else {
+        return status_without_pose(receiver, place, now);
     };
     let mut text = format!(
         "{:.1} Hz, {} frames, {} lost, {} corrupt, latency {:.1} ms",
@@ -105,17 +106,88 @@ fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String
     text
 }
 
+fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
+    let counts = receiver.counts();
+    let camera = camera_now(receiver, now).map(|camera| format!(", {camera}"));
+    let camera = camera.unwrap_or_default();
+    let bad = receiver.bad();
+    if let Some(silence) = receiver.silence(now) {
+        return format!(
+            "no pose for {} s{camera}; {} frames, {} lost, {} corrupt",
+            silence.as_secs(),
+            counts.received,
+            counts.lost,
+            bad.corrupt
+        );
+    }
+    if is_heard(receiver) {
+        return format!("{place}: the box is heard, no pose yet{camera}");
+    }
+    let unusable = bad.corrupt + bad.other_version + bad.other_schema + bad.malformed;
+    format!("{place}: no pose yet, {unusable} unusable packets")
+}
+
+/// Anything of a box has come.
+fn is_heard<W: Write>(receiver: &Receiver<W>) -> bool {
+    receiver.counts().sessions > 0
+}
+
+/// How the box's camera is, and since when.
+fn camera_now<W: Write>(receiver: &Receiver<W>, now: Instant) -> Option<String> {
+    let (camera, health) = (receiver.camera()?, receiver.health()?);
+    let state = match camera.state {
+        _ if camera.ended => return Some("the box's program has ended".into()),
+        CameraState::Starting => return Some("camera starting".into()),
+        CameraState::Running | CameraState::Ended => return Some("camera running".into()),
+        CameraState::Stalled => "stalled",
+        CameraState::Lost => "lost",
+    };
+    if health.frames == 0 {
+        let uptime_s = health.uptime_ms / 1000;
+        return Some(format!("camera {state}: no frame since the box's start {uptime_s} s ago"));
+    }
+    let more = if camera.from_before { "more than " } else { "" };
+    let lost_s = now.saturating_duration_since(camera.since).as_secs();
+    Some(format!("camera {state} for {more}{lost_s} s"))
+}
+
+/// Why a reception has brought no pose, as far as that can be told from here.
+pub(super) fn no_pose<W: Write>(receiver: &Receiver<W>, place: String, now: Instant) -> BadInput {
+    if !is_heard(receiver) {
+        return BadInput::whole(
+            place,
+            "no pose packet came",
+            "check that the box is on, and that it sends to this computer's address and port \
+             (or on this line, at this rate)",
+        );
+    }
+    let mut found = "no pose packet came, although the box is heard".to_owned();
+    // Writing to a String does not fail.
+    if let Some(camera) = camera_now(receiver, now) {
+        let _ = write!(found, ": {camera}");
+    }
+    let faults = receiver.faults();
+    if !faults.is_empty() {
+        let _ = write!(found, "; it says: {faults}");
+    }
+    let remedy = match receiver.camera() {
+        Some(camera) if camera.is_absent() => {
+            "check the camera's plug, and its settings in the box file"
+        }
+        _ if !faults.is_empty() => "mend what the box names",
+        _ => "wait until its camera gives frames",
+    };
+    BadInput::whole(place, found, remedy)
+}
+
 /// The table at the end.
 pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     let counts = receiver.counts();
     let bad = receiver.bad();
     let mut table = Table::new();
     table.load_style(presets::UTF8_BORDERS_ONLY);
-    if let Some(hello) = receiver.hello() {
-        let name = format!("{} ({})", hello.device, hello.serial_number);
-        table.add_row(["box".to_owned(), name]);
-        table.add_row(["its program".to_owned(), hello.firmware.to_string()]);
-        table.add_row(["its configuration".to_owned(), format!("{:08x}", hello.config_crc)]);
+    for (what, value) in boxes(receiver) {
+        table.add_row([what.to_owned(), value]);
     }
     let percent = |part: u64, whole: u64| 100.0 * part as f64 / (whole.max(1)) as f64;
     let lost = percent(counts.lost, counts.received + counts.lost);
@@ -143,11 +215,13 @@ pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     if let Some(health) = receiver.health() {
         rows.push(("frames the box dropped", u64::from(health.frames_dropped)));
         rows.push(("frames the camera missed", u64::from(health.frames_missed)));
-        rows.push(("camera losses", u64::from(health.camera_losses)));
         rows.push(("corners the box dropped", u64::from(health.corners_dropped)));
     }
     for (what, count) in rows {
         table.add_row([what.to_owned(), count.to_string()]);
+    }
+    if let Some(camera) = camera_at_the_end(receiver) {
+        table.add_row(["the box's camera".to_owned(), camera]);
     }
     for (name, share) in receiver.shares() {
         let percent = percent(share.poses, share.frames);
@@ -157,4 +231,49 @@ pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
         ]);
     }
     table.to_string()
+}
+
+/// Who was heard. Where it was not one box in one configuration all the time,
+/// also how many frames came from each.
+fn boxes<W: Write>(receiver: &Receiver<W>) -> Vec<(&'static str, String)> {
+    let identity = |hello: &Hello| {
+        let name = format!("{} ({})", hello.device, hello.serial_number);
+        [name, hello.firmware.to_string(), format!("{:08x}", hello.config_crc)]
+    };
+    let mut boxes: Vec<(Option<[String; 3]>, u64)> = Vec::new();
+    for run in receiver.runs() {
+        let who = run.hello.as_ref().map(identity);
+        match boxes.iter_mut().find(|(known, _)| *known == who) {
+            Some((_, frames)) => *frames += run.frames,
+            // Nothing is to be said of a start that was only heard of.
+            None if who.is_none() && run.frames == 0 => {}
+            None => boxes.push((who, run.frames)),
+        }
+    }
+    if let [(who, _)] = &boxes[..] {
+        let Some([name, program, configuration]) = who.clone() else { return Vec::new() };
+        return vec![("box", name), ("its program", program), ("its configuration", configuration)];
+    }
+    let described = boxes.into_iter().map(|(who, frames)| match who {
+        Some([name, program, configuration]) => {
+            format!("{name}, {program}, configuration {configuration}: {frames} frames")
+        }
+        None => format!("one that did not tell its name: {frames} frames"),
+    });
+    described.map(|text| ("box", text)).collect()
+}
+
+/// What became of the camera in the last run.
+fn camera_at_the_end<W: Write>(receiver: &Receiver<W>) -> Option<String> {
+    let (camera, health) = (receiver.camera()?, receiver.health()?);
+    let losses = health.camera_losses;
+    Some(match camera.state {
+        CameraState::Lost | CameraState::Stalled if health.frames == 0 => {
+            "never gave a frame".into()
+        }
+        CameraState::Lost | CameraState::Stalled => {
+            format!("lost {losses} times, absent at the end")
+        }
+        _ => format!("lost {losses} times"),
+    })
 }

@@ -7,9 +7,9 @@ use std::sync::{Mutex, mpsc};
 use std::thread;
 
 use plumbline::packet::{
-    AnatomicalPoint, FRAME_BYTES_MAX, Hello, MarkedInstant, MeasuredPose, Message,
-    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket, encode_datagram,
-    encode_frame,
+    AnatomicalPoint, CameraState, FRAME_BYTES_MAX, Health, Hello, Log, LogLevel, MarkedInstant,
+    MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket,
+    encode_datagram, encode_frame,
 };
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
@@ -239,6 +239,143 @@ fn a_restart_begins_a_session_and_times_go_on() {
     assert_eq!(sessions, [1, 1, 2, 2]);
 }
 
+fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
+    Message::Health(Health {
+        uptime_ms,
+        frames,
+        frames_dropped: 0,
+        frames_missed: 0,
+        camera_losses: u32::from(frames > 0 && camera == CameraState::Lost),
+        corners_dropped: 0,
+        heap_allocations: None,
+        temperature_decicelsius: None,
+        camera,
+        latency_us_max: 0,
+        logs_dropped: 0,
+        links: [].into_iter().collect(),
+    })
+}
+
+fn log(uptime_ms: u64, text: &str) -> Message {
+    Message::Log(Log {
+        uptime_ms,
+        level: LogLevel::Error,
+        target: "camera".try_into().unwrap(),
+        text: text.try_into().unwrap(),
+        cut: 0,
+    })
+}
+
+/// Hands over the messages, the first at `start` and each 0.1 s after the one before;
+/// gives the time of the last.
+fn take(receiver: &mut Receiver<Shared>, start: Instant, messages: &[Message]) -> Instant {
+    let mut now = start;
+    for (index, message) in (0..).zip(messages) {
+        now = start + Duration::from_millis(100) * index;
+        receiver.handle(transport::Event::Message(message.clone()), now).unwrap();
+    }
+    now
+}
+
+#[test]
+fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
+    let (mut receiver, _) = receiver();
+    let start = Instant::now();
+    let error = screen::no_pose(&receiver, "UDP".into(), start).to_string();
+    assert!(error.contains("check that the box is on"), "{error}");
+
+    let why = log(41_000, "camera: cannot be opened");
+    let lost = health(CameraState::Lost, 42_000, 0);
+    let now = take(&mut receiver, start, &[lost.clone(), hello(1), why.clone(), lost, why]);
+    let status = screen::status(&receiver, "UDP", now);
+    assert!(status.contains("the box is heard, no pose yet, camera lost: "), "{status}");
+    assert!(status.contains("no frame since the box's start 42 s ago"), "{status}");
+    let error = screen::no_pose(&receiver, "UDP".into(), now).to_string();
+    assert!(
+        error.contains("it says: camera: cannot be opened; check the camera's plug"),
+        "{error}"
+    );
+    let summary = screen::summary(&receiver);
+    assert!(summary.contains("never gave a frame"), "{summary}");
+    // The box repeats it for those who have not heard it.
+    assert_eq!(receiver.take_notices(), ["box ERROR camera: camera: cannot be opened"]);
+
+    // A box that refuses its configuration has no Health.
+    let (mut receiver, _) = self::receiver();
+    take(&mut receiver, start, &[log(10, "configuration refused: checksum")]);
+    let error = screen::no_pose(&receiver, "UDP".into(), now).to_string();
+    assert!(error.contains("configuration refused: checksum; mend what"), "{error}");
+}
+
+#[test]
+fn an_old_pose_is_not_shown_as_the_latest() {
+    let (mut receiver, _) = receiver();
+    let start = Instant::now();
+    let running = health(CameraState::Running, 5000, 2);
+    let now = take(&mut receiver, start, &[hello(1), pose(0), pose(1), running]);
+    assert!(screen::status(&receiver, "UDP", now).contains("shoulder"));
+
+    let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
+    let later = now + Duration::from_secs(3);
+    let status = screen::status(&receiver, "UDP", later);
+    assert!(status.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{status}");
+    assert!(!status.contains("shoulder"), "{status}");
+    let summary = screen::summary(&receiver);
+    assert!(summary.contains("lost 1 times, absent at the end"), "{summary}");
+
+    // Whoever begins to listen now does not know since when.
+    let (mut receiver, _) = self::receiver();
+    take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
+    let status = screen::status(&receiver, "UDP", later);
+    assert!(status.ends_with("camera lost for more than 3 s"), "{status}");
+}
+
+#[test]
+fn frames_belong_to_the_box_that_sent_them() {
+    let (mut receiver, csv) = receiver();
+    let start = Instant::now();
+    let mut other = hello(2);
+    let Message::Hello(identity) = &mut other else { unreachable!() };
+    identity.device = "ward 4".try_into().unwrap();
+    let now = take(&mut receiver, start, &[hello(1), pose(0), pose(1), other]);
+    // It has started anew, without a camera: what the one before has measured is over.
+    let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
+    let status = screen::status(&receiver, "UDP", now);
+    assert!(status.contains("camera lost: no frame since the box's start 3 s ago"), "{status}");
+    assert!(!status.contains("shoulder"), "{status}");
+    assert_eq!(receiver.counts().sessions, 2);
+    let summary = screen::summary(&receiver);
+    for row in ["ward 3 (PL-0001), 0.1.0, configuration 00000007: 2 frames", "ward 4", ": 0 frames"]
+    {
+        assert!(summary.contains(row), "{row}: {summary}");
+    }
+    // The same box once more, with frames.
+    take(&mut receiver, now, &[hello(3), pose(0)]);
+    assert_eq!(receiver.counts().sessions, 3);
+    assert!(screen::summary(&receiver).contains("00000007: 3 frames"));
+    let sessions: Vec<_> = rows(&csv.text()).iter().step_by(2).map(|row| row.2).collect();
+    assert_eq!(sessions, [1, 1, 3]);
+}
+
+#[test]
+fn the_rate_is_that_of_the_periods() {
+    let start = Instant::now();
+    for (rate_hz, sequences) in [(60.0, 600), (24.0, 240), (60.0, 7)] {
+        let (mut receiver, _) = receiver();
+        let at = |sequence: u32| start + Duration::from_secs_f64(f64::from(sequence) / rate_hz);
+        for sequence in 0..sequences {
+            receiver.handle(transport::Event::Message(pose(sequence)), at(sequence)).unwrap();
+        }
+        // Whenever between two packets it is looked at.
+        for after_ms in [0, 5, 15] {
+            let shown_hz = receiver.rate_hz(at(sequences - 1) + Duration::from_millis(after_ms));
+            assert!((shown_hz - rate_hz).abs() < 0.01, "{shown_hz} for {rate_hz}");
+        }
+    }
+    let (receiver, _) = receiver();
+    assert_eq!(receiver.rate_hz(start), 0.0);
+}
+
 #[test]
 fn a_second_box_is_not_mixed_in() {
     let mut udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
@@ -379,12 +516,12 @@ fn an_old_recording_is_kept_unless_forced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("poses.csv");
     std::fs::write(&path, "precious").unwrap();
-    let error = recorder::create(&path, false).unwrap_err();
+    let error = files::create(&path, false).unwrap_err();
     assert!(error.to_string().contains("--force"), "{error}");
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
-    recorder::create(&path, true).unwrap();
+    files::create(&path, true).unwrap();
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
-    let error = recorder::create(&directory.path().join("no/poses.csv"), false).unwrap_err();
+    let error = files::create(&directory.path().join("no/poses.csv"), false).unwrap_err();
     assert!(error.found.contains("no such directory"), "{error}");
 }
 

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
-use super::{directory, initramfs};
+use super::{directory, initramfs, output};
 use crate::command::{Task, root};
 use crate::setup::{Need, Probe};
 
@@ -91,15 +91,14 @@ pub fn make(program: &Path, out: &Path) -> Result<()> {
         .replace("@DEPENDS@", &depends(&readelf("--dynamic")?, &readelf("--version-info")?)?);
     put("DEBIAN/control", 0o644, control.as_bytes())?;
 
-    if let Some(directory) = out.parent() {
-        fs::create_dir_all(directory)?;
-    }
-    // The date of the files, which otherwise would make each package another.
-    Task::new("dpkg-deb")
-        .env("SOURCE_DATE_EPOCH", "0")
-        .args(["--root-owner-group", "-Zxz", "--build"])
-        .args([&tree, out])
-        .run()?;
+    output::file(out, |out| {
+        // The date of the files, which otherwise would make each package another.
+        Task::new("dpkg-deb")
+            .env("SOURCE_DATE_EPOCH", "0")
+            .args(["--root-owner-group", "-Zxz", "--build"])
+            .args([&tree, out])
+            .run()
+    })?;
     println!("\n{}: on the box, `sudo apt install ./{}`", out.display(), file_name(out));
     Ok(())
 }

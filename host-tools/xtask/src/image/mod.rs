@@ -13,22 +13,24 @@
 //! its own.
 
 mod archive;
+mod config;
 mod deb;
 mod debian_root;
 mod fat;
 mod initramfs;
 mod modules;
+mod output;
 mod rpi4;
 mod test_overlay;
 mod virt;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{self, Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
-use crate::command::target_directory;
+use crate::command::{BadInput, target_directory};
 use crate::cross::{Linking, Target};
 use crate::setup;
 pub use archive::Archive;
@@ -55,7 +57,8 @@ pub struct Arguments {
     /// What to make.
     #[arg(value_enum)]
     what: What,
-    /// The configuration to put in, as `plumb provision` wrote it.
+    /// The configuration to put in, as `plumb provision` wrote it; refused where a box
+    /// would refuse it.
     #[arg(long, value_name = "box.plb")]
     config: Option<PathBuf>,
     /// Where to [default: target/image/virt, target/image/plumbline-rpi4.img,
@@ -80,20 +83,30 @@ pub const CONFIG_NAME: &str = "config.plb";
 
 /// Makes the image.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.config.as_deref();
-    let out = |default: &str| arguments.out.clone().unwrap_or_else(|| directory().join(default));
+    let default = match arguments.what {
+        What::Virt => "virt".into(),
+        What::Rpi4 => "plumbline-rpi4.img".into(),
+        What::Deb => format!("plumbline-board_{}_arm64.deb", deb::VERSION),
+    };
+    let out = arguments.out.clone().unwrap_or_else(|| directory().join(default));
+    // The programs that make the image run elsewhere.
+    let out = path::absolute(out).context("--out")?;
+    output::check(&out, arguments.what == What::Virt)?;
+    if arguments.what == What::Deb && arguments.config.is_some() {
+        bail!(BadInput(
+            "--config: a package serves all boxes; leave it out, and copy the configuration to \
+             /etc/plumbline/config.plb on the box"
+                .into()
+        ));
+    }
+    let config = arguments.config.as_deref().map(config::checked).transpose()?;
+    let config = config.as_deref();
     match arguments.what {
-        What::Virt => virt::make(&Parts::make()?, config, &out("virt")),
-        What::Rpi4 => rpi4::make(&Parts::make()?, config, &out("plumbline-rpi4.img")),
+        What::Virt => virt::make(&Parts::make()?, config, &out),
+        What::Rpi4 => rpi4::make(&Parts::make()?, config, &out),
         What::Deb => {
-            ensure!(
-                config.is_none(),
-                "--config: a package serves all boxes; copy the configuration to \
-                 /etc/plumbline/config.plb on the box"
-            );
-            let name = format!("plumbline-board_{}_arm64.deb", deb::VERSION);
             prepare()?;
-            deb::make(&built_with_libcamera(&DebianRoot::fetch()?)?, &out(&name))
+            deb::make(&built_with_libcamera(&DebianRoot::fetch()?)?, &out)
         }
     }
 }

@@ -15,7 +15,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 
 use super::fat::Fat;
-use super::{CONFIG_NAME, Parts};
+use super::{CONFIG_NAME, Parts, output};
 use crate::command::{Task, root, target_directory};
 use crate::setup::{Need, Probe};
 
@@ -34,10 +34,19 @@ const PARTITION_BYTES: u64 = 128 << 20;
 
 /// Makes the image `card`.
 pub fn make(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
-    if let Some(directory) = card.parent() {
-        fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
+    output::file(card, |card| write(parts, config, card))?;
+    println!("\n{}: write it to a card, see `cargo xtask image --help`", card.display());
+    if config.is_none() {
+        println!(
+            "It has no configuration yet, and will say so: copy the file of `plumb provision` \
+             as {CONFIG_NAME} to the card"
+        );
     }
-    // What an earlier run has left there must not show through.
+    Ok(())
+}
+
+fn write(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
+    // What a killed run has left there must not show through.
     let file = File::create(card).with_context(|| card.display().to_string())?;
     file.set_len(START_BYTES + PARTITION_BYTES)?;
     // Type c is FAT32 as the firmware looks for it; the number is that of the disk, which
@@ -73,13 +82,6 @@ pub fn make(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
     }
     if let Some(config) = config {
         fat.copy(config, CONFIG_NAME)?;
-    }
-    println!("\n{}: write it to a card, see `cargo xtask image --help`", card.display());
-    if config.is_none() {
-        println!(
-            "It has no configuration yet, and will say so: copy the file of `plumb provision` \
-             as {CONFIG_NAME} to the card"
-        );
     }
     Ok(())
 }

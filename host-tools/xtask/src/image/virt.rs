@@ -5,34 +5,75 @@ use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use super::fat::Fat;
-use super::{CONFIG_NAME, Parts};
+use super::{CONFIG_NAME, Parts, output};
+use crate::beside;
+use crate::command::quoted;
 
 /// Room for the configuration, and for a person's notes.
 const DISK_BYTES: u64 = 1 << 20;
 
 /// Makes the image in `directory`.
 pub fn make(parts: &Parts, config: Option<&Path>, directory: &Path) -> Result<()> {
-    fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
-    parts.write_to(directory)?;
-    let disk = directory.join("boot.img");
-    File::create(&disk)?.set_len(DISK_BYTES)?;
-    let fat = Fat::make(&disk, 0, DISK_BYTES, 12)?;
-    if let Some(config) = config {
-        fat.copy(config, CONFIG_NAME)?;
-    }
-    let run = directory.join("run");
-    fs::write(&run, include_str!("../../../../board/image/virt/run"))?;
-    fs::set_permissions(&run, fs::Permissions::from_mode(0o755))?;
-    println!("\n{}: start it with {}", directory.display(), run.display());
+    output::directory(directory, |directory| {
+        parts.write_to(directory)?;
+        let disk = directory.join("boot.img");
+        File::create(&disk)?.set_len(DISK_BYTES)?;
+        let fat = Fat::make(&disk, 0, DISK_BYTES, 12)?;
+        if let Some(config) = config {
+            fat.copy(config, CONFIG_NAME)?;
+        }
+        write_run(&directory.join("run"), &beside::programs())
+    })?;
+    println!("\n{}: start it with {}", directory.display(), directory.join("run").display());
     if config.is_none() {
         println!(
             "It has no configuration yet, and will say so. Put one in with\n    \
              mcopy -i {} box.plb ::{CONFIG_NAME}",
-            disk.display()
+            directory.join("boot.img").display()
         );
     }
     Ok(())
+}
+
+/// Writes the script that starts it, wherever the image is; QEMU may be in `programs`.
+fn write_run(run: &Path, programs: &Path) -> Result<()> {
+    let script = include_str!("../../../../board/image/virt/run");
+    fs::write(run, script.replace("@PROGRAMS@", &quoted(programs.as_ref())))?;
+    fs::set_permissions(run, fs::Permissions::from_mode(0o755))?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn the_script_finds_qemu_beside_the_system_wherever_the_image_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let (image, programs) =
+            (folder.path().join("an image"), folder.path().join("the programs"));
+        fs::create_dir(&image).unwrap();
+        fs::create_dir(&programs).unwrap();
+        let qemu = programs.join("qemu-system-aarch64");
+        fs::write(&qemu, "#!/bin/sh\necho \"qemu in $PWD\"\n").unwrap();
+        fs::set_permissions(&qemu, fs::Permissions::from_mode(0o755)).unwrap();
+        write_run(&image.join("run"), &programs).unwrap();
+        // A system without QEMU.
+        let system = folder.path().join("system");
+        fs::create_dir(&system).unwrap();
+        std::os::unix::fs::symlink("/usr/bin/dirname", system.join("dirname")).unwrap();
+        let output = Command::new("/bin/sh")
+            .arg(image.join("run"))
+            .env("PATH", &system)
+            .current_dir("/")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert_eq!(said.trim(), format!("qemu in {}", image.display()), "{output:?}");
+    }
 }
