@@ -128,6 +128,16 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
         &self.pixels[y * self.stride..][..self.width]
     }
 
+    /// One pixel.
+    ///
+    /// # Panics
+    /// When it lies beyond the last row: a caller's bug.
+    #[inline]
+    #[must_use]
+    pub fn pixel(&self, x: usize, y: usize) -> P {
+        self.pixels[y * self.stride + x]
+    }
+
     /// The integer centre pixel of a square window of `radius` around a
     /// sub-pixel position, or `None` when the window is not wholly inside (or
     /// the position is not a number).

@@ -71,27 +71,31 @@ fn step_on_line<P: Pixel>(
     let count = 2 * reach + 1;
     let mut line = [0.0_f32; LINE_PX_MAX];
     let line = line.get_mut(..count)?;
-    let (mut low, mut high, mut sum) = (f32::INFINITY, f32::NEG_INFINITY, 0.0);
     // Fixed point: a conversion of a float costs more than all the rest.
     let fixed = |px: f64| (px * f64::from(ONE_PX)) as i32;
     let start_px = expected_px - right * reach as f64;
     let [mut x, mut y] = [fixed(start_px.x), fixed(start_px.y)];
     let step = [fixed(right.x), fixed(right.y)];
-    let mut beside = [0_i32; 2];
-    for value in line.iter_mut() {
-        // The nearest pixel, which is inside the frame.
+    let per_px = right.map(|part| part as f32 / ONE_PX as f32);
+    // How far along the line the nearest pixels really lie, from the expected place.
+    let mut distances = [0.0_f32; LINE_PX_MAX];
+    let distances = distances.get_mut(..count)?;
+    // Little but loads, so that the processor waits for many of them at once: these are the
+    // first looks at a frame's pixels.
+    for (place, (value, distance)) in line.iter_mut().zip(distances.iter_mut()).enumerate() {
         let [column, row] = [x, y].map(|at| (at + ONE_PX / 2) >> ONE_PX.trailing_zeros());
-        *value = image.row(row as usize)[column as usize].into();
-        beside[0] += column * ONE_PX - x;
-        beside[1] += row * ONE_PX - y;
+        *value = image.pixel(column as usize, row as usize).into();
+        let beside = [column * ONE_PX - x, row * ONE_PX - y].map(|part| part as f32);
+        let on_line = place as f32 - reach as f32;
+        *distance = on_line + beside[0] * per_px.x + beside[1] * per_px.y;
         x += step[0];
         y += step[1];
-        low = if *value < low { *value } else { low };
-        high = if *value > high { *value } else { high };
-        sum += *value;
     }
-    let beside_px =
-        (right.x * f64::from(beside[0]) + right.y * f64::from(beside[1])) / f64::from(ONE_PX);
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for &value in line.iter() {
+        low = if value < low { value } else { low };
+        high = if value > high { value } else { high };
+    }
     let range = high - low;
     if range < CONTRAST_MIN * f32::from(image.white_level()) {
         return None;
@@ -103,9 +107,17 @@ fn step_on_line<P: Pixel>(
     if (if is_right_light { step } else { -step }) < STEP_SHARE_MIN * range {
         return None;
     }
-    let light = f64::from((sum - low * count as f32) / range);
-    let from_start = if is_right_light { count as f64 - light } else { light };
-    // The line begins half a pixel before its first one, and the nearest pixels lie beside the
-    // line's places by this on average.
-    Some(from_start - reach as f64 - 0.5 + beside_px / count as f64)
+    // The area under the pixels' levels, each as wide as its neighbours are apart; the line
+    // begins and ends half a pixel beyond its outermost ones.
+    let (start, end) = (distances[0] - 0.5, distances[count - 1] + 0.5);
+    let mut light = 0.0;
+    for place in 0..count {
+        let before =
+            if place == 0 { start } else { 0.5 * (distances[place - 1] + distances[place]) };
+        let after =
+            if place + 1 == count { end } else { 0.5 * (distances[place] + distances[place + 1]) };
+        light += (line[place] - low) * (after - before);
+    }
+    let light = light / range;
+    Some(f64::from(if is_right_light { end - light } else { start + light }))
 }
