@@ -132,6 +132,10 @@ const BLUR_CHANGE_MAX: f64 = 0.1;
 /// do (as a variance) is covered by something, or is none.
 const NOISE_RATIO_MAX: f32 = 4.0;
 
+/// But for scatter below this share of the white level, one of 255 levels, no edge is
+/// refused: uneven light and a lens's true blur are never quite as the model has them.
+const MISFIT_OF_WHITE: f32 = 0.004;
+
 /// Half a grey level of rounding: pixels are never better known than that.
 const ROUNDING_VARIANCE: f32 = 1.0 / 12.0;
 
@@ -290,9 +294,11 @@ impl Workspace {
         let (_, &mut median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
         let variance = median.max(ROUNDING_VARIANCE);
         let noise = libm::sqrt(f64::from(variance));
+        let misfit = MISFIT_OF_WHITE * f32::from(view.image.white_level());
+        let variance_max = NOISE_RATIO_MAX * variance.max(misfit * misfit);
         let mut kept = 0;
         for place in 0..self.edges.len() {
-            if self.pixels[place].noise_variance <= NOISE_RATIO_MAX * variance {
+            if self.pixels[place].noise_variance <= variance_max {
                 self.edges.swap(kept, place);
                 self.pixels.swap(kept, place);
                 self.edges[kept].scale_uncertainty(noise);

@@ -116,7 +116,7 @@ pub struct PixelFit {
 
 /// Pixels nearer than this to a crossing line, in s, are not used: there it still
 /// bends the profile by 2.8 % of the contrast, oddly, so that the edge does not move.
-const CLEAR_OF_NODES: f64 = 2.65;
+const CLEAR_OF_NODES: f64 = 2.75;
 
 /// Farthest pixels from the edge, in s and px, within which there is all that moves and
 /// enough flat to know light and dark by.
@@ -281,7 +281,7 @@ impl Region {
         let used_px = (half_length_px - CLEAR_OF_NODES * blur_px / sine).min(HALF_LENGTH_PX_MAX);
         let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
         // Written so that a NaN is refused, which `min` passes over.
-        let is_usable = used_px > 1.0 && width_px > 1.0 && sine > 0.0 && blur_px.is_finite();
+        let is_usable = used_px > 0.7 && width_px > 1.0 && sine > 0.0 && blur_px.is_finite();
         let is_near = middle_px.iter().all(|value| (0.0..65_536.0).contains(value));
         if !is_usable || !is_near {
             return None;
