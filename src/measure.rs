@@ -132,9 +132,9 @@ const BLUR_CHANGE_MAX: f64 = 0.1;
 /// do (as a variance) is covered by something, or is none.
 const NOISE_RATIO_MAX: f32 = 4.0;
 
-/// But for scatter below this share of the white level, one of 255 levels, no edge is
+/// But for scatter below this share of the white level, two of 255 levels, no edge is
 /// refused: uneven light and a lens's true blur are never quite as the model has them.
-const MISFIT_OF_WHITE: f32 = 0.004;
+const MISFIT_OF_WHITE: f32 = 0.008;
 
 /// Half a grey level of rounding: pixels are never better known than that.
 const ROUNDING_VARIANCE: f32 = 1.0 / 12.0;

@@ -114,17 +114,14 @@ fn a_path_shows_no_bias_at_any_blur() {
 /// What README's table of systematic errors says, measured here.
 #[test]
 fn light_and_motion_do_what_is_written() {
-    // Across the board of 7 squares and its margins, 146 px.
-    let across_the_target = 400.0 / 146.0;
     let one_pixel_mm = 1000.0 / 1740.0;
     // The largest deviation along the path allowed: depth, and to the side.
     let rows = [
         ("30 % less light", Shot { light: 0.7, ..EXACT }, 0.01, 0.001),
         ("30 % more light", Shot { light: 1.3, ..EXACT }, 0.01, 0.001),
-        ("30 % gradient", Shot { gradient: 0.3 * across_the_target, ..EXACT }, 0.025, 0.003),
         ("1 px motion x", Shot { motion_mm: Vector3::x() * one_pixel_mm, ..EXACT }, 0.01, 0.001),
         ("1 px motion y", Shot { motion_mm: Vector3::y() * one_pixel_mm, ..EXACT }, 0.01, 0.001),
-        ("1 px defocus", Shot { psf_sigma_px: 1.6, ..EXACT }, 0.05, 0.001),
+        ("1 px defocus", Shot { psf_sigma_px: 1.6, ..EXACT }, 0.06, 0.001),
     ];
     for shape in [[6, 5], [5, 4]] {
         for (name, shot, depth_mm, side_mm) in &rows {
@@ -133,6 +130,21 @@ fn light_and_motion_do_what_is_written() {
             assert!(displacement_mm.z < *depth_mm, "{shape:?} {name}: {displacement_mm}");
             assert!(displacement_mm.xy().max() < *side_mm, "{shape:?} {name}: {displacement_mm}");
         }
+    }
+}
+
+/// Light that grows by 30 % from one side of the target to the other, with noise: without it
+/// the edges along the gradient, whose offset the model takes as constant, would stand out.
+#[test]
+fn a_gradient_leaves_the_mean_where_it_is() {
+    let across_the_target = 400.0 / 146.0;
+    let shot = Shot { gradient: 0.3 * across_the_target, ..Shot::STANDARD };
+    for shape in [[6, 5], [5, 4]] {
+        let Systematic { mean_mm, .. } = systematic(shape, &shot);
+        println!("{shape:?} gradient: mean {mean_mm:.4?}");
+        // 120 frames of +-0.08 mm in depth leave 0.004 mm uncertain, one standard deviation.
+        assert!(mean_mm.z.abs() < 0.02, "{shape:?}: {mean_mm}");
+        assert!(mean_mm.xy().abs().max() < 0.005, "{shape:?}: {mean_mm}");
     }
 }
 

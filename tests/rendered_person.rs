@@ -1,7 +1,6 @@
 //! A rendered person through the pipeline, against the truth.
 //!
-//! The bounds are those of the design: the depth's spread, +-1.96 standard
-//! deviations of single frames without any filter, at most 0.25 mm.
+//! Spreads are +-1.96 standard deviations of single frames without any filter.
 
 mod common;
 #[path = "common/repetitions.rs"]
@@ -63,7 +62,7 @@ fn run(simulation: &Simulation, count: u64) -> Vec<(u64, Report)> {
 }
 
 #[test]
-fn the_standard_scene_is_tracked_without_a_lost_frame_to_a_quarter_millimetre() {
+fn the_standard_scene_is_tracked_without_a_lost_frame_to_a_twentieth_of_a_millimetre() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let frames = repetitions(300);
     let reports = run(&simulation, frames as u64);
@@ -71,7 +70,12 @@ fn the_standard_scene_is_tracked_without_a_lost_frame_to_a_quarter_millimetre() 
         assert_eq!(errors.len(), frames, "target {target} was lost");
         let (mean, spread) = (mean(errors), spread_mm(errors));
         println!("target {target}: mean {mean:.4?} mm, +-1.96 SD {spread:.4?} mm");
-        assert!(spread.z <= 0.25, "depth of target {target}: +-{} mm", spread.z);
+        // Seen: 0.027 and 0.050, where the Cramer-Rao bound is 0.023 and 0.043. A tenth of the
+        // frames, in an emulator, know it less well.
+        let depth_mm = [0.03, 0.055][target] * if frames < 300 { 1.5 } else { 1.0 };
+        assert!(spread.z <= depth_mm, "depth of target {target}: +-{} mm", spread.z);
+        // Off the optical axis the depth's error shows to the side too.
+        assert!(spread.xy().max() <= 0.015, "target {target}: +-{spread} mm");
         // No bias above what so many frames of that spread leave uncertain (5 standard errors).
         for axis in 0..3 {
             let uncertain_mm = 5.0 * spread[axis] / 1.96 / (frames as f64).sqrt();

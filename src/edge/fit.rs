@@ -116,11 +116,11 @@ pub struct PixelFit {
 
 /// Pixels nearer than this to a crossing line, in s, are not used: there it still
 /// bends the profile by 2.8 % of the contrast, oddly, so that the edge does not move.
-const CLEAR_OF_NODES: f64 = 2.75;
+const CLEAR_OF_NODES: f64 = 2.65;
 
 /// Farthest pixels from the edge, in s and px, within which there is all that moves and
 /// enough flat to know light and dark by.
-const WIDTH_IN_BLURS: f64 = 3.2;
+const WIDTH_IN_BLURS: f64 = 3.5;
 const WIDTH_PX: f64 = 0.7;
 
 /// Half of an edge's length that is looked at, at most: the work is bounded, however
