@@ -101,8 +101,9 @@ const DOUBT_COST: f64 = 25.0;
 /// Levenberg-Marquardt iterations on located edges, from a prediction.
 const ITERATIONS_LOCATED: usize = 2;
 
-/// Edges that are located at least, where a target has as many.
-const LOCATED_EDGES: usize = 40;
+/// Edges that are located at least, where a target has as many: so many that the start is good
+/// enough for a single pass of the fit in nearly every frame.
+const LOCATED_EDGES: usize = 120;
 
 /// On fitted edges, from the pose of the located ones, and from its mirror image.
 const ITERATIONS_FITTED: usize = 2;
@@ -220,7 +221,7 @@ impl Workspace {
             return Err(NoPose::PoorFit);
         }
         let edges = self.nodes.edges(view.first_square_dark);
-        // Every second one of a usual target is plenty.
+        // A part of a large target is plenty.
         let stride = (edges.count() / LOCATED_EDGES).max(1);
         for edge in self.nodes.edges(view.first_square_dark).step_by(stride) {
             if let Some(seen) = locate(view.image, &self.nodes, &edge) {
