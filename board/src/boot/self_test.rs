@@ -88,7 +88,7 @@ fn config() -> Result<Config> {
     })
 }
 
-/// The target on white paper; each pixel is the mean of 4 x 4 points.
+/// The target on white paper; each pixel is the mean of 4 x 4 points, then blurred.
 fn render() -> Vec<u8> {
     const POINTS: usize = 4;
     let [x_mm, y_mm, z_mm] = POSITION_MM;
@@ -116,7 +116,19 @@ fn render() -> Vec<u8> {
         // From 220 down to 40.
         220 - (dark_points * 180 / (POINTS * POINTS)) as u8
     };
-    (0..WIDTH_PX * HEIGHT_PX).map(pixel).collect()
+    let sharp: Vec<u8> = (0..WIDTH_PX * HEIGHT_PX).map(pixel).collect();
+    // A lens's blur: no camera shows edges as sharp as these, and the fit expects none.
+    let across =
+        |at: usize| u16::from(sharp[at - 1]) + 2 * u16::from(sharp[at]) + u16::from(sharp[at + 1]);
+    let blurred = |at: usize| {
+        let sum = across(at - WIDTH_PX) + 2 * across(at) + across(at + WIDTH_PX);
+        ((sum + 8) / 16) as u8
+    };
+    let inside = |at: usize| {
+        (1..WIDTH_PX - 1).contains(&(at % WIDTH_PX))
+            && (1..HEIGHT_PX - 1).contains(&(at / WIDTH_PX))
+    };
+    (0..sharp.len()).map(|at| if inside(at) { blurred(at) } else { sharp[at] }).collect()
 }
 
 #[cfg(test)]
