@@ -118,16 +118,16 @@ const PASSES_MAX: usize = 3;
 /// linear: what it neglects falls with the cube, and is 0.001 px here.
 const MOVED_PX_MAX: f64 = 0.15;
 
-/// A border farther than this from where the inner edges have it is not the target's: a
-/// thousandth of the size of a small one.
-const BORDER_OFF_PX_MAX: f64 = 0.1;
+/// And where it changes a blur by more than this part.
+const BLUR_CHANGE_MAX: f64 = 0.1;
 
 /// Growth other than that of the frames before is taken out of the edges at once where it is
 /// more than this.
 const GROWN_PX_MAX: f64 = 0.01;
 
-/// And where it changes a blur by more than this part.
-const BLUR_CHANGE_MAX: f64 = 0.1;
+/// A border farther than this from where the inner edges have it is not the target's: a
+/// thousandth of the size of a small one.
+const BORDER_OFF_PX_MAX: f64 = 0.1;
 
 /// An edge whose pixels scatter by more than this many times what those of the middle one
 /// do (as a variance) is covered by something, or is none.
@@ -137,7 +137,7 @@ const NOISE_RATIO_MAX: f32 = 4.0;
 /// refused: uneven light and a lens's true blur are never quite as the model has them.
 const MISFIT_OF_WHITE: f32 = 0.008;
 
-/// Half a grey level of rounding: pixels are never better known than that.
+/// Rounding to whole grey levels: pixels are never better known than that.
 const ROUNDING_VARIANCE: f32 = 1.0 / 12.0;
 
 /// What the detector's corners are good to.
@@ -210,7 +210,7 @@ impl Workspace {
         outwards.weights > 0.0 && outwards.value().abs() < BORDER_OFF_PX_MAX
     }
 
-    /// Locates every edge near an expected pose.
+    /// Locates edges near an expected pose: every one of a usual target.
     fn locate<P: Pixel>(
         &mut self,
         view: &View<'_, P>,

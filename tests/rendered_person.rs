@@ -62,7 +62,7 @@ fn run(simulation: &Simulation, count: u64) -> Vec<(u64, Report)> {
 }
 
 #[test]
-fn the_standard_scene_is_tracked_without_a_lost_frame_to_a_twentieth_of_a_millimetre() {
+fn the_standard_scene_is_tracked_without_a_lost_frame_near_the_cramer_rao_bound() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let frames = repetitions(300);
     let reports = run(&simulation, frames as u64);

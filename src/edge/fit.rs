@@ -115,7 +115,7 @@ pub struct PixelFit {
 }
 
 /// Pixels nearer than this to a crossing line, in s, are not used: there it still
-/// bends the profile by 2.8 % of the contrast, oddly, so that the edge does not move.
+/// bends the profile by 0.8 % of the contrast, oddly, so that the edge does not move.
 const CLEAR_OF_NODES: f64 = 2.65;
 
 /// Farthest pixels from the edge, in s and px, within which there is all that moves and

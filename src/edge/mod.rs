@@ -4,8 +4,8 @@
 //! stands in the pixels beside them. Each edge between two nodes of the grid is seen
 //! twice, by different means:
 //!
-//! 1. [`locate()`] finds it up to half a square away, in three lines of pixels
-//!    across it, to about a tenth of a pixel.
+//! 1. [`locate()`] finds it up to a third of a square away, in two lines of pixels
+//!    across it, to a quarter of a pixel.
 //! 2. [`fit()`] fits a blurred step to every pixel that is nearer to this edge than to any
 //!    other, from a place known to a few tenths of a pixel.
 //!

@@ -16,7 +16,7 @@ use plumbline::target::{Origin, Role, TargetGeometry};
 const WIDTH: u16 = 400;
 const HEIGHT: u16 = 360;
 
-/// In poor light; with a third more contrast all errors but the systematic ones are smaller.
+/// In poor light; with more contrast all errors but the systematic ones are smaller.
 const INK: Ink = Ink { black: 60.0, white: 180.0 };
 const MARGIN_MM: f64 = 12.0;
 /// What is behind the paper.
