@@ -1,18 +1,21 @@
 //! One target in one frame: from where it is expected, or was found, to its pose.
 //!
 //! ```text
-//!  expected pose ─▶ edges located ─▶ solved ─▶ ┌ edges fitted ─▶ solved ┐ ─▶ judged
-//!  found corners ─▶ both closed forms ──────┘  └──── moved too far? ◀───┘
+//!  expected pose ─┬────────────────────────────┬▶ edges fitted ─▶ solved ─▶ judged
+//!                 │ moved too far?             │         ▲          │
+//!                 └▶ edges located ─▶ solved ──┤         └──────────┘ moved too far?
+//!  found corners ──▶ both closed forms ────────┘
 //! ```
 //!
-//! Locating makes the start of the fit good to a few hundredths of a pixel, so that one
-//! pass of the fit is enough in nearly every frame.
+//! A body sways so evenly that the edges are where they are expected to a tenth of a pixel
+//! in nearly every frame: one pass of the fit is all. Where they are not, they are located
+//! first, which makes the start good to a few hundredths.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 
 use crate::corner::Corner;
-use crate::edge::{Appearance, Batch, Light, PixelFit, SeenEdge, fit, locate};
+use crate::edge::{Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit, locate};
 use crate::grid::Grid;
 use crate::image::{GreyImage, Pixel};
 use crate::lens::Lens;
@@ -21,7 +24,7 @@ use crate::nodes::{Direction, Nodes};
 use crate::planar::{SeenCorner, planar_poses};
 use crate::pose::{Cam, Pose, Target};
 use crate::report::NoPose;
-use crate::solve::{Observation, Solution, robust_cost, solve};
+use crate::solve::{Observations, Solution, robust_cost, robust_cost_after_step, solve};
 use crate::target::TargetGeometry;
 
 /// A target's pose in one frame, and how good it is.
@@ -69,6 +72,14 @@ pub struct View<'a, P> {
     pub target: &'a TargetGeometry,
     /// Whether the square up and left of corner 0 is dark, see [`Grid`].
     pub first_square_dark: bool,
+}
+
+/// What one pass of the fit found.
+struct Pass {
+    solution: Solution,
+    appearance: Appearance,
+    /// Whether the start was so near that another pass would change nothing.
+    is_settled: bool,
 }
 
 /// The buffers of a measurement; nothing in them outlives it.
@@ -160,8 +171,15 @@ impl Workspace {
         expected_cam_from_target: &Pose<Cam, Target>,
         appearance: Appearance,
     ) -> Result<Fitted, NoPose> {
+        let pass = self.pass(view, expected_cam_from_target, appearance, DOUBT_COST);
+        if let Ok(pass) = pass
+            && pass.is_settled
+            && let Ok(fitted) = self.judge(view.target, &pass)
+        {
+            return Ok(fitted);
+        }
         self.locate(view, expected_cam_from_target)?;
-        let rough = solve(expected_cam_from_target, &self.edges, ITERATIONS_LOCATED)
+        let rough = solve(expected_cam_from_target, &self.seen(), ITERATIONS_LOCATED)
             .map_err(|_| NoPose::PoorFit)?;
         self.fit(view, &rough.cam_from_target, appearance, DOUBT_COST)
     }
@@ -183,9 +201,9 @@ impl Workspace {
         }
         let closed = planar_poses(&found).map_err(|_| NoPose::PoorFit)?;
         let refined = |place: usize| {
-            solve(&closed.get(place)?.cam_from_target, &found, ITERATIONS_FOUND).ok()
+            solve(&closed.get(place)?.cam_from_target, &found[..], ITERATIONS_FOUND).ok()
         };
-        let rough = better(refined(0), refined(1), &found, 0.0).ok_or(NoPose::PoorFit)?;
+        let rough = better(refined(0), refined(1), &found[..], 0.0).ok_or(NoPose::PoorFit)?;
         self.locate(view, &rough.cam_from_target)?;
         let located = self.both_minima(&rough.cam_from_target, ITERATIONS_FOUND, 0.0)?;
         let mut fitted = self.fit(view, &located.cam_from_target, Appearance::START, 0.0)?;
@@ -202,12 +220,14 @@ impl Workspace {
             return false;
         }
         let mut outwards = Mean::default();
-        for seen in self.edges.iter().filter(|seen| seen.edge.is_border) {
-            if let Some((growth_px, precision)) = seen.growth_px(pose) {
+        let seen = self.seen().residuals(pose, |place, residual| {
+            let seen = &self.edges[place];
+            if seen.edge.is_border {
+                let (growth_px, precision) = seen.growth_px(&residual);
                 outwards.add(growth_px, precision);
             }
-        }
-        outwards.weights > 0.0 && outwards.value().abs() < BORDER_OFF_PX_MAX
+        });
+        seen.is_some() && outwards.weights > 0.0 && outwards.value().abs() < BORDER_OFF_PX_MAX
     }
 
     /// Locates edges near an expected pose: every one of a usual target.
@@ -232,36 +252,48 @@ impl Workspace {
         self.enough_edges()
     }
 
-    /// Fits every edge near a pose good to a few tenths of a pixel, and the pose to the
-    /// edges; `doubt`: by how much the mirrored pose must be better to replace it.
+    /// Fits the pose to all edges near a start good to a few tenths of a pixel; `doubt`: by
+    /// how much the mirrored pose must be better to replace it.
     fn fit<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        start_cam_from_target: &Pose<Cam, Target>,
+        appearance: Appearance,
+        doubt: f64,
+    ) -> Result<Fitted, NoPose> {
+        let mut pass = self.pass(view, start_cam_from_target, appearance, doubt)?;
+        for _ in 1..PASSES_MAX {
+            if pass.is_settled {
+                break;
+            }
+            let start = pass.solution.cam_from_target;
+            pass = self.pass(view, &start, pass.appearance, doubt)?;
+        }
+        self.judge(view.target, &pass)
+    }
+
+    /// Fits every edge once, and the pose to the edges.
+    fn pass<P: Pixel>(
         &mut self,
         view: &View<'_, P>,
         start_cam_from_target: &Pose<Cam, Target>,
         mut appearance: Appearance,
         doubt: f64,
-    ) -> Result<Fitted, NoPose> {
-        let mut pose = *start_cam_from_target;
-        let mut passes = 1;
-        loop {
-            self.fit_edges(view, &pose, &appearance)?;
-            let mut solution = self.both_minima(&pose, ITERATIONS_FITTED, doubt)?;
-            let growth_px = appearance.growth_px;
-            let blur_change = self.correct(&mut appearance, &solution);
-            let grown_px = appearance.growth_px - growth_px;
-            if grown_px.abs() > GROWN_PX_MAX {
-                self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
-                solution = self.both_minima(&solution.cam_from_target, ITERATIONS_FITTED, doubt)?;
-            }
-            let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
-            let is_last = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
-                && blur_change < BLUR_CHANGE_MAX;
-            if is_last || passes == PASSES_MAX {
-                return self.judge(view.target, &solution, appearance);
-            }
-            pose = solution.cam_from_target;
-            passes += 1;
+    ) -> Result<Pass, NoPose> {
+        self.fit_edges(view, start_cam_from_target, &appearance)?;
+        let mut solution = self.both_minima(start_cam_from_target, ITERATIONS_FITTED, doubt)?;
+        let growth_px = appearance.growth_px;
+        let blur_change = self.correct(&mut appearance, &solution);
+        let grown_px = appearance.growth_px - growth_px;
+        if grown_px.abs() > GROWN_PX_MAX {
+            self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
+            solution = solve(&solution.cam_from_target, &self.seen(), ITERATIONS_FITTED)
+                .map_err(|_| NoPose::PoorFit)?;
         }
+        let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
+        let is_settled = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
+            && blur_change < BLUR_CHANGE_MAX;
+        Ok(Pass { solution, appearance, is_settled })
     }
 
     /// Fits every edge expected at a pose, with the noise that the middle one has.
@@ -319,42 +351,56 @@ impl Workspace {
     /// The pose that explains the edges, from a pose near it.
     ///
     /// A plane seen from afar has two poses that explain it nearly equally well, one
-    /// the other's mirror image (Schweighofer and Pinz 2006). Both are fitted in every
+    /// the other's mirror image (Schweighofer and Pinz 2006). Both are looked at in every
     /// frame, and the mirrored one is taken when it is better beyond doubt: a warm
     /// start alone would stay in the wrong one for ever once noise had led it there
-    /// while the target passed through frontal.
+    /// while the target passed through frontal. Of a mirrored pose that is not better after
+    /// one step, more steps make none that is beyond doubt.
     fn both_minima(
         &self,
         near_cam_from_target: &Pose<Cam, Target>,
         iterations: usize,
         doubt: f64,
     ) -> Result<Solution, NoPose> {
-        let kept = solve(near_cam_from_target, &self.edges, iterations).ok();
-        let other = mirror_image(near_cam_from_target);
-        let mirrored = solve(&other, &self.edges, iterations).ok();
-        better(kept, mirrored, &self.edges, doubt).ok_or(NoPose::PoorFit)
+        let seen = self.seen();
+        let kept = solve(near_cam_from_target, &seen, iterations).ok();
+        let near = kept.as_ref().map_or(near_cam_from_target, |kept| &kept.cam_from_target);
+        let other = mirror_image(near);
+        if let Some(kept) = kept
+            && robust_cost_after_step(&other, &seen, kept.scale).is_none_or(|cost| cost > kept.cost)
+        {
+            return Ok(kept);
+        }
+        let mirrored = solve(&other, &seen, iterations).ok();
+        better(kept, mirrored, &seen, doubt).ok_or(NoPose::PoorFit)
+    }
+
+    /// What was seen of the target.
+    fn seen(&self) -> SeenEdges<'_> {
+        SeenEdges { nodes: &self.nodes, edges: &self.edges }
     }
 
     /// Corrects the appearance by what the edges used say; returns the larger relative
     /// change of a blur.
     fn correct(&self, appearance: &mut Appearance, solution: &Solution) -> f64 {
         let [mut x_blur, mut y_blur, mut growth] = [Mean::default(); 3];
-        for (place, (seen, pixels)) in self.edges.iter().zip(&self.pixels).enumerate() {
+        let visited = self.seen().residuals(&solution.cam_from_target, |place, residual| {
             if !solution.inliers.contains(place) {
-                continue;
+                return;
             }
+            let (seen, pixels) = (&self.edges[place], &self.pixels[place]);
             let blur = match seen.edge.direction {
                 Direction::X => &mut x_blur,
                 Direction::Y => &mut y_blur,
             };
             blur.add(pixels.ln_blur.into(), pixels.ln_blur_weight.into());
             // The border's edges have it all in one direction, like a nearer target.
-            if !seen.edge.is_border
-                && let Some((growth_px, precision)) = seen.growth_px(&solution.cam_from_target)
-            {
+            if !seen.edge.is_border {
+                let (growth_px, precision) = seen.growth_px(&residual);
                 growth.add(growth_px, precision);
             }
-        }
+        });
+        debug_assert!(visited.is_some(), "a solution is in front of the camera");
         appearance.correct([x_blur.value(), y_blur.value()], growth.value())
     }
 
@@ -362,8 +408,7 @@ impl Workspace {
     fn judge(
         &self,
         target: &TargetGeometry,
-        solution: &Solution,
-        appearance: Appearance,
+        &Pass { ref solution, appearance, .. }: &Pass,
     ) -> Result<Fitted, NoPose> {
         let used = self.used_corners(solution);
         let corners = used.count_ones() as usize;
@@ -459,10 +504,10 @@ pub fn mirror_image(cam_from_target: &Pose<Cam, Target>) -> Pose<Cam, Target> {
 }
 
 /// The second solution when its cost is lower by more than `margin`, else the first.
-fn better<O: Observation>(
+fn better<O: Observations + ?Sized>(
     first: Option<Solution>,
     second: Option<Solution>,
-    observations: &[O],
+    observations: &O,
     margin: f64,
 ) -> Option<Solution> {
     let (Some(one), Some(two)) = (first, second) else { return first.or(second) };

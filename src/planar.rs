@@ -21,9 +21,9 @@
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::lens::{Lens, ray_by_point, ray_of};
+use crate::lens::{Lens, ray_of};
 use crate::pose::{Cam, Pose, Target};
-use crate::solve::{Observation, by_increment};
+use crate::solve::{Observations, ray_by_increment};
 
 /// A homography has 8 parameters and a point 2 equations.
 pub const POINTS_MIN: usize = 4;
@@ -102,36 +102,56 @@ impl SeenCorner {
     }
 }
 
-impl Observation for SeenCorner {
+impl SeenCorner {
     fn is_finite(&self) -> bool {
         // A sum is finite only if its terms are, and no usable term is near overflow.
         let sum = self.point_target_mm.sum() + self.ray.sum() + self.raw_by_ray.sum();
         sum.is_finite() && self.sigma_px > 0.0 && self.sigma_px.is_finite()
     }
 
-    fn residual(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[f64; 2]> {
-        let ray = ray_of(&cam_from_target.transform(&self.point_target_mm))?;
-        Some((self.raw_by_ray * (ray - self.ray) / self.sigma_px).into())
+    fn residual(&self, ray: &Vector2<f64>) -> [f64; 2] {
+        (self.raw_by_ray * (ray - self.ray) / self.sigma_px).into()
+    }
+}
+
+impl Observations for [SeenCorner] {
+    fn count(&self) -> usize {
+        self.len()
     }
 
-    fn residual_with_jacobian(
+    fn are_finite(&self) -> bool {
+        self.iter().all(SeenCorner::is_finite)
+    }
+
+    fn residuals(
         &self,
         cam_from_target: &Pose<Cam, Target>,
-    ) -> Option<([f64; 2], [[f64; 6]; 2])> {
-        let point_cam_mm = cam_from_target.transform(&self.point_target_mm);
-        let ray = ray_of(&point_cam_mm)?;
-        let whitened_by_ray = self.raw_by_ray / self.sigma_px;
-        let by_point = whitened_by_ray * ray_by_point(&point_cam_mm, &ray);
-        let rows = [0, 1].map(|row| {
-            let by_point = by_point.row(row).into_owned();
-            by_increment(&by_point, &cam_from_target.rotation, &self.point_target_mm)
-        });
-        Some(((whitened_by_ray * (ray - self.ray)).into(), rows))
+        mut visit: impl FnMut(usize, [f64; 2]),
+    ) -> Option<()> {
+        for (place, seen) in self.iter().enumerate() {
+            let ray = ray_of(&cam_from_target.transform(&seen.point_target_mm))?;
+            visit(place, seen.residual(&ray));
+        }
+        Some(())
     }
 
-    fn square_px2(&self, residual: &[f64; 2]) -> f64 {
-        let [x, y] = residual;
-        (x * x + y * y) * self.sigma_px * self.sigma_px
+    fn residuals_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
+    ) -> Option<()> {
+        for (place, seen) in self.iter().enumerate() {
+            let (ray, by_increment) = ray_by_increment(cam_from_target, &seen.point_target_mm)?;
+            let rows = seen.raw_by_ray / seen.sigma_px * by_increment;
+            let rows = [0, 1].map(|row| core::array::from_fn(|axis| rows[(row, axis)]));
+            visit(place, &seen.residual(&ray), &rows);
+        }
+        Some(())
+    }
+
+    fn square_px2(&self, place: usize, [x, y]: &[f64; 2]) -> f64 {
+        let sigma_px = self[place].sigma_px;
+        (x * x + y * y) * sigma_px * sigma_px
     }
 }
 

@@ -1,15 +1,15 @@
 //! The pose of a target from what was seen of it: robust Levenberg-Marquardt on (t, R).
 //!
-//! In: a pose to start from and the [`Observation`]s: edges
-//! ([`crate::edge::SeenEdge`]) or corners ([`crate::planar::SeenCorner`]). Out: the pose
+//! In: a pose to start from and the [`Observations`]: edges
+//! ([`crate::edge::SeenEdges`]) or corners ([`crate::planar::SeenCorner`]). Out: the pose
 //! that minimises the paper's sum of squared reprojection errors (section "Kinematic
 //! Model Fitting"), each weighted by its precision, with a covariance and the
 //! observations that were believed.
 //!
 //! *Steps* turn the target about its own origin and move that origin, see
 //! [`Pose::moved_by`]. A step that does not lower the cost is undone and its
-//! damping raised. The number of evaluations is fixed by the caller, so that the
-//! time is too.
+//! damping raised. A step too short to matter is the last one. The caller bounds their
+//! number, and so the time.
 //!
 //! *Robust weights* are Tukey's biweight with a flat top: 1 for residuals
 //! up to 2.4 scales, 0 beyond 5, so that a wrong observation has no influence at all,
@@ -23,8 +23,10 @@
 //! observations do not know (a bent target, a poor calibration) makes the answer less
 //! certain, and luck never makes it more so.
 
-use nalgebra::{Matrix3, Matrix6, RowVector3, Vector3, Vector6};
+use heapless::Vec;
+use nalgebra::{Matrix2x6, Matrix3, Matrix6, Vector2, Vector3, Vector6};
 
+use crate::lens::{ray_by_point, ray_of};
 use crate::limits::OBSERVATIONS_MAX;
 use crate::pose::{Cam, Pose, Target};
 
@@ -57,48 +59,68 @@ const DAMPING_MAX: f64 = 1e6;
 /// 10 mm target at 10 m has 1e-7.
 const PIVOT_MIN: f64 = 1e-11;
 
-/// Something seen of the target: two numbers that follow its pose.
+/// A step shorter than this, in standard deviations of the pose, squared, is not taken: a
+/// ten-thousandth of one.
+const STEP_SQUARE_MIN: f64 = 1e-8;
+
+/// All that was seen of the target: of each observation two numbers that follow its pose.
 ///
-/// Whatever it is, its residual is whitened: two independent numbers of standard
-/// deviations each, which are 0 on average at the true pose.
-pub trait Observation: Copy {
+/// Residuals are whitened: independent numbers of standard deviation 1, which are 0 on
+/// average at the true pose. Observations go by their places, from 0.
+pub trait Observations {
+    /// How many there are.
+    fn count(&self) -> usize;
+
     /// True when every number is finite and the standard deviations positive.
-    fn is_finite(&self) -> bool;
+    fn are_finite(&self) -> bool;
 
-    /// The residual at a pose; `None` when the point would lie behind the camera.
-    fn residual(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[f64; 2]>;
-
-    /// The residual, and each number's derivatives by an increment of
-    /// [`Pose::moved_by`].
-    fn residual_with_jacobian(
+    /// Visits each residual at a pose; `None` when a point would lie behind the camera.
+    fn residuals(
         &self,
         cam_from_target: &Pose<Cam, Target>,
-    ) -> Option<([f64; 2], [[f64; 6]; 2])>;
+        visit: impl FnMut(usize, [f64; 2]),
+    ) -> Option<()>;
 
-    /// The squared length of a residual in raw pixels, both directions together.
-    fn square_px2(&self, residual: &[f64; 2]) -> f64;
+    /// Visits each residual, and its numbers' derivatives by an increment of
+    /// [`Pose::moved_by`].
+    fn residuals_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
+    ) -> Option<()>;
+
+    /// The squared length of an observation's residual in raw pixels, both directions together.
+    fn square_px2(&self, place: usize, residual: &[f64; 2]) -> f64;
 }
 
-/// The gradient by an increment of a quantity whose gradient by the point, in the
-/// camera frame, is known.
+/// The ray of a point at a pose, and its derivative by an increment of [`Pose::moved_by`];
+/// `None` when the point lies behind the camera.
 #[inline]
-pub(crate) fn by_increment(
-    by_point: &RowVector3<f64>,
-    rotation: &Matrix3<f64>,
+pub(crate) fn ray_by_increment(
+    cam_from_target: &Pose<Cam, Target>,
     point_target_mm: &Vector3<f64>,
-) -> [f64; 6] {
+) -> Option<(Vector2<f64>, Matrix2x6<f64>)> {
+    let point_cam_mm = cam_from_target.transform(point_target_mm);
+    let ray = ray_of(&point_cam_mm)?;
+    let by_point = ray_by_point(&point_cam_mm, &ray);
     // d (R exp(omega) p) = R (omega x p), and a . R (omega x p) = omega . (p x R^T a).
-    let turned = by_point * rotation;
-    let (x, y, z) = (turned.x, turned.y, turned.z);
-    let point = point_target_mm;
-    [
-        point.y * z - point.z * y,
-        point.z * x - point.x * z,
-        point.x * y - point.y * x,
-        by_point.x,
-        by_point.y,
-        by_point.z,
-    ]
+    let turned = by_point * cam_from_target.rotation;
+    let [x, y] = [0, 1].map(|row| point_target_mm.cross(&turned.row(row).transpose()));
+    let by_increment = Matrix2x6::new(
+        x.x,
+        x.y,
+        x.z,
+        by_point.m11,
+        by_point.m12,
+        by_point.m13, //
+        y.x,
+        y.y,
+        y.z,
+        by_point.m21,
+        by_point.m22,
+        by_point.m23,
+    );
+    Some((ray, by_increment))
 }
 
 /// Why there is no pose.
@@ -143,6 +165,8 @@ pub struct Solution {
     /// The robust scale: 1 when the residuals are what the observations promise, more
     /// when they are larger.
     pub scale: f64,
+    /// The robust cost at that scale, see [`robust_cost`].
+    pub cost: f64,
 }
 
 /// A set of observations, by their places.
@@ -167,7 +191,7 @@ impl Inliers {
     }
 }
 
-/// Refines a pose with a fixed number of iterations: for a start from the last frame
+/// Refines a pose with a bounded number of iterations: for a start from the last frame
 /// 4 do, or 6 where observations may be wrong; 15 for one from [`crate::planar`], whose
 /// second pose has residuals that slow the convergence.
 ///
@@ -176,55 +200,26 @@ impl Inliers {
 ///
 /// # Panics
 /// When there are more than [`OBSERVATIONS_MAX`]: a caller's bug.
-pub fn solve<O: Observation>(
+pub fn solve<O: Observations + ?Sized>(
     start: &Pose<Cam, Target>,
-    observations: &[O],
+    observations: &O,
     iterations: usize,
 ) -> Result<Solution, SolveFailure> {
-    assert!(observations.len() <= OBSERVATIONS_MAX, "{} observations", observations.len());
-    if observations.len() < OBSERVATIONS_MIN {
-        return Err(SolveFailure::TooFew);
-    }
-    let start_sum = start.rotation.sum() + start.translation_mm.sum();
-    if !start_sum.is_finite() || !observations.iter().all(O::is_finite) {
-        return Err(SolveFailure::NotFinite);
-    }
+    Descent::new(start, observations, iterations)?.conclude(observations)
+}
 
-    let mut pose = *start;
-    let mut squares = Squares::new(observations.len());
-    squares.measure(&pose, observations).ok_or(SolveFailure::BehindCamera)?;
-    let mut next_squares = Squares::new(observations.len());
-    let mut damping = DAMPING_START;
-    // A refused step changes the damping alone.
-    let mut normal = None;
-    for _ in 0..iterations {
-        // Judged by one scale, before and after the step; the next has its own.
-        let variance = squares.robust_variance();
-        let current =
-            normal.get_or_insert_with(|| NormalEquations::new(&pose, observations, variance));
-        let next_pose = current.step(damping).map(|step| pose.moved_by(&step));
-        let lower = next_pose.filter(|next_pose| {
-            let seen = next_squares.measure(next_pose, observations);
-            // A NaN is not lower.
-            seen.is_some() && next_squares.cost(variance) < squares.cost(variance)
-        });
-        if let Some(next_pose) = lower {
-            pose = next_pose;
-            core::mem::swap(&mut squares, &mut next_squares);
-            normal = None;
-            damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
-        } else {
-            damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
-        }
-    }
-
-    // Products of many frames' increments would drift off the rotations: one Newton
-    // step of the polar decomposition.
-    let gram = pose.rotation.tr_mul(&pose.rotation);
-    pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
-    let variance = squares.robust_variance();
-    let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
-    conclude(pose, observations, &squares, &normal)
+/// The robust cost after one step from a start, at a given scale; `None` when there is none.
+///
+/// That is enough to see that a start is not worth following, at a fraction of a solution.
+#[must_use]
+pub fn robust_cost_after_step<O: Observations + ?Sized>(
+    start: &Pose<Cam, Target>,
+    observations: &O,
+    scale: f64,
+) -> Option<f64> {
+    let variance = scale * scale;
+    let descent = Descent::new(start, observations, 1).ok()?;
+    Some(descent.residuals.cost(variance) / variance)
 }
 
 /// The robust cost of a pose at a given scale: the sum of the squared residuals in
@@ -233,54 +228,127 @@ pub fn solve<O: Observation>(
 /// Poses of one set of observations are compared by it; the difference of two costs
 /// is twice the logarithm of their likelihood ratio.
 #[must_use]
-pub fn robust_cost<O: Observation>(
+pub fn robust_cost<O: Observations + ?Sized>(
     cam_from_target: &Pose<Cam, Target>,
-    observations: &[O],
+    observations: &O,
     scale: f64,
 ) -> Option<f64> {
-    let mut squares = Squares::new(observations.len());
-    squares.measure(cam_from_target, observations)?;
-    let variance = scale * scale;
-    Some(squares.cost(variance) / variance)
+    let per_variance = 1.0 / (scale * scale);
+    let mut cost = 0.0;
+    observations.residuals(cam_from_target, |_, residual| {
+        cost += robust_square(square(&residual) * per_variance);
+    })?;
+    Some(cost)
 }
 
-/// What a pose that has converged says about itself.
-fn conclude<O: Observation>(
+/// The way down from a start.
+struct Descent {
     pose: Pose<Cam, Target>,
-    observations: &[O],
-    squares: &Squares,
-    normal: &NormalEquations,
-) -> Result<Solution, SolveFailure> {
-    let variance = squares.robust_variance();
-    let mut inliers = Inliers::default();
-    let [mut weights, mut weighted_squares, mut squares_px2] = [0.0; 3];
-    for (place, (square, seen)) in squares.iter().zip(observations).enumerate() {
-        let weight = weight(square / variance);
-        weights += weight;
-        weighted_squares += weight * square;
-        if weight > 0.0 {
-            inliers.insert(place);
-            let residual = seen.residual(&pose).ok_or(SolveFailure::BehindCamera)?;
-            squares_px2 += seen.square_px2(&residual);
+    residuals: Residuals,
+    /// At the pose, where it was not the last step that led there.
+    normal: Option<NormalEquations>,
+}
+
+impl Descent {
+    fn new<O: Observations + ?Sized>(
+        start: &Pose<Cam, Target>,
+        observations: &O,
+        iterations: usize,
+    ) -> Result<Self, SolveFailure> {
+        let count = observations.count();
+        assert!(count <= OBSERVATIONS_MAX, "{count} observations");
+        if count < OBSERVATIONS_MIN {
+            return Err(SolveFailure::TooFew);
         }
+        let start_sum = start.rotation.sum() + start.translation_mm.sum();
+        if !start_sum.is_finite() || !observations.are_finite() {
+            return Err(SolveFailure::NotFinite);
+        }
+
+        let mut pose = *start;
+        let mut residuals = Residuals::new();
+        residuals.measure(&pose, observations).ok_or(SolveFailure::BehindCamera)?;
+        let mut next_residuals = Residuals::new();
+        let mut damping = DAMPING_START;
+        // A refused step changes the damping alone.
+        let mut normal = None;
+        for _ in 0..iterations {
+            // Judged by one scale, before and after the step; the next has its own.
+            let variance = residuals.robust_variance();
+            let current =
+                normal.get_or_insert_with(|| NormalEquations::new(&pose, observations, variance));
+            let step = current.step(damping);
+            if step.is_some_and(|step| current.square(&step) < STEP_SQUARE_MIN * variance) {
+                break;
+            }
+            let next_pose = step.map(|step| pose.moved_by(&step));
+            let lower = next_pose.filter(|next_pose| {
+                let seen = next_residuals.measure(next_pose, observations);
+                // A NaN is not lower.
+                seen.is_some() && next_residuals.cost(variance) < residuals.cost(variance)
+            });
+            if let Some(next_pose) = lower {
+                pose = next_pose;
+                core::mem::swap(&mut residuals, &mut next_residuals);
+                normal = None;
+                damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
+            } else {
+                damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
+            }
+        }
+        Ok(Self { pose, residuals, normal })
     }
-    let count = inliers.count();
-    if count < OBSERVATIONS_MIN {
-        return Err(SolveFailure::TooFew);
+
+    /// What the pose says about itself.
+    fn conclude<O: Observations + ?Sized>(
+        self,
+        observations: &O,
+    ) -> Result<Solution, SolveFailure> {
+        let Self { mut pose, residuals, normal } = self;
+        // Products of many frames' increments would drift off the rotations: one Newton
+        // step of the polar decomposition.
+        let gram = pose.rotation.tr_mul(&pose.rotation);
+        pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
+        let variance = residuals.robust_variance();
+        let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
+        let per_variance = 1.0 / variance;
+        let mut inliers = Inliers::default();
+        let [mut weights, mut weighted_squares, mut squares_px2] = [0.0; 3];
+        for (place, residual) in residuals.0.iter().enumerate() {
+            let square = square(residual);
+            let weight = weight(square * per_variance);
+            weights += weight;
+            weighted_squares += weight * square;
+            if weight > 0.0 {
+                inliers.insert(place);
+                squares_px2 += observations.square_px2(place, residual);
+            }
+        }
+        let count = inliers.count();
+        if count < OBSERVATIONS_MIN {
+            return Err(SolveFailure::TooFew);
+        }
+        // Two numbers each, less the six that were fitted. With soft weights the
+        // divisor could fall below that of the fewest observations.
+        let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
+        let covariance =
+            normal.inverse().ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
+        let rms_px = libm::sqrt(squares_px2 / count as f64);
+        let finite = (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum() + rms_px)
+            .is_finite();
+        // Finite numbers came in, so that only a nearly singular system overflows.
+        if !finite {
+            return Err(SolveFailure::Degenerate);
+        }
+        let scale = libm::sqrt(variance);
+        let cost = residuals.cost(variance) * per_variance;
+        Ok(Solution { cam_from_target: pose, covariance, rms_px, inliers, scale, cost })
     }
-    // Two numbers each, less the six that were fitted. With soft weights the
-    // divisor could fall below that of the fewest observations.
-    let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
-    let covariance = normal.inverse().ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
-    let rms_px = libm::sqrt(squares_px2 / count as f64);
-    let finite =
-        (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum() + rms_px).is_finite();
-    // Finite numbers came in, so that only a nearly singular system overflows.
-    if !finite {
-        return Err(SolveFailure::Degenerate);
-    }
-    let scale = libm::sqrt(variance);
-    Ok(Solution { cam_from_target: pose, covariance, rms_px, inliers, scale })
+}
+
+#[inline]
+fn square(residual: &[f64; 2]) -> f64 {
+    residual[0] * residual[0] + residual[1] * residual[1]
 }
 
 /// Weight of an observation by the square of its residual in scales.
@@ -300,48 +368,45 @@ fn robust_square(square: f64) -> f64 {
     square.min(FULL_WEIGHT_SQUARE) + RANGE / 3.0 * (1.0 - left * left * left)
 }
 
-/// Squared residual of each observation.
-struct Squares {
-    values: [f64; OBSERVATIONS_MAX],
-    count: usize,
-}
+/// Each observation's residual.
+struct Residuals(Vec<[f64; 2], OBSERVATIONS_MAX>);
 
-impl Squares {
-    fn new(count: usize) -> Self {
-        Self { values: [0.0; OBSERVATIONS_MAX], count }
+impl Residuals {
+    const fn new() -> Self {
+        Self(Vec::new())
     }
 
-    /// Measures the squares alone; `None` when a point lies behind the camera.
-    fn measure<O: Observation>(
+    /// Measures them; `None` when a point lies behind the camera.
+    fn measure<O: Observations + ?Sized>(
         &mut self,
         pose: &Pose<Cam, Target>,
-        observations: &[O],
+        observations: &O,
     ) -> Option<()> {
-        for (seen, square) in observations.iter().zip(&mut self.values) {
-            let [first, second] = seen.residual(pose)?;
-            *square = first * first + second * second;
-        }
-        Some(())
+        self.0.clear();
+        observations.residuals(pose, |_, residual| {
+            // There are at most as many as there is room for.
+            let _ = self.0.push(residual);
+        })
     }
 
-    fn iter(&self) -> impl Iterator<Item = f64> + '_ {
-        self.values[..self.count].iter().copied()
+    fn squares(&self) -> impl Iterator<Item = f64> + '_ {
+        self.0.iter().map(square)
     }
 
     /// The variance of which the squares' median speaks, in units of what was
     /// promised, at least 1. The fit has made the residuals smaller than the noise; the share of
     /// degrees of freedom that is left makes up for that.
     fn robust_variance(&self) -> f64 {
-        let mut sorted = self.values;
-        let (_, median, _) =
-            sorted[..self.count].select_nth_unstable_by(self.count / 2, f64::total_cmp);
-        let count = self.count as f64;
+        let mut squares: Vec<f64, OBSERVATIONS_MAX> = self.squares().collect();
+        let count = squares.len();
+        let (_, median, _) = squares.select_nth_unstable_by(count / 2, f64::total_cmp);
+        let count = count as f64;
         (*median / MEDIAN_SQUARE * count / (count - 3.0)).max(1.0)
     }
 
     fn cost(&self, variance: f64) -> f64 {
         let per_variance = 1.0 / variance;
-        self.iter().map(|square| robust_square(square * per_variance)).sum::<f64>() * variance
+        self.squares().map(|square| robust_square(square * per_variance)).sum::<f64>() * variance
     }
 }
 
@@ -354,14 +419,17 @@ struct NormalEquations {
 
 impl NormalEquations {
     /// At a pose that has every point in front of the camera.
-    fn new<O: Observation>(pose: &Pose<Cam, Target>, observations: &[O], variance: f64) -> Self {
+    fn new<O: Observations + ?Sized>(
+        pose: &Pose<Cam, Target>,
+        observations: &O,
+        variance: f64,
+    ) -> Self {
         let per_variance = 1.0 / variance;
         let mut normal = Self { matrix: [[0.0; 6]; 6], gradient: [0.0; 6] };
-        for seen in observations {
-            let Some((residual, rows)) = seen.residual_with_jacobian(pose) else { continue };
-            let square = residual[0] * residual[0] + residual[1] * residual[1];
-            normal.add(&residual, &rows, weight(square * per_variance));
-        }
+        let seen = observations.residuals_with_jacobian(pose, |_, residual, rows| {
+            normal.add(residual, rows, weight(square(residual) * per_variance));
+        });
+        debug_assert!(seen.is_some(), "a point lies behind the camera");
         normal
     }
 
@@ -385,6 +453,12 @@ impl NormalEquations {
         }
         let step = matrix.cholesky()?.solve(&-Vector6::from(self.gradient));
         step.sum().is_finite().then_some(step)
+    }
+
+    /// The square of a step's length, in standard deviations of the pose, times the variance of
+    /// the residuals.
+    fn square(&self, step: &Vector6<f64>) -> f64 {
+        step.dot(&(self.symmetric() * step))
     }
 
     /// The inverse, `None` when the system is nearly singular. Scaled to a diagonal

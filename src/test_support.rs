@@ -11,7 +11,7 @@ use crate::planar::SeenCorner;
 use crate::pose::{Cam, Pose, Target};
 
 /// The corners of one target, as a tracker would see them.
-pub type Observations = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;
+pub type SeenCorners = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;
 
 /// How often a test does its work: `count` times, and a tenth as often in an emulator,
 /// where each time takes ten times as long or more. `cargo xtask test` sets the variable.
@@ -79,8 +79,8 @@ pub fn observe(
     [columns, rows]: [u8; 2],
     sigma_px: f64,
     random: &mut Random,
-) -> Observations {
-    let mut observations = Observations::new();
+) -> SeenCorners {
+    let mut observations = SeenCorners::new();
     for index in 0..columns * rows {
         let offset = |place: u8, count: u8| f64::from(place) - f64::from(count - 1) / 2.0;
         let (x, y) = (offset(index % columns, columns), offset(index / columns, rows));

@@ -33,12 +33,14 @@ pub use fit::{Appearance, Batch, PixelFit, fit};
 pub use light::Light;
 pub use locate::locate;
 
-use nalgebra::{Vector2, Vector3};
+use heapless::Vec;
+use nalgebra::{Matrix2x6, Vector2};
 
-use crate::lens::{ray_by_point, ray_of};
-use crate::nodes::{Edge, Node};
+use crate::lens::ray_of;
+use crate::limits::TARGET_NODES_MAX;
+use crate::nodes::{Edge, Node, Nodes};
 use crate::pose::{Cam, Pose, Target};
-use crate::solve::{Observation, by_increment};
+use crate::solve::{Observations, ray_by_increment};
 
 /// Light minus dark below which there is no edge, as a part of the white level: 6 of
 /// 255 grey levels.
@@ -47,7 +49,6 @@ const CONTRAST_MIN: f32 = 0.025;
 /// One end of an edge, and how its distance from the expected line follows the pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct End {
-    point_target_mm: Vector3<f64>,
     /// d distance / d ray: raw pixels to the right of the line.
     distance_by_ray: Vector2<f64>,
     /// `distance_by_ray` times the expected ray.
@@ -57,29 +58,12 @@ struct End {
 impl End {
     fn new(node: &Node, right: &Vector2<f64>) -> Self {
         let distance_by_ray = node.raw_by_ray.tr_mul(right);
-        Self {
-            point_target_mm: node.point_target_mm,
-            distance_by_ray,
-            expected: distance_by_ray.dot(&node.ray),
-        }
+        Self { distance_by_ray, expected: distance_by_ray.dot(&node.ray) }
     }
 
     #[inline]
-    fn distance_px(&self, cam_from_target: &Pose<Cam, Target>) -> Option<f64> {
-        let ray = ray_of(&cam_from_target.transform(&self.point_target_mm))?;
-        Some(self.distance_by_ray.dot(&ray) - self.expected)
-    }
-
-    #[inline]
-    fn distance_with_jacobian(
-        &self,
-        cam_from_target: &Pose<Cam, Target>,
-    ) -> Option<(f64, [f64; 6])> {
-        let point_cam_mm = cam_from_target.transform(&self.point_target_mm);
-        let ray = ray_of(&point_cam_mm)?;
-        let by_point = self.distance_by_ray.transpose() * ray_by_point(&point_cam_mm, &ray);
-        let row = by_increment(&by_point, &cam_from_target.rotation, &self.point_target_mm);
-        Some((self.distance_by_ray.dot(&ray) - self.expected, row))
+    fn distance_px(&self, ray: &Vector2<f64>) -> f64 {
+        self.distance_by_ray.dot(ray) - self.expected
     }
 }
 
@@ -123,15 +107,43 @@ impl SeenEdge {
         self.seen[0] -= self.whitener[0] * shift_px;
     }
 
-    /// How much farther than at a pose the dark side reaches, and the precision of that;
-    /// `None` when it would lie behind the camera.
+    /// How much farther than at the pose of a residual the dark side reaches, and the
+    /// precision of that.
     #[must_use]
-    pub fn growth_px(&self, cam_from_target: &Pose<Cam, Target>) -> Option<(f64, f64)> {
-        let [residual, _] = self.residual(cam_from_target)?;
+    pub fn growth_px(&self, residual: &[f64; 2]) -> (f64, f64) {
         let [precision, ..] = self.whitener;
-        let shift_px = -residual / precision;
+        let shift_px = -residual[0] / precision;
         let growth_px = if self.edge.is_right_light { shift_px } else { -shift_px };
-        Some((growth_px, precision * precision))
+        (growth_px, precision * precision)
+    }
+
+    fn is_finite(&self) -> bool {
+        let ends: f64 = self.ends.iter().map(|end| end.distance_by_ray.sum() + end.expected).sum();
+        let [shift, _, turn] = self.whitener;
+        let sum = ends + self.seen.iter().sum::<f64>() + self.whitener.iter().sum::<f64>();
+        sum.is_finite() && shift > 0.0 && turn > 0.0
+    }
+
+    #[inline]
+    fn residual(&self, rays: [&Vector2<f64>; 2]) -> [f64; 2] {
+        let start = self.ends[0].distance_px(rays[0]);
+        let end = self.ends[1].distance_px(rays[1]);
+        let [first, second] = self.whitened(0.5 * (start + end), end - start);
+        [first - self.seen[0], second - self.seen[1]]
+    }
+
+    /// The residual's derivatives, from those of the ends' rays.
+    #[inline]
+    fn rows(&self, by_increment: [&Matrix2x6<f64>; 2]) -> [[f64; 6]; 2] {
+        let mut rows = [[0.0; 6]; 2];
+        for axis in 0..6 {
+            let [start, end] = [0, 1].map(|end| {
+                let by_ray = self.ends[end].distance_by_ray;
+                by_ray.x * by_increment[end][(0, axis)] + by_ray.y * by_increment[end][(1, axis)]
+            });
+            [rows[0][axis], rows[1][axis]] = self.whitened(0.5 * (start + end), end - start);
+        }
+        rows
     }
 
     #[inline]
@@ -141,46 +153,63 @@ impl SeenEdge {
     }
 }
 
-impl Observation for SeenEdge {
-    fn is_finite(&self) -> bool {
-        let ends: f64 = self
-            .ends
-            .iter()
-            .map(|end| end.point_target_mm.sum() + end.distance_by_ray.sum() + end.expected)
-            .sum();
-        let [shift, _, turn] = self.whitener;
-        let sum = ends + self.seen.iter().sum::<f64>() + self.whitener.iter().sum::<f64>();
-        sum.is_finite() && shift > 0.0 && turn > 0.0
+/// The edges seen of one target, and the nodes between which they run.
+///
+/// Nodes are shared: each has its ray found once, not once per edge.
+#[derive(Clone, Copy)]
+pub struct SeenEdges<'a> {
+    /// Where they were expected.
+    pub nodes: &'a Nodes,
+    /// The edges.
+    pub edges: &'a [SeenEdge],
+}
+
+impl Observations for SeenEdges<'_> {
+    fn count(&self) -> usize {
+        self.edges.len()
     }
 
-    #[inline]
-    fn residual(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[f64; 2]> {
-        let start = self.ends[0].distance_px(cam_from_target)?;
-        let end = self.ends[1].distance_px(cam_from_target)?;
-        let [first, second] = self.whitened(0.5 * (start + end), end - start);
-        Some([first - self.seen[0], second - self.seen[1]])
+    fn are_finite(&self) -> bool {
+        let points = self.nodes.as_slice().iter().map(|node| node.point_target_mm.sum());
+        points.sum::<f64>().is_finite() && self.edges.iter().all(SeenEdge::is_finite)
     }
 
-    #[inline]
-    fn residual_with_jacobian(
+    fn residuals(
         &self,
         cam_from_target: &Pose<Cam, Target>,
-    ) -> Option<([f64; 2], [[f64; 6]; 2])> {
-        let (start, start_row) = self.ends[0].distance_with_jacobian(cam_from_target)?;
-        let (end, end_row) = self.ends[1].distance_with_jacobian(cam_from_target)?;
-        let [first, second] = self.whitened(0.5 * (start + end), end - start);
-        let mut rows = [[0.0; 6]; 2];
-        for axis in 0..6 {
-            let (start, end) = (start_row[axis], end_row[axis]);
-            [rows[0][axis], rows[1][axis]] = self.whitened(0.5 * (start + end), end - start);
+        mut visit: impl FnMut(usize, [f64; 2]),
+    ) -> Option<()> {
+        let mut rays: Vec<Vector2<f64>, TARGET_NODES_MAX> = Vec::new();
+        for node in self.nodes.as_slice() {
+            // There are at most as many as there is room for.
+            let _ = rays.push(ray_of(&cam_from_target.transform(&node.point_target_mm))?);
         }
-        Some(([first - self.seen[0], second - self.seen[1]], rows))
+        for (place, seen) in self.edges.iter().enumerate() {
+            visit(place, seen.residual(seen.edge.nodes.map(|node| &rays[usize::from(node)])));
+        }
+        Some(())
     }
 
-    fn square_px2(&self, residual: &[f64; 2]) -> f64 {
+    fn residuals_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
+    ) -> Option<()> {
+        let mut rays: Vec<_, TARGET_NODES_MAX> = Vec::new();
+        for node in self.nodes.as_slice() {
+            let _ = rays.push(ray_by_increment(cam_from_target, &node.point_target_mm)?);
+        }
+        for (place, seen) in self.edges.iter().enumerate() {
+            let [start, end] = seen.edge.nodes.map(|node| &rays[usize::from(node)]);
+            visit(place, &seen.residual([&start.0, &end.0]), &seen.rows([&start.1, &end.1]));
+        }
+        Some(())
+    }
+
+    fn square_px2(&self, place: usize, residual: &[f64; 2]) -> f64 {
         // Edges lie across one direction each: twice the mean square of their distances
         // is that of both directions together.
-        let distance_px = residual[0] / self.whitener[0];
+        let distance_px = residual[0] / self.edges[place].whitener[0];
         2.0 * distance_px * distance_px
     }
 }

@@ -6,7 +6,6 @@ use nalgebra::Vector6;
 use super::rendered::{HEIGHT, Scene, WHITE, WIDTH, corner_of_bedside_lens, image};
 use super::*;
 use crate::nodes::Direction;
-use crate::solve::Observation;
 use crate::test_support::{Random, repetitions};
 
 /// Tilt and turn of targets that a camera sees: upright, turned, and turned on a tilted one.
@@ -14,9 +13,15 @@ const VIEWS: [[f64; 2]; 5] = [[0.0, 0.0], [0.0, 0.2], [0.4, 0.1], [-0.4, 0.8], [
 
 const EDGES: usize = 40;
 
-/// How far the found edges are from the truth in the middle and at the worse of both ends, px.
-fn errors_px(seen: &SeenEdge, truth: &Pose<Cam, Target>) -> [f64; 2] {
-    let [first, second] = seen.residual(truth).unwrap();
+/// The residual of an edge at the true pose.
+fn residual(seen: &SeenEdge, scene: &Scene) -> [f64; 2] {
+    let nodes = scene.nodes(&scene.cam_from_target);
+    seen.residual(seen.edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)].ray))
+}
+
+/// How far a found edge is from the truth in the middle and at the worse of both ends, px.
+fn errors_px(seen: &SeenEdge, scene: &Scene) -> [f64; 2] {
+    let [first, second] = residual(seen, scene);
     let [shift_by_shift, shift_by_turn, turn_by_turn] = seen.whitener;
     let turn = second / turn_by_turn;
     let shift = (first - shift_by_turn * turn) / shift_by_shift;
@@ -69,7 +74,7 @@ fn edges_are_located_from_3_px_away() {
                 let expected = scene.moved_px([off_px * cosine, off_px * sine]);
                 for seen in locate_all(&scene, &pixels, &expected) {
                     found += 1;
-                    worst_px = worst_px.max(errors_px(&seen, &scene.cam_from_target)[0].abs());
+                    worst_px = worst_px.max(errors_px(&seen, &scene)[0].abs());
                 }
             }
             assert_eq!(found, 8 * EDGES, "{tilt} {turn} {off_px}");
@@ -118,7 +123,7 @@ fn a_target_at_the_frames_border_shows_the_edges_inside() {
         assert!((EDGES / 4..EDGES).contains(&fitted.len()), "{}", fitted.len());
         for (seen, _) in fitted {
             // An edge cut by the frame has its pixels all on one side.
-            assert!(errors_px(&seen, &part.cam_from_target)[0].abs() < 0.01);
+            assert!(errors_px(&seen, &part)[0].abs() < 0.01);
             let inside = seen.edge.nodes.map(|node| {
                 let [x, y] =
                     part.nodes(&part.cam_from_target).as_slice()[usize::from(node)].raw_px.into();
@@ -145,7 +150,7 @@ fn a_fit_without_noise_gives_the_truth() {
                     let fitted = fit_all(&scene, &pixels, &expected, &appearance(&scene), false);
                     assert_eq!(fitted.len(), EDGES);
                     for (seen, _) in fitted {
-                        let [shift, end] = errors_px(&seen, &scene.cam_from_target);
+                        let [shift, end] = errors_px(&seen, &scene);
                         worst_px[case] = worst_px[case].max(shift.abs());
                         worst_end_px[case] = worst_end_px[case].max(end);
                     }
@@ -165,7 +170,7 @@ fn the_lenss_bend_is_no_shift() {
     let scene = Scene::new(40.0, 0.1, 0.1).seen_at(corner_of_bedside_lens(), [110.0, 70.0]);
     let pixels = scene.render().noise_free();
     let fitted = fit_all(&scene, &pixels, &scene.cam_from_target, &appearance(&scene), false);
-    let worst = fitted.iter().map(|(seen, _)| errors_px(seen, &scene.cam_from_target)[0].abs());
+    let worst = fitted.iter().map(|(seen, _)| errors_px(seen, &scene)[0].abs());
     let worst = worst.fold(0.0, f64::max);
     assert!(fitted.len() > 20 && worst < 0.003, "{worst}");
 }
@@ -183,7 +188,7 @@ fn normalised(psf_px: f64, has_light: bool) -> ([f64; 2], f64) {
         let pixels = picture.sampled(NOISE, &mut random);
         let pose = &scene.cam_from_target;
         for (seen, pixels) in fit_all(&scene, &pixels, pose, &appearance(&scene), has_light) {
-            let residual = seen.residual(pose).unwrap().map(|value| value / noise);
+            let residual = residual(&seen, &scene).map(|value| value / noise);
             for (square, value) in squares.iter_mut().zip(residual) {
                 *square += value * value;
             }
@@ -259,7 +264,7 @@ fn ink_that_spreads_is_told_from_a_shift() {
         for (seen, _) in &fitted {
             // All edges, border or not: dark reaches farther. The scale varies by 2 % over
             // the target.
-            let (growth_px, _) = seen.growth_px(pose).unwrap();
+            let (growth_px, _) = seen.growth_px(&residual(seen, &scene));
             assert!((growth_px - left_px).abs() < 0.005, "{growth_px} {:?}", seen.edge);
         }
     }
@@ -270,31 +275,38 @@ fn ink_that_spreads_is_told_from_a_shift() {
 fn jacobian_error(spoiled: Option<usize>) -> f64 {
     let scene = Scene::new(21.0, 0.3, 0.2).seen_at(corner_of_bedside_lens(), [100.0, 80.0]);
     let nodes = scene.nodes(&scene.cam_from_target);
-    // Not where the edge was expected.
+    let right = Vector2::new(0.8, -0.6);
+    let edges: Vec<_> = nodes
+        .edges(true)
+        .map(|edge| {
+            let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
+            SeenEdge::new(edge, ends, &right, [5.0, 0.7, 1.5], [0.3, -0.2])
+        })
+        .collect();
+    let seen = SeenEdges { nodes: &nodes, edges: &edges };
+    let residuals = |pose: &Pose<Cam, Target>| {
+        let mut residuals = Vec::new();
+        seen.residuals(pose, |_, residual| residuals.push(Vector2::from(residual))).unwrap();
+        residuals
+    };
+    // Not where the edges were expected.
     let pose = scene.moved_px([1.5, -1.0]);
     let mut worst = 0.0_f64;
-    for edge in nodes.edges(true) {
-        let ends = edge.nodes.map(|node| {
-            let mut node = nodes.as_slice()[usize::from(node)];
-            // Points off the plane as well, so that z of a bent target counts.
-            node.point_target_mm.z = f64::from(edge.nodes[0]) - 12.0;
-            node
-        });
-        let right = Vector2::new(0.8, -0.6);
-        let seen = SeenEdge::new(edge, [&ends[0], &ends[1]], &right, [5.0, 0.7, 1.5], [0.3, -0.2]);
-        for axis in 0..6 {
-            let step = if axis < 3 { 1e-5 } else { 1e-2 };
-            let mut increment = Vector6::zeros();
-            increment[axis] = step;
-            let ahead = Vector2::from(seen.residual(&pose.moved_by(&increment)).unwrap());
-            let behind = Vector2::from(seen.residual(&pose.moved_by(&-increment)).unwrap());
-            let (residual, rows) = seen.residual_with_jacobian(&pose).unwrap();
-            assert_eq!(residual, seen.residual(&pose).unwrap());
-            let scale = if spoiled == Some(axis) { 1.0001 } else { 1.0 };
+    for axis in 0..6 {
+        let step = if axis < 3 { 1e-5 } else { 1e-2 };
+        let mut increment = Vector6::zeros();
+        increment[axis] = step;
+        let here = residuals(&pose);
+        let ahead = residuals(&pose.moved_by(&increment));
+        let behind = residuals(&pose.moved_by(&-increment));
+        let scale = if spoiled == Some(axis) { 1.0001 } else { 1.0 };
+        seen.residuals_with_jacobian(&pose, |place, residual, rows| {
+            assert_eq!(Vector2::from(*residual), here[place]);
             let column = Vector2::new(rows[0][axis], rows[1][axis]) * scale;
-            let difference = (ahead - behind) / (2.0 * step);
+            let difference = (ahead[place] - behind[place]) / (2.0 * step);
             worst = worst.max((column - difference).norm() / column.norm().max(1.0));
-        }
+        })
+        .unwrap();
     }
     worst
 }

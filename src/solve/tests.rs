@@ -3,7 +3,7 @@ use nalgebra::Vector2;
 
 use crate::planar::{SeenCorner, planar_poses};
 use crate::pose::vector_from_rotation;
-use crate::test_support::{Observations, Random, bedside_lens, observe};
+use crate::test_support::{Random, SeenCorners, bedside_lens, observe};
 
 const LUMBAR: [u8; 2] = [6, 5];
 const SHOULDER: [u8; 2] = [5, 4];
@@ -36,13 +36,18 @@ fn jacobian_error(spoiled: Option<usize>) -> f64 {
         let step = if axis < 3 { 1e-5 } else { 1e-2 };
         let mut increment = Vector6::zeros();
         increment[axis] = step;
-        let ahead = seen.residual(&tilted().moved_by(&increment)).unwrap();
-        let behind = seen.residual(&tilted().moved_by(&-increment)).unwrap();
-        let (_, rows) = seen.residual_with_jacobian(&tilted()).unwrap();
+        let residual = |increment: &Vector6<f64>| {
+            let mut at = Vector2::zeros();
+            [seen].residuals(&tilted().moved_by(increment), |_, residual| at = residual.into());
+            at
+        };
+        let difference = (residual(&increment) - residual(&-increment)) / (2.0 * step);
         let scale = if spoiled == Some(axis) { 1.0001 } else { 1.0 };
-        let column = Vector2::new(rows[0][axis], rows[1][axis]) * scale;
-        let difference = Vector2::new(ahead[0] - behind[0], ahead[1] - behind[1]) / (2.0 * step);
-        worst = worst.max((column - difference).norm() / column.norm().max(1.0));
+        let seen = [seen].residuals_with_jacobian(&tilted(), |_, _, rows| {
+            let column = Vector2::new(rows[0][axis], rows[1][axis]) * scale;
+            worst = worst.max((column - difference).norm() / column.norm().max(1.0));
+        });
+        seen.expect("in front of the camera");
     }
     worst
 }
@@ -73,13 +78,13 @@ fn exact_corners_give_the_exact_pose_from_10_mm_and_10_degrees() {
     for sign in [1.0, -1.0] {
         // 10 degrees about, and 10 mm along, the diagonals.
         let start = tilted().moved_by(&(Vector6::new(0.1, -0.1, 0.1, 5.8, -5.8, 5.8) * sign));
-        let solution = solve(&start, &seen, 6).unwrap();
+        let solution = solve(&start, &seen[..], 6).unwrap();
         let off = solution.cam_from_target.translation_mm - tilted().translation_mm;
         assert!(off.norm() < 1e-6, "{off}");
         assert!(solution.rms_px < 1e-7 && solution.inliers.count() == 30);
         assert_eq!(solution.scale, 1.0);
     }
-    let warm = solve(&nearby(&tilted(), &mut random), &seen, 3).unwrap();
+    let warm = solve(&nearby(&tilted(), &mut random), &seen[..], 3).unwrap();
     let off = warm.cam_from_target.translation_mm - tilted().translation_mm;
     // A thousandth of the precision of a frame.
     assert!(off.norm() < 1e-4, "{off}");
@@ -97,7 +102,7 @@ fn normalised_sd(
     let mut squares = [0.0; 6];
     for _ in 0..count {
         let seen = observe(&bedside_lens(), pose, shape, sigma_px, &mut random);
-        let found = solve(&nearby(pose, &mut random), &seen, 6).unwrap();
+        let found = solve(&nearby(pose, &mut random), &seen[..], 6).unwrap();
         let turn = pose.rotation.tr_mul(&found.cam_from_target.rotation);
         let omega_rad = vector_from_rotation(&turn);
         let delta_mm = found.cam_from_target.translation_mm - pose.translation_mm;
@@ -141,11 +146,11 @@ fn errors_are_as_large_as_the_covariance_says() {
 fn sigmas_that_promise_too_much_are_not_believed() {
     let mut random = Random::new(8);
     let mut seen = observe(&bedside_lens(), &tilted(), LUMBAR, 0.1, &mut random);
-    let honest = solve(&tilted(), &seen, 6).unwrap();
+    let honest = solve(&tilted(), &seen[..], 6).unwrap();
     for seen in &mut seen {
         seen.sigma_px = 0.01;
     }
-    let boasting = solve(&tilted(), &seen, 6).unwrap();
+    let boasting = solve(&tilted(), &seen[..], 6).unwrap();
     // The observed spread decides: the same answer, as uncertain as before. The
     // honest one is at least as large as predicted, and the soft weights differ
     // by the scale, which is why not exactly.
@@ -157,13 +162,13 @@ fn sigmas_that_promise_too_much_are_not_believed() {
     for seen in &mut seen {
         seen.sigma_px = 1.0;
     }
-    let modest = solve(&tilted(), &seen, 6).unwrap();
+    let modest = solve(&tilted(), &seen[..], 6).unwrap();
     assert_eq!(modest.scale, 1.0);
     assert!(sd_mm(&modest)[2] > 5.0 * sd_mm(&honest)[2]);
 }
 
 /// Moves the first `count` of the shuffled corners by `size_px`, each its own way.
-fn spoil(seen: &mut Observations, count: usize, size_px: f64, random: &mut Random) {
+fn spoil(seen: &mut SeenCorners, count: usize, size_px: f64, random: &mut Random) {
     for place in (1..seen.len()).rev() {
         seen.swap(place, (random.bits() % (place as u64 + 1)) as usize);
     }
@@ -182,7 +187,7 @@ fn outlier_influence(shape: [u8; 2], count: usize, size_px: f64) -> f64 {
         let mut seen = observe(&bedside_lens(), &tilted(), shape, 0.1, &mut random);
         spoil(&mut seen, count, size_px, &mut random);
         let start = nearby(&tilted(), &mut random);
-        let found = solve(&start, &seen, 10).unwrap();
+        let found = solve(&start, &seen[..], 10).unwrap();
         let wanted = solve(&start, &seen[count..], 10).unwrap();
         assert!(
             (0..count).all(|place| !found.inliers.contains(place)),
@@ -217,11 +222,11 @@ fn a_wrong_corner_would_move_an_unweighted_fit() {
     let mut random = Random::new(9);
     let mut seen = observe(&bedside_lens(), &tilted(), LUMBAR, 0.1, &mut random);
     spoil(&mut seen, 1, 30.0, &mut random);
-    let robust = solve(&tilted(), &seen, 10).unwrap();
+    let robust = solve(&tilted(), &seen[..], 10).unwrap();
     for seen in &mut seen {
         seen.sigma_px = 30.0;
     }
-    let plain = solve(&tilted(), &seen, 10).unwrap();
+    let plain = solve(&tilted(), &seen[..], 10).unwrap();
     let moved_mm = plain.cam_from_target.translation_mm - robust.cam_from_target.translation_mm;
     assert!(moved_mm.norm() > 5.0, "{moved_mm}");
 }
@@ -232,7 +237,8 @@ fn each_of_a_planes_two_poses_is_a_minimum_of_its_own() {
     let mut random = Random::new(10);
     let seen = observe(&bedside_lens(), &far, LUMBAR, 0.0, &mut random);
     let poses = planar_poses(&seen).unwrap();
-    let solutions = [0, 1].map(|place| solve(&poses[place].cam_from_target, &seen, 15).unwrap());
+    let solutions =
+        [0, 1].map(|place| solve(&poses[place].cam_from_target, &seen[..], 15).unwrap());
     let apart = |a: &Pose<Cam, Target>, b: &Pose<Cam, Target>| {
         vector_from_rotation(&a.rotation.tr_mul(&b.rotation)).norm().to_degrees()
     };
@@ -242,7 +248,7 @@ fn each_of_a_planes_two_poses_is_a_minimum_of_its_own() {
     assert!((45.0..60.0).contains(&apart(&second, &far)), "{}", apart(&second, &far));
     // Further steps stay; and the start was close.
     for (place, solution) in solutions.iter().enumerate() {
-        let more = solve(&solution.cam_from_target, &seen, 15).unwrap();
+        let more = solve(&solution.cam_from_target, &seen[..], 15).unwrap();
         assert!(apart(&more.cam_from_target, &solution.cam_from_target) < 1e-5);
         assert!(apart(&poses[place].cam_from_target, &solution.cam_from_target) < 0.5);
     }
@@ -302,7 +308,7 @@ fn absurd_but_finite_numbers_give_a_result_or_a_reason() {
                 _ => start.translation_mm.z = value,
             }
         }
-        if let Ok(solution) = solve(&start, &seen, 6) {
+        if let Ok(solution) = solve(&start, &seen[..], 6) {
             assert!(solution.covariance.iter().all(|value| value.is_finite()));
             assert!(solution.cam_from_target.rotation.iter().all(|value| value.is_finite()));
             assert!(solution.rms_px.is_finite() && sd_mm(&solution).iter().all(|sd| *sd >= 0.0));
@@ -319,7 +325,7 @@ fn a_pose_followed_for_hours_stays_a_rotation() {
     pose.rotation *= 1.0 + 1e-5;
     pose.rotation[(0, 1)] += 1e-5;
     for _ in 0..3 {
-        pose = solve(&pose, &seen, 3).unwrap().cam_from_target;
+        pose = solve(&pose, &seen[..], 3).unwrap().cam_from_target;
     }
     let gram = pose.rotation.tr_mul(&pose.rotation);
     assert!((gram - Matrix3::identity()).norm() < 1e-14);

@@ -42,7 +42,7 @@ pub fn pose<P: Pixel>(
             SeenCorner::new(index as u8, point_mm, lens, &found_px, SIGMA_PX)
         })
         .collect();
-    Some(solve(expected_cam_from_target, &corners, ITERATIONS).ok()?.cam_from_target)
+    Some(solve(expected_cam_from_target, &corners[..], ITERATIONS).ok()?.cam_from_target)
 }
 
 /// The corner in a window around a place, and in windows around what they find.
