@@ -34,8 +34,8 @@ pub struct Measurement {
     pub cam_from_target: Pose<Cam, Target>,
     /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`].
     pub covariance: Matrix6<f64>,
-    /// Root mean square distance, raw pixels, of where the edges are seen from where the
-    /// pose puts them, both directions together.
+    /// The reprojection error: root mean square distance, raw pixels, of the corners used,
+    /// where the edges that meet there are seen, from where the pose puts them.
     pub rms_px: f64,
     /// Corners used: those of which at least three of the four edges were.
     pub corners: u8,
@@ -410,7 +410,7 @@ impl Workspace {
         target: &TargetGeometry,
         &Pass { ref solution, appearance, .. }: &Pass,
     ) -> Result<Fitted, NoPose> {
-        let used = self.used_corners(solution);
+        let (used, rms_px) = self.corners(solution).ok_or(NoPose::PoorFit)?;
         let corners = used.count_ones() as usize;
         if corners < CORNERS_MIN {
             return Err(NoPose::TooFewCorners);
@@ -418,7 +418,7 @@ impl Workspace {
         let measurement = Measurement {
             cam_from_target: solution.cam_from_target,
             covariance: solution.covariance,
-            rms_px: solution.rms_px,
+            rms_px,
             corners: corners as u8,
             corners_total: target.corner_count() as u8,
         };
@@ -432,26 +432,62 @@ impl Workspace {
         }
     }
 
-    /// The corners at which at least three edges end that were used. Two would not do: where
-    /// a dark square at the border ends, an edge of each direction ends too, and a grid shifted
-    /// by a square would look whole.
-    fn used_corners(&self, solution: &Solution) -> u128 {
-        let mut ends = [0_u8; TARGET_CORNERS_MAX];
-        for (place, seen) in self.edges.iter().enumerate() {
+    /// The corners at which at least three edges end that were used, and the root mean square
+    /// of their distances, raw pixels, from where the pose has them; `None` when it has a node
+    /// behind the camera.
+    ///
+    /// Two edges would not do: where a dark square at the border ends, an edge of each
+    /// direction ends too, and a grid shifted by a square would look whole.
+    fn corners(&self, solution: &Solution) -> Option<(u128, f64)> {
+        let mut met = [Crossing::default(); TARGET_CORNERS_MAX];
+        self.seen().residuals(&solution.cam_from_target, |place, residual| {
             if solution.inliers.contains(place) {
+                let seen = &self.edges[place];
                 for corner in seen.edge.nodes.iter().filter_map(|&node| self.nodes.corner(node)) {
-                    ends[corner] += 1;
+                    met[corner].add(seen.edge.direction, seen.distance_px(&residual));
                 }
             }
+        })?;
+        let mut used = 0;
+        let mut squares = Mean::default();
+        for (corner, met) in met.iter().enumerate() {
+            if met.edges() >= EDGES_OF_CORNER_MIN {
+                used |= 1 << corner;
+                squares.add(met.square_px2(), 1.0);
+            }
         }
-        let used = ends.iter().enumerate().filter(|&(_, &ends)| ends >= EDGES_OF_CORNER_MIN);
-        used.fold(0, |used, (corner, _)| used | 1 << corner)
+        Some((used, libm::sqrt(squares.value())))
     }
 }
 
 impl Default for Workspace {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The edges that meet at a corner, two of each direction where all were used. Each lies across
+/// one direction, and the mean of the two on both sides of a corner is how far the corner is off.
+#[derive(Default, Clone, Copy)]
+struct Crossing {
+    distances_px: [f64; 2],
+    counts: [u8; 2],
+}
+
+impl Crossing {
+    fn add(&mut self, direction: Direction, distance_px: f64) {
+        self.distances_px[direction as usize] += distance_px;
+        self.counts[direction as usize] += 1;
+    }
+
+    fn edges(&self) -> u8 {
+        self.counts.iter().sum()
+    }
+
+    /// With at least one edge of each direction.
+    fn square_px2(&self) -> f64 {
+        let [x, y] = [0, 1].map(|place| self.distances_px[place] / f64::from(self.counts[place]));
+        x * x + y * y
     }
 }
 

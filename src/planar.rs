@@ -148,11 +148,6 @@ impl Observations for [SeenCorner] {
         }
         Some(())
     }
-
-    fn square_px2(&self, place: usize, [x, y]: &[f64; 2]) -> f64 {
-        let sigma_px = self[place].sigma_px;
-        (x * x + y * y) * sigma_px * sigma_px
-    }
 }
 
 /// One of the poses of a plane.

@@ -88,9 +88,6 @@ pub trait Observations {
         cam_from_target: &Pose<Cam, Target>,
         visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
     ) -> Option<()>;
-
-    /// The squared length of an observation's residual in raw pixels, both directions together.
-    fn square_px2(&self, place: usize, residual: &[f64; 2]) -> f64;
 }
 
 /// The ray of a point at a pose, and its derivative by an increment of [`Pose::moved_by`];
@@ -157,9 +154,6 @@ pub struct Solution {
     /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the order
     /// of [`Pose::moved_by`].
     pub covariance: Matrix6<f64>,
-    /// Root mean square of the residuals' lengths in raw pixels over the inliers
-    /// (what OpenCV calls the reprojection error).
-    pub rms_px: f64,
     /// The observations that have weight, by their places in the slice.
     pub inliers: Inliers,
     /// The robust scale: 1 when the residuals are what the observations promise, more
@@ -313,7 +307,7 @@ impl Descent {
         let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
         let per_variance = 1.0 / variance;
         let mut inliers = Inliers::default();
-        let [mut weights, mut weighted_squares, mut squares_px2] = [0.0; 3];
+        let [mut weights, mut weighted_squares] = [0.0; 2];
         for (place, residual) in residuals.0.iter().enumerate() {
             let square = square(residual);
             let weight = weight(square * per_variance);
@@ -321,11 +315,9 @@ impl Descent {
             weighted_squares += weight * square;
             if weight > 0.0 {
                 inliers.insert(place);
-                squares_px2 += observations.square_px2(place, residual);
             }
         }
-        let count = inliers.count();
-        if count < OBSERVATIONS_MIN {
+        if inliers.count() < OBSERVATIONS_MIN {
             return Err(SolveFailure::TooFew);
         }
         // Two numbers each, less the six that were fitted. With soft weights the
@@ -333,16 +325,15 @@ impl Descent {
         let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
         let covariance =
             normal.inverse().ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
-        let rms_px = libm::sqrt(squares_px2 / count as f64);
-        let finite = (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum() + rms_px)
-            .is_finite();
+        let finite =
+            (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
         // Finite numbers came in, so that only a nearly singular system overflows.
         if !finite {
             return Err(SolveFailure::Degenerate);
         }
         let scale = libm::sqrt(variance);
         let cost = residuals.cost(variance) * per_variance;
-        Ok(Solution { cam_from_target: pose, covariance, rms_px, inliers, scale, cost })
+        Ok(Solution { cam_from_target: pose, covariance, inliers, scale, cost })
     }
 }
 

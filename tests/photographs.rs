@@ -128,9 +128,9 @@ fn the_robots_board_is_found_in_all_forty_photographs() {
     let camera = run.write("camera.toml", ROBOT_CAMERA);
     let rows = run.track(&camera, (9, 7, 20.0), &robot_images(&folder));
     assert_poses(&rows, &ROBOT_BY_OPENCV);
-    // What OpenCV's findChessboardCorners and cornerSubPix get.
+    // OpenCV's findChessboardCorners and cornerSubPix get 0.16; the design asks for 0.14.
     let median_px = median(rms_px(&rows));
-    assert!(median_px <= 0.16, "median reprojection RMS {median_px} px");
+    assert!(median_px <= 0.14, "median reprojection RMS {median_px} px");
 }
 
 #[test]

@@ -107,12 +107,18 @@ impl SeenEdge {
         self.seen[0] -= self.whitener[0] * shift_px;
     }
 
+    /// How far the pose of a residual puts the edge to the right of where it is seen.
+    #[must_use]
+    pub fn distance_px(&self, residual: &[f64; 2]) -> f64 {
+        residual[0] / self.whitener[0]
+    }
+
     /// How much farther than at the pose of a residual the dark side reaches, and the
     /// precision of that.
     #[must_use]
     pub fn growth_px(&self, residual: &[f64; 2]) -> (f64, f64) {
         let [precision, ..] = self.whitener;
-        let shift_px = -residual[0] / precision;
+        let shift_px = -self.distance_px(residual);
         let growth_px = if self.edge.is_right_light { shift_px } else { -shift_px };
         (growth_px, precision * precision)
     }
@@ -204,12 +210,5 @@ impl Observations for SeenEdges<'_> {
             visit(place, &seen.residual([&start.0, &end.0]), &seen.rows([&start.1, &end.1]));
         }
         Some(())
-    }
-
-    fn square_px2(&self, place: usize, residual: &[f64; 2]) -> f64 {
-        // Edges lie across one direction each: twice the mean square of their distances
-        // is that of both directions together.
-        let distance_px = residual[0] / self.edges[place].whitener[0];
-        2.0 * distance_px * distance_px
     }
 }
