@@ -24,7 +24,7 @@ use crate::nodes::{Direction, Nodes};
 use crate::planar::{SeenCorner, planar_poses};
 use crate::pose::{Cam, Pose, Target};
 use crate::report::NoPose;
-use crate::solve::{Observations, Solution, robust_cost, robust_cost_after_step, solve};
+use crate::solve::{Inliers, Observations, Solution, robust_cost, robust_cost_after_step, solve};
 use crate::target::TargetGeometry;
 
 /// A target's pose in one frame, and how good it is.
@@ -89,6 +89,8 @@ pub struct Workspace {
     /// Of each edge, while they are fitted.
     pixels: Vec<PixelFit, TARGET_EDGES_MAX>,
     batch: Batch,
+    /// The edges that the last pass believed.
+    inliers: Inliers,
 }
 
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
@@ -158,7 +160,7 @@ impl Workspace {
     /// Empty buffers.
     #[must_use]
     pub const fn new() -> Self {
-        Self { nodes: Nodes::new(), edges: Vec::new(), pixels: Vec::new(), batch: Batch::new() }
+        Self { nodes: Nodes::new(), edges: Vec::new(), pixels: Vec::new(), batch: Batch::new(), inliers: Inliers::new() }
     }
 
     /// Measures a target near an expected pose.
@@ -293,7 +295,15 @@ impl Workspace {
         let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
         let is_settled = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
             && blur_change < BLUR_CHANGE_MAX;
+        self.inliers = solution.inliers;
         Ok(Pass { solution, appearance, is_settled })
+    }
+
+    /// The edges that a pose of [`Workspace::track`] rests on, and the nodes where they were
+    /// expected, for who wants to fit more to them than a pose.
+    pub fn used_edges(&self) -> (&Nodes, impl Iterator<Item = &SeenEdge>) {
+        let used = self.edges.iter().enumerate().filter(|(place, _)| self.inliers.contains(*place));
+        (&self.nodes, used.map(|(_, seen)| seen))
     }
 
     /// Fits every edge expected at a pose, with the noise that the middle one has.

@@ -109,18 +109,15 @@ impl Nodes {
         if cam_from_target.rotation.column(2).dot(&cam_from_target.translation_mm) <= 0.0 {
             return false;
         }
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                let point_target_mm = point_mm(target, column, row);
-                let Some(ray) = ray_of(&cam_from_target.transform(&point_target_mm)) else {
-                    self.nodes.clear();
-                    return false;
-                };
-                let (raw_px, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
-                let node = Node { point_target_mm, ray, raw_px, raw_by_ray };
-                // A target has as many nodes as there is room for, at most.
-                let _ = self.nodes.push(node);
-            }
+        for point_target_mm in points_mm(target) {
+            let Some(ray) = ray_of(&cam_from_target.transform(&point_target_mm)) else {
+                self.nodes.clear();
+                return false;
+            };
+            let (raw_px, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
+            let node = Node { point_target_mm, ray, raw_px, raw_by_ray };
+            // A target has as many nodes as there is room for, at most.
+            let _ = self.nodes.push(node);
         }
         true
     }
@@ -275,6 +272,12 @@ pub struct Chord {
     pub right: Vector2<f64>,
     /// How far right of the chord's middle the lens (or a bent print) puts the edge.
     pub bend_px: f64,
+}
+
+/// Each node's place on a target, row by row.
+pub fn points_mm(target: &TargetGeometry) -> impl Iterator<Item = Vector3<f64>> + '_ {
+    let (columns, rows) = (target.columns() + 2, target.rows() + 2);
+    (0..rows).flat_map(move |row| (0..columns).map(move |column| point_mm(target, column, row)))
 }
 
 /// A node's place on the target. Those beyond the corners go on in a straight line.

@@ -93,7 +93,8 @@ pub trait Observations {
 /// The ray of a point at a pose, and its derivative by an increment of [`Pose::moved_by`];
 /// `None` when the point lies behind the camera.
 #[inline]
-pub(crate) fn ray_by_increment(
+#[must_use]
+pub fn ray_by_increment(
     cam_from_target: &Pose<Cam, Target>,
     point_target_mm: &Vector3<f64>,
 ) -> Option<(Vector2<f64>, Matrix2x6<f64>)> {
@@ -164,10 +165,16 @@ pub struct Solution {
 }
 
 /// A set of observations, by their places.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inliers([u32; OBSERVATIONS_MAX.div_ceil(32)]);
 
 impl Inliers {
+    /// None.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self([0; OBSERVATIONS_MAX.div_ceil(32)])
+    }
+
     /// Whether the observation at a place is one.
     #[must_use]
     pub fn contains(&self, place: usize) -> bool {
@@ -306,7 +313,7 @@ impl Descent {
         let variance = residuals.robust_variance();
         let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
         let per_variance = 1.0 / variance;
-        let mut inliers = Inliers::default();
+        let mut inliers = Inliers::new();
         let [mut weights, mut weighted_squares] = [0.0; 2];
         for (place, residual) in residuals.0.iter().enumerate() {
             let square = square(residual);

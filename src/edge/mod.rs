@@ -107,6 +107,16 @@ impl SeenEdge {
         self.seen[0] -= self.whitener[0] * shift_px;
     }
 
+    /// How far to the right of the expected line's middle the edge is seen, and the standard
+    /// deviation of that, raw pixels.
+    #[must_use]
+    pub fn shift_px(&self) -> (f64, f64) {
+        let [shift_by_shift, shift_by_turn, turn_by_turn] = self.whitener;
+        let turn_px = self.seen[1] / turn_by_turn;
+        let shift_px = (self.seen[0] - shift_by_turn * turn_px) / shift_by_shift;
+        (shift_px, libm::hypot(1.0, shift_by_turn / turn_by_turn) / shift_by_shift)
+    }
+
     /// How far the pose of a residual puts the edge to the right of where it is seen.
     #[must_use]
     pub fn distance_px(&self, residual: &[f64; 2]) -> f64 {

@@ -1,0 +1,425 @@
+//! The joint refinement: camera and all boards at once, the paper's second step.
+//!
+//! In: of each photograph, numbers that were measured in it ([`Seen`]), and where to start.
+//! Out: the lens, each board's pose, the board's own shape where that is asked for, and the
+//! covariance of what all photographs share.
+//!
+//! Levenberg and Marquardt's method on the sum of the squared residuals, each over its variance
+//! `sigma^2 + tau^2`: what its own pixels promise, and what is beyond them (a bent board, a
+//! poor print, a lens that no model has), the same for all. tau is found so that the residuals
+//! are on average as large as they should be (Paule and Mandel 1982), and then the covariance is
+//! the inverse of the normal equations. Boards hang together by the shared numbers alone, so
+//! that each board's six are eliminated first (Schur's complement).
+
+use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
+use plumbline::lens::{Distortion, Lens, ray_by_point};
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::solve::ray_by_increment;
+
+/// One number measured in a photograph: a place across an edge, or a corner's coordinate.
+///
+/// Its residual is `by_px[0] . raw pixel of points[0] + by_px[1] . that of points[1] - value`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Two points of the board, by their places.
+    pub points: [usize; 2],
+    /// How it follows their raw pixels.
+    pub by_px: [Vector2<f64>; 2],
+    /// What was measured, raw pixels.
+    pub value_px: f64,
+    /// Its standard deviation as far as the pixels' noise goes.
+    pub sigma_px: f64,
+}
+
+/// What one photograph shows of the board.
+#[derive(Debug, Clone)]
+pub struct Photograph {
+    pub seen: Vec<Seen>,
+    pub cam_from_board: Pose<Cam, Target>,
+}
+
+/// How the board differs from a flat one of square pitch.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shape {
+    /// z = xx x^2 + xy x y + yy y^2, 1/mm.
+    pub bend_per_mm: [f64; 3],
+    /// The pitch along y is larger than that along x by this part.
+    pub stretch: f64,
+}
+
+impl Shape {
+    /// A point of the flat board on this one.
+    #[must_use]
+    pub fn apply(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
+        let [x, y] = [point_mm.x, point_mm.y];
+        let [xx, xy, yy] = self.bend_per_mm;
+        let height = xx * x * x + xy * x * y + yy * y * y;
+        Vector3::new(x, y * (1.0 + self.stretch), point_mm.z + height)
+    }
+}
+
+/// Numbers of a shape.
+const SHAPE: usize = 4;
+
+/// Numbers of a lens before its distortion: fx fy cx cy skew.
+pub const PINHOLE: usize = 5;
+
+/// What is fitted.
+#[derive(Debug, Clone)]
+pub struct Bundle {
+    pub lens: Lens,
+    pub photographs: Vec<Photograph>,
+    pub shape: Shape,
+    /// Standard deviations of fx fy cx cy skew, then the distortion, then, where it was
+    /// fitted, the shape.
+    pub sd: Vec<f64>,
+    /// What is beyond the pixels' noise, of each measured number.
+    pub tau_px: f64,
+    /// Whether the shape was fitted.
+    has_shape: bool,
+}
+
+const ITERATIONS_MAX: usize = 60;
+const DAMPING_START: f64 = 1e-3;
+const DAMPING_FACTOR: f64 = 10.0;
+const DAMPING_MAX: f64 = 1e12;
+/// A step that lowers the cost by less than this part of a variance is the last.
+const DECREASE_MIN: f64 = 1e-6;
+/// Rounds of fitting and finding tau.
+const ROUNDS: usize = 4;
+
+impl Bundle {
+    /// Refines from a start.
+    ///
+    /// `None` where the photographs leave a number open.
+    #[must_use]
+    pub fn refine(
+        lens: &Lens,
+        points_mm: &[Vector3<f64>],
+        photographs: Vec<Photograph>,
+        has_shape: bool,
+    ) -> Option<Self> {
+        let mut bundle = Self {
+            lens: *lens,
+            photographs,
+            shape: Shape::default(),
+            sd: Vec::new(),
+            tau_px: 0.0,
+            has_shape,
+        };
+        for _ in 0..ROUNDS {
+            bundle.descend(points_mm)?;
+            bundle.tau_px = bundle.excess(points_mm)?;
+        }
+        let normal = bundle.normal(points_mm)?;
+        let covariance = normal.reduced(0.0)?.0.try_inverse()?;
+        bundle.sd = covariance.diagonal().iter().map(|variance| variance.sqrt()).collect();
+        bundle.sd.iter().all(|sd| sd.is_finite()).then_some(bundle)
+    }
+
+    /// How many numbers all photographs share.
+    fn shared(&self) -> usize {
+        PINHOLE + coefficients(&self.lens.distortion).len() + if self.has_shape { SHAPE } else { 0 }
+    }
+
+    /// Residuals of one photograph, raw pixels; `None` when a point lies behind the camera.
+    #[must_use]
+    pub fn residuals_px(
+        &self,
+        points_mm: &[Vector3<f64>],
+        photograph: &Photograph,
+    ) -> Option<Vec<f64>> {
+        let raw_px: Vec<Vector2<f64>> = points_mm
+            .iter()
+            .map(|point| {
+                let point = self.shape.apply(point);
+                self.lens.project(&photograph.cam_from_board.transform(&point))
+            })
+            .collect::<Option<_>>()?;
+        Some(photograph.seen.iter().map(|seen| seen.residual_px(&raw_px)).collect())
+    }
+
+    fn variance(&self, seen: &Seen) -> f64 {
+        seen.sigma_px * seen.sigma_px + self.tau_px * self.tau_px
+    }
+
+    fn cost(&self, points_mm: &[Vector3<f64>]) -> Option<f64> {
+        let mut cost = 0.0;
+        for photograph in &self.photographs {
+            let residuals = self.residuals_px(points_mm, photograph)?;
+            for (residual, seen) in residuals.iter().zip(&photograph.seen) {
+                cost += residual * residual / self.variance(seen);
+            }
+        }
+        Some(cost)
+    }
+
+    /// tau with which the cost is what its degrees of freedom say, by bisection.
+    fn excess(&self, points_mm: &[Vector3<f64>]) -> Option<f64> {
+        let mut squares = Vec::new();
+        for photograph in &self.photographs {
+            let residuals = self.residuals_px(points_mm, photograph)?;
+            let sigmas = photograph.seen.iter().map(|seen| seen.sigma_px * seen.sigma_px);
+            squares.extend(residuals.iter().map(|residual| residual * residual).zip(sigmas));
+        }
+        let unknowns = self.shared() + 6 * self.photographs.len();
+        let freedom = squares.len().checked_sub(unknowns).filter(|&left| left > 0)? as f64;
+        let cost = |tau: f64| -> f64 {
+            squares.iter().map(|(square, variance)| square / (variance + tau * tau)).sum()
+        };
+        if cost(0.0) <= freedom {
+            return Some(0.0);
+        }
+        // No residual is larger than a frame.
+        let (mut low, mut high) = (0.0, 1e4);
+        for _ in 0..80 {
+            let middle = 0.5 * (low + high);
+            if cost(middle) > freedom { low = middle } else { high = middle }
+        }
+        Some(high)
+    }
+
+    fn descend(&mut self, points_mm: &[Vector3<f64>]) -> Option<()> {
+        let mut damping = DAMPING_START;
+        let mut cost = self.cost(points_mm)?;
+        for _ in 0..ITERATIONS_MAX {
+            let normal = self.normal(points_mm)?;
+            let decrease = loop {
+                let moved = normal.step(damping).map(|step| self.moved_by(&step));
+                let lower = moved.and_then(|moved| {
+                    let next = moved.cost(points_mm).filter(|&next| next < cost)?;
+                    Some((moved, next))
+                });
+                if let Some((moved, next)) = lower {
+                    let decrease = cost - next;
+                    (*self, cost) = (moved, next);
+                    damping /= DAMPING_FACTOR;
+                    break decrease;
+                }
+                damping *= DAMPING_FACTOR;
+                if damping > DAMPING_MAX {
+                    break 0.0;
+                }
+            };
+            if decrease < DECREASE_MIN {
+                break;
+            }
+        }
+        Some(())
+    }
+
+    fn moved_by(&self, (shared, own): &(DVector<f64>, Vec<Vector6<f64>>)) -> Self {
+        let mut moved = self.clone();
+        let lens = &mut moved.lens;
+        for (place, value) in
+            [&mut lens.fx_px, &mut lens.fy_px, &mut lens.cx_px, &mut lens.cy_px, &mut lens.skew_px]
+                .into_iter()
+                .enumerate()
+        {
+            *value += shared[place];
+        }
+        let distortion = coefficients_mut(&mut lens.distortion);
+        let count = distortion.len();
+        for (place, value) in distortion.iter_mut().enumerate() {
+            *value += shared[PINHOLE + place];
+        }
+        if self.has_shape {
+            let at = PINHOLE + count;
+            for (place, value) in moved.shape.bend_per_mm.iter_mut().enumerate() {
+                *value += shared[at + place];
+            }
+            moved.shape.stretch += shared[at + SHAPE - 1];
+        }
+        for (photograph, step) in moved.photographs.iter_mut().zip(own) {
+            photograph.cam_from_board = photograph.cam_from_board.moved_by(step);
+        }
+        moved
+    }
+
+    fn normal(&self, points_mm: &[Vector3<f64>]) -> Option<Normal> {
+        let count = self.shared();
+        let mut normal = Normal {
+            shared: DMatrix::zeros(count, count),
+            shared_gradient: DVector::zeros(count),
+            boards: Vec::new(),
+        };
+        for photograph in &self.photographs {
+            let points: Vec<Projected> = points_mm
+                .iter()
+                .map(|point| self.project(&photograph.cam_from_board, point))
+                .collect::<Option<_>>()?;
+            let mut board = Board {
+                own: Matrix6::zeros(),
+                mixed: DMatrix::zeros(count, 6),
+                gradient: Vector6::zeros(),
+            };
+            for seen in &photograph.seen {
+                let mut residual = -seen.value_px;
+                let mut by_shared = DVector::zeros(count);
+                let mut by_own = Vector6::zeros();
+                for (point, by_px) in seen.points.iter().zip(&seen.by_px) {
+                    let point = &points[*point];
+                    residual += by_px.dot(&point.raw_px);
+                    by_shared += point.by_shared.tr_mul(by_px);
+                    by_own += point.by_own.tr_mul(by_px);
+                }
+                let weight = 1.0 / self.variance(seen);
+                normal.shared.syger(weight, &by_shared, &by_shared, 1.0);
+                normal.shared_gradient.axpy(weight * residual, &by_shared, 1.0);
+                board.own += by_own * by_own.transpose() * weight;
+                board.mixed.ger(weight, &by_shared, &by_own, 1.0);
+                board.gradient += by_own * (weight * residual);
+            }
+            normal.boards.push(board);
+        }
+        if std::env::var_os("NOSKEW").is_some() { normal.shared[(4, 4)] += 1e12; }
+        // Only the lower triangle was added to.
+        normal.shared.fill_upper_triangle_with_lower_triangle();
+        Some(normal)
+    }
+
+    /// A point's raw pixel and its derivatives.
+    fn project(&self, cam_from_board: &Pose<Cam, Target>, flat_mm: &Vector3<f64>) -> Option<Projected> {
+        let point_mm = self.shape.apply(flat_mm);
+        let (ray, ray_by_own) = ray_by_increment(cam_from_board, &point_mm)?;
+        let (distorted, by_ray) = self.lens.distortion.distort_with_jacobian(&ray);
+        let by_distorted = self.lens.pixel_by_ray();
+        let raw_by_ray = by_distorted * by_ray;
+        let mut by_shared = DMatrix::zeros(2, self.shared());
+        let pinhole = [
+            [distorted.x, 0.0],
+            [0.0, distorted.y],
+            [1.0, 0.0],
+            [0.0, 1.0],
+            [distorted.y, 0.0],
+        ];
+        for (place, column) in pinhole.into_iter().enumerate() {
+            by_shared.set_column(place, &Vector2::from(column));
+        }
+        let coefficients = by_coefficients(&self.lens.distortion, &ray);
+        for (place, column) in coefficients.iter().enumerate() {
+            by_shared.set_column(PINHOLE + place, &(by_distorted * column));
+        }
+        if self.has_shape {
+            let at = PINHOLE + coefficients.len();
+            let point_cam_mm = cam_from_board.transform(&point_mm);
+            let by_point = raw_by_ray * ray_by_point(&point_cam_mm, &ray) * cam_from_board.rotation;
+            let (x, y) = (flat_mm.x, flat_mm.y);
+            for (place, height) in [x * x, x * y, y * y].into_iter().enumerate() {
+                by_shared.set_column(at + place, &(by_point.column(2) * height));
+            }
+            by_shared.set_column(at + SHAPE - 1, &(by_point.column(1) * y));
+        }
+        Some(Projected {
+            raw_px: self.lens.pixel_from_ray(&distorted),
+            by_shared,
+            by_own: raw_by_ray * ray_by_own,
+        })
+    }
+}
+
+impl Seen {
+    fn residual_px(&self, raw_px: &[Vector2<f64>]) -> f64 {
+        let [first, second] = self.points.map(|point| raw_px[point]);
+        self.by_px[0].dot(&first) + self.by_px[1].dot(&second) - self.value_px
+    }
+}
+
+/// A distortion's coefficients, as many as its model has.
+pub fn coefficients(distortion: &Distortion) -> &[f64] {
+    match distortion {
+        Distortion::Radial2(coefficients) => coefficients,
+        Distortion::Brown5(coefficients) => coefficients,
+    }
+}
+
+fn coefficients_mut(distortion: &mut Distortion) -> &mut [f64] {
+    match distortion {
+        Distortion::Radial2(coefficients) => coefficients,
+        Distortion::Brown5(coefficients) => coefficients,
+    }
+}
+
+/// d distorted ray / d each coefficient.
+fn by_coefficients(distortion: &Distortion, ray: &Vector2<f64>) -> Vec<Vector2<f64>> {
+    let (x, y) = (ray.x, ray.y);
+    let square = ray.norm_squared();
+    let [first, second] = [ray * square, ray * square * square];
+    match distortion {
+        Distortion::Radial2(_) => vec![first, second],
+        Distortion::Brown5(_) => vec![
+            first,
+            second,
+            Vector2::new(2.0 * x * y, square + 2.0 * y * y),
+            Vector2::new(square + 2.0 * x * x, 2.0 * x * y),
+            second * square,
+        ],
+    }
+}
+
+struct Projected {
+    raw_px: Vector2<f64>,
+    by_shared: DMatrix<f64>,
+    by_own: Matrix2x6<f64>,
+}
+
+/// The normal equations: what is shared, and each board's own part.
+struct Normal {
+    shared: DMatrix<f64>,
+    shared_gradient: DVector<f64>,
+    boards: Vec<Board>,
+}
+
+struct Board {
+    own: Matrix6<f64>,
+    /// Shared by own.
+    mixed: DMatrix<f64>,
+    gradient: Vector6<f64>,
+}
+
+impl Normal {
+    /// The system of the shared numbers with the boards eliminated, under Marquardt's damping.
+    fn reduced(&self, damping: f64) -> Option<(DMatrix<f64>, DVector<f64>)> {
+        let mut matrix = self.shared.clone();
+        let mut right = -&self.shared_gradient;
+        for place in 0..matrix.nrows() {
+            matrix[(place, place)] *= 1.0 + damping;
+        }
+        for board in &self.boards {
+            let inverse = board.damped(damping).try_inverse()?;
+            let eliminated = &board.mixed * inverse;
+            matrix -= &eliminated * board.mixed.transpose();
+            right += eliminated * board.gradient;
+        }
+        Some((matrix, right))
+    }
+
+    fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<Vector6<f64>>)> {
+        let (matrix, right) = self.reduced(damping)?;
+        // Pixels, coefficients and 1/mm have no common measure.
+        let scale = matrix.diagonal().map(|value| 1.0 / value.sqrt());
+        let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
+            matrix[(row, column)] * scale[row] * scale[column]
+        });
+        let shared = scaled.cholesky()?.solve(&right.component_mul(&scale)).component_mul(&scale);
+        let own = self
+            .boards
+            .iter()
+            .map(|board| {
+                let right = -board.gradient - board.mixed.tr_mul(&shared);
+                Some(board.damped(damping).try_inverse()? * right)
+            })
+            .collect::<Option<Vec<_>>>()?;
+        Some((shared, own))
+    }
+}
+
+impl Board {
+    fn damped(&self, damping: f64) -> Matrix6<f64> {
+        let mut matrix = self.own;
+        for place in 0..6 {
+            matrix[(place, place)] *= 1.0 + damping;
+        }
+        matrix
+    }
+}

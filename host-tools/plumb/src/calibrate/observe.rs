@@ -1,0 +1,139 @@
+//! Photographs -> what they show of the board.
+//!
+//! The board is found as a tracker finds a target; then its edges are fitted as a tracker fits
+//! them, about the best lens known so far. An edge is measured from its own pixels alone, so
+//! that edges are independent of each other, as corners, of which two neighbours share an edge,
+//! are not: the refinement's standard deviations rest on that.
+
+use nalgebra::Vector2;
+use plumbline::corner::{Corner, CornerList, Detector};
+use plumbline::edge::Appearance;
+use plumbline::grid::{Grid, GridFinder, GridRejection};
+use plumbline::image::{GreyImage, Pixel};
+use plumbline::lens::Lens;
+use plumbline::measure::{Measurement, View, Workspace};
+use plumbline::target::TargetGeometry;
+
+use super::bundle::Seen;
+
+/// What the detector's corners are good to, raw pixels.
+const FOUND_SIGMA_PX: f64 = 0.25;
+
+/// Poses that are tracked after a board was acquired, each from the one before.
+const PASSES: usize = 2;
+
+/// A board found in one photograph, before any lens is known.
+pub struct Found {
+    grid: Grid,
+    corners: Vec<Corner>,
+}
+
+/// The large buffers of the search, one for each thread.
+pub struct Finder {
+    detector: Box<Detector>,
+    corners: Box<CornerList>,
+    finder: Box<GridFinder>,
+    workspace: Box<Workspace>,
+}
+
+impl Finder {
+    pub fn new() -> Self {
+        Self {
+            detector: Box::new(Detector::new()),
+            corners: Box::new(CornerList::new()),
+            finder: Box::new(GridFinder::new()),
+            workspace: Box::new(Workspace::new()),
+        }
+    }
+
+    /// Finds the board.
+    pub fn find<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        board: &TargetGeometry,
+    ) -> Result<Found, GridRejection> {
+        self.corners.clear();
+        self.detector.detect(image, 0..image.width(), 0..image.height(), &mut self.corners);
+        let corners = self.corners.as_slice();
+        let mut grids = [Err(GridRejection::NoLattice)];
+        self.finder.find(image, corners, &[board.shape()], &mut grids);
+        let [grid] = grids;
+        Ok(Found { grid: grid?, corners: corners.to_vec() })
+    }
+
+    /// Measures a board that was found, through the best lens known so far; `None` when its
+    /// edges do not support a pose.
+    pub fn measure<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        board: &TargetGeometry,
+        lens: &Lens,
+        found: &Found,
+    ) -> Option<Measured> {
+        let first_square_dark = found.grid.first_square_dark;
+        let view = View { image, lens, target: board, first_square_dark };
+        let workspace = &mut self.workspace;
+        let mut fitted = workspace.acquire(&view, &found.grid, &found.corners).ok()?;
+        for _ in 0..PASSES {
+            // A board's margin is nobody's business here: it may be cut.
+            let appearance = Appearance { has_border: false, ..fitted.appearance };
+            fitted = workspace.track(&view, &fitted.measurement.cam_from_target, appearance).ok()?;
+        }
+        let (nodes, edges) = workspace.used_edges();
+        let seen = edges
+            .map(|edge| {
+                let right = nodes.chord(&edge.edge).right;
+                let points = edge.edge.nodes.map(usize::from);
+                let middle_px = points
+                    .map(|point| nodes.as_slice()[point].raw_px)
+                    .iter()
+                    .sum::<Vector2<f64>>()
+                    * 0.5;
+                let (shift_px, sigma_px) = edge.shift_px();
+                Seen {
+                    points,
+                    by_px: [right * 0.5; 2],
+                    value_px: right.dot(&middle_px) + shift_px,
+                    sigma_px,
+                }
+            })
+            .collect();
+        Some(Measured { seen, measurement: fitted.measurement })
+    }
+}
+
+/// What a photograph shows through a lens.
+pub struct Measured {
+    pub seen: Vec<Seen>,
+    pub measurement: Measurement,
+}
+
+impl Found {
+    /// Each corner found: its number, and its raw pixel.
+    pub fn corners_px(&self) -> impl Iterator<Item = (usize, Vector2<f64>)> + '_ {
+        self.grid.corners.iter().enumerate().filter_map(|(corner, found)| {
+            let found = self.corners.get(usize::from((*found)?))?;
+            Some((corner, Vector2::from(found.position_px.map(f64::from))))
+        })
+    }
+
+    /// The corners as measured numbers.
+    pub fn seen(&self, board: &TargetGeometry) -> Vec<Seen> {
+        self.corners_px()
+            .flat_map(|(corner, px)| {
+                [Vector2::x(), Vector2::y()].map(|axis| Seen {
+                    points: [node_of(board, corner); 2],
+                    by_px: [axis * 0.5; 2],
+                    value_px: axis.dot(&px),
+                    sigma_px: FOUND_SIGMA_PX,
+                })
+            })
+            .collect()
+    }
+}
+
+/// Which of the board's nodes a corner is.
+pub fn node_of(board: &TargetGeometry, corner: usize) -> usize {
+    let (row, column) = (corner / board.columns(), corner % board.columns());
+    (row + 1) * (board.columns() + 2) + column + 1
+}
