@@ -3,8 +3,11 @@ use std::vec;
 
 use nalgebra::Vector2;
 
+use super::batch::BATCH_PX;
+use super::region::{CLEAR_OF_NODES, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
 use super::*;
 use crate::edge::rendered::{HEIGHT, Scene, WIDTH};
+use crate::nodes::Chord;
 
 /// How many edges look at each pixel of a frame, row by row.
 fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
@@ -58,7 +61,7 @@ fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f
     let pixels = vec![100_u8; width * height];
     let image = GreyImage::new(&pixels, width, height, width).unwrap();
     let region = Region::new(chord, blur_px)?;
-    region.sums(&image, &mut Batch::new()).map(|sums| sums.products[0])
+    Batch::new().sums(&image, &region).map(|sums| sums.products[0])
 }
 
 #[test]
