@@ -13,7 +13,7 @@
 //! ```
 //!
 //! to first order in shift, turn and ln s, so that five numbers are found by one linear
-//! regression of the pixels on (1, E, dE/d ln s, dE/dv, w dE/dv). The pixel's own box is
+//! regression of the pixels on (1, E, -dE/d ln s, dE/dv, w dE/dv). The pixel's own box is
 //! part of s: its variance, 1/12 px^2, is the same in every direction. The lens's
 //! curvature along the edge is taken out of v.
 
@@ -144,7 +144,7 @@ pub fn fit<P: Pixel>(
     let seen = SeenEdge::new(*edge, ends, &chord.right, whitener, [shift - growth, turn]);
     let pixels = PixelFit {
         noise_variance: regression.noise_variance as f32,
-        ln_blur: (regression.coefficients[BLUR] / (sign * half_contrast)) as f32,
+        ln_blur: (-regression.coefficients[BLUR] / (sign * half_contrast)) as f32,
         ln_blur_weight: (regression.blur_pivot * half_contrast * half_contrast) as f32,
     };
     Some((seen, pixels))

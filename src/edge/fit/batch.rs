@@ -1,18 +1,18 @@
 //! Pixels of an edge, the columns of its model, and their inner products.
 
 use super::region::Region;
-use super::regression::{PRODUCTS, Sums};
+use super::regression::{ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
 use crate::edge::profile::blurred_step;
 use crate::image::{GreyImage, Pixel};
 
 /// Pixels handled together: one SSE2 or NEON register.
-const LANES: usize = 4;
-type Lanes = [f32; LANES];
+pub(super) const LANES: usize = 4;
+pub(super) type Lanes = [f32; LANES];
 
 /// A row of pixels: its grey base, and where its pixels are.
 struct Line {
     base: f32,
-    /// Distance of the first one from the chord, to its right, in blurs.
+    /// Distance of the first one from the top of the lens's arc, to its right, in blurs.
     across: f32,
     across_per_pixel: f32,
     /// Place along the edge of the first one, in its lengths from the middle.
@@ -23,9 +23,13 @@ struct Line {
 /// Pixels handled at once, more than an ordinary edge has.
 pub(super) const BATCH_PX: usize = 256;
 
-/// One number per pixel. A row's last lanes may reach beyond its end, to be overwritten by
+/// Pixels of a row that are written together: as many as most rows have, so that there is
+/// no loop whose end the processor would have to guess.
+const SPAN: usize = 16;
+
+/// One number per pixel. A row's last span may reach beyond its end, to be overwritten by
 /// the next row.
-type Column = [f32; BATCH_PX + LANES];
+type Column = [f32; BATCH_PX + SPAN];
 
 /// Pixels of one edge, row after row without gaps, so that no lane is idle; a buffer that is
 /// kept only because clearing it would cost as much as using it.
@@ -34,10 +38,6 @@ pub struct Batch {
     grey: Column,
     across: Column,
     place: Column,
-    step: Column,
-    blur: Column,
-    slope: Column,
-    turn: Column,
 }
 
 impl Default for Batch {
@@ -50,17 +50,8 @@ impl Batch {
     /// An empty one.
     #[must_use]
     pub const fn new() -> Self {
-        const EMPTY: Column = [0.0; BATCH_PX + LANES];
-        Self {
-            count: 0,
-            grey: EMPTY,
-            across: EMPTY,
-            place: EMPTY,
-            step: EMPTY,
-            blur: EMPTY,
-            slope: EMPTY,
-            turn: EMPTY,
-        }
+        const EMPTY: Column = [0.0; BATCH_PX + SPAN];
+        Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY }
     }
 
     /// Inner products over all pixels of a region inside the frame; `None` where its middle is
@@ -79,29 +70,27 @@ impl Batch {
         self.count = 0;
         let [middle_x, middle_y] = region.middle;
         let [along_x, along_y] = region.along;
-        for row in region.rows(image.height()) {
+        // An arc's height in its middle, and nothing at its ends.
+        let height = region.bend_px * region.per_blur;
+        let bend = 4.0 * height;
+        region.each_row([image.width(), image.height()], |row, columns| {
             let y = row as f32 - middle_y;
-            let columns = region.columns(y, image.width());
-            let (start, end) = (columns.start, columns.end);
-            if start >= end {
-                continue;
-            }
-            let pixels = &image.row((origin_y as i32 + row) as usize)[start as usize..];
-            let x = (start - origin_x as i32) as f32 - middle_x;
+            let x = columns.start as f32 - origin_x as f32 - middle_x;
             let line = Line {
                 base,
-                across: (along_x * y - along_y * x) * region.per_blur,
+                across: (along_x * y - along_y * x) * region.per_blur - height,
                 across_per_pixel: -along_y * region.per_blur,
                 place: (along_x * x + along_y * y) * region.per_length,
                 place_per_pixel: along_x * region.per_length,
             };
-            let count = (end - start) as usize;
+            let count = columns.len().min(BATCH_PX);
             if self.count + count > BATCH_PX {
-                products.add(self, region.bend_px * region.per_blur);
+                products.add(self, bend);
             }
-            self.push(pixels, count.min(BATCH_PX), &line);
-        }
-        products.add(self, region.bend_px * region.per_blur);
+            let pixels = &image.row((origin_y as i32 + row) as usize)[columns.start..];
+            self.push(pixels, count, &line);
+        });
+        products.add(self, bend);
         let products = products.total();
         Some(Sums { count: products[0], products, base: base.into() })
     }
@@ -109,111 +98,120 @@ impl Batch {
     /// Appends the first `count` pixels of a row; there must be room for them.
     #[inline]
     fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, line: &Line) {
-        for done in (0..count).step_by(LANES) {
-            let grey = &mut self.grey[self.count + done..][..LANES];
-            let across = &mut self.across[self.count + done..][..LANES];
-            let place = &mut self.place[self.count + done..][..LANES];
-            if let Some(pixels) = pixels[done..].first_chunk::<LANES>() {
-                for lane in 0..LANES {
-                    let value: f32 = pixels[lane].into();
-                    grey[lane] = value - line.base;
+        for done in (0..count).step_by(SPAN) {
+            let pixels = &pixels[done..];
+            match pixels.first_chunk() {
+                Some(span) => self.write(span, self.count + done, done, line),
+                None => {
+                    // At the frame's right border.
+                    let mut span = [pixels[0]; SPAN];
+                    span[..pixels.len()].copy_from_slice(pixels);
+                    self.write(&span, self.count + done, done, line);
                 }
-            } else {
-                // At the frame's right border.
-                for (grey, &pixel) in grey.iter_mut().zip(&pixels[done..]) {
-                    let value: f32 = pixel.into();
-                    *grey = value - line.base;
-                }
-            }
-            for lane in 0..LANES {
-                let column = done as f32 + lane as f32;
-                across[lane] = line.across + line.across_per_pixel * column;
-                place[lane] = line.place + line.place_per_pixel * column;
             }
         }
         self.count += count;
     }
+
+    /// Writes a span of a row, `done` pixels from its first one, to a place in the batch.
+    #[inline(never)]
+    fn write<P: Pixel>(&mut self, pixels: &[P; SPAN], place: usize, done: usize, line: &Line) {
+        const ROOM: &str = "a batch has room for its last span";
+        let grey: &mut [f32; SPAN] = self.grey[place..].first_chunk_mut().expect(ROOM);
+        let across: &mut [f32; SPAN] = self.across[place..].first_chunk_mut().expect(ROOM);
+        let places: &mut [f32; SPAN] = self.place[place..].first_chunk_mut().expect(ROOM);
+        for pixel in 0..SPAN {
+            let value: f32 = pixels[pixel].into();
+            let column = done as f32 + pixel as f32;
+            grey[pixel] = value - line.base;
+            across[pixel] = line.across + line.across_per_pixel * column;
+            places[pixel] = line.place + line.place_per_pixel * column;
+        }
+    }
 }
 
-/// The inner products, in lanes.
-struct Products([Lanes; PRODUCTS]);
+/// The inner products, in lanes; but for the first, the count.
+struct Products {
+    sums: [Lanes; PRODUCTS - 1],
+    count: usize,
+    /// How many of the lanes were none of the region's pixels.
+    padding: usize,
+}
 
 impl Products {
     fn new() -> Self {
-        Self([[0.0; LANES]; PRODUCTS])
+        Self { sums: [[0.0; LANES]; PRODUCTS - 1], count: 0, padding: 0 }
     }
 
-    /// Adds a batch and empties it; `bend`: the lens's, in blurs.
+    /// Adds a batch and empties it; `bend`: what is to be added at either end, in blurs, times 4.
+    ///
+    /// One loop without branches, of whose sums the processor keeps as many in registers as it
+    /// has. They cannot be reordered, which is what makes the compiler take a pixel's four
+    /// neighbours as one vector, and not single pixels of several iterations.
+    #[inline(never)]
     fn add(&mut self, batch: &mut Batch, bend: f32) {
         let count = batch.count;
         batch.count = 0;
-        let end = count.next_multiple_of(LANES);
-        let Batch { grey, across, place, step, blur, slope, turn, .. } = batch;
-        for start in (0..end).step_by(LANES) {
-            let (across, place) = (at(across, start), at(place, start));
-            let (step, blur) = (at_mut(step, start), at_mut(blur, start));
-            let (slope, turn) = (at_mut(slope, start), at_mut(turn, start));
+        let chunks = count.div_ceil(LANES);
+        let padding = count..chunks * LANES;
+        let Batch { grey, across, place, .. } = batch;
+        // Black pixels on the edge, in its middle: all that they add is their slope.
+        grey[padding.clone()].fill(0.0);
+        across[padding.clone()].fill(0.0);
+        place[padding.clone()].fill(0.0);
+        self.padding += padding.len();
+        self.count += count;
+        let [s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
+            &mut self.sums;
+        let pixels = chunk(across, chunks).iter().zip(chunk(place, chunks));
+        for ((across, place), grey) in pixels.zip(chunk(grey, chunks)) {
+            let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
             for lane in 0..LANES {
                 let w = place[lane];
-                let v = across[lane] - bend * (1.0 - 4.0 * w * w);
-                let (value, by_v) = blurred_step(v);
-                step[lane] = value;
-                slope[lane] = by_v;
-                blur[lane] = -v * by_v;
-                turn[lane] = by_v * w;
+                let v = across[lane] + bend * w * w;
+                (step[lane], slope[lane]) = blurred_step(v);
+                blur[lane] = v * slope[lane];
+                turn[lane] = w * slope[lane];
             }
-        }
-        // What lies past the last pixel takes no part.
-        for column in [&mut *grey, step, blur, slope, turn] {
-            column[count..end].fill(0.0);
-        }
-        // Few enough sums at a time that they stay in registers.
-        let [one, s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
-            &mut self.0;
-        one[0] += count as f32;
-        for start in (0..end).step_by(LANES) {
-            let [step, blur, slope, turn, grey] =
-                [&*step, blur, slope, turn, grey].map(|column| at(column, start));
-            add(s, step);
-            add(b, blur);
-            add(p, slope);
-            add(t, turn);
+            add(s, &step);
+            add(b, &blur);
+            add(p, &slope);
+            add(t, &turn);
             add(g, grey);
-            add_product(ss, step, step);
-            add_product(sb, step, blur);
-            add_product(sp, step, slope);
-            add_product(st, step, turn);
-            add_product(sg, step, grey);
-        }
-        for start in (0..end).step_by(LANES) {
-            let [blur, slope, turn, grey] =
-                [&*blur, slope, turn, grey].map(|column| at(column, start));
-            add_product(bb, blur, blur);
-            add_product(bp, blur, slope);
-            add_product(bt, blur, turn);
-            add_product(bg, blur, grey);
-            add_product(pp, slope, slope);
-            add_product(pt, slope, turn);
-            add_product(pg, slope, grey);
-            add_product(tt, turn, turn);
-            add_product(tg, turn, grey);
+            add_product(ss, &step, &step);
+            add_product(sb, &step, &blur);
+            add_product(sp, &step, &slope);
+            add_product(st, &step, &turn);
+            add_product(sg, &step, grey);
+            add_product(bb, &blur, &blur);
+            add_product(bp, &blur, &slope);
+            add_product(bt, &blur, &turn);
+            add_product(bg, &blur, grey);
+            add_product(pp, &slope, &slope);
+            add_product(pt, &slope, &turn);
+            add_product(pg, &slope, grey);
+            add_product(tt, &turn, &turn);
+            add_product(tg, &turn, grey);
             add_product(gg, grey, grey);
         }
     }
 
     fn total(&self) -> [f64; PRODUCTS] {
-        self.0.map(|lanes| lanes.iter().map(|&value| f64::from(value)).sum())
+        let mut products = [0.0; PRODUCTS];
+        products[0] = self.count as f64;
+        for (product, [a, b, c, d]) in products[1..].iter_mut().zip(self.sums) {
+            *product = f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d));
+        }
+        let (_, slope) = blurred_step(0.0);
+        let (padding, slope) = (self.padding as f64, f64::from(slope));
+        products[ONE_SLOPE] -= padding * slope;
+        products[SLOPE_SLOPE] -= padding * slope * slope;
+        products
     }
 }
 
-#[inline(always)]
-fn at(column: &Column, start: usize) -> &Lanes {
-    column[start..].first_chunk().expect("a batch has room for its last lanes")
-}
-
-#[inline(always)]
-fn at_mut(column: &mut Column, start: usize) -> &mut Lanes {
-    column[start..].first_chunk_mut().expect("a batch has room for its last lanes")
+fn chunk(column: &Column, count: usize) -> &[Lanes] {
+    &column.as_chunks().0[..count]
 }
 
 #[inline(always)]

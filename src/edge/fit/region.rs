@@ -13,10 +13,12 @@
 //!     ·────────·
 //! ```
 
-use core::ops::{Range, RangeInclusive};
+use core::array;
+use core::ops::Range;
 
 use nalgebra::Vector2;
 
+use super::batch::{LANES, Lanes};
 use crate::nodes::Chord;
 
 /// Pixels nearer than this to a crossing line, in s, are not used: there it still
@@ -45,25 +47,29 @@ pub(super) struct Region {
     pub(super) bend_px: f32,
     /// Rows of the polygon, above and below the origin.
     reach_rows: f32,
-    sides: [HalfPlane; 8],
+    strips: [Strip; 4],
 }
 
-/// `normal . (pixel - middle) <= distance`, solved for x.
+/// What lies between two parallel sides, `low <= normal . (pixel - middle) <= high`, solved
+/// for x.
 #[derive(Clone, Copy)]
-struct HalfPlane {
-    /// x <= (or >=) at + by_y y.
-    at: f32,
+struct Strip {
+    /// low + by_y y <= x <= high + by_y y.
+    low: f32,
+    high: f32,
     by_y: f32,
-    bounds_above: bool,
 }
 
-impl HalfPlane {
-    fn new(normal: Vector2<f64>, distance: f64) -> Self {
+impl Strip {
+    fn new(normal: Vector2<f64>, [low, high]: [f64; 2]) -> Self {
         // A side along the rows bounds x nowhere, or so far out that another does.
         const FLATTEST: f64 = 1e-6;
         let x =
             if normal.x.abs() < FLATTEST { libm::copysign(FLATTEST, normal.x) } else { normal.x };
-        Self { at: (distance / x) as f32, by_y: (-normal.y / x) as f32, bounds_above: x > 0.0 }
+        let per_x = 1.0 / x;
+        let (low, high) = if x > 0.0 { (low, high) } else { (high, low) };
+        let [low, high, by_y] = [low, high, -normal.y].map(|value| (value * per_x) as f32);
+        Self { low, high, by_y }
     }
 }
 
@@ -93,15 +99,12 @@ impl Region {
         }
         // Neither near a crossing line, nor far from this one, nor nearer to a crossing one.
         let (clear_px, diagonal_px) = (sine * used_px, sine * half_length_px);
-        let sides = [
-            HalfPlane::new(crossing, clear_px),
-            HalfPlane::new(-crossing, clear_px),
-            HalfPlane::new(right, width_px),
-            HalfPlane::new(-right, width_px),
-            HalfPlane::new(right + crossing, diagonal_px),
-            HalfPlane::new(right - crossing, diagonal_px),
-            HalfPlane::new(-right + crossing, diagonal_px),
-            HalfPlane::new(-right - crossing, diagonal_px),
+        let within = |distance_px: f64| [-distance_px, distance_px];
+        let strips = [
+            Strip::new(crossing, within(clear_px)),
+            Strip::new(right, within(width_px)),
+            Strip::new(right + crossing, within(diagonal_px)),
+            Strip::new(right - crossing, within(diagonal_px)),
         ];
         let origin = [middle_px.x as usize, middle_px.y as usize];
         let reach_rows = used_px * along.y.abs() + width_px / sine * across.y.abs();
@@ -116,35 +119,55 @@ impl Region {
             per_blur: (1.0 / blur_px) as f32,
             bend_px: chord.bend_px as f32,
             reach_rows: reach_rows as f32,
-            sides,
+            strips,
         })
     }
 
-    /// The rows inside a frame, from the origin.
-    pub(super) fn rows(&self, height: usize) -> RangeInclusive<i32> {
-        let [_, origin] = self.origin.map(|place| place as i32);
-        let [_, y] = self.middle;
-        let first = libm::ceilf(y - self.reach_rows) as i32;
-        let last = libm::floorf(y + self.reach_rows) as i32;
-        first.max(-origin)..=last.min(height as i32 - 1 - origin)
-    }
-
-    /// The columns of row `y` (from the middle) inside a frame.
+    /// Calls `pixels` with each row of the region inside a frame, from the origin, and the
+    /// frame's columns in it.
     #[inline]
-    pub(super) fn columns(&self, y: f32, width: usize) -> Range<i32> {
-        let (mut low, mut high) = (-1e4_f32, 1e4_f32);
-        for side in &self.sides {
-            let x = side.at + side.by_y * y;
-            if side.bounds_above {
-                high = if x < high { x } else { high };
-            } else {
-                low = if x > low { x } else { low };
+    pub(super) fn each_row(
+        &self,
+        [width, height]: [usize; 2],
+        mut pixels: impl FnMut(i32, Range<usize>),
+    ) {
+        let [origin_x, origin_y] = self.origin.map(|place| place as i32);
+        let [_, middle_y] = self.middle;
+        let first = (floor(middle_y - self.reach_rows) + 1).max(-origin_y);
+        let last = floor(middle_y + self.reach_rows).min(height as i32 - 1 - origin_y);
+        for four in (first..=last).step_by(LANES) {
+            let y = array::from_fn(|lane| (four + lane as i32) as f32 - middle_y);
+            let (starts, ends) = self.columns(&y);
+            for (row, (start, end)) in (four..=last).zip(starts.into_iter().zip(ends)) {
+                let (start, end) = ((origin_x + start).max(0), (origin_x + end).min(width as i32));
+                if start < end {
+                    pixels(row, start as usize..end as usize);
+                }
             }
         }
-        let [origin, _] = self.origin.map(|place| place as i32);
-        let [x, _] = self.middle;
-        let start = origin + libm::ceilf(low + x) as i32;
-        let end = origin + libm::floorf(high + x) as i32 + 1;
-        start.max(0)..end.min(width as i32)
     }
+
+    /// The columns, from the origin, of rows at `y` from the middle: the first ones, and those
+    /// after the last. Rows are handled together because that costs as much as a single one.
+    #[inline]
+    fn columns(&self, y: &Lanes) -> ([i32; LANES], [i32; LANES]) {
+        let (mut low, mut high) = ([f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES]);
+        for strip in &self.strips {
+            for lane in 0..LANES {
+                let x = strip.by_y * y[lane];
+                let (from, to) = (x + strip.low, x + strip.high);
+                low[lane] = if from > low[lane] { from } else { low[lane] };
+                high[lane] = if to < high[lane] { to } else { high[lane] };
+            }
+        }
+        let [x, _] = self.middle;
+        (low.map(|low| -floor(-(low + x))), high.map(|high| floor(high + x) + 1))
+    }
+}
+
+/// Of a place in a region. A conversion rounds towards 0, so all places are made positive.
+#[inline(always)]
+fn floor(value: f32) -> i32 {
+    const FAR: i32 = 1024;
+    (value + FAR as f32) as i32 - FAR
 }

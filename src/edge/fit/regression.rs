@@ -25,6 +25,14 @@ pub(super) const TURN: usize = 4;
 /// Inner products of the columns and the pixels, the upper triangle row by row, the
 /// pixels last. The column of ones makes the first row plain sums.
 pub(super) const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
+const ONE_ONE: usize = 0;
+const ONE_STEP: usize = 1;
+pub(super) const ONE_SLOPE: usize = 3;
+const ONE_PIXEL: usize = 5;
+const STEP_STEP: usize = 6;
+const STEP_PIXEL: usize = 10;
+pub(super) const SLOPE_SLOPE: usize = 15;
+const PIXEL_PIXEL: usize = 20;
 
 pub(super) struct Sums {
     /// Of what tells of the noise: pixels, and levels known beforehand.
@@ -43,15 +51,12 @@ impl Sums {
         let light = (levels.light - self.base, levels.light_weight, sign);
         let dark = (levels.dark - self.base, levels.dark_weight, -sign);
         for (level, weight, step) in [light, dark] {
-            let mut columns = [0.0; COLUMNS + 1];
-            (columns[0], columns[STEP], columns[COLUMNS]) = (1.0, step, level);
-            let mut index = 0;
-            for row in 0..=COLUMNS {
-                for column in row..=COLUMNS {
-                    self.products[index] += weight * columns[row] * columns[column];
-                    index += 1;
-                }
-            }
+            self.products[ONE_ONE] += weight;
+            self.products[ONE_STEP] += weight * step;
+            self.products[ONE_PIXEL] += weight * level;
+            self.products[STEP_STEP] += weight;
+            self.products[STEP_PIXEL] += weight * step * level;
+            self.products[PIXEL_PIXEL] += weight * level * level;
         }
     }
 }

@@ -17,16 +17,14 @@ fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
     for edge in nodes.edges(scene.first_square_dark) {
         let chord = nodes.chord(&edge);
         let Some(region) = Region::new(&chord, blur_px) else { continue };
-        let [_, origin_y] = region.origin;
-        if region.origin[0] >= width || origin_y >= height {
+        let [origin_x, origin_y] = region.origin;
+        if origin_x >= width || origin_y >= height {
             continue;
         }
-        for row in region.rows(height) {
+        region.each_row([width, height], |row, columns| {
             let y = (origin_y as i32 + row) as usize;
-            for x in region.columns(row as f32 - region.middle[1], width) {
-                looks[y * width + x as usize] += 1;
-            }
-        }
+            looks[y * width..][columns].iter_mut().for_each(|looks| *looks += 1);
+        });
     }
     looks
 }
@@ -96,9 +94,7 @@ fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
         let across = Vector2::new(-sine, cosine) * 2000.0;
         let near = straight(middle - half, middle + half, across);
         let region = Region::new(&near, BLUR_PX_MAX).unwrap();
-        for row in region.rows(4096) {
-            assert!(region.columns(row as f32, 4096).len() <= BATCH_PX);
-        }
+        region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
         let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
         let area = 4.0 * HALF_LENGTH_PX_MAX * (WIDTH_IN_BLURS * BLUR_PX_MAX + WIDTH_PX);
         // As many as its area, to half a pixel along two sides.
