@@ -16,6 +16,10 @@
 //! regression of the pixels on (1, E, -dE/d ln s, dE/dv, w dE/dv). The pixel's own box is
 //! part of s: its variance, 1/12 px^2, is the same in every direction. The lens's
 //! curvature along the edge is taken out of v.
+//!
+//! The light's slope is taken out of I: what it adds to the mean of both sides is subtracted,
+//! and what it adds to the contrast divided out. As columns of their own they would cost
+//! precision: an edge alone cannot tell a slope of the light along it from a turn.
 
 mod batch;
 mod region;
@@ -119,10 +123,11 @@ pub fn fit<P: Pixel>(
     let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
     let blur_px = appearance.blur_px(edge.direction);
     let region = Region::new(&chord, blur_px)?;
-    let mut sums = batch.sums(image, &region)?;
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
     let middle_px = (chord.start_px + chord.end_px) * 0.5;
-    if let Some(levels) = light.and_then(|light| light.beside(nodes, edge, &middle_px)) {
+    let levels = light.and_then(|light| light.beside(nodes, edge, &middle_px));
+    let mut sums = batch.sums(image, &region, levels.as_ref())?;
+    if let Some(levels) = levels {
         sums.add_levels(&levels, sign);
     }
     let regression = Regression::new(&sums)?;

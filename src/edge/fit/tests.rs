@@ -59,7 +59,7 @@ fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f
     let pixels = vec![100_u8; width * height];
     let image = GreyImage::new(&pixels, width, height, width).unwrap();
     let region = Region::new(chord, blur_px)?;
-    Batch::new().sums(&image, &region).map(|sums| sums.products[0])
+    Batch::new().sums(&image, &region, None).map(|sums| sums.products[0])
 }
 
 #[test]
