@@ -1,7 +1,8 @@
 //! The fine step: a blurred step fitted to all pixels beside an edge.
 //!
 //! [`region`] says which pixels speak about an edge, [`batch`] collects them and
-//! multiplies out their model, and [`regression`] solves for its numbers.
+//! multiplies out their model, [`crossing`] says what that is near corners, and [`regression`]
+//! solves for its numbers.
 //!
 //! # Model
 //!
@@ -22,6 +23,7 @@
 //! precision: an edge alone cannot tell a slope of the light along it from a turn.
 
 mod batch;
+mod crossing;
 mod region;
 mod regression;
 #[cfg(test)]
@@ -122,7 +124,12 @@ pub fn fit<P: Pixel>(
     let chord = nodes.chord(edge);
     let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
     let blur_px = appearance.blur_px(edge.direction);
-    let region = Region::new(&chord, blur_px)?;
+    let crossing_blur_px = match edge.direction {
+        Direction::X => appearance.y_blur_px,
+        Direction::Y => appearance.x_blur_px,
+    };
+    let are_corners = edge.nodes.map(|node| nodes.corner(node).is_some());
+    let region = Region::new(&chord, [blur_px, crossing_blur_px], are_corners)?;
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
     let middle_px = (chord.start_px + chord.end_px) * 0.5;
     let levels = light.and_then(|light| light.beside(nodes, edge, &middle_px));

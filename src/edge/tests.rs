@@ -272,7 +272,8 @@ fn a_wrong_blur_is_corrected() {
             // Linear in ln s: half the error's square is left; and the pixel's box is
             // wider in its middle than the Gaussian of its variance.
             assert!((x + libm::log(wrong)).abs() < 0.014, "{psf_px} {wrong}: {x}");
-            assert!(y.abs() < 0.006, "{psf_px} {wrong}: {y}");
+            // The other direction's blur is that of the lines across these edges.
+            assert!(y.abs() < 0.009, "{psf_px} {wrong}: {y}");
         }
     }
 }

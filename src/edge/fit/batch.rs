@@ -1,5 +1,6 @@
 //! Pixels of an edge, the columns of its model, and their inner products.
 
+use super::crossing::Crossings;
 use super::region::Region;
 use super::regression::{ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
 use crate::edge::light::Levels;
@@ -29,9 +30,8 @@ struct Line {
 /// Pixels handled at once, more than an ordinary edge has.
 pub(super) const BATCH_PX: usize = 256;
 
-/// Pixels of a row that are written together: as many as most rows have, so that there is
-/// no loop whose end the processor would have to guess.
-const SPAN: usize = 16;
+/// Pixels of a row that are written together: about as many as a row has.
+const SPAN: usize = 8;
 
 /// One number per pixel. A row's last span may reach beyond its end, to be overwritten by
 /// the next row.
@@ -104,13 +104,13 @@ impl Batch {
             };
             let count = columns.len().min(BATCH_PX);
             if self.count + count > BATCH_PX {
-                products.add(self, bend);
+                products.add(self, bend, &region.crossings);
             }
             let pixels = &image.row((origin_y as i32 + row) as usize)[columns.start..];
             self.push(pixels, count, &line);
         });
-        products.add(self, bend);
-        let products = products.total();
+        products.add(self, bend, &region.crossings);
+        let products = products.total(&region.crossings);
         Some(Sums { count: products[0], products, base: base.into() })
     }
 
@@ -170,7 +170,7 @@ impl Products {
     /// has. They cannot be reordered, which is what makes the compiler take a pixel's four
     /// neighbours as one vector, and not single pixels of several iterations.
     #[inline(never)]
-    fn add(&mut self, batch: &mut Batch, bend: f32) {
+    fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
         let count = batch.count;
         batch.count = 0;
         let chunks = count.div_ceil(LANES);
@@ -190,7 +190,7 @@ impl Products {
             for lane in 0..LANES {
                 let w = place[lane];
                 let v = across[lane] + bend * w * w;
-                (step[lane], slope[lane]) = blurred_step(v);
+                (step[lane], slope[lane]) = profile(v, w, crossings);
                 blur[lane] = v * slope[lane];
                 turn[lane] = w * slope[lane];
             }
@@ -217,18 +217,26 @@ impl Products {
         }
     }
 
-    fn total(&self) -> [f64; PRODUCTS] {
+    fn total(&self, crossings: &Crossings) -> [f64; PRODUCTS] {
         let mut products = [0.0; PRODUCTS];
         products[0] = self.count as f64;
         for (product, [a, b, c, d]) in products[1..].iter_mut().zip(self.sums) {
             *product = f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d));
         }
-        let (_, slope) = blurred_step(0.0);
+        let (_, slope) = profile(0.0, 0.0, crossings);
         let (padding, slope) = (self.padding as f64, f64::from(slope));
         products[ONE_SLOPE] -= padding * slope;
         products[SLOPE_SLOPE] -= padding * slope * slope;
         products
     }
+}
+
+/// The step at `v` blurs across the edge and `w` along it, and its slope.
+#[inline(always)]
+fn profile(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
+    let (step, slope) = blurred_step(v);
+    let (height, turn) = crossings.at(v, w);
+    (height * step + turn * slope, height * slope)
 }
 
 fn chunk(column: &Column, count: usize) -> &[Lanes] {

@@ -7,7 +7,7 @@
 //!     ·────────·         no farther from the edge than from the crossing lines,
 //!     │╲ ┌──┐ ╱│         no farther out than where the squares are flat anyway,
 //!     │ ╱    ╲ │         and clear of the nodes, where the crossing line's blur
-//!   ──┼┤══════├┼──       bends the profile
+//!   ──┼┤══════├┼──       mixes the colours
 //!     │ ╲    ╱ │
 //!     │╱ └──┘ ╲│
 //!     ·────────·
@@ -19,11 +19,16 @@ use core::ops::Range;
 use nalgebra::Vector2;
 
 use super::batch::{LANES, Lanes};
+use super::crossing::{CrossingLines, Crossings};
 use crate::nodes::Chord;
 
-/// Pixels nearer than this to a crossing line, in s, are not used: there it still
-/// bends the profile by 0.8 % of the contrast, oddly, so that the edge does not move.
-pub(super) const CLEAR_OF_NODES: f64 = 2.65;
+/// Pixels nearer than this to a line that crosses at a corner, in its blurs, are not used:
+/// what it does to the profile is only known so far, see [`super::crossing`].
+const CLEAR_OF_CORNERS: f64 = 1.5;
+
+/// And at the target's border, where lines do not go on on both sides and nothing is known:
+/// there a line still bends the profile by 0.8 % of the contrast.
+pub(super) const CLEAR_OF_BORDER: f64 = 2.65;
 
 /// Farthest pixels from the edge, in s and px, within which there is all that moves and
 /// enough flat to know light and dark by.
@@ -48,6 +53,7 @@ pub(super) struct Region {
     /// Rows of the polygon, above and below the origin.
     reach_rows: f32,
     strips: [Strip; 4],
+    pub(super) crossings: Crossings,
 }
 
 /// What lies between two parallel sides, `low <= normal . (pixel - middle) <= high`, solved
@@ -75,7 +81,12 @@ impl Strip {
 
 impl Region {
     /// `None` where the blur leaves nothing of the edge, or it is outside every frame.
-    pub(super) fn new(chord: &Chord, blur_px: f64) -> Option<Self> {
+    /// `crossing_blur_px`: of the lines at its ends; `are_corners`: whether they cross there.
+    pub(super) fn new(
+        chord: &Chord,
+        [blur_px, crossing_blur_px]: [f64; 2],
+        are_corners: [bool; 2],
+    ) -> Option<Self> {
         let chord_px = chord.end_px - chord.start_px;
         let length_px = chord_px.norm();
         let along = chord_px / length_px;
@@ -89,25 +100,33 @@ impl Region {
         // The crossing lines' normal, along the edge.
         let crossing = Vector2::new(across.y, -across.x);
         let half_length_px = 0.5 * length_px;
-        let used_px = (half_length_px - CLEAR_OF_NODES * blur_px / sine).min(HALF_LENGTH_PX_MAX);
+        let [used_start_px, used_end_px] = are_corners.map(|is_corner| {
+            let clear = if is_corner { CLEAR_OF_CORNERS } else { CLEAR_OF_BORDER };
+            (half_length_px - clear * crossing_blur_px / sine).min(HALF_LENGTH_PX_MAX)
+        });
         let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
         // Written so that a NaN is refused, which `min` passes over.
-        let is_usable = used_px > 0.7 && width_px > 1.0 && sine > 0.0 && blur_px.is_finite();
+        let is_usable = used_start_px > 0.7
+            && used_end_px > 0.7
+            && width_px > 1.0
+            && sine > 0.0
+            && blur_px.is_finite();
         let is_near = middle_px.iter().all(|value| (0.0..65_536.0).contains(value));
         if !is_usable || !is_near {
             return None;
         }
         // Neither near a crossing line, nor far from this one, nor nearer to a crossing one.
-        let (clear_px, diagonal_px) = (sine * used_px, sine * half_length_px);
+        let diagonal_px = sine * half_length_px;
         let within = |distance_px: f64| [-distance_px, distance_px];
         let strips = [
-            Strip::new(crossing, within(clear_px)),
+            Strip::new(crossing, [-sine * used_start_px, sine * used_end_px]),
             Strip::new(right, within(width_px)),
             Strip::new(right + crossing, within(diagonal_px)),
             Strip::new(right - crossing, within(diagonal_px)),
         ];
         let origin = [middle_px.x as usize, middle_px.y as usize];
-        let reach_rows = used_px * along.y.abs() + width_px / sine * across.y.abs();
+        let reach_rows =
+            used_start_px.max(used_end_px) * along.y.abs() + width_px / sine * across.y.abs();
         Some(Self {
             origin,
             middle: [
@@ -120,6 +139,14 @@ impl Region {
             bend_px: chord.bend_px as f32,
             reach_rows: reach_rows as f32,
             strips,
+            crossings: Crossings::new(&CrossingLines {
+                blur_px: crossing_blur_px,
+                distance_px: diagonal_px,
+                cosine: right.dot(&crossing),
+                across_px: blur_px,
+                along_px: sine * length_px,
+                are_corners,
+            }),
         })
     }
 
