@@ -1,5 +1,7 @@
 //! Pixels of an edge, the columns of its model, and their inner products.
 
+use core::array;
+
 use super::crossing::Crossings;
 use super::region::Region;
 use super::regression::{ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
@@ -11,20 +13,27 @@ use crate::image::{GreyImage, Pixel};
 pub(super) const LANES: usize = 4;
 pub(super) type Lanes = [f32; LANES];
 
-/// A row of pixels: its light, and where its pixels are.
-struct Line {
-    /// Mean of both sides at the first pixel.
-    mean: f32,
-    mean_per_pixel: f32,
-    /// What the first pixel's distance from the mean is multiplied by.
-    gain: f32,
-    gain_per_pixel: f32,
-    /// Distance of the first one from the top of the lens's arc, to its right, in blurs.
-    across: f32,
-    across_per_pixel: f32,
-    /// Place along the edge of the first one, in its lengths from the middle.
-    place: f32,
-    place_per_pixel: f32,
+/// What varies linearly about an edge's middle, one lane each.
+struct Field {
+    middle: Lanes,
+    by_x: Lanes,
+    by_y: Lanes,
+}
+
+/// Mean of both sides' levels.
+const MEAN: usize = 0;
+/// What a pixel's distance from the mean is multiplied by.
+const GAIN: usize = 1;
+/// Distance from the top of the lens's arc, to the right of the edge, in blurs.
+const ACROSS: usize = 2;
+/// Place along the edge, in its lengths from the middle.
+const PLACE: usize = 3;
+
+impl Field {
+    #[inline(always)]
+    fn at(&self, x: f32, y: f32) -> Lanes {
+        array::from_fn(|lane| self.middle[lane] + self.by_x[lane] * x + self.by_y[lane] * y)
+    }
 }
 
 /// Pixels handled at once, more than an ordinary edge has.
@@ -86,67 +95,63 @@ impl Batch {
         self.count = 0;
         let [middle_x, middle_y] = region.middle;
         let [along_x, along_y] = region.along;
+        let (per_blur, per_length) = (region.per_blur, region.per_length);
         // An arc's height in its middle, and nothing at its ends.
-        let height = region.bend_px * region.per_blur;
+        let height = region.bend_px * per_blur;
         let bend = 4.0 * height;
+        let field = Field {
+            middle: [base, 1.0, -height, 0.0],
+            by_x: [mean_by_x, gain_by_x, -along_y * per_blur, along_x * per_length],
+            by_y: [mean_by_y, gain_by_y, along_x * per_blur, along_y * per_length],
+        };
         region.each_row([image.width(), image.height()], |row, columns| {
-            let y = row as f32 - middle_y;
-            let x = columns.start as f32 - origin_x as f32 - middle_x;
-            let line = Line {
-                mean: base + mean_by_x * x + mean_by_y * y,
-                mean_per_pixel: mean_by_x,
-                gain: 1.0 + gain_by_x * x + gain_by_y * y,
-                gain_per_pixel: gain_by_x,
-                across: (along_x * y - along_y * x) * region.per_blur - height,
-                across_per_pixel: -along_y * region.per_blur,
-                place: (along_x * x + along_y * y) * region.per_length,
-                place_per_pixel: along_x * region.per_length,
-            };
+            let pixels = &image.row((origin_y as i32 + row) as usize)[columns.start..];
             let count = columns.len().min(BATCH_PX);
             if self.count + count > BATCH_PX {
                 products.add(self, bend, &region.crossings);
             }
-            let pixels = &image.row((origin_y as i32 + row) as usize)[columns.start..];
-            self.push(pixels, count, &line);
+            let x = (columns.start as i32 - origin_x as i32) as f32 - middle_x;
+            self.push(pixels, count, &field, [x, row as f32 - middle_y]);
         });
         products.add(self, bend, &region.crossings);
         let products = products.total(&region.crossings);
         Some(Sums { count: products[0], products, base: base.into() })
     }
 
-    /// Appends the first `count` pixels of a row; there must be room for them.
+    /// Appends the first `count` pixels of a row, which begins at a place about the edge's
+    /// middle; there must be room for them.
     #[inline]
-    fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, line: &Line) {
+    fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, field: &Field, [x, y]: [f32; 2]) {
         for done in (0..count).step_by(SPAN) {
+            let start = field.at(x + done as f32, y);
             let pixels = &pixels[done..];
             match pixels.first_chunk() {
-                Some(span) => self.write(span, self.count + done, done, line),
+                Some(span) => self.write(span, self.count + done, &start, &field.by_x),
                 None => {
                     // At the frame's right border.
                     let mut span = [pixels[0]; SPAN];
                     span[..pixels.len()].copy_from_slice(pixels);
-                    self.write(&span, self.count + done, done, line);
+                    self.write(&span, self.count + done, &start, &field.by_x);
                 }
             }
         }
         self.count += count;
     }
 
-    /// Writes a span of a row, `done` pixels from its first one, to a place in the batch.
+    /// Writes a span of a row to a place in the batch; of the field, its `start` and `step`
+    /// from pixel to pixel.
     #[inline(never)]
-    fn write<P: Pixel>(&mut self, pixels: &[P; SPAN], place: usize, done: usize, line: &Line) {
+    fn write<P: Pixel>(&mut self, pixels: &[P; SPAN], place: usize, start: &Lanes, step: &Lanes) {
         const ROOM: &str = "a batch has room for its last span";
         let grey: &mut [f32; SPAN] = self.grey[place..].first_chunk_mut().expect(ROOM);
         let across: &mut [f32; SPAN] = self.across[place..].first_chunk_mut().expect(ROOM);
         let places: &mut [f32; SPAN] = self.place[place..].first_chunk_mut().expect(ROOM);
         for pixel in 0..SPAN {
             let value: f32 = pixels[pixel].into();
-            let column = done as f32 + pixel as f32;
-            let mean = line.mean + line.mean_per_pixel * column;
-            let gain = line.gain + line.gain_per_pixel * column;
-            grey[pixel] = (value - mean) * gain;
-            across[pixel] = line.across + line.across_per_pixel * column;
-            places[pixel] = line.place + line.place_per_pixel * column;
+            let at = |lane: usize| start[lane] + step[lane] * pixel as f32;
+            grey[pixel] = (value - at(MEAN)) * at(GAIN);
+            across[pixel] = at(ACROSS);
+            places[pixel] = at(PLACE);
         }
     }
 }
