@@ -1,6 +1,7 @@
 //! Pixels of an edge, the columns of its model, and their inner products.
 
 use core::array;
+use core::hint::black_box;
 
 use super::crossing::Crossings;
 use super::region::Region;
@@ -171,9 +172,10 @@ impl Products {
 
     /// Adds a batch and empties it; `bend`: what is to be added at either end, in blurs, times 4.
     ///
-    /// One loop without branches, of whose sums the processor keeps as many in registers as it
-    /// has. They cannot be reordered, which is what makes the compiler take a pixel's four
-    /// neighbours as one vector, and not single pixels of several iterations.
+    /// One loop without branches, whose four lanes become a vector each. A compiler may also
+    /// see pixels of several iterations as one, which costs two to three times as much, because
+    /// they have to be gathered and the sums to be kept in order: [`black_box`] is opaque to it
+    /// and no instruction.
     #[inline(never)]
     fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
         let count = batch.count;
@@ -187,10 +189,11 @@ impl Products {
         place[padding.clone()].fill(0.0);
         self.padding += padding.len();
         self.count += count;
-        let [s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
-            &mut self.sums;
+        let mut sums = self.sums;
+        let [s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] = &mut sums;
         let pixels = chunk(across, chunks).iter().zip(chunk(place, chunks));
         for ((across, place), grey) in pixels.zip(chunk(grey, chunks)) {
+            black_box(());
             let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
             for lane in 0..LANES {
                 let w = place[lane];
@@ -220,6 +223,7 @@ impl Products {
             add_product(tg, &turn, grey);
             add_product(gg, grey, grey);
         }
+        self.sums = sums;
     }
 
     fn total(&self, crossings: &Crossings) -> [f64; PRODUCTS] {
