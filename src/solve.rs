@@ -181,7 +181,9 @@ pub fn solve<O: Observations + ?Sized>(
     observations: &O,
     iterations: usize,
 ) -> Result<Solution, SolveFailure> {
-    Descent::new(start, observations, iterations)?.conclude(observations)
+    let mut descent = Descent::new(start);
+    descent.take_steps(observations, iterations)?;
+    descent.conclude(observations)
 }
 
 /// The robust cost after one step from a start, at a given scale; `None` when there is none.
@@ -194,7 +196,8 @@ pub fn robust_cost_after_step<O: Observations + ?Sized>(
     scale: f64,
 ) -> Option<f64> {
     let variance = scale * scale;
-    let descent = Descent::new(start, observations, 1).ok()?;
+    let mut descent = Descent::new(start);
+    descent.take_steps(observations, 1).ok()?;
     Some(descent.squares.cost(variance) / variance)
 }
 
@@ -226,33 +229,36 @@ struct Descent {
 }
 
 impl Descent {
-    fn new<O: Observations + ?Sized>(
-        start: &Pose<Cam, Target>,
+    fn new(start: &Pose<Cam, Target>) -> Self {
+        Self { pose: *start, squares: Squares::new(), normal: None }
+    }
+
+    /// At most so many.
+    fn take_steps<O: Observations + ?Sized>(
+        &mut self,
         observations: &O,
         iterations: usize,
-    ) -> Result<Self, SolveFailure> {
+    ) -> Result<(), SolveFailure> {
         let count = observations.count();
         assert!(count <= OBSERVATIONS_MAX, "{count} observations");
         if count < OBSERVATIONS_MIN {
             return Err(SolveFailure::TooFew);
         }
-        let start_sum = start.rotation.sum() + start.translation_mm.sum();
+        let Self { pose, squares, normal } = self;
+        let start_sum = pose.rotation.sum() + pose.translation_mm.sum();
         if !start_sum.is_finite() || !observations.are_finite() {
             return Err(SolveFailure::NotFinite);
         }
 
-        let mut pose = *start;
-        let mut squares = Squares::new();
-        squares.measure(&pose, observations).ok_or(SolveFailure::BehindCamera)?;
+        squares.measure(pose, observations).ok_or(SolveFailure::BehindCamera)?;
         let mut next_squares = Squares::new();
         let mut damping = DAMPING_START;
-        // A refused step changes the damping alone.
-        let mut normal = None;
         for _ in 0..iterations {
             // Judged by one scale, before and after the step; the next has its own.
             let variance = squares.robust_variance();
+            // A refused step changes the damping alone.
             let current =
-                normal.get_or_insert_with(|| NormalEquations::new(&pose, observations, variance));
+                normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
             let step = current.step(damping);
             if step.is_some_and(|step| current.square(&step) < STEP_SQUARE_MIN * variance) {
                 break;
@@ -264,29 +270,32 @@ impl Descent {
                 seen.is_some() && next_squares.cost(variance) < squares.cost(variance)
             });
             if let Some(next_pose) = lower {
-                pose = next_pose;
-                core::mem::swap(&mut squares, &mut next_squares);
-                normal = None;
+                *pose = next_pose;
+                core::mem::swap(squares, &mut next_squares);
+                *normal = None;
                 damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
             } else {
                 damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
             }
         }
-        Ok(Self { pose, squares, normal })
+        Ok(())
     }
 
     /// What the pose says about itself.
     fn conclude<O: Observations + ?Sized>(
-        self,
+        &self,
         observations: &O,
     ) -> Result<Solution, SolveFailure> {
-        let Self { mut pose, squares, normal } = self;
+        let Self { mut pose, ref squares, ref normal } = *self;
         // Products of many frames' increments would drift off the rotations: one Newton
         // step of the polar decomposition.
         let gram = pose.rotation.tr_mul(&pose.rotation);
         pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
         let variance = squares.robust_variance();
-        let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
+        let covariance = match normal {
+            Some(normal) => normal.inverse(),
+            None => NormalEquations::new(&pose, observations, variance).inverse(),
+        };
         let per_variance = 1.0 / variance;
         let mut inliers = Inliers::default();
         let [mut weights, mut weighted_squares] = [0.0; 2];
@@ -304,8 +313,7 @@ impl Descent {
         // Two numbers each, less the six that were fitted. With soft weights the
         // divisor could fall below that of the fewest observations.
         let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
-        let covariance =
-            normal.inverse().ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
+        let covariance = covariance.ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
         let finite =
             (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
         // Finite numbers came in, so that only a nearly singular system overflows.

@@ -189,15 +189,19 @@ impl Sight {
 
 impl SeenEdges<'_> {
     /// Of every node; `None` when one lies behind the camera.
-    fn sights(&self, cam_from_target: &Pose<Cam, Target>) -> Option<Vec<Sight, TARGET_NODES_MAX>> {
-        let mut sights = Vec::new();
+    #[inline]
+    fn sights(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        sights: &mut Vec<Sight, TARGET_NODES_MAX>,
+    ) -> Option<()> {
         for node in self.nodes.as_slice() {
             let point_cam_mm = cam_from_target.transform(&node.point_target_mm);
             let sight = Sight { ray: ray_of(&point_cam_mm)?, per_depth: 1.0 / point_cam_mm.z };
             // There are at most as many as there is room for.
             let _ = sights.push(sight);
         }
-        Some(sights)
+        Some(())
     }
 }
 
@@ -216,7 +220,8 @@ impl Observations for SeenEdges<'_> {
         cam_from_target: &Pose<Cam, Target>,
         mut visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()> {
-        let sights = self.sights(cam_from_target)?;
+        let mut sights = Vec::new();
+        self.sights(cam_from_target, &mut sights)?;
         for (place, seen) in self.edges.iter().enumerate() {
             visit(place, seen.residual(seen.edge.nodes.map(|node| &sights[usize::from(node)].ray)));
         }
@@ -228,7 +233,8 @@ impl Observations for SeenEdges<'_> {
         cam_from_target: &Pose<Cam, Target>,
         mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
     ) -> Option<()> {
-        let sights = self.sights(cam_from_target)?;
+        let mut sights = Vec::new();
+        self.sights(cam_from_target, &mut sights)?;
         for (place, seen) in self.edges.iter().enumerate() {
             let ends = seen.edge.nodes.map(usize::from);
             let ends = ends.map(|node| (&self.nodes.as_slice()[node], &sights[node]));
