@@ -197,17 +197,9 @@ impl Workspace {
         grid: &Grid,
         corners: &[Corner],
     ) -> Result<Fitted, NoPose> {
-        let found = seen_corners(view, grid, corners);
-        if found.len() < CORNERS_MIN {
-            return Err(NoPose::TooFewCorners);
-        }
-        let closed = planar_poses(&found).map_err(|_| NoPose::PoorFit)?;
-        let refined = |place: usize| {
-            solve(&closed.get(place)?.cam_from_target, &found[..], ITERATIONS_FOUND).ok()
-        };
-        let rough = better(refined(0), refined(1), &found[..], 0.0).ok_or(NoPose::PoorFit)?;
-        self.locate(view, &rough.cam_from_target)?;
-        let located = self.both_minima(&rough.cam_from_target, ITERATIONS_FOUND, 0.0)?;
+        let rough_cam_from_target = rough_pose(view, grid, corners)?;
+        self.locate(view, &rough_cam_from_target)?;
+        let located = self.both_minima(&rough_cam_from_target, ITERATIONS_FOUND, 0.0)?;
         let mut fitted = self.fit(view, &located.cam_from_target, Appearance::START, 0.0)?;
         fitted.appearance.has_border = self.border_agrees(view, &fitted);
         Ok(fitted)
@@ -517,6 +509,27 @@ impl Mean {
     fn value(&self) -> f64 {
         if self.weights > 0.0 { self.sum / self.weights } else { 0.0 }
     }
+}
+
+/// The pose of the corners that a search has found.
+///
+/// Never inlined: its corners would stay on the stack while the edges are fitted.
+#[inline(never)]
+fn rough_pose<P: Pixel>(
+    view: &View<'_, P>,
+    grid: &Grid,
+    corners: &[Corner],
+) -> Result<Pose<Cam, Target>, NoPose> {
+    let found = seen_corners(view, grid, corners);
+    if found.len() < CORNERS_MIN {
+        return Err(NoPose::TooFewCorners);
+    }
+    let closed = planar_poses(&found).map_err(|_| NoPose::PoorFit)?;
+    let refined = |place: usize| {
+        solve(&closed.get(place)?.cam_from_target, &found[..], ITERATIONS_FOUND).ok()
+    };
+    let rough = better(refined(0), refined(1), &found[..], 0.0).ok_or(NoPose::PoorFit)?;
+    Ok(rough.cam_from_target)
 }
 
 /// The corners of a grid that the search found.

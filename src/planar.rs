@@ -21,9 +21,9 @@
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::lens::{Lens, ray_of};
+use crate::lens::{Lens, ray_by_point, ray_of};
 use crate::pose::{Cam, Pose, Target};
-use crate::solve::{Observations, ray_by_increment};
+use crate::solve::{Observations, by_increment};
 
 /// A homography has 8 parameters and a point 2 equations.
 pub const POINTS_MIN: usize = 4;
@@ -141,9 +141,13 @@ impl Observations for [SeenCorner] {
         mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
     ) -> Option<()> {
         for (place, seen) in self.iter().enumerate() {
-            let (ray, by_increment) = ray_by_increment(cam_from_target, &seen.point_target_mm)?;
-            let rows = seen.raw_by_ray / seen.sigma_px * by_increment;
-            let rows = [0, 1].map(|row| core::array::from_fn(|axis| rows[(row, axis)]));
+            let point_cam_mm = cam_from_target.transform(&seen.point_target_mm);
+            let ray = ray_of(&point_cam_mm)?;
+            let by_point = seen.raw_by_ray / seen.sigma_px * ray_by_point(&point_cam_mm, &ray);
+            let rows = [0, 1].map(|row| {
+                let by_point = by_point.row(row).transpose();
+                by_increment(&by_point, &cam_from_target.rotation, &seen.point_target_mm)
+            });
             visit(place, &seen.residual(&ray), &rows);
         }
         Some(())

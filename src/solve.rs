@@ -24,9 +24,8 @@
 //! certain, and luck never makes it more so.
 
 use heapless::Vec;
-use nalgebra::{Matrix2x6, Matrix3, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use crate::lens::{ray_by_point, ray_of};
 use crate::limits::OBSERVATIONS_MAX;
 use crate::pose::{Cam, Pose, Target};
 
@@ -90,35 +89,18 @@ pub trait Observations {
     ) -> Option<()>;
 }
 
-/// The ray of a point at a pose, and its derivative by an increment of [`Pose::moved_by`];
-/// `None` when the point lies behind the camera.
+/// The gradient by an increment of a quantity whose gradient by the point, in the
+/// camera frame, is known.
 #[inline]
 #[must_use]
-pub fn ray_by_increment(
-    cam_from_target: &Pose<Cam, Target>,
+pub fn by_increment(
+    by_point: &Vector3<f64>,
+    rotation: &Matrix3<f64>,
     point_target_mm: &Vector3<f64>,
-) -> Option<(Vector2<f64>, Matrix2x6<f64>)> {
-    let point_cam_mm = cam_from_target.transform(point_target_mm);
-    let ray = ray_of(&point_cam_mm)?;
-    let by_point = ray_by_point(&point_cam_mm, &ray);
+) -> [f64; 6] {
     // d (R exp(omega) p) = R (omega x p), and a . R (omega x p) = omega . (p x R^T a).
-    let turned = by_point * cam_from_target.rotation;
-    let [x, y] = [0, 1].map(|row| point_target_mm.cross(&turned.row(row).transpose()));
-    let by_increment = Matrix2x6::new(
-        x.x,
-        x.y,
-        x.z,
-        by_point.m11,
-        by_point.m12,
-        by_point.m13, //
-        y.x,
-        y.y,
-        y.z,
-        by_point.m21,
-        by_point.m22,
-        by_point.m23,
-    );
-    Some((ray, by_increment))
+    let turned = point_target_mm.cross(&rotation.tr_mul(by_point));
+    [turned.x, turned.y, turned.z, by_point.x, by_point.y, by_point.z]
 }
 
 /// Why there is no pose.
@@ -206,7 +188,9 @@ pub fn solve<O: Observations + ?Sized>(
     observations: &O,
     iterations: usize,
 ) -> Result<Solution, SolveFailure> {
-    Descent::new(start, observations, iterations)?.conclude(observations)
+    let mut descent = Descent::new(start);
+    descent.take_steps(observations, iterations)?;
+    descent.conclude(observations)
 }
 
 /// The robust cost after one step from a start, at a given scale; `None` when there is none.
@@ -219,8 +203,9 @@ pub fn robust_cost_after_step<O: Observations + ?Sized>(
     scale: f64,
 ) -> Option<f64> {
     let variance = scale * scale;
-    let descent = Descent::new(start, observations, 1).ok()?;
-    Some(descent.residuals.cost(variance) / variance)
+    let mut descent = Descent::new(start);
+    descent.take_steps(observations, 1).ok()?;
+    Some(descent.squares.cost(variance) / variance)
 }
 
 /// The robust cost of a pose at a given scale: the sum of the squared residuals in
@@ -245,78 +230,83 @@ pub fn robust_cost<O: Observations + ?Sized>(
 /// The way down from a start.
 struct Descent {
     pose: Pose<Cam, Target>,
-    residuals: Residuals,
+    squares: Squares,
     /// At the pose, where it was not the last step that led there.
     normal: Option<NormalEquations>,
 }
 
 impl Descent {
-    fn new<O: Observations + ?Sized>(
-        start: &Pose<Cam, Target>,
+    fn new(start: &Pose<Cam, Target>) -> Self {
+        Self { pose: *start, squares: Squares::new(), normal: None }
+    }
+
+    /// At most so many.
+    fn take_steps<O: Observations + ?Sized>(
+        &mut self,
         observations: &O,
         iterations: usize,
-    ) -> Result<Self, SolveFailure> {
+    ) -> Result<(), SolveFailure> {
         let count = observations.count();
         assert!(count <= OBSERVATIONS_MAX, "{count} observations");
         if count < OBSERVATIONS_MIN {
             return Err(SolveFailure::TooFew);
         }
-        let start_sum = start.rotation.sum() + start.translation_mm.sum();
+        let Self { pose, squares, normal } = self;
+        let start_sum = pose.rotation.sum() + pose.translation_mm.sum();
         if !start_sum.is_finite() || !observations.are_finite() {
             return Err(SolveFailure::NotFinite);
         }
 
-        let mut pose = *start;
-        let mut residuals = Residuals::new();
-        residuals.measure(&pose, observations).ok_or(SolveFailure::BehindCamera)?;
-        let mut next_residuals = Residuals::new();
+        squares.measure(pose, observations).ok_or(SolveFailure::BehindCamera)?;
+        let mut next_squares = Squares::new();
         let mut damping = DAMPING_START;
-        // A refused step changes the damping alone.
-        let mut normal = None;
         for _ in 0..iterations {
             // Judged by one scale, before and after the step; the next has its own.
-            let variance = residuals.robust_variance();
+            let variance = squares.robust_variance();
+            // A refused step changes the damping alone.
             let current =
-                normal.get_or_insert_with(|| NormalEquations::new(&pose, observations, variance));
+                normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
             let step = current.step(damping);
             if step.is_some_and(|step| current.square(&step) < STEP_SQUARE_MIN * variance) {
                 break;
             }
             let next_pose = step.map(|step| pose.moved_by(&step));
             let lower = next_pose.filter(|next_pose| {
-                let seen = next_residuals.measure(next_pose, observations);
+                let seen = next_squares.measure(next_pose, observations);
                 // A NaN is not lower.
-                seen.is_some() && next_residuals.cost(variance) < residuals.cost(variance)
+                seen.is_some() && next_squares.cost(variance) < squares.cost(variance)
             });
             if let Some(next_pose) = lower {
-                pose = next_pose;
-                core::mem::swap(&mut residuals, &mut next_residuals);
-                normal = None;
+                *pose = next_pose;
+                core::mem::swap(squares, &mut next_squares);
+                *normal = None;
                 damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
             } else {
                 damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
             }
         }
-        Ok(Self { pose, residuals, normal })
+        Ok(())
     }
 
     /// What the pose says about itself.
     fn conclude<O: Observations + ?Sized>(
-        self,
+        &self,
         observations: &O,
     ) -> Result<Solution, SolveFailure> {
-        let Self { mut pose, residuals, normal } = self;
+        let Self { mut pose, ref squares, ref normal } = *self;
         // Products of many frames' increments would drift off the rotations: one Newton
         // step of the polar decomposition.
         let gram = pose.rotation.tr_mul(&pose.rotation);
         pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
-        let variance = residuals.robust_variance();
-        let normal = normal.unwrap_or_else(|| NormalEquations::new(&pose, observations, variance));
+        let variance = squares.robust_variance();
+        let covariance = match normal {
+            Some(normal) => normal.inverse(),
+            None => NormalEquations::new(&pose, observations, variance).inverse(),
+        };
         let per_variance = 1.0 / variance;
         let mut inliers = Inliers::new();
         let [mut weights, mut weighted_squares] = [0.0; 2];
-        for (place, residual) in residuals.0.iter().enumerate() {
-            let square = square(residual);
+        for (place, square) in squares.0.iter().enumerate() {
             let weight = weight(square * per_variance);
             weights += weight;
             weighted_squares += weight * square;
@@ -330,8 +320,7 @@ impl Descent {
         // Two numbers each, less the six that were fitted. With soft weights the
         // divisor could fall below that of the fewest observations.
         let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
-        let covariance =
-            normal.inverse().ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
+        let covariance = covariance.ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
         let finite =
             (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
         // Finite numbers came in, so that only a nearly singular system overflows.
@@ -339,7 +328,7 @@ impl Descent {
             return Err(SolveFailure::Degenerate);
         }
         let scale = libm::sqrt(variance);
-        let cost = residuals.cost(variance) * per_variance;
+        let cost = squares.cost(variance) * per_variance;
         Ok(Solution { cam_from_target: pose, covariance, inliers, scale, cost })
     }
 }
@@ -366,10 +355,10 @@ fn robust_square(square: f64) -> f64 {
     square.min(FULL_WEIGHT_SQUARE) + RANGE / 3.0 * (1.0 - left * left * left)
 }
 
-/// Each observation's residual.
-struct Residuals(Vec<[f64; 2], OBSERVATIONS_MAX>);
+/// The squared length of each observation's residual.
+struct Squares(Vec<f64, OBSERVATIONS_MAX>);
 
-impl Residuals {
+impl Squares {
     const fn new() -> Self {
         Self(Vec::new())
     }
@@ -383,28 +372,24 @@ impl Residuals {
         self.0.clear();
         observations.residuals(pose, |_, residual| {
             // There are at most as many as there is room for.
-            let _ = self.0.push(residual);
+            let _ = self.0.push(square(&residual));
         })
-    }
-
-    fn squares(&self) -> impl Iterator<Item = f64> + '_ {
-        self.0.iter().map(square)
     }
 
     /// The variance of which the squares' median speaks, in units of what was
     /// promised, at least 1. The fit has made the residuals smaller than the noise; the share of
     /// degrees of freedom that is left makes up for that.
     fn robust_variance(&self) -> f64 {
-        let mut squares: Vec<f64, OBSERVATIONS_MAX> = self.squares().collect();
-        let count = squares.len();
-        let (_, median, _) = squares.select_nth_unstable_by(count / 2, f64::total_cmp);
+        let mut sorted = self.0.clone();
+        let count = sorted.len();
+        let (_, median, _) = sorted.select_nth_unstable_by(count / 2, f64::total_cmp);
         let count = count as f64;
         (*median / MEDIAN_SQUARE * count / (count - 3.0)).max(1.0)
     }
 
     fn cost(&self, variance: f64) -> f64 {
         let per_variance = 1.0 / variance;
-        self.squares().map(|square| robust_square(square * per_variance)).sum::<f64>() * variance
+        self.0.iter().map(|square| robust_square(square * per_variance)).sum::<f64>() * variance
     }
 }
 

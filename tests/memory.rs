@@ -58,6 +58,7 @@ fn evaluate(formula: &str) -> usize {
 fn sizes() -> BTreeMap<&'static str, usize> {
     BTreeMap::from([
         ("Pipeline", size_of::<Pipeline>()),
+        ("CRC32", size_of::<crc::Crc<u32>>()),
         ("Workspace", size_of::<Workspace>()),
         ("Batch", size_of::<Batch>()),
         ("Search", size_of::<Search>()),

@@ -202,16 +202,17 @@ fn modes(elements: &Elements) -> Option<[f32; 2]> {
     let is_mode = |bin: usize| {
         smooth[bin] > smooth[(bin + BINS - 1) % BINS] && smooth[bin] >= smooth[(bin + 1) % BINS]
     };
-    let strongest = |far_enough: &dyn Fn(usize) -> bool| {
+    let is_far_from = |other: usize, bin: usize| {
+        let apart = bin.abs_diff(other);
+        apart.min(BINS - apart) >= BINS_APART
+    };
+    let strongest = |far_from: Option<usize>| {
         (0..BINS)
-            .filter(|&bin| is_mode(bin) && far_enough(bin))
+            .filter(|&bin| is_mode(bin) && far_from.is_none_or(|other| is_far_from(other, bin)))
             .max_by(|&a, &b| smooth[a].total_cmp(&smooth[b]))
     };
-    let first = strongest(&|_| true)?;
-    let second = strongest(&|bin| {
-        let apart = bin.abs_diff(first);
-        apart.min(BINS - apart) >= BINS_APART
-    })?;
+    let first = strongest(None)?;
+    let second = strongest(Some(first))?;
     if smooth[second] < SECOND_EDGE_MIN * smooth[first] {
         return None;
     }

@@ -5,7 +5,9 @@
 //! better. So the middle of each square is looked at first, a plane is fitted to the light
 //! ones and one to the dark ones, and each edge gets their levels as prior knowledge, to
 //! be believed as far as the squares agree with the planes, and not at all beside a square
-//! that does not: under a shadow, or behind something.
+//! that does not: under a shadow, or behind something. Where the squares bear the planes out,
+//! their slopes are taken out of the edges' pixels, too: a slope of the light along an edge
+//! looks like a turn of it.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -27,6 +29,10 @@ const AGREEMENT_SQUARE: f64 = 16.0;
 /// Reweightings of a plane.
 const ITERATIONS: usize = 4;
 
+/// Variance about a plane, as a share of its own over the squares, above which it is not
+/// what the light is like.
+const SLOPELESS_SHARE: f64 = 1.0 / 16.0;
+
 /// The planes are never believed beyond this share of the pixels' own noise: squares are
 /// not so even, nor the light so plane.
 const DEVIATION_IN_NOISE_MIN: f64 = 0.05;
@@ -38,6 +44,8 @@ struct Plane {
     coefficients: Vector3<f64>,
     /// Variance of the squares' levels about it, the pixels' noise taken out.
     variance: f64,
+    /// Variance of its own levels over the squares.
+    spread: f64,
 }
 
 /// The light on one target in one frame.
@@ -48,6 +56,8 @@ pub struct Light {
     dark: Plane,
     /// Of the pixels within squares, grey levels squared.
     noise_variance: f64,
+    /// Whether the squares bear both slopes out.
+    is_even: bool,
     /// The squares, by their nodes, that agree with their colour's plane.
     agree: [bool; TARGET_NODES_MAX],
 }
@@ -60,6 +70,10 @@ pub(super) struct Levels {
     /// What each counts, in pixels.
     pub(super) light_weight: f64,
     pub(super) dark_weight: f64,
+    /// Slope of their mean in the picture, per px.
+    pub(super) mean_per_px: Vector2<f64>,
+    /// Slope of their difference, as a part of it, per px.
+    pub(super) contrast_per_px: Vector2<f64>,
 }
 
 /// One square's middle.
@@ -104,7 +118,8 @@ impl Light {
             noise += f64::from(sum_squares) - mean * mean * count;
             noise_count += count - 1.0;
             pixels_per_square = count;
-            let offset = (middle_px - origin_px) / 100.0;
+            // Of the window, not the square: up to half a pixel is between their middles.
+            let offset = (Vector2::new(x as f64, y as f64) - origin_px) / 100.0;
             let level = f64::from(base) + mean;
             let _ = squares[usize::from(square.is_dark)].push(Square {
                 node: square.node,
@@ -131,6 +146,7 @@ impl Light {
             light,
             dark,
             noise_variance,
+            is_even: light.is_borne_out(noise_variance) && dark.is_borne_out(noise_variance),
             agree,
         })
     }
@@ -153,11 +169,20 @@ impl Light {
     fn at(&self, raw_px: &Vector2<f64>) -> Levels {
         let offset = (raw_px - self.origin_px) / 100.0;
         let place = Vector3::new(1.0, offset.x, offset.y);
+        let [light, dark] = [self.light, self.dark].map(|plane| plane.coefficients.dot(&place));
+        let (mean_per_px, contrast_per_px) = if self.is_even && light > dark {
+            let [light_per_px, dark_per_px] = [self.light, self.dark].map(|plane| plane.per_px());
+            ((light_per_px + dark_per_px) * 0.5, (light_per_px - dark_per_px) / (light - dark))
+        } else {
+            (Vector2::zeros(), Vector2::zeros())
+        };
         Levels {
-            light: self.light.coefficients.dot(&place),
-            dark: self.dark.coefficients.dot(&place),
+            light,
+            dark,
             light_weight: self.noise_variance / self.light.variance,
             dark_weight: self.noise_variance / self.dark.variance,
+            mean_per_px,
+            contrast_per_px,
         }
     }
 }
@@ -194,7 +219,25 @@ impl Plane {
             }
             coefficients = normal.cholesky()?.solve(&right);
         }
-        Some(Self { coefficients, variance: (variance - of_mean).max(floor) })
+        let levels = || squares.iter().map(|square| coefficients.dot(&square.place));
+        let mean = levels().sum::<f64>() / squares.len() as f64;
+        let spread = levels().map(|level| (level - mean) * (level - mean)).sum::<f64>();
+        Some(Self {
+            coefficients,
+            variance: (variance - of_mean).max(floor),
+            spread: spread / squares.len() as f64,
+        })
+    }
+
+    /// Whether the squares are as near to it as pixels are to their square, or much nearer than
+    /// if there were no slope. A shadow's edge through the middle leaves a quarter of the
+    /// squares' variance to the plane that fits it best.
+    fn is_borne_out(&self, noise_variance: f64) -> bool {
+        self.variance < noise_variance + SLOPELESS_SHARE * self.spread
+    }
+
+    fn per_px(&self) -> Vector2<f64> {
+        self.coefficients.yz() / 100.0
     }
 }
 
@@ -298,6 +341,11 @@ mod tests {
         let levels = measured(&scene, &shaded).unwrap().at(&Vector2::new(100.0, 80.0));
         assert!(open.light_weight > 20.0 && open.dark_weight > 20.0, "{open:?}");
         assert!(levels.light_weight < 3.0, "{levels:?}");
+        // Nor are its slopes, which are no slopes of the light.
+        assert_eq!(
+            (levels.mean_per_px, levels.contrast_per_px),
+            (Vector2::zeros(), Vector2::zeros())
+        );
     }
 
     #[test]

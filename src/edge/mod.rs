@@ -34,13 +34,13 @@ pub use light::Light;
 pub use locate::locate;
 
 use heapless::Vec;
-use nalgebra::{Matrix2x6, Vector2};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::lens::ray_of;
 use crate::limits::TARGET_NODES_MAX;
 use crate::nodes::{Edge, Node, Nodes};
 use crate::pose::{Cam, Pose, Target};
-use crate::solve::{Observations, ray_by_increment};
+use crate::solve::{Observations, by_increment};
 
 /// Light minus dark below which there is no edge, as a part of the white level: 6 of
 /// 255 grey levels.
@@ -148,15 +148,17 @@ impl SeenEdge {
         [first - self.seen[0], second - self.seen[1]]
     }
 
-    /// The residual's derivatives, from those of the ends' rays.
+    /// The residual's derivatives by an increment.
     #[inline]
-    fn rows(&self, by_increment: [&Matrix2x6<f64>; 2]) -> [[f64; 6]; 2] {
+    fn rows(&self, rotation: &Matrix3<f64>, ends: [(&Node, &Sight); 2]) -> [[f64; 6]; 2] {
+        let [start, end] = [0, 1].map(|end| {
+            let (node, sight) = ends[end];
+            let by_point = sight.by_point(&self.ends[end].distance_by_ray);
+            by_increment(&by_point, rotation, &node.point_target_mm)
+        });
         let mut rows = [[0.0; 6]; 2];
         for axis in 0..6 {
-            let [start, end] = [0, 1].map(|end| {
-                let by_ray = self.ends[end].distance_by_ray;
-                by_ray.x * by_increment[end][(0, axis)] + by_ray.y * by_increment[end][(1, axis)]
-            });
+            let (start, end) = (start[axis], end[axis]);
             [rows[0][axis], rows[1][axis]] = self.whitened(0.5 * (start + end), end - start);
         }
         rows
@@ -180,6 +182,39 @@ pub struct SeenEdges<'a> {
     pub edges: &'a [SeenEdge],
 }
 
+/// Where a node is seen at a pose.
+struct Sight {
+    ray: Vector2<f64>,
+    per_depth: f64,
+}
+
+impl Sight {
+    /// The gradient by the point, in the camera frame, of a distance whose gradient by the ray
+    /// is known.
+    #[inline]
+    fn by_point(&self, by_ray: &Vector2<f64>) -> Vector3<f64> {
+        Vector3::new(by_ray.x, by_ray.y, -by_ray.dot(&self.ray)) * self.per_depth
+    }
+}
+
+impl SeenEdges<'_> {
+    /// Of every node; `None` when one lies behind the camera.
+    #[inline]
+    fn sights(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        sights: &mut Vec<Sight, TARGET_NODES_MAX>,
+    ) -> Option<()> {
+        for node in self.nodes.as_slice() {
+            let point_cam_mm = cam_from_target.transform(&node.point_target_mm);
+            let sight = Sight { ray: ray_of(&point_cam_mm)?, per_depth: 1.0 / point_cam_mm.z };
+            // There are at most as many as there is room for.
+            let _ = sights.push(sight);
+        }
+        Some(())
+    }
+}
+
 impl Observations for SeenEdges<'_> {
     fn count(&self) -> usize {
         self.edges.len()
@@ -195,13 +230,10 @@ impl Observations for SeenEdges<'_> {
         cam_from_target: &Pose<Cam, Target>,
         mut visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()> {
-        let mut rays: Vec<Vector2<f64>, TARGET_NODES_MAX> = Vec::new();
-        for node in self.nodes.as_slice() {
-            // There are at most as many as there is room for.
-            let _ = rays.push(ray_of(&cam_from_target.transform(&node.point_target_mm))?);
-        }
+        let mut sights = Vec::new();
+        self.sights(cam_from_target, &mut sights)?;
         for (place, seen) in self.edges.iter().enumerate() {
-            visit(place, seen.residual(seen.edge.nodes.map(|node| &rays[usize::from(node)])));
+            visit(place, seen.residual(seen.edge.nodes.map(|node| &sights[usize::from(node)].ray)));
         }
         Some(())
     }
@@ -211,13 +243,13 @@ impl Observations for SeenEdges<'_> {
         cam_from_target: &Pose<Cam, Target>,
         mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
     ) -> Option<()> {
-        let mut rays: Vec<_, TARGET_NODES_MAX> = Vec::new();
-        for node in self.nodes.as_slice() {
-            let _ = rays.push(ray_by_increment(cam_from_target, &node.point_target_mm)?);
-        }
+        let mut sights = Vec::new();
+        self.sights(cam_from_target, &mut sights)?;
         for (place, seen) in self.edges.iter().enumerate() {
-            let [start, end] = seen.edge.nodes.map(|node| &rays[usize::from(node)]);
-            visit(place, &seen.residual([&start.0, &end.0]), &seen.rows([&start.1, &end.1]));
+            let ends = seen.edge.nodes.map(usize::from);
+            let ends = ends.map(|node| (&self.nodes.as_slice()[node], &sights[node]));
+            let residual = seen.residual(ends.map(|(_, sight)| &sight.ray));
+            visit(place, &residual, &seen.rows(&cam_from_target.rotation, ends));
         }
         Some(())
     }

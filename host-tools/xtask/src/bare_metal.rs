@@ -4,16 +4,22 @@
 //! frame: no operating system, no allocator. On each board it measures the frame a few times,
 //! prints the poses and ends the emulator. The same package, run on this machine with the same
 //! limits, must print the same poses.
+//!
+//! How deep `Pipeline::step` takes the stack is measured there, and on this machine, by painting
+//! it; and from the very same programs it is told by the compiler. memory.md holds both.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
 use crate::agreement::{DIFFERENCE_MAX, compare_rows};
-use crate::command::{Task, target_directory};
+use crate::command::{Task, root, target_directory};
 use crate::cross::{BUILT_LIBRARY, Compiler};
+use crate::generated::Part;
 use crate::setup::{self, Need, Probe};
+use crate::stack::{self, Deepest, Processor, Program, table};
 
 const PACKAGE: &str = "plumbline-bare-metal";
 
@@ -23,22 +29,41 @@ const ROWS: usize = 5 * 2;
 /// Most that [`memory.md`](../../../memory.md) allows `step` of the stack.
 const STEP_STACK_BYTES_MAX: u64 = 64 * 1024;
 
+/// The largest static that memory.md need not list.
+const STATIC_BYTES_MAX: u64 = 1024;
+
+/// What functions may take whose frames nobody tells: the C library's `memcpy` and its like.
+const UNTOLD_BYTES_MAX: u64 = 256;
+
 /// Longest run of an emulator, in seconds; it takes a few.
 const WITHIN_S: &str = "120";
 
 /// The variable that tells the firmware's build where its frame and its configuration are.
 const STORED: &str = "PLUMBLINE_STORED";
 
+/// The name of `Pipeline::step` in the program.
+const STEP: &str = "plumbline_bare_metal::step";
+
+/// What is done with the tables in memory.md.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Document {
+    Compare,
+    Write,
+}
+
 /// A board, and what is built for it.
 pub struct Board {
-    /// QEMU's name of it.
-    machine: &'static str,
+    /// QEMU's name of it, or what stands in for it.
+    pub name: &'static str,
+    /// What memory.md calls it.
+    title: &'static str,
     triple: &'static str,
+    processor: Processor,
     /// What a compiler must know besides the target.
     rustflags: &'static str,
-    /// Of the firmware's package.
+    /// Of the program's package.
     features: &'static [&'static str],
-    linker: &'static str,
+    /// Nothing where the program runs on this machine.
     emulator: &'static [&'static str],
     needs: &'static [Need],
     emulator_needs: &'static [Need],
@@ -46,13 +71,18 @@ pub struct Board {
     lens: &'static str,
 }
 
+/// All of them that this machine can have.
+pub const BOARDS: &[Board] =
+    if cfg!(target_arch = "x86_64") { &[VIRT, MPS2_AN500, HERE] } else { &[VIRT, MPS2_AN500] };
+
 /// A 64-bit ARM processor, with the standard frame and the standard limits.
-pub const VIRT: Board = Board {
-    machine: "virt",
+const VIRT: Board = Board {
+    name: "virt",
+    title: "aarch64 (QEMU's `virt`)",
     triple: "aarch64-unknown-none",
+    processor: Processor { binutils: "aarch64-linux-gnu-", address_bytes: 8, call_bytes: 0 },
     rustflags: "",
     features: &[],
-    linker: "aarch64-linux-gnu-ld",
     emulator: &[
         "qemu-system-aarch64",
         "-M",
@@ -74,13 +104,14 @@ pub const VIRT: Board = Board {
 };
 
 /// A Cortex-M7, with a smaller frame and the smaller limits.
-pub const MPS2_AN500: Board = Board {
-    machine: "mps2-an500",
+const MPS2_AN500: Board = Board {
+    name: "mps2-an500",
+    title: "Cortex-M7 (QEMU's `mps2-an500`, the smaller limits)",
     triple: "thumbv7em-none-eabihf",
+    processor: Processor { binutils: "arm-linux-gnueabihf-", address_bytes: 4, call_bytes: 0 },
     // The target alone has arithmetic of single precision only.
     rustflags: "-Ctarget-cpu=cortex-m7",
     features: &["--features", "small-limits"],
-    linker: "arm-linux-gnueabihf-ld",
     emulator: &["qemu-system-arm", "-M", "mps2-an500"],
     needs: &[Need {
         probe: Probe::Program("arm-linux-gnueabihf-ld"),
@@ -91,63 +122,112 @@ pub const MPS2_AN500: Board = Board {
     lens: "vga",
 };
 
-/// Installs what both boards need.
+/// This machine: the same program under its operating system.
+const HERE: Board = Board {
+    name: "x86-64",
+    title: "x86-64",
+    triple: "x86_64-unknown-linux-gnu",
+    // The address to return to.
+    processor: Processor { binutils: "", address_bytes: 8, call_bytes: 8 },
+    rustflags: "",
+    features: &[],
+    emulator: &[],
+    needs: setup::BINUTILS,
+    emulator_needs: &[],
+    lens: "mild",
+};
+
+/// Installs what all boards need.
 pub fn prepare() -> Result<()> {
-    for board in [&VIRT, &MPS2_AN500] {
+    for board in BOARDS {
         setup::ensure(&[setup::LINKER, board.needs, board.emulator_needs])?;
         board.compiler()?;
     }
     Ok(())
 }
 
-/// Builds the firmware, runs it on the board, and compares its poses with this machine's.
-pub fn check(board: &Board) -> Result<()> {
-    let stored = target_directory().join("bare-metal").join(board.machine);
-    board.store(&stored)?;
-    let expected = Task::cargo()
-        .args(["run", "--quiet", "--package", PACKAGE])
-        .args(board.features)
-        .args([Path::new("--"), &stored])
-        .output()?;
-    let firmware = board.build(&stored)?;
-    let mut printed = Vec::new();
-    let start = Instant::now();
-    Task::new("timeout")
-        .args([WITHIN_S])
-        .args(board.emulator)
-        .args(["-display", "none", "-monitor", "none", "-serial", "none"])
-        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
-        .args([firmware])
-        .run_and_read(|line| printed.push(line.to_owned()))?;
-    let took = start.elapsed();
-    let printed = Printed::read(&printed)?;
-    let compared = compare_rows(&expected, &printed.table)?;
-    println!(
-        "{}: {compared}; `step` takes {} bytes of stack, the whole program {}, \
-         the pipeline {} bytes; {:.1} s in the emulator",
-        board.machine,
-        printed.step_stack_bytes,
-        printed.program_stack_bytes,
-        printed.pipeline_bytes,
-        took.as_secs_f64()
-    );
-    ensure!(
-        compared.rows == ROWS && compared.poses == ROWS,
-        "there should be {ROWS} poses in as many rows"
-    );
-    ensure!(
-        compared.largest <= DIFFERENCE_MAX,
-        "the poses differ from this machine's by {:e} mm or rad, more than {DIFFERENCE_MAX:e}",
-        compared.largest
-    );
-    ensure!(
-        printed.step_stack_bytes <= STEP_STACK_BYTES_MAX,
-        "`step` takes more of the stack than {STEP_STACK_BYTES_MAX} bytes"
-    );
-    Ok(())
-}
-
 impl Board {
+    /// Builds the program, runs it on the board, and compares its poses with this machine's
+    /// and its stack with memory.md.
+    pub fn check(&self, document: Document) -> Result<()> {
+        let stored = target_directory().join("bare-metal").join(self.name);
+        self.store(&stored)?;
+        let expected = Task::cargo()
+            .args(["run", "--quiet", "--package", PACKAGE])
+            .args(self.features)
+            .args([Path::new("--"), &stored])
+            .output()?;
+        let expected = Printed::read(&expected.lines().map(str::to_owned).collect::<Vec<_>>())?;
+        let program = self.build(&stored)?;
+        let start = Instant::now();
+        let printed = self.run(&program, &stored)?;
+        let took = start.elapsed();
+        let compared = compare_rows(&expected.table, &printed.table)?;
+        println!(
+            "{}: {compared}; `step` takes {} bytes of stack, the whole program {}, \
+             the pipeline {} bytes; {:.1} s",
+            self.name,
+            printed.step_stack_bytes,
+            printed.program_stack_bytes,
+            printed.pipeline_bytes,
+            took.as_secs_f64()
+        );
+        ensure!(
+            compared.rows == ROWS && compared.poses == ROWS,
+            "there should be {ROWS} poses in as many rows"
+        );
+        ensure!(
+            compared.largest <= DIFFERENCE_MAX,
+            "the poses differ from this machine's by {:e} mm or rad, more than {DIFFERENCE_MAX:e}",
+            compared.largest
+        );
+        let symbols = Task::new(format!("{}nm", self.processor.binutils))
+            .args(["--print-size", "--demangle"])
+            .args([&program])
+            .output()?;
+        let memory = fs::read_to_string(root().join("memory.md")).context("memory.md")?;
+        for name in statics(&symbols) {
+            ensure!(
+                memory.contains(&format!("| `{name}` | static |")),
+                "the core has a static {name} of more than {STATIC_BYTES_MAX} bytes: put it into \
+                 memory.md's first table, and its type into tests/memory.rs"
+            );
+        }
+        let deepest = Program::read(&program, &self.processor)?.deepest_from(STEP)?;
+        self.check_stack(&deepest, printed.step_stack_bytes, document)
+    }
+
+    /// Compares both figures with the bound, with each other, and with memory.md.
+    fn check_stack(&self, deepest: &Deepest, painted: u64, document: Document) -> Result<()> {
+        let title = format!("{}, rustc {}", self.title, self.compiler()?.version()?);
+        let measured = table::table(&title, deepest, painted);
+        let name = format!("stack: {}", self.name);
+        let part = Part { document: "memory.md", name: &name };
+        println!("{measured}");
+        match document {
+            Document::Write => part.write(&measured)?,
+            Document::Compare => table::compare(&part.read()?, &measured).with_context(|| {
+                format!(
+                    "memory.md differs from the build. If that is as it should be, write it by \
+                     `cargo xtask test bare-metal --write-memory`. For {} it is to hold:\n\n{measured}\n\n",
+                    self.name
+                )
+            })?,
+        }
+        let sum = deepest.bytes();
+        let untold = if deepest.uncounted.is_empty() { 0 } else { UNTOLD_BYTES_MAX };
+        ensure!(
+            painted <= sum + untold,
+            "{painted} bytes of stack were painted, and the deepest path makes {sum}: a call \
+             is not seen in the program"
+        );
+        ensure!(
+            sum <= STEP_STACK_BYTES_MAX,
+            "`step` may take {sum} bytes of the stack, more than {STEP_STACK_BYTES_MAX}"
+        );
+        Ok(())
+    }
+
     fn compiler(&self) -> Result<Compiler> {
         Compiler::of(self.triple, BUILT_LIBRARY)
     }
@@ -168,19 +248,42 @@ impl Board {
             .run()
     }
 
-    /// The path of the firmware with what is in `stored`.
+    /// What the program prints.
+    fn run(&self, program: &Path, stored: &Path) -> Result<Printed> {
+        let task = Task::new("timeout").args([WITHIN_S]).args(self.emulator);
+        let task = if self.emulator.is_empty() {
+            task.args([program, stored])
+        } else {
+            task.args(["-display", "none", "-monitor", "none", "-serial", "none"])
+                .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+                .args([program])
+        };
+        let mut printed = Vec::new();
+        task.run_and_read(|line| printed.push(line.to_owned()))?;
+        Printed::read(&printed)
+    }
+
+    /// The path of the program, where it is firmware with what is in `stored`.
     fn build(&self, stored: &Path) -> Result<PathBuf> {
         let own = format!("CARGO_TARGET_{}", self.triple.replace('-', "_").to_uppercase());
         let directory = target_directory().join(self.triple);
         let compiler = self.compiler()?;
         let mut cargo = compiler.cargo(Some("core"));
-        if compiler == Compiler::Debian {
+        cargo = match compiler {
             // Nobody else brings `memcpy`. rustup's library has it.
-            cargo = cargo.env("CARGO_UNSTABLE_BUILD_STD_FEATURES", "compiler-builtins-mem");
+            Compiler::Debian => {
+                cargo.env("CARGO_UNSTABLE_BUILD_STD_FEATURES", "compiler-builtins-mem")
+            }
+            // To tell the frames of functions is not stable.
+            Compiler::Rustup => cargo.env("RUSTC_BOOTSTRAP", "1"),
+        };
+        if !self.emulator.is_empty() {
+            let linker = format!("{}ld", self.processor.binutils);
+            cargo = cargo.env(&format!("{own}_LINKER"), &linker);
         }
+        let rustflags = format!("{} {}", stack::RUSTFLAGS, self.rustflags);
         cargo
-            .env(&format!("{own}_LINKER"), self.linker)
-            .env(&format!("{own}_RUSTFLAGS"), self.rustflags)
+            .env(&format!("{own}_RUSTFLAGS"), rustflags.trim_end())
             .env(STORED, &stored.display().to_string())
             .args(["build", "--package", PACKAGE, "--profile", "bare", "--target", self.triple])
             .args(self.features)
@@ -188,6 +291,19 @@ impl Board {
             .run()?;
         Ok(directory.join(self.triple).join("bare").join(PACKAGE))
     }
+}
+
+/// The core's statics of more than [`STATIC_BYTES_MAX`], from the lines `address size kind name`
+/// of a program's symbols.
+fn statics(symbols: &str) -> Vec<&str> {
+    let large = symbols.lines().filter_map(|line| {
+        let mut words = line.splitn(4, ' ').skip(1);
+        let (size, kind, name) = (words.next()?, words.next()?, words.next()?);
+        let is_large = u64::from_str_radix(size, 16).ok()? > STATIC_BYTES_MAX;
+        let is_cores = name.starts_with("plumbline::") && !kind.eq_ignore_ascii_case("t");
+        (is_large && is_cores).then(|| name.rsplit("::").next().unwrap_or(name))
+    });
+    large.collect()
 }
 
 /// What the firmware says.
@@ -221,6 +337,17 @@ impl Printed {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_large_statics_of_the_core_are_listed() {
+        let symbols = "0000000000097e30 0000000000000408 d plumbline::checksum::CRC32\n\
+                       0000000000097e30 0000000000000400 r plumbline::SMALL\n\
+                       000000000000ad50 0000000000000940 d std::CACHE\n\
+                       0000000000001000 0000000000002000 t plumbline::pose::solve\n\
+                       0000000000001000 t plumbline::pose::solve\n\
+                                        U memcpy\n";
+        assert_eq!(statics(symbols), ["CRC32"]);
+    }
 
     #[test]
     fn a_board_tells_its_table_and_its_figures() {

@@ -15,6 +15,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 
 use crate::command::{Task, root, target_directory};
+use crate::generated::Part;
 use crate::image::{self, DebianRoot};
 use crate::tests::boot_with_camera;
 use crate::{instructions, setup};
@@ -34,9 +35,6 @@ pub struct Arguments {
     #[arg(long)]
     host_only: bool,
 }
-
-const BEGIN: &str = "<!-- bench -->";
-const END: &str = "<!-- /bench -->";
 
 /// Measures, prints the tables, and puts them into README.md if asked.
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -70,10 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
     println!("\n{tables}");
     if arguments.write_readme {
-        let path = root().join("README.md");
-        let readme = fs::read_to_string(&path).context("README.md")?;
-        fs::write(&path, between_markers(&readme, &tables)?).context("README.md")?;
-        println!("written to README.md");
+        Part { document: "README.md", name: "bench" }.write(&tables)?;
     }
     Ok(())
 }
@@ -293,27 +288,9 @@ fn processor() -> String {
     name.map_or_else(|| "this machine".into(), |(_, name)| name.trim().to_owned())
 }
 
-/// `text` with `tables` in place of what was between the markers.
-fn between_markers(text: &str, tables: &str) -> Result<String> {
-    let marked = text.split_once(BEGIN).and_then(|(before, rest)| {
-        let (_, after) = rest.split_once(END)?;
-        Some((before, after))
-    });
-    let (before, after) = marked.with_context(|| format!("README.md has no {BEGIN} ... {END}"))?;
-    Ok(format!("{before}{BEGIN}\n{tables}\n{END}{after}"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn only_what_is_between_the_markers_changes() {
-        let text = "before\n<!-- bench -->\nold\n<!-- /bench -->\nafter\n";
-        let changed = between_markers(text, "new").unwrap();
-        assert_eq!(changed, "before\n<!-- bench -->\nnew\n<!-- /bench -->\nafter\n");
-        assert!(between_markers("no markers", "new").is_err());
-    }
 
     #[test]
     fn a_figure_that_is_missing_is_named() {

@@ -12,7 +12,7 @@
 use std::env;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
 use crate::command::{Task, target_directory};
 use crate::setup::{self, Need, Probe};
@@ -189,6 +189,16 @@ impl Compiler {
         }
         setup::ensure(&[needs])?;
         Ok(Self::Debian)
+    }
+
+    /// Its version, such as `1.96.0`.
+    pub fn version(self) -> Result<String> {
+        let compiler = match self {
+            Self::Rustup => env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()),
+            Self::Debian => "/usr/bin/rustc".into(),
+        };
+        let line = Task::new(compiler).args(["--version"]).output()?;
+        line.split(' ').nth(1).map(str::to_owned).context("rustc does not tell its version")
     }
 
     /// Its cargo; `built` names what of the standard library is to be built, where it does

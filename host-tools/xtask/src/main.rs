@@ -19,9 +19,11 @@ mod beside;
 mod command;
 mod cross;
 mod demo;
+mod generated;
 mod image;
 mod instructions;
 mod setup;
+mod stack;
 mod tests;
 
 use std::process::ExitCode;

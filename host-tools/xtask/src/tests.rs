@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
-use crate::command::{Task, root};
+use crate::bare_metal::Document;
+use crate::command::{BadInput, Task, root};
 use crate::cross::{Linking, Target};
 use crate::{agreement, bare, bare_metal, image, setup};
 
@@ -21,6 +22,10 @@ pub struct Arguments {
     /// What to check; everything when left out.
     #[arg(value_enum)]
     parts: Vec<Part>,
+    /// Put the depths of the stack that `bare-metal` measures into memory.md, instead of
+    /// comparing them with what it says.
+    #[arg(long)]
+    write_memory: bool,
 }
 
 /// The variable that tells the tests in `tests/boot` where the images are.
@@ -37,7 +42,8 @@ enum Part {
     Arm,
     /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
     Armhf,
-    /// The core as firmware, on an emulated 64-bit ARM board and on one with a Cortex-M7.
+    /// The core as firmware, on an emulated 64-bit ARM board and on one with a Cortex-M7; how
+    /// much of the stack it takes there and here, against memory.md.
     BareMetal,
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
@@ -62,12 +68,12 @@ impl Part {
         }
     }
 
-    fn run(self, journal: &mut Journal) -> Result<()> {
+    fn run(self, journal: &mut Journal, document: Document) -> Result<()> {
         match self {
             Self::Native => native(journal),
             Self::Arm => arm(journal)?,
             Self::Armhf => armhf(journal)?,
-            Self::BareMetal => bare_metal(journal),
+            Self::BareMetal => bare_metal(journal, document),
             Self::Boot => boot(journal),
         }
         Ok(())
@@ -82,9 +88,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for part in parts {
         part.prepare()?;
     }
+    let document = if arguments.write_memory { Document::Write } else { Document::Compare };
+    if document == Document::Write && !parts.contains(&Part::BareMetal) {
+        bail!(BadInput("--write-memory: only the part `bare-metal` measures the stack".into()));
+    }
     let mut journal = Journal::default();
     for part in parts {
-        part.run(&mut journal)?;
+        part.run(&mut journal, document)?;
     }
     journal.close()
 }
@@ -129,10 +139,11 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     Ok(())
 }
 
-/// The core on computers with nothing else on them.
-fn bare_metal(journal: &mut Journal) {
-    journal.check("virt", || bare_metal::check(&bare_metal::VIRT));
-    journal.check("mps2-an500", || bare_metal::check(&bare_metal::MPS2_AN500));
+/// The core on computers with nothing else on them, and as the same program here.
+fn bare_metal(journal: &mut Journal, document: Document) {
+    for board in bare_metal::BOARDS {
+        journal.check(board.name, || board.check(document));
+    }
 }
 
 /// The boot of a box with a camera, which prints its figures as the bench's programs do.

@@ -3,8 +3,11 @@ use std::vec;
 
 use nalgebra::Vector2;
 
+use super::batch::BATCH_PX;
+use super::region::{CLEAR_OF_BORDER, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
 use super::*;
 use crate::edge::rendered::{HEIGHT, Scene, WIDTH};
+use crate::nodes::Chord;
 
 /// How many edges look at each pixel of a frame, row by row.
 fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
@@ -13,17 +16,16 @@ fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
     let mut looks = vec![0; width * height];
     for edge in nodes.edges(scene.first_square_dark) {
         let chord = nodes.chord(&edge);
-        let Some(region) = Region::new(&chord, blur_px) else { continue };
-        let [_, origin_y] = region.origin;
-        if region.origin[0] >= width || origin_y >= height {
+        let are_corners = edge.nodes.map(|node| nodes.corner(node).is_some());
+        let Some(region) = Region::new(&chord, [blur_px; 2], are_corners) else { continue };
+        let [origin_x, origin_y] = region.origin;
+        if origin_x >= width || origin_y >= height {
             continue;
         }
-        for row in region.rows(height) {
+        region.each_row([width, height], |row, columns| {
             let y = (origin_y as i32 + row) as usize;
-            for x in region.columns(row as f32 - region.middle[1], width) {
-                looks[y * width + x as usize] += 1;
-            }
-        }
+            looks[y * width..][columns].iter_mut().for_each(|looks| *looks += 1);
+        });
     }
     looks
 }
@@ -57,8 +59,8 @@ fn straight(start_px: Vector2<f64>, end_px: Vector2<f64>, across_px: Vector2<f64
 fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f64> {
     let pixels = vec![100_u8; width * height];
     let image = GreyImage::new(&pixels, width, height, width).unwrap();
-    let region = Region::new(chord, blur_px)?;
-    region.sums(&image, &mut Batch::new()).map(|sums| sums.products[0])
+    let region = Region::new(chord, [blur_px; 2], [false; 2])?;
+    Batch::new().sums(&image, &region, None).map(|sums| sums.products[0])
 }
 
 #[test]
@@ -66,7 +68,7 @@ fn a_region_ends_where_the_frame_does() {
     // The whole region, and one whose line is the middle of the first or last row or column:
     // half of it and that row or column.
     let whole = sums_of(&chord([22.0, 32.0], [42.0, 32.0], [0.0, 20.0]), 0.75, 64, 64).unwrap();
-    let line = 2.0 * (10.0 - CLEAR_OF_NODES * 0.75).floor() + 1.0;
+    let line = 2.0 * (10.0 - CLEAR_OF_BORDER * 0.75).floor() + 1.0;
     let half = 0.5 * (whole - line) + line;
     for (start, end, across) in [
         ([22.0, 0.0], [42.0, 0.0], [0.0, 20.0]),
@@ -92,10 +94,8 @@ fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
         let half = Vector2::new(cosine, sine) * 1000.0;
         let across = Vector2::new(-sine, cosine) * 2000.0;
         let near = straight(middle - half, middle + half, across);
-        let region = Region::new(&near, BLUR_PX_MAX).unwrap();
-        for row in region.rows(4096) {
-            assert!(region.columns(row as f32, 4096).len() <= BATCH_PX);
-        }
+        let region = Region::new(&near, [BLUR_PX_MAX; 2], [true; 2]).unwrap();
+        region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
         let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
         let area = 4.0 * HALF_LENGTH_PX_MAX * (WIDTH_IN_BLURS * BLUR_PX_MAX + WIDTH_PX);
         // As many as its area, to half a pixel along two sides.

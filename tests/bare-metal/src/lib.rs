@@ -81,6 +81,13 @@ pub fn measure(
     Ok(())
 }
 
+/// [`Pipeline::step`] as a function of its own, from which on its stack is counted: alone it may
+/// become a part of whatever calls it.
+#[inline(never)]
+pub fn step(pipeline: &mut Pipeline, frame: &GreyImage<'_>, time_ns: u64) -> Report {
+    pipeline.step(frame, time_ns)
+}
+
 /// One row per target, with the columns of `poses.csv`.
 fn write_rows(out: &mut impl Write, number: u32, config: &Config, report: &Report) -> fmt::Result {
     for (target, seen) in config.targets.iter().zip(&report.targets) {

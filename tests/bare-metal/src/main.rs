@@ -1,30 +1,42 @@
 //! The core as the only program of a board: no operating system, no allocator.
 //!
-//! On a board it is firmware with a configuration and a frame in it, which prints its poses and
-//! the depth of its stack through the emulator. On this machine it prints the poses of the
-//! directory that it is given, for comparison. `cargo xtask test bare-metal` runs all of them.
+//! On a board it is firmware with a configuration and a frame in it. On this machine it takes
+//! them from the directory that it is given. It prints the poses and the depth of its stack.
+//! `cargo xtask test bare-metal` runs it everywhere, and compares.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
 mod board;
+mod watch;
 
+/// The directory's table, on a thread whose stack is known.
 #[cfg(not(target_os = "none"))]
 fn main() -> anyhow::Result<()> {
-    use anyhow::Context as _;
-    use plumbline::config::Config;
-    use plumbline::pipeline::Pipeline;
-    use plumbline_bare_metal::{CONFIG_FILE, RECORDING_FILE, measure};
+    use std::{env, fs, path::Path, thread};
 
-    let directory = std::env::args_os().nth(1).context("usage: plumbline-bare-metal DIRECTORY")?;
+    use anyhow::{Context as _, anyhow};
+    use plumbline::pipeline::Pipeline;
+    use plumbline_bare_metal::{CONFIG_FILE, RECORDING_FILE};
+
+    /// What is painted, and twice that for the thread.
+    const WATCHED_BYTES: usize = 256 * 1024;
+
+    let directory = env::args_os().nth(1).context("usage: plumbline-bare-metal DIRECTORY")?;
     let read = |name: &str| {
-        let path = std::path::Path::new(&directory).join(name);
-        std::fs::read(&path).with_context(|| path.display().to_string())
+        let path = Path::new(&directory).join(name);
+        fs::read(&path).with_context(|| path.display().to_string())
     };
-    let mut table = String::new();
-    let mut pipeline = Box::new(Pipeline::new());
-    let config = Config::decode(&read(CONFIG_FILE)?).context(CONFIG_FILE)?;
-    measure(&mut pipeline, &config, &read(RECORDING_FILE)?, &mut table, Pipeline::step)
-        .map_err(|error| anyhow::anyhow!("{error:?}"))?;
-    print!("{table}");
+    let (blob, recording) = (read(CONFIG_FILE)?, read(RECORDING_FILE)?);
+    let program = move || {
+        let mut out = String::new();
+        let mut pipeline = Box::new(Pipeline::new());
+        let top = watch::stack_pointer();
+        watch::run(top - WATCHED_BYTES..top, &mut pipeline, &blob, &recording, &mut out)
+            .map(|()| out)
+    };
+    let thread = thread::Builder::new().stack_size(2 * WATCHED_BYTES).spawn(program)?;
+    let printed =
+        thread.join().expect("it does not panic").map_err(|error| anyhow!("{error:?}"))?;
+    print!("{printed}");
     Ok(())
 }

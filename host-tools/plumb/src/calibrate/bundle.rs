@@ -12,9 +12,9 @@
 //! that each board's six are eliminated first (Schur's complement).
 
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
-use plumbline::lens::{Distortion, Lens, ray_by_point};
+use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::pose::{Cam, Pose, Target};
-use plumbline::solve::ray_by_increment;
+use plumbline::solve::by_increment;
 
 /// One number measured in a photograph: a place across an edge, or a corner's coordinate.
 ///
@@ -272,7 +272,6 @@ impl Bundle {
             }
             normal.boards.push(board);
         }
-        if std::env::var_os("NOSKEW").is_some() { normal.shared[(4, 4)] += 1e12; }
         // Only the lower triangle was added to.
         normal.shared.fill_upper_triangle_with_lower_triangle();
         Some(normal)
@@ -281,10 +280,11 @@ impl Bundle {
     /// A point's raw pixel and its derivatives.
     fn project(&self, cam_from_board: &Pose<Cam, Target>, flat_mm: &Vector3<f64>) -> Option<Projected> {
         let point_mm = self.shape.apply(flat_mm);
-        let (ray, ray_by_own) = ray_by_increment(cam_from_board, &point_mm)?;
+        let point_cam_mm = cam_from_board.transform(&point_mm);
+        let ray = ray_of(&point_cam_mm)?;
         let (distorted, by_ray) = self.lens.distortion.distort_with_jacobian(&ray);
         let by_distorted = self.lens.pixel_by_ray();
-        let raw_by_ray = by_distorted * by_ray;
+        let raw_by_point = by_distorted * by_ray * ray_by_point(&point_cam_mm, &ray);
         let mut by_shared = DMatrix::zeros(2, self.shared());
         let pinhole = [
             [distorted.x, 0.0],
@@ -302,18 +302,21 @@ impl Bundle {
         }
         if self.has_shape {
             let at = PINHOLE + coefficients.len();
-            let point_cam_mm = cam_from_board.transform(&point_mm);
-            let by_point = raw_by_ray * ray_by_point(&point_cam_mm, &ray) * cam_from_board.rotation;
+            let by_point = raw_by_point * cam_from_board.rotation;
             let (x, y) = (flat_mm.x, flat_mm.y);
             for (place, height) in [x * x, x * y, y * y].into_iter().enumerate() {
                 by_shared.set_column(at + place, &(by_point.column(2) * height));
             }
             by_shared.set_column(at + SHAPE - 1, &(by_point.column(1) * y));
         }
+        let [x, y] = [0, 1].map(|axis| {
+            let by_point = raw_by_point.row(axis).transpose();
+            Vector6::from(by_increment(&by_point, &cam_from_board.rotation, &point_mm))
+        });
         Some(Projected {
             raw_px: self.lens.pixel_from_ray(&distorted),
             by_shared,
-            by_own: raw_by_ray * ray_by_own,
+            by_own: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
         })
     }
 }

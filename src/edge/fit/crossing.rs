@@ -1,0 +1,135 @@
+//! What the lines that cross an edge at its ends do to its profile.
+//!
+//! At a corner the colours change sides. Behind a blur, with v and d a pixel's distances from
+//! the edge and from the crossing line in blurs, d growing away from the corner, the picture is
+//!
+//! ```text
+//! I = offset + contrast/2 * (E(v) E(d) + rho E'(v) E'(d))
+//! ```
+//!
+//! to first order in rho, the cosine of the angle between both normals: a blurred product of
+//! signs, whose derivative by the blur's correlation is four times the normal density. The
+//! first term makes the step lower towards a corner; the second turns an edge of a
+//! sheared target, since rho is of opposite signs at its ends.
+//!
+//! With t how much nearer than [`REACH`] the line is, E(d) is 1 - t^2 (a + b t^2), and E'(d) the
+//! derivative of that. Odd powers are not missed, so the sign of t can tell the ends
+//! apart, and both ends cost as much as one.
+
+/// From here outwards a line does nothing.
+const REACH: f32 = 3.4;
+
+/// Least squares for E and half its derivative from 1.5 outwards; both are within 0.0016 and
+/// 0.0044.
+const A: f32 = 0.006_906_1;
+const B: f32 = 0.008_323_3;
+
+/// The lines across an edge.
+pub(super) struct CrossingLines {
+    pub(super) blur_px: f64,
+    /// From the edge's middle to either line, at right angles to the line.
+    pub(super) distance_px: f64,
+    /// Of the angle between the normals, to the edge's right and along it.
+    pub(super) cosine: f64,
+    /// What one blur across the edge is.
+    pub(super) across_px: f64,
+    /// How much farther from the lines the edge's end is than its start.
+    pub(super) along_px: f64,
+    /// Whether lines cross there. At a border nothing is corrected.
+    pub(super) are_corners: [bool; 2],
+}
+
+/// How t follows from a pixel's place, in lanes' precision.
+#[derive(Clone, Copy)]
+pub(super) struct Crossings {
+    by_across: f32,
+    by_place: f32,
+    start: f32,
+    end: f32,
+    cosine: f32,
+}
+
+impl Crossings {
+    pub(super) fn new(lines: &CrossingLines) -> Self {
+        let per_blur = 1.0 / lines.blur_px;
+        let nearer = REACH - (lines.distance_px * per_blur) as f32;
+        let [start, end] =
+            lines.are_corners.map(|is_corner| if is_corner { nearer } else { f32::NEG_INFINITY });
+        Self {
+            by_across: (lines.cosine * lines.across_px * per_blur) as f32,
+            by_place: (lines.along_px * per_blur) as f32,
+            start,
+            end,
+            cosine: lines.cosine as f32,
+        }
+    }
+
+    /// E(d), and what E'(v) is multiplied by to be added; at `across` blurs to the right of the
+    /// edge and `place` lengths from its middle.
+    #[inline(always)]
+    pub(super) fn at(&self, across: f32, place: f32) -> (f32, f32) {
+        let along = self.by_across * across + self.by_place * place;
+        let (start, end) = (self.start - along, self.end + along);
+        let start = if start > 0.0 { start } else { 0.0 };
+        let end = if end > 0.0 { end } else { 0.0 };
+        let t = end - start;
+        let square = t * t;
+        let height = 1.0 - square * (A + B * square);
+        // The end's normal is against the direction of the edge.
+        let turn = -self.cosine * t * (2.0 * A + 4.0 * B * square);
+        (height, turn)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Corners 10 blurs before and after the middle, lines at an angle.
+    fn crossings(are_corners: [bool; 2]) -> Crossings {
+        Crossings::new(&CrossingLines {
+            blur_px: 2.0,
+            distance_px: 20.0,
+            cosine: 0.1,
+            across_px: 1.5,
+            along_px: 40.0,
+            are_corners,
+        })
+    }
+
+    #[test]
+    fn both_terms_are_those_of_a_blurred_corner() {
+        let both = crossings([true; 2]);
+        for step in 0..=850 {
+            // From the middle to 1.5 blurs from a corner.
+            let from_middle = f64::from(step) * 0.01;
+            let distance = 10.0 - from_middle;
+            let exact = libm::erf(distance / core::f64::consts::SQRT_2);
+            let density =
+                2.0 * libm::exp(-0.5 * distance * distance) / libm::sqrt(core::f64::consts::TAU);
+            let place = (from_middle / 20.0) as f32;
+            let (height, turn) = both.at(0.0, place);
+            assert!((f64::from(height) - exact).abs() < 0.0017, "{distance}");
+            // Here the line's normal is against the edge's direction.
+            assert!((f64::from(turn) + 0.1 * density).abs() < 0.1 * 0.005, "{distance}");
+            assert_eq!(both.at(0.0, -place), (height, -turn), "{distance}");
+        }
+        // The lines are not at right angles: 4 blurs of 1.5 px to the right of the edge, times
+        // the cosine, are 0.3 blurs of 2 px nearer to the end.
+        assert!((both.at(4.0, 0.4).0 - both.at(0.0, 0.415).0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn at_a_border_nothing_is_corrected() {
+        for (are_corners, ends) in [
+            ([false; 2], [true; 2]),
+            ([true, false], [false, true]),
+            ([false, true], [true, false]),
+        ] {
+            let at_ends = [-0.42, 0.42].map(|place| crossings(are_corners).at(0.0, place));
+            for (is_plain, at_end) in ends.into_iter().zip(at_ends) {
+                assert_eq!(at_end == (1.0, 0.0), is_plain, "{are_corners:?} {at_end:?}");
+            }
+        }
+    }
+}
