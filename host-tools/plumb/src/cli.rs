@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::simulate::command as simulate;
+use crate::calibrate::command as calibrate;
 use crate::{demo, provision, receive, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -20,6 +21,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Arguments),
+    Calibrate(calibrate::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
     Receive(receive::Arguments),
@@ -35,6 +37,7 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
         Command::Receive(arguments) => receive::run(arguments),

@@ -16,6 +16,8 @@ use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::solve::by_increment;
 
+use super::Residual;
+
 /// One number measured in a photograph: a place across an edge, or a corner's coordinate.
 ///
 /// Its residual is `by_px[0] . raw pixel of points[0] + by_px[1] . that of points[1] - value`.
@@ -137,6 +139,30 @@ impl Bundle {
             })
             .collect::<Option<_>>()?;
         Some(photograph.seen.iter().map(|seen| seen.residual_px(&raw_px)).collect())
+    }
+
+    /// The same, each with where it was measured and across which way.
+    #[must_use]
+    pub fn residuals(
+        &self,
+        points_mm: &[Vector3<f64>],
+        photograph: &Photograph,
+    ) -> Option<Vec<Residual>> {
+        let residuals_px = self.residuals_px(points_mm, photograph)?;
+        photograph
+            .seen
+            .iter()
+            .zip(residuals_px)
+            .map(|(seen, residual_px)| {
+                let [first, second] = seen.points.map(|point| {
+                    let point_mm = self.shape.apply(&points_mm[point]);
+                    self.lens.project(&photograph.cam_from_board.transform(&point_mm))
+                });
+                // Both ends count for half of the middle.
+                let right = seen.by_px[0] + seen.by_px[1];
+                Some(Residual { at_px: (first? + second?) * 0.5, off_px: right * residual_px })
+            })
+            .collect()
     }
 
     fn variance(&self, seen: &Seen) -> f64 {

@@ -10,20 +10,26 @@
 //! ([`bundle`]). What is refined is first the detector's corners, then the edges themselves,
 //! measured as the tracker measures them through the lens found so far.
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use plumbline::grid::GridRejection;
 use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::nodes::points_mm;
+use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
 use rayon::prelude::*;
 
-pub mod bundle;
-pub mod closed_form;
-pub mod observe;
+mod bundle;
+mod closed_form;
+pub mod command;
+mod coverage;
+mod observe;
+mod plot;
+mod verdict;
 
 use bundle::{Bundle, Photograph, Shape};
-use observe::{Finder, Found};
+use coverage::Coverage;
+use observe::{Finder, Found, Measured};
 
 /// Fewest photographs with a board: Zhang's closed form of all five numbers needs three.
 pub const PHOTOGRAPHS_MIN: usize = 3;
@@ -67,14 +73,34 @@ pub enum Outcome {
     Used(Contribution),
 }
 
+impl Outcome {
+    /// What the photograph contributed, if anything.
+    #[must_use]
+    pub fn used(&self) -> Option<&Contribution> {
+        match self {
+            Self::Used(contribution) => Some(contribution),
+            Self::NotFound(_) | Self::Unusable => None,
+        }
+    }
+}
+
+/// What the board in a photograph contributed.
 #[derive(Debug, Clone)]
 pub struct Contribution {
+    /// Root mean square reprojection error of the corners.
     pub rms_px: f64,
     pub corners: usize,
-    /// Where an edge is seen, and how far from there the calibration puts it, raw pixels.
-    pub residuals: Vec<(Vector2<f64>, Vector2<f64>)>,
-    /// The board's pose.
-    pub cam_from_board: plumbline::pose::Pose<plumbline::pose::Cam, plumbline::pose::Target>,
+    /// The middle of each edge, and how far across it the calibration puts it from where it is
+    /// seen, raw pixels.
+    pub residuals: Vec<Residual>,
+    pub cam_from_board: Pose<Cam, Target>,
+}
+
+/// An edge's middle and its residual, raw pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    pub at_px: Vector2<f64>,
+    pub off_px: Vector2<f64>,
 }
 
 /// A camera, how well it is known, and from what.
@@ -84,124 +110,127 @@ pub struct Calibration {
     pub sd: Vec<f64>,
     /// Root mean square reprojection error of all corners.
     pub rms_px: f64,
+    /// One for each photograph, in their order.
     pub outcomes: Vec<Outcome>,
+    pub coverage: Coverage,
     /// The board's own shape, where it can be told, and its standard deviations.
     pub shape: Option<(Shape, Vec<f64>)>,
 }
 
-/// Calibrates. `done` is told after each photograph that was searched.
+/// Calibrates a lens of the model that `distortion` has. `done` is told after each photograph
+/// that was searched.
+///
+/// # Errors
+/// [`Failure`].
 pub fn calibrate(
     pictures: &[Picture],
     board: &TargetGeometry,
-    no_distortion: Distortion,
+    distortion: Distortion,
     done: impl Fn() + Sync,
 ) -> Result<Calibration, Failure> {
-    let found: Vec<Result<Found, GridRejection>> = pictures
-        .par_iter()
-        .map_init(Finder::new, |finder, picture| {
-            let found = finder.find(&picture.view(), board);
-            done();
-            found
-        })
-        .collect();
-    let usable: Vec<(usize, &Found)> =
-        found.iter().enumerate().filter_map(|(place, found)| Some((place, found.as_ref().ok()?))).collect();
-    if usable.len() < PHOTOGRAPHS_MIN {
-        return Err(Failure::TooFew(usable.len()));
-    }
-    let size_px = [pictures[0].width as u16, pictures[0].height as u16];
-    let points_mm: Vec<_> = points_mm(board).collect();
-    let pairs: Vec<Vec<_>> = usable
-        .iter()
-        .map(|(_, found)| {
-            let pair = |(corner, px)| (board.corner_mm(corner).xy(), px);
-            found.corners_px().map(pair).collect()
-        })
-        .collect();
-    let (pinhole, poses) =
-        closed_form::camera_and_boards(&pairs, size_px).ok_or(Failure::NoTilt)?;
-    let [fx_px, fy_px] = pinhole.focal_px;
-    let [cx_px, cy_px] = pinhole.centre_px;
-    let lens = Lens {
-        width_px: size_px[0],
-        height_px: size_px[1],
-        fx_px,
-        fy_px,
-        cx_px,
-        cy_px,
-        skew_px: pinhole.skew_px,
-        distortion: no_distortion,
+    let search = |finder: &mut Finder, picture: &Picture| {
+        let found = finder.find(&picture.view(), board);
+        done();
+        found
     };
-    let photographs = usable
-        .iter()
-        .zip(poses)
-        .map(|((_, found), cam_from_board)| Photograph { seen: found.seen(board), cam_from_board })
-        .collect();
-    let mut bundle =
-        Bundle::refine(&lens, &points_mm, photographs, false).ok_or(Failure::Unsettled)?;
-    // Which photograph each of the bundle's is.
-    let mut used: Vec<usize> = (0..usable.len()).collect();
+    let found: Vec<Result<Found, GridRejection>> =
+        pictures.par_iter().map_init(Finder::new, search).collect();
+    let points_mm: Vec<_> = points_mm(board).collect();
+    let mut bundle = start(pictures, &found, board, distortion, &points_mm)?;
+    let mut places = Vec::new();
     for _ in 0..ROUNDS {
-        let measured = measure(pictures, board, &bundle.lens, &usable);
-        used = (0..usable.len()).filter(|&place| measured[place].is_some()).collect();
-        if used.len() < PHOTOGRAPHS_MIN {
-            return Err(Failure::TooFew(used.len()));
+        let measured = measure(pictures, &found, board, &bundle.lens);
+        places = (0..measured.len()).filter(|&place| measured[place].is_some()).collect();
+        if places.len() < PHOTOGRAPHS_MIN {
+            return Err(Failure::TooFew(places.len()));
         }
-        let photographs = measured
-            .into_iter()
-            .flatten()
-            .map(|measured| Photograph {
-                seen: measured.seen,
-                cam_from_board: measured.measurement.cam_from_target,
-            })
-            .collect();
-        bundle = Bundle::refine(&bundle.lens, &points_mm, photographs, false)
+        let photographs = measured.into_iter().flatten().map(|measured| Photograph {
+            seen: measured.seen,
+            cam_from_board: measured.measurement.cam_from_target,
+        });
+        bundle = Bundle::refine(&bundle.lens, &points_mm, photographs.collect(), false)
             .ok_or(Failure::Unsettled)?;
     }
-    if std::env::var_os("SHAPE").is_some() { let b = Bundle::refine(&bundle.lens, &points_mm, bundle.photographs.clone(), true).unwrap(); eprintln!("shaped {:?} tau {} -> {}", b.lens, bundle.tau_px, b.tau_px); }
     let shape = Bundle::refine(&bundle.lens, &points_mm, bundle.photographs.clone(), true)
         .map(|shaped| (shaped.shape, shaped.sd[bundle.sd.len()..].to_vec()));
     let mut outcomes: Vec<Outcome> = found
         .iter()
-        .map(|found| match found {
-            Ok(_) => Outcome::Unusable,
-            Err(rejection) => Outcome::NotFound(*rejection),
-        })
+        .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
         .collect();
+    // Through the final lens, each on its own: what a tracker would say of it.
+    let last = measure(pictures, &found, board, &bundle.lens);
     let (mut squares, mut corners) = (0.0, 0.0);
-    for (measured, &place) in measure(pictures, board, &bundle.lens, &usable).iter().zip(&usable.iter().map(|(place, _)| *place).collect::<Vec<_>>()) {
-        let Some(measured) = measured else { continue };
+    for (&place, photograph) in places.iter().zip(&bundle.photographs) {
+        let Some(measured) = &last[place] else { continue };
+        let residuals =
+            bundle.residuals(&points_mm, photograph).ok_or(Failure::Unsettled)?;
         let measurement = &measured.measurement;
-        let count = f64::from(measurement.corners);
-        squares += measurement.rms_px * measurement.rms_px * count;
-        corners += count;
+        squares += measurement.rms_px.powi(2) * f64::from(measurement.corners);
+        corners += f64::from(measurement.corners);
         outcomes[place] = Outcome::Used(Contribution {
             rms_px: measurement.rms_px,
             corners: measurement.corners.into(),
-            residuals: Vec::new(),
-            cam_from_board: measurement.cam_from_target,
+            residuals,
+            cam_from_board: photograph.cam_from_board,
         });
     }
-    let _ = used;
+    let seen_px: Vec<Vec<_>> = outcomes
+        .iter()
+        .filter_map(Outcome::used)
+        .map(|used| used.residuals.iter().map(|residual| residual.at_px).collect())
+        .collect();
+    let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
     Ok(Calibration {
         lens: bundle.lens,
         sd: bundle.sd,
         rms_px: (squares / corners).sqrt(),
         outcomes,
+        coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),
         shape,
     })
 }
 
+/// The closed form, refined on the detector's corners.
+fn start(
+    pictures: &[Picture],
+    found: &[Result<Found, GridRejection>],
+    board: &TargetGeometry,
+    distortion: Distortion,
+    points_mm: &[Vector3<f64>],
+) -> Result<Bundle, Failure> {
+    let found: Vec<&Found> = found.iter().flatten().collect();
+    if found.len() < PHOTOGRAPHS_MIN {
+        return Err(Failure::TooFew(found.len()));
+    }
+    let pairs = |found: &&Found| -> Vec<closed_form::Pair> {
+        found.corners_px().map(|(corner, px)| (board.corner_mm(corner).xy(), px)).collect()
+    };
+    let pairs: Vec<_> = found.iter().map(pairs).collect();
+    // The frames' size is within the core's limits.
+    let [width_px, height_px] = [pictures[0].width, pictures[0].height].map(|side| side as u16);
+    let (pinhole, poses) = closed_form::camera_and_boards(&pairs, [width_px, height_px])
+        .ok_or(Failure::NoTilt)?;
+    let [fx_px, fy_px] = pinhole.focal_px;
+    let [cx_px, cy_px] = pinhole.centre_px;
+    let skew_px = pinhole.skew_px;
+    let lens = Lens { width_px, height_px, fx_px, fy_px, cx_px, cy_px, skew_px, distortion };
+    let photographs = found
+        .iter()
+        .zip(poses)
+        .map(|(found, cam_from_board)| Photograph { seen: found.seen(board), cam_from_board })
+        .collect();
+    Bundle::refine(&lens, points_mm, photographs, false).ok_or(Failure::Unsettled)
+}
+
+/// What each photograph shows through a lens.
 fn measure(
     pictures: &[Picture],
+    found: &[Result<Found, GridRejection>],
     board: &TargetGeometry,
     lens: &Lens,
-    usable: &[(usize, &Found)],
-) -> Vec<Option<observe::Measured>> {
-    usable
-        .par_iter()
-        .map_init(Finder::new, |finder, (place, found)| {
-            finder.measure(&pictures[*place].view(), board, lens, found)
-        })
-        .collect()
+) -> Vec<Option<Measured>> {
+    let measure = |finder: &mut Finder, (picture, found): (&Picture, &Result<Found, _>)| {
+        finder.measure(&picture.view(), board, lens, found.as_ref().ok()?)
+    };
+    pictures.par_iter().zip(found).map_init(Finder::new, measure).collect()
 }

@@ -14,6 +14,7 @@
 //! images = 40                        # where the calibration came from
 //! date = "2026-11-21"
 //! source = "plumb calibrate"
+//! [calibration]                      # optional: what `plumb calibrate` says of it
 //! ```
 //!
 //! The format is told by the content, not by the file's name: `{` starts
@@ -44,6 +45,52 @@ pub struct Provenance {
     pub date: Option<String>,
     /// By what, in words.
     pub source: Option<String>,
+    /// What `plumb calibrate` says of it.
+    pub details: Option<Details>,
+}
+
+/// How well a calibration is known, and from what.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Details {
+    /// What is wrong with the photographs or the board; empty where nothing is.
+    pub verdict: Vec<String>,
+    /// A map of the frame: in how many photographs each cell showed a part of the board.
+    pub coverage: Vec<String>,
+    /// Standard deviations of the camera's numbers.
+    pub sd: Deviations,
+    /// Each photograph.
+    pub photographs: Vec<DetailsOfPhotograph>,
+}
+
+/// Standard deviations of a camera's numbers, by the same names.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct Deviations {
+    pub fx_px: f64,
+    pub fy_px: f64,
+    pub cx_px: f64,
+    pub cy_px: f64,
+    pub skew_px: f64,
+    pub distortion: Vec<f64>,
+}
+
+/// What one photograph contributed to a calibration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DetailsOfPhotograph {
+    /// Its name.
+    pub file: String,
+    /// Root mean square reprojection error of its corners.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms_px: Option<f64>,
+    /// How many of them were used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corners: Option<u32>,
+    /// Why it was not used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
 }
 
 /// A camera that passed [`Lens::check`], and where it came from.
@@ -84,6 +131,8 @@ struct Fields {
     date: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     source: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    calibration: Option<Details>,
 }
 
 /// The camera of a file in any of the formats.
@@ -164,6 +213,7 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
             images: fields.images,
             date: fields.date,
             source: fields.source,
+            details: fields.calibration,
         },
     })
 }
@@ -223,6 +273,7 @@ pub fn to_toml(camera: &Camera) -> String {
         images: provenance.images,
         date: provenance.date.clone(),
         source: provenance.source.clone(),
+        calibration: provenance.details.clone(),
     };
     toml::to_string(&fields).expect("numbers and texts are TOML")
 }

@@ -1,0 +1,289 @@
+//! The command line of `plumb calibrate`.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline::lens::Distortion;
+use plumbline::nodes::points_mm;
+use plumbline::target::{Origin, Role, TargetGeometry};
+
+use super::verdict::{self, Concern};
+use super::{Calibration, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
+use crate::error::BadInput;
+use crate::files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
+use crate::files::frames::{FrameSource, Pixels};
+use crate::files::{self, refuse_overwriting};
+
+/// Calibrate the camera from photographs of a checkerboard.
+///
+/// Take 10 to 20 sharp photographs at the size that the box records at: the board in the
+/// middle, in every corner and at every side of the frame, near and far, tilted by 20 to 40
+/// degrees about both axes. The lens must not be touched afterwards.
+///
+/// The camera comes out as camera.toml, with the standard deviation of every number, the
+/// reprojection error of every photograph, a map of where the board was seen, and a verdict:
+/// what is wrong with the photographs or the board, and what to do about it.
+///
+/// Exit code 0: a calibration was written (look at its verdict); 2: there is none.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:
+  plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.jpg
+  plumb calibrate --board 9x7 --pitch-mm 20 --model brown5 --plot residuals.svg --out camera.toml photos/*.png
+
+Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate."
+)]
+pub struct Arguments {
+    /// Columns x rows of INNER corners, where four squares meet: 9x7 for 10 x 8 squares.
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = board_size)]
+    board: [u8; 2],
+    /// From one inner corner to the next, measured on the print over many squares.
+    #[arg(long, value_name = "MM")]
+    pitch_mm: f64,
+    /// Lens distortion: radial2 (k1 k2) or brown5 (k1 k2 p1 p2 k3, as in OpenCV and ROS).
+    #[arg(long, value_enum, default_value = "radial2")]
+    model: Model,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Draw residuals and coverage (SVG, for any browser).
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Replace the files of --out and --plot if they exist.
+    #[arg(long)]
+    force: bool,
+    /// Photographs (PNG, JPEG, PGM), or a Y4M video of them.
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Model {
+    Radial2,
+    Brown5,
+}
+
+/// Below this a square of a target at the bedside is too few pixels wide.
+const WIDTH_PX_MIN: usize = 640;
+
+/// More photographs than this say nothing new and fill the memory.
+const IMAGES_MAX: usize = 200;
+
+fn board_size(text: &str) -> Result<[u8; 2], String> {
+    let numbers = text.split_once(['x', 'X', '×']).and_then(|(columns, rows)| {
+        Some([columns.trim().parse().ok()?, rows.trim().parse().ok()?])
+    });
+    numbers.ok_or_else(|| "two numbers of inner corners, such as 9x7".to_owned())
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When an input cannot be used, the photographs do not make a calibration, or an output cannot
+/// be written.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let [columns, rows] = arguments.board;
+    let board = TargetGeometry::checker(
+        columns,
+        rows,
+        arguments.pitch_mm,
+        Origin::Center,
+        Role::Scene,
+        [0.0; 3],
+    )
+    .map_err(|error| {
+        let found = format!("{columns} x {rows} corners, {} mm", arguments.pitch_mm);
+        BadInput::whole("--board, --pitch-mm", found, error)
+    })?;
+    for out in [Some(&arguments.out), arguments.plot.as_ref()].into_iter().flatten() {
+        refuse_overwriting(out, &arguments.images)?;
+    }
+    let pictures = read(arguments)?;
+    let places: Vec<String> = pictures.iter().map(|picture| picture.place.clone()).collect();
+    let calibration = {
+        let bar = ProgressBar::new(pictures.len() as u64).with_style(
+            ProgressStyle::with_template("searching {wide_bar} {pos}/{len} photographs")
+                .expect("a template that is right"),
+        );
+        let distortion = match arguments.model {
+            Model::Radial2 => Distortion::Radial2([0.0; 2]),
+            Model::Brown5 => Distortion::Brown5([0.0; 5]),
+        };
+        let calibrated = super::calibrate(&pictures, &board, distortion, || bar.inc(1));
+        bar.finish_and_clear();
+        calibrated.map_err(|failure| refusal(failure, arguments, pictures.len()))?
+    };
+    calibration.lens.check().map_err(|error| {
+        let remedy = "take photographs in which the board reaches the frame's corners, or try the other --model";
+        BadInput::whole("the calibration", error, remedy)
+    })?;
+    let points_mm: Vec<_> = points_mm(&board).collect();
+    let concerns = verdict::concerns(&calibration, &places, &points_mm);
+    let camera = camera_of(&calibration, &places, &concerns);
+    files::create(&arguments.out, arguments.force)?
+        .write_all(camera::to_toml(&camera).as_bytes())
+        .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
+    if let Some(path) = &arguments.plot {
+        files::create(path, arguments.force)?
+            .write_all(plot::svg(&calibration)?.as_bytes())
+            .map_err(|error| BadInput::io(path.display(), &error))?;
+    }
+    print(&calibration, &places, &concerns);
+    eprintln!("written to {}", arguments.out.display());
+    Ok(())
+}
+
+/// All photographs into memory.
+fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
+    let mut source = FrameSource::open(&arguments.images, None)?;
+    let (width, height) = (source.width(), source.height());
+    if width.max(height) < WIDTH_PX_MIN {
+        return Err(BadInput::new(
+            source.place(),
+            "image size",
+            format!("{width} x {height} px"),
+            format!(
+                "a calibration below {WIDTH_PX_MIN} px is refused: its corners are not known well \
+                 enough for the box; photograph the board at the size that the box records at"
+            ),
+        ));
+    }
+    let mut pictures: Vec<Picture> = Vec::new();
+    while let Some(frame) = source.next_frame()? {
+        let index = frame.index;
+        let white = u32::from(frame.white_level);
+        let samples = match frame.pixels {
+            Pixels::Grey8(samples) => samples.to_vec(),
+            Pixels::Grey16(samples) => {
+                let in_8_bits = |&value: &u16| (u32::from(value) * 255 / white).min(255) as u8;
+                samples.iter().map(in_8_bits).collect()
+            }
+        };
+        let mut place = source.place().to_owned();
+        if pictures.len() == IMAGES_MAX {
+            return Err(BadInput::new(
+                place,
+                "images",
+                format!("more than {IMAGES_MAX}"),
+                "10 to 20 photographs at different places and tilts are enough",
+            ));
+        }
+        if pictures.iter().any(|picture| picture.place.starts_with(&place)) {
+            place += &format!(", frame {index}");
+        }
+        pictures.push(Picture { place, samples, width, height });
+    }
+    Ok(pictures)
+}
+
+fn refusal(failure: Failure, arguments: &Arguments, pictures: usize) -> BadInput {
+    let [columns, rows] = arguments.board;
+    match failure {
+        Failure::TooFew(count) => BadInput::new(
+            "IMAGE",
+            "photographs",
+            format!(
+                "{count} of {pictures} show the whole board of {columns} x {rows} inner corners, and a calibration needs {PHOTOGRAPHS_MIN}"
+            ),
+            "check --board (count the INNER corners), focus and light; 10 to 20 photographs are good",
+        ),
+        Failure::NoTilt => BadInput::new(
+            "IMAGE",
+            "photographs",
+            "the board has the same tilt in all of them, which leaves the focal length open",
+            "tilt the board by 20 to 40 degrees about both axes",
+        ),
+        Failure::Unsettled => BadInput::new(
+            "IMAGE",
+            "photographs",
+            "they do not fix a camera",
+            "take photographs with the board at different places and tilts, or try --model radial2",
+        ),
+    }
+}
+
+fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern]) -> Camera {
+    let sd = &calibration.sd;
+    let photographs = places.iter().zip(&calibration.outcomes).map(|(place, outcome)| {
+        let used = outcome.used();
+        DetailsOfPhotograph {
+            file: place.clone(),
+            rms_px: used.map(|used| used.rms_px),
+            corners: used.map(|used| used.corners as u32),
+            refused: refused(outcome),
+        }
+    });
+    let used = calibration.outcomes.iter().filter(|outcome| outcome.used().is_some()).count();
+    Camera {
+        lens: calibration.lens,
+        provenance: Provenance {
+            rms_px: Some(calibration.rms_px),
+            images: Some(used as u32),
+            date: Some(jiff::Zoned::now().date().to_string()),
+            source: Some("plumb calibrate".to_owned()),
+            details: Some(Details {
+                verdict: concerns.iter().map(ToString::to_string).collect(),
+                coverage: calibration.coverage.lines(),
+                sd: Deviations {
+                    fx_px: sd[0],
+                    fy_px: sd[1],
+                    cx_px: sd[2],
+                    cy_px: sd[3],
+                    skew_px: sd[4],
+                    distortion: sd[5..].to_vec(),
+                },
+                photographs: photographs.collect(),
+            }),
+        },
+    }
+}
+
+fn refused(outcome: &Outcome) -> Option<String> {
+    match outcome {
+        Outcome::Used(_) => None,
+        Outcome::NotFound(why) => Some(why.to_string()),
+        Outcome::Unusable => Some("the board's edges are hidden or blurred".to_owned()),
+    }
+}
+
+fn print(calibration: &Calibration, places: &[String], concerns: &[Concern]) {
+    let lens = &calibration.lens;
+    let sd = &calibration.sd;
+    for (place, outcome) in places.iter().zip(&calibration.outcomes) {
+        match (outcome.used(), refused(outcome)) {
+            (Some(used), _) => {
+                eprintln!("{place}: {} corners, RMS {:.3} px", used.corners, used.rms_px);
+            }
+            (None, why) => eprintln!("{place}: not used: {}", why.unwrap_or_default()),
+        }
+    }
+    eprintln!("\nwhere the board was seen (photographs per cell of the frame):");
+    for line in calibration.coverage.lines() {
+        eprintln!("  {line}");
+    }
+    eprintln!();
+    let numbers = [
+        ("fx", lens.fx_px),
+        ("fy", lens.fy_px),
+        ("cx", lens.cx_px),
+        ("cy", lens.cy_px),
+        ("skew", lens.skew_px),
+    ];
+    for ((name, value), sd) in numbers.iter().zip(sd) {
+        eprintln!("{name:>4} {value:10.3} +- {sd:.3} px");
+    }
+    let coefficients = super::bundle::coefficients(&lens.distortion);
+    let names: &[&str] =
+        if coefficients.len() == 2 { &["k1", "k2"] } else { &["k1", "k2", "p1", "p2", "k3"] };
+    for ((name, value), sd) in names.iter().zip(coefficients).zip(&sd[5..]) {
+        eprintln!("{name:>4} {value:10.6} +- {sd:.6}");
+    }
+    eprintln!(" RMS {:10.3} px (reprojection error of all corners)\n", calibration.rms_px);
+    if concerns.is_empty() {
+        eprintln!("verdict: good");
+    }
+    for concern in concerns {
+        eprintln!("warning: {concern}");
+    }
+}

@@ -1,0 +1,88 @@
+//! One picture of a calibration: residuals over the frame, which shows the coverage as well, and
+//! each photograph's reprojection error.
+
+use anyhow::{Result, anyhow};
+use plotters::prelude::*;
+
+use super::{Calibration, Contribution};
+
+const WIDTH_PX: u32 = 1080;
+const BARS_HEIGHT_PX: u32 = 260;
+const MARGIN_PX: u32 = 90;
+const FONT: &str = "sans-serif";
+const INK: RGBColor = RGBColor(51, 60, 69);
+const GRID: RGBColor = RGBColor(233, 236, 239);
+const RESIDUAL: RGBColor = RGBColor(213, 94, 0);
+const PLACE: RGBColor = RGBColor(0, 114, 178);
+
+/// The median residual is drawn this long, as a part of the frame's width.
+const MEDIAN_LENGTH: f64 = 0.006;
+
+/// The picture as SVG.
+///
+/// # Errors
+/// When the drawing library fails.
+pub fn svg(calibration: &Calibration) -> Result<String> {
+    let mut text = String::new();
+    draw(&mut text, calibration).map_err(|error| anyhow!("the plot cannot be drawn: {error}"))?;
+    Ok(text)
+}
+
+fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
+    let lens = &calibration.lens;
+    let size_px = [lens.width_px, lens.height_px].map(f64::from);
+    let frame_height = f64::from(WIDTH_PX - MARGIN_PX) * size_px[1] / size_px[0];
+    let height = frame_height as u32 + MARGIN_PX;
+    let root = SVGBackend::with_string(text, (WIDTH_PX, height + BARS_HEIGHT_PX)).into_drawing_area();
+    root.fill(&WHITE)?;
+    let (frame, bars) = root.split_vertically(height);
+    let used: Vec<(usize, &Contribution)> = calibration
+        .outcomes
+        .iter()
+        .enumerate()
+        .filter_map(|(place, outcome)| Some((place, outcome.used()?)))
+        .collect();
+
+    let residuals = || used.iter().flat_map(|(_, used)| &used.residuals);
+    let mut lengths: Vec<f64> = residuals().map(|residual| residual.off_px.norm()).collect();
+    lengths.sort_by(f64::total_cmp);
+    let median_px = lengths.get(lengths.len() / 2).copied().unwrap_or(1.0).max(1e-6);
+    let scale = nice(MEDIAN_LENGTH * size_px[0] / median_px);
+    let caption = format!("Residuals of the edges, {scale} times as long as they are");
+    let mut chart = ChartBuilder::on(&frame)
+        .caption(caption, (FONT, 20).into_font().color(&INK))
+        .margin(12)
+        .x_label_area_size(28)
+        .y_label_area_size(48)
+        // Downwards, as in the picture.
+        .build_cartesian_2d(0.0..size_px[0], size_px[1]..0.0)?;
+    chart.configure_mesh().light_line_style(GRID).bold_line_style(GRID).axis_style(INK).draw()?;
+    chart.draw_series(residuals().map(|residual| {
+        let (start, end) = (residual.at_px, residual.at_px + residual.off_px * scale);
+        PathElement::new([(start.x, start.y), (end.x, end.y)], RESIDUAL.mix(0.7))
+    }))?;
+    chart.draw_series(residuals().map(|residual| {
+        Circle::new((residual.at_px.x, residual.at_px.y), 1, PLACE.mix(0.5).filled())
+    }))?;
+
+    let highest_px = used.iter().fold(0.0_f64, |highest, (_, used)| highest.max(used.rms_px));
+    let mut chart = ChartBuilder::on(&bars)
+        .caption("Reprojection error of each photograph (px)", (FONT, 20).into_font().color(&INK))
+        .margin(12)
+        .x_label_area_size(28)
+        .y_label_area_size(48)
+        .build_cartesian_2d(0.0..calibration.outcomes.len() as f64, 0.0..highest_px * 1.1)?;
+    chart.configure_mesh().disable_x_mesh().light_line_style(GRID).axis_style(INK).draw()?;
+    chart.draw_series(used.iter().map(|(place, used)| {
+        let left = *place as f64;
+        Rectangle::new([(left + 0.15, 0.0), (left + 0.85, used.rms_px)], PLACE.filled())
+    }))?;
+    root.present()?;
+    Ok(())
+}
+
+/// 1, 2 or 5 times a power of ten, not above.
+fn nice(value: f64) -> f64 {
+    let power = 10_f64.powf(value.log10().floor());
+    [5.0, 2.0].into_iter().find(|step| step * power <= value).unwrap_or(1.0) * power
+}

@@ -1,0 +1,180 @@
+//! What a user should know about a calibration, in words.
+
+use std::fmt;
+
+use nalgebra::{DMatrix, DVector, Vector3};
+
+use super::bundle::Shape;
+use super::{Calibration, Contribution};
+
+/// Fewer photographs leave an accident in one of them a large part.
+const PHOTOGRAPHS_ENOUGH: usize = 8;
+/// The part of the frame in which a board should have been seen.
+const COVERAGE_MIN: f64 = 0.6;
+/// Boards should differ in tilt by this.
+const TILT_DEG_MIN: f64 = 25.0;
+/// A focal length that is known less well than this shows in every distance.
+const FOCAL_SHARE_MAX: f64 = 0.003;
+/// A flat board: a sheet on glass is within a tenth of it.
+const BEND_MM_MAX: f64 = 0.2;
+/// Pitches along both axes agree to this on a print that was not scaled in one direction.
+const STRETCH_MAX: f64 = 0.002;
+/// What is said of the board's shape must be beyond its own uncertainty.
+const DEVIATIONS: f64 = 4.0;
+/// A photograph that is so many times worse than the middle one does not belong.
+const OUTLIER_RATIO: f64 = 3.0;
+/// And by at least this much, raw pixels.
+const OUTLIER_PX: f64 = 0.1;
+/// A good camera and board give 0.05 to 0.3 px.
+const RMS_PX_MAX: f64 = 0.5;
+
+/// One thing that is not as it should be, and what to do about it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Concern {
+    FewPhotographs(usize),
+    Coverage { share: f64, missed_sides: Vec<&'static str> },
+    Tilt { deg: f64 },
+    FocalLength { px: f64, sd_px: f64 },
+    Bent { mm: f64, sd_mm: f64 },
+    Stretched { share: f64, sd: f64 },
+    Outlier { place: String, rms_px: f64, median_px: f64 },
+    Rms { px: f64 },
+}
+
+impl fmt::Display for Concern {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FewPhotographs(count) => write!(
+                formatter,
+                "only {count} photographs show the board; take 10 to 20, at different places and tilts"
+            ),
+            Self::Coverage { share, missed_sides } => {
+                write!(formatter, "the board was seen in {:.0} % of the frame", share * 100.0)?;
+                if !missed_sides.is_empty() {
+                    write!(formatter, ", never near the {} side", missed_sides.join(", "))?;
+                }
+                formatter.write_str("; take more photographs with the board there: a lens bends most at the frame's border")
+            }
+            Self::Tilt { deg } => write!(
+                formatter,
+                "the boards' tilts differ by only {deg:.0} degrees; tilt the board by 20 to 40 degrees about both axes, or the focal length stays unsure"
+            ),
+            Self::FocalLength { px, sd_px } => write!(
+                formatter,
+                "the focal length is known only to {sd_px:.1} px of {px:.0} ({:.2} %); take more photographs with tilted boards",
+                sd_px / px * 100.0
+            ),
+            Self::Bent { mm, sd_mm } => write!(
+                formatter,
+                "the board is bent by {mm:.2} mm (+-{sd_mm:.2}); glue the print to glass or an aluminium plate"
+            ),
+            Self::Stretched { share, sd } => write!(
+                formatter,
+                "the board's rows are {:.2} % (+-{:.2}) {} apart than its columns; print without scaling, and measure the pitch in both directions",
+                share.abs() * 100.0,
+                sd * 100.0,
+                if *share > 0.0 { "farther" } else { "nearer" }
+            ),
+            Self::Outlier { place, rms_px, median_px } => write!(
+                formatter,
+                "{place} does not fit the others (RMS {rms_px:.2} px, the middle one has {median_px:.2}); leave it out, or take it again with board and camera at rest"
+            ),
+            Self::Rms { px } => write!(
+                formatter,
+                "the reprojection error is {px:.2} px, where a good camera and board give 0.05 to 0.3; check focus, columns, rows and the board's flatness, or try --model brown5"
+            ),
+        }
+    }
+}
+
+/// All concerns, the gravest first.
+pub fn concerns(
+    calibration: &Calibration,
+    places: &[String],
+    points_mm: &[Vector3<f64>],
+) -> Vec<Concern> {
+    let used: Vec<(&String, &Contribution)> = places
+        .iter()
+        .zip(&calibration.outcomes)
+        .filter_map(|(place, outcome)| Some((place, outcome.used()?)))
+        .collect();
+    let mut concerns = Vec::new();
+    if calibration.rms_px > RMS_PX_MAX {
+        concerns.push(Concern::Rms { px: calibration.rms_px });
+    }
+    let mut rms_px: Vec<f64> = used.iter().map(|(_, used)| used.rms_px).collect();
+    rms_px.sort_by(f64::total_cmp);
+    let median_px = rms_px.get(rms_px.len() / 2).copied().unwrap_or_default();
+    for (place, used) in &used {
+        if used.rms_px > OUTLIER_RATIO * median_px && used.rms_px > median_px + OUTLIER_PX {
+            let place = (*place).clone();
+            concerns.push(Concern::Outlier { place, rms_px: used.rms_px, median_px });
+        }
+    }
+    if let Some((shape, sd)) = &calibration.shape {
+        let (mm, sd_mm) = bend_mm(shape, sd, points_mm);
+        if mm > BEND_MM_MAX && mm > DEVIATIONS * sd_mm {
+            concerns.push(Concern::Bent { mm, sd_mm });
+        }
+        let (share, sd) = (shape.stretch, sd[3]);
+        if share.abs() > STRETCH_MAX && share.abs() > DEVIATIONS * sd {
+            concerns.push(Concern::Stretched { share, sd });
+        }
+    }
+    if used.len() < PHOTOGRAPHS_ENOUGH {
+        concerns.push(Concern::FewPhotographs(used.len()));
+    }
+    let deg = tilt_deg(&used);
+    if deg < TILT_DEG_MIN {
+        concerns.push(Concern::Tilt { deg });
+    }
+    let (px, sd_px) = (calibration.lens.fx_px, calibration.sd[0]);
+    if sd_px > FOCAL_SHARE_MAX * px {
+        concerns.push(Concern::FocalLength { px, sd_px });
+    }
+    let share = calibration.coverage.share();
+    let missed_sides = calibration.coverage.missed_sides();
+    if share < COVERAGE_MIN || !missed_sides.is_empty() {
+        concerns.push(Concern::Coverage { share, missed_sides });
+    }
+    concerns
+}
+
+/// The largest angle between the normals of two boards.
+fn tilt_deg(used: &[(&String, &Contribution)]) -> f64 {
+    let normals: Vec<_> =
+        used.iter().map(|(_, used)| used.cam_from_board.rotation.column(2).into_owned()).collect();
+    let mut least = 1.0_f64;
+    for (place, one) in normals.iter().enumerate() {
+        for other in &normals[place + 1..] {
+            least = least.min(one.dot(other));
+        }
+    }
+    least.clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+/// From the lowest to the highest point of the board above its own best plane, and the standard
+/// deviation of that as far as each coefficient's goes.
+pub fn bend_mm(shape: &Shape, sd: &[f64], points_mm: &[Vector3<f64>]) -> (f64, f64) {
+    let range = |bend_per_mm: [f64; 3]| {
+        let bent = Shape { bend_per_mm, stretch: 0.0 };
+        let plane =
+            DMatrix::from_fn(points_mm.len(), 3, |row, column| match column {
+                0 => 1.0,
+                axis => points_mm[row][axis - 1],
+            });
+        let heights = DVector::from_fn(points_mm.len(), |row, _| bent.apply(&points_mm[row]).z);
+        let normal = (plane.transpose() * &plane).try_inverse();
+        let Some(normal) = normal else { return 0.0 };
+        let off = &heights - &plane * (normal * plane.transpose() * &heights);
+        off.max() - off.min()
+    };
+    let squares: f64 = (0..3)
+        .map(|place| {
+            let mut alone = [0.0; 3];
+            alone[place] = sd[place];
+            range(alone).powi(2)
+        })
+        .sum();
+    (range(shape.bend_per_mm), squares.sqrt())
+}
