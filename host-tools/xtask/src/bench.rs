@@ -205,10 +205,10 @@ fn tables(
     writeln!(text, "|---|---:|---:|---:|---:|")?;
     for (what, run, opencv_run) in [
         ("**a tracked frame** (`step`)", "tracking", Some("warm")),
-        ("its edges located", "stage_locate", None),
         ("its light", "stage_light", None),
         ("its edges fitted to their pixels", "stage_fit", None),
         ("its poses solved", "stage_solve", None),
+        ("its edges located first, where it is not where it was expected", "stage_locate", None),
         ("**a search of the whole frame** (`step`)", "search", Some("search")),
         ("its detector", "stage_detector", None),
         ("its grid finder", "stage_grid", None),
