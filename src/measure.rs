@@ -160,7 +160,13 @@ impl Workspace {
     /// Empty buffers.
     #[must_use]
     pub const fn new() -> Self {
-        Self { nodes: Nodes::new(), edges: Vec::new(), pixels: Vec::new(), batch: Batch::new(), inliers: Inliers::new() }
+        Self {
+            nodes: Nodes::new(),
+            edges: Vec::new(),
+            pixels: Vec::new(),
+            batch: Batch::new(),
+            inliers: Inliers::new(),
+        }
     }
 
     /// Measures a target near an expected pose.

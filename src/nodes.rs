@@ -233,9 +233,11 @@ impl Nodes {
         // An arc's height over its chord is an eighth of its points' second difference.
         let bend_at =
             |node: usize| right.dot(&(at(node) * 2.0 - at(node - along) - at(node + along))) / 8.0;
+        // Between two nodes it is their mean; half a step beyond the last node that has
+        // neighbours on both sides it goes on as it was.
         let bend_px = match (place == 0, place + 2 == places) {
-            (true, _) => bend_at(end),
-            (_, true) => bend_at(start),
+            (true, _) => 1.5 * bend_at(end) - 0.5 * bend_at(end + along),
+            (_, true) => 1.5 * bend_at(start) - 0.5 * bend_at(start - along),
             _ => 0.5 * (bend_at(start) + bend_at(end)),
         };
         Chord { start_px: at(start), end_px: at(end), across_px, right, bend_px }

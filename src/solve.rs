@@ -150,6 +150,12 @@ pub struct Solution {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inliers([u32; OBSERVATIONS_MAX.div_ceil(32)]);
 
+impl Default for Inliers {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Inliers {
     /// None.
     #[must_use]

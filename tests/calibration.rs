@@ -1,10 +1,14 @@
 //! Cameras that are known, from rendered photographs of a board; and real photographs.
 
+#[path = "common/binary.rs"]
+mod binary;
 #[path = "common/repetitions.rs"]
 mod repetitions;
 
+use std::process::Output;
+
 use nalgebra::Vector3;
-use plumb::calibrate::{Calibration, Failure, Picture, calibrate};
+use plumb::calibrate::{Calibration, Picture, calibrate};
 use plumb::simulate::render::{Board, Ink, Picture as Rendered, PlacedBoard, render_targets};
 use plumb::simulate::sensor::Sensor;
 use plumbline::lens::{Distortion, Lens};
@@ -50,9 +54,8 @@ fn random_pose(lens: &Lens, random: &mut ChaCha8Rng) -> Pose<Cam, Target> {
         let [yaw, pitch] = [tilt(), tilt()];
         let roll = random.random_range(-0.3..0.3);
         let z_mm = random.random_range(0.45..0.9) * lens.fx_px;
-        let mut side_mm = |side_px: u16| {
-            random.random_range(-0.4..0.4) * f64::from(side_px) / lens.fx_px * z_mm
-        };
+        let mut side_mm =
+            |side_px: u16| random.random_range(-0.4..0.4) * f64::from(side_px) / lens.fx_px * z_mm;
         let place = [side_mm(lens.width_px), side_mm(lens.height_px)];
         let pose = Pose::from_theta([roll, yaw, pitch, place[0], place[1], z_mm]);
         let inside = |point: &Vector3<f64>| {
@@ -68,20 +71,24 @@ fn random_pose(lens: &Lens, random: &mut ChaCha8Rng) -> Pose<Cam, Target> {
 }
 
 /// Photographs of a board at random poses.
-fn photographs(lens: &Lens, board: &Board, count: usize, seed: u64) -> Vec<Picture> {
+fn photographs(lens: &Lens, print: &Board, count: usize, seed: u64) -> Vec<Picture> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let poses: Vec<_> = (0..count).map(|_| random_pose(lens, &mut random)).collect();
+    posed(lens, print, &poses, seed)
+}
+
+/// A photograph of each pose.
+fn posed(lens: &Lens, print: &Board, poses: &[Pose<Cam, Target>], seed: u64) -> Vec<Picture> {
     let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
-    (0..count)
-        .map(|index| {
-            let cam_from_target = random_pose(lens, &mut random);
-            let mut picture = Rendered::uniform(width, height, 110.0);
-            let placed = PlacedBoard { board, cam_from_target };
-            render_targets(lens, 0.6, &[placed], |_, _| 1.0, &mut picture);
-            let mut samples = vec![0_u8; width * height];
-            Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, seed, index as u64, &mut samples);
-            Picture { place: format!("{index}.png"), samples, width, height }
-        })
-        .collect()
+    let photograph = |(index, &cam_from_target): (usize, &Pose<Cam, Target>)| {
+        let mut picture = Rendered::uniform(width, height, 110.0);
+        let placed = PlacedBoard { board: print, cam_from_target };
+        render_targets(lens, 0.6, &[placed], |_, _| 1.0, &mut picture);
+        let mut samples = vec![0_u8; width * height];
+        Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, seed, index as u64, &mut samples);
+        Picture { place: format!("{index}.png"), samples, width, height }
+    };
+    poses.iter().enumerate().map(photograph).collect()
 }
 
 fn printed(geometry: &TargetGeometry) -> Board {
@@ -125,7 +132,7 @@ fn errors_are_as_large_as_they_are_said_to_be() {
 }
 
 #[test]
-fn a_bent_board_is_told_and_a_flat_one_is_not() {
+fn a_flat_board_is_not_said_to_be_bent() {
     let lens = lenses()[0];
     let flat = calibrated(&lens, &photographs(&lens, &printed(&board()), 12, 5));
     let (shape, sd) = flat.shape.expect("a shape");
@@ -135,13 +142,189 @@ fn a_bent_board_is_told_and_a_flat_one_is_not() {
     }
 }
 
+/// Photographs as files, and `plumb calibrate` over them.
+struct Session(tempfile::TempDir);
+
+impl Session {
+    fn new(photographs: &[Picture]) -> Self {
+        let session = Self(tempfile::tempdir().unwrap());
+        for (index, photograph) in photographs.iter().enumerate() {
+            session.add(&format!("{index}.png"), photograph);
+        }
+        session
+    }
+
+    fn add(&self, name: &str, photograph: &Picture) {
+        let (width, height) = (photograph.width as u32, photograph.height as u32);
+        image::GrayImage::from_raw(width, height, photograph.samples.clone())
+            .unwrap()
+            .save(self.0.path().join(name))
+            .unwrap();
+    }
+
+    fn calibrate(&self, arguments: &[&str]) -> Output {
+        let mut images: Vec<_> = std::fs::read_dir(self.0.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|extension| extension == "png"))
+            .collect();
+        images.sort();
+        binary::plumb()
+            .args(["calibrate", "--pitch-mm", "20", "--out", "camera.toml"])
+            .args(arguments)
+            .args(images.iter().map(|path| path.file_name().unwrap()))
+            .current_dir(self.0.path())
+            .output()
+            .expect("plumb runs")
+    }
+
+    fn refused(&self, arguments: &[&str]) -> String {
+        let output = self.calibrate(arguments);
+        let text = binary::messages(&output);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(!self.0.path().join("camera.toml").exists());
+        text
+    }
+}
+
+const BOARD: [&str; 2] = ["--board", "9x7"];
+
 #[test]
-fn boards_that_do_not_make_a_camera_are_refused() {
+fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
+    let truth = lenses()[0];
+    let session = Session::new(&photographs(&truth, &printed(&board()), 12, 21));
+    let output = session.calibrate(&["--board", "9x7", "--plot", "residuals.svg"]);
+    let text = binary::messages(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    let path = session.0.path().join("camera.toml");
+    let camera = plumb::files::camera::read(&path).unwrap();
+    let details = camera.provenance.details.expect("what is known of it");
+    assert_eq!(details.photographs.len(), 12);
+    assert!((camera.lens.fx_px - truth.fx_px).abs() < 5.0 * details.sd.fx_px);
+    // Noise of 2 of 180 levels leaves a corner unsure by 0.01 px.
+    assert!(camera.provenance.rms_px.is_some_and(|rms_px| rms_px < 0.03), "{text}");
+    assert!(details.coverage.iter().any(|line| line.contains(|letter| letter != '.')));
+    let plot = std::fs::read_to_string(session.0.path().join("residuals.svg")).unwrap();
+    assert!(plot.starts_with("<svg") && plot.contains("Reprojection error of each photograph"));
+    // A second one is not written over the first.
+    let again = session.calibrate(&BOARD);
+    assert!(binary::messages(&again).contains("camera.toml: exists already"));
+    assert_eq!(session.calibrate(&["--board", "9x7", "--force"]).status.code(), Some(0));
+}
+
+#[test]
+fn what_cannot_be_a_calibration_is_refused_with_the_reason() {
     let lens = lenses()[0];
     let print = printed(&board());
-    let two = photographs(&lens, &print, 2, 1);
-    let refused = |pictures: &[Picture]| {
-        calibrate(pictures, &board(), Distortion::Radial2([0.0; 2]), || ()).err()
+    let good = photographs(&lens, &print, 4, 2);
+
+    let session = Session::new(&good);
+    let text = session.refused(&["--board", "8x6"]);
+    assert!(text.contains("0 of 4 show the whole board of 8 x 6 inner corners"), "{text}");
+    assert!(text.contains("count the INNER corners"), "{text}");
+    let text = session.refused(&["--board", "9"]);
+    assert!(text.contains("such as 9x7"), "{text}");
+    let text = session.refused(&["--board", "2x7"]);
+    assert!(text.contains("at least 3 columns and 3 rows"), "{text}");
+
+    let text = Session::new(&good[..2]).refused(&BOARD);
+    assert!(text.contains("2 of 2 show the whole board") && text.contains("needs 3"), "{text}");
+
+    let small = Lens {
+        width_px: 600,
+        height_px: 450,
+        fx_px: 750.0,
+        fy_px: 751.0,
+        cx_px: 300.0,
+        cy_px: 224.0,
+        ..lens
     };
-    assert_eq!(refused(&two), Some(Failure::TooFew(2)));
+    let text = Session::new(&photographs(&small, &print, 3, 3)).refused(&BOARD);
+    assert!(text.contains("600 x 450 px; a calibration below 640 px is refused"), "{text}");
+}
+
+#[test]
+fn boards_that_are_not_tilted_make_no_camera_or_are_warned_of() {
+    let lens = lenses()[0];
+    let face_on: Vec<Pose<Cam, Target>> = (0..6)
+        .map(|place| {
+            let side = f64::from(place % 3 - 1) * 60.0;
+            Pose::from_theta([0.0, 0.0, 0.0, side, 20.0 * f64::from(place / 3), 600.0])
+        })
+        .collect();
+    let output = Session::new(&posed(&lens, &printed(&board()), &face_on, 7)).calibrate(&BOARD);
+    let text = binary::messages(&output);
+    assert!(text.contains("tilt the board by 20 to 40 degrees about both axes"), "{text}");
+}
+
+#[test]
+fn a_photograph_that_does_not_fit_and_a_stretched_print_are_named() {
+    let lens = lenses()[0];
+    let mut all = photographs(&lens, &printed(&board()), 10, 31);
+    // One photograph of a print that is 1.5 % larger in one direction.
+    let stretched = {
+        let points = board_points(1.015);
+        TargetGeometry::from_points(9, 7, points, Role::Scene, [0.0; 3]).unwrap()
+    };
+    all[4] = photographs(&lens, &printed(&stretched), 1, 77).remove(0);
+    let output = Session::new(&all).calibrate(&BOARD);
+    let text = binary::messages(&output);
+    assert!(text.contains("4.png does not fit the others"), "{text}");
+
+    let all = photographs(&lens, &printed(&stretched), 10, 32);
+    let output = Session::new(&all).calibrate(&BOARD);
+    let text = binary::messages(&output);
+    assert!(text.contains("rows are 1.5"), "{text}");
+    assert!(text.contains("farther apart than its columns"), "{text}");
+}
+
+fn board_points(stretch: f64) -> heapless::Vec<[f64; 3], 120> {
+    (0..63)
+        .map(|corner| {
+            let (column, row) = (corner % 9, corner / 9);
+            let at =
+                |place: i32, count: i32| (f64::from(place) - f64::from(count - 1) / 2.0) * PITCH_MM;
+            [at(column, 9), at(row, 7) * stretch, 0.0]
+        })
+        .collect()
+}
+
+/// What OpenCV's calibrateCamera (5.0.0, findChessboardCorners, cornerSubPix with +-5 px, k1 k2
+/// p1 p2 k3) makes of the same photographs: RMS, and fx with its standard deviation.
+#[test]
+fn real_photographs_make_a_camera_no_worse_than_opencvs() {
+    let sets = [
+        ("opencv_left", "", [9, 6], 25.0, [0.1955, 532.83, 0.44]),
+        ("ur3a_cam1", "intrinsic", [9, 7], 20.0, [0.3302, 1576.14, 2.07]),
+    ];
+    for (name, folder, [columns, rows], pitch_mm, [rms_px, fx_px, sd_px]) in sets {
+        let Some(directory) = binary::data(name) else { return };
+        let mut paths: Vec<_> = std::fs::read_dir(directory.join(folder))
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|extension| extension == "jpg"))
+            .collect();
+        paths.sort();
+        let pictures: Vec<Picture> = paths
+            .iter()
+            .map(|path| {
+                let image = image::open(path).unwrap().into_luma8();
+                let (width, height) = (image.width() as usize, image.height() as usize);
+                let place = path.display().to_string();
+                Picture { place, samples: image.into_raw(), width, height }
+            })
+            .collect();
+        let board =
+            TargetGeometry::checker(columns, rows, pitch_mm, Origin::Center, Role::Scene, [0.0; 3]);
+        let found = calibrate(&pictures, &board.unwrap(), Distortion::Brown5([0.0; 5]), || ());
+        let found = found.unwrap_or_else(|failure| panic!("{name}: {failure:?}"));
+        println!(
+            "{name}: RMS {:.4} px, fx {:.2} +- {:.2} px",
+            found.rms_px, found.lens.fx_px, found.sd[0]
+        );
+        assert!(found.rms_px <= rms_px, "{name}: {}", found.rms_px);
+        let off_px = (found.lens.fx_px - fx_px).abs();
+        assert!(off_px < 3.0 * sd_px.min(found.sd[0]), "{name}: {}", found.lens.fx_px);
+        assert!(found.outcomes.iter().all(|outcome| outcome.used().is_some()), "{name}");
+    }
 }

@@ -4,9 +4,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::simulate::command as simulate;
 use crate::calibrate::command as calibrate;
-use crate::{demo, provision, receive, track};
+use crate::simulate::command as simulate;
+use crate::{demo, provision, receive, scene, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -22,6 +22,7 @@ struct Arguments {
 enum Command {
     Demo(demo::Arguments),
     Calibrate(calibrate::Arguments),
+    Scene(scene::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
     Receive(receive::Arguments),
@@ -38,6 +39,7 @@ pub fn run() -> ExitCode {
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
+        Command::Scene(arguments) => scene::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
         Command::Receive(arguments) => receive::run(arguments),

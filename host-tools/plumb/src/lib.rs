@@ -14,6 +14,7 @@ pub mod files;
 pub mod provision;
 pub mod receive;
 pub mod savitzky_golay;
+pub mod scene;
 pub mod setup;
 pub mod simulate;
 pub mod track;

@@ -166,7 +166,8 @@ fn track(
     Ok(())
 }
 
-fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
+/// One frame of a source through the pipeline.
+pub fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
     let &Frame { width, height, white_level, capture_time_ns, .. } = frame;
     // The source has checked the size, and gives as many samples as it says.
     const GOOD: &str = "a frame within the limits";

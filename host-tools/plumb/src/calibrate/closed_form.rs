@@ -40,9 +40,8 @@ pub fn camera_and_boards(
     let size = [width_px, height_px].map(f64::from);
     let is_plausible = |camera: &Pinhole| {
         let [fx, fy] = camera.focal_px;
-        let near_middle = (0..2).all(|axis| {
-            (0.2..0.8).contains(&(camera.centre_px[axis] / size[axis]))
-        });
+        let near_middle =
+            (0..2).all(|axis| (0.2..0.8).contains(&(camera.centre_px[axis] / size[axis])));
         near_middle && (0.8..1.25).contains(&(fx / fy)) && camera.skew_px.abs() < 0.05 * fx
     };
     let camera = pinhole(&homographies)
@@ -111,7 +110,8 @@ fn row(homography: &Matrix3<f64>, i: usize, j: usize) -> SVector<f64, 6> {
 fn constraints(homographies: &[Matrix3<f64>]) -> impl Iterator<Item = SVector<f64, 6>> + '_ {
     homographies.iter().flat_map(|homography| {
         // Both columns' lengths differ with the board's distance.
-        let scaled = homography / (homography.column(0).norm() * homography.column(1).norm()).sqrt();
+        let scaled =
+            homography / (homography.column(0).norm() * homography.column(1).norm()).sqrt();
         [row(&scaled, 0, 1), row(&scaled, 0, 0) - row(&scaled, 1, 1)]
     })
 }

@@ -27,13 +27,11 @@ use crate::files::{self, refuse_overwriting};
 ///
 /// Exit code 0: a calibration was written (look at its verdict); 2: there is none.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Examples:
+#[command(after_help = "Examples:
   plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.jpg
   plumb calibrate --board 9x7 --pitch-mm 20 --model brown5 --plot residuals.svg --out camera.toml photos/*.png
 
-Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate."
-)]
+Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate.")]
 pub struct Arguments {
     /// Columns x rows of INNER corners, where four squares meet: 9x7 for 10 x 8 squares.
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = board_size)]

@@ -32,7 +32,8 @@ impl Coverage {
                 let column = cell(place_px.x, size_px[0], COLUMNS);
                 touched[cell(place_px.y, size_px[1], ROWS)][column] = true;
             }
-            for (count, touched) in counts.as_flattened_mut().iter_mut().zip(touched.as_flattened()) {
+            for (count, touched) in counts.as_flattened_mut().iter_mut().zip(touched.as_flattened())
+            {
                 *count += usize::from(*touched);
             }
         }
@@ -50,7 +51,9 @@ impl Coverage {
     #[must_use]
     pub fn missed_sides(&self) -> Vec<&'static str> {
         let seen = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
-            self.photographs[rows].iter().any(|row| row[columns.clone()].iter().any(|&count| count > 0))
+            self.photographs[rows]
+                .iter()
+                .any(|row| row[columns.clone()].iter().any(|&count| count > 0))
         };
         let reach = |cells: usize| ((SIDE * cells as f64).round() as usize).max(1);
         let (x, y) = (reach(COLUMNS), reach(ROWS));
@@ -71,7 +74,10 @@ impl Coverage {
             0 => '.',
             _ => char::from_digit(count.min(9) as u32, 10).expect("one digit"),
         };
-        self.photographs.iter().map(|row| row.iter().map(|&count| letter(count)).collect()).collect()
+        self.photographs
+            .iter()
+            .map(|row| row.iter().map(|&count| letter(count)).collect())
+            .collect()
     }
 }
 

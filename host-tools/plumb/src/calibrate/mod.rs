@@ -40,9 +40,13 @@ const ROUNDS: usize = 2;
 
 /// A photograph in memory.
 pub struct Picture {
+    /// Its file.
     pub place: String,
+    /// Grey levels, row by row without padding.
     pub samples: Vec<u8>,
+    /// Columns.
     pub width: usize,
+    /// Rows.
     pub height: usize,
 }
 
@@ -70,6 +74,7 @@ pub enum Outcome {
     NotFound(GridRejection),
     /// A board whose edges do not support a pose.
     Unusable,
+    /// A board that the calibration rests on.
     Used(Contribution),
 }
 
@@ -89,22 +94,27 @@ impl Outcome {
 pub struct Contribution {
     /// Root mean square reprojection error of the corners.
     pub rms_px: f64,
+    /// How many corners were used.
     pub corners: usize,
     /// The middle of each edge, and how far across it the calibration puts it from where it is
     /// seen, raw pixels.
     pub residuals: Vec<Residual>,
+    /// The board's pose.
     pub cam_from_board: Pose<Cam, Target>,
 }
 
 /// An edge's middle and its residual, raw pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
+    /// Where the calibration puts the edge's middle.
     pub at_px: Vector2<f64>,
+    /// From where it is seen, across the edge.
     pub off_px: Vector2<f64>,
 }
 
 /// A camera, how well it is known, and from what.
 pub struct Calibration {
+    /// The camera.
     pub lens: Lens,
     /// Of fx fy cx cy skew, then the distortion.
     pub sd: Vec<f64>,
@@ -112,6 +122,7 @@ pub struct Calibration {
     pub rms_px: f64,
     /// One for each photograph, in their order.
     pub outcomes: Vec<Outcome>,
+    /// Where in the frame the boards were.
     pub coverage: Coverage,
     /// The board's own shape, where it can be told, and its standard deviations.
     pub shape: Option<(Shape, Vec<f64>)>,
@@ -162,8 +173,7 @@ pub fn calibrate(
     let (mut squares, mut corners) = (0.0, 0.0);
     for (&place, photograph) in places.iter().zip(&bundle.photographs) {
         let Some(measured) = &last[place] else { continue };
-        let residuals =
-            bundle.residuals(&points_mm, photograph).ok_or(Failure::Unsettled)?;
+        let residuals = bundle.residuals(&points_mm, photograph).ok_or(Failure::Unsettled)?;
         let measurement = &measured.measurement;
         squares += measurement.rms_px.powi(2) * f64::from(measurement.corners);
         corners += f64::from(measurement.corners);
@@ -208,8 +218,8 @@ fn start(
     let pairs: Vec<_> = found.iter().map(pairs).collect();
     // The frames' size is within the core's limits.
     let [width_px, height_px] = [pictures[0].width, pictures[0].height].map(|side| side as u16);
-    let (pinhole, poses) = closed_form::camera_and_boards(&pairs, [width_px, height_px])
-        .ok_or(Failure::NoTilt)?;
+    let (pinhole, poses) =
+        closed_form::camera_and_boards(&pairs, [width_px, height_px]).ok_or(Failure::NoTilt)?;
     let [fx_px, fy_px] = pinhole.focal_px;
     let [cx_px, cy_px] = pinhole.centre_px;
     let skew_px = pinhole.skew_px;

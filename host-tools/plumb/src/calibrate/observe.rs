@@ -7,7 +7,7 @@
 
 use nalgebra::Vector2;
 use plumbline::corner::{Corner, CornerList, Detector};
-use plumbline::edge::Appearance;
+use plumbline::edge::{Appearance, SeenEdge};
 use plumbline::grid::{Grid, GridFinder, GridRejection};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens::Lens;
@@ -77,18 +77,21 @@ impl Finder {
         for _ in 0..PASSES {
             // A board's margin is nobody's business here: it may be cut.
             let appearance = Appearance { has_border: false, ..fitted.appearance };
-            fitted = workspace.track(&view, &fitted.measurement.cam_from_target, appearance).ok()?;
+            fitted =
+                workspace.track(&view, &fitted.measurement.cam_from_target, appearance).ok()?;
         }
         let (nodes, edges) = workspace.used_edges();
+        // Beyond the outermost corners a board is only taken to go on in a straight line.
+        let is_inside =
+            |edge: &&SeenEdge| edge.edge.nodes.iter().all(|&node| nodes.corner(node).is_some());
         let seen = edges
+            .filter(is_inside)
             .map(|edge| {
                 let right = nodes.chord(&edge.edge).right;
                 let points = edge.edge.nodes.map(usize::from);
-                let middle_px = points
-                    .map(|point| nodes.as_slice()[point].raw_px)
-                    .iter()
-                    .sum::<Vector2<f64>>()
-                    * 0.5;
+                let middle_px =
+                    points.map(|point| nodes.as_slice()[point].raw_px).iter().sum::<Vector2<f64>>()
+                        * 0.5;
                 let (shift_px, sigma_px) = edge.shift_px();
                 Seen {
                     points,

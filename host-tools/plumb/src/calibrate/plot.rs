@@ -33,7 +33,8 @@ fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
     let size_px = [lens.width_px, lens.height_px].map(f64::from);
     let frame_height = f64::from(WIDTH_PX - MARGIN_PX) * size_px[1] / size_px[0];
     let height = frame_height as u32 + MARGIN_PX;
-    let root = SVGBackend::with_string(text, (WIDTH_PX, height + BARS_HEIGHT_PX)).into_drawing_area();
+    let root =
+        SVGBackend::with_string(text, (WIDTH_PX, height + BARS_HEIGHT_PX)).into_drawing_area();
     root.fill(&WHITE)?;
     let (frame, bars) = root.split_vertically(height);
     let used: Vec<(usize, &Contribution)> = calibration
@@ -56,7 +57,14 @@ fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
         .y_label_area_size(48)
         // Downwards, as in the picture.
         .build_cartesian_2d(0.0..size_px[0], size_px[1]..0.0)?;
-    chart.configure_mesh().light_line_style(GRID).bold_line_style(GRID).axis_style(INK).draw()?;
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(GRID)
+        .axis_style(INK)
+        .x_label_formatter(&whole)
+        .y_label_formatter(&whole)
+        .draw()?;
     chart.draw_series(residuals().map(|residual| {
         let (start, end) = (residual.at_px, residual.at_px + residual.off_px * scale);
         PathElement::new([(start.x, start.y), (end.x, end.y)], RESIDUAL.mix(0.7))
@@ -72,13 +80,24 @@ fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
         .x_label_area_size(28)
         .y_label_area_size(48)
         .build_cartesian_2d(0.0..calibration.outcomes.len() as f64, 0.0..highest_px * 1.1)?;
-    chart.configure_mesh().disable_x_mesh().light_line_style(GRID).axis_style(INK).draw()?;
+    chart
+        .configure_mesh()
+        .disable_x_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(GRID)
+        .axis_style(INK)
+        .x_label_formatter(&whole)
+        .draw()?;
     chart.draw_series(used.iter().map(|(place, used)| {
         let left = *place as f64;
         Rectangle::new([(left + 0.15, 0.0), (left + 0.85, used.rms_px)], PLACE.filled())
     }))?;
     root.present()?;
     Ok(())
+}
+
+fn whole(value: &f64) -> String {
+    format!("{value:.0}")
 }
 
 /// 1, 2 or 5 times a power of ten, not above.

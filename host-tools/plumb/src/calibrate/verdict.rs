@@ -24,7 +24,7 @@ const DEVIATIONS: f64 = 4.0;
 /// A photograph that is so many times worse than the middle one does not belong.
 const OUTLIER_RATIO: f64 = 3.0;
 /// And by at least this much, raw pixels.
-const OUTLIER_PX: f64 = 0.1;
+const OUTLIER_PX: f64 = 0.05;
 /// A good camera and board give 0.05 to 0.3 px.
 const RMS_PX_MAX: f64 = 0.5;
 
@@ -158,11 +158,10 @@ fn tilt_deg(used: &[(&String, &Contribution)]) -> f64 {
 pub fn bend_mm(shape: &Shape, sd: &[f64], points_mm: &[Vector3<f64>]) -> (f64, f64) {
     let range = |bend_per_mm: [f64; 3]| {
         let bent = Shape { bend_per_mm, stretch: 0.0 };
-        let plane =
-            DMatrix::from_fn(points_mm.len(), 3, |row, column| match column {
-                0 => 1.0,
-                axis => points_mm[row][axis - 1],
-            });
+        let plane = DMatrix::from_fn(points_mm.len(), 3, |row, column| match column {
+            0 => 1.0,
+            axis => points_mm[row][axis - 1],
+        });
         let heights = DVector::from_fn(points_mm.len(), |row, _| bent.apply(&points_mm[row]).z);
         let normal = (plane.transpose() * &plane).try_inverse();
         let Some(normal) = normal else { return 0.0 };
@@ -173,7 +172,8 @@ pub fn bend_mm(shape: &Shape, sd: &[f64], points_mm: &[Vector3<f64>]) -> (f64, f
         .map(|place| {
             let mut alone = [0.0; 3];
             alone[place] = sd[place];
-            range(alone).powi(2)
+            let alone: f64 = range(alone);
+            alone * alone
         })
         .sum();
     (range(shape.bend_per_mm), squares.sqrt())

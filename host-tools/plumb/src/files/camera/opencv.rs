@@ -102,6 +102,7 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
                 Some(name) => format!("{place}, camera {name}"),
                 None => place.to_owned(),
             }),
+            details: None,
         },
     })
 }

@@ -25,6 +25,24 @@ fn a_camera_toml_comes_back() {
             images: Some(36),
             date: Some("2026-11-21".to_owned()),
             source: Some("a \"quoted\" = source".to_owned()),
+            details: Some(Details {
+                verdict: vec!["the board is bent by 0.5 mm".to_owned()],
+                coverage: vec!["..12".to_owned(), "9...".to_owned()],
+                sd: Deviations {
+                    fx_px: 0.3,
+                    fy_px: 0.4,
+                    cx_px: 0.5,
+                    cy_px: 0.6,
+                    skew_px: 0.01,
+                    distortion: vec![1e-3, 2e-3],
+                },
+                photographs: vec![DetailsOfPhotograph {
+                    file: "a.png".to_owned(),
+                    rms_px: Some(0.1),
+                    corners: Some(63),
+                    refused: None,
+                }],
+            }),
         },
     };
     assert_eq!(parse(&to_toml(&camera), "camera.toml"), Ok(camera));
