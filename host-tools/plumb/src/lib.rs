@@ -16,5 +16,6 @@ pub mod receive;
 pub mod savitzky_golay;
 pub mod scene;
 pub mod setup;
+pub mod show;
 pub mod simulate;
 pub mod track;

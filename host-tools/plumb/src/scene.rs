@@ -115,7 +115,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mean = Mean::of(&poses);
     let name = arguments.inputs[0].display();
     let file = SceneFile {
-        cam_from_scene: mean.cam_from_scene,
+        cam_from_scene_theta: mean.cam_from_scene.theta(),
         source: format!(
             "{name}, {} frames, spread {:.3} degrees and {:.3} mm, {}",
             poses.len(),

@@ -90,7 +90,7 @@ pub fn config(
         serial_number: heapless::String::new(),
         lens: camera.lens,
         targets: heapless::Vec::new(),
-        cam_from_scene_theta: scene.map(|scene| scene.cam_from_scene.theta()),
+        cam_from_scene_theta: scene.map(|scene| scene.cam_from_scene_theta),
         links: Links::default(),
         capture: None,
         machine: Machine::default(),

@@ -34,7 +34,7 @@ use std::path::Path;
 use plumbline::config::{
     Capture, CaptureDriver, Config, Links, Machine, MachineError, Network, PixelFormat, SerialLink,
 };
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::BadInput;
 use crate::files::{from_toml, read_text};
@@ -55,22 +55,24 @@ const ADDRESS_WANTED: &str =
     "give a host's address with a prefix within 1 to 30, for example 192.168.1.30/24";
 
 /// The settings of one box, as its file gives them.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxSettings {
     #[serde(default = "default_device")]
     device: String,
     #[serde(default = "default_serial_number")]
     serial_number: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
     capture: Option<CaptureFields>,
     #[serde(default)]
     links: LinkFields,
+    #[serde(skip_serializing_if = "Option::is_none")]
     network: Option<NetworkFields>,
     #[serde(default)]
     machine: MachineFields,
 }
 
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CaptureFields {
     #[serde(with = "DriverName")]
@@ -80,18 +82,20 @@ struct CaptureFields {
     #[serde(with = "PixelFormatName")]
     pixel_format: PixelFormat,
     rate_hz: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
     exposure_us: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     gain: Option<f32>,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(remote = "CaptureDriver", rename_all = "snake_case")]
 enum DriverName {
     V4l2,
     Libcamera,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(remote = "PixelFormat", rename_all = "snake_case")]
 enum PixelFormatName {
     Grey,
@@ -101,25 +105,29 @@ enum PixelFormatName {
     Nv12,
 }
 
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LinkFields {
+    #[serde(skip_serializing_if = "Option::is_none")]
     udp: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     serial: Option<String>,
 }
 
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NetworkFields {
     address: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
     gateway: Option<Ipv4Addr>,
 }
 
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MachineFields {
     #[serde(default = "default_realtime_priority")]
     realtime_priority: u8,
+    #[serde(skip_serializing_if = "Option::is_none")]
     cpu: Option<u8>,
     #[serde(default = "default_watchdog_s")]
     watchdog_s: u16,
@@ -198,6 +206,44 @@ fn wanted(name: &str) -> Option<&'static str> {
 }
 
 impl BoxSettings {
+    /// The settings that a configuration has.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        Self {
+            device: config.device.to_string(),
+            serial_number: config.serial_number.to_string(),
+            capture: config.capture.as_ref().map(|capture| CaptureFields {
+                driver: capture.driver,
+                device: capture.device.to_string(),
+                pixel_format: capture.pixel_format,
+                rate_hz: capture.rate_hz,
+                exposure_us: capture.exposure_us,
+                gain: capture.gain,
+            }),
+            links: LinkFields {
+                udp: config.links.udp.map(|address| address.to_string()),
+                serial: config.links.serial.as_ref().map(|it| format!("{}:{}", it.path, it.baud)),
+            },
+            network: match config.machine.network {
+                Network::Dhcp => None,
+                Network::Static { address, prefix_bits, gateway } => {
+                    Some(NetworkFields { address: format!("{address}/{prefix_bits}"), gateway })
+                }
+            },
+            machine: MachineFields {
+                realtime_priority: config.machine.realtime_priority.unwrap_or(0),
+                cpu: config.machine.cpu,
+                watchdog_s: config.machine.watchdog_s.unwrap_or(0),
+            },
+        }
+    }
+
+    /// The file's text.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("numbers and texts are TOML")
+    }
+
     /// Puts the settings into a configuration; `place` names the file in errors.
     ///
     /// # Errors

@@ -286,6 +286,38 @@ fn geometry(description: &TargetDescription, place: &str) -> Result<TargetGeomet
     })
 }
 
+/// The description of a target, from which the very same geometry is made again: of a constant
+/// pitch where it has one, else every corner.
+#[must_use]
+pub fn description(name: &str, geometry: &TargetGeometry) -> TargetDescription {
+    let corner = |index| -> [f64; 3] { geometry.corner_mm(index).into() };
+    let whole = TargetDescription {
+        name: name.to_owned(),
+        role: geometry.role(),
+        columns: geometry.columns() as u8,
+        rows: geometry.rows() as u8,
+        pitch_mm: None,
+        origin: None,
+        virtual_point_mm: geometry.virtual_point_mm().into(),
+        points_mm: Some((0..geometry.corner_count()).map(corner).collect()),
+    };
+    // The difference of two corners, and what was meant before it was rounded.
+    let apart_mm = corner(1)[0] - corner(0)[0];
+    let pitches_mm = [apart_mm, (apart_mm * 1e9).round() / 1e9];
+    let mut regular = pitches_mm.iter().flat_map(|&pitch_mm| {
+        [OriginName::Center, OriginName::FirstCorner].map(|origin| TargetDescription {
+            pitch_mm: Some(pitch_mm),
+            origin: Some(origin),
+            points_mm: None,
+            ..whole.clone()
+        })
+    });
+    let is_the_same = |regular: &TargetDescription| {
+        self::geometry(regular, "").is_ok_and(|made| made == *geometry)
+    };
+    regular.find(is_the_same).unwrap_or(whole)
+}
+
 /// Writes a targets file.
 ///
 /// # Errors

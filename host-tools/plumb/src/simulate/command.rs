@@ -224,7 +224,7 @@ fn describe(
         })
         .collect();
     targets::write(targets_path, &descriptions)?;
-    let scene = SceneFile { cam_from_scene: simulation.cam_from_scene(), source };
+    let scene = SceneFile { cam_from_scene_theta: simulation.cam_from_scene().theta(), source };
     scene::write(scene_path, &scene)
 }
 
@@ -366,7 +366,7 @@ mod tests {
         assert!(png.into_raw() == expected);
 
         assert_eq!(camera::read(&at("camera.toml")).unwrap().lens, *simulation.camera());
-        let scene = scene::read(&at("scene.toml")).unwrap().cam_from_scene;
+        let scene = scene::read(&at("scene.toml")).unwrap().cam_from_scene();
         assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
         let read = targets::read(&at("targets.toml")).unwrap();
         assert!(read.warnings.is_empty());

@@ -1,0 +1,172 @@
+//! `plumb show`: a box's configuration back into the files it was made from.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+
+use crate::error::BadInput;
+use crate::files::box_settings::BoxSettings;
+use crate::files::camera::{Camera, Provenance};
+use crate::files::scene::SceneFile;
+use crate::files::{self, camera, scene, targets};
+
+/// Show what a configuration holds, as the files that `plumb provision` takes.
+///
+/// Nothing is lost: from these files the very same configuration is made again, down to its
+/// checksum. Without --out they are printed, one after the other.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  plumb show config.plb
+  plumb show config.plb --out files      # files/camera.toml, targets.toml, scene.toml, box.toml")]
+pub struct Arguments {
+    /// The configuration: config.plb on a box's card, or what `plumb provision` wrote.
+    #[arg(value_name = "BLOB")]
+    blob: PathBuf,
+    /// Write the files into this directory.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace files of --out that exist.
+    #[arg(long, requires = "out")]
+    force: bool,
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When the blob is none, is damaged, or the files cannot be written.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let config = read(&arguments.blob)?;
+    eprintln!(
+        "{}: checksum {:08x}, {} targets",
+        arguments.blob.display(),
+        config.crc(),
+        config.targets.len()
+    );
+    let files = texts(&config, &format!("configuration {:08x}", config.crc()));
+    let Some(directory) = &arguments.out else {
+        for (name, text) in files {
+            println!("# {name}\n{text}");
+        }
+        return Ok(());
+    };
+    std::fs::create_dir_all(directory)
+        .map_err(|error| BadInput::io(directory.display(), &error))?;
+    for (name, text) in files {
+        let path = directory.join(name);
+        files::create(&path, arguments.force)?
+            .write_all(text.as_bytes())
+            .map_err(|error| BadInput::io(path.display(), &error))?;
+        eprintln!("written to {}", path.display());
+    }
+    Ok(())
+}
+
+/// The configuration in a file.
+fn read(path: &std::path::Path) -> Result<Config, BadInput> {
+    let place = path.display();
+    let bytes = std::fs::metadata(path).map_err(|error| BadInput::io(&place, &error))?.len();
+    if bytes > BLOB_BYTES_MAX as u64 {
+        return Err(BadInput::whole(
+            place,
+            format!("{bytes} bytes, where a configuration has at most {BLOB_BYTES_MAX}"),
+            "give the file that `plumb provision` wrote",
+        ));
+    }
+    let blob = std::fs::read(path).map_err(|error| BadInput::io(&place, &error))?;
+    Config::decode(&blob).map_err(|error| {
+        BadInput::whole(
+            place,
+            error,
+            "give the file that `plumb provision` wrote, or write it again",
+        )
+    })
+}
+
+/// Each file's name and text.
+fn texts(config: &Config, source: &str) -> Vec<(&'static str, String)> {
+    let provenance = Provenance { source: Some(source.to_owned()), ..Provenance::default() };
+    let camera = Camera { lens: config.lens, provenance };
+    let described: Vec<_> = config
+        .targets
+        .iter()
+        .map(|target| targets::description(&target.name, &target.geometry))
+        .collect();
+    let mut texts = vec![
+        ("camera.toml", camera::to_toml(&camera)),
+        ("targets.toml", targets::to_toml(&described)),
+    ];
+    if let Some(cam_from_scene_theta) = config.cam_from_scene_theta {
+        let scene = SceneFile { cam_from_scene_theta, source: source.to_owned() };
+        texts.push(("scene.toml", scene::to_toml(&scene)));
+    }
+    texts.push(("box.toml", BoxSettings::of(config).to_toml()));
+    texts
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::LazyLock;
+
+    use plumbline::config::{Links, Machine, TargetConfig};
+    use plumbline::target::{Role, TargetGeometry};
+
+    use super::*;
+    use crate::setup::{self, Places};
+    use crate::simulate::{Simulation, SimulationSettings};
+
+    static CONFIG: LazyLock<Config> =
+        LazyLock::new(|| Simulation::new(&SimulationSettings::default()).unwrap().config());
+
+    /// The configuration that `plumb provision` makes of the files.
+    fn again(config: &Config) -> Config {
+        let texts = texts(config, "a test");
+        let text = |name| texts.iter().find(|(is, _)| *is == name).map(|(_, text)| text.as_str());
+        let name = String::new;
+        let places = Places {
+            camera: name(),
+            targets: name(),
+            scene: name(),
+            settings: name(),
+            udp: name(),
+            serial: name(),
+        };
+        let camera = camera::parse(text("camera.toml").unwrap(), "").unwrap();
+        let targets = targets::parse(text("targets.toml").unwrap(), "").unwrap();
+        let scene = text("scene.toml").map(|text| scene::parse(text, "").unwrap());
+        let mut config = setup::config(&camera, &targets, scene.as_ref(), &places).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("box.toml");
+        std::fs::write(&path, text("box.toml").unwrap()).unwrap();
+        files::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
+        config
+    }
+
+    #[test]
+    fn nothing_is_lost_on_the_way_to_files_and_back() {
+        let mut config = CONFIG.clone();
+        assert_eq!(again(&config).crc(), config.crc());
+        // A pitch that no two corners are exactly apart, and corners that were measured.
+        let uneven = |corner: i32| [f64::from(corner % 4) * 12.3, f64::from(corner / 4) / 3.0, 0.1];
+        let measured = TargetGeometry::from_points(
+            4,
+            3,
+            (0..12).map(uneven),
+            Role::Scene,
+            [1.0, 2.0, 1.0 / 3.0],
+        );
+        let target =
+            TargetConfig { name: "board".try_into().unwrap(), geometry: measured.unwrap() };
+        config.targets.push(target).unwrap();
+        config.cam_from_scene_theta = Some([0.1 + 0.2, 1.0 / 3.0, -0.7, 1e-3, 2.0, 1234.567]);
+        config.links = Links {
+            udp: Some("192.168.1.20:4210".parse().unwrap()),
+            serial: Some(files::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),
+        };
+        config.machine = Machine { cpu: Some(3), ..Machine::default() };
+        assert_eq!(again(&config), config);
+        assert_eq!(again(&config).crc(), config.crc());
+        config.cam_from_scene_theta = None;
+        assert_eq!(again(&config), config);
+    }
+}
