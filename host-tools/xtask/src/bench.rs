@@ -20,6 +20,7 @@ use crate::image::{self, DebianRoot};
 use crate::tests::boot_with_camera;
 use crate::{instructions, setup};
 
+mod calibration;
 mod formats;
 
 /// What `cargo xtask bench` takes.
@@ -56,6 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None
     };
     let formats = formats::measure_all(&directory, arguments.frames, &plumbline)?;
+    let calibrations = calibration::table()?;
     let (mut arm, mut booted) = (None, None);
     if !arguments.host_only {
         render(&directory, instructions::FRAMES, &[])?;
@@ -65,7 +67,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // Half a gigabyte that nobody wants to find again.
     fs::remove_dir_all(&directory).context(format!("{}", directory.display()))?;
-    let tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
+    let mut tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
+    if !calibrations.is_empty() {
+        write!(tables, "\n\n{}", calibrations.trim_end())?;
+    }
     println!("\n{tables}");
     if arguments.write_readme {
         Part { document: "README.md", name: "bench" }.write(&tables)?;
