@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::simulate::command as simulate;
-use crate::{demo, provision, receive, track};
+use crate::{demo, provision, receive, target, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -20,6 +20,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Arguments),
+    Target(target::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
     Receive(receive::Arguments),
@@ -35,6 +36,7 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Target(arguments) => target::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
         Command::Receive(arguments) => receive::run(arguments),

@@ -15,4 +15,5 @@ pub mod receive;
 pub mod savitzky_golay;
 pub mod setup;
 pub mod simulate;
+pub mod target;
 pub mod track;
