@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
-use crate::{demo, provision, receive, scene, show, track};
+use crate::{demo, provision, receive, scene, show, target, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -21,6 +21,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Arguments),
+    Target(target::Arguments),
     Calibrate(calibrate::Arguments),
     Scene(scene::Arguments),
     Track(track::Arguments),
@@ -39,6 +40,7 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Scene(arguments) => scene::run(arguments),
         Command::Track(arguments) => track::run(arguments),

@@ -18,4 +18,5 @@ pub mod scene;
 pub mod setup;
 pub mod show;
 pub mod simulate;
+pub mod target;
 pub mod track;

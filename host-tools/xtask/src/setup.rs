@@ -67,6 +67,20 @@ pub const BINUTILS: &[Need] = &[Need {
     why: "nm lists what the core without an allocator asks of others",
 }];
 
+/// What turns printed sheets into pictures.
+pub const RENDERERS: &[Need] = &[
+    Need {
+        probe: Probe::Program("pdftocairo"),
+        package: "poppler-utils",
+        why: "the tests track the targets of `plumb target` in the PDF's pixels",
+    },
+    Need {
+        probe: Probe::Program("rsvg-convert"),
+        package: "librsvg2-bin",
+        why: "likewise in the SVG's pixels",
+    },
+];
+
 /// A whole emulated computer.
 pub const QEMU_SYSTEM: &[Need] = &[Need {
     probe: Probe::Program("qemu-system-aarch64"),

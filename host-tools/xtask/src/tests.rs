@@ -55,10 +55,13 @@ impl Part {
     fn prepare(self) -> Result<()> {
         match self {
             Self::Native => {
-                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BINUTILS])?;
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BINUTILS, setup::RENDERERS])?;
                 setup::ensure_components()
             }
-            Self::Arm => Target::Aarch64.prepare(),
+            Self::Arm => {
+                setup::ensure(&[setup::RENDERERS])?;
+                Target::Aarch64.prepare()
+            }
             Self::Armhf => Target::Armv7.prepare(),
             Self::BareMetal => bare_metal::prepare(),
             Self::Boot => {

@@ -1,0 +1,254 @@
+//! `plumb target`: targets to print.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use plumbline::limits::NAME_BYTES_MAX;
+use plumbline::target::Role;
+
+use crate::error::BadInput;
+use crate::files;
+use crate::files::targets::{self, OriginName, TargetDescription};
+
+mod layout;
+mod legend;
+mod page;
+mod pdf;
+mod piece;
+mod svg;
+mod tiles;
+
+use page::{Page, Paper};
+
+/// The smallest square, mm. A printer's edges are off by up to 0.05 mm, already 2.5 % of it.
+const PITCH_MM_MIN: f64 = 2.0;
+/// The largest that the core takes.
+const PITCH_MM_MAX: f64 = 500.0;
+/// The standard pair's pitch, mm.
+const STANDARD_PITCH_MM: f64 = 12.0;
+/// More than anybody would glue together.
+const SHEETS_MAX: usize = 20;
+
+/// Print targets: the standard pair, a calibration board, or any grid.
+///
+/// Writes a PDF or SVG at true scale, with cut lines, an arrow that shows which side is
+/// up, and a ruler of 100 mm. The matching targets.toml goes to standard output, or
+/// into the file of --targets. What is larger than a sheet is spread over several that overlap.
+///
+/// Count INNER corners, where four squares meet: a board of 7 x 6 squares is a grid of 6x5.
+/// Take columns + rows odd: such a grid looks different upside down.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  plumb target --standard --out pair.pdf > targets.toml
+  plumb target --standard --paper letter --out pair.pdf --targets targets.toml
+  plumb target --grid 9x6 --pitch-mm 20 --out board.pdf --targets board.toml
+  plumb target --grid 7x4 --pitch-mm 15 --name sacrum --role lower --out sacrum.svg
+
+Printing:
+  1. Print at 100 % (\"actual size\"), never \"fit to page\". On matt paper: gloss reflects lamps.
+  2. Measure the ruler: 100 mm, or the printer has scaled the page.
+  3. Measure the squares, many at once, and divide: that is the pitch. If it is not what
+     targets.toml says, correct pitch_mm there, not the print.
+  4. Cut along the dashed lines, or farther out, and glue it to something flat and stiff.
+     The white margin of one square all around belongs to the target.")]
+pub struct Arguments {
+    /// The standard pair: lumbar 6x5 and shoulder 5x4, pitch 12 mm.
+    #[arg(long, conflicts_with_all = ["grid", "name", "role"], required_unless_present = "grid")]
+    standard: bool,
+    /// A grid of so many inner corners, such as a calibration board of 9x6.
+    #[arg(long, visible_alias = "board", value_name = "COLUMNSxROWS", value_parser = grid, requires = "pitch_mm")]
+    grid: Option<[u8; 2]>,
+    /// Side of a square in mm: from one inner corner to the next [default: 12 for --standard].
+    #[arg(long, value_name = "MM")]
+    pitch_mm: Option<f64>,
+    /// The grid's name in all outputs.
+    #[arg(long, default_value = "board")]
+    name: String,
+    /// What the grid is for: on the lower back, on the shoulder, or standing in the room.
+    #[arg(long, value_enum, default_value_t = RoleName::Scene)]
+    role: RoleName,
+    /// The paper.
+    #[arg(long, value_enum, default_value_t)]
+    paper: Paper,
+    /// The file to write, FILE.pdf or FILE.svg. Of several sheets a PDF has several
+    /// pages; SVG files are numbered, FILE-1.svg and so on.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Write the targets file here instead of to standard output.
+    #[arg(long, value_name = "FILE")]
+    targets: Option<PathBuf>,
+    /// Replace the files of --out and --targets if they exist.
+    #[arg(long)]
+    force: bool,
+}
+
+/// [`Role`] on the command line, as targets.toml spells it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum RoleName {
+    Lower,
+    Upper,
+    Scene,
+}
+
+/// `6x5`.
+fn grid(text: &str) -> Result<[u8; 2], String> {
+    let sides = text.split_once(['x', 'X']).map(|(columns, rows)| [columns, rows]);
+    let Some([Ok(columns), Ok(rows)]) = sides.map(|sides| sides.map(|side| side.trim().parse()))
+    else {
+        return Err("give the numbers of INNER corners as COLUMNSxROWS, such as 6x5".into());
+    };
+    Ok([columns, rows])
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When the targets cannot be printed or tracked, a file is in the way, or writing fails.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let format = Format::of(&arguments.out)?;
+    let pitch_mm = arguments.pitch_mm.unwrap_or(STANDARD_PITCH_MM);
+    let descriptions = arguments.descriptions(pitch_mm)?;
+    for warning in targets::check(&descriptions, "--grid")?.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let pages = layout::sheets(&descriptions, pitch_mm, arguments.paper);
+    let paper = arguments.paper.name();
+    if pages.len() > SHEETS_MAX {
+        return Err(BadInput::whole(
+            "--pitch-mm",
+            format!("{pitch_mm} mm needs {} sheets of {paper}, and {SHEETS_MAX} are the most", pages.len()),
+            "give a smaller pitch or fewer corners; a board as large as this is best made by a print shop, from the same geometry",
+        )
+        .into());
+    }
+
+    let title = descriptions.iter().map(|target| target.name.as_str()).collect::<Vec<_>>();
+    let outputs = format.files(&arguments.out, &pages, &title.join(" and "));
+    let entry = targets::to_toml(&descriptions);
+    let described = arguments.targets.iter().map(|path| (path.clone(), entry.clone().into_bytes()));
+    let outputs: Vec<(PathBuf, Vec<u8>)> = outputs.into_iter().chain(described).collect();
+    if !arguments.force {
+        // Before anything is written: all the files or none.
+        if let Some((path, _)) = outputs.iter().find(|(path, _)| path.exists()) {
+            let remedy = "give another name, or --force to replace it";
+            return Err(BadInput::whole(path.display(), "exists already", remedy).into());
+        }
+    }
+    for (path, bytes) in &outputs {
+        files::create(path, arguments.force)?
+            .write_all(bytes)
+            .map_err(|error| BadInput::io(path.display(), &error))?;
+    }
+    let sheets = if pages.len() == 1 { "sheet" } else { "sheets" };
+    eprintln!("{}: {} {sheets} of {paper}", arguments.out.display(), pages.len());
+    eprintln!(
+        "Print at 100 % (\"actual size\"); the ruler must measure 100 mm. Then measure the squares, many at once, and correct pitch_mm if it differs."
+    );
+    if arguments.targets.is_none() {
+        match std::io::stdout().write_all(entry.as_bytes()) {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                return Err(BadInput::io("standard output", &error).into());
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+impl Arguments {
+    fn descriptions(&self, pitch_mm: f64) -> Result<Vec<TargetDescription>, BadInput> {
+        if !(PITCH_MM_MIN..=PITCH_MM_MAX).contains(&pitch_mm) {
+            return Err(BadInput::whole(
+                "--pitch-mm",
+                format!("{pitch_mm} mm"),
+                format!(
+                    "give {PITCH_MM_MIN} to {PITCH_MM_MAX} mm: a printer's edges are not sharp enough for smaller squares"
+                ),
+            ));
+        }
+        let mut descriptions = match self.grid {
+            None => targets::standard_pair(),
+            Some([columns, rows]) => vec![TargetDescription {
+                name: self.printable_name()?,
+                role: match self.role {
+                    RoleName::Lower => Role::Lower,
+                    RoleName::Upper => Role::Upper,
+                    RoleName::Scene => Role::Scene,
+                },
+                columns,
+                rows,
+                pitch_mm: None,
+                origin: Some(OriginName::Center),
+                // As the standard pair has it: the trunk's point is deep in the body.
+                virtual_point_mm: match self.role {
+                    RoleName::Lower => [0.0, 0.0, 100.0],
+                    RoleName::Upper | RoleName::Scene => [0.0; 3],
+                },
+                points_mm: None,
+            }],
+        };
+        for description in &mut descriptions {
+            description.pitch_mm = Some(pitch_mm);
+        }
+        Ok(descriptions)
+    }
+
+    fn printable_name(&self) -> Result<String, BadInput> {
+        if self.name.is_empty()
+            || self.name.len() > NAME_BYTES_MAX
+            || !page::is_printable(&self.name)
+        {
+            return Err(BadInput::whole(
+                "--name",
+                format!("{:?}", self.name),
+                format!(
+                    "give 1 to {NAME_BYTES_MAX} bytes of Latin letters, which the sheet's fonts have; targets.toml may say another name later"
+                ),
+            ));
+        }
+        Ok(self.name.clone())
+    }
+}
+
+/// What is written.
+#[derive(Clone, Copy)]
+enum Format {
+    Pdf,
+    Svg,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self, BadInput> {
+        let extension = path.extension().and_then(|it| it.to_str()).unwrap_or_default();
+        match extension.to_ascii_lowercase().as_str() {
+            "pdf" => Ok(Self::Pdf),
+            "svg" => Ok(Self::Svg),
+            _ => Err(BadInput::whole(
+                "--out",
+                format!("{} ends neither in .pdf nor in .svg", path.display()),
+                "give FILE.pdf or FILE.svg",
+            )),
+        }
+    }
+
+    /// The files of all pages.
+    fn files(self, out: &Path, pages: &[Page], title: &str) -> Vec<(PathBuf, Vec<u8>)> {
+        match (self, pages) {
+            (Self::Pdf, _) => vec![(out.to_owned(), pdf::document(pages, title))],
+            (Self::Svg, [page]) => vec![(out.to_owned(), svg::document(page, title).into_bytes())],
+            (Self::Svg, _) => {
+                let numbered = |number: usize| {
+                    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+                    out.with_file_name(format!("{stem}-{number}.svg"))
+                };
+                let pages = pages.iter().enumerate();
+                pages
+                    .map(|(index, page)| {
+                        (numbered(index + 1), svg::document(page, title).into_bytes())
+                    })
+                    .collect()
+            }
+        }
+    }
+}
