@@ -2,21 +2,18 @@
 
 #[path = "common/binary.rs"]
 mod binary;
+#[path = "common/photographer.rs"]
+mod photographer;
 #[path = "common/repetitions.rs"]
 mod repetitions;
 
 use std::process::Output;
 
-use nalgebra::Vector3;
+use photographer::{photographs, posed, save};
 use plumb::calibrate::{Calibration, Picture, calibrate};
-use plumb::simulate::render::{Board, Ink, Picture as Rendered, PlacedBoard, render_targets};
-use plumb::simulate::sensor::Sensor;
 use plumbline::lens::{Distortion, Lens};
-use plumbline::nodes::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use repetitions::repetitions;
 
@@ -46,55 +43,6 @@ fn lenses() -> [Lens; 3] {
     ]
 }
 
-/// A pose that shows all of the board.
-fn random_pose(lens: &Lens, random: &mut ChaCha8Rng) -> Pose<Cam, Target> {
-    let points: Vec<Vector3<f64>> = points_mm(&board()).collect();
-    loop {
-        let mut tilt = || random.random_range(-0.6..0.6);
-        let [yaw, pitch] = [tilt(), tilt()];
-        let roll = random.random_range(-0.3..0.3);
-        let z_mm = random.random_range(0.45..0.9) * lens.fx_px;
-        let mut side_mm =
-            |side_px: u16| random.random_range(-0.4..0.4) * f64::from(side_px) / lens.fx_px * z_mm;
-        let place = [side_mm(lens.width_px), side_mm(lens.height_px)];
-        let pose = Pose::from_theta([roll, yaw, pitch, place[0], place[1], z_mm]);
-        let inside = |point: &Vector3<f64>| {
-            lens.project(&pose.transform(point)).is_some_and(|px| {
-                (12.0..f64::from(lens.width_px) - 12.0).contains(&px.x)
-                    && (12.0..f64::from(lens.height_px) - 12.0).contains(&px.y)
-            })
-        };
-        if points.iter().all(inside) {
-            return pose;
-        }
-    }
-}
-
-/// Photographs of a board at random poses.
-fn photographs(lens: &Lens, print: &Board, count: usize, seed: u64) -> Vec<Picture> {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let poses: Vec<_> = (0..count).map(|_| random_pose(lens, &mut random)).collect();
-    posed(lens, print, &poses, seed)
-}
-
-/// A photograph of each pose.
-fn posed(lens: &Lens, print: &Board, poses: &[Pose<Cam, Target>], seed: u64) -> Vec<Picture> {
-    let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
-    let photograph = |(index, &cam_from_target): (usize, &Pose<Cam, Target>)| {
-        let mut picture = Rendered::uniform(width, height, 110.0);
-        let placed = PlacedBoard { board: print, cam_from_target };
-        render_targets(lens, 0.6, &[placed], |_, _| 1.0, &mut picture);
-        let mut samples = vec![0_u8; width * height];
-        Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, seed, index as u64, &mut samples);
-        Picture { place: format!("{index}.png"), samples, width, height }
-    };
-    poses.iter().enumerate().map(photograph).collect()
-}
-
-fn printed(geometry: &TargetGeometry) -> Board {
-    Board::new(geometry, 15.0, Ink { black: 30.0, white: 210.0 })
-}
-
 fn calibrated(lens: &Lens, photographs: &[Picture]) -> Calibration {
     let start = match lens.distortion {
         Distortion::Radial2(_) => Distortion::Radial2([0.0; 2]),
@@ -107,12 +55,11 @@ fn calibrated(lens: &Lens, photographs: &[Picture]) -> Calibration {
 #[test]
 fn errors_are_as_large_as_they_are_said_to_be() {
     let seeds = repetitions(100) as u64;
-    let print = printed(&board());
     let errors: Vec<[f64; 3]> = (0..seeds)
         .into_par_iter()
         .map(|seed| {
             let truth = lenses()[(seed % 3) as usize];
-            let found = calibrated(&truth, &photographs(&truth, &print, 10, seed));
+            let found = calibrated(&truth, &photographs(&truth, &board(), 10, seed));
             let k1 = |lens: &Lens| lens.distortion.coefficients()[0];
             [
                 (found.lens.fx_px - truth.fx_px) / found.sd[0],
@@ -134,7 +81,7 @@ fn errors_are_as_large_as_they_are_said_to_be() {
 #[test]
 fn a_flat_board_is_not_said_to_be_bent() {
     let lens = lenses()[0];
-    let flat = calibrated(&lens, &photographs(&lens, &printed(&board()), 12, 5));
+    let flat = calibrated(&lens, &photographs(&lens, &board(), 12, 5));
     let (shape, sd) = flat.shape.expect("a shape");
     for (value, sd) in shape.bend_per_mm.iter().chain([&shape.stretch]).zip(&sd) {
         // Four numbers: one in 4,000 such tests would fail by chance.
@@ -149,17 +96,9 @@ impl Session {
     fn new(photographs: &[Picture]) -> Self {
         let session = Self(tempfile::tempdir().unwrap());
         for (index, photograph) in photographs.iter().enumerate() {
-            session.add(&format!("{index}.png"), photograph);
+            save(photograph, &session.0.path().join(format!("{index}.png")));
         }
         session
-    }
-
-    fn add(&self, name: &str, photograph: &Picture) {
-        let (width, height) = (photograph.width as u32, photograph.height as u32);
-        image::GrayImage::from_raw(width, height, photograph.samples.clone())
-            .unwrap()
-            .save(self.0.path().join(name))
-            .unwrap();
     }
 
     fn calibrate(&self, arguments: &[&str]) -> Output {
@@ -192,7 +131,7 @@ const BOARD: [&str; 2] = ["--board", "9x7"];
 #[test]
 fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
     let truth = lenses()[0];
-    let session = Session::new(&photographs(&truth, &printed(&board()), 12, 21));
+    let session = Session::new(&photographs(&truth, &board(), 12, 21));
     let output = session.calibrate(&["--board", "9x7", "--plot", "residuals.svg"]);
     let text = binary::messages(&output);
     assert_eq!(output.status.code(), Some(0), "{text}");
@@ -215,8 +154,7 @@ fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
 #[test]
 fn what_cannot_be_a_calibration_is_refused_with_the_reason() {
     let lens = lenses()[0];
-    let print = printed(&board());
-    let good = photographs(&lens, &print, 4, 2);
+    let good = photographs(&lens, &board(), 4, 2);
 
     let session = Session::new(&good);
     let text = session.refused(&["--board", "8x6"]);
@@ -239,7 +177,7 @@ fn what_cannot_be_a_calibration_is_refused_with_the_reason() {
         cy_px: 224.0,
         ..lens
     };
-    let text = Session::new(&photographs(&small, &print, 3, 3)).refused(&BOARD);
+    let text = Session::new(&photographs(&small, &board(), 3, 3)).refused(&BOARD);
     assert!(text.contains("600 x 450 px; a calibration below 640 px is refused"), "{text}");
 }
 
@@ -252,7 +190,7 @@ fn boards_that_are_not_tilted_make_no_camera_or_are_warned_of() {
             Pose::from_theta([0.0, 0.0, 0.0, side, 20.0 * f64::from(place / 3), 600.0])
         })
         .collect();
-    let output = Session::new(&posed(&lens, &printed(&board()), &face_on, 7)).calibrate(&BOARD);
+    let output = Session::new(&posed(&lens, &board(), &face_on, 7)).calibrate(&BOARD);
     let text = binary::messages(&output);
     assert!(text.contains("tilt the board by 20 to 40 degrees about both axes"), "{text}");
 }
@@ -260,18 +198,18 @@ fn boards_that_are_not_tilted_make_no_camera_or_are_warned_of() {
 #[test]
 fn a_photograph_that_does_not_fit_and_a_stretched_print_are_named() {
     let lens = lenses()[0];
-    let mut all = photographs(&lens, &printed(&board()), 10, 31);
+    let mut all = photographs(&lens, &board(), 10, 31);
     // One photograph of a print that is 1.5 % larger in one direction.
     let stretched = {
         let points = board_points(1.015);
         TargetGeometry::from_points(9, 7, points, Role::Scene, [0.0; 3]).unwrap()
     };
-    all[4] = photographs(&lens, &printed(&stretched), 1, 77).remove(0);
+    all[4] = photographs(&lens, &stretched, 1, 77).remove(0);
     let output = Session::new(&all).calibrate(&BOARD);
     let text = binary::messages(&output);
     assert!(text.contains("4.png does not fit the others"), "{text}");
 
-    let all = photographs(&lens, &printed(&stretched), 10, 32);
+    let all = photographs(&lens, &stretched, 10, 32);
     let output = Session::new(&all).calibrate(&BOARD);
     let text = binary::messages(&output);
     assert!(text.contains("rows are 1.5"), "{text}");
