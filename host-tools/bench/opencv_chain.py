@@ -13,7 +13,6 @@ Prints one line per figure: name, tab, value. The spread is 1.96 standard
 deviations of (depth found - true depth), in millimetres; times are microseconds.
 """
 
-import csv
 import sys
 import time
 import tomllib
@@ -21,6 +20,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
+from recording import read_poses
 
 WINDOWS = range(3, 11)
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
@@ -78,19 +79,10 @@ def read_targets(path):
 
 def read_truth(path):
     """(frame, target) -> (rotation vector, translation)."""
-    truth = {}
-    for row in csv.DictReader(path.open()):
-        if not row["x_mm"]:
-            continue
-        t1, t2, t3 = (float(row[f"theta{i}_rad"]) for i in (1, 2, 3))
-        (s1, s2, s3), (c1, c2, c3) = np.sin([t1, t2, t3]), np.cos([t1, t2, t3])
-        about_z = np.array([[c1, -s1, 0], [s1, c1, 0], [0, 0, 1]])
-        about_y = np.array([[c2, 0, s2], [0, 1, 0], [-s2, 0, c2]])
-        about_x = np.array([[1, 0, 0], [0, c3, -s3], [0, s3, c3]])
-        rotation, _ = cv2.Rodrigues(about_z @ about_y @ about_x)
-        position = np.array([float(row[f"{axis}_mm"]) for axis in "xyz"])
-        truth[int(row["frame"]), row["target"]] = rotation.ravel(), position
-    return truth
+    return {
+        key: (cv2.Rodrigues(rotation)[0].ravel(), position)
+        for key, (rotation, position) in read_poses(path).items()
+    }
 
 
 def spread(errors):

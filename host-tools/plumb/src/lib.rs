@@ -11,6 +11,7 @@ pub mod demo;
 mod draw;
 pub mod error;
 pub mod files;
+mod palette;
 pub mod provision;
 pub mod receive;
 pub mod savitzky_golay;

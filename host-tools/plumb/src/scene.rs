@@ -3,12 +3,10 @@
 use std::path::PathBuf;
 
 use nalgebra::{Matrix3, Vector3};
-use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::target::Role;
 
 use crate::error::BadInput;
-use crate::files::camera;
 use crate::files::frames::FrameSource;
 use crate::files::scene::{self, SceneFile};
 use crate::files::{self, refuse_overwriting};
@@ -85,16 +83,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     let mut source = FrameSource::open(&arguments.inputs, None)?;
-    camera::check_frame_size(
-        &camera.lens,
-        &places.camera,
-        source.width(),
-        source.height(),
-        source.place(),
-    )?;
-    let config = setup::config(&camera, &targets, None, &places)?;
-    let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&config).map_err(|error| setup::bad_config(&error, &places))?;
+    let (_, mut pipeline) = setup::pipeline(&camera, &targets, None, &source, &places)?;
     let mut poses = Vec::new();
     let mut frames = 0;
     while let Some(frame) = source.next_frame()? {

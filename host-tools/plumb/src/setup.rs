@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use plumbline::config::{Config, ConfigError, Links, Machine, TargetConfig};
+use plumbline::pipeline::Pipeline;
 
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera};
+use crate::files::frames::FrameSource;
 use crate::files::scene::{self, SceneFile};
 use crate::files::targets::{self, Targets};
 
@@ -103,6 +105,31 @@ pub fn config(
     }
     config.check().map_err(|error| bad_config(&error, places))?;
     Ok(config)
+}
+
+/// The configuration of these files, and a pipeline that has it, for the frames of a source.
+///
+/// # Errors
+/// As [`config`], and when the frames are not of the camera's size.
+pub fn pipeline(
+    camera: &Camera,
+    targets: &Targets,
+    scene: Option<&SceneFile>,
+    source: &FrameSource,
+    places: &Places,
+) -> Result<(Config, Box<Pipeline>), BadInput> {
+    camera::check_frame_size(
+        &camera.lens,
+        &places.camera,
+        source.width(),
+        source.height(),
+        source.place(),
+    )?;
+    let config = config(camera, targets, scene, places)?;
+    // Larger than a thread's stack may be, so that it goes to the heap, once.
+    let mut pipeline = Box::new(Pipeline::new());
+    pipeline.configure(&config).map_err(|error| bad_config(&error, places))?;
+    Ok((config, pipeline))
 }
 
 /// Says which file a configuration's fault is in.

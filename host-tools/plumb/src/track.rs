@@ -85,17 +85,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.scale_camera {
         camera = camera::scaled(&camera, source.width(), source.height(), &places.camera)?;
     }
-    camera::check_frame_size(
-        &camera.lens,
-        &places.camera,
-        source.width(),
-        source.height(),
-        source.place(),
-    )?;
-    let config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
-    // Larger than a thread's stack may be, so that it goes to the heap, once.
-    let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&config).map_err(|error| setup::bad_config(&error, &places))?;
+    let (config, mut pipeline) =
+        setup::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
 
     let mut rows = poses_writer(arguments)?;
     if let Some(directory) = &arguments.draw {

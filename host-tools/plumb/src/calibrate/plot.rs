@@ -5,15 +5,11 @@ use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 
 use super::{Calibration, Contribution};
+use crate::palette::{BLUE, FONT, GRID, INK, ORANGE};
 
 const WIDTH_PX: u32 = 1080;
 const BARS_HEIGHT_PX: u32 = 260;
 const MARGIN_PX: u32 = 90;
-const FONT: &str = "sans-serif";
-const INK: RGBColor = RGBColor(51, 60, 69);
-const GRID: RGBColor = RGBColor(233, 236, 239);
-const RESIDUAL: RGBColor = RGBColor(213, 94, 0);
-const PLACE: RGBColor = RGBColor(0, 114, 178);
 
 /// The median residual is drawn this long, as a part of the frame's width.
 const MEDIAN_LENGTH: f64 = 0.006;
@@ -67,10 +63,10 @@ fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
         .draw()?;
     chart.draw_series(residuals().map(|residual| {
         let (start, end) = (residual.at_px, residual.at_px + residual.off_px * scale);
-        PathElement::new([(start.x, start.y), (end.x, end.y)], RESIDUAL.mix(0.7))
+        PathElement::new([(start.x, start.y), (end.x, end.y)], ORANGE.mix(0.7))
     }))?;
     chart.draw_series(residuals().map(|residual| {
-        Circle::new((residual.at_px.x, residual.at_px.y), 1, PLACE.mix(0.5).filled())
+        Circle::new((residual.at_px.x, residual.at_px.y), 1, BLUE.mix(0.5).filled())
     }))?;
 
     let highest_px = used.iter().fold(0.0_f64, |highest, (_, used)| highest.max(used.rms_px));
@@ -90,7 +86,7 @@ fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
         .draw()?;
     chart.draw_series(used.iter().map(|(place, used)| {
         let left = *place as f64;
-        Rectangle::new([(left + 0.15, 0.0), (left + 0.85, used.rms_px)], PLACE.filled())
+        Rectangle::new([(left + 0.15, 0.0), (left + 0.85, used.rms_px)], BLUE.filled())
     }))?;
     root.present()?;
     Ok(())

@@ -11,17 +11,13 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use super::figures::{Figures, TargetFigures, TrunkFigures};
+use crate::palette::{BLUE, FONT, GRID, INK, ORANGE};
 
 const SIZE_PX: (u32, u32) = (1080, 920);
 const PATHS_HEIGHT_PX: u32 = 560;
-const FONT: &str = "sans-serif";
-
-// Colours that stay apart for every kind of colour vision (after Okabe and Ito).
 const TRUTH: RGBColor = RGBColor(202, 208, 214);
-const UPPER: RGBColor = RGBColor(0, 114, 178);
-const LOWER: RGBColor = RGBColor(213, 94, 0);
-const INK: RGBColor = RGBColor(51, 60, 69);
-const GRID: RGBColor = RGBColor(233, 236, 239);
+const UPPER: RGBColor = BLUE;
+const LOWER: RGBColor = ORANGE;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
