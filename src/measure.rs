@@ -11,6 +11,10 @@
 //! in nearly every frame: one pass of the fit is all. Where they are not, they are located
 //! first, which makes the start good to a few hundredths.
 
+mod corners;
+
+pub use corners::extent_is_certain;
+
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 
@@ -26,6 +30,7 @@ use crate::pose::{Cam, Pose, Target};
 use crate::report::NoPose;
 use crate::solve::{Inliers, Observations, Solution, robust_cost, robust_cost_after_step, solve};
 use crate::target::TargetGeometry;
+use corners::{Crossing, EDGES_OF_CORNER_MIN};
 
 /// A target's pose in one frame, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,9 +100,6 @@ pub struct Workspace {
 
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
 const CORNERS_MIN: usize = 6;
-
-/// Edges that a corner has to have of its four.
-const EDGES_OF_CORNER_MIN: u8 = 3;
 
 /// Largest residual of an accepted pose. A good print and calibration give 0.02
 /// to 0.3 px; a wrongly indexed grid several pixels.
@@ -474,31 +476,6 @@ impl Default for Workspace {
     }
 }
 
-/// The edges that meet at a corner, two of each direction where all were used. Each lies across
-/// one direction, and the mean of the two on both sides of a corner is how far the corner is off.
-#[derive(Default, Clone, Copy)]
-struct Crossing {
-    distances_px: [f64; 2],
-    counts: [u8; 2],
-}
-
-impl Crossing {
-    fn add(&mut self, direction: Direction, distance_px: f64) {
-        self.distances_px[direction as usize] += distance_px;
-        self.counts[direction as usize] += 1;
-    }
-
-    fn edges(&self) -> u8 {
-        self.counts.iter().sum()
-    }
-
-    /// With at least one edge of each direction.
-    fn square_px2(&self) -> f64 {
-        let [x, y] = [0, 1].map(|place| self.distances_px[place] / f64::from(self.counts[place]));
-        x * x + y * y
-    }
-}
-
 /// A weighted mean; 0 of nothing.
 #[derive(Default, Clone, Copy)]
 struct Mean {
@@ -584,26 +561,9 @@ fn better<O: Observations + ?Sized>(
     Some(if cost(&two) + margin < cost(&one) { two } else { one })
 }
 
-/// True when at least half of the corners of each of the grid's four border
-/// lines were used: the grid's extent then proves that it was not shifted by a
-/// square, whatever was expected.
-#[must_use]
-pub fn extent_is_certain(target: &TargetGeometry, used: u128) -> bool {
-    let (columns, rows) = (target.columns(), target.rows());
-    let seen = |row: usize, column: usize| used >> (row * columns + column) & 1 == 1;
-    let line = |count: usize, length: usize| 2 * count >= length;
-    [0, rows - 1]
-        .into_iter()
-        .all(|row| line((0..columns).filter(|&column| seen(row, column)).count(), columns))
-        && [0, columns - 1]
-            .into_iter()
-            .all(|column| line((0..rows).filter(|&row| seen(row, column)).count(), rows))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::target::{Origin, Role};
 
     #[test]
     fn the_mirror_image_keeps_the_outline_and_turns_the_tilt() {
@@ -618,19 +578,5 @@ mod tests {
             assert!((was - sight * was.dot(&sight) - is + sight * is.dot(&sight)).norm() < 1e-12);
         }
         assert!((mirror_image(&mirrored).rotation - pose.rotation).norm() < 1e-12);
-    }
-
-    #[test]
-    fn an_extent_is_certain_only_with_all_four_borders() {
-        let target =
-            TargetGeometry::checker(5, 4, 12.0, Origin::Center, Role::Upper, [0.0; 3]).unwrap();
-        let all = (1_u128 << 20) - 1;
-        assert!(extent_is_certain(&target, all));
-        // Without the left column, without the bottom row but one corner.
-        let left = 1 | 1 << 5 | 1 << 10 | 1 << 15;
-        assert!(!extent_is_certain(&target, all & !left));
-        assert!(!extent_is_certain(&target, all & !(0b11110 << 15)));
-        // A hole in the middle does not matter.
-        assert!(extent_is_certain(&target, all & !(0b01110 << 5)));
     }
 }

@@ -161,7 +161,7 @@ fn what_cannot_be_a_calibration_is_refused_with_the_reason() {
     assert!(text.contains("0 of 4 show the whole board of 8 x 6 inner corners"), "{text}");
     assert!(text.contains("count the INNER corners"), "{text}");
     let text = session.refused(&["--board", "9"]);
-    assert!(text.contains("such as 9x7"), "{text}");
+    assert!(text.contains("numbers of INNER corners as COLUMNSxROWS, such as 6x5"), "{text}");
     let text = session.refused(&["--board", "2x7"]);
     assert!(text.contains("at least 3 columns and 3 rows"), "{text}");
 

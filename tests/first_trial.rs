@@ -108,8 +108,9 @@ fn from_photographs_of_a_board_to_the_sway_of_a_person() {
         let errors = found.iter().zip(&known).map(|(found, known)| (found - known).amax());
         let worst_mm = errors.fold(0.0, f64::max);
         println!("{target}: worst error of a frame's sway {worst_mm:.3} mm");
-        // Of a single frame, unfiltered; its depth is unsure by up to +-0.05 mm.
-        assert!(worst_mm < 0.3, "{target}: {worst_mm} mm");
+        // The design asks for 0.3. The worst of 90 unfiltered frames, whose depth has a standard
+        // deviation of up to 0.026 mm, is within five of them.
+        assert!(worst_mm < 0.13, "{target}: {worst_mm} mm");
     }
 }
 

@@ -113,8 +113,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             jiff::Zoned::now().date()
         ),
     };
-    files::create(&arguments.out, arguments.force)?;
-    scene::write(&arguments.out, &file)?;
+    files::write_all(
+        &[(arguments.out.clone(), scene::to_toml(&file).into_bytes())],
+        arguments.force,
+    )?;
     let leans_deg = lean_deg(&mean.cam_from_scene, arguments.camera_pitch_deg);
     eprintln!(
         "{} of {frames} frames; spread of one frame {:.3} degrees and {:.3} mm; the board leans by {leans_deg:.1} degrees",

@@ -1,6 +1,5 @@
 //! `plumb show`: a box's configuration back into the files it was made from.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
@@ -52,11 +51,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     std::fs::create_dir_all(directory)
         .map_err(|error| BadInput::io(directory.display(), &error))?;
-    for (name, text) in files {
-        let path = directory.join(name);
-        files::create(&path, arguments.force)?
-            .write_all(text.as_bytes())
-            .map_err(|error| BadInput::io(path.display(), &error))?;
+    let outputs: Vec<_> =
+        files.into_iter().map(|(name, text)| (directory.join(name), text.into_bytes())).collect();
+    files::write_all(&outputs, arguments.force)?;
+    for (path, _) in &outputs {
         eprintln!("written to {}", path.display());
     }
     Ok(())

@@ -1,6 +1,5 @@
 //! The command line of `plumb calibrate`.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,7 +12,7 @@ use super::{Calibration, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
 use crate::files::frames::{FrameSource, Pixels};
-use crate::files::{self, refuse_overwriting};
+use crate::files::{self, refuse_overwriting, targets};
 
 /// Calibrate the camera from photographs of a checkerboard.
 ///
@@ -34,7 +33,7 @@ use crate::files::{self, refuse_overwriting};
 Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate.")]
 pub struct Arguments {
     /// Columns x rows of INNER corners, where four squares meet: 9x7 for 10 x 8 squares.
-    #[arg(long, value_name = "COLUMNSxROWS", value_parser = board_size)]
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = targets::grid_size)]
     board: [u8; 2],
     /// From one inner corner to the next, measured on the print over many squares.
     #[arg(long, value_name = "MM")]
@@ -67,13 +66,6 @@ const WIDTH_PX_MIN: usize = 640;
 
 /// More photographs than this say nothing new and fill the memory.
 const IMAGES_MAX: usize = 200;
-
-fn board_size(text: &str) -> Result<[u8; 2], String> {
-    let numbers = text.split_once(['x', 'X', '×']).and_then(|(columns, rows)| {
-        Some([columns.trim().parse().ok()?, rows.trim().parse().ok()?])
-    });
-    numbers.ok_or_else(|| "two numbers of inner corners, such as 9x7".to_owned())
-}
 
 /// Runs the subcommand.
 ///
@@ -119,14 +111,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let points_mm: Vec<_> = points_mm(&board).collect();
     let concerns = verdict::concerns(&calibration, &places, &points_mm);
     let camera = camera_of(&calibration, &places, &concerns);
-    files::create(&arguments.out, arguments.force)?
-        .write_all(camera::to_toml(&camera).as_bytes())
-        .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
+    let mut outputs = vec![(arguments.out.clone(), camera::to_toml(&camera).into_bytes())];
     if let Some(path) = &arguments.plot {
-        files::create(path, arguments.force)?
-            .write_all(plot::svg(&calibration)?.as_bytes())
-            .map_err(|error| BadInput::io(path.display(), &error))?;
+        outputs.push((path.clone(), plot::svg(&calibration)?.into_bytes()));
     }
+    files::write_all(&outputs, arguments.force)?;
     print(&calibration, &places, &concerns);
     eprintln!("written to {}", arguments.out.display());
     Ok(())

@@ -6,7 +6,7 @@
 //! allow, whatever a header claims.
 
 use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -84,6 +84,23 @@ pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
         ),
         _ => BadInput::io(path.display(), &error),
     })
+}
+
+/// Writes several files: all of them or, where one exists and `force` is not given, none.
+///
+/// # Errors
+/// When one exists, or the operating system refuses.
+pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadInput> {
+    if let Some((path, _)) = outputs.iter().find(|(path, _)| !force && path.exists()) {
+        let remedy = "give another name, or --force to replace it";
+        return Err(BadInput::whole(path.display(), "exists already", remedy));
+    }
+    for (path, bytes) in outputs {
+        create(path, force)?
+            .write_all(bytes)
+            .map_err(|error| BadInput::io(path.display(), &error))?;
+    }
+    Ok(())
 }
 
 /// Checks that writing `out` destroys none of the files that are read.

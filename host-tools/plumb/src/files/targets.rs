@@ -103,6 +103,19 @@ pub struct Targets {
     pub warnings: Vec<String>,
 }
 
+/// A grid as command lines give it: COLUMNSxROWS.
+///
+/// # Errors
+/// What to give instead.
+pub fn grid_size(text: &str) -> Result<[u8; 2], String> {
+    let sides = text.split_once(['x', 'X']).map(|(columns, rows)| [columns, rows]);
+    let Some([Ok(columns), Ok(rows)]) = sides.map(|sides| sides.map(|side| side.trim().parse()))
+    else {
+        return Err("give the numbers of INNER corners as COLUMNSxROWS, such as 6x5".into());
+    };
+    Ok([columns, rows])
+}
+
 /// The standard pair of a measurement: lumbar 6 x 5 and shoulder 5 x 4, 12 mm.
 #[must_use]
 pub fn standard_pair() -> Vec<TargetDescription> {

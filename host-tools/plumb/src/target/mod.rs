@@ -57,7 +57,7 @@ pub struct Arguments {
     #[arg(long, conflicts_with_all = ["grid", "name", "role"], required_unless_present = "grid")]
     standard: bool,
     /// A grid of so many inner corners, such as a calibration board of 9x6.
-    #[arg(long, visible_alias = "board", value_name = "COLUMNSxROWS", value_parser = grid, requires = "pitch_mm")]
+    #[arg(long, visible_alias = "board", value_name = "COLUMNSxROWS", value_parser = targets::grid_size, requires = "pitch_mm")]
     grid: Option<[u8; 2]>,
     /// Side of a square in mm: from one inner corner to the next [default: 12 for --standard].
     #[arg(long, value_name = "MM")]
@@ -91,16 +91,6 @@ enum RoleName {
     Scene,
 }
 
-/// `6x5`.
-fn grid(text: &str) -> Result<[u8; 2], String> {
-    let sides = text.split_once(['x', 'X']).map(|(columns, rows)| [columns, rows]);
-    let Some([Ok(columns), Ok(rows)]) = sides.map(|sides| sides.map(|side| side.trim().parse()))
-    else {
-        return Err("give the numbers of INNER corners as COLUMNSxROWS, such as 6x5".into());
-    };
-    Ok([columns, rows])
-}
-
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -128,18 +118,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let entry = targets::to_toml(&descriptions);
     let described = arguments.targets.iter().map(|path| (path.clone(), entry.clone().into_bytes()));
     let outputs: Vec<(PathBuf, Vec<u8>)> = outputs.into_iter().chain(described).collect();
-    if !arguments.force {
-        // Before anything is written: all the files or none.
-        if let Some((path, _)) = outputs.iter().find(|(path, _)| path.exists()) {
-            let remedy = "give another name, or --force to replace it";
-            return Err(BadInput::whole(path.display(), "exists already", remedy).into());
-        }
-    }
-    for (path, bytes) in &outputs {
-        files::create(path, arguments.force)?
-            .write_all(bytes)
-            .map_err(|error| BadInput::io(path.display(), &error))?;
-    }
+    files::write_all(&outputs, arguments.force)?;
     let sheets = if pages.len() == 1 { "sheet" } else { "sheets" };
     eprintln!("{}: {} {sheets} of {paper}", arguments.out.display(), pages.len());
     eprintln!(
