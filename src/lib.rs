@@ -112,6 +112,7 @@ pub mod search;
 pub mod solve;
 pub mod target;
 pub mod track;
+pub mod view;
 
 #[cfg(test)]
 mod test_support;

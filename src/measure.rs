@@ -30,6 +30,7 @@ use crate::pose::{Cam, Pose, Target};
 use crate::report::NoPose;
 use crate::solve::{Inliers, Observations, Solution, robust_cost, robust_cost_after_step, solve};
 use crate::target::TargetGeometry;
+use crate::view::{Squares, squares};
 use corners::{Crossing, EDGES_OF_CORNER_MIN};
 
 /// A target's pose in one frame, and how good it is.
@@ -169,6 +170,18 @@ impl Workspace {
             batch: Batch::new(),
             inliers: Inliers::new(),
         }
+    }
+
+    /// What the squares of a target at a pose show; `None` where they cannot be seen.
+    pub fn squares<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<Squares> {
+        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+            return None;
+        }
+        squares(view.image, &self.nodes, view.first_square_dark)
     }
 
     /// Measures a target near an expected pose.

@@ -20,6 +20,7 @@ use crate::scene::SceneFrame;
 use crate::search::{Area, Goal, Search};
 use crate::target::{Role, TargetGeometry};
 use crate::track::State;
+use crate::view::{FrameView, TargetView, frame_view};
 
 /// One configured target and its track.
 struct Track {
@@ -122,6 +123,35 @@ impl Pipeline {
         let report = self.report(capture_time_ns);
         self.sequence = self.sequence.wrapping_add(1);
         report
+    }
+
+    /// How the frame that was measured last looks, and each target that was measured in it.
+    /// It changes nothing, and takes about as long as a tracked frame.
+    #[must_use]
+    pub fn view<P: Pixel>(
+        &mut self,
+        frame: &GreyImage<'_, P>,
+    ) -> (FrameView, Vec<TargetView, TARGETS_MAX>) {
+        let lens = self.lens;
+        let targets = self.tracks.iter().filter_map(|track| {
+            let measured = track.outcome.as_ref().ok().filter(|_| lens_fits(&lens, frame))?;
+            let view = View {
+                image: frame,
+                lens: &lens,
+                target: &track.geometry,
+                first_square_dark: track.first_square_dark,
+            };
+            let squares = self.workspace.squares(&view, &measured.cam_from_target)?;
+            Some(TargetView {
+                role: track.geometry.role(),
+                light: squares.light,
+                dark: squares.dark,
+                saturated: squares.saturated,
+                blur_px: [track.appearance.x_blur_px as f32, track.appearance.y_blur_px as f32],
+                pitch_px: squares.pitch_px,
+            })
+        });
+        (frame_view(frame), targets.collect())
     }
 
     /// Measures the targets whose motion is known.

@@ -198,7 +198,7 @@ impl Session {
                 box_received_ns,
                 box_sent_ns: clock::monotonic_ns(),
             },
-            Action::QueryConfig => ReplyOutcome::Config { crc: self.hello.config_crc },
+            Action::QueryConfig => ReplyOutcome::Config { crc: self.hello.config_crc, bytes: 0 },
             Action::SendHello => {
                 self.send_hello();
                 ReplyOutcome::Accepted
@@ -213,7 +213,10 @@ impl Session {
                 ReplyOutcome::Accepted
             }
             // Whoever started this program can start it anew.
-            Action::Reboot => ReplyOutcome::Refused(Refusal::NotSupported),
+            _ => ReplyOutcome::Refused {
+                refusal: Refusal::NotSupported,
+                reason: heapless::String::new(),
+            },
         };
         Reply { id: command.id, outcome }
     }

@@ -5,6 +5,7 @@ use heapless::{String, Vec};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::document::Document;
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
 use crate::target::Role;
 
@@ -16,6 +17,12 @@ pub const LOG_TARGET_BYTES_MAX: usize = 32;
 
 /// Longest text of a log record, in bytes.
 pub const LOG_TEXT_BYTES_MAX: usize = 128;
+
+/// Longest text of a refusal, in bytes.
+pub const REASON_BYTES_MAX: usize = 200;
+
+/// Longest time in set-up mode that can be asked for at once.
+pub const AIM_S_MAX: u16 = 60;
 
 /// Why the box started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -123,6 +130,8 @@ pub struct Health {
     pub temperature_decicelsius: Option<i16>,
     /// The source of the frames.
     pub camera: CameraState,
+    /// Seconds until set-up mode ends, in which pictures may leave the box; 0 outside it.
+    pub aiming_s: u16,
     /// Largest latency since the last `Health`.
     pub latency_us_max: u32,
     /// Log records for which there was no room.
@@ -162,7 +171,7 @@ pub struct Log {
 }
 
 /// What the host asks for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Action {
     /// Answer with the times: measures the round trip and relates the clocks.
     Ping {
@@ -173,14 +182,51 @@ pub enum Action {
     SendHello,
     /// Send a [`Health`].
     SendHealth,
-    /// Answer with the checksum of the configuration in use.
+    /// Answer with the checksum and the length of the configuration in use.
     QueryConfig,
+    /// Send a [`View`](super::View) of the next frame.
+    SendView,
+    /// Send these bytes of a document, as [`Part`](super::Part)s.
+    SendParts {
+        /// Of which.
+        document: Document,
+        /// From here on.
+        offset: u32,
+        /// So many.
+        bytes: u32,
+    },
+    /// Keep the configuration that has come in parts: it is in use from the next start on.
+    StoreConfig {
+        /// Its length.
+        bytes: u32,
+        /// Its [`Config::crc`](crate::config::Config::crc).
+        crc: u32,
+    },
+    /// Set-up mode for so many seconds from now, at most [`AIM_S_MAX`]; 0 ends it. Only in
+    /// it do pictures leave the box, and only over the link on which it was asked for.
+    Aim {
+        /// How long.
+        seconds: u16,
+    },
+    /// In set-up mode: make a [`Picture`](super::Picture) of the next frame, and send word
+    /// of it.
+    TakePicture {
+        /// Pixels of the frame per pixel of the picture, in either direction.
+        reduction: u8,
+    },
+    /// In set-up mode, until it ends: expose so.
+    Expose {
+        /// Exposure time; `None` as configured.
+        exposure_us: Option<u32>,
+        /// Gain, in the camera's unit; `None` as configured.
+        gain: Option<f32>,
+    },
     /// Start anew.
     Reboot,
 }
 
 /// A request, with a number of the host's choice that the reply repeats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Command {
     /// Chosen by the host.
     pub id: u16,
@@ -195,10 +241,21 @@ pub enum Refusal {
     NotSupported,
     /// Not now; try again.
     Busy,
+    /// Only in set-up mode.
+    NotAiming,
+    /// Bytes are missing from here on.
+    Incomplete {
+        /// The first that is missing.
+        from: u32,
+    },
+    /// What was sent cannot be used; the reason names the field.
+    Unusable,
+    /// It could not be stored; what was stored before still is.
+    NotStored,
 }
 
 /// What came of a command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ReplyOutcome {
     /// To [`Action::Ping`].
     Pong {
@@ -213,15 +270,27 @@ pub enum ReplyOutcome {
     Config {
         /// [`Config::crc`](crate::config::Config::crc).
         crc: u32,
+        /// Length of its blob.
+        bytes: u32,
+    },
+    /// To [`Action::StoreConfig`]: it is on the disk, whatever happens to the power now.
+    Stored {
+        /// [`Config::crc`](crate::config::Config::crc), as read back.
+        crc: u32,
     },
     /// It will be done.
     Accepted,
     /// It will not be done.
-    Refused(Refusal),
+    Refused {
+        /// Why.
+        refusal: Refusal,
+        /// The same in words, for people; may be empty.
+        reason: String<REASON_BYTES_MAX>,
+    },
 }
 
 /// The answer to the [`Command`] of the same number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Reply {
     /// The command's number.
     pub id: u16,

@@ -32,28 +32,32 @@
 //!
 //! Outside bytes never panic, whatever they are.
 
+mod document;
 mod framing;
 mod from_report;
 mod message;
 mod pose;
+mod view;
 
 use postcard_schema::Schema;
 use postcard_schema::key::Key;
 use serde::{Deserialize, Serialize};
 
+pub use document::{Document, PART_BYTES_MAX, Part, Picture, document_crc};
 pub use framing::{
     Deframer, EncodeError, FRAME_BYTES_MAX, PACKET_BYTES_MAX, PacketError, decode_datagram,
     encode_datagram, encode_frame,
 };
 pub use message::{
-    Action, CameraState, Command, Health, Hello, LINKS_MAX, LOG_TARGET_BYTES_MAX,
-    LOG_TEXT_BYTES_MAX, LinkHealth, LinkKind, Log, LogLevel, Refusal, Reply, ReplyOutcome,
-    ResetReason, TargetInfo,
+    AIM_S_MAX, Action, CameraState, Command, Health, Hello, LINKS_MAX, LOG_TARGET_BYTES_MAX,
+    LOG_TEXT_BYTES_MAX, LinkHealth, LinkKind, Log, LogLevel, REASON_BYTES_MAX, Refusal, Reply,
+    ReplyOutcome, ResetReason, TargetInfo,
 };
 pub use pose::{
     AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, PosePacket, RMS_STEP_PX,
     SD_STEP_MM, TargetPacket,
 };
+pub use view::{TargetView, View};
 
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
 
@@ -72,6 +76,8 @@ pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
     LINKS_MAX as u64,
     LOG_TARGET_BYTES_MAX as u64,
     LOG_TEXT_BYTES_MAX as u64,
+    REASON_BYTES_MAX as u64,
+    PART_BYTES_MAX as u64,
 ]);
 
 /// One message, in either direction.
@@ -93,6 +99,12 @@ pub enum Message {
     Command(Command),
     /// The box's answer to a command.
     Reply(Reply),
+    /// What the camera sees, in numbers; sent on request.
+    View(View),
+    /// Word of a picture that was taken in set-up mode.
+    Picture(Picture),
+    /// A piece of a document, in either direction.
+    Part(Part),
 }
 
 /// FNV-1a (64 bits) over the schema of `T` and some numbers, folded to 32 bits.

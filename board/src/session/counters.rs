@@ -96,6 +96,7 @@ impl Counters {
             heap_allocations: Some(saturated(self.allocations())),
             temperature_decicelsius: self.sensor.decicelsius(),
             camera: self.source.camera,
+            aiming_s: 0,
             latency_us_max: u32::try_from(latency_max.as_micros()).unwrap_or(u32::MAX),
             logs_dropped: logger::dropped(),
             links: links.collect(),

@@ -11,6 +11,7 @@ pub mod demo;
 mod draw;
 pub mod error;
 pub mod files;
+pub mod link;
 mod palette;
 pub mod provision;
 pub mod receive;

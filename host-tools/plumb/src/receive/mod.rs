@@ -1,16 +1,16 @@
 //! `plumb receive`: listens to a box, checks what it says, shows it and records it.
 
 use std::io::Write as _;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use clap::{ArgGroup, Args};
+use clap::Args;
 
 use crate::error::BadInput;
 use crate::files;
+use crate::link::LinkArguments;
 
 pub mod accounting;
 pub mod receiver;
@@ -21,7 +21,7 @@ pub mod transport;
 use receiver::Receiver;
 use recorder::Recorder;
 use screen::Screen;
-use transport::{Serial, Transport, Udp};
+use transport::Transport;
 
 /// Receive the poses of a box, show them and record them.
 ///
@@ -32,21 +32,12 @@ use transport::{Serial, Transport, Udp};
 /// summary.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
-#[command(group = ArgGroup::new("source").required(true).args(["udp", "serial"]))]
 #[command(after_help = "Examples:\n  plumb receive --udp 0.0.0.0:4210 --out poses.csv\n  \
     plumb receive --serial /dev/ttyUSB0 --baud 115200 --out poses.csv --duration 60")]
 pub struct Arguments {
-    /// Listen for datagrams at this address and port
-    #[arg(long, value_name = "ADDRESS:PORT", value_parser = address)]
-    pub udp: Option<SocketAddr>,
-
-    /// Listen on this serial device
-    #[arg(long, value_name = "DEVICE")]
-    pub serial: Option<String>,
-
-    /// Bits per second of the serial device
-    #[arg(long, value_name = "RATE", default_value_t = 115_200, requires = "serial")]
-    pub baud: u32,
+    /// Where the box sends to.
+    #[command(flatten)]
+    pub link: LinkArguments,
 
     /// Record into this CSV: the columns of poses.csv, then `session`
     #[arg(long, value_name = "FILE")]
@@ -67,12 +58,6 @@ pub struct Arguments {
     /// Show nothing but errors and the summary
     #[arg(long)]
     pub quiet: bool,
-}
-
-fn address(text: &str) -> Result<SocketAddr, String> {
-    text.parse().map_err(|_| {
-        "give a numeric address and a port: 0.0.0.0:4210 listens at all addresses".to_owned()
-    })
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -140,19 +125,7 @@ pub fn receive<W: std::io::Write>(
 /// # Errors
 /// When the address, the device or the file cannot be used, or nothing came.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let (mut transport, place): (Box<dyn Transport>, String) =
-        match (&arguments.udp, &arguments.serial) {
-            (Some(address), _) => (Box::new(Udp::bind(*address)?), format!("UDP {address}")),
-            (None, Some(path)) => (Box::new(Serial::open(path, arguments.baud)?), path.clone()),
-            (None, None) => {
-                return Err(BadInput::whole(
-                    "plumb receive",
-                    "nothing to listen to",
-                    "give --udp ADDRESS:PORT or --serial DEVICE",
-                )
-                .into());
-            }
-        };
+    let (mut transport, place) = arguments.link.transport()?;
     let recorder = match &arguments.out {
         Some(path) => {
             let file = files::create(path, arguments.force)?;

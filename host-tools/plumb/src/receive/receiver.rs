@@ -320,8 +320,12 @@ impl<W: Write> Receiver<W> {
                 self.uptime(log.uptime_ms)?;
                 self.take_log(&log);
             }
-            // Ours, or none of ours.
-            Message::Command(_) | Message::Reply(_) => (),
+            // Ours, or for another program on this computer.
+            Message::Command(_)
+            | Message::Reply(_)
+            | Message::View(_)
+            | Message::Picture(_)
+            | Message::Part(_) => (),
         }
         Ok(())
     }

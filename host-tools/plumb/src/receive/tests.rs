@@ -250,6 +250,7 @@ fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
         heap_allocations: None,
         temperature_decicelsius: None,
         camera,
+        aiming_s: 0,
         latency_us_max: 0,
         logs_dropped: 0,
         links: [].into_iter().collect(),

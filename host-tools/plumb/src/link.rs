@@ -1,0 +1,441 @@
+//! Talking to a box: questions and their answers, and documents in parts.
+//!
+//! The way may lose, repeat and damage packets. A question is put again until it is answered,
+//! and every question may be put twice without harm; a document's missing bytes are asked for
+//! until all are there and its checksum agrees. Nothing here waits without a limit.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::packet::{
+    Action, Command, Document, Hello, Message, PART_BYTES_MAX, Part, Picture, Refusal,
+    ReplyOutcome, document_crc,
+};
+
+use crate::error::BadInput;
+use crate::receive::transport::{Event, Serial, Transport, Udp};
+
+/// Where boxes send their packets, unless they were told otherwise.
+pub const PORT: u16 = 4210;
+
+/// A box sends something once a second; a refused one every two.
+pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
+
+/// A question is put again after this time.
+const ANSWER_WITHIN: Duration = Duration::from_millis(700);
+
+/// A disk may take this long to keep a configuration.
+const STORED_WITHIN: Duration = Duration::from_secs(8);
+
+/// A question is put this often at most.
+const TRIES: usize = 6;
+
+/// Parts that have been asked for come without a pause as long as this.
+const PART_WITHIN: Duration = Duration::from_millis(500);
+
+/// A document is given up when this many requests for it bring nothing.
+const BARREN_MAX: usize = 6;
+
+/// No frame of any camera here takes more.
+const PICTURE_BYTES_MAX: u32 = 64 << 20;
+
+/// How to reach a box: it sends to this computer, and answers where it is asked.
+#[derive(Debug, Clone, Args)]
+pub struct LinkArguments {
+    /// Listen for the box's datagrams at this address and port [default: 0.0.0.0:4210]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = address, conflicts_with = "serial")]
+    pub udp: Option<SocketAddr>,
+
+    /// Listen on this serial device of this computer
+    #[arg(long, value_name = "DEVICE")]
+    pub serial: Option<String>,
+
+    /// Bits per second of the serial device
+    #[arg(long, value_name = "RATE", default_value_t = 115_200, requires = "serial")]
+    pub baud: u32,
+}
+
+/// An address to listen at, as an option has it.
+///
+/// # Errors
+/// What to give instead.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| {
+        "give a numeric address and a port: 0.0.0.0:4210 listens at all addresses".to_owned()
+    })
+}
+
+impl LinkArguments {
+    /// Opens the socket or the line; and how to call it.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub fn transport(&self) -> Result<(Box<dyn Transport>, String), BadInput> {
+        if let Some(path) = &self.serial {
+            return Ok((Box::new(Serial::open(path, self.baud)?), path.clone()));
+        }
+        let address = self.udp.unwrap_or((Ipv4Addr::UNSPECIFIED, PORT).into());
+        Ok((Box::new(Udp::bind(address)?), format!("UDP {address}")))
+    }
+
+    /// Opens it to talk to the box.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub fn open(&self) -> Result<BoxLink, BadInput> {
+        let (transport, place) = self.transport()?;
+        Ok(BoxLink { transport, place, questions: 0 })
+    }
+}
+
+/// The way to one box.
+pub struct BoxLink {
+    transport: Box<dyn Transport>,
+    place: String,
+    questions: u16,
+}
+
+impl BoxLink {
+    /// How to call it.
+    #[must_use]
+    pub fn place(&self) -> &str {
+        &self.place
+    }
+
+    /// Takes what comes until `until`, or until `take` has found something.
+    ///
+    /// # Errors
+    /// When the way cannot be used any more.
+    pub fn listen<T>(
+        &mut self,
+        until: Instant,
+        mut take: impl FnMut(&Event) -> Option<T>,
+    ) -> Result<Option<T>, BadInput> {
+        let mut found = None;
+        while found.is_none() && Instant::now() < until {
+            self.transport.poll(&mut |event| {
+                if found.is_none() {
+                    found = take(&event);
+                }
+            })?;
+        }
+        Ok(found)
+    }
+
+    /// As [`listen`](Self::listen), for messages only.
+    ///
+    /// # Errors
+    /// As [`listen`](Self::listen).
+    pub fn messages<T>(
+        &mut self,
+        until: Instant,
+        mut take: impl FnMut(&Message) -> Option<T>,
+    ) -> Result<Option<T>, BadInput> {
+        self.listen(until, |event| match event {
+            Event::Message(message) => take(message),
+            _ => None,
+        })
+    }
+
+    /// Waits for anything that a box says.
+    ///
+    /// # Errors
+    /// When nothing comes in time.
+    pub fn wait_until_heard(&mut self) -> Result<Message, BadInput> {
+        let until = Instant::now() + HEARD_WITHIN;
+        let heard = self.messages(until, |message| Some(message.clone()))?;
+        heard.ok_or_else(|| {
+            BadInput::whole(
+                &self.place,
+                "no box is heard",
+                "check that the box is on, and that it sends to this computer's address and \
+                 port (or on this line, at this rate); stop another `plumb` that listens here",
+            )
+        })
+    }
+
+    /// Who the box is.
+    ///
+    /// # Errors
+    /// When no box is heard, or it does not say.
+    pub fn hello(&mut self) -> Result<Hello, BadInput> {
+        self.wait_until_heard()?;
+        for _ in 0..TRIES {
+            self.send(Action::SendHello);
+            let until = Instant::now() + ANSWER_WITHIN;
+            let hello = self.messages(until, |message| match message {
+                Message::Hello(hello) => Some(hello.clone()),
+                _ => None,
+            })?;
+            if let Some(hello) = hello {
+                return Ok(hello);
+            }
+        }
+        Err(self.no_answer("who it is"))
+    }
+
+    /// Puts a question without waiting; its number.
+    pub fn send(&mut self, action: Action) -> u16 {
+        self.questions = self.questions.wrapping_add(1);
+        let command = Command { id: self.questions, action };
+        self.transport.send(&Message::Command(command));
+        self.questions
+    }
+
+    /// Puts a question until it is answered. Other messages that come meanwhile go to
+    /// `aside`.
+    ///
+    /// # Errors
+    /// When there is no answer.
+    pub fn ask_aside(
+        &mut self,
+        action: Action,
+        within: Duration,
+        mut aside: impl FnMut(&Message),
+    ) -> Result<ReplyOutcome, BadInput> {
+        for _ in 0..TRIES {
+            let id = self.send(action);
+            let reply = self.messages(Instant::now() + within, |message| match message {
+                Message::Reply(reply) if reply.id == id => Some(reply.outcome.clone()),
+                other => {
+                    aside(other);
+                    None
+                }
+            })?;
+            if let Some(outcome) = reply {
+                return Ok(outcome);
+            }
+        }
+        Err(self.no_answer("a question"))
+    }
+
+    /// Puts a question until it is answered.
+    ///
+    /// # Errors
+    /// When there is no answer.
+    pub fn ask(&mut self, action: Action) -> Result<ReplyOutcome, BadInput> {
+        self.ask_aside(action, ANSWER_WITHIN, |_| {})
+    }
+
+    /// Puts a question to which the box must agree.
+    ///
+    /// # Errors
+    /// When there is no answer, or it refuses.
+    pub fn request(&mut self, action: Action, what: &str) -> Result<(), BadInput> {
+        match self.ask(action)? {
+            ReplyOutcome::Refused { refusal, reason } => Err(self.refused(what, refusal, &reason)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Fetches a document of known length; `progress` is told how much of it is there.
+    ///
+    /// # Errors
+    /// When the box refuses, or parts do not come.
+    fn fetch(
+        &mut self,
+        document: Document,
+        bytes: usize,
+        mut progress: impl FnMut(usize),
+    ) -> Result<Vec<u8>, BadInput> {
+        let mut file = vec![0; bytes];
+        let mut missing = Missing::all(bytes);
+        let mut barren = 0;
+        while let Some(range) = missing.first() {
+            let before = missing.bytes();
+            let (offset, count) = (range.start as u32, range.len() as u32);
+            let id = self.send(Action::SendParts { document, offset, bytes: count });
+            let mut refused = None;
+            let mut quiet_at = Instant::now() + ANSWER_WITHIN;
+            while missing.first().is_some_and(|first| first.start < range.end)
+                && Instant::now() < quiet_at
+                && refused.is_none()
+            {
+                self.transport.poll(&mut |event| match event {
+                    Event::Message(Message::Part(part)) if part.document == document => {
+                        let start = part.offset as usize;
+                        let place = start..start + part.bytes.len();
+                        if let Some(room) = file.get_mut(place.clone()) {
+                            room.copy_from_slice(&part.bytes);
+                            missing.remove(&place);
+                            quiet_at = Instant::now() + PART_WITHIN;
+                        }
+                    }
+                    Event::Message(Message::Reply(reply)) if reply.id == id => {
+                        if let ReplyOutcome::Refused { refusal, reason } = reply.outcome {
+                            refused = Some((refusal, reason));
+                        }
+                    }
+                    _ => {}
+                })?;
+                progress(bytes - missing.bytes());
+            }
+            if let Some((refusal, reason)) = refused {
+                return Err(self.refused("to send it", refusal, &reason));
+            }
+            barren = if missing.bytes() < before { 0 } else { barren + 1 };
+            if barren == BARREN_MAX {
+                return Err(self.no_answer("a request for a part of a document"));
+            }
+        }
+        Ok(file)
+    }
+
+    /// The file of a picture that the box has taken.
+    ///
+    /// # Errors
+    /// When it does not come, or is damaged.
+    pub fn picture(
+        &mut self,
+        picture: &Picture,
+        progress: impl FnMut(usize),
+    ) -> Result<Vec<u8>, BadInput> {
+        if picture.bytes > PICTURE_BYTES_MAX {
+            return Err(self.nonsense("a picture larger than any camera's"));
+        }
+        let document = Document::Picture(picture.number);
+        let file = self.fetch(document, picture.bytes as usize, progress)?;
+        if document_crc(&file) != picture.crc {
+            return Err(self.nonsense("a picture that does not have the checksum it gave"));
+        }
+        Ok(file)
+    }
+
+    /// The box's configuration.
+    ///
+    /// # Errors
+    /// When the box does not answer, or its configuration cannot be read here.
+    pub fn config(&mut self) -> Result<Config, BadInput> {
+        let ReplyOutcome::Config { crc, bytes } = self.ask(Action::QueryConfig)? else {
+            return Err(self.nonsense("an answer to another question"));
+        };
+        if bytes as usize > BLOB_BYTES_MAX {
+            return Err(self.nonsense("a configuration larger than any"));
+        }
+        let blob = self.fetch(Document::Config, bytes as usize, |_| {})?;
+        let config = Config::decode(&blob).map_err(|error| {
+            BadInput::whole(&self.place, error, "update the older of the two programs")
+        })?;
+        if config.crc() != crc {
+            return Err(self.nonsense("another configuration than the one it has told of"));
+        }
+        Ok(config)
+    }
+
+    /// Sends a configuration that the box is to keep; its checksum as the box has read it
+    /// back. It is in use from the box's next start on.
+    ///
+    /// # Errors
+    /// When the box refuses it, cannot keep it, or does not answer.
+    pub fn store_config(&mut self, config: &Config) -> Result<u32, BadInput> {
+        let mut buffer = vec![0; BLOB_BYTES_MAX];
+        let blob = config
+            .encode(&mut buffer)
+            .map_err(|error| BadInput::whole("the configuration", error, "correct this value"))?;
+        let crc = config.crc();
+        let mut from = 0;
+        for _ in 0..BARREN_MAX {
+            for (index, bytes) in blob[from..].chunks(PART_BYTES_MAX).enumerate() {
+                let offset = (from + index * PART_BYTES_MAX) as u32;
+                let bytes = bytes.iter().copied().collect();
+                let part = Part { document: Document::Config, offset, bytes };
+                self.transport.send(&Message::Part(part));
+            }
+            let store = Action::StoreConfig { bytes: blob.len() as u32, crc };
+            match self.ask_aside(store, STORED_WITHIN, |_| {})? {
+                ReplyOutcome::Stored { crc: stored } if stored == crc => return Ok(crc),
+                ReplyOutcome::Refused {
+                    refusal: Refusal::Incomplete { from: missing }, ..
+                } => {
+                    from = (missing as usize).min(blob.len());
+                }
+                ReplyOutcome::Refused { refusal, reason } => {
+                    return Err(self.refused("the configuration", refusal, &reason));
+                }
+                _ => return Err(self.nonsense("that it keeps another configuration")),
+            }
+        }
+        Err(self.no_answer("the parts of the configuration, which do not all arrive"))
+    }
+
+    /// What a refusal is to the user.
+    #[must_use]
+    pub fn refused(&self, what: &str, refusal: Refusal, reason: &str) -> BadInput {
+        let (why, remedy) = match refusal {
+            Refusal::NotSupported => ("it does not do that", "see `plumb doctor`"),
+            Refusal::Busy => ("not now", "try again in a moment"),
+            Refusal::NotAiming => ("it is not in set-up mode", "start `plumb aim` again"),
+            Refusal::Incomplete { .. } => ("not all of it arrived", "try again"),
+            Refusal::Unusable => ("it cannot be used", "correct what is named"),
+            Refusal::NotStored => {
+                ("it could not be stored", "check the box's card; what was stored before still is")
+            }
+        };
+        let why = if reason.is_empty() { why } else { reason };
+        BadInput::whole(&self.place, format!("the box refuses {what}: {why}"), remedy)
+    }
+
+    fn no_answer(&self, what: &str) -> BadInput {
+        BadInput::whole(
+            &self.place,
+            format!("the box is heard, but does not answer {what}"),
+            "check that nothing stops packets on the way to the box (a firewall, a serial line \
+             without its second wire), and that no other `plumb` uses it",
+        )
+    }
+
+    fn nonsense(&self, what: &str) -> BadInput {
+        BadInput::whole(
+            &self.place,
+            format!("the box sends {what}"),
+            "try again; if it happens again, update the older of the two programs",
+        )
+    }
+}
+
+/// Which bytes of a document are not there yet, in order.
+struct Missing(Vec<Range<usize>>);
+
+impl Missing {
+    fn all(bytes: usize) -> Self {
+        Self(if bytes == 0 { Vec::new() } else { vec![0..bytes] })
+    }
+
+    fn first(&self) -> Option<Range<usize>> {
+        self.0.first().cloned()
+    }
+
+    fn bytes(&self) -> usize {
+        self.0.iter().map(ExactSizeIterator::len).sum()
+    }
+
+    fn remove(&mut self, there: &Range<usize>) {
+        let cut = |range: &Range<usize>| {
+            let before = range.start..range.end.min(there.start);
+            let after = range.start.max(there.end)..range.end;
+            [before, after].into_iter().filter(|rest| !rest.is_empty())
+        };
+        self.0 = self.0.iter().flat_map(cut).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_missing_shrinks_by_what_is_there() {
+        let mut missing = Missing::all(100);
+        for there in [20..30, 25..40, 90..120, 0..10, 10..10] {
+            missing.remove(&there);
+        }
+        assert_eq!(missing.0, [10..20, 40..90]);
+        assert_eq!((missing.bytes(), missing.first()), (60, Some(10..20)));
+        missing.remove(&(0..100));
+        assert_eq!((missing.bytes(), missing.first()), (0, None));
+        assert_eq!(Missing::all(0).first(), None);
+    }
+}
