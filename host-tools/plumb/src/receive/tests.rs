@@ -14,6 +14,7 @@ use plumbline::packet::{
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 
+use super::transport::{Serial, Udp};
 use super::*;
 use crate::files::poses;
 
