@@ -27,8 +27,9 @@ pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
 /// A question is put again after this time.
 const ANSWER_WITHIN: Duration = Duration::from_millis(700);
 
-/// A disk may take this long to keep a configuration.
-const STORED_WITHIN: Duration = Duration::from_secs(8);
+/// A disk takes less than this to keep a configuration, and a slow one less than [`TRIES`]
+/// times this.
+const STORED_WITHIN: Duration = Duration::from_secs(3);
 
 /// A question is put this often at most.
 const TRIES: usize = 6;
@@ -145,7 +146,15 @@ impl BoxLink {
     /// # Errors
     /// When nothing comes in time.
     pub fn wait_until_heard(&mut self) -> Result<Message, BadInput> {
-        let until = Instant::now() + HEARD_WITHIN;
+        self.wait_until_heard_within(HEARD_WITHIN)
+    }
+
+    /// Waits for anything that a box says, for so long.
+    ///
+    /// # Errors
+    /// When nothing comes in time.
+    pub fn wait_until_heard_within(&mut self, limit: Duration) -> Result<Message, BadInput> {
+        let until = Instant::now() + limit;
         let heard = self.messages(until, |message| Some(message.clone()))?;
         heard.ok_or_else(|| {
             BadInput::whole(
@@ -155,6 +164,18 @@ impl BoxLink {
                  port (or on this line, at this rate); stop another `plumb` that listens here",
             )
         })
+    }
+
+    /// Who the box is, once it says so by itself: it may be starting.
+    ///
+    /// # Errors
+    /// When it does not in time.
+    pub fn hello_within(&mut self, limit: Duration) -> Result<Hello, BadInput> {
+        let hello = self.messages(Instant::now() + limit, |message| match message {
+            Message::Hello(hello) => Some(hello.clone()),
+            _ => None,
+        })?;
+        hello.ok_or_else(|| self.no_answer("who it is"))
     }
 
     /// Who the box is.
