@@ -314,6 +314,7 @@ impl<W: Write> Receiver<W> {
             Message::Health(health) => {
                 self.uptime(health.uptime_ms)?;
                 self.take_camera(health.camera, now);
+                self.take_set_up_mode(health.aiming_s > 0);
                 self.health = Some(health);
             }
             Message::Log(log) => {
@@ -358,6 +359,16 @@ impl<W: Write> Receiver<W> {
                 *known = Some(Camera { state, since: now, from_before, ended });
                 self.told.clear();
             }
+        }
+    }
+
+    fn take_set_up_mode(&mut self, is_on: bool) {
+        if is_on != self.health.as_ref().is_some_and(|before| before.aiming_s > 0) {
+            self.notices.push(if is_on {
+                "the box is in set-up mode: pictures may leave it".to_owned()
+            } else {
+                "the box has left set-up mode".to_owned()
+            });
         }
     }
 

@@ -310,6 +310,23 @@ fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
 }
 
 #[test]
+fn set_up_mode_is_said_when_it_begins_and_when_it_is_over() {
+    let (mut receiver, _) = receiver();
+    let aiming = |uptime_ms: u64, aiming_s: u16| {
+        let Message::Health(before) = health(CameraState::Running, uptime_ms, 1) else {
+            unreachable!("a Health")
+        };
+        Message::Health(Health { aiming_s, ..before })
+    };
+    let messages = [aiming(0, 0), aiming(100, 10), aiming(200, 9), aiming(300, 0)];
+    take(&mut receiver, Instant::now(), &messages);
+    assert_eq!(
+        receiver.take_notices(),
+        ["the box is in set-up mode: pictures may leave it", "the box has left set-up mode"]
+    );
+}
+
+#[test]
 fn an_old_pose_is_not_shown_as_the_latest() {
     let (mut receiver, _) = receiver();
     let start = Instant::now();
