@@ -201,7 +201,7 @@ mod tests {
         let (old, new) = (blob("old"), blob("new, and longer"));
         let half = |blob: &[u8]| blob[..blob.len() / 2].to_vec();
         let torn = [&new[..new.len() / 2], &old[new.len() / 2..]].concat();
-        let states: [(Option<Vec<u8>>, &[u8], &[u8]); 7] = [
+        let states = [
             (None, &old, &old),
             (Some(Vec::new()), &old, &old),
             (Some(half(&new)), &old, &old),
@@ -218,10 +218,10 @@ mod tests {
             if let Some(journal) = &journal {
                 std::fs::write(folder.path().join("config.new"), journal).unwrap();
             }
-            assert_eq!(store.read().unwrap(), expected);
+            assert_eq!(&store.read().unwrap(), expected);
             store.complete().unwrap();
-            assert_eq!(store.read().unwrap(), expected);
-            assert_eq!(std::fs::read(&path).unwrap(), expected);
+            assert_eq!(&store.read().unwrap(), expected);
+            assert_eq!(&std::fs::read(&path).unwrap(), expected);
             // And the next is stored as ever.
             store.store(&blob("next")).unwrap();
             assert_eq!(std::fs::read(&path).unwrap(), blob("next"));

@@ -422,7 +422,7 @@ struct Missing(Vec<Range<usize>>);
 
 impl Missing {
     fn all(bytes: usize) -> Self {
-        Self(if bytes == 0 { Vec::new() } else { vec![0..bytes] })
+        Self((bytes > 0).then_some(0..bytes).into_iter().collect())
     }
 
     fn first(&self) -> Option<Range<usize>> {
