@@ -8,6 +8,7 @@
 pub mod calibrate;
 pub mod cli;
 pub mod demo;
+pub mod delivery;
 mod draw;
 pub mod error;
 pub mod files;
@@ -22,3 +23,4 @@ pub mod show;
 pub mod simulate;
 pub mod target;
 pub mod track;
+mod waiting;

@@ -11,15 +11,19 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
-    Action, Command, Document, Hello, Message, PART_BYTES_MAX, Part, Picture, Refusal,
+    Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Picture, Refusal,
     ReplyOutcome, document_crc,
 };
 
 use crate::error::BadInput;
+use crate::receive::complaints::Complaints;
 use crate::receive::transport::{Event, Serial, Transport, Udp};
 
 /// Where boxes send their packets, unless they were told otherwise.
 pub const PORT: u16 = 4210;
+
+/// The rate of boxes' serial lines, unless they were told otherwise.
+pub const BAUD: u32 = 115_200;
 
 /// A box sends something once a second; a refused one every two.
 pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
@@ -54,7 +58,7 @@ pub struct LinkArguments {
     pub serial: Option<String>,
 
     /// Bits per second of the serial device
-    #[arg(long, value_name = "RATE", default_value_t = 115_200, requires = "serial")]
+    #[arg(long, value_name = "RATE", default_value_t = BAUD, requires = "serial")]
     pub baud: u32,
 }
 
@@ -87,14 +91,25 @@ impl LinkArguments {
     /// When it cannot be opened.
     pub fn open(&self) -> Result<BoxLink, BadInput> {
         let (transport, place) = self.transport()?;
-        Ok(BoxLink { transport, place, questions: 0 })
+        let kind = if self.serial.is_some() { LinkKind::Serial } else { LinkKind::Udp };
+        Ok(BoxLink { transport, place, kind, questions: 0 })
     }
+}
+
+/// What a box says of itself.
+#[derive(Debug)]
+pub enum Introduction {
+    /// It runs with its configuration.
+    Hello(Hello),
+    /// It has no configuration that it can use, says why, and takes another one.
+    Refusing(String),
 }
 
 /// The way to one box.
 pub struct BoxLink {
     transport: Box<dyn Transport>,
     place: String,
+    kind: LinkKind,
     questions: u16,
 }
 
@@ -103,6 +118,12 @@ impl BoxLink {
     #[must_use]
     pub fn place(&self) -> &str {
         &self.place
+    }
+
+    /// What it goes over.
+    #[must_use]
+    pub fn kind(&self) -> LinkKind {
+        self.kind
     }
 
     /// Takes what comes until `until`, or until `take` has found something.
@@ -157,24 +178,46 @@ impl BoxLink {
         })
     }
 
-    /// Who the box is.
+    /// Who the box is, or why it runs with no configuration.
     ///
     /// # Errors
-    /// When no box is heard, or it does not say.
-    pub fn hello(&mut self) -> Result<Hello, BadInput> {
-        self.wait_until_heard()?;
+    /// When no box is heard, or it says neither.
+    pub fn introduction(&mut self) -> Result<Introduction, BadInput> {
+        let mut complaints = Complaints::default();
+        complaints.take(&self.wait_until_heard()?);
         for _ in 0..TRIES {
             self.send(Action::SendHello);
             let until = Instant::now() + ANSWER_WITHIN;
             let hello = self.messages(until, |message| match message {
                 Message::Hello(hello) => Some(hello.clone()),
-                _ => None,
+                other => {
+                    complaints.take(other);
+                    None
+                }
             })?;
             if let Some(hello) = hello {
-                return Ok(hello);
+                return Ok(Introduction::Hello(hello));
             }
         }
-        Err(self.no_answer("who it is"))
+        match complaints.text() {
+            Some(text) => Ok(Introduction::Refusing(text)),
+            None => Err(self.no_answer("who it is")),
+        }
+    }
+
+    /// Who the box is.
+    ///
+    /// # Errors
+    /// When no box is heard, it does not say, or it runs with no configuration.
+    pub fn hello(&mut self) -> Result<Hello, BadInput> {
+        match self.introduction()? {
+            Introduction::Hello(hello) => Ok(hello),
+            Introduction::Refusing(text) => Err(BadInput::whole(
+                &self.place,
+                format!("the box tracks nothing; it says: {text}"),
+                "send it a configuration with `plumb provision --send`",
+            )),
+        }
     }
 
     /// Puts a question without waiting; its number.
@@ -309,8 +352,12 @@ impl BoxLink {
     /// # Errors
     /// When the box does not answer, or its configuration cannot be read here.
     pub fn config(&mut self) -> Result<Config, BadInput> {
-        let ReplyOutcome::Config { crc, bytes } = self.ask(Action::QueryConfig)? else {
-            return Err(self.nonsense("an answer to another question"));
+        let (crc, bytes) = match self.ask(Action::QueryConfig)? {
+            ReplyOutcome::Config { crc, bytes } => (crc, bytes),
+            ReplyOutcome::Refused { refusal, reason } => {
+                return Err(self.refused("to tell its configuration", refusal, &reason));
+            }
+            _ => return Err(self.nonsense("an answer to another question")),
         };
         if bytes as usize > BLOB_BYTES_MAX {
             return Err(self.nonsense("a configuration larger than any"));

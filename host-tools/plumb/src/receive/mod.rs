@@ -13,6 +13,8 @@ use crate::files;
 use crate::link::LinkArguments;
 
 pub mod accounting;
+pub mod bad_packets;
+pub mod complaints;
 pub mod receiver;
 pub mod recorder;
 mod screen;
