@@ -107,7 +107,10 @@ pub fn deliver(
     if hello.config_crc != crc {
         return Err(BadInput::whole(
             link.place(),
-            format!("the box has started anew, but with the configuration {:08x}", hello.config_crc),
+            format!(
+                "the box has started anew, but with the configuration {:08x}",
+                hello.config_crc
+            ),
             "check that its program takes its configuration from where it stores it, and send it \
              again",
         ));

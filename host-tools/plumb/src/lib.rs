@@ -7,8 +7,8 @@
 
 pub mod calibrate;
 pub mod cli;
-pub mod demo;
 pub mod delivery;
+pub mod demo;
 mod draw;
 pub mod error;
 pub mod files;

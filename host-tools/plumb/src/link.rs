@@ -448,7 +448,8 @@ struct Missing(Vec<Range<usize>>);
 
 impl Missing {
     fn all(bytes: usize) -> Self {
-        Self(if bytes == 0 { Vec::new() } else { vec![0..bytes] })
+        let whole = 0..bytes;
+        Self(std::iter::once(whole).filter(|range| !range.is_empty()).collect())
     }
 
     fn first(&self) -> Option<Range<usize>> {

@@ -1,6 +1,6 @@
 //! From the description files to what the pipeline is configured with.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plumbline::config::{Config, ConfigError, Links, Machine, TargetConfig};
 use plumbline::pipeline::Pipeline;
@@ -27,6 +27,12 @@ pub struct Descriptions {
 }
 
 impl Descriptions {
+    /// Of a camera and targets, without a scene.
+    #[must_use]
+    pub fn of(camera: &Path, targets: &Path) -> Self {
+        Self { camera: camera.to_owned(), targets: targets.to_owned(), scene: None }
+    }
+
     /// The files' paths.
     pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
         [&self.camera, &self.targets].into_iter().chain(&self.scene)

@@ -163,7 +163,8 @@ fn replace(fat: &Fat<'_>, blob: &[u8]) -> io::Result<()> {
 
 fn fault(place: &str, error: &io::Error) -> BadInput {
     match error.kind() {
-        ErrorKind::WriteZero | ErrorKind::StorageFull => {
+        // The crate says so in words only.
+        ErrorKind::Other if error.to_string().starts_with("No space left") => {
             BadInput::whole(place, "its file system is full", "remove what does not belong there")
         }
         // Not the system's, but of what is read: the file system contradicts itself.
