@@ -8,7 +8,6 @@ use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome}
 use crate::error::BadInput;
 use crate::link::{BoxLink, Introduction};
 use crate::receive::complaints::Complaints;
-use crate::receive::receiver::start_of;
 use crate::waiting::Waiting;
 
 /// The slowest box boots in less, its watchdog's patience included.
@@ -115,7 +114,7 @@ pub fn deliver(
              again",
         ));
     }
-    eprintln!("the box has started anew with it: {}", start_of(&hello));
+    eprintln!("the box has started anew with it");
     Ok(())
 }
 

@@ -12,7 +12,7 @@ use clap::Args;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
     Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Picture, Refusal,
-    ReplyOutcome, document_crc,
+    Reply, ReplyOutcome, document_crc,
 };
 
 use crate::error::BadInput;
@@ -186,19 +186,27 @@ impl BoxLink {
         let mut complaints = Complaints::default();
         complaints.take(&self.wait_until_heard()?);
         for _ in 0..TRIES {
-            self.send(Action::SendHello);
+            let id = self.send(Action::SendHello);
             let until = Instant::now() + ANSWER_WITHIN;
-            let hello = self.messages(until, |message| match message {
-                Message::Hello(hello) => Some(hello.clone()),
+            let answer = self.messages(until, |message| match message {
+                Message::Hello(hello) => Some(Introduction::Hello(hello.clone())),
+                Message::Reply(Reply { id: of, outcome: ReplyOutcome::Refused { reason, .. } })
+                    if *of == id =>
+                {
+                    // What it logs is said in full.
+                    let text = complaints.text().unwrap_or_else(|| reason.as_str().to_owned());
+                    Some(Introduction::Refusing(text))
+                }
                 other => {
                     complaints.take(other);
                     None
                 }
             })?;
-            if let Some(hello) = hello {
-                return Ok(Introduction::Hello(hello));
+            if let Some(answer) = answer {
+                return Ok(answer);
             }
         }
+        // It may be heard without hearing.
         match complaints.text() {
             Some(text) => Ok(Introduction::Refusing(text)),
             None => Err(self.no_answer("who it is")),

@@ -464,8 +464,7 @@ impl<W: Write> Receiver<W> {
 }
 
 /// Which start of the box this is and why, for people.
-#[must_use]
-pub fn start_of(hello: &Hello) -> String {
+fn start_of(hello: &Hello) -> String {
     let reason = match hello.reset_reason {
         ResetReason::Unknown => "for a reason it does not know",
         ResetReason::PowerOn => "power on or an orderly restart",
