@@ -9,6 +9,7 @@ pub mod calibrate;
 pub mod cli;
 pub mod delivery;
 pub mod demo;
+pub mod doctor;
 mod draw;
 pub mod error;
 pub mod files;

@@ -28,6 +28,11 @@ pub const BAUD: u32 = 115_200;
 /// A box sends something once a second; a refused one every two.
 pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
 
+/// What to do when no box is heard.
+pub const NOT_HEARD_REMEDY: &str = "check that the box is on, and that it sends to this \
+    computer's address and port (or on this line, at this rate); stop another `plumb` that \
+    listens here";
+
 /// A question is put again after this time.
 const ANSWER_WITHIN: Duration = Duration::from_millis(700);
 
@@ -168,14 +173,7 @@ impl BoxLink {
     pub fn wait_until_heard(&mut self) -> Result<Message, BadInput> {
         let until = Instant::now() + HEARD_WITHIN;
         let heard = self.messages(until, |message| Some(message.clone()))?;
-        heard.ok_or_else(|| {
-            BadInput::whole(
-                &self.place,
-                "no box is heard",
-                "check that the box is on, and that it sends to this computer's address and \
-                 port (or on this line, at this rate); stop another `plumb` that listens here",
-            )
-        })
+        heard.ok_or_else(|| BadInput::whole(&self.place, "no box is heard", NOT_HEARD_REMEDY))
     }
 
     /// Who the box is, or why it runs with no configuration.

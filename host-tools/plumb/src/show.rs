@@ -71,7 +71,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// The configuration in a file.
-fn read(path: &std::path::Path) -> Result<Config, BadInput> {
+///
+/// # Errors
+/// When it cannot be read, or is none.
+pub fn read(path: &std::path::Path) -> Result<Config, BadInput> {
     let place = path.display();
     let bytes = std::fs::metadata(path).map_err(|error| BadInput::io(&place, &error))?.len();
     if bytes > BLOB_BYTES_MAX as u64 {

@@ -180,6 +180,7 @@ fn fault(place: &str, error: &io::Error) -> BadInput {
 mod tests {
     use std::io::Cursor;
     use std::path::PathBuf;
+    use std::sync::LazyLock;
 
     use fatfs::{FatType, FormatVolumeOptions, format_volume};
 
@@ -188,8 +189,11 @@ mod tests {
 
     const MIB: usize = 1 << 20;
 
+    static SCENE: LazyLock<Config> =
+        LazyLock::new(|| Simulation::new(&SimulationSettings::default()).unwrap().config());
+
     fn config(device: &str) -> Config {
-        let mut config = Simulation::new(&SimulationSettings::default()).unwrap().config();
+        let mut config = SCENE.clone();
         config.device = device.try_into().unwrap();
         config
     }
