@@ -7,7 +7,9 @@
 
 pub mod calibrate;
 pub mod cli;
+pub mod delivery;
 pub mod demo;
+pub mod doctor;
 mod draw;
 pub mod error;
 pub mod files;
@@ -22,3 +24,4 @@ pub mod show;
 pub mod simulate;
 pub mod target;
 pub mod track;
+mod waiting;

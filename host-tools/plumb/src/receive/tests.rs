@@ -492,7 +492,7 @@ fn a_line_that_vanishes_is_waited_for() {
     assert_eq!(receiver.line_losses(), 1);
     assert_eq!((receiver.counts().received, receiver.counts().lost), (3, 1));
     // The half frame was forgotten with its line.
-    assert_eq!(receiver.bad(), receiver::BadPackets::default());
+    assert_eq!(receiver.bad(), bad_packets::BadPackets::default());
     assert_eq!(rows(&csv.text()).len(), 6);
     let times: Vec<_> = seen.try_iter().collect();
     let waits: Vec<_> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -517,7 +517,7 @@ fn other_programs_packets_are_counted_apart() {
     ] {
         receiver.handle(transport::Event::Bad(error), Instant::now()).unwrap();
     }
-    let wanted = receiver::BadPackets {
+    let wanted = bad_packets::BadPackets {
         corrupt: 4,
         fragments: 1,
         other_version: 2,
