@@ -1,6 +1,7 @@
 //! The light on the targets, and how sharp they are.
 
 use plumbline::packet::TargetView;
+use plumbline::target::Role;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};
@@ -30,10 +31,7 @@ const BLUR_FAIL_PX: f64 = 3.0;
 const SMEAR_RATIO: f64 = 1.5;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
-    let targets = findings.views.iter().flat_map(|view| &view.targets);
-    let mut roles: Vec<_> = targets.map(|target| target.role).collect();
-    roles.sort_by_key(|role| *role as u8);
-    roles.dedup();
+    let roles = roles_in_view(findings);
     if roles.is_empty() {
         let why = if findings.views.is_empty() { "no view came" } else { "no target is in sight" };
         return vec![Check::skipped("light", why)];
@@ -54,6 +52,16 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
         ]
     };
     roles.into_iter().flat_map(of_one).collect()
+}
+
+/// In the order of the configuration.
+fn roles_in_view(findings: &Findings) -> Vec<Role> {
+    let configured = findings.hello.iter().flat_map(|hello| &hello.targets);
+    let is_seen = |role: &Role| {
+        let mut targets = findings.views.iter().flat_map(|view| &view.targets);
+        targets.any(|target| target.role == *role)
+    };
+    configured.map(|target| target.role).filter(is_seen).collect()
 }
 
 fn contrast(name: &str, light: f64, dark: f64) -> Check {
