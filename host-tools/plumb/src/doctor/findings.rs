@@ -145,11 +145,17 @@ impl Findings {
 
     /// Takes note of what came at this time of this computer's clock.
     pub fn take(&mut self, event: &Event, now_ns: u64) {
+        self.hear(event);
+        if let Event::Message(message) = event {
+            self.message(message, now_ns);
+        }
+    }
+
+    /// Takes note that something came, and not of what it says: what follows it may be missed,
+    /// and must not count as lost.
+    pub fn hear(&mut self, event: &Event) {
         match event {
-            Event::Message(message) => {
-                self.packets += 1;
-                self.message(message, now_ns);
-            }
+            Event::Message(_) => self.packets += 1,
             Event::Bad(error) => {
                 self.bad.count(*error);
             }
