@@ -11,7 +11,8 @@ use crate::source::rate::Rate;
 /// Frames come from the camera that the configuration names, or from a recording;
 /// every frame becomes one packet, which goes to every link at once. Hello and
 /// Health packets are sent once a second. A camera that is absent or lost is
-/// opened again until it is there. Stop it with Ctrl-C or SIGTERM: the frame under
+/// opened again until it is there. A host may send another configuration (`plumb provision`),
+/// which replaces FILE.plb and is in use from the next start on. Stop it with Ctrl-C or SIGTERM: the frame under
 /// way is finished and sent first.
 #[derive(Debug, Clone, Parser)]
 #[command(
@@ -75,11 +76,15 @@ pub struct Cli {
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
 
+    /// End when the host asks for a restart: whoever has started this program starts it again
+    #[arg(long)]
+    pub supervised: bool,
+
     /// Only check that a box with this program can run with the configuration: that it is
     /// sound, and names a camera and a link
     #[arg(
         long,
-        conflicts_with_all = ["replay", "udp", "serial", "baud", "record", "boot_count_file"]
+        conflicts_with_all = ["replay", "udp", "serial", "baud", "record", "boot_count_file", "supervised"]
     )]
     pub check: bool,
 }

@@ -13,11 +13,16 @@ pub mod boot;
 pub mod boot_count;
 pub mod cli;
 pub mod clock;
+pub mod config_store;
 pub mod link;
 pub mod logger;
 pub mod measure;
+pub mod provisioning;
 pub mod realtime;
 pub mod session;
 pub mod source;
 pub mod temperature;
 pub mod watchdog;
+
+#[cfg(test)]
+mod test_config;

@@ -36,8 +36,9 @@ struct Waiting {
 
 /// A text of at most `N` bytes that counts the bytes for which there was no room.
 #[derive(Debug, Default)]
-struct Cut<const N: usize> {
-    text: String<N>,
+pub(crate) struct Cut<const N: usize> {
+    /// What fitted.
+    pub(crate) text: String<N>,
     cut: usize,
 }
 

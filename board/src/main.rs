@@ -14,6 +14,7 @@ use plumbline_board::allocation::CountingAllocator;
 use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
+use plumbline_board::config_store::ConfigStore;
 use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
 use plumbline_board::session::{self, Links, Setup};
 use plumbline_board::source::FrameSource;
@@ -69,14 +70,14 @@ fn main() -> ExitCode {
 fn run(cli: &Cli) -> Result<()> {
     let stop = stop_on_signals()?;
     let config = read_config(cli)?;
-    let pipeline = PIPELINE.take();
     if cli.check {
         let name = cli.config.display();
-        boot::usable(pipeline, &config)
+        boot::usable(&config)
             .with_context(|| format!("the configuration {name} cannot be used by a box"))?;
         let _ = writeln!(std::io::stdout(), "{name}: a box can run with it");
         return Ok(());
     }
+    let pipeline = PIPELINE.take();
     pipeline
         .configure(&config)
         .with_context(|| format!("the configuration {} cannot be used", cli.config.display()))?;
@@ -93,7 +94,8 @@ fn run(cli: &Cli) -> Result<()> {
         // Why the computer started is known, but not why this program did.
         reset_reason: ResetReason::Unknown,
         watchdog: if live { Watchdog::of(&config.machine) } else { None },
-        may_reboot: false,
+        store: Some(ConfigStore::file(&cli.config)),
+        may_reboot: cli.supervised,
     };
     if live {
         realtime::set_up(&config.machine);
@@ -149,7 +151,8 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
 
 fn read_config(cli: &Cli) -> Result<Config> {
     let name = cli.config.display();
-    let blob = std::fs::read(&cli.config)
+    let blob = ConfigStore::file(&cli.config)
+        .read()
         .with_context(|| format!("the configuration {name} cannot be read: check the path"))?;
     Config::decode(&blob).with_context(|| {
         format!("the configuration {name} cannot be used: make it again with `plumb provision`")

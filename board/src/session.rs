@@ -2,29 +2,37 @@
 //! heartbeat once a second, and the figures at the end.
 //!
 //! One thread does all of it, in this order: what it is doing is always plain,
-//! and nothing waits for anything but the next frame.
+//! and nothing waits for anything but the next frame. (A configuration that is
+//! stored, and a picture in set-up mode, hold it up for some frames.)
 
+mod aim;
+mod commands;
 mod counters;
+mod outgoing;
+mod picture;
 mod summary;
 
 use std::hash::BuildHasher;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use plumbline::config::Config;
+use plumbline::config::{BLOB_BYTES_MAX, Capture, Config};
 use plumbline::packet::{
-    Action, CameraState, Command, FRAME_BYTES_MAX, Hello, LINKS_MAX, Message, PACKET_BYTES_MAX,
-    PosePacket, Refusal, Reply, ReplyOutcome, ResetReason, TargetInfo, encode_datagram,
-    encode_frame,
+    CameraState, Command, Document, FRAME_BYTES_MAX, Hello, LINKS_MAX, LinkKind, Message,
+    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, View, encode_datagram, encode_frame,
 };
 use plumbline::pipeline::Pipeline;
 
 use crate::clock;
+use crate::config_store::ConfigStore;
 use crate::link::{Encoded, Link};
 use crate::logger;
-use crate::source::{Frame, FrameSource, Next, Pixels};
+use crate::provisioning::Provisioning;
+use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
 use crate::watchdog::Watchdog;
+use aim::Aim;
 use counters::Counters;
+use outgoing::Outgoing;
 pub use summary::{Ended, Summary};
 
 /// Hello and Health go out this often.
@@ -35,6 +43,9 @@ const TURN_MAX: Duration = Duration::from_millis(20);
 
 /// At the end, links get this long to hand on what waits.
 const FINISH: Duration = Duration::from_secs(2);
+
+/// While a document goes over a serial line, poses leave room for it: one goes this often.
+const POSE_BESIDE_DOCUMENT: Duration = Duration::from_millis(200);
 
 /// The links in use, one of each kind at most.
 pub type Links = heapless::Vec<Link, LINKS_MAX>;
@@ -50,6 +61,8 @@ pub struct Setup {
     pub reset_reason: ResetReason,
     /// Restarts the computer when no frame is processed.
     pub watchdog: Option<Watchdog>,
+    /// Where a configuration that a host sends is kept.
+    pub store: Option<ConfigStore>,
     /// The host may ask for a restart, which the caller then carries out.
     pub may_reboot: bool,
 }
@@ -72,24 +85,46 @@ pub fn run(
 struct Session {
     started: Instant,
     hello: Hello,
+    /// The configuration in use, as a host gets it.
+    blob: heapless::Vec<u8, BLOB_BYTES_MAX>,
+    capture: Option<Capture>,
     links: Links,
     watchdog: Option<Watchdog>,
     may_reboot: bool,
     reboot: bool,
     counters: Counters,
+    aim: Aim,
+    outgoing: Outgoing,
+    provisioning: Provisioning,
+    /// The links that want a View of the next frame.
+    views_wanted: [bool; LINKS_MAX],
+    /// When the last pose went out beside a document.
+    pose_beside: Instant,
 }
 
 impl Session {
     fn new(config: &Config, setup: Setup) -> Self {
         let started = Instant::now();
+        let mut blob = heapless::Vec::new();
+        // The vector has room for every configuration.
+        let _ = blob.resize(BLOB_BYTES_MAX, 0);
+        let bytes = config.encode(&mut blob).map_or(0, <[u8]>::len);
+        blob.truncate(bytes);
         Self {
             started,
             hello: hello(config, &setup),
+            blob,
+            capture: config.capture.clone(),
             links: setup.links,
             watchdog: setup.watchdog,
             may_reboot: setup.may_reboot,
             reboot: false,
             counters: Counters::new(started),
+            aim: Aim::default(),
+            outgoing: Outgoing::default(),
+            provisioning: Provisioning::new(setup.store),
+            views_wanted: [false; LINKS_MAX],
+            pose_beside: started,
         }
     }
 
@@ -110,9 +145,16 @@ impl Session {
                 // Beats that were missed are not made up for.
                 beat = (beat + HEARTBEAT).max(now);
             }
-            self.serve_links();
+            if self.aim.end_in_time(now) {
+                // A recording has nothing to go back from.
+                let _ = source.expose(Exposure::default());
+                self.counters.forget_allocations();
+                self.send_health();
+            }
+            self.serve_links(source);
+            let exposure = source.exposure();
             match source.next(beat.min(now + TURN_MAX)) {
-                Next::Frame(frame) => self.process(pipeline, &frame),
+                Next::Frame(frame) => self.process(pipeline, &frame, exposure),
                 Next::Quiet => {}
                 Next::End => break,
                 Next::Broken(message) => return Some(message),
@@ -140,7 +182,7 @@ impl Session {
     }
 
     /// One frame: measured, sent, counted.
-    fn process(&mut self, pipeline: &mut Pipeline, frame: &Frame<'_>) {
+    fn process(&mut self, pipeline: &mut Pipeline, frame: &Frame<'_>, exposure: Exposure) {
         let began = Instant::now();
         let time_ns = frame.capture_time_ns;
         let report = match &frame.pixels {
@@ -151,12 +193,50 @@ impl Session {
         self.counters.corners_dropped = report.corners_dropped;
         let latency_us = u32::try_from(frame.ready_at.elapsed().as_micros()).unwrap_or(u32::MAX);
         let packet = PosePacket::from_report(&report, frame.instant, latency_us);
-        self.send(&Message::Pose(packet));
+        self.send_pose(packet);
         let losses = self.counters.source.camera_losses;
         self.counters.frame(frame.ready_at.elapsed(), frame.late, losses);
         if let Some(watchdog) = &mut self.watchdog {
             watchdog.feed();
         }
+        self.show(pipeline, frame, report.sequence, exposure);
+    }
+
+    /// Sends what hosts want to know of how the frame looks.
+    fn show(
+        &mut self,
+        pipeline: &mut Pipeline,
+        frame: &Frame<'_>,
+        sequence: u32,
+        Exposure { exposure_us, gain }: Exposure,
+    ) {
+        if self.views_wanted.contains(&true) {
+            let (whole, targets) = match &frame.pixels {
+                Pixels::Grey8(image) => pipeline.view(image),
+                Pixels::Grey16(image) => pipeline.view(image),
+            };
+            let view = View { sequence, exposure_us, gain, frame: whole, targets };
+            let wanted = std::mem::take(&mut self.views_wanted);
+            let links = self.links.iter_mut().zip(wanted).filter(|(_, wanted)| *wanted);
+            send(links.map(|(link, _)| link), &Message::View(view));
+        }
+        if let Some((link, picture)) = self.aim.take(frame, sequence) {
+            self.counters.forget_allocations();
+            send(self.links.get_mut(link), &Message::Picture(picture));
+        }
+    }
+
+    /// To every link, but for those whose room a document needs.
+    fn send_pose(&mut self, packet: PosePacket) {
+        let is_due = self.pose_beside.elapsed() >= POSE_BESIDE_DOCUMENT;
+        if is_due {
+            self.pose_beside = Instant::now();
+        }
+        let links = self.links.iter_mut().enumerate().filter(|(index, link)| {
+            let is_needed = self.outgoing.is_busy(*index) && self.aim.is_on(*index);
+            is_due || !is_needed || link.kind() != LinkKind::Serial
+        });
+        send(links.map(|(_, link)| link), &Message::Pose(packet));
     }
 
     fn send_hello(&mut self) {
@@ -165,60 +245,40 @@ impl Session {
     }
 
     fn send_health(&mut self) {
-        let health = Message::Health(self.counters.health(&self.links));
+        let aiming_s = self.aim.left_s(Instant::now());
+        let health = Message::Health(self.counters.health(&self.links, aiming_s));
         self.send(&health);
     }
 
-    /// Sends what has been logged, carries out commands, hands on what waits.
-    fn serve_links(&mut self) {
+    fn send_logs(&mut self) {
         while let Some(log) = logger::take(self.started) {
             self.send(&Message::Log(log));
         }
+    }
+
+    /// Sends what has been logged, carries out commands, hands on what waits.
+    fn serve_links(&mut self, source: &mut impl FrameSource) {
+        self.send_logs();
         for index in 0..self.links.len() {
             let mut commands = heapless::Vec::<Command, 8>::new();
-            self.links[index].receive(|message| {
-                if let Message::Command(command) = message {
-                    // More at once than this are a flood; the host asks again.
-                    let _ = commands.push(command);
-                }
+            self.links[index].receive(|message| match message {
+                // More at once than there is room for are a flood; the host asks again.
+                Message::Command(command) => drop(commands.push(command)),
+                Message::Part(part) => self.provisioning.take(&part),
+                _ => {}
             });
             let received_ns = clock::monotonic_ns();
             for command in commands {
-                let reply = self.carry_out(command, received_ns);
-                send(std::slice::from_mut(&mut self.links[index]), &Message::Reply(reply));
+                let reply = self.carry_out(command, index, received_ns, source);
+                send(self.links.get_mut(index), &Message::Reply(reply));
             }
+            let file = |document| match document {
+                Document::Config => Some(&self.blob[..]),
+                Document::Picture(number) => self.aim.file(number),
+            };
+            self.outgoing.serve(index, &mut self.links[index], file);
             self.links[index].service();
         }
-    }
-
-    fn carry_out(&mut self, command: Command, box_received_ns: u64) -> Reply {
-        let outcome = match command.action {
-            Action::Ping { host_sent_ns } => ReplyOutcome::Pong {
-                host_sent_ns,
-                box_received_ns,
-                box_sent_ns: clock::monotonic_ns(),
-            },
-            Action::QueryConfig => ReplyOutcome::Config { crc: self.hello.config_crc, bytes: 0 },
-            Action::SendHello => {
-                self.send_hello();
-                ReplyOutcome::Accepted
-            }
-            Action::SendHealth => {
-                self.send_health();
-                ReplyOutcome::Accepted
-            }
-            Action::Reboot if self.may_reboot => {
-                log::warn!("restarting: the host has asked for it");
-                self.reboot = true;
-                ReplyOutcome::Accepted
-            }
-            // Whoever started this program can start it anew.
-            _ => ReplyOutcome::Refused {
-                refusal: Refusal::NotSupported,
-                reason: heapless::String::new(),
-            },
-        };
-        Reply { id: command.id, outcome }
     }
 
     fn send(&mut self, message: &Message) {
@@ -230,7 +290,7 @@ impl Session {
     fn finish(mut self) -> (Summary, Option<String>) {
         let source = self.counters.source;
         self.counters.source.camera = CameraState::Ended;
-        self.serve_links();
+        self.send_logs();
         self.send_health();
         let give_up = Instant::now() + FINISH;
         for link in &mut self.links {
@@ -278,7 +338,7 @@ fn boot_id() -> u32 {
 }
 
 /// Sends one message over each of the links.
-pub fn send(links: &mut [Link], message: &Message) {
+fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message) {
     let mut datagram = [0; PACKET_BYTES_MAX];
     let mut frame = [0; FRAME_BYTES_MAX];
     let encoded = (encode_datagram(message, &mut datagram), encode_frame(message, &mut frame));

@@ -123,7 +123,8 @@ pub struct Health {
     pub camera_losses: u32,
     /// Corners that searches have lost because a buffer was full.
     pub corners_dropped: u32,
-    /// Heap allocations since the first frame after the camera was last opened;
+    /// Heap allocations since the first frame after the camera was last opened, a picture
+    /// was taken or a configuration was stored;
     /// `None` when nobody counts them.
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.

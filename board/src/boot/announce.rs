@@ -1,18 +1,19 @@
-//! Saying what is wrong when there is no session to say it: as Log packets, by
-//! UDP and on a serial line, as far as there are any.
+//! Speaking and listening when there is no session for it: what is wrong goes out as Log
+//! packets, by UDP and on a serial line, as far as there are any, and hosts may answer.
 //!
-//! Each time everything is opened anew: the network may have come up meanwhile.
-//! Where no host is known by UDP, all of the box's network is told.
+//! The network may come up, and the line be plugged in, at any time. Where no host is known by
+//! UDP, all of the box's network is told.
 
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
 use plumbline::packet::{
-    FRAME_BYTES_MAX, Log, LogLevel, Message, PACKET_BYTES_MAX, encode_datagram, encode_frame,
+    FRAME_BYTES_MAX, Log, LogLevel, Message, PACKET_BYTES_MAX, Reply, decode_datagram,
+    encode_datagram, encode_frame,
 };
 
-use crate::link::SerialLink;
+use crate::link::{RECEIVED_PER_TURN_MAX, SerialLink};
 use crate::logger::pieces;
 
 /// A text is repeated this often.
@@ -24,37 +25,96 @@ const HOST_PORT: u16 = 4210;
 /// A serial line gets this long to take what it is given.
 const SERIAL_PATIENCE: Duration = Duration::from_secs(1);
 
-/// Says `text` once to everyone who can be reached.
-pub fn say(links: &Links, started: Instant, text: &str) {
-    let to = links.udp.unwrap_or((Ipv4Addr::BROADCAST, HOST_PORT).into());
-    let socket = open_udp(to);
-    let mut line = links.serial.as_ref().and_then(|line| {
-        let mut link = SerialLink::open(&line.path, line.baud).ok()?;
-        // Ends a frame that was cut short.
-        link.send(&[0]);
-        Some(link)
-    });
-    for piece in pieces(text) {
-        let message = Message::Log(Log {
-            uptime_ms: started.elapsed().as_millis() as u64,
-            level: LogLevel::Error,
-            target: "plumbline_board::boot".try_into().unwrap_or_default(),
-            text: piece.try_into().unwrap_or_default(),
-            cut: 0,
-        });
+/// The ways out, and back in.
+pub struct Announcer {
+    started: Instant,
+    to: SocketAddr,
+    socket: Option<UdpSocket>,
+    line: Option<SerialLink>,
+}
+
+impl Announcer {
+    /// Opens what there is.
+    pub fn new(links: &Links) -> Self {
+        let to = links.udp.unwrap_or((Ipv4Addr::BROADCAST, HOST_PORT).into());
+        let line = links.serial.as_ref();
+        Self {
+            started: Instant::now(),
+            to,
+            socket: open_udp(to).ok(),
+            line: line.and_then(|line| SerialLink::absent(&line.path, line.baud).ok()),
+        }
+    }
+
+    /// Says `text` once to everyone who can be reached.
+    pub fn say(&mut self, text: &str) {
+        if let Some(line) = &mut self.line {
+            // Ends a frame that was cut short.
+            line.send(&[0]);
+        }
+        for piece in pieces(text) {
+            let message = Message::Log(Log {
+                uptime_ms: self.started.elapsed().as_millis() as u64,
+                level: LogLevel::Error,
+                target: "plumbline_board::boot".try_into().unwrap_or_default(),
+                text: piece.try_into().unwrap_or_default(),
+                cut: 0,
+            });
+            self.send_udp(&message, self.to);
+            self.send_serial(&message);
+        }
+    }
+
+    /// Hands over what hosts have sent since the last call, and sends them the answers.
+    pub fn answer(&mut self, mut answer: impl FnMut(&Message) -> Option<Reply>) {
         let mut datagram = [0; PACKET_BYTES_MAX];
-        let mut frame = [0; FRAME_BYTES_MAX];
-        if let (Ok(socket), Ok(datagram)) = (&socket, encode_datagram(&message, &mut datagram)) {
+        for _ in 0..RECEIVED_PER_TURN_MAX {
+            let Some(Ok((length, from))) =
+                self.socket.as_ref().map(|socket| socket.recv_from(&mut datagram))
+            else {
+                break;
+            };
+            if is_broadcast(self.to.ip()) || from.ip() == self.to.ip() {
+                let message = decode_datagram(&datagram[..length]).ok();
+                if let Some(reply) = message.and_then(|message| answer(&message)) {
+                    self.send_udp(&Message::Reply(reply), from);
+                }
+            }
+        }
+        let mut replies = heapless::Vec::<Reply, RECEIVED_PER_TURN_MAX>::new();
+        if let Some(line) = &mut self.line {
+            line.service();
+            line.receive(|message| {
+                // More at once are a flood; the host asks again.
+                let _ = answer(&message).map(|reply| replies.push(reply));
+            });
+        }
+        for reply in replies {
+            self.send_serial(&Message::Reply(reply));
+        }
+    }
+
+    fn send_udp(&self, message: &Message, to: SocketAddr) {
+        if let (Some(socket), Ok(datagram)) =
+            (&self.socket, encode_datagram(message, &mut [0; PACKET_BYTES_MAX]))
+        {
             // Until the network is up there is no way, and next time there may be.
             let _ = socket.send_to(datagram, to);
         }
-        if let (Some(line), Ok(frame)) = (&mut line, encode_frame(&message, &mut frame)) {
+    }
+
+    fn send_serial(&mut self, message: &Message) {
+        if let (Some(line), Ok(frame)) =
+            (&mut self.line, encode_frame(message, &mut [0; FRAME_BYTES_MAX]))
+        {
             line.send(frame);
+            line.finish(SERIAL_PATIENCE);
         }
     }
-    if let Some(mut line) = line {
-        line.finish(SERIAL_PATIENCE);
-    }
+}
+
+fn is_broadcast(address: IpAddr) -> bool {
+    address == Ipv4Addr::BROADCAST
 }
 
 fn open_udp(to: SocketAddr) -> std::io::Result<UdpSocket> {

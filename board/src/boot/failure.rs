@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
 
-use super::announce;
+use super::announce::{AGAIN, Announcer};
 use crate::watchdog::Watchdog;
 
 /// The watchdog's time where the configuration gives none.
@@ -63,9 +63,10 @@ pub fn end(what: &str) -> ! {
         std::mem::forget(watchdog);
     }
     let started = Instant::now();
+    let mut announcer = Announcer::new(&links);
     while started.elapsed() < Duration::from_secs(watchdog_s.into()) + GRACE {
-        announce::say(&links, started, &text);
-        std::thread::sleep(announce::AGAIN);
+        announcer.say(&text);
+        std::thread::sleep(AGAIN);
     }
     super::restart()
 }

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::failure;
 use super::kernel_command_line::Options;
-use crate::source::{Condition, FrameSource, Next};
+use crate::source::{Condition, Exposure, FrameSource, Next};
 
 /// A source behind the gate.
 #[derive(Debug)]
@@ -49,6 +49,14 @@ impl<S: FrameSource> FrameSource for Gate<S> {
             self.faults.next_frame();
         }
         next
+    }
+
+    fn expose(&mut self, exposure: Exposure) -> bool {
+        self.source.expose(exposure)
+    }
+
+    fn exposure(&self) -> Exposure {
+        self.source.exposure()
     }
 
     fn condition(&self) -> Condition {

@@ -11,14 +11,15 @@
 //! ```
 //!
 //! A *refusal* is about the configuration: a new start would read the same one,
-//! so the box stays up and repeats what is wrong. A *failure* is about the
+//! so the box stays up and repeats what is wrong, until a host sends another one. A *failure* is about the
 //! program or the machine: it says what and where, stops feeding the watchdog,
 //! and starts anew.
 //!
 //! The kernel has opened the console as standard input, output and error before
 //! this starts. Measuring does not wait for the network; packets leave as soon
-//! as there is a way. Nothing is ever written to a disk, so that the power may
-//! be pulled at any time.
+//! as there is a way. Nothing is written to a disk but a configuration that a host
+//! sends, which is there whole or not at all, so that the power may be pulled at any
+//! time.
 //!
 //! The same program plays three small parts beside that one, told apart by the
 //! name that it is called by: see [`Role`].
@@ -46,6 +47,7 @@ use plumbline::config::{Config, Network};
 use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 
+use crate::config_store::ConfigStore;
 use crate::link::{Link, NO_LINK, SerialLink, UdpLink};
 use crate::session::{self, Links, Setup};
 use crate::source::chosen::Source;
@@ -96,39 +98,46 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
     let modules = modules::load_all(Path::new(MODULES));
     step(&modules.to_string());
 
-    let (config, links, source) = match configuration(pipeline) {
+    let partition::Found { store, config } = partition::find();
+    if let Some(store) = &store
+        && let Err(error) = store.complete()
+    {
+        log::warn!(
+            "the configuration that was being stored is used, but still in two files: {error:#}"
+        );
+    }
+    let (config, links, source) = match config.and_then(configuration) {
         Ok(usable) => usable,
         Err(error) => {
             children::look_after(Network::Dhcp);
-            refusal::stay(&options.links, &format!("{error:#}"));
+            refusal::stay(&options.links, store, &format!("{error:#}"));
+            restart()
         }
     };
     failure::tell(&config.links, config.machine.watchdog_s);
     children::look_after(config.machine.network);
-    match measure(pipeline, &config, links, Gate::new(source, &options)) {
+    match measure(pipeline, &config, links, store, Gate::new(source, &options)) {
         Ok(()) => restart(),
         Err(error) => failure::end(&format!("{error:#}")),
     }
 }
 
-/// The configuration of the boot partition, with its links and its camera, once
-/// all of it has been found usable.
-fn configuration(pipeline: &mut Pipeline) -> Result<(Config, Links, Source)> {
-    let (blob, device) = partition::find_config()?;
+/// The configuration of a boot partition, with its links and its camera, once all of it has
+/// been found usable.
+fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Links, Source)> {
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;
-    let (links, source) = usable(pipeline, &config).with_context(|| in_config(&device))?;
+    let (links, source) = usable(&config).with_context(|| in_config(&device))?;
     step(&format!("configuration {:08x} on {device}", config.crc()));
     Ok((config, links, source))
 }
 
-/// The links and the camera of a configuration, once the pipeline, which is
-/// configured with it, and this program have been found able to use it. Neither
-/// need be there yet.
+/// The links and the camera of a configuration, once this program has been found able to use
+/// it. Neither need be there yet.
 ///
 /// # Errors
 /// What a box would refuse it for.
-pub fn usable(pipeline: &mut Pipeline, config: &Config) -> Result<(Links, Source)> {
-    pipeline.configure(config)?;
+pub fn usable(config: &Config) -> Result<(Links, Source)> {
+    config.check()?;
     Ok((links(config)?, Source::camera(config)?))
 }
 
@@ -153,6 +162,7 @@ fn measure(
     pipeline: &mut Pipeline,
     config: &Config,
     links: Links,
+    store: Option<ConfigStore>,
     mut source: Gate<Source>,
 ) -> Result<()> {
     self_test::run(pipeline).context("self-test")?;
@@ -164,6 +174,7 @@ fn measure(
         boot_count: None,
         reset_reason: watchdog.as_ref().map_or(ResetReason::Unknown, Watchdog::reset_reason),
         watchdog,
+        store,
         may_reboot: true,
     };
     realtime::set_up(&config.machine);

@@ -3,14 +3,13 @@
 //! Disks appear when their drivers have found them, so all are looked at again
 //! and again for a while. Everything is mounted read-only and stays so.
 
-use std::fs::File;
-use std::io::{ErrorKind, Read};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use nix::mount::{MsFlags, mount, umount};
-use plumbline::config::BLOB_BYTES_MAX;
+
+use crate::config_store::{ConfigStore, MOUNT_FLAGS, is_absent};
 
 /// The configuration's name on its partition.
 pub const CONFIG_NAME: &str = "config.plb";
@@ -26,11 +25,27 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Pause between two looks at all of them.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
-/// The configuration's bytes, and the device they are on.
-///
-/// # Errors
-/// When no device has one in time, or the one that is there cannot be read.
-pub fn find_config() -> Result<(Vec<u8>, String)> {
+/// What was found on the disks.
+#[derive(Debug)]
+pub struct Found {
+    /// Where the configuration is kept, or may be; `None` without a FAT file system.
+    pub store: Option<ConfigStore>,
+    /// The configuration's bytes and the device they are on, or why there are none.
+    pub config: Result<(Vec<u8>, String)>,
+}
+
+/// Looks for the configuration until it is there, or for [`PATIENCE`].
+pub fn find() -> Found {
+    let config = find_config();
+    let mounted = config.is_ok() || mount_first();
+    Found { store: mounted.then(store), config }
+}
+
+fn store() -> ConfigStore {
+    ConfigStore::on_partition(Path::new(PLACE), CONFIG_NAME)
+}
+
+fn find_config() -> Result<(Vec<u8>, String)> {
     std::fs::create_dir_all(PLACE).with_context(|| format!("{PLACE} cannot be made"))?;
     let give_up = Instant::now() + PATIENCE;
     loop {
@@ -43,13 +58,18 @@ pub fn find_config() -> Result<(Vec<u8>, String)> {
         if Instant::now() >= give_up {
             let looked = if devices.is_empty() { "no disk".into() } else { devices.join(" ") };
             bail!(
-                "no {CONFIG_NAME} in {} s on a FAT partition ({looked}): copy it to the boot \
-                 partition",
+                "no {CONFIG_NAME} in {} s on a FAT partition ({looked}): send one with `plumb \
+                 provision`, or copy it to the boot partition",
                 PATIENCE.as_secs()
             );
         }
         std::thread::sleep(LOOK_AGAIN);
     }
+}
+
+/// Mounts the first FAT file system there is.
+fn mount_first() -> bool {
+    devices(Path::new(BLOCK_DEVICES)).is_ok_and(|devices| devices.iter().any(|it| mount_at(it)))
 }
 
 /// The disks and partitions that hold anything, in the order of their names.
@@ -69,31 +89,25 @@ fn devices(class: &Path) -> Result<Vec<String>> {
 
 /// The configuration of one device, if that has a FAT file system with one.
 fn config_of(device: &str) -> Result<Option<Vec<u8>>> {
-    let node = format!("/dev/{device}");
-    let flags = MsFlags::MS_RDONLY
-        | MsFlags::MS_NOSUID
-        | MsFlags::MS_NODEV
-        | MsFlags::MS_NOEXEC
-        // Disks that hold something else are no news.
-        | MsFlags::MS_SILENT;
-    if mount(Some(node.as_str()), PLACE, Some("vfat"), flags, None::<&str>).is_err() {
+    if !mount_at(device) {
         return Ok(None);
     }
-    match read_bounded(&Path::new(PLACE).join(CONFIG_NAME)) {
+    match store().read() {
         Ok(blob) => Ok(Some(blob)),
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            umount(PLACE).with_context(|| format!("{node} cannot be unmounted"))?;
+        Err(error) if is_absent(&error) => {
+            umount(PLACE).with_context(|| format!("{device} cannot be unmounted"))?;
             Ok(None)
         }
         Err(error) => Err(error).with_context(|| format!("{device}: {CONFIG_NAME} cannot be read")),
     }
 }
 
-/// One byte more than the largest is enough to see that a file is too long.
-fn read_bounded(path: &Path) -> std::io::Result<Vec<u8>> {
-    let mut blob = Vec::new();
-    File::open(path)?.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?;
-    Ok(blob)
+/// Mounts a device's FAT file system, if it has one.
+fn mount_at(device: &str) -> bool {
+    let node = format!("/dev/{device}");
+    // Disks that hold something else are no news.
+    let flags = MOUNT_FLAGS | MsFlags::MS_RDONLY | MsFlags::MS_SILENT;
+    mount(Some(node.as_str()), PLACE, Some("vfat"), flags, None::<&str>).is_ok()
 }
 
 #[cfg(test)]
@@ -113,12 +127,5 @@ mod tests {
         std::fs::create_dir(class.path().join("sda")).unwrap();
         assert_eq!(devices(class.path()).unwrap(), ["mmcblk0p1", "vda", "vda1"]);
         assert!(devices(&class.path().join("absent")).is_err());
-    }
-
-    #[test]
-    fn a_file_without_end_is_not_read_to_its_end() {
-        let blob = read_bounded(Path::new("/dev/zero")).unwrap();
-        assert_eq!(blob.len(), BLOB_BYTES_MAX + 1);
-        assert!(plumbline::config::Config::decode(&blob).is_err());
     }
 }

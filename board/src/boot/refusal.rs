@@ -1,23 +1,58 @@
-//! A configuration that cannot be used is refused, and the box says so instead
-//! of tracking: on the console once, to the hosts again and again.
+//! A configuration that cannot be used is refused, and the box says so instead of tracking: on
+//! the console once, to the hosts again and again.
 //!
-//! It stays so until the power is switched off: a new start would find the same
-//! file. That is also why no watchdog runs.
+//! A host may send another one, which is all that the box does now. Otherwise it stays so
+//! until the power is switched off: a new start would find the same file. That is also why no
+//! watchdog runs.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
+use plumbline::packet::{Action, Command, Message, Refusal, Reply, ReplyOutcome};
 
-use super::announce;
+use super::announce::{AGAIN, Announcer};
+use crate::config_store::ConfigStore;
+use crate::provisioning::{Provisioning, refused};
 
-/// Says why, for ever.
-pub fn stay(links: &Links, why: &str) -> ! {
+/// Hosts are listened to this often.
+const TURN: Duration = Duration::from_millis(20);
+
+/// Says why, until a host has sent a better configuration and asks for a restart.
+pub fn stay(links: &Links, store: Option<ConfigStore>, why: &str) {
     let text = format!("configuration refused: {why}");
     log::error!("{text}");
-    log::error!("nothing is tracked; correct it, then switch the box off and on again");
-    let started = Instant::now();
-    loop {
-        announce::say(links, started, &text);
-        std::thread::sleep(announce::AGAIN);
+    log::error!(
+        "nothing is tracked; send another configuration, or correct it on the card and switch \
+         the box off and on again"
+    );
+    let mut announcer = Announcer::new(links);
+    let mut provisioning = Provisioning::new(store);
+    let mut restart = false;
+    while !restart {
+        announcer.say(&text);
+        let again_at = Instant::now() + AGAIN;
+        while Instant::now() < again_at && !restart {
+            announcer.answer(|message| match message {
+                Message::Part(part) => {
+                    provisioning.take(part);
+                    None
+                }
+                Message::Command(command) => {
+                    restart |= command.action == Action::Reboot;
+                    Some(reply(&mut provisioning, command, &text))
+                }
+                _ => None,
+            });
+            std::thread::sleep(TURN);
+        }
     }
+}
+
+fn reply(provisioning: &mut Provisioning, command: &Command, why: &str) -> Reply {
+    let outcome = match command.action {
+        Action::StoreConfig { bytes, crc } => provisioning.keep(bytes, crc),
+        Action::Reboot => ReplyOutcome::Accepted,
+        _ => refused(Refusal::NotSupported, why),
+    };
+    Reply { id: command.id, outcome }
 }

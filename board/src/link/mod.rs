@@ -64,6 +64,17 @@ impl Link {
         }
     }
 
+    /// Whether it takes a packet more without leaving those that come after it no room.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        match self {
+            Self::Udp(_) => true,
+            Self::Serial(link) => link.has_room(),
+            // Nobody listens at its other end.
+            Self::File(_) => false,
+        }
+    }
+
     /// Hands on what waits, as far as that goes without waiting.
     pub fn service(&mut self) {
         if let Self::Serial(link) = self {

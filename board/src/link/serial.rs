@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use plumbline::packet::{Deframer, Message};
+use plumbline::packet::{Deframer, FRAME_BYTES_MAX, Message};
 use serialport::TTYPort;
 
 use super::Counts;
@@ -98,6 +98,12 @@ impl SerialLink {
         self.waiting.extend_from_slice(frame);
         self.counts.waiting += 1;
         self.service();
+    }
+
+    /// Whether there is room for a packet and for two more after it.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        self.line.is_some() && self.waiting.len() + 3 * FRAME_BYTES_MAX <= WAITING_BYTES_MAX
     }
 
     /// Hands on as many bytes as the line takes now.

@@ -70,13 +70,18 @@ impl Counters {
         self.allocations = Some((after_first, count));
     }
 
+    /// What takes memory on purpose has been done: the count begins anew.
+    pub fn forget_allocations(&mut self) {
+        self.allocations = None;
+    }
+
     /// Heap allocations since the first frame after the camera was last opened.
     pub fn allocations(&self) -> u64 {
         self.allocations.map_or(0, |(after_first, after_last)| after_last - after_first)
     }
 
     /// How the box is doing; the largest latency is counted anew after it.
-    pub fn health(&mut self, links: &Links) -> Health {
+    pub fn health(&mut self, links: &Links, aiming_s: u16) -> Health {
         let latency_max = std::mem::take(&mut self.latency_max_since_health);
         let links = links.iter().map(|link| {
             let counts = link.counts();
@@ -96,7 +101,7 @@ impl Counters {
             heap_allocations: Some(saturated(self.allocations())),
             temperature_decicelsius: self.sensor.decicelsius(),
             camera: self.source.camera,
-            aiming_s: 0,
+            aiming_s,
             latency_us_max: u32::try_from(latency_max.as_micros()).unwrap_or(u32::MAX),
             logs_dropped: logger::dropped(),
             links: links.collect(),

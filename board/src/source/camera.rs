@@ -19,7 +19,7 @@ use anyhow::Result;
 use plumbline::config::Capture;
 use plumbline::packet::CameraState;
 
-use super::{Condition, Frame, FrameSource, Next};
+use super::{Condition, Exposure, Frame, FrameSource, Next};
 use crate::logger;
 
 /// An open camera that is silent for this long is closed and opened again.
@@ -79,6 +79,8 @@ pub struct Counts {
 /// A camera as a source of frames, whatever happens to it.
 #[derive(Debug)]
 pub struct Camera<D> {
+    configured: Capture,
+    /// The same, exposed as asked for.
     capture: Capture,
     size_px: (usize, usize),
     state: State<D>,
@@ -105,6 +107,7 @@ impl<D: Device> Camera<D> {
     #[must_use]
     pub fn new(capture: Capture, size_px: (usize, usize)) -> Self {
         Self {
+            configured: capture.clone(),
             capture,
             size_px,
             state: State::Absent { again_at: Instant::now() },
@@ -128,6 +131,11 @@ impl<D: Device> Camera<D> {
         match D::open(&self.capture, self.size_px) {
             Ok(device) => self.state = State::Waiting { device, since: Instant::now() },
             Err(error) => {
+                if self.capture != self.configured {
+                    // An exposure that was tried out, and that it does not take.
+                    self.capture = self.configured.clone();
+                    self.attempts = 0;
+                }
                 self.say(format!("{error:#}"));
                 self.reported = CameraState::Lost;
                 self.state = State::Absent { again_at: Instant::now() + back_off(self.attempts) };
@@ -224,6 +232,28 @@ impl<D: Device> FrameSource for Camera<D> {
             State::Giving { device, .. } => Next::Frame(device.frame()),
             _ => Next::Quiet,
         }
+    }
+
+    /// The camera is opened anew, which works with every driver.
+    fn expose(&mut self, exposure: Exposure) -> bool {
+        let mut capture = self.configured.clone();
+        capture.exposure_us = exposure.exposure_us.or(capture.exposure_us);
+        capture.gain = exposure.gain.or(capture.gain);
+        if capture == self.capture {
+            return true;
+        }
+        self.capture = capture;
+        let absent = State::Absent { again_at: Instant::now() };
+        if let State::Waiting { device, .. } | State::Giving { device, .. } =
+            std::mem::replace(&mut self.state, absent)
+        {
+            self.add_counts(&device);
+        }
+        true
+    }
+
+    fn exposure(&self) -> Exposure {
+        Exposure { exposure_us: self.capture.exposure_us, gain: self.capture.gain }
     }
 
     fn condition(&self) -> Condition {

@@ -11,7 +11,7 @@ use super::camera::Camera;
 use super::libcamera::Libcamera;
 use super::replay::Replay;
 use super::v4l2::V4l2;
-use super::{Condition, FrameSource, Next};
+use super::{Condition, Exposure, FrameSource, Next};
 
 /// One of the sources that there are.
 #[derive(Debug)]
@@ -68,6 +68,24 @@ impl FrameSource for Source {
         }
     }
 
+    fn expose(&mut self, exposure: Exposure) -> bool {
+        match self {
+            Self::Replay(source) => source.expose(exposure),
+            Self::V4l2(source) => source.expose(exposure),
+            #[cfg(feature = "libcamera")]
+            Self::Libcamera(source) => source.expose(exposure),
+        }
+    }
+
+    fn exposure(&self) -> Exposure {
+        match self {
+            Self::Replay(source) => source.exposure(),
+            Self::V4l2(source) => source.exposure(),
+            #[cfg(feature = "libcamera")]
+            Self::Libcamera(source) => source.exposure(),
+        }
+    }
+
     fn condition(&self) -> Condition {
         match self {
             Self::Replay(source) => source.condition(),
@@ -80,38 +98,15 @@ impl FrameSource for Source {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::config::{Capture, Links, Machine, PixelFormat};
-    use plumbline::lens::{Distortion, Lens};
+    use plumbline::config::Capture;
 
     use super::*;
 
     fn config(driver: Option<CaptureDriver>) -> Config {
-        Config {
-            device: heapless::String::new(),
-            serial_number: heapless::String::new(),
-            lens: Lens {
-                width_px: 640,
-                height_px: 480,
-                fx_px: 500.0,
-                fy_px: 500.0,
-                cx_px: 319.5,
-                cy_px: 239.5,
-                skew_px: 0.0,
-                distortion: Distortion::Radial2([0.0; 2]),
-            },
-            targets: heapless::Vec::new(),
-            cam_from_scene_theta: None,
-            links: Links::default(),
-            capture: driver.map(|driver| Capture {
-                driver,
-                device: heapless::String::new(),
-                pixel_format: PixelFormat::Grey,
-                rate_hz: 60.0,
-                exposure_us: None,
-                gain: None,
-            }),
-            machine: Machine::default(),
-        }
+        let mut config = crate::test_config::config();
+        config.capture =
+            config.capture.zip(driver).map(|(capture, driver)| Capture { driver, ..capture });
+        config
     }
 
     #[test]

@@ -29,8 +29,24 @@ pub trait FrameSource {
     /// Allocates nothing once the first frame has been handed out.
     fn next(&mut self, until: Instant) -> Next<'_>;
 
+    /// Takes frames with another exposure from now on; `None` is as configured. Whether it
+    /// can: a recording cannot.
+    fn expose(&mut self, exposure: Exposure) -> bool;
+
+    /// How frames are exposed, as far as it was asked for.
+    fn exposure(&self) -> Exposure;
+
     /// How the source is doing.
     fn condition(&self) -> Condition;
+}
+
+/// How a camera is to expose.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Exposure {
+    /// Exposure time.
+    pub exposure_us: Option<u32>,
+    /// Gain, in the camera's own unit.
+    pub gain: Option<f32>,
 }
 
 /// How a source is doing; counters run from the start.

@@ -21,7 +21,7 @@ use plumbline::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
 use plumbline::packet::{CameraState, MarkedInstant};
 
 use super::rate::Rate;
-use super::{Condition, Frame, FrameSource, Next, Pixels};
+use super::{Condition, Exposure, Frame, FrameSource, Next, Pixels};
 
 /// What every message about a bad recording ends with.
 const REMEDY: &str = "make one with: ffmpeg -i INPUT -pix_fmt yuv420p -f yuv4mpegpipe OUTPUT.y4m";
@@ -249,6 +249,14 @@ impl FrameSource for Replay {
             ready_at,
             late,
         })
+    }
+
+    fn expose(&mut self, _: Exposure) -> bool {
+        false
+    }
+
+    fn exposure(&self) -> Exposure {
+        Exposure::default()
     }
 
     fn condition(&self) -> Condition {

@@ -1,0 +1,241 @@
+//! Where the box's configuration is kept, and how a new one takes its place.
+//!
+//! The power may go at any moment, and then the old configuration is there or the new one.
+//! A FAT file system promises nothing of the kind, not even for a rename, so that a new one is
+//! written twice, and each step is on the disk before the next begins:
+//!
+//! 1. into a file of its own beside the old one ([`JOURNAL`]);
+//! 2. over the old one, where that lies;
+//! 3. the file of its own is removed.
+//!
+//! Cut off in 1, the file of its own is not whole, and the old one is. Cut off later it is
+//! whole, and counts: the next start takes it, and does 2 and 3.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use nix::mount::{MsFlags, mount};
+use nix::unistd::syncfs;
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+
+/// What the name of the file of its own ends with.
+const JOURNAL: &str = "new";
+
+/// One configuration's place.
+#[derive(Debug, Clone)]
+pub struct ConfigStore {
+    path: PathBuf,
+    /// The file system that is mounted for reading only, where it is.
+    partition: Option<PathBuf>,
+}
+
+impl ConfigStore {
+    /// A file that can be written to at any time.
+    #[must_use]
+    pub fn file(path: &Path) -> Self {
+        Self { path: path.to_owned(), partition: None }
+    }
+
+    /// A file on a file system that is mounted at `place` for reading only, and is made
+    /// writable for as long as it takes.
+    #[must_use]
+    pub fn on_partition(place: &Path, name: &str) -> Self {
+        Self { path: place.join(name), partition: Some(place.to_owned()) }
+    }
+
+    /// The configuration's bytes, whether or not they are one; an error of the kind
+    /// [`ErrorKind::NotFound`] where there are none.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub fn read(&self) -> io::Result<Vec<u8>> {
+        match self.journal() {
+            Some(blob) => Ok(blob),
+            None => read_bounded(&self.path),
+        }
+    }
+
+    /// Ends what was cut off: the next to be stored must not be written over the only one
+    /// that is whole.
+    ///
+    /// # Errors
+    /// When the disk cannot be written to.
+    pub fn complete(&self) -> Result<()> {
+        let Some(blob) = self.journal() else { return Ok(()) };
+        self.written_to(|| self.overwrite(&blob))
+    }
+
+    /// Keeps a configuration; on return it is on the disk.
+    ///
+    /// # Errors
+    /// When the disk cannot be written to. What was stored before still is.
+    pub fn store(&self, blob: &[u8]) -> Result<()> {
+        self.complete()?;
+        if self.read().is_ok_and(|stored| stored == blob) {
+            return Ok(());
+        }
+        self.written_to(|| {
+            write_to_disk(&self.journal_path(), blob)?;
+            if let Err(error) = self.overwrite(blob) {
+                log::warn!("the next start puts the configuration into its place: {error:#}");
+            }
+            Ok(())
+        })?;
+        ensure!(self.read()? == blob, "the disk does not give back what was written to it");
+        Ok(())
+    }
+
+    fn journal_path(&self) -> PathBuf {
+        self.path.with_extension(JOURNAL)
+    }
+
+    /// What was to be stored when it was cut off, if that is whole.
+    fn journal(&self) -> Option<Vec<u8>> {
+        read_bounded(&self.journal_path()).ok().filter(|blob| Config::decode(blob).is_ok())
+    }
+
+    /// Steps 2 and 3.
+    fn overwrite(&self, blob: &[u8]) -> Result<()> {
+        write_to_disk(&self.path, blob)?;
+        let journal = self.journal_path();
+        std::fs::remove_file(&journal).with_context(|| journal.display().to_string())?;
+        sync(&self.path)
+    }
+
+    fn written_to(&self, write: impl FnOnce() -> Result<()>) -> Result<()> {
+        let Some(place) = &self.partition else { return write() };
+        remount(place, MsFlags::empty()).context("the card cannot be written to")?;
+        let written = write();
+        if let Err(error) = remount(place, MsFlags::MS_RDONLY) {
+            // It is stored all the same; the next start mounts it for reading only.
+            log::warn!("{} stays writable until the next start: {error}", place.display());
+        }
+        written
+    }
+}
+
+/// How a boot partition is mounted, besides for reading or writing.
+pub const MOUNT_FLAGS: MsFlags =
+    MsFlags::MS_NOSUID.union(MsFlags::MS_NODEV).union(MsFlags::MS_NOEXEC);
+
+fn remount(place: &Path, access: MsFlags) -> nix::Result<()> {
+    let flags = MsFlags::MS_REMOUNT | MOUNT_FLAGS | access;
+    mount(None::<&str>, place, None::<&str>, flags, None::<&str>)
+}
+
+/// Writes a file where it lies, so that it never loses its place, and waits for the disk.
+fn write_to_disk(path: &Path, blob: &[u8]) -> Result<()> {
+    let write = || -> io::Result<()> {
+        let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
+        file.write_all(blob)?;
+        file.set_len(blob.len() as u64)?;
+        file.sync_all()
+    };
+    write().with_context(|| format!("{} cannot be written", path.display()))?;
+    sync(path)
+}
+
+/// Waits until all that was changed beside this file is on the disk.
+fn sync(path: &Path) -> Result<()> {
+    let sync = || -> io::Result<()> { Ok(syncfs(File::open(path)?)?) };
+    sync().with_context(|| format!("the disk of {} does not take it", path.display()))
+}
+
+/// One byte more than the largest is enough to see that a file is too long.
+fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
+    let mut blob = Vec::new();
+    File::open(path)?.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?;
+    Ok(blob)
+}
+
+/// Whether nothing is there, rather than something that cannot be read.
+#[must_use]
+pub fn is_absent(error: &io::Error) -> bool {
+    error.kind() == ErrorKind::NotFound
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_config::config;
+
+    fn blob(device: &str) -> Vec<u8> {
+        let mut config = config();
+        config.device = device.try_into().unwrap();
+        config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
+    }
+
+    fn names(directory: &Path) -> Vec<String> {
+        let listed = std::fs::read_dir(directory).unwrap();
+        let mut names: Vec<String> =
+            listed.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_new_configuration_takes_the_place_of_the_old_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = ConfigStore::file(&folder.path().join("config.plb"));
+        assert!(is_absent(&store.read().unwrap_err()));
+        for device in ["a box with a long name", "box"] {
+            store.store(&blob(device)).unwrap();
+            assert_eq!(std::fs::read(folder.path().join("config.plb")).unwrap(), blob(device));
+            assert_eq!(names(folder.path()), ["config.plb"]);
+        }
+    }
+
+    /// Every state that a cut can leave behind, in the order of the steps, and what the next
+    /// start must find.
+    #[test]
+    fn a_cut_at_any_step_leaves_the_old_or_the_new_one() {
+        let (old, new) = (blob("old"), blob("new, and longer"));
+        let half = |blob: &[u8]| blob[..blob.len() / 2].to_vec();
+        let torn = [&new[..new.len() / 2], &old[new.len() / 2..]].concat();
+        let states: [(Option<Vec<u8>>, &[u8], &[u8]); 7] = [
+            (None, &old, &old),
+            (Some(Vec::new()), &old, &old),
+            (Some(half(&new)), &old, &old),
+            (Some(new.clone()), &old, &new),
+            (Some(new.clone()), &torn, &new),
+            (Some(new.clone()), &new, &new),
+            (None, &new, &new),
+        ];
+        for (journal, main, expected) in states {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("config.plb");
+            let store = ConfigStore::file(&path);
+            std::fs::write(&path, main).unwrap();
+            if let Some(journal) = &journal {
+                std::fs::write(folder.path().join("config.new"), journal).unwrap();
+            }
+            assert_eq!(store.read().unwrap(), expected);
+            store.complete().unwrap();
+            assert_eq!(store.read().unwrap(), expected);
+            assert_eq!(std::fs::read(&path).unwrap(), expected);
+            // And the next is stored as ever.
+            store.store(&blob("next")).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), blob("next"));
+            assert_eq!(names(folder.path()), ["config.plb"]);
+        }
+    }
+
+    #[test]
+    fn where_nothing_can_be_written_the_old_one_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.plb");
+        std::fs::write(&path, blob("old")).unwrap();
+        // A directory in the journal's place: even root cannot write a file there.
+        std::fs::create_dir(folder.path().join("config.new")).unwrap();
+        let error = format!("{:#}", ConfigStore::file(&path).store(&blob("new")).unwrap_err());
+        assert!(error.contains("config.new cannot be written"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), blob("old"));
+    }
+
+    #[test]
+    fn a_file_without_end_is_not_read_to_its_end() {
+        assert_eq!(read_bounded(Path::new("/dev/zero")).unwrap().len(), BLOB_BYTES_MAX + 1);
+    }
+}

@@ -1,0 +1,171 @@
+//! A configuration that the host sends: collected from its parts, judged as at a start, and
+//! kept.
+
+use std::fmt::Write as _;
+
+use heapless::Vec;
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::packet::{Document, Part, REASON_BYTES_MAX, Refusal, ReplyOutcome};
+
+use crate::boot;
+use crate::config_store::ConfigStore;
+
+/// What has come so far, and where it will be kept.
+#[derive(Debug)]
+pub struct Provisioning {
+    store: Option<ConfigStore>,
+    /// Without a gap, from the first byte on.
+    received: Vec<u8, BLOB_BYTES_MAX>,
+}
+
+impl Provisioning {
+    /// Nothing has come yet. Without a store everything is refused.
+    #[must_use]
+    pub fn new(store: Option<ConfigStore>) -> Self {
+        Self { store, received: Vec::new() }
+    }
+
+    /// Takes a part of a configuration. One that leaves a gap is ignored: the host is told
+    /// where the gap is, and sends again from there.
+    pub fn take(&mut self, part: &Part) {
+        let offset = part.offset as usize;
+        if part.document != Document::Config || offset > self.received.len() {
+            return;
+        }
+        self.received.truncate(offset);
+        // Too long for any configuration: what is missing then is never asked for.
+        let _ = self.received.extend_from_slice(&part.bytes);
+    }
+
+    /// Keeps what has come, if it is whole and a box can run with it.
+    pub fn keep(&mut self, bytes: u32, crc: u32) -> ReplyOutcome {
+        let Some(store) = &self.store else {
+            return refused(Refusal::NotSupported, "this program has nowhere to keep it");
+        };
+        let bytes = bytes as usize;
+        if bytes > BLOB_BYTES_MAX {
+            return refused(
+                Refusal::Unusable,
+                format_args!("{bytes} bytes; this box takes at most {BLOB_BYTES_MAX}"),
+            );
+        }
+        if self.received.len() < bytes {
+            return refused(Refusal::Incomplete { from: self.received.len() as u32 }, "");
+        }
+        let blob = &self.received[..bytes];
+        let config = match Config::decode(blob) {
+            Ok(config) if config.crc() == crc => config,
+            Ok(_) => {
+                // Of another configuration, sent before.
+                self.received.clear();
+                return refused(Refusal::Incomplete { from: 0 }, "");
+            }
+            Err(error) => {
+                let outcome = refused(Refusal::Unusable, error);
+                self.received.clear();
+                return outcome;
+            }
+        };
+        if let Err(error) = boot::usable(&config) {
+            return refused(Refusal::Unusable, format_args!("{error:#}"));
+        }
+        if let Err(error) = store.store(blob) {
+            log::error!("configuration {crc:08x} is not stored: {error:#}");
+            return refused(Refusal::NotStored, format_args!("{error:#}"));
+        }
+        log::info!("configuration {crc:08x} is stored, and in use from the next start on");
+        ReplyOutcome::Stored { crc }
+    }
+}
+
+/// A refusal with its reason, as far as there is room for it.
+pub fn refused(refusal: Refusal, reason: impl std::fmt::Display) -> ReplyOutcome {
+    let mut text = crate::logger::Cut::<REASON_BYTES_MAX>::default();
+    // It does not fail; what does not fit is left out.
+    let _ = write!(text, "{reason}");
+    ReplyOutcome::Refused { refusal, reason: text.text }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::PART_BYTES_MAX;
+
+    use super::*;
+    use crate::test_config::config;
+
+    fn parts(blob: &[u8]) -> impl Iterator<Item = Part> + '_ {
+        blob.chunks(PART_BYTES_MAX).enumerate().map(|(index, bytes)| Part {
+            document: Document::Config,
+            offset: (index * PART_BYTES_MAX) as u32,
+            bytes: bytes.iter().copied().collect(),
+        })
+    }
+
+    fn blob(config: &Config) -> std::vec::Vec<u8> {
+        config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
+    }
+
+    fn refusal(outcome: ReplyOutcome) -> (Refusal, std::string::String) {
+        match outcome {
+            ReplyOutcome::Refused { refusal, reason } => (refusal, reason.as_str().into()),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn parts_come_in_any_number_of_tries() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.plb");
+        let mut provisioning = Provisioning::new(Some(ConfigStore::file(&path)));
+        let blob = blob(&config());
+        let (bytes, crc) = (blob.len() as u32, config().crc());
+        // The second part is lost, and so the third leaves a gap.
+        for part in parts(&blob).enumerate().filter(|(index, _)| *index != 1) {
+            provisioning.take(&part.1);
+        }
+        let incomplete = Refusal::Incomplete { from: PART_BYTES_MAX as u32 };
+        assert_eq!(refusal(provisioning.keep(bytes, crc)).0, incomplete);
+        parts(&blob).skip(1).for_each(|part| provisioning.take(&part));
+        assert_eq!(provisioning.keep(bytes, crc), ReplyOutcome::Stored { crc });
+        // The answer was lost: the host asks again.
+        assert_eq!(provisioning.keep(bytes, crc), ReplyOutcome::Stored { crc });
+        assert_eq!(std::fs::read(&path).unwrap(), blob);
+    }
+
+    #[test]
+    fn what_a_box_cannot_run_with_is_refused_by_its_field() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.plb");
+        let mut provisioning = Provisioning::new(Some(ConfigStore::file(&path)));
+        let mut without_camera = config();
+        without_camera.capture = None;
+        let mut without_link = config();
+        without_link.links.udp = None;
+        let mut damaged = blob(&config());
+        damaged[20] ^= 1;
+        let cases = [
+            (blob(&without_camera), without_camera.crc(), "capture: "),
+            (blob(&without_link), without_link.crc(), "links: "),
+            (damaged, config().crc(), "checksum"),
+        ];
+        for (blob, crc, words) in cases {
+            parts(&blob).for_each(|part| provisioning.take(&part));
+            let (why, reason) = refusal(provisioning.keep(blob.len() as u32, crc));
+            assert!(why == Refusal::Unusable && reason.contains(words), "{reason}");
+        }
+        let too_long = BLOB_BYTES_MAX as u32 + 1;
+        assert_eq!(refusal(provisioning.keep(too_long, 0)).0, Refusal::Unusable);
+        assert!(!path.exists());
+        // What came before is not taken for what was announced.
+        let blob = blob(&config());
+        parts(&blob).for_each(|part| provisioning.take(&part));
+        let (why, _) = refusal(provisioning.keep(blob.len() as u32, 7));
+        assert_eq!(why, Refusal::Incomplete { from: 0 });
+    }
+
+    #[test]
+    fn without_a_place_for_it_nothing_is_kept() {
+        let mut provisioning = Provisioning::new(None);
+        assert_eq!(refusal(provisioning.keep(0, 0)).0, Refusal::NotSupported);
+    }
+}

@@ -1,0 +1,164 @@
+//! Set-up mode: for as long as a host goes on asking, pictures may leave the box, over the
+//! link on which it asks.
+//!
+//! It ends by itself when the host has been silent for the time it asked for, and at the
+//! latest after [`TOTAL_MAX`]: a terminal left open must not keep a ward in view. With it ends
+//! the exposure that was tried out in it, and the last picture is forgotten.
+
+use std::time::{Duration, Instant};
+
+use plumbline::packet::{AIM_S_MAX, Picture, document_crc};
+
+use super::picture;
+use crate::source::Frame;
+
+/// The longest time without leaving set-up mode.
+const TOTAL_MAX: Duration = Duration::from_secs(30 * 60);
+
+/// Set-up mode, and what there is in it.
+#[derive(Debug, Default)]
+pub struct Aim {
+    lease: Option<Lease>,
+    /// The reduction of the picture that is to be made of the next frame.
+    wanted: Option<u8>,
+    last: Option<(Picture, Vec<u8>)>,
+    pictures: u16,
+}
+
+#[derive(Debug)]
+struct Lease {
+    began: Instant,
+    until: Instant,
+    /// The link's index.
+    link: usize,
+}
+
+impl Aim {
+    /// Enters set-up mode, or stays in it, for so many seconds from now; 0 ends it.
+    pub fn renew(&mut self, link: usize, seconds: u16, now: Instant) {
+        if self.lease.is_none() {
+            if seconds == 0 {
+                return;
+            }
+            log::warn!("set-up mode: pictures may leave this box");
+        }
+        let began = self.lease.as_ref().map_or(now, |lease| lease.began);
+        let asked = now + Duration::from_secs(seconds.min(AIM_S_MAX).into());
+        self.lease = Some(Lease { began, until: asked.min(began + TOTAL_MAX), link });
+    }
+
+    /// Leaves set-up mode when its time is over; whether it did so now.
+    pub fn end_in_time(&mut self, now: Instant) -> bool {
+        let is_over = self.lease.as_ref().is_some_and(|lease| lease.until <= now);
+        if is_over {
+            log::info!("set-up mode is over: no picture leaves this box");
+            *self = Self { pictures: self.pictures, ..Self::default() };
+        }
+        is_over
+    }
+
+    /// Whether pictures may leave by this link.
+    pub fn is_on(&self, link: usize) -> bool {
+        self.lease.as_ref().is_some_and(|lease| lease.link == link)
+    }
+
+    /// Seconds left, rounded up; 0 outside set-up mode.
+    pub fn left_s(&self, now: Instant) -> u16 {
+        let left = self.lease.as_ref().map(|lease| lease.until.saturating_duration_since(now));
+        left.map_or(0, |left| left.as_secs_f64().ceil() as u16)
+    }
+
+    /// A picture of the next frame is wanted.
+    pub fn want(&mut self, reduction: u8) {
+        self.wanted = Some(reduction);
+    }
+
+    /// Makes the picture that is wanted, if one is; and by which link word of it goes out.
+    pub fn take(&mut self, frame: &Frame<'_>, sequence: u32) -> Option<(usize, Picture)> {
+        let link = self.lease.as_ref()?.link;
+        let reduction = self.wanted.take()?;
+        let file = match picture::file(&frame.pixels, reduction) {
+            Ok(file) => file,
+            Err(error) => {
+                log::error!("no picture: {error:#}");
+                return None;
+            }
+        };
+        self.pictures = self.pictures.wrapping_add(1);
+        let picture = Picture {
+            number: self.pictures,
+            sequence,
+            reduction,
+            bytes: file.len() as u32,
+            crc: document_crc(&file),
+        };
+        self.last = Some((picture, file));
+        Some((link, picture))
+    }
+
+    /// The file of the last picture, if that is its number.
+    pub fn file(&self, number: u16) -> Option<&[u8]> {
+        let (picture, file) = self.last.as_ref()?;
+        (picture.number == number).then_some(file)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::image::GreyImage;
+    use plumbline::packet::MarkedInstant;
+
+    use super::*;
+    use crate::source::Pixels;
+
+    const GREY: [u8; 64 * 64] = [7; 64 * 64];
+
+    fn frame() -> Frame<'static> {
+        Frame {
+            pixels: Pixels::Grey8(GreyImage::new(&GREY, 64, 64, 64).unwrap()),
+            capture_time_ns: 1,
+            instant: MarkedInstant::ExposureEnd,
+            ready_at: Instant::now(),
+            late: false,
+        }
+    }
+
+    #[test]
+    fn it_ends_when_the_host_is_silent_and_takes_the_picture_along() {
+        let start = Instant::now();
+        let after = |seconds: f64| start + Duration::from_secs_f64(seconds);
+        let mut aim = Aim::default();
+        aim.want(1);
+        assert!(aim.take(&frame(), 5).is_none() && !aim.is_on(1) && aim.left_s(start) == 0);
+        aim.renew(1, 10, start);
+        assert!(aim.is_on(1) && !aim.is_on(0));
+        let (link, picture) = aim.take(&frame(), 5).unwrap();
+        assert_eq!((link, picture.number, picture.sequence, picture.reduction), (1, 1, 5, 1));
+        assert_eq!(document_crc(aim.file(1).unwrap()), picture.crc);
+        // One picture for each time it was wanted.
+        assert!(aim.take(&frame(), 6).is_none() && aim.file(2).is_none());
+        aim.renew(1, 10, after(8.0));
+        assert!(!aim.end_in_time(after(17.9)));
+        assert_eq!(aim.left_s(after(17.5)), 1);
+        assert!(aim.end_in_time(after(18.0)) && !aim.end_in_time(after(18.0)));
+        assert!(!aim.is_on(1) && aim.file(1).is_none());
+    }
+
+    #[test]
+    fn nobody_stays_in_it_for_ever_nor_asks_for_too_long_at_once() {
+        let start = Instant::now();
+        let mut aim = Aim::default();
+        aim.renew(0, u16::MAX, start);
+        assert_eq!(aim.left_s(start), AIM_S_MAX);
+        let mut now = start;
+        while !aim.end_in_time(now) {
+            aim.renew(0, AIM_S_MAX, now);
+            now += Duration::from_secs(30);
+        }
+        assert_eq!(now - start, TOTAL_MAX);
+        // The host that ends it is obeyed at once.
+        aim.renew(0, 10, now);
+        aim.renew(0, 0, now);
+        assert!(aim.end_in_time(now));
+    }
+}

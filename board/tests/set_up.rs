@@ -1,0 +1,214 @@
+//! Setting a box up over its link: a configuration that comes in parts, and set-up mode.
+
+mod common;
+
+use std::net::{SocketAddr, UdpSocket};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use common::{Board, PATIENCE, SIZE_PX, config, folder, recording, write_config};
+use plumbline::config::{BLOB_BYTES_MAX, Capture, CaptureDriver, Config, PixelFormat};
+use plumbline::packet::{
+    Action, Command, Document, Health, Message, PACKET_BYTES_MAX, PART_BYTES_MAX, Part, Picture,
+    Refusal, ReplyOutcome, View, decode_datagram, document_crc, encode_datagram,
+};
+
+/// A box that runs, and the host's end of its link.
+struct Bench {
+    board: Board,
+    socket: UdpSocket,
+    to: SocketAddr,
+    questions: u16,
+    config: PathBuf,
+    _folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn start(frames: usize, more: &[&str]) -> Self {
+        let folder = folder();
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        let address = socket.local_addr().unwrap().to_string();
+        let trial = folder.path().join("trial.y4m");
+        std::fs::write(&trial, recording(frames)).unwrap();
+        let config = write_config(&folder, &config());
+        let arguments = ["--replay", trial.to_str().unwrap(), "--udp", &address];
+        let board = Board::start(&config, &[&arguments[..], more].concat());
+        let mut datagram = [0; PACKET_BYTES_MAX];
+        let (_, to) = socket.recv_from(&mut datagram).expect("a packet in time");
+        Self { board, socket, to, questions: 0, config, _folder: folder }
+    }
+
+    fn send(&self, message: &Message) {
+        let mut buffer = [0; PACKET_BYTES_MAX];
+        self.socket.send_to(encode_datagram(message, &mut buffer).unwrap(), self.to).unwrap();
+    }
+
+    fn wait_for<T>(&self, find: impl Fn(&Message) -> Option<T>) -> T {
+        let give_up = Instant::now() + PATIENCE;
+        let mut datagram = [0; PACKET_BYTES_MAX];
+        loop {
+            assert!(Instant::now() < give_up, "it never came");
+            let length = self.socket.recv(&mut datagram).expect("a packet in time");
+            let message = decode_datagram(&datagram[..length]).expect("an intact packet");
+            if let Some(found) = find(&message) {
+                return found;
+            }
+        }
+    }
+
+    fn ask(&mut self, action: Action) -> ReplyOutcome {
+        self.questions += 1;
+        let id = self.questions;
+        self.send(&Message::Command(Command { id, action }));
+        self.wait_for(|message| match message {
+            Message::Reply(reply) if reply.id == id => Some(reply.outcome.clone()),
+            _ => None,
+        })
+    }
+
+    fn refusal(&mut self, action: Action) -> Refusal {
+        match self.ask(action) {
+            ReplyOutcome::Refused { refusal, .. } => refusal,
+            other => panic!("{action:?} is answered {other:?}"),
+        }
+    }
+
+    fn health(&mut self) -> Health {
+        assert_eq!(self.ask(Action::SendHealth), ReplyOutcome::Accepted);
+        self.wait_for(|message| match message {
+            Message::Health(health) => Some(health.clone()),
+            _ => None,
+        })
+    }
+
+    fn fetch(&self, document: Document, bytes: usize) -> Vec<u8> {
+        let action = Action::SendParts { document, offset: 0, bytes: bytes as u32 };
+        self.send(&Message::Command(Command { id: 0, action }));
+        let mut file = vec![0; bytes];
+        let mut there = 0;
+        while there < bytes {
+            let part = self.wait_for(|message| match message {
+                Message::Part(part) if part.document == document => Some(part.clone()),
+                _ => None,
+            });
+            file[part.offset as usize..][..part.bytes.len()].copy_from_slice(&part.bytes);
+            there += part.bytes.len();
+        }
+        file
+    }
+
+    fn send_config(&self, blob: &[u8]) {
+        for (index, bytes) in blob.chunks(PART_BYTES_MAX).enumerate() {
+            let offset = (index * PART_BYTES_MAX) as u32;
+            let bytes = bytes.iter().copied().collect();
+            self.send(&Message::Part(Part { document: Document::Config, offset, bytes }));
+        }
+    }
+}
+
+fn blob(config: &Config) -> Vec<u8> {
+    config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
+}
+
+/// What a box with a camera can run with.
+fn another_config() -> Config {
+    let mut config = config();
+    config.device = "another".try_into().unwrap();
+    config.links.udp = Some("127.0.0.1:4210".parse().unwrap());
+    config.capture = Some(Capture {
+        driver: CaptureDriver::V4l2,
+        device: heapless::String::new(),
+        pixel_format: PixelFormat::Grey,
+        rate_hz: 60.0,
+        exposure_us: None,
+        gain: None,
+    });
+    config
+}
+
+#[test]
+fn a_configuration_is_stored_and_read_back_and_used_at_the_next_start() {
+    let mut bench = Bench::start(1000, &["--supervised"]);
+    let now = blob(&config());
+    let answer = bench.ask(Action::QueryConfig);
+    let (crc, bytes) = (config().crc(), now.len() as u32);
+    assert_eq!(answer, ReplyOutcome::Config { crc, bytes });
+    assert_eq!(bench.fetch(Document::Config, now.len()), now);
+
+    // One that no box can run with: the replay's own, which names no camera.
+    bench.send_config(&now);
+    assert_eq!(bench.refusal(Action::StoreConfig { bytes, crc }), Refusal::Unusable);
+    assert_eq!(std::fs::read(&bench.config).unwrap(), now);
+
+    let next = another_config();
+    let (bytes, crc) = (blob(&next).len() as u32, next.crc());
+    bench.send_config(&blob(&next));
+    let stored = bench.ask(Action::StoreConfig { bytes, crc });
+    assert_eq!(stored, ReplyOutcome::Stored { crc });
+    assert_eq!(std::fs::read(&bench.config).unwrap(), blob(&next));
+    // Until the next start it runs with what it has.
+    assert!(
+        matches!(bench.ask(Action::QueryConfig), ReplyOutcome::Config { crc, .. } if crc == config().crc())
+    );
+    assert_eq!(bench.ask(Action::Reboot), ReplyOutcome::Accepted);
+    assert!(bench.board.wait().status.success());
+}
+
+#[test]
+fn pictures_leave_the_box_in_set_up_mode_only_and_it_ends_by_itself() {
+    let mut bench = Bench::start(1000, &[]);
+    assert_eq!(bench.refusal(Action::TakePicture { reduction: 1 }), Refusal::NotAiming);
+    let exposure = Action::Expose { exposure_us: Some(5000), gain: None };
+    assert_eq!(bench.refusal(exposure), Refusal::NotAiming);
+    let parts = Action::SendParts { document: Document::Picture(1), offset: 0, bytes: 10 };
+    assert_eq!(bench.refusal(parts), Refusal::NotAiming);
+    assert_eq!(bench.health().aiming_s, 0);
+
+    assert_eq!(bench.ask(Action::Aim { seconds: 2 }), ReplyOutcome::Accepted);
+    let entered = Instant::now();
+    assert!((1..=2).contains(&bench.health().aiming_s));
+    // A recording is exposed as it is.
+    assert_eq!(bench.refusal(exposure), Refusal::NotSupported);
+    for reduction in [1, 2] {
+        assert_eq!(bench.ask(Action::TakePicture { reduction }), ReplyOutcome::Accepted);
+        let picture: Picture = bench.wait_for(|message| match message {
+            Message::Picture(picture) => Some(*picture),
+            _ => None,
+        });
+        let document = Document::Picture(picture.number);
+        let file = bench.fetch(document, picture.bytes as usize);
+        assert_eq!(document_crc(&file), picture.crc);
+        let decoded = image::load_from_memory(&file).unwrap().into_luma8();
+        let size = [SIZE_PX.0, SIZE_PX.1].map(|side| u32::from(side) / u32::from(reduction));
+        assert_eq!(decoded.dimensions(), size.into());
+        // The recording's grey; JPEG has it to a level.
+        assert!(decoded.iter().all(|level| level.abs_diff(90) < 2));
+    }
+    // The one before is forgotten, and a picture there never was is not there.
+    assert_eq!(bench.refusal(parts), Refusal::Unusable);
+
+    let over = bench.wait_for(|message| match message {
+        Message::Health(health) if health.aiming_s == 0 => Some(Instant::now()),
+        _ => None,
+    });
+    let lasted = over - entered;
+    assert!((Duration::from_millis(1900)..Duration::from_secs(4)).contains(&lasted), "{lasted:?}");
+    assert_eq!(bench.refusal(Action::TakePicture { reduction: 1 }), Refusal::NotAiming);
+    // What pictures took of the heap is not the tracking's.
+    assert_eq!(bench.health().heap_allocations, Some(0));
+}
+
+#[test]
+fn a_view_tells_of_the_frame_in_numbers_in_any_mode() {
+    let mut bench = Bench::start(1000, &[]);
+    assert_eq!(bench.ask(Action::SendView), ReplyOutcome::Accepted);
+    let view: View = bench.wait_for(|message| match message {
+        Message::View(view) => Some(view.clone()),
+        _ => None,
+    });
+    // A grey wall: no edge, no target.
+    assert!((view.frame.level - 90.0 / 255.0).abs() < 1e-4, "{view:?}");
+    assert_eq!((view.frame.saturated, view.frame.blur_px), (0.0, None));
+    assert!(view.targets.is_empty() && view.exposure_us.is_none());
+}
