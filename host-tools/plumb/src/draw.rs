@@ -93,10 +93,9 @@ pub fn annotated(frame: &Frame<'_>, config: &Config, report: &Report) -> RgbImag
         Rgb([(sample.min(white) * 255 / white) as u8; 3])
     });
     let drawn = report.targets.iter().map(|found| match &found.measurement {
-        Ok(measured) => Drawn::Found {
-            cam_from_target: measured.cam_from_target,
-            corners: measured.corners,
-        },
+        Ok(measured) => {
+            Drawn::Found { cam_from_target: measured.cam_from_target, corners: measured.corners }
+        }
         Err(reason) => Drawn::Missing(found.state, *reason),
     });
     annotate(picture, config, drawn)

@@ -92,11 +92,9 @@ impl Light {
                 let saturated = saturated.fold(0.0, f32::max);
                 Self { of: Judged::Target, level: target.light, saturated }
             }
-            None => Self {
-                of: Judged::Frame,
-                level: view.frame.level,
-                saturated: view.frame.saturated,
-            },
+            None => {
+                Self { of: Judged::Frame, level: view.frame.level, saturated: view.frame.saturated }
+            }
         }
     }
 }
@@ -328,8 +326,8 @@ impl Controller {
             return self.without_gain(goal);
         }
         let brackets = (before.light.level < goal) != is_dark;
-        let is_certain = last.light.level < LEVEL_CERTAIN_MAX
-            && before.light.level < LEVEL_CERTAIN_MAX;
+        let is_certain =
+            last.light.level < LEVEL_CERTAIN_MAX && before.light.level < LEVEL_CERTAIN_MAX;
         let wanted = if brackets && !is_certain {
             0.5 * (gain + before_gain)
         } else {

@@ -120,9 +120,16 @@ pub struct TargetReading {
     pub advice: Vec<String>,
 }
 
+impl Reading {
+    /// All of it, a line per target, and one for the frame.
+    pub fn lines(&self) -> Vec<String> {
+        let targets = self.targets.iter().map(TargetReading::line);
+        targets.chain([self.frame.line()]).collect()
+    }
+}
+
 impl TargetReading {
-    /// All of it in one line.
-    pub fn line(&self) -> String {
+    fn line(&self) -> String {
         let told = [format!("{}: {}", self.name, self.state)].into_iter();
         let line = told.chain(self.numbers.iter().cloned()).collect::<Vec<_>>().join(", ");
         with_advice(line, &self.advice)
@@ -130,8 +137,7 @@ impl TargetReading {
 }
 
 impl FrameReading {
-    /// All of it in one line.
-    pub fn line(&self) -> String {
+    fn line(&self) -> String {
         with_advice(format!("frame: {}", self.text), &self.advice)
     }
 }
@@ -141,7 +147,12 @@ fn with_advice(line: String, advice: &[String]) -> String {
 }
 
 /// What a frame's numbers say.
-pub fn read(config: &Config, view: &View, pose: Option<&PosePacket>, best: &mut BestFocus) -> Reading {
+pub fn read(
+    config: &Config,
+    view: &View,
+    pose: Option<&PosePacket>,
+    best: &mut BestFocus,
+) -> Reading {
     let targets: Vec<_> = config
         .targets
         .iter()

@@ -48,8 +48,6 @@ const PICTURE_BYTES_MAX: u32 = 64 << 20;
 
 /// A picture that is here.
 pub struct Taken {
-    /// What the box said of it.
-    pub picture: Picture,
     /// Its file.
     pub file: Vec<u8>,
     /// What was found in its frame, if that came.
@@ -59,8 +57,6 @@ pub struct Taken {
 /// How far a picture has come.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
-    /// Pixels of the frame per pixel of the picture, in either direction.
-    pub reduction: u8,
     /// Bytes that are here.
     pub there: usize,
     /// All of its bytes.
@@ -193,7 +189,7 @@ impl Session {
         let left = (there > 0)
             .then(|| elapsed.mul_f64((total - there) as f64 / there as f64))
             .filter(|_| elapsed >= Duration::from_secs(1));
-        Some(Progress { reduction: coming.picture.reduction, there, total, left })
+        Some(Progress { there, total, left })
     }
 
     /// Asks the box to expose so until the mode ends; its answer, in its own words where it
@@ -328,10 +324,8 @@ impl Session {
     /// The picture under way does not come: it is taken again, unless that is of no use.
     fn failed(&mut self, stopped: &Stopped) -> Result<(), BadInput> {
         self.failures += 1;
-        let is_final = matches!(
-            stopped,
-            Stopped::Refused(Refusal::NotSupported | Refusal::Unusable, _) | Stopped::Barren
-        );
+        let is_final =
+            matches!(stopped, Stopped::Refused(Refusal::NotSupported, _) | Stopped::Barren);
         if is_final || self.failures == FAILURES_MAX {
             return Err(self.link.stopped(stopped));
         }
@@ -366,8 +360,7 @@ impl Session {
             let reason = "a picture that does not have the checksum it gave".to_owned();
             return self.failed(&Stopped::Refused(Refusal::Busy, reason)).map(|()| None);
         }
-        let taken =
-            Taken { picture: coming.picture, file: file.to_vec(), pose: coming.pose.take() };
+        let taken = Taken { file: file.to_vec(), pose: coming.pose.take() };
         self.taking = Taking::Nothing;
         self.failures = 0;
         Ok(Some(taken))

@@ -187,8 +187,10 @@ mod tests {
         }
         assert_eq!(download.due(now), Err(Stopped::Barren));
 
-        let outcome =
-            ReplyOutcome::Refused { refusal: Refusal::NotAiming, reason: "why".try_into().unwrap() };
+        let outcome = ReplyOutcome::Refused {
+            refusal: Refusal::NotAiming,
+            reason: "why".try_into().unwrap(),
+        };
         let refusal = |id| Message::Reply(Reply { id, outcome: outcome.clone() });
         assert_eq!(download.take(&refusal(99), now), Ok(()), "to another question");
         let last = BARREN_MAX as u16 - 1;

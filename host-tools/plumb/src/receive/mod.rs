@@ -60,7 +60,8 @@ pub struct Arguments {
     pub quiet: bool,
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
+/// A time as an option has it.
+pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     let value: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     if value > 0.0 {
         Duration::try_from_secs_f64(value).map_err(|_| "too long".to_owned())
@@ -155,7 +156,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// A flag that Ctrl-C, or a request to end, sets.
-fn stop_on_signals() -> Result<Arc<AtomicBool>, BadInput> {
+pub(crate) fn stop_on_signals() -> Result<Arc<AtomicBool>, BadInput> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|error| {
