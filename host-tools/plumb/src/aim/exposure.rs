@@ -21,9 +21,10 @@ const LIGHT_GOAL: f32 = 0.75;
 /// And this far from it is near enough: a tenth of a stop.
 const LIGHT_TOLERANCE: f32 = 0.05;
 
-/// Without a target the frame's mean is brought here, where paper is neither black nor white.
-const FRAME_GOAL: f32 = 0.35;
-const FRAME_TOLERANCE: f32 = 0.15;
+/// Without a target the frame's mean is brought here, and this part of it near; where none is
+/// found then, to the next: paper may be much brighter than the room, or darker.
+const FRAME_GOALS: [f32; 3] = [0.35, 0.15, 0.6];
+const FRAME_TOLERANCE: f32 = 0.25;
 
 /// Part of the light squares' pixels that may be white.
 pub const SATURATED_MAX: f32 = 0.001;
@@ -41,7 +42,7 @@ const GOAL_LOWERED: f32 = 0.85;
 const EXPOSURE_US_MIN: u32 = 20;
 
 /// Exposures and gains that are tried at most.
-const TRIES_MAX: usize = 10;
+const TRIES_MAX: usize = 12;
 
 /// The longest step of the gain: its unit may be a logarithm.
 const GAIN_FACTOR_MAX: f32 = 4.0;
@@ -50,7 +51,10 @@ const GAIN_FACTOR_MAX: f32 = 4.0;
 /// steps.
 const GAIN_FIRST: f32 = 1.0;
 
-/// A step that changes the level by less than this part of what it should has no effect.
+/// A step of the gain that changes the level by less than this part of it has none.
+const GAIN_EFFECT_MIN: f32 = 0.02;
+
+/// A step of the exposure that changes the level by less than this part of what it should has no effect.
 const EFFECT_MIN: f32 = 0.2;
 
 /// What a camera is asked for; `None` as it is configured.
@@ -147,6 +151,8 @@ pub struct Controller {
     frame_us: u32,
     setting: (u32, Option<f32>),
     goal: f32,
+    /// Which of [`FRAME_GOALS`].
+    frame_goal: usize,
     knob: Knob,
     /// The camera takes none, or none above the last that had an effect.
     gain_is_limited: bool,
@@ -164,6 +170,7 @@ impl Controller {
             frame_us,
             setting: (exposure_us, now.gain),
             goal: LIGHT_GOAL,
+            frame_goal: 0,
             knob: Knob::Exposure,
             gain_is_limited: false,
             tried: Vec::new(),
@@ -186,21 +193,31 @@ impl Controller {
     pub fn next(&mut self, light: Light) -> Step {
         let (exposure_us, gain) = self.setting;
         self.tried.push(Tried { exposure_us, gain, light });
-        let (goal, tolerance) = self.goal_of(light.of);
-        let is_near = (light.level - goal).abs() <= tolerance;
-        if is_near && light.of == Judged::Frame {
-            return Step::Done(Verdict::NoTarget);
-        }
-        if is_near && light.saturated <= SATURATED_MAX {
-            return Step::Done(Verdict::Good);
+        let is_near = (light.level - self.goal_of(light.of)).abs()
+            <= match light.of {
+                Judged::Target => LIGHT_TOLERANCE,
+                Judged::Frame => FRAME_TOLERANCE * self.goal_of(light.of),
+            };
+        match light.of {
+            Judged::Target if is_near && light.saturated <= SATURATED_MAX => {
+                return Step::Done(Verdict::Good);
+            }
+            Judged::Target if is_near => self.goal *= GOAL_LOWERED,
+            Judged::Frame if is_near && self.frame_goal + 1 == FRAME_GOALS.len() => {
+                return Step::Done(Verdict::NoTarget);
+            }
+            Judged::Frame if is_near => self.frame_goal += 1,
+            _ => {}
         }
         if self.tried.len() == TRIES_MAX {
             return Step::Done(Verdict::Unsettled);
         }
-        if is_near {
-            self.goal *= GOAL_LOWERED;
+        let goal = self.goal_of(light.of);
+        match self.knob {
+            Knob::Exposure => self.expose_towards(goal, self.half_frame_us()),
+            Knob::Gain => self.amplify_towards(goal),
+            Knob::LongExposure => self.expose_towards(goal, self.frame_us),
         }
-        self.towards(if is_near { self.goal } else { goal })
     }
 
     /// What to do when the camera has refused the setting last tried; it goes on with the one
@@ -212,22 +229,14 @@ impl Controller {
         }
         self.gain_is_limited = true;
         self.setting = (last.exposure_us, last.gain);
-        Some(self.without_gain(self.goal_of(last.light.of).0))
+        Some(self.without_gain(self.goal_of(last.light.of)))
     }
 
-    /// Where the light is to be, and how near to it.
-    fn goal_of(&self, judged: Judged) -> (f32, f32) {
+    /// Where the light is to be.
+    fn goal_of(&self, judged: Judged) -> f32 {
         match judged {
-            Judged::Target => (self.goal, LIGHT_TOLERANCE),
-            Judged::Frame => (FRAME_GOAL, FRAME_TOLERANCE),
-        }
-    }
-
-    fn towards(&mut self, goal: f32) -> Step {
-        match self.knob {
-            Knob::Exposure => self.expose_towards(goal, self.half_frame_us()),
-            Knob::Gain => self.amplify_towards(goal),
-            Knob::LongExposure => self.expose_towards(goal, self.frame_us),
+            Judged::Target => self.goal,
+            Judged::Frame => FRAME_GOALS[self.frame_goal],
         }
     }
 
@@ -308,21 +317,27 @@ impl Controller {
         let Some(gain) = last.gain else {
             return self.try_with(last.exposure_us, Some(GAIN_FIRST));
         };
-        // Where it has no effect any more, the camera does not go further.
-        let before = self.tried.iter().rev().skip(1).find(|tried| {
-            tried.exposure_us == last.exposure_us
-                && tried.light.of == last.light.of
-                && tried.gain.is_some_and(|before| before != gain)
+        let before = self.tried.iter().rev().skip(1).copied().find_map(|tried| {
+            let is_alike = tried.exposure_us == last.exposure_us && tried.light.of == last.light.of;
+            let before_gain = tried.gain.filter(|&before| is_alike && before != gain)?;
+            Some((tried, before_gain))
         });
-        let Some((before, before_gain)) = before.and_then(|before| Some((before, before.gain?)))
-        else {
-            let factor = (goal / last.light.level.max(1e-3)).clamp(0.5, 2.0);
+        let Some((before, before_gain)) = before else {
+            let factor = goal / last.light.level.max(1e-3);
             let wanted = if gain == 0.0 && is_dark { GAIN_FIRST } else { gain * factor };
             return self.try_gain(wanted, goal);
         };
         let (change, step) = (last.light.level - before.light.level, gain - before_gain);
-        if change * step.signum() < 0.1 * EFFECT_MIN * before.light.level.max(0.05) {
+        if change * step.signum() < GAIN_EFFECT_MIN * before.light.level {
+            // A small step may be less than one of the driver's, or be one below its least.
+            let least = before_gain.min(gain).max(GAIN_FIRST);
+            if before_gain.max(gain) < GAIN_FACTOR_MAX * least {
+                let factor = if is_dark { GAIN_FACTOR_MAX } else { 1.0 / GAIN_FACTOR_MAX };
+                return self.try_gain(gain * factor, goal);
+            }
+            // The one before does as much, and is within the camera's range.
             self.gain_is_limited = true;
+            self.tried.push(before);
             return self.without_gain(goal);
         }
         let brackets = (before.light.level < goal) != is_dark;

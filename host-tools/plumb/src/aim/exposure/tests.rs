@@ -12,8 +12,8 @@ struct Camera {
     black: f32,
     /// Above this its gain stays where it is; `None`: it takes none.
     gain_max: Option<f32>,
-    /// Its gain is 10^(steps / 20), and not a factor.
-    gain_in_db: bool,
+    /// Decibels in a step of its gain; `None`: it is a factor.
+    db_per_step: Option<f32>,
     /// Longer exposures are cut to this.
     exposure_us_max: u32,
     /// Below this level of the light squares no target is found.
@@ -24,7 +24,7 @@ const CAMERA: Camera = Camera {
     light_per_us: 1e-4,
     black: 0.03,
     gain_max: Some(16.0),
-    gain_in_db: false,
+    db_per_step: None,
     exposure_us_max: 100_000,
     found_from: 0.15,
 };
@@ -32,22 +32,25 @@ const CAMERA: Camera = Camera {
 impl Camera {
     /// What a setting gives; `None` where it is refused.
     fn light(&self, setting: Setting) -> Option<Light> {
-        let gain = match (setting.gain, self.gain_max) {
-            (Some(_), None) => return None,
-            (None, _) => 1.0,
-            (Some(gain), Some(most)) if self.gain_in_db => 10_f32.powf(gain.min(most) / 20.0),
-            (Some(gain), Some(most)) => gain.clamp(1.0, most),
+        let gain = match (setting.gain, self.gain_max, self.db_per_step) {
+            (Some(_), None, _) => return None,
+            (None, ..) => 1.0,
+            (Some(gain), Some(most), None) => gain.clamp(1.0, most),
+            (Some(gain), Some(most), Some(db)) => {
+                // Whole steps, as of Video4Linux.
+                10_f32.powf(db * gain.min(most).trunc() / 20.0)
+            }
         };
         let exposure_us = setting.exposure_us?.min(self.exposure_us_max) as f32;
         let level = self.black + self.light_per_us * exposure_us * gain;
-        let saturated = if level >= 1.0 { 1.0 } else { 0.0 };
-        let level = level.min(1.0);
         // The room has half the light of the paper.
-        Some(if level < self.found_from || level >= 1.0 {
-            Light { of: Judged::Frame, level: 0.5 * level, saturated: 0.5 * saturated }
+        let (of, level) = if level < self.found_from || level >= 1.0 {
+            (Judged::Frame, 0.5 * level)
         } else {
-            Light { of: Judged::Target, level, saturated }
-        })
+            (Judged::Target, level)
+        };
+        let saturated = if level >= 1.0 { 1.0 } else { 0.0 };
+        Some(Light { of, level: level.min(1.0), saturated })
     }
 }
 
@@ -102,12 +105,13 @@ fn what_is_well_exposed_is_left_alone() {
 
 #[test]
 fn in_little_light_the_gain_does_the_rest() {
-    for light_per_us in [5e-5, 2e-5, 1e-5] {
-        for gain_in_db in [false, true] {
-            for start in [CONFIGURED, UNKNOWN, Setting { gain: Some(0.0), ..CONFIGURED }] {
-                let gain_max = Some(if gain_in_db { 48.0 } else { 16.0 });
-                let camera = Camera { light_per_us, gain_max, gain_in_db, ..CAMERA };
-                let setting = is_good(&camera, start, 10);
+    let units = [(None, 16.0), (Some(1.0), 48.0), (Some(0.3), 100.0), (Some(0.1), 480.0)];
+    for light_per_us in [3e-5, 2e-5, 1e-5] {
+        for (db_per_step, most) in units {
+            for start in [UNKNOWN, Setting { gain: Some(0.0), ..CONFIGURED }] {
+                let gain_max = Some(most);
+                let camera = Camera { light_per_us, gain_max, db_per_step, ..CAMERA };
+                let setting = is_good(&camera, start, TRIES_MAX);
                 assert_eq!(setting.exposure_us, Some(8333), "half a frame");
             }
         }
