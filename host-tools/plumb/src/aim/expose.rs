@@ -1,5 +1,6 @@
 //! `plumb aim --expose`: the controller on a real camera.
 
+use std::cmp::Ordering;
 use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
@@ -62,12 +63,17 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     }
     let setting = controller.current();
     say(&format!("found: {}", words(setting)))?;
-    let half = controller.half_frame_us();
-    if setting.exposure_us.is_some_and(|exposure| exposure >= half) {
-        say(&format!(
-            "no longer than needed: beyond half a frame ({half} us) a person's motion blurs the \
-             edges, and gain costs less"
-        ))?;
+    let half_us = controller.half_frame_us();
+    match setting.exposure_us.map(|exposure_us| exposure_us.cmp(&half_us)) {
+        Some(Ordering::Equal) => say(&format!(
+            "half a frame is {half_us} us: what moves is blurred by a longer exposure, and gain \
+             costs less"
+        ))?,
+        Some(Ordering::Greater) => say(&format!(
+            "this is more than half a frame ({half_us} us): what moves is blurred; more light is \
+             better"
+        ))?,
+        _ => {}
     }
     Ok(Some(setting))
 }

@@ -89,7 +89,9 @@ fn show(
         }
         if now >= lines_at {
             lines_at = now + LINES_EVERY;
+            let columns = screen.columns().map_err(failed)?;
             let text = text(session, stills, watch, takes_still, until, told);
+            let text: Vec<Line> = text.iter().flat_map(|line| wrapped(line, columns)).collect();
             // The picture leaves room for them.
             lines = lines.max(text.len());
             screen.show_lines(&text).map_err(failed)?;
@@ -100,6 +102,21 @@ fn show(
 
 fn line(look: Look, text: impl Into<String>) -> Line {
     Line { text: text.into(), look }
+}
+
+/// A line as several that fit, broken between words; the further ones stand a little to the right.
+fn wrapped(long: &Line, columns: usize) -> Vec<Line> {
+    let mut lines = vec![String::new()];
+    for word in long.text.split_inclusive(' ') {
+        let last = lines.last_mut().expect("never empty");
+        let is_full = last.chars().count() + word.trim_end().chars().count() > columns;
+        if is_full && !last.trim().is_empty() {
+            lines.push(format!("    {word}"));
+        } else {
+            last.push_str(word);
+        }
+    }
+    lines.into_iter().map(|text| line(long.look, text)).collect()
 }
 
 /// Everything below the picture.
@@ -165,5 +182,21 @@ fn of_still(session: &Session, stills: &Stills, takes_still: bool) -> String {
         (true, None, _) => format!("{name}: being taken"),
         (false, _, Some(wait)) => format!("{name} in {} s", wait.as_secs() + 1),
         (false, _, None) => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_broken_between_words() {
+        let texts = |text: &str, columns| -> Vec<String> {
+            wrapped(&line(Look::Plain, text), columns).into_iter().map(|line| line.text).collect()
+        };
+        assert_eq!(texts("focus 97, light 0.86", 80), ["focus 97, light 0.86"]);
+        assert_eq!(texts("focus 97, light 0.86", 12), ["focus 97, ", "    light ", "    0.86"]);
+        assert_eq!(texts("a_word_without_end", 5), ["a_word_without_end"]);
+        assert_eq!(texts("", 5), [""]);
     }
 }

@@ -151,25 +151,33 @@ impl Screen {
         Ok((size_px[0] > 0 && size_px[1] > 0).then_some(size_px))
     }
 
+    /// Columns of text.
+    ///
+    /// # Errors
+    /// When the terminal does not tell its size.
+    pub fn columns(&self) -> io::Result<usize> {
+        Ok(terminal::size()?.0.into())
+    }
+
     /// Shows a picture, which has the size that [`picture_px`](Self::picture_px) gave.
     ///
     /// # Errors
     /// When it cannot be written.
     pub fn show_picture(&mut self, picture: &RgbImage) -> io::Result<()> {
-        queue!(self.out, BeginSynchronizedUpdate)?;
-        self.clear_if_stale()?;
         let rows = match self.shown {
-            Shown::Nothing => 0,
-            Shown::Sixel { cell_px: [_, height] } => {
-                queue!(self.out, MoveTo(0, 0), Print(sixel(picture)?))?;
-                picture.height().div_ceil(u32::from(height))
-            }
-            Shown::Blocks(colours) => {
-                blocks::draw(picture, colours, &mut self.out)?;
-                picture.height().div_ceil(2)
-            }
+            Shown::Nothing => return Ok(()),
+            Shown::Sixel { cell_px: [_, height] } => picture.height().div_ceil(height.into()),
+            Shown::Blocks(_) => picture.height().div_ceil(2),
         };
+        queue!(self.out, BeginSynchronizedUpdate)?;
+        self.is_stale |= rows as u16 != self.picture_rows;
+        self.clear_if_stale()?;
         self.picture_rows = rows as u16;
+        match self.shown {
+            Shown::Nothing => {}
+            Shown::Sixel { .. } => queue!(self.out, MoveTo(0, 0), Print(sixel(picture)?))?,
+            Shown::Blocks(colours) => blocks::draw(picture, colours, &mut self.out)?,
+        }
         queue!(self.out, EndSynchronizedUpdate)?;
         self.out.flush()
     }
