@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
-use crate::{demo, doctor, provision, receive, scene, show, target, track};
+use crate::{aim, demo, doctor, provision, receive, scene, show, target, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -26,6 +26,7 @@ enum Command {
     Scene(scene::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
+    Aim(aim::Arguments),
     Show(show::Arguments),
     Doctor(doctor::Arguments),
     Receive(receive::Arguments),
@@ -54,6 +55,7 @@ pub fn run() -> ExitCode {
         Command::Scene(arguments) => scene::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Aim(arguments) => aim::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Receive(arguments) => receive::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

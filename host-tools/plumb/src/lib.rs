@@ -5,6 +5,7 @@
 //! files ([`files`]), renders people whose motion is known ([`simulate`]), shows
 //! progress, and explains what went wrong ([`error`]).
 
+pub mod aim;
 pub mod calibrate;
 pub mod cli;
 pub mod delivery;

@@ -19,6 +19,10 @@ use crate::error::BadInput;
 use crate::receive::complaints::Complaints;
 use crate::receive::transport::{Event, Serial, Transport, Udp};
 
+mod download;
+
+pub use download::{Download, Stopped};
+
 /// Where boxes send their packets, unless they were told otherwise.
 pub const PORT: u16 = 4210;
 

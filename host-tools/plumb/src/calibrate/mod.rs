@@ -22,8 +22,8 @@ use rayon::prelude::*;
 mod bundle;
 mod closed_form;
 pub mod command;
-mod coverage;
-mod observe;
+pub(crate) mod coverage;
+pub(crate) mod observe;
 mod plot;
 mod verdict;
 

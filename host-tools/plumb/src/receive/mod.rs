@@ -161,7 +161,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// A flag that Ctrl-C, or a request to end, sets.
-fn stop_on_signals() -> Result<Arc<AtomicBool>, BadInput> {
+pub(crate) fn stop_on_signals() -> Result<Arc<AtomicBool>, BadInput> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|error| {

@@ -1,0 +1,187 @@
+//! `plumb aim --expose`: the controller on a real camera.
+
+use std::cmp::Ordering;
+use std::time::{Duration, Instant};
+
+use plumbline::config::Config;
+use plumbline::packet::{Action, ReplyOutcome, View};
+
+use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
+use super::session::Session;
+use super::{Until, say};
+use crate::error::BadInput;
+use crate::link::BoxLink;
+
+/// After a change the camera is opened anew, and some cameras take a few frames to follow.
+const SETTLED_AFTER: Duration = Duration::from_millis(500);
+
+/// A setting is judged by the middle one of so many frames that show a target.
+const VIEWS: usize = 3;
+
+/// A target that is not found by then is taken not to be there.
+const FOUND_WITHIN: Duration = Duration::from_millis(2500);
+
+/// Frames with a new setting come within this, or not at all.
+const FRAMES_WITHIN: Duration = Duration::from_secs(15);
+
+/// Finds the setting; `None` when it was stopped.
+///
+/// # Errors
+/// When the box cannot be used, or no setting is good.
+pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, BadInput> {
+    let Some(capture) = session.config().capture.clone() else {
+        return Err(BadInput::new(
+            session.place(),
+            "capture",
+            "the box's configuration has no camera",
+            "provision the box with a --box file that has a [capture] table",
+        ));
+    };
+    let configured = Setting { exposure_us: capture.exposure_us, gain: capture.gain };
+    let (mut controller, mut setting) = Controller::new(capture.rate_hz, configured);
+    loop {
+        let answer = session.expose(setting.exposure_us, setting.gain)?;
+        let step = match answer {
+            Ok(()) => {
+                let Some(light) = light_with(session, setting, until)? else { return Ok(None) };
+                say(&format!("{}: {}", words(setting), light_words(&light)))?;
+                controller.next(light)
+            }
+            Err((refusal, reason)) => {
+                say(&format!("{}: the camera does not take it", words(setting)))?;
+                match controller.refused() {
+                    Some(step) => step,
+                    None => return Err(session.refused("the exposure", refusal, &reason)),
+                }
+            }
+        };
+        match step {
+            Step::Try(next) => setting = next,
+            Step::Done(Verdict::Good) => break,
+            Step::Done(verdict) => return Err(failure(session, verdict, controller.current())),
+        }
+    }
+    let setting = controller.current();
+    say(&format!("found: {}", words(setting)))?;
+    let half_us = controller.half_frame_us();
+    match setting.exposure_us.map(|exposure_us| exposure_us.cmp(&half_us)) {
+        Some(Ordering::Equal) => say(&format!(
+            "half a frame is {half_us} us: what moves is blurred by a longer exposure, and gain \
+             costs less"
+        ))?,
+        Some(Ordering::Greater) => say(&format!(
+            "this is more than half a frame ({half_us} us): what moves is blurred; more light is \
+             better"
+        ))?,
+        _ => {}
+    }
+    Ok(Some(setting))
+}
+
+/// Puts a setting into the box's configuration.
+///
+/// # Errors
+/// When the box does not take it.
+pub fn store(link: &mut BoxLink, setting: Setting) -> Result<(), BadInput> {
+    let config = link.config()?;
+    let capture = config.capture.clone().map(|capture| plumbline::config::Capture {
+        exposure_us: setting.exposure_us,
+        gain: setting.gain,
+        ..capture
+    });
+    let crc = link.store_config(&Config { capture, ..config })?;
+    say(&format!("stored in the box, as configuration {crc:08x}"))?;
+    match link.ask(Action::Reboot)? {
+        ReplyOutcome::Accepted => say("the box starts anew with it"),
+        _ => say("it is in use from the box's next start on"),
+    }
+}
+
+/// The light with a setting; `None` when it was stopped.
+fn light_with(
+    session: &mut Session,
+    setting: Setting,
+    until: Until<'_>,
+) -> Result<Option<Light>, BadInput> {
+    let start = Instant::now();
+    let mut first: Option<Instant> = None;
+    let mut sequence = None;
+    let (mut targets, mut frames) = (Vec::new(), Vec::new());
+    while !until.is_over() {
+        session.turn()?;
+        let is_new = |view: &&View| {
+            let with = Setting { exposure_us: view.exposure_us, gain: view.gain };
+            with == setting && sequence != Some(view.sequence)
+        };
+        let now = Instant::now();
+        if let Some(view) = session.view().filter(is_new) {
+            sequence = Some(view.sequence);
+            if now - *first.get_or_insert(now) >= SETTLED_AFTER {
+                let light = Light::of(view);
+                let lights = if light.of == Judged::Target { &mut targets } else { &mut frames };
+                lights.push(light);
+            }
+        }
+        if targets.len() == VIEWS {
+            return Ok(Some(middle(targets)));
+        }
+        let is_late = first.is_some_and(|first| now - first >= FOUND_WITHIN);
+        if is_late && !(targets.is_empty() && frames.is_empty()) {
+            return Ok(Some(middle(if targets.is_empty() { frames } else { targets })));
+        }
+        if now - start >= FRAMES_WITHIN {
+            return Err(BadInput::whole(
+                session.place(),
+                format!("no frame comes with {}", words(setting)),
+                session.without_frames().unwrap_or("see what `plumb receive` says of its camera"),
+            ));
+        }
+    }
+    Ok(None)
+}
+
+fn middle(mut lights: Vec<Light>) -> Light {
+    lights.sort_by(|a, b| a.level.total_cmp(&b.level));
+    lights[lights.len() / 2]
+}
+
+fn failure(session: &Session, verdict: Verdict, setting: Setting) -> BadInput {
+    let (found, remedy) = match verdict {
+        Verdict::TooDark => (
+            format!("the targets are too dark even with {}", words(setting)),
+            "open the aperture, or bring more light",
+        ),
+        Verdict::TooBright => (
+            format!("the targets are too bright even with {}", words(setting)),
+            "close the aperture, or take light away",
+        ),
+        Verdict::NoTarget => (
+            format!("with {} the frame is bright enough, and no target is found", words(setting)),
+            "bring a target into the picture and focus first: plumb aim",
+        ),
+        Verdict::Unsettled | Verdict::Good => (
+            format!("the light does not settle; the last try was {}", words(setting)),
+            "keep light and targets still meanwhile, and switch off what the camera regulates \
+             by itself",
+        ),
+    };
+    BadInput::whole(session.place(), found, remedy)
+}
+
+fn words(setting: Setting) -> String {
+    let exposure = setting.exposure_us.map(|exposure_us| format!("exposure {exposure_us} us"));
+    let exposure = exposure.unwrap_or_else(|| "the camera's own exposure".to_owned());
+    match setting.gain {
+        Some(gain) => format!("{exposure}, gain {gain}"),
+        None => exposure,
+    }
+}
+
+fn light_words(light: &Light) -> String {
+    let Light { level, saturated, .. } = light;
+    let of = match light.of {
+        Judged::Target => "the brightest target's light squares",
+        Judged::Frame => "no target is found, the frame",
+    };
+    format!("{of} at {level:.2} of white, {:.1} % saturated", 100.0 * saturated)
+}
