@@ -13,24 +13,24 @@ const BLUR_BEST_PX: f32 = 0.6;
 const BLUR_WORST_PX: f32 = 3.0;
 
 /// A lens whose score is below this can be turned to something better.
-const FOCUS_MIN: u8 = 80;
+pub const FOCUS_MIN: u8 = 80;
 
 /// A score that is lower than the best one seen by this much has been passed.
 const FOCUS_PASSED: u8 = 5;
 
 /// A blur in one direction that is larger than in the other by this factor, and matters,
 /// comes from motion.
-const MOTION_RATIO: f32 = 1.5;
-const MOTION_BLUR_PX_MIN: f32 = 1.0;
+pub const MOTION_RATIO: f32 = 1.5;
+pub const MOTION_BLUR_PX_MIN: f32 = 1.0;
 
 /// Squares smaller than this leave an edge fewer pixels than its fit looks at.
-const PITCH_PX_MIN: f32 = 15.0;
+pub const PITCH_PX_MIN: f32 = 15.0;
 
 /// Contrast below which noise, and not the lens, sets the precision.
-const CONTRAST_MIN: f32 = 0.25;
+pub const CONTRAST_MIN: f32 = 0.25;
 
 /// Light squares darker than this leave half of the camera's range unused.
-const LIGHT_MIN: f32 = 0.4;
+pub const LIGHT_MIN: f32 = 0.4;
 
 /// Part of the light squares' pixels that may be white: single ones are hot pixels.
 pub const SATURATED_MAX: f32 = 0.001;
@@ -42,7 +42,7 @@ const DARK_FRAME: f32 = 0.1;
 const BRIGHT_FRAME: f32 = 0.3;
 
 /// Depth is promised for so many standard deviations to either side: 95 of 100 frames.
-const COVERAGE: f32 = 1.96;
+pub const COVERAGE: f32 = 1.96;
 
 /// 100 for a blur of [`BLUR_BEST_PX`] or less, falling evenly to 0 at [`BLUR_WORST_PX`].
 pub fn focus_score(blur_px: f32) -> u8 {
