@@ -121,7 +121,7 @@ mod tests {
         let veiled = with(|target| (target.light, target.dark) = (0.9, 0.7));
         assert_says(&check_of(&veiled), Verdict::Warn, &["0.70 to 0.90", "reflection"]);
         let night = with(|target| (target.light, target.dark) = (0.1, 0.02));
-        assert_says(&check_of(&night), Verdict::Fail, &["0.08", "longer exposure"]);
+        assert_says(&check_of(&night), Verdict::Fail, &["0.08", "expose for longer"]);
     }
 
     #[test]
