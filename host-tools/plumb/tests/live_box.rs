@@ -62,10 +62,10 @@ const PLACES: [(u8, u8, [f64; 3]); 3] =
 
 const BOARD_TURN_RAD: f64 = 0.1;
 
-const RATE_HZ: usize = 30;
+const RATE_HZ: usize = 15;
 
 /// Longer than any of these tests listens; one that needs more starts it again.
-const SECONDS: usize = 20;
+const SECONDS: usize = 40;
 
 /// The recording that the box replays.
 fn recording() -> Vec<u8> {

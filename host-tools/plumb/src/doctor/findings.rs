@@ -80,15 +80,15 @@ pub struct Findings {
     pub hello: Option<Hello>,
     /// The box runs with no configuration, and says why.
     pub refusing: Option<String>,
-    /// It started anew while it was watched.
+    /// How often it started anew while it was watched.
     pub starts: u32,
     /// How it was at first, and how at last.
     pub healths: Option<(Health, Health)>,
     /// Warnings and faults that it told of, each once.
     pub logs: Vec<(LogLevel, String)>,
-    /// Questions for the time that were sent, and those that were answered.
+    /// Questions for the time that were sent.
     pub pings: usize,
-    /// Answers to them.
+    /// Those that were answered.
     pub exchanges: Vec<Exchange>,
     /// Pose packets, by number.
     pub accounting: Accounting,
