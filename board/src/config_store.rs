@@ -10,8 +10,9 @@
 //! 2. over the old one, where that lies;
 //! 3. the file of its own is removed.
 //!
-//! Cut off in 1, the file of its own is not whole, and the old one is. Cut off later it is
-//! whole, and counts: the next start takes it, and does 2 and 3.
+//! Cut off in 2, the file of its own is whole, and the one in its place is not: the next start
+//! takes the former, and does 2 and 3. Whenever the one in its place is whole, it counts, so that
+//! a person who puts another one there is never overruled.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -53,9 +54,10 @@ impl ConfigStore {
     /// # Errors
     /// When they cannot be read.
     pub fn read(&self) -> io::Result<Vec<u8>> {
+        let in_place = read_bounded(&self.path);
         match self.journal() {
-            Some(blob) => Ok(blob),
-            None => read_bounded(&self.path),
+            Some(journal) if !in_place.as_ref().is_ok_and(|blob| is_whole(blob)) => Ok(journal),
+            _ => in_place,
         }
     }
 
@@ -65,7 +67,10 @@ impl ConfigStore {
     /// # Errors
     /// When the disk cannot be written to.
     pub fn complete(&self) -> Result<()> {
-        let Some(blob) = self.journal() else { return Ok(()) };
+        if self.journal().is_none() {
+            return Ok(());
+        }
+        let blob = self.read()?;
         self.written_to(|| self.put_in_place(&blob))
     }
 
@@ -80,10 +85,7 @@ impl ConfigStore {
         }
         self.written_to(|| {
             write_to_disk(&self.journal_path(), blob)?;
-            if let Err(error) = self.put_in_place(blob) {
-                log::warn!("the next start puts the configuration into its place: {error:#}");
-            }
-            Ok(())
+            self.put_in_place(blob)
         })?;
         ensure!(self.read()? == blob, "the disk does not give back what was written to it");
         Ok(())
@@ -95,14 +97,17 @@ impl ConfigStore {
 
     /// What was to be stored when it was cut off, if that is whole.
     fn journal(&self) -> Option<Vec<u8>> {
-        read_bounded(&self.journal_path()).ok().filter(|blob| Config::decode(blob).is_ok())
+        read_bounded(&self.journal_path()).ok().filter(|blob| is_whole(blob))
     }
 
-    /// What comes after the file of its own is on the disk.
+    /// What comes after it is on the disk, in the file of its own or in its place.
     fn put_in_place(&self, blob: &[u8]) -> Result<()> {
         let journal = self.journal_path();
-        if self.partition.is_some() {
-            write_to_disk(&self.path, blob)?;
+        let is_there = read_bounded(&self.path).is_ok_and(|there| there == blob);
+        if is_there || self.partition.is_some() {
+            if !is_there {
+                write_to_disk(&self.path, blob)?;
+            }
             std::fs::remove_file(&journal)
         } else {
             std::fs::rename(&journal, &self.path)
@@ -121,6 +126,10 @@ impl ConfigStore {
         }
         written
     }
+}
+
+fn is_whole(blob: &[u8]) -> bool {
+    Config::decode(blob).is_ok()
 }
 
 /// How a boot partition is mounted, besides for reading or writing.
@@ -205,7 +214,7 @@ mod tests {
             (None, &old, &old),
             (Some(Vec::new()), &old, &old),
             (Some(half(&new)), &old, &old),
-            (Some(new.clone()), &old, &new),
+            (Some(new.clone()), &old, &old),
             (Some(new.clone()), &torn, &new),
             (Some(new.clone()), &new, &new),
             (None, &new, &new),

@@ -46,8 +46,8 @@ fn on_disk(disk: &Path, directory: &Path) -> Vec<u8> {
             std::fs::read(&copy).expect("it was copied")
         })
     };
-    let journal = file("config.new").filter(|blob| Config::decode(blob).is_ok());
-    journal.or_else(|| file("config.plb")).expect("a configuration")
+    let whole = |name: &str| file(name).filter(|blob| Config::decode(blob).is_ok());
+    whole("config.plb").or_else(|| whole("config.new")).expect("a whole configuration")
 }
 
 #[test]
