@@ -147,10 +147,15 @@ fn a_configuration_is_stored_and_read_back_and_used_at_the_next_start() {
     let stored = bench.ask(Action::StoreConfig { bytes, crc });
     assert_eq!(stored, ReplyOutcome::Stored { crc });
     assert_eq!(std::fs::read(&bench.config).unwrap(), blob(&next));
-    // Until the next start it runs with what it has.
-    assert!(
-        matches!(bench.ask(Action::QueryConfig), ReplyOutcome::Config { crc, .. } if crc == config().crc())
-    );
+    // That is what it starts with next; until then it runs with what it has.
+    assert_eq!(bench.ask(Action::QueryConfig), ReplyOutcome::Config { crc, bytes });
+    assert_eq!(bench.fetch(Document::Config, bytes as usize), blob(&next));
+    assert_eq!(bench.ask(Action::SendHello), ReplyOutcome::Accepted);
+    let in_use = bench.wait_for(|message| match message {
+        Message::Hello(hello) => Some(hello.config_crc),
+        _ => None,
+    });
+    assert_eq!(in_use, config().crc());
     assert_eq!(bench.ask(Action::Reboot), ReplyOutcome::Accepted);
     assert!(bench.board.wait().status.success());
 }

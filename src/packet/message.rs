@@ -183,7 +183,8 @@ pub enum Action {
     SendHello,
     /// Send a [`Health`].
     SendHealth,
-    /// Answer with the checksum and the length of the configuration in use.
+    /// Answer with the checksum and the length of the configuration of the next start: the
+    /// one in use (see [`Hello`]) until another is stored.
     QueryConfig,
     /// Send a [`View`](super::View) of the next frame.
     SendView,

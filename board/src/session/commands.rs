@@ -26,7 +26,7 @@ impl Session {
                 box_sent_ns: clock::monotonic_ns(),
             },
             Action::QueryConfig => {
-                ReplyOutcome::Config { crc: self.hello.config_crc, bytes: self.blob.len() as u32 }
+                ReplyOutcome::Config { crc: self.stored_crc, bytes: self.stored.len() as u32 }
             }
             Action::SendHello => {
                 self.send_hello();
@@ -45,7 +45,12 @@ impl Session {
             }
             Action::StoreConfig { bytes, crc } => {
                 self.counters.forget_allocations();
-                self.provisioning.keep(bytes, crc)
+                let outcome = self.provisioning.keep(bytes, crc);
+                if let ReplyOutcome::Stored { crc } = outcome {
+                    self.stored_crc = crc;
+                    self.stored = self.provisioning.received(bytes);
+                }
+                outcome
             }
             Action::Aim { seconds } => {
                 self.aim.renew(link, seconds, Instant::now());
