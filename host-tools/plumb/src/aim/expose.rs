@@ -3,12 +3,13 @@
 use std::cmp::Ordering;
 use std::time::{Duration, Instant};
 
-use plumbline::config::Config;
-use plumbline::packet::{Action, Refusal, ReplyOutcome, View};
+use plumbline::config::{Capture, CaptureDriver, Config};
+use plumbline::packet::{Refusal, View};
 
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::Session;
 use super::{Until, say};
+use crate::delivery::{self, Before};
 use crate::error::BadInput;
 use crate::link::BoxLink;
 
@@ -41,7 +42,11 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
         ));
     };
     let configured = Setting { exposure_us: capture.exposure_us, gain: capture.gain };
-    let (mut controller, mut setting) = Controller::new(capture.rate_hz, configured);
+    let gain_step = match capture.driver {
+        CaptureDriver::V4l2 => 1.0,
+        CaptureDriver::Libcamera => 0.01,
+    };
+    let (mut controller, mut setting) = Controller::new(capture.rate_hz, configured, gain_step);
     loop {
         let seen = match session.expose(setting.exposure_us, setting.gain)? {
             Ok(()) => light_with(session, setting, until)?,
@@ -84,23 +89,19 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     Ok(Some(setting))
 }
 
-/// Puts a setting into the box's configuration.
+/// Puts a setting into the box's configuration, and starts the box anew with it.
 ///
 /// # Errors
 /// When the box does not take it.
 pub fn store(link: &mut BoxLink, setting: Setting) -> Result<(), BadInput> {
-    let config = link.config()?;
-    let capture = config.capture.clone().map(|capture| plumbline::config::Capture {
+    let (hello, old) = (link.hello()?, link.config()?);
+    let capture = old.capture.clone().map(|capture| Capture {
         exposure_us: setting.exposure_us,
         gain: setting.gain,
         ..capture
     });
-    let crc = link.store_config(&Config { capture, ..config })?;
-    say(&format!("stored in the box, as configuration {crc:08x}"))?;
-    match link.ask(Action::Reboot)? {
-        ReplyOutcome::Accepted => say("the box starts anew with it"),
-        _ => say("it is in use from the box's next start on"),
-    }
+    let config = Config { capture, ..old.clone() };
+    delivery::deliver(link, &Before { hello: Some(hello), config: Some(old) }, &config, true)
 }
 
 /// What came of a setting.

@@ -151,6 +151,7 @@ pub struct Controller {
     frame_us: u32,
     /// The exposure is `None` where the camera has no control of it.
     setting: Setting,
+    gain_step: f32,
     goal: f32,
     /// Which of [`FRAME_GOALS`].
     frame_goal: usize,
@@ -161,8 +162,8 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// For a camera of this rate; and what to try first.
-    pub fn new(rate_hz: f32, now: Setting) -> (Self, Setting) {
+    /// For a camera of this rate, whose gain has steps of this size; and what to try first.
+    pub fn new(rate_hz: f32, now: Setting, gain_step: f32) -> (Self, Setting) {
         let frame_us = (1e6 / rate_hz) as u32;
         let half = frame_us / 2;
         // Where the camera has its own, one that leaves room on both sides.
@@ -170,6 +171,7 @@ impl Controller {
         let controller = Self {
             frame_us,
             setting: Setting { exposure_us: Some(exposure_us), gain: now.gain },
+            gain_step,
             goal: LIGHT_GOAL,
             frame_goal: 0,
             knob: Knob::Exposure,
@@ -368,8 +370,7 @@ impl Controller {
         let (exposure_us, gain) = (self.last().exposure_us, self.last().gain.unwrap_or(0.0));
         let least = gain / GAIN_FACTOR_MAX;
         let most = GAIN_FACTOR_MAX * gain.max(GAIN_FIRST);
-        // Drivers have whole steps, and nobody sees a thousandth.
-        let wanted = (wanted.clamp(least, most) * 100.0).round() / 100.0;
+        let wanted = (wanted.clamp(least, most) / self.gain_step).round() * self.gain_step;
         if wanted == gain {
             self.gain_is_limited = true;
             return self.without_gain(goal);

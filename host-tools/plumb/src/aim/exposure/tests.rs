@@ -63,7 +63,8 @@ impl Camera {
 
 /// How it ends, with the setting, the light, and the number of settings tried.
 fn run(camera: &Camera, start: Setting) -> (Verdict, Setting, Light, usize) {
-    let (mut controller, mut setting) = Controller::new(RATE_HZ, start);
+    let (mut controller, mut setting) =
+        Controller::new(RATE_HZ, start, camera.db_per_step.map_or(0.01, |_| 1.0));
     let mut light = Light { of: Judged::Frame, level: 0.0, saturated: 0.0 };
     for tries in 1.. {
         let step = match camera.light(setting) {
@@ -154,7 +155,7 @@ fn a_camera_that_takes_no_exposure_gets_gain_alone() {
     assert_eq!(run(&dark, UNKNOWN).0, Verdict::TooDark);
     // Neither: there is nothing to be done.
     let nothing = Camera { gain_max: None, ..camera };
-    let (mut controller, first) = Controller::new(RATE_HZ, UNKNOWN);
+    let (mut controller, first) = Controller::new(RATE_HZ, UNKNOWN, 0.01);
     assert!(nothing.light(first).is_none() && controller.refused().is_some());
     let light = nothing.light(controller.current()).expect("as it is");
     let Step::Try(_) = controller.next(light) else { panic!("{light:?}") };
@@ -175,7 +176,7 @@ fn what_no_setting_mends_is_said() {
 
 #[test]
 fn saturation_that_stays_lowers_the_goal() {
-    let (mut controller, _) = Controller::new(RATE_HZ, CONFIGURED);
+    let (mut controller, _) = Controller::new(RATE_HZ, CONFIGURED, 1.0);
     let shiny = Light { of: Judged::Target, level: 0.75, saturated: 0.01 };
     let Step::Try(setting) = controller.next(shiny) else { panic!("saturated") };
     assert!(setting.exposure_us < CONFIGURED.exposure_us);
