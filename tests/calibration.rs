@@ -216,6 +216,60 @@ fn a_photograph_that_does_not_fit_and_a_stretched_print_are_named() {
     assert!(text.contains("farther apart than its columns"), "{text}");
 }
 
+#[test]
+fn few_photographs_and_a_frame_that_was_not_looked_at_are_warned_of() {
+    let lens = lenses()[0];
+    let session = Session::new(&photographs(&lens, &board(), 5, 4));
+    let text = binary::messages(&session.calibrate(&BOARD));
+    assert!(text.contains("only 5 photographs show the board; take 10 to 20"), "{text}");
+
+    // Always at one place, far from every side, and tilted well.
+    let in_one_place: Vec<Pose<Cam, Target>> = (0..10)
+        .map(|turn| {
+            let angle = f64::from(turn) * 0.63;
+            let tilt = [0.0, 0.5 * angle.sin(), 0.5 * angle.cos()];
+            Pose::from_theta([tilt[0], tilt[1], tilt[2], -120.0, 0.0, 800.0])
+        })
+        .collect();
+    let session = Session::new(&posed(&lens, &board(), &in_one_place, 8));
+    let text = binary::messages(&session.calibrate(&BOARD));
+    assert!(text.contains("the board was seen in 12 % of the frame"), "{text}");
+    assert!(text.contains("never near the left, right, upper, lower side"), "{text}");
+    assert!(text.contains("take more photographs with the board there"), "{text}");
+}
+
+#[test]
+fn more_photographs_than_there_is_room_for_are_refused() {
+    let session = Session::new(&photographs(&lenses()[0], &board(), 1, 5));
+    let output = binary::plumb()
+        .args(["calibrate", "--pitch-mm", "20", "--out", "camera.toml", "--board", "9x7"])
+        .args(std::iter::repeat_n("0.png", 201))
+        .current_dir(session.0.path())
+        .output()
+        .expect("plumb runs");
+    let text = binary::messages(&output);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("images: more than 200; 10 to 20 photographs"), "{text}");
+}
+
+/// OpenCV's own sample, whose print was not glued to anything.
+#[test]
+fn a_bent_board_is_said_to_be_bent() {
+    let Some(directory) = binary::data("opencv_left") else { return };
+    let out = tempfile::tempdir().unwrap();
+    let photographs = std::fs::read_dir(&directory).unwrap().map(|entry| entry.unwrap().path());
+    let output = binary::plumb()
+        .args(["calibrate", "--board", "9x6", "--pitch-mm", "25", "--model", "brown5", "--out"])
+        .arg(out.path().join("camera.toml"))
+        .args(photographs.filter(|path| path.extension().is_some_and(|end| end == "jpg")))
+        .output()
+        .expect("plumb runs");
+    let text = binary::messages(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains("the board is bent by 0."), "{text}");
+    assert!(text.contains("glue the print to glass or an aluminium plate"), "{text}");
+}
+
 fn board_points(stretch: f64) -> heapless::Vec<[f64; 3], 120> {
     (0..63)
         .map(|corner| {

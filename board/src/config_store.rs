@@ -1,10 +1,12 @@
 //! Where the box's configuration is kept, and how a new one takes its place.
 //!
-//! The power may go at any moment, and then the old configuration is there or the new one.
-//! A FAT file system promises nothing of the kind, not even for a rename, so that a new one is
-//! written twice, and each step is on the disk before the next begins:
+//! The power may go at any moment, and then the old configuration is there or the new one. A
+//! new one is first written into a file of its own beside the old one ([`JOURNAL`]). Elsewhere
+//! that is then renamed, at one stroke. A FAT file system, which a box's card has, does not
+//! rename at one stroke. There it is written twice, and each step is on the disk before the
+//! next begins:
 //!
-//! 1. into a file of its own beside the old one ([`JOURNAL`]);
+//! 1. into the file of its own;
 //! 2. over the old one, where that lies;
 //! 3. the file of its own is removed.
 //!
@@ -64,7 +66,7 @@ impl ConfigStore {
     /// When the disk cannot be written to.
     pub fn complete(&self) -> Result<()> {
         let Some(blob) = self.journal() else { return Ok(()) };
-        self.written_to(|| self.overwrite(&blob))
+        self.written_to(|| self.put_in_place(&blob))
     }
 
     /// Keeps a configuration; on return it is on the disk.
@@ -78,7 +80,7 @@ impl ConfigStore {
         }
         self.written_to(|| {
             write_to_disk(&self.journal_path(), blob)?;
-            if let Err(error) = self.overwrite(blob) {
+            if let Err(error) = self.put_in_place(blob) {
                 log::warn!("the next start puts the configuration into its place: {error:#}");
             }
             Ok(())
@@ -96,11 +98,16 @@ impl ConfigStore {
         read_bounded(&self.journal_path()).ok().filter(|blob| Config::decode(blob).is_ok())
     }
 
-    /// Steps 2 and 3.
-    fn overwrite(&self, blob: &[u8]) -> Result<()> {
-        write_to_disk(&self.path, blob)?;
+    /// What comes after the file of its own is on the disk.
+    fn put_in_place(&self, blob: &[u8]) -> Result<()> {
         let journal = self.journal_path();
-        std::fs::remove_file(&journal).with_context(|| journal.display().to_string())?;
+        if self.partition.is_some() {
+            write_to_disk(&self.path, blob)?;
+            std::fs::remove_file(&journal)
+        } else {
+            std::fs::rename(&journal, &self.path)
+        }
+        .with_context(|| journal.display().to_string())?;
         sync(&self.path)
     }
 
@@ -194,7 +201,7 @@ mod tests {
         let (old, new) = (blob("old"), blob("new, and longer"));
         let half = |blob: &[u8]| blob[..blob.len() / 2].to_vec();
         let torn = [&new[..new.len() / 2], &old[new.len() / 2..]].concat();
-        let states: [(Option<Vec<u8>>, &[u8], &[u8]); 7] = [
+        let states = [
             (None, &old, &old),
             (Some(Vec::new()), &old, &old),
             (Some(half(&new)), &old, &old),
@@ -211,10 +218,10 @@ mod tests {
             if let Some(journal) = &journal {
                 std::fs::write(folder.path().join("config.new"), journal).unwrap();
             }
-            assert_eq!(store.read().unwrap(), expected);
+            assert_eq!(&store.read().unwrap(), expected);
             store.complete().unwrap();
-            assert_eq!(store.read().unwrap(), expected);
-            assert_eq!(std::fs::read(&path).unwrap(), expected);
+            assert_eq!(&store.read().unwrap(), expected);
+            assert_eq!(&std::fs::read(&path).unwrap(), expected);
             // And the next is stored as ever.
             store.store(&blob("next")).unwrap();
             assert_eq!(std::fs::read(&path).unwrap(), blob("next"));

@@ -81,10 +81,6 @@ pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
 ]);
 
 /// One message, in either direction.
-#[expect(
-    clippy::large_enum_variant,
-    reason = "the large one is the frequent one, and one message at a time is held"
-)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Message {
     /// One frame's result.

@@ -23,7 +23,7 @@ use plumbline::packet::{
 pub const PATIENCE: Duration = Duration::from_secs(240);
 
 /// The guest's name of this machine.
-const HOST: [u8; 4] = [10, 0, 2, 2];
+pub const HOST: [u8; 4] = [10, 0, 2, 2];
 
 /// Kernel, initramfs, overlays, SD card: `cargo xtask test boot` makes them.
 pub fn image(name: &str) -> PathBuf {
@@ -157,7 +157,7 @@ impl Machine {
         let console = child.stdout.take().expect("it is piped");
         watch_console(console, &seen);
         watch_udp(host.socket.try_clone().expect("a second handle"), &seen);
-        watch_serial(connect(&line), &seen);
+        watch_serial(connect(&line, &mut child), &seen);
         Self { child, seen, _directory: directory }
     }
 
@@ -205,13 +205,15 @@ pub fn read(path: &Path) -> Vec<u8> {
 }
 
 /// QEMU makes the socket soon after it has started.
-fn connect(path: &Path) -> UnixStream {
+fn connect(path: &Path, machine: &mut Child) -> UnixStream {
     let give_up = Instant::now() + PATIENCE;
     loop {
         match UnixStream::connect(path) {
             Ok(stream) => return stream,
             Err(error) => assert!(Instant::now() < give_up, "{}: {error}", path.display()),
         }
+        let ended = machine.try_wait().expect("it can be asked");
+        assert!(ended.is_none(), "QEMU has ended: {ended:?}");
         thread::sleep(Duration::from_millis(10));
     }
 }

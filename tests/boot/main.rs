@@ -15,6 +15,7 @@ mod configuration;
 mod libcamera;
 mod package;
 mod poses;
+mod provisioning;
 mod trouble;
 
 use std::path::Path;

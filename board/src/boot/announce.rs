@@ -85,8 +85,10 @@ impl Announcer {
         if let Some(line) = &mut self.line {
             line.service();
             line.receive(|message| {
-                // More at once are a flood; the host asks again.
-                let _ = answer(&message).map(|reply| replies.push(reply));
+                if let Some(reply) = answer(&message) {
+                    // More at once are a flood; the host asks again.
+                    let _ = replies.push(reply);
+                }
             });
         }
         for reply in replies {

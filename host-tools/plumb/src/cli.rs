@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
-use crate::{aim, demo, provision, receive, scene, show, target, track};
+use crate::{aim, demo, doctor, provision, receive, scene, show, target, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -28,6 +28,7 @@ enum Command {
     Provision(provision::Arguments),
     Aim(aim::Arguments),
     Show(show::Arguments),
+    Doctor(doctor::Arguments),
     Receive(receive::Arguments),
     Simulate(simulate::SimulateArguments),
 }
@@ -35,11 +36,19 @@ enum Command {
 /// Exit code for input that cannot be used; clap's for a wrong command line is the same.
 const EXIT_BAD_INPUT: u8 = 2;
 
+/// Exit code for a box that is not as it should be.
+const EXIT_FAILED: u8 = 1;
+
 /// Runs the program on its command line.
 #[must_use]
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let result: anyhow::Result<()> = match &arguments.command {
+        Command::Doctor(arguments) => match doctor::run(arguments) {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::from(EXIT_FAILED),
+            Err(error) => Err(error),
+        },
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),

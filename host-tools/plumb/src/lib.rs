@@ -8,7 +8,9 @@
 pub mod aim;
 pub mod calibrate;
 pub mod cli;
+pub mod delivery;
 pub mod demo;
+pub mod doctor;
 mod draw;
 pub mod error;
 pub mod files;
@@ -23,3 +25,4 @@ pub mod show;
 pub mod simulate;
 pub mod target;
 pub mod track;
+mod waiting;

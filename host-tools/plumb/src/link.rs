@@ -11,11 +11,12 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
-    Action, Command, Document, Hello, Message, PART_BYTES_MAX, Part, Picture, Refusal,
-    ReplyOutcome, document_crc,
+    Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Picture, Refusal,
+    Reply, ReplyOutcome, document_crc,
 };
 
 use crate::error::BadInput;
+use crate::receive::complaints::Complaints;
 use crate::receive::transport::{Event, Serial, Transport, Udp};
 
 mod download;
@@ -25,14 +26,23 @@ pub use download::{Download, Stopped};
 /// Where boxes send their packets, unless they were told otherwise.
 pub const PORT: u16 = 4210;
 
+/// The rate of boxes' serial lines, unless they were told otherwise.
+pub const BAUD: u32 = 115_200;
+
 /// A box sends something once a second; a refused one every two.
 pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
+
+/// What to do when no box is heard.
+pub const NOT_HEARD_REMEDY: &str = "check that the box is on, and that it sends to this \
+    computer's address and port (or on this line, at this rate); stop another `plumb` that \
+    listens here";
 
 /// A question is put again after this time.
 const ANSWER_WITHIN: Duration = Duration::from_millis(700);
 
-/// A disk may take this long to keep a configuration.
-const STORED_WITHIN: Duration = Duration::from_secs(8);
+/// A disk takes less than this to keep a configuration, and a slow one less than [`TRIES`]
+/// times this.
+const STORED_WITHIN: Duration = Duration::from_secs(3);
 
 /// A question is put this often at most.
 const TRIES: usize = 6;
@@ -58,7 +68,7 @@ pub struct LinkArguments {
     pub serial: Option<String>,
 
     /// Bits per second of the serial device
-    #[arg(long, value_name = "RATE", default_value_t = 115_200, requires = "serial")]
+    #[arg(long, value_name = "RATE", default_value_t = BAUD, requires = "serial")]
     pub baud: u32,
 }
 
@@ -91,14 +101,25 @@ impl LinkArguments {
     /// When it cannot be opened.
     pub fn open(&self) -> Result<BoxLink, BadInput> {
         let (transport, place) = self.transport()?;
-        Ok(BoxLink { transport, place, questions: 0 })
+        let kind = if self.serial.is_some() { LinkKind::Serial } else { LinkKind::Udp };
+        Ok(BoxLink { transport, place, kind, questions: 0 })
     }
+}
+
+/// What a box says of itself.
+#[derive(Debug)]
+pub enum Introduction {
+    /// It runs with its configuration.
+    Hello(Hello),
+    /// It has no configuration that it can use, says why, and takes another one.
+    Refusing(String),
 }
 
 /// The way to one box.
 pub struct BoxLink {
     transport: Box<dyn Transport>,
     place: String,
+    kind: LinkKind,
     questions: u16,
 }
 
@@ -107,6 +128,12 @@ impl BoxLink {
     #[must_use]
     pub fn place(&self) -> &str {
         &self.place
+    }
+
+    /// What it goes over.
+    #[must_use]
+    pub fn kind(&self) -> LinkKind {
+        self.kind
     }
 
     /// Takes what comes until `until`, or until `take` has found something.
@@ -149,36 +176,79 @@ impl BoxLink {
     /// # Errors
     /// When nothing comes in time.
     pub fn wait_until_heard(&mut self) -> Result<Message, BadInput> {
-        let until = Instant::now() + HEARD_WITHIN;
+        self.wait_until_heard_within(HEARD_WITHIN)
+    }
+
+    /// Waits for anything that a box says, for so long.
+    ///
+    /// # Errors
+    /// When nothing comes in time.
+    pub fn wait_until_heard_within(&mut self, limit: Duration) -> Result<Message, BadInput> {
+        let until = Instant::now() + limit;
         let heard = self.messages(until, |message| Some(message.clone()))?;
-        heard.ok_or_else(|| {
-            BadInput::whole(
-                &self.place,
-                "no box is heard",
-                "check that the box is on, and that it sends to this computer's address and \
-                 port (or on this line, at this rate); stop another `plumb` that listens here",
-            )
-        })
+        heard.ok_or_else(|| BadInput::whole(&self.place, "no box is heard", NOT_HEARD_REMEDY))
+    }
+
+    /// Who the box is, or why it runs with no configuration.
+    ///
+    /// # Errors
+    /// When no box is heard, or it says neither.
+    pub fn introduction(&mut self) -> Result<Introduction, BadInput> {
+        let mut complaints = Complaints::default();
+        complaints.take(&self.wait_until_heard()?);
+        for _ in 0..TRIES {
+            let id = self.send(Action::SendHello);
+            let until = Instant::now() + ANSWER_WITHIN;
+            let answer = self.messages(until, |message| match message {
+                Message::Hello(hello) => Some(Introduction::Hello(hello.clone())),
+                Message::Reply(Reply { id: of, outcome: ReplyOutcome::Refused { reason, .. } })
+                    if *of == id =>
+                {
+                    // What it logs is said in full.
+                    let text = complaints.text().unwrap_or_else(|| reason.as_str().to_owned());
+                    Some(Introduction::Refusing(text))
+                }
+                other => {
+                    complaints.take(other);
+                    None
+                }
+            })?;
+            if let Some(answer) = answer {
+                return Ok(answer);
+            }
+        }
+        // It may be heard without hearing.
+        match complaints.text() {
+            Some(text) => Ok(Introduction::Refusing(text)),
+            None => Err(self.no_answer("who it is")),
+        }
+    }
+
+    /// Who the box is, once it says so by itself: it may be starting.
+    ///
+    /// # Errors
+    /// When it does not in time.
+    pub fn hello_within(&mut self, limit: Duration) -> Result<Hello, BadInput> {
+        let hello = self.messages(Instant::now() + limit, |message| match message {
+            Message::Hello(hello) => Some(hello.clone()),
+            _ => None,
+        })?;
+        hello.ok_or_else(|| self.no_answer("who it is"))
     }
 
     /// Who the box is.
     ///
     /// # Errors
-    /// When no box is heard, or it does not say.
+    /// When no box is heard, it does not say, or it runs with no configuration.
     pub fn hello(&mut self) -> Result<Hello, BadInput> {
-        self.wait_until_heard()?;
-        for _ in 0..TRIES {
-            self.send(Action::SendHello);
-            let until = Instant::now() + ANSWER_WITHIN;
-            let hello = self.messages(until, |message| match message {
-                Message::Hello(hello) => Some(hello.clone()),
-                _ => None,
-            })?;
-            if let Some(hello) = hello {
-                return Ok(hello);
-            }
+        match self.introduction()? {
+            Introduction::Hello(hello) => Ok(hello),
+            Introduction::Refusing(text) => Err(BadInput::whole(
+                &self.place,
+                format!("the box tracks nothing; it says: {text}"),
+                "send it a configuration with `plumb provision --send`",
+            )),
         }
-        Err(self.no_answer("who it is"))
     }
 
     /// Puts a question without waiting; its number.
@@ -313,8 +383,12 @@ impl BoxLink {
     /// # Errors
     /// When the box does not answer, or its configuration cannot be read here.
     pub fn config(&mut self) -> Result<Config, BadInput> {
-        let ReplyOutcome::Config { crc, bytes } = self.ask(Action::QueryConfig)? else {
-            return Err(self.nonsense("an answer to another question"));
+        let (crc, bytes) = match self.ask(Action::QueryConfig)? {
+            ReplyOutcome::Config { crc, bytes } => (crc, bytes),
+            ReplyOutcome::Refused { refusal, reason } => {
+                return Err(self.refused("to tell its configuration", refusal, &reason));
+            }
+            _ => return Err(self.nonsense("an answer to another question")),
         };
         if bytes as usize > BLOB_BYTES_MAX {
             return Err(self.nonsense("a configuration larger than any"));
@@ -405,7 +479,8 @@ struct Missing(Vec<Range<usize>>);
 
 impl Missing {
     fn all(bytes: usize) -> Self {
-        Self(if bytes == 0 { Vec::new() } else { vec![0..bytes] })
+        let whole = 0..bytes;
+        Self(std::iter::once(whole).filter(|range| !range.is_empty()).collect())
     }
 
     fn first(&self) -> Option<Range<usize>> {

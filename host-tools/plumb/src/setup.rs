@@ -1,9 +1,10 @@
 //! From the description files to what the pipeline is configured with.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plumbline::config::{Config, ConfigError, Links, Machine, TargetConfig};
 use plumbline::pipeline::Pipeline;
+use plumbline_board::link::NO_LINK;
 
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera};
@@ -26,6 +27,12 @@ pub struct Descriptions {
 }
 
 impl Descriptions {
+    /// Of a camera and targets, without a scene.
+    #[must_use]
+    pub fn of(camera: &Path, targets: &Path) -> Self {
+        Self { camera: camera.to_owned(), targets: targets.to_owned(), scene: None }
+    }
+
     /// The files' paths.
     pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
         [&self.camera, &self.targets].into_iter().chain(&self.scene)
@@ -126,10 +133,48 @@ pub fn pipeline(
         source.place(),
     )?;
     let config = config(camera, targets, scene, places)?;
+    let pipeline = configured(&config, places)?;
+    Ok((config, pipeline))
+}
+
+/// A pipeline that has a configuration.
+///
+/// # Errors
+/// When it cannot be used.
+pub fn configured(config: &Config, places: &Places) -> Result<Box<Pipeline>, BadInput> {
     // Larger than a thread's stack may be, so that it goes to the heap, once.
     let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&config).map_err(|error| bad_config(&error, places))?;
-    Ok((config, pipeline))
+    pipeline.configure(config).map_err(|error| bad_config(&error, places))?;
+    Ok(pipeline)
+}
+
+/// Checks that a box can run with a configuration, as it will itself: it needs a camera, and
+/// somewhere to send to.
+///
+/// # Errors
+/// When it lacks one of them.
+pub fn check_for_box(config: &Config, places: &Places) -> Result<(), BadInput> {
+    if config.capture.is_none() {
+        return Err(BadInput::new(
+            &places.settings,
+            "capture",
+            "no camera is given, and a box without one tracks nothing",
+            "give --box with a file that has a [capture]",
+        ));
+    }
+    check_links(config, places)
+}
+
+/// Checks that a box has somewhere to send to.
+///
+/// # Errors
+/// When it has not.
+pub fn check_links(config: &Config, places: &Places) -> Result<(), BadInput> {
+    if config.links != Links::default() {
+        return Ok(());
+    }
+    let remedy = "add [links] with udp or serial, or give --udp or --serial";
+    Err(BadInput::new(&places.settings, "links", NO_LINK, remedy))
 }
 
 /// Says which file a configuration's fault is in.

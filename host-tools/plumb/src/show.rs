@@ -4,24 +4,33 @@ use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
+use crate::delivery;
 use crate::error::BadInput;
 use crate::files::box_settings::BoxSettings;
 use crate::files::camera::{Camera, Provenance};
 use crate::files::scene::SceneFile;
 use crate::files::{self, camera, scene, targets};
+use crate::link::{BoxLink, LinkArguments};
+use crate::waiting::Waiting;
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
 ///
-/// Nothing is lost: from these files the very same configuration is made again, down to its
-/// checksum. Without --out they are printed, one after the other.
+/// Without BLOB it is read back from the box that this computer hears. Nothing is lost: from
+/// these files the very same configuration is made again, down to its checksum. Without --out
+/// they are printed, one after the other.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   plumb show config.plb
-  plumb show config.plb --out files      # files/camera.toml, targets.toml, scene.toml, box.toml")]
+  plumb show config.plb --out files      # files/camera.toml, targets.toml, scene.toml, box.toml
+  plumb show --out files                 # of the box that sends to this computer
+  plumb show --serial /dev/ttyUSB0")]
 pub struct Arguments {
     /// The configuration: config.plb on a box's card, or what `plumb provision` wrote.
-    #[arg(value_name = "BLOB")]
-    blob: PathBuf,
+    #[arg(value_name = "BLOB", conflicts_with_all = ["udp", "serial"])]
+    blob: Option<PathBuf>,
+    /// Where the box is heard.
+    #[command(flatten)]
+    link: LinkArguments,
     /// Write the files into this directory.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -35,13 +44,14 @@ pub struct Arguments {
 /// # Errors
 /// When the blob is none, is damaged, or the files cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let config = read(&arguments.blob)?;
-    eprintln!(
-        "{}: checksum {:08x}, {} targets",
-        arguments.blob.display(),
-        config.crc(),
-        config.targets.len()
-    );
+    let (config, place) = match &arguments.blob {
+        Some(blob) => (read(blob)?, blob.display().to_string()),
+        None => {
+            let mut link = arguments.link.open()?;
+            (read_back(&mut link)?, link.place().to_owned())
+        }
+    };
+    eprintln!("{place}: checksum {:08x}, {} targets", config.crc(), config.targets.len());
     let files = texts(&config, &format!("configuration {:08x}", config.crc()));
     let Some(directory) = &arguments.out else {
         for (name, text) in files {
@@ -61,7 +71,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// The configuration in a file.
-fn read(path: &std::path::Path) -> Result<Config, BadInput> {
+///
+/// # Errors
+/// When it cannot be read, or is none.
+pub fn read(path: &std::path::Path) -> Result<Config, BadInput> {
     let place = path.display();
     let bytes = std::fs::metadata(path).map_err(|error| BadInput::io(&place, &error))?.len();
     if bytes > BLOB_BYTES_MAX as u64 {
@@ -79,6 +92,17 @@ fn read(path: &std::path::Path) -> Result<Config, BadInput> {
             "give the file that `plumb provision` wrote, or write it again",
         )
     })
+}
+
+/// The configuration of a live box.
+fn read_back(link: &mut BoxLink) -> Result<Config, BadInput> {
+    let hello = {
+        let _waiting = Waiting::new(format!("listening at {}", link.place()));
+        link.hello()?
+    };
+    eprintln!("{}: {}", link.place(), delivery::who(&hello));
+    let _waiting = Waiting::new("reading its configuration back");
+    link.config()
 }
 
 /// Each file's name and text.

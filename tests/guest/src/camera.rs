@@ -78,6 +78,17 @@ fn open(path: &str) -> Result<File> {
     File::options().read(true).write(true).open(path).with_context(|| path.to_owned())
 }
 
+/// The gain that the camera has been set to, in hundredths. vivid has the control, and lets
+/// it change nothing.
+///
+/// # Errors
+/// When the camera is not there.
+pub fn gain(capture: &str) -> Result<u32> {
+    let mut control = Control { id: kernel::GAIN, value: 0 };
+    kernel::get_control(&open(capture)?, &mut control).context("the gain")?;
+    Ok(control.value.try_into()?)
+}
+
 /// Sets the control of this name; vivid's numbers are its own affair.
 fn set(device: &File, name: &str, value: impl Fn(&ControlQuery) -> i32) -> Result<()> {
     let mut id = 0;

@@ -17,6 +17,8 @@ pub const BUFFER_TYPE_OUTPUT: u32 = 2;
 pub const FIELD_NONE: u32 = 1;
 pub const MEMORY_MMAP: u32 = 1;
 pub const NEXT_CONTROL: u32 = 0x8000_0000;
+/// `V4L2_CID_GAIN`.
+pub const GAIN: u32 = 0x0098_0913;
 
 /// `struct v4l2_format` for pictures in one plane.
 #[repr(C)]
@@ -113,6 +115,7 @@ mod calls {
     nix::ioctl_readwrite!(queue_buffer, b'V', 15, Buffer);
     nix::ioctl_readwrite!(dequeue_buffer, b'V', 17, Buffer);
     nix::ioctl_write_ptr!(stream_on, b'V', 18, i32);
+    nix::ioctl_readwrite!(get_control, b'V', 27, Control);
     nix::ioctl_readwrite!(set_control, b'V', 28, Control);
     nix::ioctl_readwrite!(query_control, b'V', 36, ControlQuery);
     nix::ioctl_readwrite!(set_timings, b'V', 87, Timings);
@@ -141,6 +144,7 @@ safe! {
     query_buffer(Buffer);
     queue_buffer(Buffer);
     dequeue_buffer(Buffer);
+    get_control(Control);
     set_control(Control);
     query_control(ControlQuery);
     set_timings(Timings);

@@ -12,7 +12,9 @@
 //! forwards and backwards in turn, so that the motion never jumps.
 //!
 //! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
-//! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back.
+//! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
+//! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
+//! as they are on the disk.
 
 mod camera;
 mod kernel;
@@ -34,6 +36,9 @@ use nix::mount::{MsFlags, mount};
 
 const CAPTURE: &str = "/dev/video0";
 const OUTPUT: &str = "/dev/video1";
+
+/// Frames from one look at the camera's gain to the next.
+const GAIN_EVERY: usize = 6;
 
 /// Disks and devices come within this, or never.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -82,10 +87,21 @@ fn feed() -> Result<()> {
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
     let mut player = player()?;
+    let obeys_gain = options()?.split_whitespace().any(|word| word == "test.gain");
+    let mut levels = levels(100);
     for step in 0_usize.. {
         let offset = (frame_index(step, count) * FRAME_BYTES) as u64;
+        if obeys_gain && step.is_multiple_of(GAIN_EVERY) {
+            levels = self::levels(camera::gain(CAPTURE)?);
+        }
         // The driver hands a buffer back when it has been shown: this is what paces.
-        let played = player.play(|pixels| frames.read_exact_at(pixels, offset));
+        let played = player.play(|pixels| {
+            frames.read_exact_at(pixels, offset)?;
+            if obeys_gain {
+                pixels.iter_mut().for_each(|pixel| *pixel = levels[usize::from(*pixel)]);
+            }
+            Ok(())
+        });
         if played.is_err_and(|error| error.raw_os_error() == Some(Errno::ENODEV as i32)) {
             drop(player);
             player = self::player()?;
@@ -104,6 +120,16 @@ fn feed() -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// What each grey level becomes with this gain, in hundredths.
+fn levels(gain: u32) -> [u8; 256] {
+    std::array::from_fn(|level| (level as u32 * gain / 100).min(255) as u8)
+}
+
+/// The kernel's command line.
+fn options() -> Result<String> {
+    fs::read_to_string("/proc/cmdline").context("/proc/cmdline")
 }
 
 /// 0, 1 ... n-1, n-1 ... 1, 0 and again.
@@ -163,7 +189,7 @@ struct Disconnection {
 impl Disconnection {
     /// What the kernel's command line asks for.
     fn asked_for() -> Result<Option<Self>> {
-        let options = fs::read_to_string("/proc/cmdline")?;
+        let options = options()?;
         let seconds = |name: &str| -> Result<Option<Duration>> {
             let value = options.split_whitespace().find_map(|word| word.strip_prefix(name));
             Ok(value.map(str::parse).transpose()?.map(Duration::from_secs_f64))

@@ -47,6 +47,10 @@ const REALTIME_PRIORITY: u8 = 50;
 /// The Raspberry Pi's watchdog waits at most this long.
 const WATCHDOG_S: u16 = 15;
 
+/// What a box is called that nobody has named.
+const DEVICE: &str = "plumbline";
+const SERIAL_NUMBER: &str = "0";
+
 const REALTIME_PRIORITY_WANTED: &str = "give 1 to 99, or 0 for none";
 
 const WATCHDOG_WANTED: &str = "give 1 to 600 seconds, or 0 for none";
@@ -153,11 +157,11 @@ impl Default for BoxSettings {
 }
 
 fn default_device() -> String {
-    "plumbline".into()
+    DEVICE.into()
 }
 
 fn default_serial_number() -> String {
-    "0".into()
+    SERIAL_NUMBER.into()
 }
 
 fn default_realtime_priority() -> u8 {
@@ -166,6 +170,12 @@ fn default_realtime_priority() -> u8 {
 
 fn default_watchdog_s() -> u16 {
     WATCHDOG_S
+}
+
+/// Whether nobody has given a box a name yet.
+#[must_use]
+pub fn is_unnamed(device: &str, serial_number: &str) -> bool {
+    (device, serial_number) == (DEVICE, SERIAL_NUMBER)
 }
 
 /// The settings of a file.

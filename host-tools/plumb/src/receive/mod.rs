@@ -13,6 +13,8 @@ use crate::files;
 use crate::link::LinkArguments;
 
 pub mod accounting;
+pub mod bad_packets;
+pub mod complaints;
 pub mod receiver;
 pub mod recorder;
 mod screen;
@@ -60,8 +62,11 @@ pub struct Arguments {
     pub quiet: bool,
 }
 
-/// A time as an option has it.
-pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
+/// A time, as an option has it.
+///
+/// # Errors
+/// What to give instead.
+pub fn seconds(text: &str) -> Result<Duration, String> {
     let value: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     if value > 0.0 {
         Duration::try_from_secs_f64(value).map_err(|_| "too long".to_owned())

@@ -12,6 +12,8 @@ use plumbline::packet::{
 use plumbline::target::Role;
 
 use super::accounting::{Accounting, Arrival, Counts};
+use super::bad_packets::BadPackets;
+use super::complaints;
 use super::recorder::{Names, Recorder};
 use super::transport::Event;
 use crate::error::BadInput;
@@ -31,23 +33,6 @@ const FRESH: Duration = Duration::from_millis(1500);
 
 /// So many of the box's own messages are remembered.
 const TOLD_MAX: usize = 16;
-
-/// How many packets were bad, by cause.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct BadPackets {
-    /// Bits changed on the way: checksum, COBS, length.
-    pub corrupt: u64,
-    /// Beginnings missed because listening began in the middle.
-    pub fragments: u64,
-    /// Intact, of another protocol version.
-    pub other_version: u64,
-    /// Intact, of this version, with another program's messages.
-    pub other_schema: u64,
-    /// Intact, of this schema, and yet no message.
-    pub malformed: u64,
-    /// Of another box.
-    pub other_sender: u64,
-}
 
 /// One target's share of the frames.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -314,6 +299,7 @@ impl<W: Write> Receiver<W> {
             Message::Health(health) => {
                 self.uptime(health.uptime_ms)?;
                 self.take_camera(health.camera, now);
+                self.take_set_up_mode(health.aiming_s > 0);
                 self.health = Some(health);
             }
             Message::Log(log) => {
@@ -361,11 +347,18 @@ impl<W: Write> Receiver<W> {
         }
     }
 
+    fn take_set_up_mode(&mut self, is_on: bool) {
+        if is_on != self.health.as_ref().is_some_and(|before| before.aiming_s > 0) {
+            self.notices.push(if is_on {
+                "the box is in set-up mode: pictures may leave it".to_owned()
+            } else {
+                "the box has left set-up mode".to_owned()
+            });
+        }
+    }
+
     fn take_log(&mut self, log: &Log) {
-        let cut =
-            if log.cut == 0 { String::new() } else { format!(" (and {} bytes more)", log.cut) };
-        let text: String = log.text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-        let text = text + &cut;
+        let text = complaints::text_of(log);
         // A box that does not track repeats why, for hosts that begin to listen.
         let tracks = self.camera.is_some_and(|camera| camera.state == CameraState::Running);
         if !tracks && self.told.iter().any(|told| told.text == text) {
@@ -461,28 +454,21 @@ impl<W: Write> Receiver<W> {
     }
 
     fn bad_packet(&mut self, error: PacketError) {
-        let (counter, remedy) = match error {
-            PacketError::Fragment => (&mut self.bad.fragments, None),
-            PacketError::Oversize
-            | PacketError::Cobs
-            | PacketError::Short
-            | PacketError::Checksum => (&mut self.bad.corrupt, None),
-            PacketError::OtherVersion { .. } => (
-                &mut self.bad.other_version,
-                Some("the box speaks another protocol: update the older of the two programs"),
-            ),
-            PacketError::OtherSchema { .. } => (
-                &mut self.bad.other_schema,
-                Some("the box's messages are another program's: update the older of the two"),
-            ),
-            PacketError::Body => (
-                &mut self.bad.malformed,
-                Some("the box sends intact packets without a sensible message: report it"),
-            ),
+        let count = self.bad.count(error);
+        let remedy = match error {
+            PacketError::OtherVersion { .. } => {
+                "the box speaks another protocol: update the older of the two programs"
+            }
+            PacketError::OtherSchema { .. } => {
+                "the box's messages are another program's: update the older of the two"
+            }
+            PacketError::Body => {
+                "the box sends intact packets without a sensible message: report it"
+            }
+            _ => return,
         };
-        *counter += 1;
         // Once is enough: such a box repeats itself at 60 Hz.
-        if let Some(remedy) = remedy.filter(|_| *counter == 1) {
+        if count == 1 {
             self.notices.push(format!("{remedy} ({error})"));
         }
     }

@@ -310,6 +310,23 @@ fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
 }
 
 #[test]
+fn set_up_mode_is_said_when_it_begins_and_when_it_is_over() {
+    let (mut receiver, _) = receiver();
+    let aiming = |uptime_ms: u64, aiming_s: u16| {
+        let Message::Health(before) = health(CameraState::Running, uptime_ms, 1) else {
+            unreachable!("a Health")
+        };
+        Message::Health(Health { aiming_s, ..before })
+    };
+    let messages = [aiming(0, 0), aiming(100, 10), aiming(200, 9), aiming(300, 0)];
+    take(&mut receiver, Instant::now(), &messages);
+    assert_eq!(
+        receiver.take_notices(),
+        ["the box is in set-up mode: pictures may leave it", "the box has left set-up mode"]
+    );
+}
+
+#[test]
 fn an_old_pose_is_not_shown_as_the_latest() {
     let (mut receiver, _) = receiver();
     let start = Instant::now();
@@ -475,7 +492,7 @@ fn a_line_that_vanishes_is_waited_for() {
     assert_eq!(receiver.line_losses(), 1);
     assert_eq!((receiver.counts().received, receiver.counts().lost), (3, 1));
     // The half frame was forgotten with its line.
-    assert_eq!(receiver.bad(), receiver::BadPackets::default());
+    assert_eq!(receiver.bad(), bad_packets::BadPackets::default());
     assert_eq!(rows(&csv.text()).len(), 6);
     let times: Vec<_> = seen.try_iter().collect();
     let waits: Vec<_> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -500,7 +517,7 @@ fn other_programs_packets_are_counted_apart() {
     ] {
         receiver.handle(transport::Event::Bad(error), Instant::now()).unwrap();
     }
-    let wanted = receiver::BadPackets {
+    let wanted = bad_packets::BadPackets {
         corrupt: 4,
         fragments: 1,
         other_version: 2,

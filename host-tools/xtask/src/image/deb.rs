@@ -77,8 +77,6 @@ pub fn make(program: &Path, out: &Path) -> Result<()> {
     let licence = [source("copyright")?, expat()?.into_bytes()].concat();
     put("usr/share/doc/plumbline-board/copyright", 0o644, &licence)?;
     put("usr/share/doc/plumbline-board/README", 0o644, &source("README")?)?;
-    // The configuration's place; it is the administrator's, and no package's.
-    fs::create_dir_all(tree.join("etc/plumbline"))?;
     for script in ["postinst", "prerm", "postrm"] {
         put(&format!("DEBIAN/{script}"), 0o755, &source(script)?)?;
     }

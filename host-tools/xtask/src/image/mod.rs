@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.what == What::Deb && arguments.config.is_some() {
         bail!(BadInput(
             "--config: a package serves all boxes; leave it out, and copy the configuration to \
-             /etc/plumbline/config.plb on the box"
+             /var/lib/plumbline/config.plb on the box"
                 .into()
         ));
     }

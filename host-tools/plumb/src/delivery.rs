@@ -1,0 +1,208 @@
+//! A configuration for a live box: it is sent and kept there, and the box starts anew with it.
+
+use std::time::{Duration, Instant};
+
+use plumbline::config::{Config, Links, SerialLink};
+use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome};
+
+use crate::error::BadInput;
+use crate::link::{BoxLink, Introduction};
+use crate::receive::complaints::Complaints;
+use crate::waiting::Waiting;
+
+/// The slowest box boots in less, its watchdog's patience included.
+const RESTARTED_WITHIN: Duration = Duration::from_secs(60);
+
+/// A box before it gets another configuration, as far as it tells.
+#[derive(Debug)]
+pub struct Before {
+    /// Who it is; `None` where it runs with no configuration.
+    pub hello: Option<Hello>,
+    /// What it runs with, where that can be read back.
+    pub config: Option<Config>,
+}
+
+/// Asks a box who it is and what it runs with, and shows it.
+///
+/// # Errors
+/// When no box is heard, or it does not answer.
+pub fn meet(link: &mut BoxLink) -> Result<Before, BadInput> {
+    let introduction = {
+        let _waiting = Waiting::new(format!("listening at {}", link.place()));
+        link.introduction()?
+    };
+    let hello = match introduction {
+        Introduction::Hello(hello) => hello,
+        Introduction::Refusing(text) => {
+            eprintln!("{}: a box that tracks nothing; it says: {text}", link.place());
+            return Ok(Before { hello: None, config: None });
+        }
+    };
+    eprintln!("{}: {}", link.place(), who(&hello));
+    let config = {
+        let _waiting = Waiting::new("reading its configuration back");
+        link.config()
+    };
+    let config = config
+        .inspect_err(|error| {
+            eprintln!("warning: {error}; so it is not compared with the new one");
+        })
+        .ok();
+    Ok(Before { hello: Some(hello), config })
+}
+
+/// A box in a line.
+#[must_use]
+pub fn who(hello: &Hello) -> String {
+    format!(
+        "{} ({}), {}, configuration {:08x}",
+        hello.device, hello.serial_number, hello.firmware, hello.config_crc
+    )
+}
+
+/// Sends a configuration, has the box keep it and, unless `restart` is false, start anew with
+/// it; says what came of each.
+///
+/// # Errors
+/// When the box refuses it, does not answer, or does not come back with it.
+pub fn deliver(
+    link: &mut BoxLink,
+    before: &Before,
+    config: &Config,
+    restart: bool,
+) -> Result<(), BadInput> {
+    for warning in before.config.iter().flat_map(|old| moves(&old.links, &config.links)) {
+        eprintln!("warning: {warning}");
+    }
+    let crc = {
+        let _waiting = Waiting::new("sending the configuration");
+        link.store_config(config)?
+    };
+    eprintln!("stored, checksum {crc:08x}");
+    if !restart {
+        eprintln!("it is in use from the box's next start on");
+        return Ok(());
+    }
+    // No answer is as good as a yes: the box may be on its way down already.
+    if let Ok(ReplyOutcome::Refused { refusal, reason }) = link.ask(Action::Reboot) {
+        return match refusal {
+            Refusal::NotSupported => {
+                eprintln!(
+                    "this box is not restarted from here; it takes effect at its next start: \
+                     start its program again, or switch it off and on"
+                );
+                Ok(())
+            }
+            _ => Err(link.refused("to restart", refusal, &reason)),
+        };
+    }
+    let goes_elsewhere =
+        before.config.as_ref().is_some_and(|old| !stays(link.kind(), &old.links, &config.links));
+    if goes_elsewhere {
+        eprintln!("the box starts anew, and is not heard here any more");
+        return Ok(());
+    }
+    let hello = wait_for_start(link, before)?;
+    if hello.config_crc != crc {
+        return Err(BadInput::whole(
+            link.place(),
+            format!(
+                "the box has started anew, but with the configuration {:08x}",
+                hello.config_crc
+            ),
+            "check that its program takes its configuration from where it stores it, and send it \
+             again",
+        ));
+    }
+    eprintln!("the box has started anew with it");
+    Ok(())
+}
+
+/// Waits until the box has started anew, and says who it is.
+fn wait_for_start(link: &mut BoxLink, before: &Before) -> Result<Hello, BadInput> {
+    let _waiting = Waiting::new("waiting until the box has started anew");
+    let known = before.hello.as_ref().map(|hello| hello.boot_id);
+    let mut complaints = Complaints::default();
+    let until = Instant::now() + RESTARTED_WITHIN;
+    let hello = link.messages(until, |message| match message {
+        Message::Hello(hello) if known != Some(hello.boot_id) => Some(hello.clone()),
+        other => {
+            complaints.take(other);
+            None
+        }
+    })?;
+    hello.ok_or_else(|| {
+        let seconds = RESTARTED_WITHIN.as_secs();
+        let said = complaints.text().map(|text| format!("; it says: {text}")).unwrap_or_default();
+        BadInput::whole(
+            link.place(),
+            format!("stored, but the box has not said in {seconds} s that it started anew{said}"),
+            "switch it off and on; `plumb doctor` shows how it is",
+        )
+    })
+}
+
+/// Whether a box that is heard over a link of this kind will be heard there again.
+fn stays(kind: LinkKind, old: &Links, new: &Links) -> bool {
+    match kind {
+        LinkKind::Serial => old.serial == new.serial,
+        _ => old.udp == new.udp,
+    }
+}
+
+/// What the box will send elsewhere than it does now.
+fn moves(old: &Links, new: &Links) -> Vec<String> {
+    let line = |line: &SerialLink| format!("{} at {} baud", line.path, line.baud);
+    let udp = [old, new].map(|links| links.udp.map(|to| to.to_string()));
+    let serial = [old, new].map(|links| links.serial.as_ref().map(line));
+    [("UDP", udp), ("a serial line", serial)]
+        .into_iter()
+        .filter(|(_, [old, new])| old != new)
+        .map(|(what, [old, new])| match (old, new) {
+            (Some(old), Some(new)) => {
+                format!("the box will send by {what} to {new}, and not to {old} as it is told now")
+            }
+            (Some(old), None) => {
+                format!("the box will not send by {what} any more; it is told {old} now")
+            }
+            (_, new) => {
+                format!("the box will send by {what} too, to {}", new.unwrap_or_default())
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_that_will_send_elsewhere_is_warned_of() {
+        let links = |udp: Option<&str>, serial: Option<u32>| Links {
+            udp: udp.map(|udp| udp.parse().unwrap()),
+            serial: serial.map(|baud| SerialLink { path: "/dev/ttyS0".try_into().unwrap(), baud }),
+        };
+        let (here, there) = (Some("192.168.1.20:4210"), Some("192.168.1.21:4210"));
+        assert_eq!(moves(&links(here, None), &links(here, None)), [""; 0]);
+        for (old, new, said) in [
+            (
+                links(here, None),
+                links(there, None),
+                "by UDP to 192.168.1.21:4210, and not to 192.168.1.20:4210",
+            ),
+            (links(here, None), links(None, None), "not send by UDP any more"),
+            (links(here, None), links(here, Some(9600)), "too, to /dev/ttyS0 at 9600 baud"),
+            (
+                links(here, Some(115_200)),
+                links(here, Some(9600)),
+                "to /dev/ttyS0 at 9600 baud, and not to /dev/ttyS0 at 115200 baud",
+            ),
+        ] {
+            let warnings = moves(&old, &new);
+            let [warning] = &warnings[..] else { panic!("{warnings:?}") };
+            assert!(warning.contains(said), "{warning}");
+        }
+        let (old, new) = (links(here, Some(9600)), links(there, Some(9600)));
+        assert!(!stays(LinkKind::Udp, &old, &new) && stays(LinkKind::Serial, &old, &new));
+    }
+}

@@ -1,0 +1,283 @@
+//! What is seen of a box while it is watched: figures, not opinions.
+
+use plumbline::config::Config;
+use plumbline::packet::{
+    Health, Hello, Log, LogLevel, MarkedInstant, MeasuredPose, Message, PosePacket, Reply,
+    ReplyOutcome, View,
+};
+use plumbline::report::NoPose;
+use plumbline::target::Role;
+
+use super::clock::Exchange;
+use crate::error::BadInput;
+use crate::receive::accounting::{Accounting, Counts};
+use crate::receive::bad_packets::BadPackets;
+use crate::receive::complaints::text_of;
+use crate::receive::transport::Event;
+
+/// A capture time that goes back while the frames' numbers go on by no more than this is a
+/// fault of the clock; more than this is another start.
+const AHEAD_MAX: u32 = 1000;
+
+/// So many different records of the box are kept.
+const LOGS_MAX: usize = 32;
+
+/// A configuration that the box's is compared with.
+#[derive(Debug)]
+pub struct Expected {
+    /// Its file.
+    pub name: String,
+    /// Its checksum.
+    pub crc: u32,
+}
+
+/// One target, in the frames that came.
+#[derive(Debug)]
+pub struct TargetSeen {
+    /// Which one.
+    pub role: Role,
+    /// Its poses.
+    pub poses: Vec<MeasuredPose>,
+    /// Frames without one, by reason.
+    pub without: Vec<(NoPose, usize)>,
+}
+
+impl TargetSeen {
+    /// Frames that came.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.poses.len() + self.without.iter().map(|(_, frames)| frames).sum::<usize>()
+    }
+}
+
+/// One frame.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameSeen {
+    /// Its number.
+    pub sequence: u32,
+    /// When it was taken, on the box's clock.
+    pub capture_time_ns: u64,
+    /// From then until its packet left.
+    pub latency_us: u32,
+    /// Which instant its time marks.
+    pub instant: MarkedInstant,
+}
+
+/// Everything that was seen.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// Where the box was listened for.
+    pub place: String,
+    /// It was a serial line.
+    pub is_serial: bool,
+    /// Intact packets of this protocol.
+    pub packets: u64,
+    /// Packets that could not be used.
+    pub bad: BadPackets,
+    /// How often the serial line was lost.
+    pub line_losses: u64,
+    /// Who the box is.
+    pub hello: Option<Hello>,
+    /// The box runs with no configuration, and says why.
+    pub refusing: Option<String>,
+    /// It started anew while it was watched.
+    pub starts: u32,
+    /// How it was at first, and how at last.
+    pub healths: Option<(Health, Health)>,
+    /// Warnings and faults that it told of, each once.
+    pub logs: Vec<(LogLevel, String)>,
+    /// Questions for the time that were sent, and those that were answered.
+    pub pings: usize,
+    /// Answers to them.
+    pub exchanges: Vec<Exchange>,
+    /// Pose packets, by number.
+    pub accounting: Accounting,
+    /// Frames, in the order in which they came, without repetitions.
+    pub frames: Vec<FrameSeen>,
+    /// How often a capture time was not after the one before.
+    pub backward_times: u64,
+    /// The targets, as configured.
+    pub targets: Vec<TargetSeen>,
+    /// Frames in numbers.
+    pub views: Vec<View>,
+    /// The box's configuration, or why it cannot be read back.
+    pub config: Option<Result<Config, BadInput>>,
+    /// What the box's configuration should be.
+    pub expected: Option<Expected>,
+}
+
+impl Findings {
+    /// Pose packets by what became of them.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.accounting.counts()
+    }
+
+    /// The configuration, where it could be read back.
+    #[must_use]
+    pub fn config(&self) -> Option<&Config> {
+        self.config.as_ref()?.as_ref().ok()
+    }
+
+    /// How the box was at last.
+    #[must_use]
+    pub fn health(&self) -> Option<&Health> {
+        self.healths.as_ref().map(|(_, last)| last)
+    }
+
+    /// Frames per second, by their numbers and times: what was lost on the way is no slower
+    /// camera.
+    #[must_use]
+    pub fn rate_hz(&self) -> Option<f64> {
+        let (first, last) = (self.frames.first()?, self.frames.last()?);
+        let numbers = last.sequence.wrapping_sub(first.sequence).cast_signed();
+        let time_ns = last.capture_time_ns.checked_sub(first.capture_time_ns)?;
+        (numbers > 0 && time_ns > 0).then(|| 1e9 * f64::from(numbers) / time_ns as f64)
+    }
+
+    /// A target's name, as far as the box has told it.
+    #[must_use]
+    pub fn name(&self, role: Role) -> String {
+        let targets = self.hello.iter().flat_map(|hello| &hello.targets);
+        let known = targets.into_iter().find(|target| target.role == role);
+        known.map_or_else(|| format!("{role:?}").to_lowercase(), |known| known.name.to_string())
+    }
+
+    /// Takes note of what came at this time of this computer's clock.
+    pub fn take(&mut self, event: &Event, now_ns: u64) {
+        match event {
+            Event::Message(message) => {
+                self.packets += 1;
+                self.message(message, now_ns);
+            }
+            Event::Bad(error) => {
+                self.bad.count(*error);
+            }
+            Event::OtherSender(_) => self.bad.other_sender += 1,
+            Event::LineLost(_) => self.line_losses += 1,
+            Event::LineBack => (),
+        }
+    }
+
+    fn message(&mut self, message: &Message, now_ns: u64) {
+        match message {
+            Message::Pose(packet) => self.pose(packet),
+            Message::Hello(hello) => {
+                let before = self.hello.replace(hello.clone());
+                if before.is_some_and(|before| before.boot_id != hello.boot_id) {
+                    self.starts += 1;
+                    self.healths = None;
+                }
+            }
+            Message::Health(health) => match &mut self.healths {
+                Some((_, last)) => *last = health.clone(),
+                none => *none = Some((health.clone(), health.clone())),
+            },
+            Message::Log(log) => self.log(log),
+            Message::Reply(Reply {
+                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
+                ..
+            }) => self.exchanges.push(Exchange {
+                host_sent_ns: *host_sent_ns,
+                box_received_ns: *box_received_ns,
+                box_sent_ns: *box_sent_ns,
+                host_received_ns: now_ns,
+            }),
+            Message::View(view) => self.views.push(view.clone()),
+            Message::Reply(_) | Message::Command(_) | Message::Picture(_) | Message::Part(_) => (),
+        }
+    }
+
+    fn log(&mut self, log: &Log) {
+        let record = (log.level, text_of(log));
+        let matters = log.level <= LogLevel::Warn;
+        if matters && self.logs.len() < LOGS_MAX && !self.logs.contains(&record) {
+            self.logs.push(record);
+        }
+    }
+
+    fn pose(&mut self, packet: &PosePacket) {
+        let repeated = self.accounting.counts().repeated;
+        self.accounting.pose(packet.sequence, packet.capture_time_ns);
+        if self.accounting.counts().repeated > repeated {
+            return;
+        }
+        if let Some(last) = self.frames.last() {
+            let ahead = packet.sequence.wrapping_sub(last.sequence);
+            let goes_on = (1..=AHEAD_MAX).contains(&ahead);
+            self.backward_times +=
+                u64::from(goes_on && packet.capture_time_ns <= last.capture_time_ns);
+        }
+        self.frames.push(FrameSeen {
+            sequence: packet.sequence,
+            capture_time_ns: packet.capture_time_ns,
+            latency_us: packet.latency_us,
+            instant: packet.instant,
+        });
+        for target in &packet.targets {
+            let known = self.targets.iter().position(|known| known.role == target.role);
+            let index = known.unwrap_or_else(|| {
+                let role = target.role;
+                self.targets.push(TargetSeen { role, poses: Vec::new(), without: Vec::new() });
+                self.targets.len() - 1
+            });
+            let seen = &mut self.targets[index];
+            match &target.pose {
+                Ok(pose) => seen.poses.push(*pose),
+                Err(reason) => match seen.without.iter_mut().find(|(known, _)| known == reason) {
+                    Some((_, frames)) => *frames += 1,
+                    None => seen.without.push((*reason, 1)),
+                },
+            }
+        }
+    }
+}
+
+/// The middle one of some figures; `None` of none.
+#[must_use]
+pub fn median(figures: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut figures: Vec<f64> = figures.into_iter().collect();
+    figures.sort_by(f64::total_cmp);
+    figures.get(figures.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::{healthy, pose_packet};
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_middle_one() {
+        assert_eq!(median([]), None);
+        assert_eq!(median([3.0]), Some(3.0));
+        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
+    }
+
+    #[test]
+    fn packets_that_were_lost_do_not_make_the_camera_slower() {
+        let mut findings = Findings::default();
+        assert_eq!(findings.rate_hz(), None);
+        for sequence in [0, 1, 2, 5, 6, 6, 9] {
+            findings.take(&Event::Message(Message::Pose(pose_packet(sequence))), 0);
+        }
+        assert!((findings.rate_hz().unwrap() - 60.0).abs() < 0.1);
+        let counts = findings.counts();
+        assert_eq!((counts.lost, counts.repeated, findings.frames.len()), (4, 1, 6));
+        assert_eq!(findings.backward_times, 0);
+        let mut back = pose_packet(10);
+        back.capture_time_ns = 0;
+        findings.take(&Event::Message(Message::Pose(back)), 0);
+        assert_eq!(findings.backward_times, 1);
+    }
+
+    #[test]
+    fn a_new_start_is_noticed_and_its_counters_are_its_own() {
+        let mut findings = healthy();
+        let mut hello = findings.hello.clone().unwrap();
+        findings.take(&Event::Message(Message::Hello(hello.clone())), 0);
+        assert_eq!((findings.starts, findings.healths.is_some()), (0, true));
+        hello.boot_id += 1;
+        findings.take(&Event::Message(Message::Hello(hello)), 0);
+        assert_eq!((findings.starts, findings.healths.is_some()), (1, false));
+    }
+}

@@ -1,0 +1,200 @@
+//! The camera, and how its frames are kept up with.
+
+use plumbline::packet::{CameraState, Health, MarkedInstant};
+
+use super::super::check::{Check, Verdict};
+use super::super::findings::{Findings, median};
+use super::percent;
+
+/// A camera's crystal is better than a thousandth; a rate that is off by more than a fiftieth
+/// is not the one that was asked for.
+const RATE_WARN: f64 = 0.02;
+
+/// Off by a tenth: the time that the exposure takes, or the light's flicker, has the say.
+const RATE_FAIL: f64 = 0.1;
+
+/// Of the frames, so many may be missing: with a gap every fifty an analysis fills more than it
+/// should.
+const MISSING_FAIL: f64 = 0.02;
+
+/// A frame is exposed for up to one period, and read out and sent in another.
+const LATENCY_WARN_PERIODS: f64 = 3.0;
+
+/// Two frames wait for the one before them, and more are dropped.
+const LATENCY_FAIL_PERIODS: f64 = 6.0;
+
+pub fn checks(findings: &Findings) -> Vec<Check> {
+    let Some((first, last)) = &findings.healths else {
+        return vec![Check::skipped("camera", "the box does not say how it is")];
+    };
+    let mut checks = vec![state(findings, first, last)];
+    let Some(rate_hz) = findings.rate_hz() else {
+        checks.push(Check::skipped("frames", "too few frames came"));
+        return checks;
+    };
+    checks.push(rate(findings, rate_hz));
+    checks.push(missing(first, last));
+    checks.push(latency(findings, rate_hz));
+    checks
+}
+
+fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
+    const SUBJECT: &str = "camera";
+    let losses = last.camera_losses;
+    let seen = match last.camera {
+        CameraState::Starting => "it has not given a frame yet",
+        CameraState::Stalled => "it is there, and gives no frames",
+        CameraState::Lost => "it is absent, or reports errors",
+        CameraState::Ended => "the recording is over, or the box's program has ended",
+        CameraState::Running => {
+            if losses > first.camera_losses {
+                let seen = format!("lost {} times meanwhile", losses - first.camera_losses);
+                return Check::fail(SUBJECT, seen, PLUG);
+            }
+            if losses > 0 {
+                let seen = format!("it runs; lost {losses} times since the box's start");
+                return Check::warn(SUBJECT, seen, PLUG);
+            }
+            let replayed =
+                findings.frames.last().is_some_and(|it| it.instant == MarkedInstant::Recording);
+            return Check::good(SUBJECT, if replayed { "a recording runs" } else { "it runs" });
+        }
+    };
+    let remedy = match last.camera {
+        CameraState::Ended => "start the recording or the program again",
+        _ => PLUG,
+    };
+    Check::fail(SUBJECT, seen, remedy)
+}
+
+const PLUG: &str = "check the camera's plug, cable and power, and [capture] of the box file";
+
+fn rate(findings: &Findings, rate_hz: f64) -> Check {
+    let configured = findings.config().and_then(|config| config.capture.as_ref());
+    let Some(wanted_hz) = configured.map(|capture| f64::from(capture.rate_hz)) else {
+        return Check::good("rate", format!("{rate_hz:.2} Hz; none is configured"));
+    };
+    let off = rate_hz / wanted_hz - 1.0;
+    let slow = "give exposure_us, no longer than the rate allows; more light; and a USB port that \
+                no other device shares";
+    Check::new(
+        Verdict::at_most(off.abs(), RATE_WARN, RATE_FAIL),
+        "rate",
+        format!("{rate_hz:.2} Hz of {wanted_hz:.2} configured (within {})", percent(RATE_WARN)),
+        if off < 0.0 { slow } else { "give a rate_hz that the camera has" },
+    )
+}
+
+fn missing(first: &Health, last: &Health) -> Check {
+    let since = |of: fn(&Health) -> u32| of(last).saturating_sub(of(first));
+    let (missed, dropped) = (since(|it| it.frames_missed), since(|it| it.frames_dropped));
+    let all = since(|it| it.frames) + missed + dropped;
+    let share = f64::from(missed + dropped) / f64::from(all.max(1));
+    Check::new(
+        Verdict::at_most(share, 0.0, MISSING_FAIL),
+        "frames",
+        format!(
+            "{missed} missed by the camera, {dropped} dropped by the box (none); {} and {} since \
+             its start",
+            last.frames_missed, last.frames_dropped
+        ),
+        if missed >= dropped {
+            "give the camera a USB port or cable of its own"
+        } else {
+            "lower rate_hz; give the measurement a core with cpu and realtime_priority"
+        },
+    )
+}
+
+fn latency(findings: &Findings, rate_hz: f64) -> Check {
+    let period_ms = 1e3 / rate_hz;
+    let latencies = || findings.frames.iter().map(|frame| f64::from(frame.latency_us) / 1e3);
+    let median_ms = median(latencies()).unwrap_or_default();
+    let worst_ms = latencies().fold(0.0, f64::max);
+    let [warn_ms, fail_ms] =
+        [LATENCY_WARN_PERIODS, LATENCY_FAIL_PERIODS].map(|periods| periods * period_ms);
+    Check::new(
+        Verdict::at_most(median_ms, warn_ms, fail_ms),
+        "latency",
+        format!("{median_ms:.1} ms, the worst {worst_ms:.1} ms (at most {warn_ms:.0})"),
+        "lower rate_hz, or give the measurement a core with cpu and realtime_priority",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::fixture::{assert_says, check, healthy};
+    use super::*;
+
+    fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
+        let mut findings = healthy();
+        change(&mut findings.healths.as_mut().unwrap().1);
+        findings
+    }
+
+    #[test]
+    fn a_camera_that_does_not_run_is_a_fault() {
+        for (camera, parts) in [
+            (CameraState::Starting, ["not given a frame", "plug"]),
+            (CameraState::Stalled, ["gives no frames", "plug"]),
+            (CameraState::Lost, ["absent", "[capture]"]),
+            (CameraState::Ended, ["is over", "again"]),
+        ] {
+            let findings = with_health(|health| health.camera = camera);
+            assert_says(&check(&findings, "camera"), Verdict::Fail, &parts);
+        }
+        let lost = with_health(|health| health.camera_losses = 2);
+        assert_says(&check(&lost, "camera"), Verdict::Fail, &["lost 2 times meanwhile", "plug"]);
+        let mut once = lost;
+        once.healths.as_mut().unwrap().0.camera_losses = 2;
+        assert_says(&check(&once, "camera"), Verdict::Warn, &["2 times since", "plug"]);
+        once.healths = None;
+        assert_says(&check(&once, "camera"), Verdict::Skipped, &["does not say"]);
+    }
+
+    #[test]
+    fn a_rate_other_than_the_configured_one_is_named() {
+        let at = |rate_hz| {
+            let mut findings = healthy();
+            let config = findings.config.as_mut().unwrap().as_mut().unwrap();
+            config.capture.as_mut().unwrap().rate_hz = rate_hz;
+            check(&findings, "rate")
+        };
+        assert_says(&at(60.0), Verdict::Good, &["60.00 Hz of 60.00"]);
+        assert_says(&at(62.0), Verdict::Warn, &["within 2.0 %", "exposure_us"]);
+        assert_says(&at(90.0), Verdict::Fail, &["60.00 Hz of 90.00", "exposure_us"]);
+        assert_says(&at(50.0), Verdict::Fail, &["give a rate_hz that the camera has"]);
+        let mut replay = healthy();
+        replay.config.as_mut().unwrap().as_mut().unwrap().capture = None;
+        assert_says(&check(&replay, "rate"), Verdict::Good, &["none is configured"]);
+        replay.frames.truncate(1);
+        assert_says(&check(&replay, "frames"), Verdict::Skipped, &["too few"]);
+    }
+
+    #[test]
+    fn frames_that_are_missing_are_counted() {
+        let missed = with_health(|health| {
+            health.frames += 300;
+            health.frames_missed = 2;
+        });
+        assert_says(&check(&missed, "frames"), Verdict::Warn, &["2 missed", "USB port"]);
+        let dropped = with_health(|health| {
+            health.frames += 200;
+            health.frames_dropped = 100;
+        });
+        assert_says(&check(&dropped, "frames"), Verdict::Fail, &["100 dropped", "rate_hz"]);
+    }
+
+    #[test]
+    fn latency_is_judged_in_frame_periods() {
+        let late = |latency_us| {
+            let mut findings = healthy();
+            for frame in &mut findings.frames {
+                frame.latency_us = latency_us;
+            }
+            check(&findings, "latency")
+        };
+        assert_says(&late(60_000), Verdict::Warn, &["60.0 ms", "at most 50", "rate_hz"]);
+        assert_says(&late(120_000), Verdict::Fail, &["120.0 ms", "realtime_priority"]);
+    }
+}

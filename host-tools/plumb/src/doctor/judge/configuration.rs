@@ -1,0 +1,164 @@
+//! What the box was told: that it is what it should be, and that nothing is left open.
+
+use plumbline::config::Config;
+use plumbline::target::Role;
+
+use super::super::check::Check;
+use super::super::findings::Findings;
+
+pub fn checks(findings: &Findings) -> Vec<Check> {
+    let Some(config) = &findings.config else {
+        return vec![Check::skipped("configuration", "it was not asked for")];
+    };
+    match config {
+        Ok(config) => vec![
+            identical(findings, config),
+            scene(config),
+            exposure(config),
+            watchdog(config),
+            targets(config),
+        ],
+        Err(error) => vec![Check::fail(
+            "configuration",
+            format!("it cannot be read back: {}", error.found),
+            error.remedy.clone(),
+        )],
+    }
+}
+
+fn identical(findings: &Findings, config: &Config) -> Check {
+    const SUBJECT: &str = "configuration";
+    let crc = config.crc();
+    let told = findings.hello.as_ref().map(|hello| hello.config_crc);
+    if let Some(told) = told.filter(|told| *told != crc) {
+        let seen = format!("{crc:08x} is read back, and it says that it runs with {told:08x}");
+        return Check::fail(SUBJECT, seen, "restart the box; if that does not help, update it");
+    }
+    let Some(expected) = &findings.expected else {
+        return Check::good(SUBJECT, format!("{crc:08x}, whole"));
+    };
+    if expected.crc == crc {
+        return Check::good(SUBJECT, format!("{crc:08x}, that of {}", expected.name));
+    }
+    let seen = format!("{crc:08x}, and {} is {:08x}", expected.name, expected.crc);
+    Check::fail(
+        SUBJECT,
+        seen,
+        "compare them with `plumb show`, and send the right one with `plumb provision --send`",
+    )
+}
+
+fn scene(config: &Config) -> Check {
+    if config.cam_from_scene_theta.is_some() {
+        return Check::good("scene", "measured");
+    }
+    Check::warn(
+        "scene",
+        "not measured: there are poses, and no trunk points",
+        "stand the board in front of the camera: `plumb scene --store`",
+    )
+}
+
+fn exposure(config: &Config) -> Check {
+    let Some(capture) = &config.capture else {
+        return Check::good("exposure", "no camera is configured");
+    };
+    if let Some(exposure_us) = capture.exposure_us {
+        return Check::good("exposure", format!("fixed, {exposure_us} us"));
+    }
+    Check::warn(
+        "exposure",
+        "left to the camera, which changes it with the light",
+        "give exposure_us in the box file, by what `plumb aim` shows",
+    )
+}
+
+fn watchdog(config: &Config) -> Check {
+    match (&config.capture, config.machine.watchdog_s) {
+        (None, _) => Check::good("watchdog", "no camera is configured"),
+        (Some(_), Some(seconds)) => Check::good("watchdog", format!("after {seconds} s")),
+        (Some(_), None) => Check::warn(
+            "watchdog",
+            "off: a program that hangs stays so",
+            "give watchdog_s in the box file",
+        ),
+    }
+}
+
+fn targets(config: &Config) -> Check {
+    let names = |roles: &[Role]| {
+        let targets = roles.iter().filter_map(|role| config.target(*role));
+        targets.map(|target| target.name.as_str()).collect::<Vec<_>>().join(" and ")
+    };
+    let has = |role| config.target(role).is_some();
+    let [lower, upper] = [has(Role::Lower), has(Role::Upper)];
+    if lower && upper {
+        return Check::good("targets", format!("both: {}", names(&[Role::Lower, Role::Upper])));
+    }
+    const REMEDY: &str = "add the missing role (\"lower\" or \"upper\") to the targets file";
+    if lower || upper {
+        let seen = format!("{} only", names(&[Role::Lower, Role::Upper]));
+        return Check::warn("targets", seen, REMEDY);
+    }
+    Check::fail("targets", "neither of the trunk's two", REMEDY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::check::Verdict;
+    use super::super::super::findings::Expected;
+    use super::super::super::fixture::{assert_says, check, healthy};
+    use super::*;
+    use crate::error::BadInput;
+
+    fn with_config(change: impl FnOnce(&mut Config)) -> Findings {
+        let mut findings = healthy();
+        let config = findings.config.as_mut().unwrap().as_mut().unwrap();
+        change(config);
+        findings.hello.as_mut().unwrap().config_crc = config.crc();
+        findings
+    }
+
+    #[test]
+    fn the_configuration_is_the_one_it_should_be() {
+        let mut findings = healthy();
+        let crc = findings.config().unwrap().crc();
+        findings.expected = Some(Expected { name: "box.plb".into(), crc });
+        let good = check(&findings, "configuration");
+        assert_says(&good, Verdict::Good, &[&format!("{crc:08x}"), "that of box.plb"]);
+        findings.expected = Some(Expected { name: "box.plb".into(), crc: 7 });
+        let other = check(&findings, "configuration");
+        assert_says(&other, Verdict::Fail, &["box.plb is 00000007", "plumb show"]);
+        findings.hello.as_mut().unwrap().config_crc = 9;
+        let torn = check(&findings, "configuration");
+        assert_says(&torn, Verdict::Fail, &["runs with 00000009", "restart"]);
+        findings.config = Some(Err(BadInput::whole("UDP", "no answer", "check the firewall")));
+        let unread = check(&findings, "configuration");
+        assert_says(&unread, Verdict::Fail, &["read back: no answer", "firewall"]);
+        findings.config = None;
+        assert_eq!(check(&findings, "configuration").verdict, Verdict::Skipped);
+    }
+
+    #[test]
+    fn what_is_left_open_is_warned_of() {
+        let no_scene = with_config(|config| config.cam_from_scene_theta = None);
+        let scene = check(&no_scene, "scene");
+        assert_says(&scene, Verdict::Warn, &["no trunk points", "plumb scene --store"]);
+        let auto = with_config(|config| config.capture.as_mut().unwrap().exposure_us = None);
+        assert_says(&check(&auto, "exposure"), Verdict::Warn, &["the light", "exposure_us"]);
+        let unwatched = with_config(|config| config.machine.watchdog_s = None);
+        assert_says(&check(&unwatched, "watchdog"), Verdict::Warn, &["hangs", "watchdog_s"]);
+        let replay = with_config(|config| {
+            config.capture = None;
+            config.machine.watchdog_s = None;
+        });
+        assert_eq!(check(&replay, "watchdog").verdict, Verdict::Good);
+        assert_eq!(check(&replay, "exposure").verdict, Verdict::Good);
+        let one = with_config(|config| {
+            config.targets.pop();
+        });
+        assert_says(&check(&one, "targets"), Verdict::Warn, &["lumbar only", "add"]);
+        let none = with_config(|config| config.targets.clear());
+        assert_says(&check(&none, "targets"), Verdict::Fail, &["neither", "add"]);
+    }
+}

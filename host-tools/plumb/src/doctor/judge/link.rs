@@ -1,0 +1,175 @@
+//! Whether the box is heard, and all of it.
+
+use super::super::check::{Check, Verdict};
+use super::super::findings::Findings;
+use super::percent;
+use crate::link::NOT_HEARD_REMEDY;
+
+/// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is
+/// more than a network in order loses.
+const LOST_WARN: f64 = 0.001;
+
+/// One frame in fifty: gaps follow each other more than once a second.
+const LOST_FAIL: f64 = 0.02;
+
+/// No way damages a packet now and then when it is in order; a hundredth is a wrong rate, or
+/// a line beside a motor.
+const CORRUPT_FAIL: f64 = 0.01;
+
+const UPDATE: &str = "update the older of the two programs, here or on the box";
+
+pub fn checks(findings: &Findings) -> Vec<Check> {
+    let mut checks = vec![heard(findings)];
+    if findings.packets > 0 {
+        checks.push(losses(findings));
+        checks.push(corrupt(findings));
+    }
+    checks
+}
+
+fn heard(findings: &Findings) -> Check {
+    const SUBJECT: &str = "link";
+    let (bad, place) = (findings.bad, &findings.place);
+    let other = bad.other_version + bad.other_schema;
+    if findings.packets == 0 {
+        return if other > 0 {
+            let seen = format!("{place}: {other} packets of another version of the protocol");
+            Check::fail(SUBJECT, seen, UPDATE)
+        } else if bad.malformed > 0 {
+            let seen = format!("{place}: {} packets that hold no message", bad.malformed);
+            Check::fail(SUBJECT, seen, UPDATE)
+        } else if bad.corrupt + bad.fragments > 0 {
+            let count = bad.corrupt + bad.fragments;
+            let seen = format!("{place}: {count} damaged packets, and no other");
+            Check::fail(SUBJECT, seen, damage_remedy(findings))
+        } else {
+            Check::fail(SUBJECT, format!("{place}: no box is heard"), NOT_HEARD_REMEDY)
+        };
+    }
+    let count = findings.packets;
+    if bad.other_sender > 0 {
+        let seen = format!("{place}: {count} packets, and {} of another box", bad.other_sender);
+        return Check::warn(SUBJECT, seen, "give each box a port of its own");
+    }
+    if other + bad.malformed > 0 {
+        let seen = format!(
+            "{place}: {count} packets, and {} that this program does not understand",
+            other + bad.malformed
+        );
+        return Check::warn(SUBJECT, seen, UPDATE);
+    }
+    if findings.line_losses > 0 {
+        let seen = format!("{place}: {count} packets; lost {} times", findings.line_losses);
+        return Check::warn(SUBJECT, seen, "check the cable and its plugs");
+    }
+    Check::good(SUBJECT, format!("{place}: {count} packets"))
+}
+
+fn losses(findings: &Findings) -> Check {
+    let counts = findings.counts();
+    let all = counts.received + counts.lost;
+    if all == 0 {
+        return Check::skipped("losses", "no frame came");
+    }
+    let share = counts.lost as f64 / all as f64;
+    Check::new(
+        Verdict::at_most(share, LOST_WARN, LOST_FAIL),
+        "losses",
+        format!(
+            "{} of {all} frames lost ({}, at most {})",
+            counts.lost,
+            percent(share),
+            percent(LOST_WARN)
+        ),
+        if findings.is_serial {
+            "raise the line's rate on both sides (two targets at 60 Hz need 115200 baud), or lower \
+             the camera's rate"
+        } else {
+            "use a cable in place of a wireless network, and look for what else loads the network"
+        },
+    )
+}
+
+fn corrupt(findings: &Findings) -> Check {
+    let corrupt = findings.bad.corrupt;
+    let share = corrupt as f64 / (findings.packets + corrupt) as f64;
+    let seen = format!("{corrupt} of {} packets damaged (none)", findings.packets + corrupt);
+    let verdict = Verdict::at_most(share, 0.0, CORRUPT_FAIL);
+    Check::new(verdict, "corrupt", seen, damage_remedy(findings))
+}
+
+fn damage_remedy(findings: &Findings) -> &'static str {
+    if findings.is_serial {
+        "check --baud against the box's rate, then the cable: its length, its ground, what runs \
+         beside it"
+    } else {
+        "check the network's cables and switches; and that only a box sends to this port"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::{Message, PacketError};
+
+    use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
+    use super::*;
+    use crate::receive::transport::Event;
+
+    fn bad(findings: &mut Findings, error: PacketError, count: usize) {
+        for _ in 0..count {
+            findings.take(&Event::Bad(error), 0);
+        }
+    }
+
+    #[test]
+    fn what_is_not_heard_is_said_with_its_likely_cause() {
+        let silent = || Findings { place: "UDP 0.0.0.0:4210".into(), ..Findings::default() };
+        assert_says(
+            &check(&silent(), "link"),
+            Verdict::Fail,
+            &["no box is heard", "check that the box is on", "another `plumb`"],
+        );
+        for (error, parts) in [
+            (PacketError::OtherVersion { version: 9 }, ["another version", "update the older"]),
+            (PacketError::OtherSchema { hash: 9 }, ["another version", "update the older"]),
+            (PacketError::Body, ["hold no message", "update the older"]),
+            (PacketError::Checksum, ["3 damaged packets", "only a box sends"]),
+        ] {
+            let mut findings = silent();
+            bad(&mut findings, error, 3);
+            assert_says(&check(&findings, "link"), Verdict::Fail, &parts);
+        }
+        let mut serial = Findings { is_serial: true, ..silent() };
+        bad(&mut serial, PacketError::Fragment, 1);
+        assert_says(&check(&serial, "link"), Verdict::Fail, &["1 damaged", "--baud"]);
+    }
+
+    #[test]
+    fn a_disturbed_link_is_warned_of() {
+        let mut findings = healthy();
+        findings.take(&Event::LineLost("gone".into()), 0);
+        assert_says(&check(&findings, "link"), Verdict::Warn, &["lost 1 times", "cable"]);
+        bad(&mut findings, PacketError::Body, 1);
+        assert_says(&check(&findings, "link"), Verdict::Warn, &["and 1 that", "update"]);
+        findings.take(&Event::OtherSender([10, 0, 0, 7].into()), 0);
+        assert_says(&check(&findings, "link"), Verdict::Warn, &["1 of another box", "port"]);
+    }
+
+    #[test]
+    fn losses_and_damage_are_judged_by_their_share() {
+        let mut findings = healthy();
+        findings.take(&Event::Message(Message::Pose(pose_packet(301))), 0);
+        let warning = check(&findings, "losses");
+        assert_says(&warning, Verdict::Warn, &["1 of 302", "at most 0.1 %", "wireless"]);
+        findings.is_serial = true;
+        findings.take(&Event::Message(Message::Pose(pose_packet(320))), 0);
+        let failure = check(&findings, "losses");
+        assert_says(&failure, Verdict::Fail, &["19 of 321 frames lost (5.9 %", "baud"]);
+        bad(&mut findings, PacketError::Checksum, 1);
+        assert_says(&check(&findings, "corrupt"), Verdict::Warn, &["1 of 306", "--baud"]);
+        bad(&mut findings, PacketError::Cobs, 9);
+        assert_says(&check(&findings, "corrupt"), Verdict::Fail, &["10 of 315"]);
+        findings = Findings { packets: 1, ..Findings::default() };
+        assert_says(&check(&findings, "losses"), Verdict::Skipped, &["no frame"]);
+    }
+}

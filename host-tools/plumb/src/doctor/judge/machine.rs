@@ -1,0 +1,216 @@
+//! The box's computer and its program.
+
+use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
+
+use super::super::check::{Check, Verdict};
+use super::super::findings::Findings;
+
+/// The program of which these checks know.
+const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));
+
+/// A Raspberry Pi makes its processor slower from 80 degrees Celsius on; in a warmer room or
+/// behind a curtain ten degrees are soon gone.
+const HOT_WARN_C: f64 = 70.0;
+const HOT_FAIL_C: f64 = 80.0;
+
+/// A box that runs with no configuration.
+pub fn refusing(text: &str) -> Check {
+    let seen = format!("it tracks nothing; it says: {text}");
+    Check::fail("box", seen, "correct what it names, and send it with `plumb provision --send`")
+}
+
+pub fn checks(findings: &Findings) -> Vec<Check> {
+    let Some(hello) = &findings.hello else {
+        return vec![Check::fail(
+            "box",
+            "it is heard, but does not say who it is",
+            "check that packets reach the box too: no firewall, and a serial line with both of \
+             its wires",
+        )];
+    };
+    let name = format!("{} ({})", hello.device, hello.serial_number);
+    let mut checks = vec![Check::good("box", name), program(hello), start(findings, hello)];
+    match findings.health() {
+        Some(health) => {
+            checks.extend([temperature(health), memory(health), set_up(health)]);
+        }
+        None => checks.push(Check::fail(
+            "health",
+            "it does not say how it is",
+            "watch for longer with --seconds; update the box's program if that does not help",
+        )),
+    }
+    checks.push(log(findings));
+    checks
+}
+
+fn program(hello: &Hello) -> Check {
+    let firmware = hello.firmware.as_str();
+    if firmware == PROGRAM {
+        return Check::good("program", firmware);
+    }
+    let seen = format!("{firmware}, and this is {PROGRAM}");
+    Check::warn("program", seen, "update the older of the two")
+}
+
+fn start(findings: &Findings, hello: &Hello) -> Check {
+    let mut seen = match hello.reset_reason {
+        ResetReason::Unknown => "started".to_owned(),
+        ResetReason::PowerOn => "started by its power, or in good order".to_owned(),
+        ResetReason::Watchdog => "restarted by its watchdog".to_owned(),
+    };
+    if let Some(health) = findings.health() {
+        seen = format!("{seen} {} ago", ago(health.uptime_ms));
+    }
+    if let Some(count) = hello.boot_count {
+        seen = format!("{seen}, for the {count}. time");
+    }
+    if findings.starts > 0 {
+        let seen = format!("{} times anew while it was watched: {seen}", findings.starts);
+        return Check::fail("start", seen, "check its power supply, and what it logs");
+    }
+    match hello.reset_reason {
+        ResetReason::Watchdog => Check::warn(
+            "start",
+            seen,
+            "no frame was processed for too long: see what it logs, its temperature and its \
+             camera",
+        ),
+        _ => Check::good("start", seen),
+    }
+}
+
+fn ago(uptime_ms: u64) -> String {
+    let seconds = uptime_ms / 1000;
+    match seconds {
+        0..120 => format!("{seconds} s"),
+        120..7200 => format!("{} min", seconds / 60),
+        7200..172_800 => format!("{} h", seconds / 3600),
+        _ => format!("{} days", seconds / 86_400),
+    }
+}
+
+fn temperature(health: &Health) -> Check {
+    let Some(tenths) = health.temperature_decicelsius else {
+        return Check::good("temperature", "not measured by this computer");
+    };
+    let celsius = f64::from(tenths) / 10.0;
+    Check::new(
+        Verdict::at_most(celsius, HOT_WARN_C, HOT_FAIL_C),
+        "temperature",
+        format!("{celsius:.1} C (at most {HOT_WARN_C:.0}; from {HOT_FAIL_C:.0} on it slows down)"),
+        "give it air, a cooler, or a place out of the sun",
+    )
+}
+
+fn memory(health: &Health) -> Check {
+    let (allocations, corners) = (health.heap_allocations.unwrap_or(0), health.corners_dropped);
+    let seen = format!("{allocations} heap allocations while it tracks (none)");
+    if corners > 0 {
+        let seen = format!("{seen}; {corners} corners found no room");
+        return Check::warn("memory", seen, "remove what looks like a checkerboard from its sight");
+    }
+    let remedy = "report it: its program should not need any";
+    Check::new(Verdict::warn_if(allocations > 0), "memory", seen, remedy)
+}
+
+fn set_up(health: &Health) -> Check {
+    if health.aiming_s == 0 {
+        return Check::good("set-up mode", "off");
+    }
+    Check::warn(
+        "set-up mode",
+        format!("on for {} s more: pictures may leave the box", health.aiming_s),
+        "end `plumb aim`, and check again with the exposure that is configured",
+    )
+}
+
+fn log(findings: &Findings) -> Check {
+    let texts: Vec<&str> = findings.logs.iter().map(|(_, text)| text.as_str()).collect();
+    let dropped = findings.health().map_or(0, |health| health.logs_dropped);
+    if findings.logs.iter().any(|(level, _)| *level == LogLevel::Error) {
+        return Check::fail("log", format!("it says: {}", texts.join(" ")), "mend what it names");
+    }
+    if !texts.is_empty() {
+        return Check::warn("log", format!("it says: {}", texts.join(" ")), "see what it names");
+    }
+    if dropped > 0 {
+        let seen = format!("{dropped} records found no room since its start");
+        return Check::warn("log", seen, "see them on its own console");
+    }
+    Check::good("log", "no warnings and no faults meanwhile")
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::{Log, Message};
+
+    use super::super::super::fixture::{assert_says, check, healthy, hello};
+    use super::*;
+    use crate::receive::transport::Event;
+
+    fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
+        let mut findings = healthy();
+        change(&mut findings.healths.as_mut().unwrap().1);
+        findings
+    }
+
+    fn with_hello(change: impl FnOnce(&mut Hello)) -> Findings {
+        let mut findings = healthy();
+        change(findings.hello.as_mut().unwrap());
+        findings
+    }
+
+    #[test]
+    fn who_it_is_and_how_it_started() {
+        let good = check(&healthy(), "start");
+        assert_says(&good, Verdict::Good, &["power", "10 min ago", "for the 3. time"]);
+        let nameless = Findings { packets: 1, ..Findings::default() };
+        assert_says(&check(&nameless, "box"), Verdict::Fail, &["does not say", "firewall"]);
+        let older = with_hello(|hello| hello.firmware = "plumbline 0.0.1".try_into().unwrap());
+        assert_says(&check(&older, "program"), Verdict::Warn, &["plumbline 0.0.1", "update"]);
+        let bitten = with_hello(|hello| hello.reset_reason = ResetReason::Watchdog);
+        assert_says(&check(&bitten, "start"), Verdict::Warn, &["watchdog", "its camera"]);
+        let mut anew = healthy();
+        let mut again = hello(anew.config().unwrap());
+        again.boot_id = 8;
+        anew.take(&Event::Message(Message::Hello(again)), 0);
+        assert_says(&check(&anew, "start"), Verdict::Fail, &["1 times anew", "power supply"]);
+        assert_says(&check(&anew, "health"), Verdict::Fail, &["does not say", "--seconds"]);
+    }
+
+    #[test]
+    fn how_its_computer_is() {
+        let warm = with_health(|health| health.temperature_decicelsius = Some(755));
+        assert_says(&check(&warm, "temperature"), Verdict::Warn, &["75.5 C (at most 70", "air"]);
+        let hot = with_health(|health| health.temperature_decicelsius = Some(812));
+        assert_says(&check(&hot, "temperature"), Verdict::Fail, &["81.2 C", "slows down"]);
+        let unknown = with_health(|health| health.temperature_decicelsius = None);
+        assert_says(&check(&unknown, "temperature"), Verdict::Good, &["not measured"]);
+        let hungry = with_health(|health| health.heap_allocations = Some(4));
+        assert_says(&check(&hungry, "memory"), Verdict::Warn, &["4 heap", "report it"]);
+        let patterned = with_health(|health| health.corners_dropped = 9);
+        assert_says(&check(&patterned, "memory"), Verdict::Warn, &["9 corners", "remove"]);
+        let aiming = with_health(|health| health.aiming_s = 40);
+        assert_says(&check(&aiming, "set-up mode"), Verdict::Warn, &["40 s", "plumb aim"]);
+    }
+
+    #[test]
+    fn what_it_logs() {
+        let mut findings = with_health(|health| health.logs_dropped = 2);
+        assert_says(&check(&findings, "log"), Verdict::Warn, &["2 records", "console"]);
+        let mut say = |level, text: &str| {
+            let text = text.try_into().unwrap();
+            let target = heapless::String::new();
+            let log = Log { uptime_ms: 1, level, target, text, cut: 0 };
+            findings.take(&Event::Message(Message::Log(log)), 0);
+            check(&findings, "log")
+        };
+        let dull = say(LogLevel::Info, "nothing");
+        assert!(!dull.seen.contains("nothing"));
+        let warning = say(LogLevel::Warn, "the clock is coarse");
+        assert_says(&warning, Verdict::Warn, &["the clock is coarse"]);
+        let failure = say(LogLevel::Error, "/dev/video0 is gone");
+        assert_says(&failure, Verdict::Fail, &["/dev/video0 is gone", "mend"]);
+    }
+}

@@ -1,0 +1,67 @@
+//! The checks, for people.
+
+use std::io::Write as _;
+
+use anstyle::{AnsiColor, Style};
+
+use super::check::{Check, Verdict};
+
+/// The word of a verdict, and its look on a terminal.
+fn look(verdict: Verdict) -> (&'static str, Style) {
+    match verdict {
+        Verdict::Good => ("ok", AnsiColor::Green.on_default()),
+        Verdict::Warn => ("warn", AnsiColor::Yellow.on_default()),
+        Verdict::Fail => ("FAIL", AnsiColor::Red.on_default().bold()),
+        Verdict::Skipped => ("skip", Style::new().dimmed()),
+    }
+}
+
+/// Prints each check in a line, and how many of each verdict there are.
+pub fn print(checks: &[Check]) {
+    // It leaves the looks out where nobody would see them. A closed pipe has seen enough.
+    let _ = anstream::stdout().write_all(text(checks).as_bytes());
+}
+
+fn text(checks: &[Check]) -> String {
+    let width = checks.iter().map(|check| check.subject.chars().count()).max().unwrap_or(0);
+    let line = |check: &Check| {
+        let (word, style) = look(check.verdict);
+        let to_do =
+            if check.remedy.is_empty() { String::new() } else { format!("; {}", check.remedy) };
+        format!("{style}{word:4}{style:#}  {:width$}  {}{to_do}\n", check.subject, check.seen)
+    };
+    let count = |verdict| checks.iter().filter(|check| check.verdict == verdict).count();
+    let mut text: String = checks.iter().map(line).collect();
+    text += &format!(
+        "{} ok, {} to be warned of, {} failed, {} skipped\n",
+        count(Verdict::Good),
+        count(Verdict::Warn),
+        count(Verdict::Fail),
+        count(Verdict::Skipped)
+    );
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_check_is_a_line_that_says_what_to_do() {
+        let checks = [
+            Check::good("link", "312 packets"),
+            Check::warn("scene", "not measured", "run `plumb scene --store`"),
+            Check::fail("lumbar depth", "+-0.6 mm (at most 0.1)", "go nearer"),
+            Check::skipped("light", "no view came"),
+        ];
+        let plain = anstream::adapter::strip_str(&text(&checks)).to_string();
+        let expected = "ok    link          312 packets
+warn  scene         not measured; run `plumb scene --store`
+FAIL  lumbar depth  +-0.6 mm (at most 0.1); go nearer
+skip  light         no view came
+1 ok, 1 to be warned of, 1 failed, 1 skipped
+";
+        assert_eq!(plain, expected);
+        assert!(text(&checks).contains("\u{1b}[1m\u{1b}[31mFAIL\u{1b}[0m"), "{:?}", text(&checks));
+    }
+}

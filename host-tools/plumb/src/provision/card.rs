@@ -1,0 +1,314 @@
+//! The configuration on a card: the FAT file system that a box starts from, in an image's
+//! file or on the card itself.
+
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+
+use fatfs::{FileSystem, FsOptions};
+use fscommon::StreamSlice;
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+
+use super::identity::refuse_another_box;
+use crate::error::BadInput;
+
+/// By this name a box looks for its configuration.
+const CONFIG_NAME: &str = "config.plb";
+
+/// What a box writes a configuration into before it takes the old one's place. One that a
+/// power cut has left behind counts more than the file itself, and must not come back.
+const JOURNAL_NAME: &str = "config.new";
+
+const SECTOR_BYTES: usize = 512;
+
+/// Of the table in the first sector: where it begins, and the length of each of its four
+/// entries.
+const TABLE_START: usize = 446;
+const ENTRY_BYTES: usize = 16;
+
+/// The types of FAT partitions: FAT12, FAT16 and FAT32 of several ages.
+const FAT_TYPES: [u8; 6] = [0x01, 0x04, 0x06, 0x0b, 0x0c, 0x0e];
+
+type Fat<'a> = FileSystem<StreamSlice<&'a File>>;
+
+/// Puts a configuration on a card, in the place of the one that is there. One of another box
+/// is kept unless `force`.
+///
+/// # Errors
+/// When there is no FAT file system, it cannot be written to, or the card is another box's.
+pub fn write(card: &Path, config: &Config, blob: &[u8], force: bool) -> Result<(), BadInput> {
+    let place = card.display().to_string();
+    let file = open(card)?;
+    let old = {
+        let (fat, _) = file_system(&file, &place)?;
+        read(&fat).map_err(|error| fault(&place, &error))?
+    };
+    if let Some(old) = old.as_deref().and_then(|old| Config::decode(old).ok()) {
+        refuse_another_box(
+            &place,
+            (&old.device, &old.serial_number),
+            (&config.device, &config.serial_number),
+            force,
+        )?;
+    }
+    let (fat, where_) = file_system(&file, &place)?;
+    replace(&fat, blob)
+        .and_then(|()| fat.unmount())
+        .and_then(|()| file.sync_all())
+        .map_err(|error| fault(&place, &error))?;
+    // What a worn-out card has made of it.
+    let (fat, _) = file_system(&file, &place)?;
+    if read(&fat).map_err(|error| fault(&place, &error))?.as_deref() != Some(blob) {
+        return Err(BadInput::whole(place, "does not keep what is written to it", REPLACE_CARD));
+    }
+    let replaced = if old.is_some() { ", in the place of the one before" } else { "" };
+    eprintln!("{place}: {CONFIG_NAME} is {where_}{replaced}");
+    Ok(())
+}
+
+const REPLACE_CARD: &str = "take another card";
+
+/// The image or the card, for nobody else.
+fn open(card: &Path) -> Result<File, BadInput> {
+    let place = card.display();
+    File::options()
+        .read(true)
+        .write(true)
+        // Of a device that is mounted, the system would overwrite what is written here.
+        .custom_flags(libc::O_EXCL)
+        .open(card)
+        .map_err(|error| match error.kind() {
+            ErrorKind::ResourceBusy => BadInput::whole(
+                &place,
+                "it is mounted",
+                format!("unmount it, or write to the place where it is: --out PLACE/{CONFIG_NAME}"),
+            ),
+            ErrorKind::IsADirectory => BadInput::whole(
+                &place,
+                "is a directory",
+                format!("write the file there: --out {place}/{CONFIG_NAME}"),
+            ),
+            _ => BadInput::io(&place, &error),
+        })
+}
+
+/// The file system that a box would find, and where it is, in words.
+fn file_system<'a>(file: &'a File, place: &str) -> Result<(Fat<'a>, &'static str), BadInput> {
+    let opened = |range: Option<(u64, u64)>| {
+        let (start, end) = range?;
+        let slice = StreamSlice::new(file, start, end).ok()?;
+        FileSystem::new(slice, FsOptions::new()).ok()
+    };
+    let bytes = (&*file).seek(SeekFrom::End(0)).map_err(|error| fault(place, &error))?;
+    if let Some(fat) = opened(Some((0, bytes))) {
+        return Ok((fat, "on it"));
+    }
+    let partition = first_fat_partition(file, bytes).map_err(|error| fault(place, &error))?;
+    let fat = opened(partition).ok_or_else(|| {
+        BadInput::whole(
+            place,
+            "neither a FAT file system nor a card with one on a partition of its table",
+            "give an image of `cargo xtask image`, or the card that it was written to",
+        )
+    })?;
+    Ok((fat, "on its boot partition"))
+}
+
+/// Where the first FAT partition begins and ends, by the table in the first sector.
+fn first_fat_partition(mut file: &File, bytes: u64) -> io::Result<Option<(u64, u64)>> {
+    if bytes < SECTOR_BYTES as u64 {
+        return Ok(None);
+    }
+    let mut sector = [0; SECTOR_BYTES];
+    file.seek(SeekFrom::Start(0))?;
+    file.read_exact(&mut sector)?;
+    if !sector.ends_with(&[0x55, 0xaa]) {
+        return Ok(None);
+    }
+    let number = |entry: &[u8], at: usize| {
+        let bytes = [entry[at], entry[at + 1], entry[at + 2], entry[at + 3]];
+        u64::from(u32::from_le_bytes(bytes)) * SECTOR_BYTES as u64
+    };
+    let entries = sector[TABLE_START..].chunks_exact(ENTRY_BYTES);
+    let found = entries.filter(|entry| FAT_TYPES.contains(&entry[4])).map(|entry| {
+        let start = number(entry, 8);
+        (start, (start + number(entry, 12)).min(bytes))
+    });
+    Ok(found.into_iter().find(|(start, end)| start < end))
+}
+
+/// The bytes of the configuration that is there, if any; no more than any has.
+fn read(fat: &Fat<'_>) -> io::Result<Option<Vec<u8>>> {
+    let mut blob = Vec::new();
+    match fat.root_dir().open_file(CONFIG_NAME) {
+        Ok(file) => file.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    Ok(Some(blob))
+}
+
+fn replace(fat: &Fat<'_>, blob: &[u8]) -> io::Result<()> {
+    let root = fat.root_dir();
+    let mut file = root.create_file(CONFIG_NAME)?;
+    file.write_all(blob)?;
+    file.truncate()?;
+    file.flush()?;
+    match root.remove(JOURNAL_NAME) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+fn fault(place: &str, error: &io::Error) -> BadInput {
+    match error.kind() {
+        // The crate says so in words only.
+        ErrorKind::Other if error.to_string().starts_with("No space left") => {
+            BadInput::whole(place, "its file system is full", "remove what does not belong there")
+        }
+        // Not the system's, but of what is read: the file system contradicts itself.
+        ErrorKind::Other | ErrorKind::InvalidData | ErrorKind::UnexpectedEof => {
+            let found = format!("its file system is damaged ({error})");
+            BadInput::whole(place, found, "write the image to the card again")
+        }
+        _ => BadInput::io(place, error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+    use std::path::PathBuf;
+    use std::sync::LazyLock;
+
+    use fatfs::{FatType, FormatVolumeOptions, format_volume};
+
+    use super::*;
+    use crate::simulate::{Simulation, SimulationSettings};
+
+    const MIB: usize = 1 << 20;
+
+    static SCENE: LazyLock<Config> =
+        LazyLock::new(|| Simulation::new(&SimulationSettings::default()).unwrap().config());
+
+    fn config(device: &str) -> Config {
+        let mut config = SCENE.clone();
+        config.device = device.try_into().unwrap();
+        config
+    }
+
+    fn blob(config: &Config) -> Vec<u8> {
+        config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
+    }
+
+    /// A FAT file system of these bytes after `before` others, in a file.
+    fn image(path: &Path, before: &[u8], mib: usize, fat_type: FatType) -> PathBuf {
+        let mut disk = Cursor::new(vec![0; mib * MIB]);
+        format_volume(&mut disk, FormatVolumeOptions::new().fat_type(fat_type)).unwrap();
+        std::fs::write(path, [before, &disk.into_inner()].concat()).unwrap();
+        path.to_owned()
+    }
+
+    /// A partition table whose second entry is a FAT32 partition of `mib` after it.
+    fn table(mib: usize) -> Vec<u8> {
+        let mut disk = vec![0; MIB];
+        disk[TABLE_START + 4] = 0x83;
+        let entry = &mut disk[TABLE_START + ENTRY_BYTES..][..ENTRY_BYTES];
+        entry[4] = 0x0c;
+        entry[8..12].copy_from_slice(&((MIB / SECTOR_BYTES) as u32).to_le_bytes());
+        entry[12..].copy_from_slice(&((mib * MIB / SECTOR_BYTES) as u32).to_le_bytes());
+        disk[SECTOR_BYTES - 2..SECTOR_BYTES].copy_from_slice(&[0x55, 0xaa]);
+        disk
+    }
+
+    fn on(card: &Path) -> Vec<u8> {
+        let file = open(card).unwrap();
+        let (fat, _) = file_system(&file, "").unwrap();
+        read(&fat).unwrap().unwrap()
+    }
+
+    #[test]
+    fn the_configuration_of_a_card_is_replaced_and_the_rest_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let plain = image(&folder.path().join("plain"), &[], 1, FatType::Fat12);
+        let card = image(&folder.path().join("card"), &table(64), 64, FatType::Fat32);
+        for card in [&plain, &card] {
+            {
+                let file = open(card).unwrap();
+                let (fat, _) = file_system(&file, "").unwrap();
+                for (name, bytes) in [("vmlinuz", 70_000), (JOURNAL_NAME, 900), ("notes", 5)] {
+                    let mut file = fat.root_dir().create_file(name).unwrap();
+                    file.write_all(&vec![7; bytes]).unwrap();
+                }
+            }
+            let before = std::fs::read(card).unwrap();
+            let mut shorter = config("simulation");
+            shorter.targets.pop();
+            for config in [config("simulation"), shorter] {
+                write(card, &config, &blob(&config), false).unwrap();
+                assert_eq!(on(card), blob(&config));
+            }
+            let after = std::fs::read(card).unwrap();
+            assert_eq!(before.len(), after.len());
+            let file = open(card).unwrap();
+            let (fat, _) = file_system(&file, "").unwrap();
+            let names: Vec<_> =
+                fat.root_dir().iter().map(|entry| entry.unwrap().file_name()).collect();
+            assert_eq!(names, ["vmlinuz", "notes", CONFIG_NAME]);
+            let mut kernel = Vec::new();
+            fat.root_dir().open_file("vmlinuz").unwrap().read_to_end(&mut kernel).unwrap();
+            assert_eq!(kernel, vec![7; 70_000]);
+        }
+    }
+
+    #[test]
+    fn another_box_s_card_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let card = image(&folder.path().join("card"), &[], 1, FatType::Fat12);
+        let [ours, theirs] = [config("ward 3"), config("ward 4")];
+        write(&card, &theirs, &blob(&theirs), false).unwrap();
+        let error = write(&card, &ours, &blob(&ours), false).unwrap_err().to_string();
+        assert!(error.contains("ward 4") && error.contains("--force"), "{error}");
+        assert_eq!(on(&card), blob(&theirs));
+        write(&card, &ours, &blob(&ours), true).unwrap();
+        assert_eq!(on(&card), blob(&ours));
+    }
+
+    #[test]
+    fn what_is_no_card_is_refused_with_a_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let config = config("ward 3");
+        let refused = |bytes: Option<&[u8]>| {
+            if let Some(bytes) = bytes {
+                std::fs::write(&path, bytes).unwrap();
+            }
+            write(&path, &config, &blob(&config), false).unwrap_err().to_string()
+        };
+        assert!(refused(None).contains("check the path"));
+        let table = table(8);
+        for bytes in [&[][..], b"PLMB", &[0; 4096], &table] {
+            let text = refused(Some(bytes));
+            assert!(text.contains("neither a FAT") && text.contains("xtask image"), "{text}");
+            assert_eq!(std::fs::read(&path).unwrap(), bytes);
+        }
+        let text = write(folder.path(), &config, &blob(&config), false).unwrap_err().to_string();
+        assert!(text.contains("--out") && text.contains("config.plb"), "{text}");
+    }
+
+    #[test]
+    fn a_full_card_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let card = image(&folder.path().join("card"), &[], 1, FatType::Fat12);
+        {
+            let file = open(&card).unwrap();
+            let (fat, _) = file_system(&file, "").unwrap();
+            let mut filler = fat.root_dir().create_file("filler").unwrap();
+            while filler.write_all(&[1; 512]).is_ok() {}
+        }
+        let config = config("ward 3");
+        let error = write(&card, &config, &blob(&config), false).unwrap_err().to_string();
+        assert!(error.contains("full"), "{error}");
+    }
+}

@@ -1,0 +1,38 @@
+//! Packets that could not be used, by cause.
+
+use plumbline::packet::PacketError;
+
+/// How many packets were bad, by cause.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct BadPackets {
+    /// Bits changed on the way: checksum, COBS, length.
+    pub corrupt: u64,
+    /// Beginnings missed because listening began in the middle.
+    pub fragments: u64,
+    /// Intact, of another protocol version.
+    pub other_version: u64,
+    /// Intact, of this version, with another program's messages.
+    pub other_schema: u64,
+    /// Intact, of this schema, and yet no message.
+    pub malformed: u64,
+    /// Of another box.
+    pub other_sender: u64,
+}
+
+impl BadPackets {
+    /// Counts one more; how many there are now of its kind.
+    pub fn count(&mut self, error: PacketError) -> u64 {
+        let counter = match error {
+            PacketError::Fragment => &mut self.fragments,
+            PacketError::Oversize
+            | PacketError::Cobs
+            | PacketError::Short
+            | PacketError::Checksum => &mut self.corrupt,
+            PacketError::OtherVersion { .. } => &mut self.other_version,
+            PacketError::OtherSchema { .. } => &mut self.other_schema,
+            PacketError::Body => &mut self.malformed,
+        };
+        *counter += 1;
+        *counter
+    }
+}

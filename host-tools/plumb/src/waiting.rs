@@ -1,0 +1,30 @@
+//! Something to look at while a box takes its time; nothing where standard error is no
+//! terminal.
+
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+const TURN: Duration = Duration::from_millis(100);
+
+/// Shown until it is dropped.
+pub struct Waiting(ProgressBar);
+
+impl Waiting {
+    /// For `what`, however long it takes; the seconds are counted.
+    #[must_use]
+    pub fn new(what: impl Into<String>) -> Self {
+        let bar = ProgressBar::new_spinner().with_message(what.into());
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} ({elapsed})") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(TURN);
+        Self(bar)
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
