@@ -3,12 +3,13 @@
 use std::cmp::Ordering;
 use std::time::{Duration, Instant};
 
-use plumbline::config::Config;
-use plumbline::packet::{Action, ReplyOutcome, View};
+use plumbline::config::{Capture, Config};
+use plumbline::packet::View;
 
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::Session;
 use super::{Until, say};
+use crate::delivery;
 use crate::error::BadInput;
 use crate::link::BoxLink;
 
@@ -78,23 +79,22 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     Ok(Some(setting))
 }
 
-/// Puts a setting into the box's configuration.
+/// Puts a setting into the box's configuration, and lets the box start anew with it.
 ///
 /// # Errors
 /// When the box does not take it.
 pub fn store(link: &mut BoxLink, setting: Setting) -> Result<(), BadInput> {
-    let config = link.config()?;
-    let capture = config.capture.clone().map(|capture| plumbline::config::Capture {
-        exposure_us: setting.exposure_us,
-        gain: setting.gain,
-        ..capture
-    });
-    let crc = link.store_config(&Config { capture, ..config })?;
-    say(&format!("stored in the box, as configuration {crc:08x}"))?;
-    match link.ask(Action::Reboot)? {
-        ReplyOutcome::Accepted => say("the box starts anew with it"),
-        _ => say("it is in use from the box's next start on"),
-    }
+    let before = delivery::meet(link)?;
+    let Some(config) = &before.config else {
+        return Err(BadInput::whole(
+            link.place(),
+            "its configuration cannot be read, so nothing is stored",
+            "try again",
+        ));
+    };
+    let Setting { exposure_us, gain } = setting;
+    let capture = config.capture.clone().map(|known| Capture { exposure_us, gain, ..known });
+    delivery::deliver(link, &before, &Config { capture, ..config.clone() }, true)
 }
 
 /// The light with a setting; `None` when it was stopped.

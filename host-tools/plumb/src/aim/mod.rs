@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
+use plumbline::packet::LinkKind;
 
 use crate::draw;
 use crate::error::BadInput;
@@ -142,7 +143,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         config.device, config.serial_number
     );
     let until = Until { stop: &stop, at: Instant::now() + arguments.duration };
-    let mut watch = Watch::new(arguments);
+    let mut watch = Watch::new(arguments, session.kind());
     let mut exposed = None;
     let outcome = if arguments.expose {
         expose::find(&mut session, until).map(|found| exposed = found)
@@ -188,8 +189,8 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(arguments: &Arguments) -> Self {
-        let usual = if arguments.link.serial.is_some() { REDUCTION_SERIAL } else { REDUCTION_UDP };
+    fn new(arguments: &Arguments, kind: LinkKind) -> Self {
+        let usual = if kind == LinkKind::Serial { REDUCTION_SERIAL } else { REDUCTION_UDP };
         Self { best: BestFocus::default(), reduction: arguments.reduction.unwrap_or(usual) }
     }
 

@@ -9,11 +9,11 @@ use plumbline::target::Role;
 /// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.
 const BLUR_BEST_PX: f32 = 0.6;
 
-/// Blur at which a frame is of no use: an edge then takes up half a square of 15 px.
+/// Blur at which a frame is of no use: the smallest squares have lost their middle.
 const BLUR_WORST_PX: f32 = 3.0;
 
-/// A lens whose score is below this can be turned to something better.
-const FOCUS_MIN: u8 = 80;
+/// A lens whose score is below this can be turned to something better: 1.2 px of blur.
+const FOCUS_MIN: u8 = 75;
 
 /// A score that is lower than the best one seen by this much has been passed.
 const FOCUS_PASSED: u8 = 5;
@@ -23,17 +23,19 @@ const FOCUS_PASSED: u8 = 5;
 const MOTION_RATIO: f32 = 1.5;
 const MOTION_BLUR_PX_MIN: f32 = 1.0;
 
-/// Squares smaller than this leave an edge fewer pixels than its fit looks at.
-const PITCH_PX_MIN: f32 = 15.0;
+/// The search finds smaller squares; precision goes with their size.
+const PITCH_PX_MIN: f32 = 12.0;
 
-/// Contrast below which noise, and not the lens, sets the precision.
-const CONTRAST_MIN: f32 = 0.25;
+/// Precision goes with the contrast: below this, the spread is more than twice that in good
+/// light.
+const CONTRAST_MIN: f32 = 0.3;
 
-/// Light squares darker than this leave half of the camera's range unused.
+/// Light squares darker than this want more light.
 const LIGHT_MIN: f32 = 0.4;
 
-/// Part of the light squares' pixels that may be white: single ones are hot pixels.
-pub const SATURATED_MAX: f32 = 0.001;
+/// Part of the light squares' pixels that may be white: paper at the white level moves the
+/// edges into the dark.
+const SATURATED_MAX: f32 = 0.01;
 
 /// A frame without a target that is darker than this shows none because of that.
 const DARK_FRAME: f32 = 0.1;
@@ -176,8 +178,8 @@ fn target_reading(
     let mut numbers = Vec::new();
     let mut advice = Vec::new();
     if let Some(seen) = seen {
-        let [x, y] = seen.blur_px;
-        let focus = best.with(Some(role), focus_score(((x * x + y * y) / 2.0).sqrt()));
+        // A picture is as sharp as the worse of its directions.
+        let focus = best.with(Some(role), focus_score(seen.blur_px[0].max(seen.blur_px[1])));
         numbers.push(format!("focus {} (best {})", focus.score, focus.best));
         numbers.push(format!("contrast {:.2}", seen.light - seen.dark));
         numbers.push(format!("light {:.2}", seen.light));
@@ -312,7 +314,7 @@ mod tests {
         assert_eq!(reading.advice, [""; 0]);
         assert_eq!(
             reading.line(),
-            "lumbar: acquiring, focus 97 (best 97), contrast 0.65, light 0.75, saturated 0.0 %, \
+            "lumbar: acquiring, focus 96 (best 96), contrast 0.65, light 0.75, saturated 0.0 %, \
              28.0 px per square"
         );
     }
@@ -327,14 +329,14 @@ mod tests {
                 TargetView { dark: 0.55, ..GOOD },
                 "little contrast: keep light from shining into the lens or on the print's gloss",
             ),
-            (TargetView { pitch_px: 12.0, ..GOOD }, "too far: 12 px per square, at least 15"),
+            (TargetView { pitch_px: 10.0, ..GOOD }, "too far: 10 px per square, at least 12"),
             (
                 TargetView { blur_px: [0.7, 1.6], ..GOOD },
                 "blurred in one direction: hold it still, or expose less",
             ),
             (
-                TargetView { blur_px: [1.2, 1.2], ..GOOD },
-                "turn the lens: 75 of 100, best so far 97",
+                TargetView { blur_px: [1.3, 1.2], ..GOOD },
+                "turn the lens: 71 of 100, best so far 96",
             ),
         ];
         told(&GOOD, &mut best);
@@ -342,9 +344,9 @@ mod tests {
             assert_eq!(told(&seen, &mut best).advice, [advice]);
         }
         // Never better than now: there is nothing to go back to.
-        let blurred = TargetView { blur_px: [1.2, 1.2], ..GOOD };
+        let blurred = TargetView { blur_px: [1.3, 1.3], ..GOOD };
         let advice = told(&blurred, &mut BestFocus::default()).advice;
-        assert_eq!(advice, ["turn the lens: 75 of 100"]);
+        assert_eq!(advice, ["turn the lens: 71 of 100"]);
     }
 
     #[test]
