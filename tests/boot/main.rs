@@ -7,11 +7,16 @@
 //!
 //! `cargo xtask test boot` makes what is booted and runs this.
 
+#[path = "../common/binary.rs"]
+mod binary;
 mod machine;
+#[path = "../common/photographer.rs"]
+mod photographer;
 mod scene;
 
 mod card;
 mod configuration;
+mod first_trial;
 mod libcamera;
 mod package;
 mod poses;

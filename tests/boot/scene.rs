@@ -112,11 +112,17 @@ pub fn blob(config: &Config) -> Vec<u8> {
     config.encode(&mut vec![0; BLOB_BYTES_MAX]).expect("a sound configuration").to_vec()
 }
 
-/// A disk without partitions, and the configuration in its FAT file system.
-pub fn boot_disk(directory: &Path, blob: &[u8]) -> PathBuf {
+/// A disk without partitions, and an empty FAT file system.
+pub fn empty_disk(directory: &Path) -> PathBuf {
     let disk = directory.join("boot.img");
     std::fs::write(&disk, vec![0; 1 << 20]).expect("the disk is written");
     run("/usr/sbin/mkfs.fat", &[disk.to_str().expect("a plain path")]);
+    disk
+}
+
+/// The same with a configuration.
+pub fn boot_disk(directory: &Path, blob: &[u8]) -> PathBuf {
+    let disk = empty_disk(directory);
     copy_config(&disk, 0, directory, blob);
     disk
 }

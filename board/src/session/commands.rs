@@ -1,5 +1,7 @@
 //! What hosts ask for, and what they are answered.
 
+use std::time::Instant;
+
 use plumbline::config::Capture;
 use plumbline::packet::{Action, Command, Document, Refusal, Reply, ReplyOutcome};
 
@@ -7,7 +9,6 @@ use super::Session;
 use crate::clock;
 use crate::provisioning::refused;
 use crate::source::{Exposure, FrameSource};
-use std::time::Instant;
 
 impl Session {
     /// Carries out what came over the link of this index.
@@ -100,6 +101,7 @@ impl Session {
             return refused(Refusal::Unusable, error);
         }
         if source.expose(exposure) {
+            self.counters.forget_allocations();
             ReplyOutcome::Accepted
         } else {
             refused(Refusal::NotSupported, "a recording is exposed as it is")

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use plumbline::config::{Config, ConfigError, Links, Machine, TargetConfig};
+use plumbline::lens::Lens;
 use plumbline::pipeline::Pipeline;
+use plumbline::target::Role;
 use plumbline_board::link::NO_LINK;
 
 use crate::error::BadInput;
@@ -27,10 +29,14 @@ pub struct Descriptions {
 }
 
 impl Descriptions {
-    /// Of a camera and targets, without a scene.
+    /// Of these files.
     #[must_use]
-    pub fn of(camera: &Path, targets: &Path) -> Self {
-        Self { camera: camera.to_owned(), targets: targets.to_owned(), scene: None }
+    pub fn of(camera: &Path, targets: &Path, scene: Option<&Path>) -> Self {
+        Self {
+            camera: camera.to_owned(),
+            targets: targets.to_owned(),
+            scene: scene.map(Path::to_owned),
+        }
     }
 
     /// The files' paths.
@@ -58,12 +64,21 @@ impl Descriptions {
     /// When one of them cannot be read or used.
     pub fn read(&self) -> Result<(Camera, Targets, Option<SceneFile>), BadInput> {
         let camera = camera::read(&self.camera)?;
-        let targets = targets::read(&self.targets)?;
+        let targets = self.read_targets()?;
         let scene = self.scene.as_deref().map(scene::read).transpose()?;
+        Ok((camera, targets, scene))
+    }
+
+    /// Reads the targets file; prints its warnings on standard error.
+    ///
+    /// # Errors
+    /// When it cannot be read or used.
+    pub fn read_targets(&self) -> Result<Targets, BadInput> {
+        let targets = targets::read(&self.targets)?;
         for warning in &targets.warnings {
             eprintln!("warning: {warning}");
         }
-        Ok((camera, targets, scene))
+        Ok(targets)
     }
 }
 
@@ -87,9 +102,55 @@ pub struct Places {
 /// The configuration of these files, without links and with an empty identity.
 ///
 /// # Errors
-/// When the parts pass their own checks but not [`Config::check`].
+/// When the camera is not calibrated, or the parts pass their own checks but not
+/// [`Config::check`].
 pub fn config(
     camera: &Camera,
+    targets: &Targets,
+    scene: Option<&SceneFile>,
+    places: &Places,
+) -> Result<Config, BadInput> {
+    if camera::is_stand_in(&camera.lens) {
+        return Err(not_calibrated(&places.camera));
+    }
+    assemble(camera.lens, targets, scene, places)
+}
+
+/// The configuration of a box that takes the photographs for its camera's calibration: of
+/// its targets it looks for the scene board alone, so that nobody is measured with it.
+///
+/// # Errors
+/// When there is no scene board, or a frame cannot have this size.
+pub fn uncalibrated(
+    width_px: u16,
+    height_px: u16,
+    mut targets: Targets,
+    places: &Places,
+) -> Result<Config, BadInput> {
+    targets.targets.retain(|target| target.geometry.role() == Role::Scene);
+    if targets.targets.is_empty() {
+        return Err(BadInput::new(
+            &places.targets,
+            "role",
+            "no target has the role \"scene\", and a camera that is not calibrated looks for no other",
+            "print a board: `plumb target --grid 9x6 --pitch-mm 20 --name board --role scene`",
+        ));
+    }
+    assemble(camera::stand_in(width_px, height_px), &targets, None, places)
+}
+
+/// What is said of a camera that is not calibrated where its poses would be used.
+#[must_use]
+pub fn not_calibrated(place: &str) -> BadInput {
+    BadInput::whole(
+        place,
+        "the camera is not calibrated: every pose would be wrong",
+        "take photographs of the board with `plumb aim --stills`, and calibrate it with `plumb calibrate`",
+    )
+}
+
+fn assemble(
+    lens: Lens,
     targets: &Targets,
     scene: Option<&SceneFile>,
     places: &Places,
@@ -97,7 +158,7 @@ pub fn config(
     let mut config = Config {
         device: heapless::String::new(),
         serial_number: heapless::String::new(),
-        lens: camera.lens,
+        lens,
         targets: heapless::Vec::new(),
         cam_from_scene_theta: scene.map(|scene| scene.cam_from_scene_theta),
         links: Links::default(),

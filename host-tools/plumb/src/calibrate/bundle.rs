@@ -11,6 +11,8 @@
 //! the inverse of the normal equations. Boards hang together by the shared numbers alone, so
 //! that each board's six are eliminated first (Schur's complement).
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::pose::{Cam, Pose, Target};
@@ -36,7 +38,8 @@ pub struct Seen {
 /// What one photograph shows of the board.
 #[derive(Debug, Clone)]
 pub struct Photograph {
-    pub seen: Vec<Seen>,
+    /// Shared by all trial steps of the descent.
+    pub seen: Arc<[Seen]>,
     pub cam_from_board: Pose<Cam, Target>,
 }
 
@@ -173,7 +176,7 @@ impl Bundle {
         let mut cost = 0.0;
         for photograph in &self.photographs {
             let residuals = self.residuals_px(points_mm, photograph)?;
-            for (residual, seen) in residuals.iter().zip(&photograph.seen) {
+            for (residual, seen) in residuals.iter().zip(photograph.seen.iter()) {
                 cost += residual * residual / self.variance(seen);
             }
         }
@@ -279,7 +282,7 @@ impl Bundle {
                 mixed: DMatrix::zeros(count, 6),
                 gradient: Vector6::zeros(),
             };
-            for seen in &photograph.seen {
+            for seen in photograph.seen.iter() {
                 let mut residual = -seen.value_px;
                 let mut by_shared = DVector::zeros(count);
                 let mut by_own = Vector6::zeros();

@@ -156,7 +156,7 @@ pub fn calibrate(
             return Err(Failure::TooFew(places.len()));
         }
         let photographs = measured.into_iter().flatten().map(|measured| Photograph {
-            seen: measured.seen,
+            seen: measured.seen.into(),
             cam_from_board: measured.measurement.cam_from_target,
         });
         bundle = Bundle::refine(&bundle.lens, &points_mm, photographs.collect(), false)
@@ -227,7 +227,7 @@ fn start(
     let photographs = found
         .iter()
         .zip(poses)
-        .map(|(found, cam_from_board)| Photograph { seen: found.seen(board), cam_from_board })
+        .map(|(found, cam_from_board)| Photograph { seen: found.seen(board).into(), cam_from_board })
         .collect();
     Bundle::refine(&lens, points_mm, photographs, false).ok_or(Failure::Unsettled)
 }

@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
@@ -16,6 +16,9 @@ use crate::setup::{self, Descriptions, Places};
 mod card;
 mod identity;
 
+/// A box file that explains itself.
+const NEW_BOX: &str = include_str!("box.toml");
+
 /// Give a box what it needs to know: as a file, on its card, or sent to it while it runs.
 ///
 /// Camera, targets, scene and the box's own settings become one checked blob with a version
@@ -26,9 +29,18 @@ mod identity;
 /// happens to its power, and starts anew with it.
 #[derive(clap::Args)]
 #[command(
-    group(clap::ArgGroup::new("outputs").args(["out", "card", "send"]).required(true).multiple(true)),
-    after_help = "\
+    group(
+        clap::ArgGroup::new("outputs")
+            .args(["out", "card", "send", "new_box"])
+            .required(true)
+            .multiple(true)
+    ),
+    after_help = concat!("\
 Examples:
+  What is the box's own, to be edited:
+    plumb provision --new-box box.toml
+  For a box whose camera is yet to be calibrated, with photographs that it takes (`plumb aim`):
+    plumb provision --uncalibrated 1456x1088 --targets targets.toml --box box.toml --send
   For a box with a camera, as a file:
     plumb provision --camera camera.toml --targets targets.toml --scene scene.toml \\
         --box box.toml --out config.plb
@@ -43,31 +55,42 @@ Examples:
   For a replay on this machine:
     plumb provision --camera camera.toml --targets targets.toml --udp 127.0.0.1:4210 --out config.plb
 
-A box file (only driver, pixel_format and rate_hz of a capture must be given):
-  device = \"ward 3\"
-  serial_number = \"PL-0001\"
-  [capture]
-  driver = \"v4l2\"             # or \"libcamera\"
-  device = \"/dev/video0\"      # left out: the first camera that can do this
-  pixel_format = \"grey\"       # grey, y10, y16, yuyv or nv12
-  rate_hz = 60.0
-  exposure_us = 4000          # left out: as the camera has it
-  gain = 2.0                  # the driver's steps (v4l2) or a factor (libcamera)
-  [links]
-  udp = \"192.168.1.20:4210\"
-  serial = \"/dev/ttyS0:115200\"
-  [network]                   # left out: an address by DHCP
-  address = \"192.168.1.30/24\"
-  gateway = \"192.168.1.1\"
-  [machine]
-  realtime_priority = 50      # 1 to 99, 0 for none
-  cpu = 3                     # left out: any core
-  watchdog_s = 15             # seconds without a frame until a restart, 0 for none;
-                              # stopped while the camera is known to be lost"
+A box file, as --new-box writes it (only driver, pixel_format and rate_hz of a capture must be
+given):
+
+",
+    include_str!("box.toml")
+)
 )]
 pub struct Arguments {
-    #[command(flatten)]
-    descriptions: Descriptions,
+    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["uncalibrated", "new_box"])]
+    camera: Option<PathBuf>,
+    /// Instead of a camera file: the size of the frames of a camera that is not calibrated.
+    /// Such a box looks for the scene board alone, and is for aiming and taking photographs.
+    #[arg(
+        long,
+        value_name = "WIDTHxHEIGHT",
+        value_parser = frame_size,
+        conflicts_with_all = ["camera", "scene"]
+    )]
+    uncalibrated: Option<[u16; 2]>,
+    /// Targets file: each printed target's name, role, inner corners and pitch.
+    #[arg(long, value_name = "FILE", required_unless_present = "new_box")]
+    targets: Option<PathBuf>,
+    /// Scene file: where the scene board stands; without it there are no trunk points.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Write a box file with every setting explained, to be edited, and end.
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = [
+            "camera", "uncalibrated", "targets", "scene", "settings", "udp", "serial", "out",
+            "card", "send"
+        ]
+    )]
+    new_box: Option<PathBuf>,
     /// Box file: name, camera settings, links, network, watchdog; without it the
     /// box can only replay recordings.
     #[arg(long = "box", value_name = "FILE")]
@@ -118,8 +141,14 @@ pub struct Arguments {
 /// # Errors
 /// When an input cannot be used, an output cannot be written, or the box does not take it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(path) = &arguments.new_box {
+        files::write_all(&[(path.clone(), NEW_BOX.into())], arguments.force)?;
+        eprintln!("written to {}; edit its links and its camera", path.display());
+        return Ok(());
+    }
     if let Some(out) = &arguments.out {
-        refuse_overwriting(out, arguments.descriptions.paths().chain(&arguments.settings))?;
+        let inputs = [&arguments.camera, &arguments.targets, &arguments.scene, &arguments.settings];
+        refuse_overwriting(out, inputs.into_iter().flatten())?;
     }
     let (config, places) = config(arguments)?;
     let mut buffer = vec![0; BLOB_BYTES_MAX];
@@ -155,9 +184,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// The configuration that the files and options make, once it has been checked as a box will.
 fn config(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
-    let mut places = arguments.descriptions.places();
-    let (camera, targets, scene) = arguments.descriptions.read()?;
-    let mut config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
+    let (mut config, mut places) = described(arguments)?;
     if let Some(path) = &arguments.settings {
         places.settings = path.display().to_string();
         places.udp.clone_from(&places.settings);
@@ -178,6 +205,31 @@ fn config(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
     // A box would come to this at its start.
     setup::configured(&config, &places)?;
     Ok((config, places))
+}
+
+/// What the camera, the targets and the scene make of it.
+fn described(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
+    // The command line has been seen to that one of each is there.
+    let targets = arguments.targets.as_deref().unwrap_or_else(|| Path::new(""));
+    let camera = arguments.camera.as_deref().unwrap_or_else(|| Path::new(""));
+    let descriptions = Descriptions::of(camera, targets, arguments.scene.as_deref());
+    let mut places = descriptions.places();
+    if let Some([width, height]) = arguments.uncalibrated {
+        places.camera = "--uncalibrated".into();
+        let config = setup::uncalibrated(width, height, descriptions.read_targets()?, &places)?;
+        return Ok((config, places));
+    }
+    let (camera, targets, scene) = descriptions.read()?;
+    Ok((setup::config(&camera, &targets, scene.as_ref(), &places)?, places))
+}
+
+/// A frame's size, as an option has it.
+fn frame_size(text: &str) -> Result<[u16; 2], String> {
+    let sides = text.split_once('x').map(|(width, height)| (width.parse(), height.parse()));
+    match sides {
+        Some((Ok(width), Ok(height))) => Ok([width, height]),
+        _ => Err("give the frames' size as WIDTHxHEIGHT, such as 1456x1088".to_owned()),
+    }
 }
 
 fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), BadInput> {

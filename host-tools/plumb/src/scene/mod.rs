@@ -11,11 +11,12 @@ use plumbline::pose::{Cam, Pose, Target};
 
 use crate::delivery::{self, Before};
 use crate::error::BadInput;
+use crate::files::camera;
 use crate::files::scene::{self, SceneFile};
 use crate::files::{self, refuse_overwriting};
 use crate::link::LinkArguments;
 use crate::receive;
-use crate::setup::Descriptions;
+use crate::setup::{self, Descriptions};
 use crate::waiting::Waiting;
 use mean::{Mean, lean_deg};
 
@@ -123,7 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(out) = &arguments.out {
         refuse_overwriting(out, [camera, targets].into_iter().chain(&arguments.inputs))?;
     }
-    let descriptions = Descriptions::of(camera, targets);
+    let descriptions = Descriptions::of(camera, targets, None);
     let seen = recorded::track(&descriptions, &arguments.inputs)?;
     measure(arguments, &seen)?;
     Ok(())
@@ -138,11 +139,15 @@ fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
     };
     eprintln!("{}: {}", link.place(), delivery::who(&hello));
     live::check_board(link.place(), &hello)?;
-    // Before the board is watched: what cannot be stored need not be measured.
-    let config = if arguments.store { Some(link.config()?) } else { None };
+    let old = link.config()?;
+    if camera::is_stand_in(&old.lens) {
+        return Err(setup::not_calibrated(link.place()));
+    }
     let seen = live::listen(&mut link, &hello, arguments.seconds)?;
     let measured = measure(arguments, &seen)?;
-    let Some(old) = config else { return Ok(()) };
+    if !arguments.store {
+        return Ok(());
+    }
     let mut config = old.clone();
     config.cam_from_scene_theta = Some(measured.cam_from_scene_theta);
     let before = Before { hello: Some(hello), config: Some(old) };

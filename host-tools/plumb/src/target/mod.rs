@@ -43,6 +43,7 @@ Examples:
   plumb target --standard --out pair.pdf > targets.toml
   plumb target --standard --paper letter --out pair.pdf --targets targets.toml
   plumb target --grid 9x6 --pitch-mm 20 --out board.pdf --targets board.toml
+  plumb target --grid 9x6 --pitch-mm 20 --out board.pdf --targets targets.toml --add
   plumb target --grid 7x4 --pitch-mm 15 --name sacrum --role lower --out sacrum.svg
 
 Printing:
@@ -78,6 +79,9 @@ pub struct Arguments {
     /// Write the targets file here instead of to standard output.
     #[arg(long, value_name = "FILE")]
     targets: Option<PathBuf>,
+    /// Add to the file of --targets: a box takes the pair and the board from one file.
+    #[arg(long, requires = "targets")]
+    add: bool,
     /// Replace the files of --out and --targets if they exist.
     #[arg(long)]
     force: bool,
@@ -116,9 +120,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let title = descriptions.iter().map(|target| target.name.as_str()).collect::<Vec<_>>();
     let outputs = format.files(&arguments.out, &pages, &title.join(" and "));
     let entry = targets::to_toml(&descriptions);
-    let described = arguments.targets.iter().map(|path| (path.clone(), entry.clone().into_bytes()));
-    let outputs: Vec<(PathBuf, Vec<u8>)> = outputs.into_iter().chain(described).collect();
-    files::write_all(&outputs, arguments.force)?;
+    match &arguments.targets {
+        Some(path) if arguments.add => {
+            let all = added(path, &entry)?;
+            files::write_all(&outputs, arguments.force)?;
+            files::write_all(&[(path.clone(), all.into_bytes())], true)?;
+        }
+        described => {
+            let described = described.iter().map(|path| (path.clone(), entry.clone().into_bytes()));
+            let outputs: Vec<(PathBuf, Vec<u8>)> = outputs.into_iter().chain(described).collect();
+            files::write_all(&outputs, arguments.force)?;
+        }
+    }
     let sheets = if pages.len() == 1 { "sheet" } else { "sheets" };
     eprintln!("{}: {} {sheets} of {paper}", arguments.out.display(), pages.len());
     eprintln!(
@@ -133,6 +146,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// A targets file with more in it, as it was written otherwise; checked as a whole.
+fn added(path: &Path, entry: &str) -> Result<String, BadInput> {
+    let before =
+        std::fs::read_to_string(path).map_err(|error| BadInput::io(path.display(), &error))?;
+    let all = format!("{}\n\n{entry}", before.trim_end());
+    targets::parse(&all, &path.display().to_string())?;
+    Ok(all)
 }
 
 impl Arguments {

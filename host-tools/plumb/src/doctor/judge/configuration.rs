@@ -5,6 +5,8 @@ use plumbline::target::Role;
 
 use super::super::check::Check;
 use super::super::findings::Findings;
+use crate::files::camera;
+use crate::setup::not_calibrated;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
     let Some(config) = &findings.config else {
@@ -13,6 +15,7 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
     match config {
         Ok(config) => vec![
             identical(findings, config),
+            calibration(config),
             scene(config),
             exposure(config),
             watchdog(config),
@@ -46,6 +49,14 @@ fn identical(findings: &Findings, config: &Config) -> Check {
         seen,
         "compare them with `plumb show`, and send the right one with `plumb provision --send`",
     )
+}
+
+fn calibration(config: &Config) -> Check {
+    if camera::is_stand_in(&config.lens) {
+        let error = not_calibrated("");
+        return Check::fail("calibration", error.found, error.remedy);
+    }
+    Check::good("calibration", format!("there, fx {:.1} px", config.lens.fx_px))
 }
 
 fn scene(config: &Config) -> Check {

@@ -144,6 +144,29 @@ pub fn read(path: &Path) -> Result<Camera, BadInput> {
     parse(&read_text(path)?, &path.display().to_string())
 }
 
+/// What stands in for the lens of a camera that is not calibrated yet: 53 degrees wide,
+/// without distortion.
+#[must_use]
+pub fn stand_in(width_px: u16, height_px: u16) -> Lens {
+    let middle_px = |side_px: u16| (f64::from(side_px) - 1.0) / 2.0;
+    Lens {
+        width_px,
+        height_px,
+        fx_px: f64::from(width_px),
+        fy_px: f64::from(width_px),
+        cx_px: middle_px(width_px),
+        cy_px: middle_px(height_px),
+        skew_px: 0.0,
+        distortion: Distortion::Radial2([0.0; 2]),
+    }
+}
+
+/// Whether a lens is the stand-in for its size; no calibration gives that.
+#[must_use]
+pub fn is_stand_in(lens: &Lens) -> bool {
+    *lens == stand_in(lens.width_px, lens.height_px)
+}
+
 /// The camera of a text in any of the formats; `place` names it in errors.
 ///
 /// # Errors

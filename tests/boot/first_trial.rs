@@ -1,0 +1,224 @@
+//! The whole way of a technician with a box that nobody can log in to: from the printed sheet
+//! to the sway of a person, with the programs that a technician has, over the network. Only
+//! what stands in front of the camera is rendered.
+
+use std::collections::BTreeMap;
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Vector3, Vector4};
+use plumb::files::poses::{self, PoseRow};
+use plumb::simulate::Simulation;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::target::{Origin, Role, TargetGeometry};
+
+use crate::binary;
+use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, image};
+use crate::photographer::{photographs, posed};
+use crate::scene::{self, FRAMES, SCENE};
+
+/// The technician's computer, and the box at the other end of its network.
+struct Ward {
+    directory: tempfile::TempDir,
+    port: u16,
+    disk: PathBuf,
+}
+
+impl Ward {
+    fn new() -> Self {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let any = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+        let port = any.local_addr().expect("it is bound").port();
+        let disk = scene::empty_disk(directory.path());
+        Self { directory, port, disk }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    /// Runs `plumb` in the technician's directory; what it says.
+    #[track_caller]
+    fn plumb(&self, arguments: &str) -> String {
+        let output = binary::plumb()
+            .args(arguments.split_whitespace())
+            .current_dir(self.directory.path())
+            .output()
+            .expect("plumb runs");
+        let said = binary::messages(&output) + &String::from_utf8_lossy(&output.stdout);
+        println!("$ plumb {arguments}\n{said}");
+        assert_eq!(output.status.code(), Some(0), "plumb {arguments}: {said}");
+        said
+    }
+
+    /// As [`plumb`](Self::plumb), with where the box is heard.
+    #[track_caller]
+    fn plumb_here(&self, arguments: &str, option: &str) -> String {
+        self.plumb(&format!("{arguments} {option} 127.0.0.1:{}", self.port))
+    }
+
+    /// Switches the box on, with these frames in front of its camera.
+    fn switch_on(&self, frames_disk: &Path) -> (Machine, Host) {
+        let [a, b, c, d] = HOST;
+        let host = Host::new();
+        let parts = Parts {
+            kernel: image("vmlinuz"),
+            initramfs: vec![image("initramfs"), image("overlay.cpio")],
+            command_line: &format!(
+                "rdinit=/test/start test.gain plumbline.udp={a}.{b}.{c}.{d}:{}",
+                self.port
+            ),
+            boot_disk: &self.disk,
+            frames_disk: Some(frames_disk),
+        };
+        (Machine::start(&parts, &host), host)
+    }
+
+    /// Waits until the box speaks: it takes a while to boot, and the programs do not wait so long.
+    fn wait_for_the_box(&self) {
+        let socket = UdpSocket::bind(("127.0.0.1", self.port)).expect("the port is free");
+        socket.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+        socket.recv(&mut [0; 512]).expect("the box speaks");
+    }
+
+    fn frames(&self, name: &str, poses: &[Pose<Cam, Target>]) -> PathBuf {
+        let all: Vec<u8> = posed(SCENE.simulation.camera(), &board(), poses, 2)
+            .into_iter()
+            .flat_map(|photograph| photograph.samples)
+            .collect();
+        let path = self.path(name);
+        std::fs::write(&path, all).expect("the frames are written");
+        path
+    }
+}
+
+fn board() -> TargetGeometry {
+    TargetGeometry::checker(9, 6, 20.0, Origin::Center, Role::Scene, [0.0; 3]).expect("a board")
+}
+
+#[test]
+fn from_a_printed_sheet_to_the_sway_of_a_person() {
+    let ward = Ward::new();
+    let simulation = &SCENE.simulation;
+    // Print, and describe the box: it has nothing yet, not even a configuration.
+    ward.plumb("target --standard --out pair.pdf --targets targets.toml");
+    ward.plumb("target --grid 9x6 --pitch-mm 20 --out board.pdf --targets targets.toml --add");
+    ward.plumb("provision --new-box box.toml");
+    let settings = std::fs::read_to_string(ward.path("box.toml")).expect("it was written");
+    let [a, b, c, d] = HOST;
+    let settings = settings
+        .replace("192.168.1.20:4210", &format!("{a}.{b}.{c}.{d}:{}", ward.port))
+        .replace("rate_hz = 60.0", "rate_hz = 24.0\ngain = 30.0");
+    std::fs::write(ward.path("box.toml"), settings).expect("it is edited");
+
+    // The board is held before the camera, here and there.
+    let shown = photographs(simulation.camera(), &board(), 24, 1);
+    let shown: Vec<u8> = shown.into_iter().flat_map(|photograph| photograph.samples).collect();
+    std::fs::write(ward.path("board.grey"), shown).expect("the frames are written");
+    let (machine, _host) = ward.switch_on(&ward.path("board.grey"));
+    ward.wait_for_the_box();
+    ward.plumb_here(
+        "provision --uncalibrated 1280x720 --targets targets.toml --box box.toml --send",
+        "--via-udp",
+    );
+    let said = ward.plumb_here("aim --expose --store", "--udp");
+    assert!(said.contains("gain"), "{said}");
+    ward.plumb_here("aim --stills photos --count 12 --every 1 --board 9x6", "--udp");
+    drop(machine);
+    let photographs: Vec<String> = (1..=12).map(|n| format!("photos/still-{n:02}.png")).collect();
+    ward.plumb(&format!(
+        "calibrate --board 9x6 --pitch-mm 20 --out camera.toml {}",
+        photographs.join(" ")
+    ));
+
+    // The board stands where the person will stand.
+    let upright = simulation.config().cam_from_scene().expect("the simulation has a scene");
+    let stands = Pose::<Cam, Target>::new(upright.rotation, upright.translation_mm);
+    let (machine, _host) = ward.switch_on(&ward.frames("standing.grey", &[stands; 12]));
+    ward.wait_for_the_box();
+    ward.plumb_here(
+        "provision --camera camera.toml --targets targets.toml --box box.toml --send",
+        "--via-udp",
+    );
+    let said = ward.plumb_here("scene --store --seconds 2", "--udp");
+    assert!(!said.contains("warning"), "{said}");
+    drop(machine);
+
+    // A person.
+    let (machine, _host) = ward.switch_on(&SCENE.frames_disk);
+    ward.wait_for_the_box();
+    ward.plumb_here("receive --frames 150 --out received.csv", "--udp");
+    ward.plumb_here("doctor", "--udp");
+    drop(machine);
+    assert_sways_as(&poses::read(&ward.path("received.csv")).expect("a recording"), simulation);
+}
+
+/// The trunk points of both targets in one frame: lumbar, then shoulder.
+type Points = [Vector3<f64>; 2];
+
+const NAMES: [&str; 2] = ["lumbar", "shoulder"];
+
+fn received_points(rows: &[PoseRow]) -> Vec<Points> {
+    let of = |name: &str| -> BTreeMap<u64, Vector3<f64>> {
+        let rows = rows.iter().filter(|row| row.target == name);
+        let point = |row: &PoseRow| Some(Vector3::new(row.ap_mm?, row.ml_mm?, row.si_mm?));
+        rows.filter_map(|row| Some((row.frame, point(row)?))).collect()
+    };
+    let [lumbar, shoulder] = NAMES.map(of);
+    lumbar.iter().filter_map(|(frame, &point)| Some([point, *shoulder.get(frame)?])).collect()
+}
+
+/// Which frame of the disk each received one is, by its positions to the side and upwards,
+/// which are known ten times better than the depth. They are the truth's but for a constant,
+/// which is found along the way.
+fn frames_of(received: &[Points], known: &[Points]) -> Vec<usize> {
+    let sideways =
+        |[lumbar, shoulder]: &Points| Vector4::new(lumbar.y, lumbar.z, shoulder.y, shoulder.z);
+    let mean =
+        |points: &[Points]| points.iter().map(sideways).sum::<Vector4<f64>>() / points.len() as f64;
+    let mut offset_mm = mean(received) - mean(known);
+    let mut frames = Vec::new();
+    for _ in 0..20 {
+        let nearest = |points: &Points| {
+            let at_mm = sideways(points) - offset_mm;
+            let distance = |frame: &usize| (sideways(&known[*frame]) - at_mm).norm();
+            (0..known.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        };
+        frames = received.iter().filter_map(nearest).collect();
+        let pairs = received.iter().zip(&frames);
+        offset_mm = pairs
+            .map(|(points, &frame)| sideways(points) - sideways(&known[frame]))
+            .sum::<Vector4<f64>>()
+            / received.len() as f64;
+    }
+    frames
+}
+
+/// Every frame's trunk points, about their mean, are the truth's.
+fn assert_sways_as(rows: &[PoseRow], simulation: &Simulation) {
+    let known: Vec<Points> = (0..FRAMES as u64)
+        .map(|frame| {
+            let truth = simulation.truth(frame);
+            [0, 1].map(|target| {
+                let point = &truth.targets[target].trunk_point;
+                Vector3::new(point.ap_mm, point.ml_mm, point.si_mm)
+            })
+        })
+        .collect();
+    let received = received_points(rows);
+    assert!(received.len() >= 140, "{} of 150 frames have both trunk points", received.len());
+    let frames = frames_of(&received, &known);
+    let steps = frames.windows(2).filter(|pair| pair[0].abs_diff(pair[1]) <= 2).count();
+    assert!(steps * 10 > frames.len() * 9, "these are not the frames one after another");
+    for (target, name) in NAMES.iter().enumerate() {
+        let errors: Vec<Vector3<f64>> = received
+            .iter()
+            .zip(&frames)
+            .map(|(points, &frame)| points[target] - known[frame][target])
+            .collect();
+        let mean = errors.iter().sum::<Vector3<f64>>() / errors.len() as f64;
+        let worst_mm = errors.iter().map(|error| (error - mean).amax()).fold(0.0, f64::max);
+        println!("{name}: worst error of a frame's sway {worst_mm:.3} mm, offset {mean:.3?}");
+        assert!(worst_mm < 0.3, "{name}: {worst_mm} mm");
+    }
+}
