@@ -1,9 +1,11 @@
 //! What a technician is told of a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
-use plumbline::packet::{PosePacket, TargetView, View};
+use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
+
+use crate::files::camera;
 
 /// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is
 /// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.
@@ -155,13 +157,16 @@ pub fn read(
     pose: Option<&PosePacket>,
     best: &mut BestFocus,
 ) -> Reading {
+    let is_calibrated = !camera::is_stand_in(&config.lens);
     let targets: Vec<_> = config
         .targets
         .iter()
         .map(|target| {
             let role = target.geometry.role();
             let seen = view.targets.iter().find(|seen| seen.role == role);
-            target_reading(&target.name, role, seen, pose, best)
+            let found =
+                pose.and_then(|pose| pose.targets.iter().find(|target| target.role == role));
+            target_reading(&target.name, is_calibrated, seen, found, best)
         })
         .collect();
     Reading { frame: frame_reading(view, best), targets }
@@ -169,17 +174,16 @@ pub fn read(
 
 fn target_reading(
     name: &str,
-    role: Role,
+    is_calibrated: bool,
     seen: Option<&TargetView>,
-    pose: Option<&PosePacket>,
+    found: Option<&TargetPacket>,
     best: &mut BestFocus,
 ) -> TargetReading {
-    let found = pose.and_then(|pose| pose.targets.iter().find(|target| target.role == role));
     let mut numbers = Vec::new();
     let mut advice = Vec::new();
     if let Some(seen) = seen {
         // A picture is as sharp as the worse of its directions.
-        let focus = best.with(Some(role), focus_score(seen.blur_px[0].max(seen.blur_px[1])));
+        let focus = best.with(Some(seen.role), focus_score(seen.blur_px[0].max(seen.blur_px[1])));
         numbers.push(format!("focus {} (best {})", focus.score, focus.best));
         numbers.push(format!("contrast {:.2}", seen.light - seen.dark));
         numbers.push(format!("light {:.2}", seen.light));
@@ -193,9 +197,13 @@ fn target_reading(
     };
     match found.map(|found| &found.pose) {
         Some(Ok(pose)) => {
-            let [x, y, z] = pose.translation_mm;
-            numbers.push(format!("{:.0} mm away", (x * x + y * y + z * z).sqrt()));
-            numbers.push(format!("depth +-{:.3} mm per frame", COVERAGE * pose.sd_mm[2]));
+            if is_calibrated {
+                let [x, y, z] = pose.translation_mm;
+                numbers.push(format!("{:.0} mm away", (x * x + y * y + z * z).sqrt()));
+                numbers.push(format!("depth +-{:.3} mm per frame", COVERAGE * pose.sd_mm[2]));
+            } else {
+                numbers.push("no distance before the calibration".to_owned());
+            }
         }
         Some(Err(why)) => {
             state = format!("{state}, {}", why.words());
@@ -299,7 +307,7 @@ mod tests {
     };
 
     fn told(seen: &TargetView, best: &mut BestFocus) -> TargetReading {
-        target_reading("lumbar", Role::Lower, Some(seen), None, best)
+        target_reading("lumbar", true, Some(seen), None, best)
     }
 
     #[test]
