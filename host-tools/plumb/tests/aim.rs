@@ -177,7 +177,7 @@ fn wrong_inputs_are_named_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let udp = format!("127.0.0.1:{port}");
-    let cases: [(&[&str], &[&str]); 6] = [
+    let cases: [(&[&str], &[&str]); 7] = [
         (&["--count", "3"], &["--stills"]),
         (&["--store"], &["--expose"]),
         (&["--duration", "1801"], &["give 1800 seconds at most"]),
