@@ -181,9 +181,10 @@ fn wrong_inputs_are_named_with_the_remedy() {
         (&["--count", "3"], &["--stills"]),
         (&["--store"], &["--expose"]),
         (&["--duration", "1801"], &["give 1800 seconds at most"]),
+        (&["--stills", "."], &["--stills: without a terminal", "--count"]),
         (&["--reduction", "17"], &["1..=16"]),
         (
-            &["--stills", ".", "--board", "2x2"],
+            &["--stills", ".", "--count", "1", "--board", "2x2"],
             &["--board: 2 x 2 corners; a grid needs at least 3"],
         ),
         (&[], &["no box is heard; check that the box is on"]),
