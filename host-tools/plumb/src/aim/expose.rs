@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::time::{Duration, Instant};
 
 use plumbline::config::{Capture, Config};
-use plumbline::packet::View;
+use plumbline::packet::{Refusal, View};
 
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::Session;
@@ -21,6 +21,9 @@ const VIEWS: usize = 3;
 
 /// A target that is not found by then is taken not to be there.
 const FOUND_WITHIN: Duration = Duration::from_millis(2500);
+
+/// Frames that show another setting after this time show that the camera refuses the new one.
+const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
 /// Frames with a new setting come within this, or not at all.
 const FRAMES_WITHIN: Duration = Duration::from_secs(15);
@@ -41,20 +44,23 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     let configured = Setting { exposure_us: capture.exposure_us, gain: capture.gain };
     let (mut controller, mut setting) = Controller::new(capture.rate_hz, configured);
     loop {
-        let answer = session.expose(setting.exposure_us, setting.gain)?;
-        let step = match answer {
-            Ok(()) => {
-                let Some(light) = light_with(session, setting, until)? else { return Ok(None) };
+        let seen = match session.expose(setting.exposure_us, setting.gain)? {
+            Ok(()) => light_with(session, setting, until)?,
+            Err((refusal, reason)) => Seen::Refused(refusal, reason),
+        };
+        let step = match seen {
+            Seen::Light(light) => {
                 say(&format!("{}: {}", words(setting), light_words(&light)))?;
                 controller.next(light)
             }
-            Err((refusal, reason)) => {
+            Seen::Refused(refusal, reason) => {
                 say(&format!("{}: the camera does not take it", words(setting)))?;
                 match controller.refused() {
                     Some(step) => step,
                     None => return Err(session.refused("the exposure", refusal, &reason)),
                 }
             }
+            Seen::Stopped => return Ok(None),
         };
         match step {
             Step::Try(next) => setting = next,
@@ -97,37 +103,45 @@ pub fn store(link: &mut BoxLink, setting: Setting) -> Result<(), BadInput> {
     delivery::deliver(link, &before, &Config { capture, ..config.clone() }, true)
 }
 
-/// The light with a setting; `None` when it was stopped.
-fn light_with(
-    session: &mut Session,
-    setting: Setting,
-    until: Until<'_>,
-) -> Result<Option<Light>, BadInput> {
+/// What came of a setting.
+enum Seen {
+    Light(Light),
+    /// By the box, or by its camera.
+    Refused(Refusal, String),
+    Stopped,
+}
+
+/// The light with a setting.
+fn light_with(session: &mut Session, setting: Setting, until: Until<'_>) -> Result<Seen, BadInput> {
     let start = Instant::now();
     let mut first: Option<Instant> = None;
     let mut sequence = None;
     let (mut targets, mut frames) = (Vec::new(), Vec::new());
     while !until.is_over() {
         session.turn()?;
-        let is_new = |view: &&View| {
-            let with = Setting { exposure_us: view.exposure_us, gain: view.gain };
-            with == setting && sequence != Some(view.sequence)
-        };
+        let is_new = |view: &&View| sequence != Some(view.sequence);
         let now = Instant::now();
         if let Some(view) = session.view().filter(is_new) {
             sequence = Some(view.sequence);
-            if now - *first.get_or_insert(now) >= SETTLED_AFTER {
+            let with = Setting { exposure_us: view.exposure_us, gain: view.gain };
+            if !is_taken(setting, with) {
+                // The box goes back to its own setting where the camera refuses one.
+                if now - start >= REFUSED_AFTER {
+                    let reason = "its camera does not take it".to_owned();
+                    return Ok(Seen::Refused(Refusal::Unusable, reason));
+                }
+            } else if now - *first.get_or_insert(now) >= SETTLED_AFTER {
                 let light = Light::of(view);
                 let lights = if light.of == Judged::Target { &mut targets } else { &mut frames };
                 lights.push(light);
             }
         }
         if targets.len() == VIEWS {
-            return Ok(Some(middle(targets)));
+            return Ok(Seen::Light(middle(targets)));
         }
         let is_late = first.is_some_and(|first| now - first >= FOUND_WITHIN);
         if is_late && !(targets.is_empty() && frames.is_empty()) {
-            return Ok(Some(middle(if targets.is_empty() { frames } else { targets })));
+            return Ok(Seen::Light(middle(if targets.is_empty() { frames } else { targets })));
         }
         if now - start >= FRAMES_WITHIN {
             return Err(BadInput::whole(
@@ -137,7 +151,13 @@ fn light_with(
             ));
         }
     }
-    Ok(None)
+    Ok(Seen::Stopped)
+}
+
+/// Whether frames are exposed as asked for; what is not asked for is as configured.
+fn is_taken(asked: Setting, with: Setting) -> bool {
+    asked.exposure_us.is_none_or(|_| asked.exposure_us == with.exposure_us)
+        && asked.gain.is_none_or(|_| asked.gain == with.gain)
 }
 
 fn middle(mut lights: Vec<Light>) -> Light {

@@ -140,7 +140,7 @@ enum Knob {
 /// One setting, and what it gave.
 #[derive(Debug, Clone, Copy)]
 struct Tried {
-    exposure_us: u32,
+    exposure_us: Option<u32>,
     gain: Option<f32>,
     light: Light,
 }
@@ -149,7 +149,8 @@ struct Tried {
 pub struct Controller {
     /// How long a frame lasts.
     frame_us: u32,
-    setting: (u32, Option<f32>),
+    /// The exposure is `None` where the camera has no control of it.
+    setting: Setting,
     goal: f32,
     /// Which of [`FRAME_GOALS`].
     frame_goal: usize,
@@ -168,7 +169,7 @@ impl Controller {
         let exposure_us = now.exposure_us.unwrap_or(half / 4).clamp(EXPOSURE_US_MIN, half);
         let controller = Self {
             frame_us,
-            setting: (exposure_us, now.gain),
+            setting: Setting { exposure_us: Some(exposure_us), gain: now.gain },
             goal: LIGHT_GOAL,
             frame_goal: 0,
             knob: Knob::Exposure,
@@ -181,7 +182,7 @@ impl Controller {
 
     /// The setting that is being tried, or was last.
     pub fn current(&self) -> Setting {
-        Setting { exposure_us: Some(self.setting.0), gain: self.setting.1 }
+        self.setting
     }
 
     /// The longest exposure that is asked for before the gain.
@@ -191,7 +192,7 @@ impl Controller {
 
     /// What to do after the setting last tried gave this light.
     pub fn next(&mut self, light: Light) -> Step {
-        let (exposure_us, gain) = self.setting;
+        let Setting { exposure_us, gain } = self.setting;
         self.tried.push(Tried { exposure_us, gain, light });
         let is_near = (light.level - self.goal_of(light.of)).abs()
             <= match light.of {
@@ -220,15 +221,20 @@ impl Controller {
         }
     }
 
-    /// What to do when the camera has refused the setting last tried; it goes on with the one
-    /// before, or there is none.
+    /// What to do when the camera has refused the setting last tried: it goes on with the gain
+    /// alone where the first exposure was, or with the exposure where a gain was; or there is
+    /// nothing.
     pub fn refused(&mut self) -> Option<Step> {
-        let last = *self.tried.last()?;
+        let Some(last) = self.tried.last().copied() else {
+            self.setting.exposure_us.take()?;
+            self.knob = Knob::Gain;
+            return Some(Step::Try(self.setting));
+        };
         if self.knob != Knob::Gain {
             return None;
         }
         self.gain_is_limited = true;
-        self.setting = (last.exposure_us, last.gain);
+        self.setting = Setting { exposure_us: last.exposure_us, gain: last.gain };
         Some(self.without_gain(self.goal_of(last.light.of)))
     }
 
@@ -244,19 +250,24 @@ impl Controller {
         *self.tried.last().expect("called after a light has come")
     }
 
-    fn try_with(&mut self, exposure_us: u32, gain: Option<f32>) -> Step {
-        self.setting = (exposure_us, gain);
-        Step::Try(self.current())
+    fn try_with(&mut self, exposure_us: Option<u32>, gain: Option<f32>) -> Step {
+        self.setting = Setting { exposure_us, gain };
+        Step::Try(self.setting)
     }
 
     fn expose_towards(&mut self, goal: f32, exposure_us_max: u32) -> Step {
         let last = self.last();
         let is_dark = last.light.level < goal;
         let bound = if is_dark { exposure_us_max } else { EXPOSURE_US_MIN };
-        let wanted = self.exposure_for(goal).clamp(EXPOSURE_US_MIN as f32, exposure_us_max as f32);
-        let wanted = wanted.round() as u32;
-        if last.exposure_us != bound && !self.is_without_effect() && wanted != last.exposure_us {
-            return self.try_with(wanted, last.gain);
+        if let Some(exposure_us) = last.exposure_us
+            && exposure_us != bound
+            && !self.is_without_effect()
+        {
+            let wanted = self.exposure_for(goal, exposure_us as f32);
+            let wanted = wanted.clamp(EXPOSURE_US_MIN as f32, exposure_us_max as f32).round();
+            if wanted as u32 != exposure_us {
+                return self.try_with(Some(wanted as u32), last.gain);
+            }
         }
         match (self.knob, is_dark) {
             (Knob::Exposure, _) => {
@@ -269,9 +280,8 @@ impl Controller {
     }
 
     /// The exposure that gives a level, if brightness is black + slope x exposure.
-    fn exposure_for(&self, goal: f32) -> f32 {
+    fn exposure_for(&self, goal: f32, exposure_us: f32) -> f32 {
         let last = self.last();
-        let exposure_us = last.exposure_us as f32;
         if last.light.level >= LEVEL_CERTAIN_MAX {
             return exposure_us * DARKER;
         }
@@ -283,9 +293,9 @@ impl Controller {
         let black = self
             .before_last()
             .filter(|before| before.gain == last.gain && before.exposure_us != last.exposure_us)
-            .map_or(0.0, |before| {
-                let slope = (last.light.level - before.light.level)
-                    / (exposure_us - before.exposure_us as f32);
+            .and_then(|before| Some((before, before.exposure_us? as f32)))
+            .map_or(0.0, |(before, before_us)| {
+                let slope = (last.light.level - before.light.level) / (exposure_us - before_us);
                 (last.light.level - slope * exposure_us).clamp(0.0, 0.9 * last.light.level)
             });
         exposure_us * (goal - black).max(0.0) / (last.light.level - black)
@@ -301,7 +311,10 @@ impl Controller {
     /// The last change of the exposure alone has changed next to nothing.
     fn is_without_effect(&self) -> bool {
         let (Some(before), last) = (self.before_last(), self.last()) else { return false };
-        let part = last.exposure_us as f32 / before.exposure_us as f32 - 1.0;
+        let Some((now_us, before_us)) = last.exposure_us.zip(before.exposure_us) else {
+            return false;
+        };
+        let part = now_us as f32 / before_us as f32 - 1.0;
         let expected = before.light.level * part;
         before.gain == last.gain
             && part != 0.0

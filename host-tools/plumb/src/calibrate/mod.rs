@@ -227,7 +227,10 @@ fn start(
     let photographs = found
         .iter()
         .zip(poses)
-        .map(|(found, cam_from_board)| Photograph { seen: found.seen(board).into(), cam_from_board })
+        .map(|(found, cam_from_board)| Photograph {
+            seen: found.seen(board).into(),
+            cam_from_board,
+        })
         .collect();
     Bundle::refine(&lens, points_mm, photographs, false).ok_or(Failure::Unsettled)
 }

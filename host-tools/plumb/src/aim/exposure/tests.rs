@@ -14,11 +14,14 @@ struct Camera {
     gain_max: Option<f32>,
     /// Decibels in a step of its gain; `None`: it is a factor.
     db_per_step: Option<f32>,
-    /// Longer exposures are cut to this.
+    /// Longer exposures are cut to this; 0: it has no control of the exposure.
     exposure_us_max: u32,
     /// Below this level of the light squares no target is found.
     found_from: f32,
 }
+
+/// Of a camera that is left alone.
+const OWN_EXPOSURE_US: f32 = 4000.0;
 
 const CAMERA: Camera = Camera {
     light_per_us: 1e-4,
@@ -41,7 +44,11 @@ impl Camera {
                 10_f32.powf(db * gain.min(most).trunc() / 20.0)
             }
         };
-        let exposure_us = setting.exposure_us?.min(self.exposure_us_max) as f32;
+        let exposure_us = match (setting.exposure_us, self.exposure_us_max) {
+            (Some(_), 0) => return None,
+            (None, _) => OWN_EXPOSURE_US,
+            (Some(exposure_us), most) => exposure_us.min(most) as f32,
+        };
         let level = self.black + self.light_per_us * exposure_us * gain;
         // The room has half the light of the paper.
         let (of, level) = if level < self.found_from || level >= 1.0 {
@@ -64,7 +71,7 @@ fn run(camera: &Camera, start: Setting) -> (Verdict, Setting, Light, usize) {
                 light = seen;
                 controller.next(seen)
             }
-            None => controller.refused().expect("a camera that takes exposures"),
+            None => controller.refused().expect("a camera that takes one of the two"),
         };
         match step {
             Step::Try(next) => setting = next,
@@ -134,6 +141,24 @@ fn a_camera_that_cuts_the_exposure_gets_gain() {
     let camera = Camera { light_per_us: 5e-5, exposure_us_max: 5000, ..CAMERA };
     let setting = is_good(&camera, UNKNOWN, 10);
     assert!(setting.gain.unwrap() > 2.0, "{setting:?}");
+}
+
+#[test]
+fn a_camera_that_takes_no_exposure_gets_gain_alone() {
+    let camera = Camera { light_per_us: 5e-5, exposure_us_max: 0, ..CAMERA };
+    for gain in [None, Some(0.5), Some(2.0), Some(9.0)] {
+        let setting = is_good(&camera, Setting { exposure_us: None, gain }, 8);
+        assert_eq!(setting.exposure_us, None);
+    }
+    let dark = Camera { light_per_us: 1e-6, ..camera };
+    assert_eq!(run(&dark, UNKNOWN).0, Verdict::TooDark);
+    // Neither: there is nothing to be done.
+    let nothing = Camera { gain_max: None, ..camera };
+    let (mut controller, first) = Controller::new(RATE_HZ, UNKNOWN);
+    assert!(nothing.light(first).is_none() && controller.refused().is_some());
+    let light = nothing.light(controller.current()).expect("as it is");
+    let Step::Try(_) = controller.next(light) else { panic!("{light:?}") };
+    assert_eq!(controller.refused(), Some(Step::Done(Verdict::TooDark)));
 }
 
 #[test]
