@@ -71,7 +71,7 @@ pub fn deliver(
     config: &Config,
     restart: bool,
 ) -> Result<(), BadInput> {
-    for warning in before.config.iter().flat_map(|old| moves(&old.links, &config.links)) {
+    for warning in before.config.iter().flat_map(|old| warnings(old, config)) {
         eprintln!("warning: {warning}");
     }
     let crc = {
@@ -150,6 +150,26 @@ fn stays(kind: LinkKind, old: &Links, new: &Links) -> bool {
     }
 }
 
+/// What whoever sends the new configuration may not have meant.
+fn warnings(old: &Config, new: &Config) -> Vec<String> {
+    let mut warnings = moves(&old.links, &new.links);
+    if old.cam_from_scene_theta.is_some() && new.cam_from_scene_theta.is_none() {
+        warnings.push(
+            "the box has a scene, and will have none: measure it again with `plumb scene \
+             --store`, or give the one from before with --scene"
+                .into(),
+        );
+    }
+    let fixed = |config: &Config| config.capture.as_ref().and_then(|capture| capture.exposure_us);
+    if let (Some(exposure_us), None) = (fixed(old), fixed(new)) {
+        warnings.push(format!(
+            "the box exposes for {exposure_us} us, and will expose as the camera likes: fix it \
+             again with `plumb aim --expose --store`, or give exposure_us in the box file"
+        ));
+    }
+    warnings
+}
+
 /// What the box will send elsewhere than it does now.
 fn moves(old: &Links, new: &Links) -> Vec<String> {
     let line = |line: &SerialLink| format!("{} at {} baud", line.path, line.baud);
@@ -175,6 +195,22 @@ fn moves(old: &Links, new: &Links) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_was_measured_and_would_be_lost_is_warned_of() {
+        let mut old = crate::doctor::fixture::config();
+        assert_eq!(warnings(&old, &old), [""; 0]);
+        let mut new = old.clone();
+        new.cam_from_scene_theta = None;
+        new.capture.as_mut().unwrap().exposure_us = None;
+        let texts = warnings(&old, &new);
+        let [scene, exposure] = &texts[..] else { panic!("{texts:?}") };
+        assert!(scene.contains("plumb scene --store") && scene.contains("--scene"), "{scene}");
+        assert!(exposure.contains("4000 us") && exposure.contains("--expose"), "{exposure}");
+        old.cam_from_scene_theta = None;
+        old.capture = None;
+        assert_eq!(warnings(&old, &new), [""; 0]);
+    }
 
     #[test]
     fn a_box_that_will_send_elsewhere_is_warned_of() {

@@ -14,30 +14,28 @@ const BLUR_BEST_PX: f32 = 0.6;
 /// Blur at which a frame is of no use: the smallest squares have lost their middle.
 const BLUR_WORST_PX: f32 = 3.0;
 
-/// A lens whose score is below this can be turned to something better: 1.2 px of blur.
-const FOCUS_MIN: u8 = 75;
+/// A lens whose score is below this can be turned to something better.
+pub const FOCUS_MIN: u8 = 80;
 
 /// A score that is lower than the best one seen by this much has been passed.
 const FOCUS_PASSED: u8 = 5;
 
 /// A blur in one direction that is larger than in the other by this factor, and matters,
 /// comes from motion.
-const MOTION_RATIO: f32 = 1.5;
-const MOTION_BLUR_PX_MIN: f32 = 1.0;
+pub const MOTION_RATIO: f32 = 1.5;
+pub const MOTION_BLUR_PX_MIN: f32 = 1.0;
 
-/// The search finds smaller squares; precision goes with their size.
-const PITCH_PX_MIN: f32 = 12.0;
+/// Squares smaller than this leave an edge fewer pixels than its fit looks at.
+pub const PITCH_PX_MIN: f32 = 15.0;
 
-/// Precision goes with the contrast: below this, the spread is more than twice that in good
-/// light.
-const CONTRAST_MIN: f32 = 0.3;
+/// Contrast below which noise, and not the lens, sets the precision.
+pub const CONTRAST_MIN: f32 = 0.25;
 
-/// Light squares darker than this want more light.
-const LIGHT_MIN: f32 = 0.4;
+/// Light squares darker than this leave half of the camera's range unused.
+pub const LIGHT_MIN: f32 = 0.4;
 
-/// Part of the light squares' pixels that may be white: paper at the white level moves the
-/// edges into the dark.
-const SATURATED_MAX: f32 = 0.01;
+/// Part of the light squares' pixels that may be white: single ones are hot pixels.
+pub const SATURATED_MAX: f32 = 0.001;
 
 /// A frame without a target that is darker than this shows none because of that.
 const DARK_FRAME: f32 = 0.1;
@@ -46,7 +44,7 @@ const DARK_FRAME: f32 = 0.1;
 const BRIGHT_FRAME: f32 = 0.3;
 
 /// Depth is promised for so many standard deviations to either side: 95 of 100 frames.
-const COVERAGE: f32 = 1.96;
+pub const COVERAGE: f32 = 1.96;
 
 /// 100 for a blur of [`BLUR_BEST_PX`] or less, falling evenly to 0 at [`BLUR_WORST_PX`].
 pub fn focus_score(blur_px: f32) -> u8 {
@@ -337,7 +335,7 @@ mod tests {
                 TargetView { dark: 0.55, ..GOOD },
                 "little contrast: keep light from shining into the lens or on the print's gloss",
             ),
-            (TargetView { pitch_px: 10.0, ..GOOD }, "too far: 10 px per square, at least 12"),
+            (TargetView { pitch_px: 12.0, ..GOOD }, "too far: 12 px per square, at least 15"),
             (
                 TargetView { blur_px: [0.7, 1.6], ..GOOD },
                 "blurred in one direction: hold it still, or expose less",

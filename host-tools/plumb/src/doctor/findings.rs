@@ -80,15 +80,15 @@ pub struct Findings {
     pub hello: Option<Hello>,
     /// The box runs with no configuration, and says why.
     pub refusing: Option<String>,
-    /// It started anew while it was watched.
+    /// How often it started anew while it was watched.
     pub starts: u32,
     /// How it was at first, and how at last.
     pub healths: Option<(Health, Health)>,
     /// Warnings and faults that it told of, each once.
     pub logs: Vec<(LogLevel, String)>,
-    /// Questions for the time that were sent, and those that were answered.
+    /// Questions for the time that were sent.
     pub pings: usize,
-    /// Answers to them.
+    /// Those that were answered.
     pub exchanges: Vec<Exchange>,
     /// Pose packets, by number.
     pub accounting: Accounting,
@@ -145,11 +145,17 @@ impl Findings {
 
     /// Takes note of what came at this time of this computer's clock.
     pub fn take(&mut self, event: &Event, now_ns: u64) {
+        self.hear(event);
+        if let Event::Message(message) = event {
+            self.message(message, now_ns);
+        }
+    }
+
+    /// Takes note that something came, and not of what it says: what follows it may be missed,
+    /// and must not count as lost.
+    pub fn hear(&mut self, event: &Event) {
         match event {
-            Event::Message(message) => {
-                self.packets += 1;
-                self.message(message, now_ns);
-            }
+            Event::Message(_) => self.packets += 1,
             Event::Bad(error) => {
                 self.bad.count(*error);
             }

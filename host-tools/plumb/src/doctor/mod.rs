@@ -4,7 +4,7 @@ mod check;
 mod clock;
 mod findings;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 mod judge;
 mod report;
 mod watch;

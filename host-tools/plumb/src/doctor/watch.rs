@@ -37,9 +37,8 @@ pub fn watch(
     };
     {
         let _waiting = Waiting::new(format!("listening at {}", link.place()));
-        let now_ns = || started.elapsed().as_nanos() as u64;
         link.listen(started + HEARD_WITHIN, |event| {
-            findings.take(event, now_ns());
+            findings.hear(event);
             (findings.packets > 0).then_some(())
         })?;
     }

@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
-use fatfs::{FileSystem, FsOptions};
+use fatfs::{Date, DateTime, FileSystem, FsOptions, Time, TimeProvider};
 use fscommon::StreamSlice;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
@@ -31,6 +31,33 @@ const ENTRY_BYTES: usize = 16;
 const FAT_TYPES: [u8; 6] = [0x01, 0x04, 0x06, 0x0b, 0x0c, 0x0e];
 
 type Fat<'a> = FileSystem<StreamSlice<&'a File>>;
+
+/// What the files are dated by: this computer's time, as people there have it.
+#[derive(Debug)]
+struct Now;
+
+impl TimeProvider for Now {
+    fn get_current_date(&self) -> Date {
+        self.get_current_date_time().date
+    }
+
+    fn get_current_date_time(&self) -> DateTime {
+        let now = jiff::Zoned::now();
+        // Years of FAT begin in 1980, and nothing here is negative.
+        let date = Date {
+            year: now.year().unsigned_abs().max(1980),
+            month: now.month().unsigned_abs().into(),
+            day: now.day().unsigned_abs().into(),
+        };
+        let time = Time {
+            hour: now.hour().unsigned_abs().into(),
+            min: now.minute().unsigned_abs().into(),
+            sec: now.second().unsigned_abs().into(),
+            millis: now.millisecond().unsigned_abs(),
+        };
+        DateTime { date, time }
+    }
+}
 
 /// Puts a configuration on a card, in the place of the one that is there. One of another box
 /// is kept unless `force`.
@@ -98,7 +125,7 @@ fn file_system<'a>(file: &'a File, place: &str) -> Result<(Fat<'a>, &'static str
     let opened = |range: Option<(u64, u64)>| {
         let (start, end) = range?;
         let slice = StreamSlice::new(file, start, end).ok()?;
-        FileSystem::new(slice, FsOptions::new()).ok()
+        FileSystem::new(slice, FsOptions::new().time_provider(&Now)).ok()
     };
     let bytes = (&*file).seek(SeekFrom::End(0)).map_err(|error| fault(place, &error))?;
     if let Some(fat) = opened(Some((0, bytes))) {

@@ -550,7 +550,7 @@ fn places_that_cannot_be_listened_at_are_explained() {
     let error = Udp::bind(first.local_address().unwrap()).err().unwrap();
     assert!(error.to_string().contains("another program listens there"), "{error}");
     let error = Udp::bind("192.0.2.1:4210".parse().unwrap()).err().unwrap();
-    assert!(error.to_string().contains("--udp 0.0.0.0:4210"), "{error}");
+    assert!(error.to_string().contains("its addresses: 0.0.0.0:4210"), "{error}");
     let error = Serial::open("/dev/no-such-device", 115_200).err().unwrap();
     assert!(error.to_string().contains("there is no such device"), "{error}");
     let error = Serial::open("/dev/null", 115_200).err().unwrap();

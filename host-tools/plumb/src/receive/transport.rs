@@ -77,7 +77,7 @@ impl Udp {
             ErrorKind::AddrNotAvailable => BadInput::whole(
                 &place,
                 "this computer does not have that address",
-                format!("listen at all of its addresses: --udp 0.0.0.0:{}", address.port()),
+                format!("listen at all of its addresses: 0.0.0.0:{}", address.port()),
             ),
             ErrorKind::PermissionDenied => BadInput::whole(
                 &place,

@@ -55,9 +55,8 @@ fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
                 let seen = format!("it runs; lost {losses} times since the box's start");
                 return Check::warn(SUBJECT, seen, PLUG);
             }
-            let replayed =
-                findings.frames.last().is_some_and(|it| it.instant == MarkedInstant::Recording);
-            return Check::good(SUBJECT, if replayed { "a recording runs" } else { "it runs" });
+            let seen = if is_replay(findings) { "a recording runs" } else { "it runs" };
+            return Check::good(SUBJECT, seen);
         }
     };
     let remedy = match last.camera {
@@ -67,10 +66,17 @@ fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
     Check::fail(SUBJECT, seen, remedy)
 }
 
+fn is_replay(findings: &Findings) -> bool {
+    findings.frames.last().is_some_and(|frame| frame.instant == MarkedInstant::Recording)
+}
+
 const PLUG: &str = "check the camera's plug, cable and power, and [capture] of the box file";
 
 fn rate(findings: &Findings, rate_hz: f64) -> Check {
     let configured = findings.config().and_then(|config| config.capture.as_ref());
+    if is_replay(findings) {
+        return Check::good("rate", format!("{rate_hz:.2} Hz, as recorded"));
+    }
     let Some(wanted_hz) = configured.map(|capture| f64::from(capture.rate_hz)) else {
         return Check::good("rate", format!("{rate_hz:.2} Hz; none is configured"));
     };
@@ -116,7 +122,7 @@ fn latency(findings: &Findings, rate_hz: f64) -> Check {
     Check::new(
         Verdict::at_most(median_ms, warn_ms, fail_ms),
         "latency",
-        format!("{median_ms:.1} ms, the worst {worst_ms:.1} ms (at most {warn_ms:.0})"),
+        format!("median {median_ms:.1} ms (at most {warn_ms:.0}), worst {worst_ms:.1} ms"),
         "lower rate_hz, or give the measurement a core with cpu and realtime_priority",
     )
 }
@@ -167,6 +173,8 @@ mod tests {
         let mut replay = healthy();
         replay.config.as_mut().unwrap().as_mut().unwrap().capture = None;
         assert_says(&check(&replay, "rate"), Verdict::Good, &["none is configured"]);
+        replay.frames.last_mut().unwrap().instant = MarkedInstant::Recording;
+        assert_says(&check(&replay, "rate"), Verdict::Good, &["as recorded"]);
         replay.frames.truncate(1);
         assert_says(&check(&replay, "frames"), Verdict::Skipped, &["too few"]);
     }

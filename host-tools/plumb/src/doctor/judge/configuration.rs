@@ -80,7 +80,7 @@ fn exposure(config: &Config) -> Check {
     Check::warn(
         "exposure",
         "left to the camera, which changes it with the light",
-        "give exposure_us in the box file, by what `plumb aim` shows",
+        "fix it with `plumb aim --expose --store`, or give exposure_us in the box file",
     )
 }
 

@@ -1,39 +1,26 @@
 //! The light on the targets, and how sharp they are.
 
 use plumbline::packet::TargetView;
+use plumbline::target::Role;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};
 use super::percent;
+use crate::aim::reading::{
+    CONTRAST_MIN, FOCUS_MIN, LIGHT_MIN, MOTION_BLUR_PX_MIN, MOTION_RATIO, SATURATED_MAX,
+    focus_score,
+};
 
-/// Precision goes with the contrast: at this, a third of the white level, the spread is more
-/// than twice that in good light.
-const CONTRAST_WARN: f64 = 0.3;
+// What `plumb aim` advises against is warned of here, by the same bounds.
 
-/// Edges are barely told from the noise of 8 bits.
-const CONTRAST_FAIL: f64 = 0.12;
+/// Half of what is wanted: edges are hardly told from the noise of 8 bits.
+const CONTRAST_FAIL: f64 = 0.5 * CONTRAST_MIN as f64;
 
-/// Paper at the white level moves the edges into the dark, by as much as it shines.
-const SATURATED_WARN: f64 = 0.01;
+/// A fifth of the paper at the white level: there the edges move into the dark.
 const SATURATED_FAIL: f64 = 0.2;
 
-/// Paper darker than this wants more light; a brighter one with little contrast is veiled.
-const PAPER_DARK: f64 = 0.4;
-
-/// A lens in focus blurs by 0.6 to 0.8 px, the pixel's extent included.
-const BLUR_WARN_PX: f64 = 1.2;
-
-/// Edges are fitted up to 4 px; the squares of a target at its smallest have lost their middle.
-const BLUR_FAIL_PX: f64 = 3.0;
-
-/// A lens out of focus blurs alike in all directions; a motion does not.
-const SMEAR_RATIO: f64 = 1.5;
-
 pub fn checks(findings: &Findings) -> Vec<Check> {
-    let targets = findings.views.iter().flat_map(|view| &view.targets);
-    let mut roles: Vec<_> = targets.map(|target| target.role).collect();
-    roles.sort_by_key(|role| *role as u8);
-    roles.dedup();
+    let roles = roles_in_view(findings);
     if roles.is_empty() {
         let why = if findings.views.is_empty() { "no view came" } else { "no target is in sight" };
         return vec![Check::skipped("light", why)];
@@ -56,42 +43,59 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
     roles.into_iter().flat_map(of_one).collect()
 }
 
+/// In the order of the configuration.
+fn roles_in_view(findings: &Findings) -> Vec<Role> {
+    let configured = findings.hello.iter().flat_map(|hello| &hello.targets);
+    let is_seen = |role: &Role| {
+        let mut targets = findings.views.iter().flat_map(|view| &view.targets);
+        targets.any(|target| target.role == *role)
+    };
+    configured.map(|target| target.role).filter(is_seen).collect()
+}
+
 fn contrast(name: &str, light: f64, dark: f64) -> Check {
     let contrast = light - dark;
+    let is_dark = light < f64::from(LIGHT_MIN);
+    let verdict = Verdict::at_least(contrast, CONTRAST_MIN.into(), CONTRAST_FAIL);
     Check::new(
-        Verdict::at_least(contrast, CONTRAST_WARN, CONTRAST_FAIL),
+        if verdict == Verdict::Good { Verdict::warn_if(is_dark) } else { verdict },
         format!("{name} contrast"),
-        format!("{contrast:.2} (at least {CONTRAST_WARN}): {dark:.2} to {light:.2}"),
-        if light < PAPER_DARK {
-            "give more light, or a longer exposure, or else more gain"
+        format!(
+            "{contrast:.2} (at least {CONTRAST_MIN}): from {dark:.2} to {light:.2} (at least \
+             {LIGHT_MIN})"
+        ),
+        if is_dark {
+            "give more light, open the aperture, or expose for longer: `plumb aim --expose`"
         } else {
-            "turn lamps and windows out of the print's reflection, clean the lens, print with a \
-             deeper black on matt paper"
+            "turn lamps and windows out of the print's reflection and the lens, clean the lens, \
+             print with a deeper black on matt paper"
         },
     )
 }
 
 fn saturation(name: &str, saturated: f64) -> Check {
+    let most = f64::from(SATURATED_MAX);
     Check::new(
-        Verdict::at_most(saturated, SATURATED_WARN, SATURATED_FAIL),
+        Verdict::at_most(saturated, most, SATURATED_FAIL),
         format!("{name} white"),
-        format!("{} of it saturated (at most {})", percent(saturated), percent(SATURATED_WARN)),
-        "expose for a shorter time, or lower the gain",
+        format!("{} of it saturated (at most {})", percent(saturated), percent(most)),
+        "expose for a shorter time, or lower the gain: `plumb aim --expose`",
     )
 }
 
 fn sharpness(name: &str, blur_px: [f64; 2]) -> Check {
     let [along_x, along_y] = blur_px;
-    let worst_px = along_x.max(along_y);
-    let is_smeared = worst_px > SMEAR_RATIO * along_x.min(along_y);
+    let (more, less) = (along_x.max(along_y), along_x.min(along_y));
+    let is_smeared = more > f64::from(MOTION_RATIO) * less && more > f64::from(MOTION_BLUR_PX_MIN);
+    let score = focus_score(more as f32);
     Check::new(
-        Verdict::at_most(worst_px, BLUR_WARN_PX, BLUR_FAIL_PX),
-        format!("{name} blur"),
-        format!("{along_x:.2} and {along_y:.2} px (at most {BLUR_WARN_PX})"),
+        Verdict::at_least(score.into(), FOCUS_MIN.into(), 1.0),
+        format!("{name} focus"),
+        format!("{score} of 100 (at least {FOCUS_MIN}): blur {along_x:.2} and {along_y:.2} px"),
         if is_smeared {
             "it is smeared: expose for a shorter time in more light, and fix the camera firmly"
         } else {
-            "focus the lens, then calibrate it again"
+            "focus the lens with `plumb aim`, then calibrate it again"
         },
     )
 }
@@ -111,18 +115,20 @@ mod tests {
     fn poor_contrast_has_two_causes() {
         let dark = with(|target| (target.light, target.dark) = (0.25, 0.02));
         let check_of = |findings| check(findings, "lumbar contrast");
-        assert_says(&check_of(&dark), Verdict::Warn, &["0.23 (at least 0.3)", "more light"]);
-        let veiled = with(|target| (target.light, target.dark) = (0.9, 0.65));
-        assert_says(&check_of(&veiled), Verdict::Warn, &["0.65 to 0.90", "reflection"]);
+        assert_says(&check_of(&dark), Verdict::Warn, &["0.23 (at least 0.25)", "more light"]);
+        let dim = with(|target| (target.light, target.dark) = (0.35, 0.02));
+        assert_says(&check_of(&dim), Verdict::Warn, &["to 0.35 (at least 0.4)", "aim --expose"]);
+        let veiled = with(|target| (target.light, target.dark) = (0.9, 0.7));
+        assert_says(&check_of(&veiled), Verdict::Warn, &["0.70 to 0.90", "reflection"]);
         let night = with(|target| (target.light, target.dark) = (0.1, 0.02));
-        assert_says(&check_of(&night), Verdict::Fail, &["0.08", "longer exposure"]);
+        assert_says(&check_of(&night), Verdict::Fail, &["0.08", "expose for longer"]);
     }
 
     #[test]
     fn paper_at_the_white_level_is_too_bright() {
         let some = with(|target| target.saturated = 0.05);
         let warning = check(&some, "shoulder white");
-        assert_says(&warning, Verdict::Warn, &["5.0 % of it", "at most 1.0 %", "gain"]);
+        assert_says(&warning, Verdict::Warn, &["5.0 % of it", "at most 0.1 %", "gain"]);
         let most = with(|target| target.saturated = 0.6);
         assert_says(&check(&most, "shoulder white"), Verdict::Fail, &["60.0 %", "shorter"]);
     }
@@ -130,9 +136,11 @@ mod tests {
     #[test]
     fn blur_is_of_the_focus_or_of_a_motion() {
         let soft = with(|target| target.blur_px = [1.5, 1.6]);
-        assert_says(&check(&soft, "lumbar blur"), Verdict::Warn, &["1.50 and 1.60", "focus"]);
+        let warning = check(&soft, "lumbar focus");
+        assert_says(&warning, Verdict::Warn, &["58 of 100", "1.50 and 1.60", "calibrate"]);
         let smeared = with(|target| target.blur_px = [0.8, 3.5]);
-        assert_says(&check(&smeared, "lumbar blur"), Verdict::Fail, &["smeared", "firmly"]);
+        let failure = check(&smeared, "lumbar focus");
+        assert_says(&failure, Verdict::Fail, &["0 of 100", "smeared", "firmly"]);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use plumbline::target::Role;
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, TargetSeen, median};
 use super::percent;
+use crate::aim::reading::{COVERAGE, PITCH_PX_MIN};
 
 /// A person at rest hides no target: below this something is amiss now and then.
 const SHARE_WARN: f64 = 0.99;
@@ -15,7 +16,7 @@ const SHARE_WARN: f64 = 0.99;
 /// One frame in ten is missing: gaps are too long to be filled.
 const SHARE_FAIL: f64 = 0.9;
 
-/// A calibrated camera and a flat print leave less than a tenth of a pixel.
+/// Photographs of a board by a camera that is calibrated for it leave 0.14 px.
 const RMS_WARN_PX: f64 = 0.3;
 
 /// No pose is given above 1 px; at half of that the print does not lie as it is described.
@@ -27,11 +28,7 @@ const DEPTH_WARN_MM: f64 = 0.1;
 /// No better than the published method, which this one replaces.
 const DEPTH_FAIL_MM: f64 = 0.52;
 
-/// Of a normal distribution, 95 % lie within so many standard deviations.
-const NORMAL_95: f64 = 1.96;
-
-/// The search finds grids down to 7 px; it needs some room, and precision goes with the size.
-const PITCH_WARN_PX: f64 = 12.0;
+/// The search finds no smaller grid.
 const PITCH_FAIL_PX: f64 = 7.0;
 
 /// Corners hidden in so many frames of all are no passing hand.
@@ -64,7 +61,7 @@ fn of_one(findings: &Findings, target: &TargetSeen) -> Vec<Check> {
     ));
     let [x_mm, y_mm, z_mm] =
         [middle(|pose| pose.sd_mm[0]), middle(|pose| pose.sd_mm[1]), middle(|pose| pose.sd_mm[2])]
-            .map(|sd_mm| NORMAL_95 * sd_mm);
+            .map(|sd_mm| f64::from(COVERAGE) * sd_mm);
     checks.push(Check::new(
         Verdict::at_most(z_mm, DEPTH_WARN_MM, DEPTH_FAIL_MM),
         format!("{name} depth"),
@@ -145,9 +142,9 @@ fn size(findings: &Findings, name: &str, role: Role) -> Option<Check> {
     let pitches = targets.filter(|target| target.role == role).map(|it| f64::from(it.pitch_px));
     let pitch_px = median(pitches)?;
     Some(Check::new(
-        Verdict::at_least(pitch_px, PITCH_WARN_PX, PITCH_FAIL_PX),
+        Verdict::at_least(pitch_px, PITCH_PX_MIN.into(), PITCH_FAIL_PX),
         format!("{name} size"),
-        format!("{pitch_px:.1} px from corner to corner (at least {PITCH_WARN_PX:.0})"),
+        format!("{pitch_px:.1} px from corner to corner (at least {PITCH_PX_MIN:.0})"),
         "go nearer, take a longer lens, or print the target larger",
     ))
 }
@@ -242,7 +239,7 @@ mod tests {
             }
             check(&findings, "shoulder size")
         };
-        assert_says(&of(10.0), Verdict::Warn, &["10.0 px", "at least 12", "nearer"]);
+        assert_says(&of(10.0), Verdict::Warn, &["10.0 px", "at least 15", "nearer"]);
         assert_says(&of(6.0), Verdict::Fail, &["6.0 px", "larger"]);
     }
 }

@@ -1,0 +1,441 @@
+//! What a technician reads while setting up a live box: the box's real program looks at a
+//! rendered scene, and one that refuses its configuration is played.
+
+#[path = "../../../tests/common/runner.rs"]
+mod runner;
+
+use std::net::{SocketAddr, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use plumb::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
+use plumb::simulate::sensor::Sensor;
+use plumbline::config::Config;
+use plumbline::lens::{Distortion, Lens};
+use plumbline::packet::{
+    Action, Command as Question, Document, Hello, Log, LogLevel, Message, PACKET_BYTES_MAX,
+    Refusal, Reply, ReplyOutcome, ResetReason, decode_datagram, encode_datagram,
+};
+use plumbline::pose::Pose;
+use plumbline::target::{Origin, Role, TargetGeometry};
+use tempfile::TempDir;
+
+const CAMERA: &str = "width_px = 640
+height_px = 480
+fx_px = 800.0
+fy_px = 800.0
+cx_px = 319.5
+cy_px = 239.5
+model = \"radial2\"
+distortion = [0.0, 0.0]
+";
+
+const PAIR: &str = "[[target]]
+name = \"lumbar\"
+role = \"lower\"
+columns = 6
+rows = 5
+pitch_mm = 12.0
+[[target]]
+name = \"shoulder\"
+role = \"upper\"
+columns = 5
+rows = 4
+pitch_mm = 12.0
+";
+
+const BOARD: &str = "[[target]]
+name = \"board\"
+role = \"scene\"
+columns = 9
+rows = 6
+pitch_mm = 12.0
+";
+
+/// Where the three of them are: x, y, z. The board hangs upright, turned by 0.1 rad.
+const PLACES: [(u8, u8, [f64; 3]); 3] =
+    [(6, 5, [-120.0, 70.0, 650.0]), (5, 4, [110.0, 70.0, 650.0]), (9, 6, [10.0, -80.0, 650.0])];
+
+const BOARD_TURN_RAD: f64 = 0.1;
+
+const RATE_HZ: usize = 15;
+
+/// Longer than any of these tests listens; one that needs more starts it again.
+const SECONDS: usize = 40;
+
+/// The recording that the box replays.
+fn recording() -> Vec<u8> {
+    let lens = Lens {
+        width_px: 640,
+        height_px: 480,
+        fx_px: 800.0,
+        fy_px: 800.0,
+        cx_px: 319.5,
+        cy_px: 239.5,
+        skew_px: 0.0,
+        distortion: Distortion::Radial2([0.0; 2]),
+    };
+    let prints = PLACES.map(|(columns, rows, _)| {
+        let checker =
+            TargetGeometry::checker(columns, rows, 12.0, Origin::Center, Role::Scene, [0.0; 3]);
+        Board::new(&checker.unwrap(), 12.0, Ink { black: 25.0, white: 210.0 })
+    });
+    let placed: Vec<PlacedBoard<'_>> = prints
+        .iter()
+        .zip(PLACES)
+        .map(|(board, (_, _, [x, y, z]))| {
+            let cam_from_target = Pose::from_theta([0.0, BOARD_TURN_RAD, 0.0, x, y, z]);
+            PlacedBoard { board, cam_from_target }
+        })
+        .collect();
+    let mut picture = Picture::uniform(640, 480, 110.0);
+    render_targets(&lens, 0.6, &placed, |_, _| 1.0, &mut picture);
+    // The same few over and over: what differs is the noise.
+    let frames: Vec<Vec<u8>> = (0..5)
+        .map(|frame| {
+            let mut samples = vec![0_u8; 640 * 480];
+            Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, 3, frame, &mut samples);
+            samples
+        })
+        .collect();
+    let mut bytes = Vec::new();
+    let mut encoder = y4m::encode(640, 480, y4m::Ratio::new(RATE_HZ, 1))
+        .with_colorspace(y4m::Colorspace::Cmono)
+        .write_header(&mut bytes)
+        .unwrap();
+    for luma in frames.iter().cycle().take(RATE_HZ * SECONDS) {
+        encoder.write_frame(&y4m::Frame::new([luma, &[], &[]], None)).unwrap();
+    }
+    bytes
+}
+
+/// The box's program, if it is built.
+fn board() -> Option<PathBuf> {
+    let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
+    if !board.exists() {
+        println!("skipped: {} is not built; test the whole workspace", board.display());
+        return None;
+    }
+    Some(board)
+}
+
+/// A port of this computer that nobody listens at.
+fn free_port() -> SocketAddr {
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
+}
+
+/// A directory with the files of a box, and the address at which it is heard.
+struct Bench {
+    folder: TempDir,
+    udp: SocketAddr,
+}
+
+impl Bench {
+    fn new(targets: &str) -> Self {
+        let bench = Self { folder: tempfile::tempdir().unwrap(), udp: free_port() };
+        bench.write("camera.toml", CAMERA);
+        bench.write("targets.toml", targets);
+        bench.write("box.toml", &bench.settings("PL-0001", bench.udp));
+        bench
+    }
+
+    fn settings(&self, serial_number: &str, udp: SocketAddr) -> String {
+        format!(
+            "device = \"ward 3\"\nserial_number = \"{serial_number}\"\n\
+             [capture]\ndriver = \"v4l2\"\npixel_format = \"grey\"\nrate_hz = {RATE_HZ}.0\n\
+             exposure_us = 4000\n[links]\nudp = \"{udp}\"\n"
+        )
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).unwrap();
+    }
+
+    fn config(&self, name: &str) -> Config {
+        Config::decode(&std::fs::read(self.path(name)).unwrap()).unwrap()
+    }
+
+    /// `plumb`, from the files of this directory; UDP stands for the address.
+    fn plumb(&self, arguments: &str) -> Said {
+        let udp = self.udp.to_string();
+        let output = runner::command(env!("CARGO_BIN_EXE_plumb"))
+            .args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }))
+            .current_dir(self.folder.path())
+            .output()
+            .unwrap();
+        Said::of(arguments, &output)
+    }
+
+    fn provision(&self, more: &str) -> Said {
+        self.plumb(&format!("provision --camera camera.toml --targets targets.toml {more}"))
+    }
+
+    /// Makes the configuration and the recording, and starts the box with both.
+    fn start(&self, board: &Path, is_supervised: bool) -> Running {
+        self.provision("--box box.toml --out box.plb").exits(0);
+        std::fs::write(self.path("trial.y4m"), recording()).unwrap();
+        Running::start(board, self.folder.path(), is_supervised)
+    }
+}
+
+/// How a program ended and what it said.
+struct Said {
+    arguments: String,
+    code: Option<i32>,
+    text: String,
+}
+
+impl Said {
+    fn of(arguments: &str, output: &Output) -> Self {
+        let text = [&output.stdout[..], &output.stderr].concat();
+        let text = String::from_utf8(text).unwrap();
+        Self { arguments: arguments.to_owned(), code: output.status.code(), text }
+    }
+
+    #[track_caller]
+    fn exits(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "{}: {}", self.arguments, self.text);
+        self
+    }
+
+    #[track_caller]
+    fn says(self, parts: &[&str]) -> Self {
+        for part in parts {
+            assert!(self.text.contains(part), "no {part:?} in {}: {}", self.arguments, self.text);
+        }
+        self
+    }
+}
+
+/// The box's program; started again whenever it ends, until this is dropped.
+struct Running {
+    stop: Arc<AtomicBool>,
+    supervisor: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    fn start(board: &Path, directory: &Path, is_supervised: bool) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut command: Command = runner::command(board);
+        command
+            .args(["--config", "box.plb", "--replay", "trial.y4m"])
+            .args(is_supervised.then_some("--supervised"))
+            .current_dir(directory)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
+        let stopped = Arc::clone(&stop);
+        let supervisor = std::thread::spawn(move || {
+            while !stopped.load(Ordering::Relaxed) {
+                let mut child = command.spawn().unwrap();
+                while child.try_wait().unwrap().is_none() {
+                    if stopped.load(Ordering::Relaxed) {
+                        child.kill().unwrap();
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+            }
+        });
+        Self { stop, supervisor: Some(supervisor) }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let supervisor = self.supervisor.take();
+        assert!(supervisor.is_some_and(|it| it.join().is_ok()) || std::thread::panicking());
+    }
+}
+
+#[test]
+fn a_live_box_takes_a_configuration_and_gives_it_back() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(PAIR);
+    let _running = bench.start(&board, true);
+    let crc = format!("{:08x}", bench.config("box.plb").crc());
+    let met = format!("ward 3 (PL-0001), plumbline {}, configuration", env!("CARGO_PKG_VERSION"));
+    bench.plumb("show --udp UDP --out shown").exits(0).says(&[&met, &crc, "written to shown/"]);
+    let again = "provision --camera shown/camera.toml --targets shown/targets.toml \
+                 --box shown/box.toml --out again.plb";
+    bench.plumb(again).exits(0);
+    assert_eq!(bench.config("again.plb"), bench.config("box.plb"));
+
+    bench.write("other.toml", &bench.settings("PL-0002", bench.udp));
+    let other = "--box other.toml --send --via-udp UDP";
+    bench.provision(other).exits(2).says(&[&met, "(PL-0001), and", "(PL-0002)", "--force"]);
+    bench.provision("--send --via-udp UDP").exits(2).says(&["\"plumbline\" (0)", "--force"]);
+    assert_eq!(format!("{:08x}", bench.config("box.plb").crc()), crc, "nothing was sent");
+
+    let said = bench.provision(&format!("{other} --force --out sent.plb")).exits(0);
+    let sent = bench.config("sent.plb");
+    let stored = format!("stored, checksum {:08x}", sent.crc());
+    said.says(&[&met, &stored, "the box has started anew with it"]);
+    assert_eq!(bench.config("box.plb"), sent);
+
+    // It will be heard elsewhere, which is no fault.
+    let elsewhere = free_port();
+    bench.write("away.toml", &bench.settings("PL-0002", elsewhere));
+    let away = "--box away.toml --send --via-udp UDP";
+    let warning = format!("warning: the box will send by UDP to {elsewhere}, and not to");
+    let kept = ["in use from the box's next start"];
+    bench.provision(&format!("{away} --no-restart")).exits(0).says(&[&warning]).says(&kept);
+    bench.provision(away).exits(0).says(&[&warning, "not heard here any more"]);
+}
+
+#[test]
+fn a_program_that_nobody_starts_again_is_not_restarted() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(PAIR);
+    let _running = bench.start(&board, false);
+    bench
+        .provision("--box box.toml --send --via-udp UDP")
+        .exits(0)
+        .says(&["stored, checksum", "takes effect at its next start"]);
+    bench.plumb("scene --udp UDP --store").exits(2).says(&[
+        "looks for lumbar, shoulder, and for no target of the role \"scene\"",
+        "provision it again",
+    ]);
+}
+
+#[test]
+fn a_live_box_measures_its_scene_and_the_doctor_finds_it_well() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(&format!("{PAIR}{BOARD}"));
+    let _running = bench.start(&board, true);
+    let before = bench.plumb("doctor --udp UDP --seconds 2 --config box.plb").exits(0);
+    before.says(&["warn  scene ", "plumb scene --store", "ok    board poses", ", 0 failed"]);
+
+    let said = bench.plumb("scene --udp UDP --out scene.toml --store").exits(0);
+    said.says(&["ward 3 (PL-0001)", "spread of one frame 0.0", "leans by 0.", "stored, checksum"])
+        .says(&["written to scene.toml", "the box has started anew with it"]);
+    let stored = bench.config("box.plb").cam_from_scene_theta.unwrap();
+    let written = plumb::files::scene::read(&bench.path("scene.toml")).unwrap();
+    assert_eq!(stored, written.cam_from_scene_theta);
+    let [_, turn_rad, _, x_mm, y_mm, z_mm] = stored;
+    assert!((turn_rad - BOARD_TURN_RAD).abs() < 2e-3, "{turn_rad}");
+    let [x, y, z] = PLACES[2].2;
+    assert!((x_mm - x).abs() + (y_mm - y).abs() + (z_mm - z).abs() < 0.3, "{stored:?}");
+
+    let other = bench.plumb("doctor --udp UDP --seconds 2").exits(0);
+    other.says(&["ok    scene ", "ok    lumbar depth", "ok    camera", "a recording runs"]);
+    bench.provision("--box box.toml --out other.plb --force").exits(0);
+    let other = bench.plumb("doctor --udp UDP --seconds 1 --config other.plb").exits(1);
+    other.says(&["FAIL  configuration", "and other.plb is", "plumb show", ", 1 failed"]);
+}
+
+#[test]
+fn where_no_box_is_heard_that_is_the_failure() {
+    let bench = Bench::new(PAIR);
+    let said = bench.plumb("doctor --udp UDP").exits(1);
+    said.says(&["FAIL  link", "no box is heard; check that the box is on", "skip  camera"]);
+    bench.plumb("show --udp UDP").exits(2).says(&["no box is heard; check that the box is on"]);
+    let _taken = UdpSocket::bind(bench.udp).unwrap();
+    bench.plumb("doctor --udp UDP").exits(2).says(&["another program listens there"]);
+}
+
+/// A box that refuses its configuration, until it has been sent a better one.
+fn refusing_box(host: SocketAddr, stop: &AtomicBool) {
+    const WHY: &str = "configuration refused: links.udp: neither address nor port may be 0";
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    let send = |message: &Message| {
+        let mut buffer = [0; PACKET_BYTES_MAX];
+        // Nobody may listen yet.
+        let _ = socket.send_to(encode_datagram(message, &mut buffer).unwrap(), host);
+    };
+    let mut blob = Vec::new();
+    let (mut restarted_with, mut say_at) = (None, Instant::now());
+    let mut stored = None;
+    while !stop.load(Ordering::Relaxed) {
+        if Instant::now() >= say_at {
+            say_at = Instant::now() + Duration::from_millis(200);
+            send(&restarted_with.map_or_else(
+                || {
+                    Message::Log(Log {
+                        uptime_ms: 9000,
+                        level: LogLevel::Error,
+                        target: "boot".try_into().unwrap(),
+                        text: WHY.try_into().unwrap(),
+                        cut: 0,
+                    })
+                },
+                hello,
+            ));
+        }
+        let mut datagram = [0; PACKET_BYTES_MAX];
+        let Ok(length) = socket.recv(&mut datagram) else { continue };
+        let Ok(message) = decode_datagram(&datagram[..length]) else { continue };
+        match message {
+            Message::Part(part) if part.document == Document::Config => {
+                blob.truncate(part.offset as usize);
+                blob.extend_from_slice(&part.bytes);
+            }
+            Message::Command(Question { id, action }) => {
+                let outcome = match action {
+                    Action::StoreConfig { crc, .. } => {
+                        assert_eq!(Config::decode(&blob).unwrap().crc(), crc);
+                        stored = Some(crc);
+                        ReplyOutcome::Stored { crc }
+                    }
+                    Action::Reboot => ReplyOutcome::Accepted,
+                    _ => ReplyOutcome::Refused {
+                        refusal: Refusal::NotSupported,
+                        reason: WHY.try_into().unwrap(),
+                    },
+                };
+                send(&Message::Reply(Reply { id, outcome }));
+                if action == Action::Reboot {
+                    restarted_with = stored;
+                }
+            }
+            _ => (),
+        }
+    }
+}
+
+fn hello(config_crc: u32) -> Message {
+    Message::Hello(Hello {
+        device: "ward 3".try_into().unwrap(),
+        serial_number: "PL-0001".try_into().unwrap(),
+        firmware: "plumbline".try_into().unwrap(),
+        config_crc,
+        boot_id: 1,
+        boot_count: None,
+        reset_reason: ResetReason::PowerOn,
+        width_px: 640,
+        height_px: 480,
+        targets: heapless::Vec::new(),
+    })
+}
+
+#[test]
+fn a_box_that_refuses_its_configuration_is_quoted_and_takes_another() {
+    let bench = Bench::new(PAIR);
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| refusing_box(bench.udp, &stop));
+        const WHY: &str = "links.udp: neither address nor port may be 0";
+        let doctor = bench.plumb("doctor --udp UDP");
+        let show = bench.plumb("show --udp UDP");
+        let without = bench.provision("--udp 127.0.0.1:4210 --send --via-udp UDP");
+        let provision = bench.provision("--box box.toml --send --via-udp UDP");
+        stop.store(true, Ordering::Relaxed);
+        let refused = ["FAIL  box", WHY, "`plumb provision --send`", "skip  light"];
+        doctor.exits(1).says(&refused);
+        show.exits(2).says(&["the box tracks nothing", WHY, "`plumb provision --send`"]);
+        // It is no replay: it would refuse this one too.
+        without.exits(2).says(&["a box that tracks nothing", "capture: no camera is given"]);
+        provision
+            .exits(0)
+            .says(&["a box that tracks nothing; it says: ", WHY])
+            .says(&["stored, checksum", "the box has started anew with it"]);
+    });
+}
