@@ -19,6 +19,7 @@ use plumbline::packet::{MeasuredPose, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::{NoPose, Report, TargetState};
 
+use crate::files::camera::is_stand_in;
 use crate::files::frames::{Frame, Pixels};
 
 /// Axes reach this many squares from the origin.
@@ -197,8 +198,13 @@ impl Canvas {
             }
         }
         if let Some(top_left) = places.into_iter().flatten().reduce(Point::component_min) {
-            let z_mm = cam_from_target.translation_mm.z;
-            let text = format!("{} z {z_mm:.1} mm, {corners}/{count}", target.name);
+            // Of a camera that is not calibrated, the depth says nothing.
+            let depth = if is_stand_in(lens) {
+                String::new()
+            } else {
+                format!(" z {:.1} mm", cam_from_target.translation_mm.z)
+            };
+            let text = format!("{}{depth}, {corners}/{count}", target.name);
             let clear_px = (LABEL_CLEAR_PX * scale) as i32 + 4;
             let height_px = self.font().character_size.height as i32;
             let place = top_left - Point::new(0, clear_px + height_px);

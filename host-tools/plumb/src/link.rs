@@ -5,14 +5,13 @@
 //! until all are there and its checksum agrees. Nothing here waits without a limit.
 
 use std::net::{Ipv4Addr, SocketAddr};
-use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
-    Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Picture, Refusal,
-    Reply, ReplyOutcome, document_crc,
+    Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply,
+    ReplyOutcome,
 };
 
 use crate::error::BadInput;
@@ -47,14 +46,8 @@ const STORED_WITHIN: Duration = Duration::from_secs(3);
 /// A question is put this often at most.
 const TRIES: usize = 6;
 
-/// Parts that have been asked for come without a pause as long as this.
-const PART_WITHIN: Duration = Duration::from_millis(500);
-
 /// A document is given up when this many requests for it bring nothing.
 const BARREN_MAX: usize = 6;
-
-/// No frame of any camera here takes more.
-const PICTURE_BYTES_MAX: u32 = 64 << 20;
 
 /// How to reach a box: it sends to this computer, and answers where it is asked.
 #[derive(Debug, Clone, Args)]
@@ -305,77 +298,29 @@ impl BoxLink {
         }
     }
 
-    /// Fetches a document of known length; `progress` is told how much of it is there.
+    /// Fetches a document of known length.
     ///
     /// # Errors
     /// When the box refuses, or parts do not come.
-    fn fetch(
-        &mut self,
-        document: Document,
-        bytes: usize,
-        mut progress: impl FnMut(usize),
-    ) -> Result<Vec<u8>, BadInput> {
-        let mut file = vec![0; bytes];
-        let mut missing = Missing::all(bytes);
-        let mut barren = 0;
-        while let Some(range) = missing.first() {
-            let before = missing.bytes();
-            let (offset, count) = (range.start as u32, range.len() as u32);
-            let id = self.send(Action::SendParts { document, offset, bytes: count });
-            let mut refused = None;
-            let mut quiet_at = Instant::now() + ANSWER_WITHIN;
-            while missing.first().is_some_and(|first| first.start < range.end)
-                && Instant::now() < quiet_at
-                && refused.is_none()
-            {
-                self.transport.poll(&mut |event| match event {
-                    Event::Message(Message::Part(part)) if part.document == document => {
-                        let start = part.offset as usize;
-                        let place = start..start + part.bytes.len();
-                        if let Some(room) = file.get_mut(place.clone()) {
-                            room.copy_from_slice(&part.bytes);
-                            missing.remove(&place);
-                            quiet_at = Instant::now() + PART_WITHIN;
-                        }
-                    }
-                    Event::Message(Message::Reply(reply)) if reply.id == id => {
-                        if let ReplyOutcome::Refused { refusal, reason } = reply.outcome {
-                            refused = Some((refusal, reason));
-                        }
-                    }
-                    _ => {}
-                })?;
-                progress(bytes - missing.bytes());
+    fn fetch(&mut self, document: Document, bytes: usize) -> Result<Vec<u8>, BadInput> {
+        let mut download = Download::new(document, bytes);
+        loop {
+            if let Some(file) = download.file() {
+                return Ok(file.to_vec());
             }
-            if let Some((refusal, reason)) = refused {
-                return Err(self.refused("to send it", refusal, &reason));
+            let now = Instant::now();
+            if let Some(action) = download.due(now).map_err(|stopped| self.stopped(&stopped))? {
+                let id = self.send(action);
+                download.asked(id, now);
             }
-            barren = if missing.bytes() < before { 0 } else { barren + 1 };
-            if barren == BARREN_MAX {
-                return Err(self.no_answer("a request for a part of a document"));
-            }
+            let mut taken = Ok(());
+            self.transport.poll(&mut |event| {
+                if let (Event::Message(message), Ok(())) = (event, &taken) {
+                    taken = download.take(&message, Instant::now());
+                }
+            })?;
+            taken.map_err(|stopped| self.stopped(&stopped))?;
         }
-        Ok(file)
-    }
-
-    /// The file of a picture that the box has taken.
-    ///
-    /// # Errors
-    /// When it does not come, or is damaged.
-    pub fn picture(
-        &mut self,
-        picture: &Picture,
-        progress: impl FnMut(usize),
-    ) -> Result<Vec<u8>, BadInput> {
-        if picture.bytes > PICTURE_BYTES_MAX {
-            return Err(self.nonsense("a picture larger than any camera's"));
-        }
-        let document = Document::Picture(picture.number);
-        let file = self.fetch(document, picture.bytes as usize, progress)?;
-        if document_crc(&file) != picture.crc {
-            return Err(self.nonsense("a picture that does not have the checksum it gave"));
-        }
-        Ok(file)
     }
 
     /// The box's configuration.
@@ -393,7 +338,7 @@ impl BoxLink {
         if bytes as usize > BLOB_BYTES_MAX {
             return Err(self.nonsense("a configuration larger than any"));
         }
-        let blob = self.fetch(Document::Config, bytes as usize, |_| {})?;
+        let blob = self.fetch(Document::Config, bytes as usize)?;
         let config = Config::decode(&blob).map_err(|error| {
             BadInput::whole(&self.place, error, "update the older of the two programs")
         })?;
@@ -471,50 +416,5 @@ impl BoxLink {
             format!("the box sends {what}"),
             "try again; if it happens again, update the older of the two programs",
         )
-    }
-}
-
-/// Which bytes of a document are not there yet, in order.
-struct Missing(Vec<Range<usize>>);
-
-impl Missing {
-    fn all(bytes: usize) -> Self {
-        let whole = 0..bytes;
-        Self(std::iter::once(whole).filter(|range| !range.is_empty()).collect())
-    }
-
-    fn first(&self) -> Option<Range<usize>> {
-        self.0.first().cloned()
-    }
-
-    fn bytes(&self) -> usize {
-        self.0.iter().map(ExactSizeIterator::len).sum()
-    }
-
-    fn remove(&mut self, there: &Range<usize>) {
-        let cut = |range: &Range<usize>| {
-            let before = range.start..range.end.min(there.start);
-            let after = range.start.max(there.end)..range.end;
-            [before, after].into_iter().filter(|rest| !rest.is_empty())
-        };
-        self.0 = self.0.iter().flat_map(cut).collect();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_missing_shrinks_by_what_is_there() {
-        let mut missing = Missing::all(100);
-        for there in [20..30, 25..40, 90..120, 0..10, 10..10] {
-            missing.remove(&there);
-        }
-        assert_eq!(missing.0, [10..20, 40..90]);
-        assert_eq!((missing.bytes(), missing.first()), (60, Some(10..20)));
-        missing.remove(&(0..100));
-        assert_eq!((missing.bytes(), missing.first()), (0, None));
-        assert_eq!(Missing::all(0).first(), None);
     }
 }

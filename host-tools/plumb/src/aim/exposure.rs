@@ -14,6 +14,8 @@
 
 use plumbline::packet::View;
 
+use super::reading::SATURATED_MAX;
+
 /// The brightest target's light squares are brought here, as a part of white: bright, and so far
 /// below white that a step towards the light does not saturate them.
 const LIGHT_GOAL: f32 = 0.75;
@@ -25,9 +27,6 @@ const LIGHT_TOLERANCE: f32 = 0.05;
 /// found then, to the next: paper may be much brighter than the room, or darker.
 const FRAME_GOALS: [f32; 3] = [0.35, 0.15, 0.6];
 const FRAME_TOLERANCE: f32 = 0.25;
-
-/// Part of the light squares' pixels that may be white.
-pub const SATURATED_MAX: f32 = 0.001;
 
 /// Levels from here on do not say how bright it is.
 const LEVEL_CERTAIN_MAX: f32 = 0.95;

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
+use plumbline::packet::LinkKind;
 
 use crate::draw;
 use crate::error::BadInput;
@@ -51,11 +52,16 @@ use terminal::Graphics;
 #[command(
     allow_negative_numbers = true,
     after_help = "Examples:
-  plumb aim                                                 a box that sends to this computer's port 4210
-  plumb aim --serial /dev/ttyUSB0 --graphics blocks
-  plumb aim --stills photos --count 15 --every 5 --board 9x6    photographs for plumb calibrate
-  plumb aim --expose --store
-  plumb aim --png view.png --once"
+  A box that sends to this computer's port 4210:
+    plumb aim
+  Over a serial line, in a terminal without sixels:
+    plumb aim --serial /dev/ttyUSB0 --graphics blocks
+  Exposure and gain, by the targets, into the box's configuration:
+    plumb aim --expose --store
+  Photographs for plumb calibrate:
+    plumb aim --stills photos --count 15 --every 5 --board 9x6
+  A picture for a report:
+    plumb aim --png view.png --reduction 1 --once"
 )]
 pub struct Arguments {
     /// Where the box sends to.
@@ -133,6 +139,12 @@ const REDUCTION_SERIAL: u8 = 4;
 /// # Errors
 /// When an option, the box or an output cannot be used.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let is_live = !arguments.expose && live::is_possible(arguments);
+    if arguments.stills.is_some() && arguments.count.is_none() && !is_live {
+        let found = "without a terminal there is no key to take stills with";
+        let remedy = "say how many to take with --count";
+        return Err(BadInput::whole("--stills", found, remedy).into());
+    }
     let mut stills = Stills::new(arguments)?;
     let stop = receive::stop_on_signals()?;
     let mut session = Session::begin(&arguments.link)?;
@@ -142,11 +154,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         config.device, config.serial_number
     );
     let until = Until { stop: &stop, at: Instant::now() + arguments.duration };
-    let mut watch = Watch::new(arguments);
+    let mut watch = Watch::new(arguments, session.kind());
     let mut exposed = None;
     let outcome = if arguments.expose {
         expose::find(&mut session, until).map(|found| exposed = found)
-    } else if live::is_possible(arguments) {
+    } else if is_live {
         live::run(arguments, &mut session, &mut stills, &mut watch, until)
     } else {
         plain::run(arguments, &mut session, &mut stills, &mut watch, until)
@@ -188,8 +200,8 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(arguments: &Arguments) -> Self {
-        let usual = if arguments.link.serial.is_some() { REDUCTION_SERIAL } else { REDUCTION_UDP };
+    fn new(arguments: &Arguments, kind: LinkKind) -> Self {
+        let usual = if kind == LinkKind::Serial { REDUCTION_SERIAL } else { REDUCTION_UDP };
         Self { best: BestFocus::default(), reduction: arguments.reduction.unwrap_or(usual) }
     }
 

@@ -1,15 +1,17 @@
 //! What a technician is told of a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
-use plumbline::packet::{PosePacket, TargetView, View};
+use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
+
+use crate::files::camera;
 
 /// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is
 /// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.
 const BLUR_BEST_PX: f32 = 0.6;
 
-/// Blur at which a frame is of no use: an edge then takes up half a square of 15 px.
+/// Blur at which a frame is of no use: the smallest squares have lost their middle.
 const BLUR_WORST_PX: f32 = 3.0;
 
 /// A lens whose score is below this can be turned to something better.
@@ -153,13 +155,16 @@ pub fn read(
     pose: Option<&PosePacket>,
     best: &mut BestFocus,
 ) -> Reading {
+    let is_calibrated = !camera::is_stand_in(&config.lens);
     let targets: Vec<_> = config
         .targets
         .iter()
         .map(|target| {
             let role = target.geometry.role();
             let seen = view.targets.iter().find(|seen| seen.role == role);
-            target_reading(&target.name, role, seen, pose, best)
+            let found =
+                pose.and_then(|pose| pose.targets.iter().find(|target| target.role == role));
+            target_reading(&target.name, is_calibrated, seen, found, best)
         })
         .collect();
     Reading { frame: frame_reading(view, best), targets }
@@ -167,17 +172,16 @@ pub fn read(
 
 fn target_reading(
     name: &str,
-    role: Role,
+    is_calibrated: bool,
     seen: Option<&TargetView>,
-    pose: Option<&PosePacket>,
+    found: Option<&TargetPacket>,
     best: &mut BestFocus,
 ) -> TargetReading {
-    let found = pose.and_then(|pose| pose.targets.iter().find(|target| target.role == role));
     let mut numbers = Vec::new();
     let mut advice = Vec::new();
     if let Some(seen) = seen {
-        let [x, y] = seen.blur_px;
-        let focus = best.with(Some(role), focus_score(((x * x + y * y) / 2.0).sqrt()));
+        // A picture is as sharp as the worse of its directions.
+        let focus = best.with(Some(seen.role), focus_score(seen.blur_px[0].max(seen.blur_px[1])));
         numbers.push(format!("focus {} (best {})", focus.score, focus.best));
         numbers.push(format!("contrast {:.2}", seen.light - seen.dark));
         numbers.push(format!("light {:.2}", seen.light));
@@ -191,9 +195,13 @@ fn target_reading(
     };
     match found.map(|found| &found.pose) {
         Some(Ok(pose)) => {
-            let [x, y, z] = pose.translation_mm;
-            numbers.push(format!("{:.0} mm away", (x * x + y * y + z * z).sqrt()));
-            numbers.push(format!("depth +-{:.3} mm per frame", COVERAGE * pose.sd_mm[2]));
+            if is_calibrated {
+                let [x, y, z] = pose.translation_mm;
+                numbers.push(format!("{:.0} mm away", (x * x + y * y + z * z).sqrt()));
+                numbers.push(format!("depth +-{:.3} mm per frame", COVERAGE * pose.sd_mm[2]));
+            } else {
+                numbers.push("no distance before the calibration".to_owned());
+            }
         }
         Some(Err(why)) => {
             state = format!("{state}, {}", why.words());
@@ -297,7 +305,7 @@ mod tests {
     };
 
     fn told(seen: &TargetView, best: &mut BestFocus) -> TargetReading {
-        target_reading("lumbar", Role::Lower, Some(seen), None, best)
+        target_reading("lumbar", true, Some(seen), None, best)
     }
 
     #[test]
@@ -312,7 +320,7 @@ mod tests {
         assert_eq!(reading.advice, [""; 0]);
         assert_eq!(
             reading.line(),
-            "lumbar: acquiring, focus 97 (best 97), contrast 0.65, light 0.75, saturated 0.0 %, \
+            "lumbar: acquiring, focus 96 (best 96), contrast 0.65, light 0.75, saturated 0.0 %, \
              28.0 px per square"
         );
     }
@@ -333,8 +341,8 @@ mod tests {
                 "blurred in one direction: hold it still, or expose less",
             ),
             (
-                TargetView { blur_px: [1.2, 1.2], ..GOOD },
-                "turn the lens: 75 of 100, best so far 97",
+                TargetView { blur_px: [1.3, 1.2], ..GOOD },
+                "turn the lens: 71 of 100, best so far 96",
             ),
         ];
         told(&GOOD, &mut best);
@@ -342,9 +350,9 @@ mod tests {
             assert_eq!(told(&seen, &mut best).advice, [advice]);
         }
         // Never better than now: there is nothing to go back to.
-        let blurred = TargetView { blur_px: [1.2, 1.2], ..GOOD };
+        let blurred = TargetView { blur_px: [1.3, 1.3], ..GOOD };
         let advice = told(&blurred, &mut BestFocus::default()).advice;
-        assert_eq!(advice, ["turn the lens: 75 of 100"]);
+        assert_eq!(advice, ["turn the lens: 71 of 100"]);
     }
 
     #[test]

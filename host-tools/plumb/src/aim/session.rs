@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
 use plumbline::packet::{
-    AIM_S_MAX, Action, CameraState, Document, Health, Message, Picture, PosePacket, Refusal, Reply,
-    ReplyOutcome, View, document_crc,
+    AIM_S_MAX, Action, CameraState, Document, Health, LinkKind, Message, Picture, PosePacket,
+    Refusal, Reply, ReplyOutcome, View, document_crc,
 };
 
 use crate::error::BadInput;
 use crate::link::{BoxLink, Download, LinkArguments, Stopped};
+use crate::waiting::Waiting;
 
 /// The mode is asked for so long: the box falls out of it soon when this program is gone.
 const MODE_S: u16 = 20;
@@ -101,8 +102,11 @@ impl Session {
     /// When no box is heard, or it refuses.
     pub fn begin(arguments: &LinkArguments) -> Result<Self, BadInput> {
         let mut link = arguments.open()?;
-        link.hello()?;
-        let config = link.config()?;
+        let config = {
+            let _waiting = Waiting::new(format!("listening at {}", link.place()));
+            link.hello()?;
+            link.config()?
+        };
         link.request(Action::Aim { seconds: MODE_S }, "set-up mode")?;
         let now = Instant::now();
         Ok(Self {
@@ -136,6 +140,11 @@ impl Session {
     /// What the box runs with.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// What the way to it goes over.
+    pub fn kind(&self) -> LinkKind {
+        self.link.kind()
     }
 
     /// How to call the way to it.

@@ -27,6 +27,8 @@ use crate::files::{self, refuse_overwriting, targets};
 /// Exit code 0: a calibration was written (look at its verdict); 2: there is none.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
+  plumb aim --stills photos --count 15 --every 5 --board 9x7    the photographs, taken by a box
+  plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.png
   plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.jpg
   plumb calibrate --board 9x7 --pitch-mm 20 --model brown5 --plot residuals.svg --out camera.toml photos/*.png
 

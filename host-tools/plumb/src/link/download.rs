@@ -5,12 +5,15 @@
 //! slow line.
 
 use std::ops::Range;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use plumbline::packet::{Action, Document, Message, Refusal, ReplyOutcome};
 
-use super::{ANSWER_WITHIN, BARREN_MAX, BoxLink, Missing, PART_WITHIN};
+use super::{ANSWER_WITHIN, BARREN_MAX, BoxLink};
 use crate::error::BadInput;
+
+/// Parts that have been asked for come without a pause as long as this.
+const PART_WITHIN: Duration = Duration::from_millis(500);
 
 /// A document of known length under way.
 pub struct Download {
@@ -123,6 +126,33 @@ impl Download {
     }
 }
 
+/// Which bytes of a document are not there yet, in order.
+struct Missing(Vec<Range<usize>>);
+
+impl Missing {
+    fn all(bytes: usize) -> Self {
+        let whole = 0..bytes;
+        Self(std::iter::once(whole).filter(|range| !range.is_empty()).collect())
+    }
+
+    fn first(&self) -> Option<Range<usize>> {
+        self.0.first().cloned()
+    }
+
+    fn bytes(&self) -> usize {
+        self.0.iter().map(ExactSizeIterator::len).sum()
+    }
+
+    fn remove(&mut self, there: &Range<usize>) {
+        let cut = |range: &Range<usize>| {
+            let before = range.start..range.end.min(there.start);
+            let after = range.start.max(there.end)..range.end;
+            [before, after].into_iter().filter(|rest| !rest.is_empty())
+        };
+        self.0 = self.0.iter().flat_map(cut).collect();
+    }
+}
+
 impl BoxLink {
     /// What a download that cannot go on is to the user.
     #[must_use]
@@ -136,8 +166,6 @@ impl BoxLink {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use plumbline::packet::{Part, Reply};
 
     use super::*;
@@ -196,5 +224,18 @@ mod tests {
         let last = BARREN_MAX as u16 - 1;
         let stopped = Stopped::Refused(Refusal::NotAiming, "why".into());
         assert_eq!(download.take(&refusal(last), now), Err(stopped));
+    }
+
+    #[test]
+    fn what_is_missing_shrinks_by_what_is_there() {
+        let mut missing = Missing::all(100);
+        for there in [20..30, 25..40, 90..120, 0..10, 10..10] {
+            missing.remove(&there);
+        }
+        assert_eq!(missing.0, [10..20, 40..90]);
+        assert_eq!((missing.bytes(), missing.first()), (60, Some(10..20)));
+        missing.remove(&(0..100));
+        assert_eq!((missing.bytes(), missing.first()), (0, None));
+        assert_eq!(Missing::all(0).first(), None);
     }
 }

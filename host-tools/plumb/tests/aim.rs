@@ -1,0 +1,197 @@
+//! `plumb aim` and the box's real program, which replays a rendered recording without end.
+
+#[path = "common/finished.rs"]
+mod finished;
+#[path = "../../../tests/common/runner.rs"]
+mod runner;
+
+use std::io::Write;
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use finished::{Finished, plumb};
+use image::Rgb;
+use plumb::files::{camera, poses};
+use plumbline::packet::{Message, decode_datagram};
+
+const FRAMES: usize = 6;
+const WIDTH: usize = 1456;
+const HEIGHT: usize = 1088;
+
+/// The colour of the rings about corners.
+const ORANGE: Rgb<u8> = Rgb([255, 165, 0]);
+
+/// The box's program on a recording; killed when dropped.
+struct TheBox {
+    child: Child,
+    folder: tempfile::TempDir,
+    port: u16,
+    frames: Vec<Vec<u8>>,
+}
+
+impl TheBox {
+    /// `None` where the program is not built.
+    fn start() -> Option<Self> {
+        let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
+        if !board.exists() {
+            println!("skipped: {} is not built; test the whole workspace", board.display());
+            return None;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let frames = FRAMES.to_string();
+        done(folder.path(), &["simulate", "--frames", &frames, "--out", "trial"]);
+        let settings = "device = \"ward 3\"\nserial_number = \"7\"\n[capture]\ndriver = \"v4l2\"\n\
+                        pixel_format = \"grey\"\nrate_hz = 10.0\n";
+        std::fs::write(folder.path().join("box.toml"), settings).unwrap();
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let udp = format!("127.0.0.1:{port}");
+        let mut provision = vec!["provision", "--box", "box.toml", "--out", "box.plb"];
+        provision.extend(["--camera", "trial/camera.toml", "--targets", "trial/targets.toml"]);
+        done(folder.path(), &[&provision[..], &["--udp", &udp]].concat());
+        let mut child = runner::command(board)
+            .args(["--config", "box.plb", "--replay", "-", "--fps", "10", "--udp", &udp])
+            .current_dir(folder.path())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let video = std::fs::read(folder.path().join("trial/frames.y4m")).unwrap();
+        let header = video.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+        let frame = b"FRAME\n".len() + WIDTH * HEIGHT;
+        let frames: Vec<_> =
+            video[header..].chunks(frame).map(|frame| frame[6..].to_vec()).collect();
+        assert_eq!(frames.len(), FRAMES);
+        let mut input = child.stdin.take().unwrap();
+        std::thread::spawn(move || {
+            // Until the program is gone.
+            let mut more = input.write_all(&video[..header]);
+            while more.is_ok() {
+                more = input.write_all(&video[header..]);
+            }
+        });
+        Some(Self { child, folder, port, frames })
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn aim(&self, arguments: &[&str]) -> Finished {
+        let udp = format!("127.0.0.1:{}", self.port);
+        plumb(self.folder.path(), &[&["aim", "--udp", &udp], arguments].concat())
+    }
+
+    /// Seconds of set-up mode that are left.
+    fn aiming_s(&self) -> u16 {
+        let socket = UdpSocket::bind(("127.0.0.1", self.port)).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let give_up = Instant::now() + Duration::from_secs(30);
+        let mut datagram = [0; 2048];
+        loop {
+            assert!(Instant::now() < give_up, "no health in time");
+            let length = socket.recv(&mut datagram).expect("a packet in time");
+            if let Ok(Message::Health(health)) = decode_datagram(&datagram[..length]) {
+                return health.aiming_s;
+            }
+        }
+    }
+}
+
+impl Drop for TheBox {
+    fn drop(&mut self) {
+        // It may have ended already, which is as well.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[track_caller]
+fn done(folder: &Path, arguments: &[&str]) {
+    let finished = plumb(folder, arguments);
+    assert_eq!(finished.code, Some(0), "{arguments:?}: {}", finished.stderr);
+}
+
+#[track_caller]
+fn says(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in: {text}");
+    }
+}
+
+#[test]
+fn what_the_camera_sees_is_shown_and_kept() {
+    let Some(the_box) = TheBox::start() else { return };
+    let finished = the_box.aim(&["--png", "view.png", "--once"]);
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    says(&finished.stdout, &["lumbar: tracking, focus 9", "shoulder: tracking, focus 9"]);
+    says(&finished.stdout, &["contrast 0.7", "px per square", "mm away, depth +-0.0"]);
+    says(&finished.stderr, &["\"ward 3\"", "is in set-up mode", "has left set-up mode"]);
+    let picture = image::open(the_box.path("view.png")).unwrap().into_rgb8();
+    assert_eq!(picture.dimensions(), (WIDTH as u32 / 2, HEIGHT as u32 / 2));
+    let lens = camera::read(&the_box.path("trial/camera.toml")).unwrap().lens;
+    for row in poses::read(&the_box.path("trial/truth.csv")).unwrap().iter().take(2) {
+        let [x, y, z] = [row.x_mm, row.y_mm, row.z_mm].map(Option::unwrap);
+        let middle_px = lens.project(&nalgebra::Vector3::new(x, y, z)).unwrap() / 2.0;
+        let near = picture.enumerate_pixels().filter(|(x, y, pixel)| {
+            let off_px = nalgebra::Vector2::new(f64::from(*x), f64::from(*y)) - middle_px;
+            **pixel == ORANGE && off_px.norm() < 50.0
+        });
+        let near = near.count();
+        assert!(near > 100, "{}: {near} pixels of rings", row.target);
+    }
+
+    let stills = ["--stills", "photos", "--count", "2", "--every", "0.1", "--board", "6x5"];
+    let finished = the_box.aim(&stills);
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    says(
+        &finished.stdout,
+        &["still-01.png: 1456 x 1088 px; the board is found", "near these sides"],
+    );
+    for name in ["photos/still-01.png", "photos/still-02.png"] {
+        let still = image::open(the_box.path(name)).unwrap();
+        let image::DynamicImage::ImageLuma8(still) = still else { panic!("{still:?}") };
+        assert!(the_box.frames.contains(still.as_raw()), "{name} is none of the frames");
+    }
+    let finished = the_box.aim(&stills);
+    assert_eq!(finished.code, Some(2));
+    says(&finished.stderr, &["photos/still-01.png: exists already", "--force"]);
+    assert_eq!(the_box.aim(&[&stills[..], &["--force"]].concat()).code, Some(0));
+
+    // Numbers alone, for a while.
+    let finished = the_box.aim(&["--duration", "2.5"]);
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    assert!(finished.stdout.matches("frame: level").count() >= 2, "{}", finished.stdout);
+
+    let finished = the_box.aim(&["--expose", "--store"]);
+    assert_eq!(finished.code, Some(2));
+    says(&finished.stderr, &["the box refuses the exposure: a recording is exposed as it is"]);
+    says(&finished.stderr, &["has left set-up mode"]);
+    assert_eq!(the_box.aiming_s(), 0);
+}
+
+#[test]
+fn wrong_inputs_are_named_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let udp = format!("127.0.0.1:{port}");
+    let cases: [(&[&str], &[&str]); 7] = [
+        (&["--count", "3"], &["--stills"]),
+        (&["--store"], &["--expose"]),
+        (&["--duration", "1801"], &["give 1800 seconds at most"]),
+        (&["--stills", "."], &["--stills: without a terminal", "--count"]),
+        (&["--reduction", "17"], &["1..=16"]),
+        (
+            &["--stills", ".", "--count", "1", "--board", "2x2"],
+            &["--board: 2 x 2 corners; a grid needs at least 3"],
+        ),
+        (&[], &["no box is heard; check that the box is on"]),
+    ];
+    for (arguments, parts) in cases {
+        let finished = plumb(folder.path(), &[&["aim", "--udp", &udp], arguments].concat());
+        assert_eq!(finished.code, Some(2), "{arguments:?}");
+        says(&finished.stderr, parts);
+    }
+}
