@@ -1,21 +1,13 @@
 //! `plumb demo`, with the box's real program and with programs that fail.
 
+#[path = "common/finished.rs"]
+mod finished;
 #[path = "../../../tests/common/runner.rs"]
 mod runner;
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
-use std::time::{Duration, Instant};
 
-/// The demo has limits of its own; a loaded machine renders slowly.
-const PATIENCE: Duration = Duration::from_secs(240);
-
-struct Finished {
-    code: Option<i32>,
-    stdout: String,
-    stderr: String,
-}
+use finished::Finished;
 
 fn demo(board: Option<&Path>, out: &Path) -> Finished {
     let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
@@ -24,22 +16,7 @@ fn demo(board: Option<&Path>, out: &Path) -> Finished {
         Some(board) => command.env("PLUMBLINE_BOARD", board),
         None => command.env_remove("PLUMBLINE_BOARD"),
     };
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let give_up = Instant::now() + PATIENCE;
-    let status = loop {
-        if let Some(status) = child.try_wait().unwrap() {
-            break status;
-        }
-        if Instant::now() > give_up {
-            let _ = child.kill();
-            panic!("the demo never ended");
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    };
-    let (mut stdout, mut stderr) = (String::new(), String::new());
-    child.stdout.take().unwrap().read_to_string(&mut stdout).unwrap();
-    child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
-    Finished { code: status.code(), stdout, stderr }
+    finished::ended(command)
 }
 
 /// The box's program for `plumb` to start: beside it, or through what runs both.

@@ -2,11 +2,11 @@
 
 use std::io::Read;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A run that takes longer has failed.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// A run that takes longer has failed; a loaded machine renders slowly.
+const PATIENCE: Duration = Duration::from_secs(240);
 
 /// What is left of a run.
 pub struct Finished {
@@ -16,9 +16,15 @@ pub struct Finished {
 }
 
 /// Runs `plumb` in a directory, with no terminal.
+#[allow(dead_code, reason = "not every test runs it so")]
 pub fn plumb(directory: &Path, arguments: &[&str]) -> Finished {
     let mut command = super::runner::command(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).current_dir(directory).stdin(Stdio::null());
+    ended(command)
+}
+
+/// Runs a command to its end.
+pub fn ended(mut command: Command) -> Finished {
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let give_up = Instant::now() + PATIENCE;
     let status = loop {
@@ -27,7 +33,7 @@ pub fn plumb(directory: &Path, arguments: &[&str]) -> Finished {
         }
         if Instant::now() > give_up {
             let _ = child.kill();
-            panic!("plumb {arguments:?} never ended");
+            panic!("{command:?} never ended");
         }
         std::thread::sleep(Duration::from_millis(20));
     };
