@@ -277,7 +277,7 @@ fn what_is_found_is_stored_and_the_box_starts_with_it() {
 fn little_light_takes_gain_and_without_one_it_is_said_to_be_too_little() {
     let (finished, left) = expose(3e-5, true, &[]);
     assert_eq!(finished.code, Some(0), "{} {}", finished.stdout, finished.stderr);
-    assert!(finished.stdout.contains("found: exposure 8333 us, gain 2"), "{}", finished.stdout);
+    assert!(finished.stdout.contains("found: exposure 8333 us, gain 3\n"), "{}", finished.stdout);
     assert!(finished.stdout.contains("half a frame is 8333 us"), "{}", finished.stdout);
     assert_eq!(left.stored, None);
 
