@@ -37,11 +37,6 @@ impl Provisioning {
         let _ = self.received.extend_from_slice(&part.bytes);
     }
 
-    /// So many of the bytes that have come.
-    pub fn received(&self, bytes: u32) -> Vec<u8, BLOB_BYTES_MAX> {
-        self.received.iter().copied().take(bytes as usize).collect()
-    }
-
     /// Keeps what has come, if it is whole and a box can run with it.
     pub fn keep(&mut self, bytes: u32, crc: u32) -> ReplyOutcome {
         let Some(store) = &self.store else {

@@ -85,10 +85,10 @@ pub fn run(
 struct Session {
     started: Instant,
     hello: Hello,
-    /// The configuration of the next start, as a host gets it: the one in use, until another
-    /// is stored.
-    stored: heapless::Vec<u8, BLOB_BYTES_MAX>,
-    stored_crc: u32,
+    /// The configuration in use, as a host gets it.
+    blob: heapless::Vec<u8, BLOB_BYTES_MAX>,
+    /// The checksum of the one that is in use from the next start on.
+    next_crc: u32,
     capture: Option<Capture>,
     links: Links,
     watchdog: Option<Watchdog>,
@@ -107,16 +107,16 @@ struct Session {
 impl Session {
     fn new(config: &Config, setup: Setup) -> Self {
         let started = Instant::now();
-        let mut stored = heapless::Vec::new();
+        let mut blob = heapless::Vec::new();
         // The vector has room for every configuration.
-        let _ = stored.resize(BLOB_BYTES_MAX, 0);
-        let bytes = config.encode(&mut stored).map_or(0, <[u8]>::len);
-        stored.truncate(bytes);
+        let _ = blob.resize(BLOB_BYTES_MAX, 0);
+        let bytes = config.encode(&mut blob).map_or(0, <[u8]>::len);
+        blob.truncate(bytes);
         Self {
             started,
             hello: hello(config, &setup),
-            stored,
-            stored_crc: config.crc(),
+            blob,
+            next_crc: config.crc(),
             capture: config.capture.clone(),
             links: setup.links,
             watchdog: setup.watchdog,
@@ -276,7 +276,7 @@ impl Session {
                 send(self.links.get_mut(index), &Message::Reply(reply));
             }
             let file = |document| match document {
-                Document::Config => Some(&self.stored[..]),
+                Document::Config => Some(&self.blob[..]),
                 Document::Picture(number) => self.aim.file(number),
             };
             self.outgoing.serve(index, &mut self.links[index], file);

@@ -264,7 +264,10 @@ fn commands_are_answered_on_the_link_they_came_on() {
     let crc = config().crc();
     let bytes =
         config().encode(&mut vec![0; plumbline::config::BLOB_BYTES_MAX]).unwrap().len() as u32;
-    assert_eq!(reply_to(1, Action::QueryConfig), ReplyOutcome::Config { crc, bytes });
+    assert_eq!(
+        reply_to(1, Action::QueryConfig),
+        ReplyOutcome::Config { crc, bytes, next_crc: crc }
+    );
     assert!(matches!(
         reply_to(2, Action::Ping { host_sent_ns: 77 }),
         ReplyOutcome::Pong { host_sent_ns: 77, .. }

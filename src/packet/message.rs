@@ -183,8 +183,7 @@ pub enum Action {
     SendHello,
     /// Send a [`Health`].
     SendHealth,
-    /// Answer with the checksum and the length of the configuration of the next start: the
-    /// one in use (see [`Hello`]) until another is stored.
+    /// Answer with the checksum and the length of the configuration in use.
     QueryConfig,
     /// Send a [`View`](super::View) of the next frame.
     SendView,
@@ -274,6 +273,9 @@ pub enum ReplyOutcome {
         crc: u32,
         /// Length of its blob.
         bytes: u32,
+        /// The checksum of the one that is in use from the next start on: the same, until
+        /// another is stored.
+        next_crc: u32,
     },
     /// To [`Action::StoreConfig`]: it is on the disk, whatever happens to the power now.
     Stored {

@@ -120,7 +120,7 @@ fn longest_messages() -> StdVec<Message> {
     }
     for outcome in [
         pong,
-        ReplyOutcome::Config { crc: u32::MAX, bytes: u32::MAX },
+        ReplyOutcome::Config { crc: u32::MAX, bytes: u32::MAX, next_crc: u32::MAX },
         ReplyOutcome::Stored { crc: u32::MAX },
         ReplyOutcome::Accepted,
         ReplyOutcome::Refused { refusal: Refusal::Incomplete { from: u32::MAX }, reason: full() },
@@ -239,7 +239,7 @@ fn the_longest_packets_keep_their_bounds() {
     assert_eq!(
         lengths,
         [
-            227, 168, 105, 189, 26, 16, 16, 16, 16, 30, 26, 19, 17, 27, 16, 46, 26, 21, 16, 224,
+            227, 168, 105, 189, 26, 16, 16, 16, 16, 30, 26, 19, 17, 27, 16, 46, 31, 21, 16, 224,
             105, 117, 31, 247
         ]
     );
@@ -259,7 +259,7 @@ fn the_longest_packets_keep_their_bounds() {
 fn the_schema_hash_is_this_one_and_follows_the_shape() {
     // When this fails, a message has changed its shape, and boxes and hosts
     // must be updated together. Then write the new number here.
-    assert_eq!(format!("{SCHEMA_HASH:08x}"), "9829d2fc");
+    assert_eq!(format!("{SCHEMA_HASH:08x}"), "02a42120");
 
     mod changed {
         use super::*;

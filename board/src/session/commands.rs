@@ -25,9 +25,11 @@ impl Session {
                 box_received_ns,
                 box_sent_ns: clock::monotonic_ns(),
             },
-            Action::QueryConfig => {
-                ReplyOutcome::Config { crc: self.stored_crc, bytes: self.stored.len() as u32 }
-            }
+            Action::QueryConfig => ReplyOutcome::Config {
+                crc: self.hello.config_crc,
+                bytes: self.blob.len() as u32,
+                next_crc: self.next_crc,
+            },
             Action::SendHello => {
                 self.send_hello();
                 ReplyOutcome::Accepted
@@ -47,8 +49,7 @@ impl Session {
                 self.counters.forget_allocations();
                 let outcome = self.provisioning.keep(bytes, crc);
                 if let ReplyOutcome::Stored { crc } = outcome {
-                    self.stored_crc = crc;
-                    self.stored = self.provisioning.received(bytes);
+                    self.next_crc = crc;
                 }
                 outcome
             }

@@ -323,13 +323,34 @@ impl BoxLink {
         }
     }
 
+    /// The box's configuration, to be changed and stored again.
+    ///
+    /// # Errors
+    /// As [`config`](Self::config), and when the box will start with another one next, which
+    /// would be lost.
+    pub fn config_to_change(&mut self) -> Result<Config, BadInput> {
+        let config = self.config()?;
+        match self.ask(Action::QueryConfig)? {
+            ReplyOutcome::Config { crc, next_crc, .. } if crc != next_crc => Err(BadInput::whole(
+                &self.place,
+                format!(
+                    "the box has been given another configuration, {next_crc:08x}, which it \
+                         uses from its next start on"
+                ),
+                "start it anew first: switch it off and on, or send that one again without \
+                 --no-restart",
+            )),
+            _ => Ok(config),
+        }
+    }
+
     /// The box's configuration.
     ///
     /// # Errors
     /// When the box does not answer, or its configuration cannot be read here.
     pub fn config(&mut self) -> Result<Config, BadInput> {
         let (crc, bytes) = match self.ask(Action::QueryConfig)? {
-            ReplyOutcome::Config { crc, bytes } => (crc, bytes),
+            ReplyOutcome::Config { crc, bytes, .. } => (crc, bytes),
             ReplyOutcome::Refused { refusal, reason } => {
                 return Err(self.refused("to tell its configuration", refusal, &reason));
             }

@@ -122,7 +122,8 @@ impl PlayedBox {
             Action::SendHello => self.send(&Message::Hello(self.hello())),
             Action::QueryConfig => {
                 let bytes = blob(&self.config).len() as u32;
-                return ReplyOutcome::Config { crc: self.config.crc(), bytes };
+                let crc = self.config.crc();
+                return ReplyOutcome::Config { crc, bytes, next_crc: crc };
             }
             Action::SendParts { document: Document::Config, .. } => self.send_config(),
             Action::SendView => {

@@ -329,6 +329,11 @@ fn a_live_box_measures_its_scene_and_the_doctor_finds_it_well() {
     bench.provision("--box box.toml --out other.plb --force").exits(0);
     let other = bench.plumb("doctor --udp UDP --seconds 1 --config other.plb").exits(1);
     other.says(&["FAIL  configuration", "and other.plb is", "plumb show", ", 1 failed"]);
+
+    // One that is stored and not in use yet would be lost.
+    bench.provision("--box box.toml --send --via-udp UDP --no-restart").exits(0);
+    let pending = format!("another configuration, {:08x}, which", bench.config("box.plb").crc());
+    bench.plumb("scene --udp UDP --store").exits(2).says(&[&pending, "start it anew first"]);
 }
 
 #[test]

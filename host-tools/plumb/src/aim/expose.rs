@@ -94,7 +94,7 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
 /// # Errors
 /// When the box does not take it.
 pub fn store(link: &mut BoxLink, setting: Setting) -> Result<(), BadInput> {
-    let (hello, old) = (link.hello()?, link.config()?);
+    let (hello, old) = (link.hello()?, link.config_to_change()?);
     let capture = old.capture.clone().map(|capture| Capture {
         exposure_us: setting.exposure_us,
         gain: setting.gain,

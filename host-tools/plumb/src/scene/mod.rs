@@ -139,7 +139,7 @@ fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
     };
     eprintln!("{}: {}", link.place(), delivery::who(&hello));
     live::check_board(link.place(), &hello)?;
-    let old = link.config()?;
+    let old = if arguments.store { link.config_to_change()? } else { link.config()? };
     if camera::is_stand_in(&old.lens) {
         return Err(setup::not_calibrated(link.place()));
     }
