@@ -142,6 +142,26 @@ fn wait_for_start(link: &mut BoxLink, before: &Before) -> Result<Hello, BadInput
     })
 }
 
+/// Refuses a configuration with which a box would not be heard here any more: nobody could
+/// correct it from here.
+///
+/// # Errors
+/// When it sends elsewhere.
+pub fn refuse_losing(link: &BoxLink, before: &Before, config: &Config) -> Result<(), BadInput> {
+    match &before.config {
+        Some(old) if !stays(link.kind(), &old.links, &config.links) => Err(BadInput::new(
+            link.place(),
+            "links",
+            format!(
+                "the box would not be heard here any more: {}",
+                moves(&old.links, &config.links).join("; ")
+            ),
+            "correct the links in the box file, or give --force",
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// Whether a box that is heard over a link of this kind will be heard there again.
 fn stays(kind: LinkKind, old: &Links, new: &Links) -> bool {
     match kind {
@@ -159,6 +179,14 @@ fn warnings(old: &Config, new: &Config) -> Vec<String> {
              --store`, or give the one from before with --scene"
                 .into(),
         );
+    }
+    let size = |config: &Config| (config.lens.width_px, config.lens.height_px);
+    if size(old) != size(new) {
+        let ((width, height), (next_width, next_height)) = (size(old), size(new));
+        warnings.push(format!(
+            "the box's frames are {width} x {height} px, and will be {next_width} x \
+             {next_height}: a camera file holds for the size of its photographs"
+        ));
     }
     let fixed = |config: &Config| config.capture.as_ref().and_then(|capture| capture.exposure_us);
     if let (Some(exposure_us), None) = (fixed(old), fixed(new)) {

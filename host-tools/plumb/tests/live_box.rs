@@ -284,6 +284,8 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     let elsewhere = free_port();
     bench.write("away.toml", &bench.settings("PL-0002", elsewhere));
     let away = "--box away.toml --send --via-udp UDP";
+    bench.provision(away).exits(2).says(&["would not be heard here any more", "or give --force"]);
+    let away = "--box away.toml --send --via-udp UDP --force";
     let warning = format!("warning: the box will send by UDP to {elsewhere}, and not to");
     let kept = ["in use from the box's next start"];
     bench.provision(&format!("{away} --no-restart")).exits(0).says(&[&warning]).says(&kept);

@@ -68,6 +68,10 @@ pub struct FrameSeen {
 pub struct Findings {
     /// Where the box was listened for.
     pub place: String,
+    /// When something was heard last, on this program's clock.
+    pub heard_ns: u64,
+    /// How long nothing had been heard when the watch was over.
+    pub silence_s: f64,
     /// It was a serial line.
     pub is_serial: bool,
     /// Intact packets of this protocol.
@@ -147,6 +151,7 @@ impl Findings {
     pub fn take(&mut self, event: &Event, now_ns: u64) {
         self.hear(event);
         if let Event::Message(message) = event {
+            self.heard_ns = now_ns;
             self.message(message, now_ns);
         }
     }

@@ -96,5 +96,6 @@ fn look(
         findings.take(event, now_ns());
         None
     })?;
+    findings.silence_s = now_ns().saturating_sub(findings.heard_ns) as f64 * 1e-9;
     Ok(())
 }

@@ -77,16 +77,13 @@ pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
             "exists already",
             "give another --out, or --force to replace it",
         ),
-        ErrorKind::NotFound => BadInput::whole(
-            path.display(),
-            "there is no such directory",
-            "make the directory first, or give another --out",
-        ),
+        ErrorKind::NotFound => no_such_directory(path),
         _ => BadInput::io(path.display(), &error),
     })
 }
 
-/// Writes several files: all of them or, where one exists and `force` is not given, none.
+/// Writes several files: all of them or none. Where one exists and `force` is not given, a
+/// directory is absent, or the disk is full, nothing is left behind.
 ///
 /// # Errors
 /// When one exists, or the operating system refuses.
@@ -95,12 +92,38 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
         let remedy = "give another name, or --force to replace it";
         return Err(BadInput::whole(path.display(), "exists already", remedy));
     }
+    let mut staged = Vec::new();
     for (path, bytes) in outputs {
-        create(path, force)?
-            .write_all(bytes)
-            .map_err(|error| BadInput::io(path.display(), &error))?;
+        let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
+        if path.exists() && !path.is_file() {
+            // A device or a pipe is written to where it is.
+            create(path, force)?.write_all(bytes).map_err(failed)?;
+            continue;
+        }
+        let directory = path.parent().filter(|it| !it.as_os_str().is_empty());
+        let directory = directory.unwrap_or_else(|| Path::new("."));
+        if !directory.is_dir() {
+            return Err(no_such_directory(path));
+        }
+        // As any file that this user makes, and not only for this user's eyes.
+        let mut builder = tempfile::Builder::new();
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut file = builder.tempfile_in(directory).map_err(failed)?;
+        file.write_all(bytes).map_err(failed)?;
+        staged.push((file, path));
+    }
+    for (file, path) in staged {
+        file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
     }
     Ok(())
+}
+
+fn no_such_directory(path: &Path) -> BadInput {
+    BadInput::whole(
+        path.display(),
+        "there is no such directory",
+        "make the directory first, or give another name",
+    )
 }
 
 /// Checks that writing `out` destroys none of the files that are read.

@@ -1,6 +1,5 @@
 //! `plumb provision`: the configuration of a box, as a file, on a card, or sent to the box.
 
-use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -131,7 +130,8 @@ pub struct Arguments {
     /// With --send: do not restart the box; it takes effect at its next start.
     #[arg(long, requires = "send")]
     no_restart: bool,
-    /// Replace the file of --out if it exists, and the configuration of a box of another name.
+    /// Replace the file of --out if it exists, and the configuration of a box of another name
+    /// or of one that would not be heard here any more.
     #[arg(long)]
     force: bool,
 }
@@ -161,16 +161,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         setup::check_links(&config, &places)?;
     }
     eprintln!(
-        "configuration {:08x}: {} bytes, {} targets, {}",
+        "configuration {:08x}: {} bytes, targets: {}; {}",
         config.crc(),
         blob.len(),
-        config.targets.len(),
+        config.targets.iter().map(|target| target.name.as_str()).collect::<Vec<_>>().join(", "),
         if config.capture.is_some() { "a camera" } else { "no camera (replays only)" }
     );
     if let Some(out) = &arguments.out {
-        files::create(out, arguments.force)?
-            .write_all(blob)
-            .map_err(|error| BadInput::io(out.display(), &error))?;
+        files::write_all(&[(out.clone(), blob.to_vec())], arguments.force)?;
         eprintln!("written to {}", out.display());
     }
     if let Some(card) = &arguments.card {
@@ -251,6 +249,9 @@ fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), B
     // One that replays a recording may do so without a camera.
     if before.config.as_ref().is_none_or(|old| old.capture.is_some()) {
         setup::check_for_box(config, places)?;
+    }
+    if !arguments.force {
+        delivery::refuse_losing(&link, &before, config)?;
     }
     delivery::deliver(&mut link, &before, config, !arguments.no_restart)
 }

@@ -154,6 +154,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let _ = writeln!(std::io::stdout(), "recorded in {}", path.display());
     }
     result?;
+    if let Some(silence) =
+        receiver.unheard(Instant::now()).filter(|_| !stop.load(Ordering::Relaxed))
+    {
+        return Err(BadInput::whole(
+            place,
+            format!("nothing was heard from the box in the last {} s", silence.as_secs()),
+            "what came before is recorded; check the box's power and its link",
+        )
+        .into());
+    }
     if receiver.counts().received == 0 && !stop.load(Ordering::Relaxed) {
         return Err(screen::no_pose(&receiver, place, Instant::now()).into());
     }

@@ -31,6 +31,9 @@ const RATE_SPAN: Duration = Duration::from_secs(2);
 /// A pose is the latest for no longer than this; the slowest camera gives one a second.
 const FRESH: Duration = Duration::from_millis(1500);
 
+/// A box that has said nothing for so long is not heard any more.
+const UNHEARD: Duration = Duration::from_secs(3);
+
 /// So many of the box's own messages are remembered.
 const TOLD_MAX: usize = 16;
 
@@ -100,6 +103,8 @@ pub struct Receiver<W: Write> {
     told: VecDeque<Told>,
     latest: Option<PosePacket>,
     latest_came: Option<Instant>,
+    /// When anything of the box came last.
+    heard: Option<Instant>,
     arrivals: VecDeque<Instant>,
     line_losses: u64,
     /// The names in use in this session, once they are settled.
@@ -128,6 +133,7 @@ impl<W: Write> Receiver<W> {
             told: VecDeque::new(),
             latest: None,
             latest_came: None,
+            heard: None,
             arrivals: VecDeque::new(),
             line_losses: 0,
             names: None,
@@ -193,6 +199,15 @@ impl<W: Write> Receiver<W> {
     #[must_use]
     pub fn silence(&self, now: Instant) -> Option<Duration> {
         self.latest_came.map(|came| now.saturating_duration_since(came))
+    }
+
+    /// How long the box has been silent, if for too long: it says how it is once a second,
+    /// unless its program has ended.
+    #[must_use]
+    pub fn unheard(&self, now: Instant) -> Option<Duration> {
+        let silence = now.saturating_duration_since(self.heard?);
+        let has_ended = self.camera.is_some_and(|camera| camera.ended);
+        (silence >= UNHEARD && !has_ended).then_some(silence)
     }
 
     /// How often the serial line was lost.
@@ -293,6 +308,7 @@ impl<W: Write> Receiver<W> {
     }
 
     fn message(&mut self, message: Message, now: Instant) -> Result<(), BadInput> {
+        self.heard = Some(now);
         match message {
             Message::Pose(packet) => return self.pose(packet, now),
             Message::Hello(hello) => return self.take_hello(hello),
@@ -376,6 +392,15 @@ impl<W: Write> Receiver<W> {
         if self.accounting.hello(hello.boot_id) {
             self.notices.push(format!("the box has started anew ({})", start_of(&hello)));
             self.start_run()?;
+        }
+        if self.runs.last().is_none_or(|run| run.hello.is_none())
+            && hello.targets.iter().all(|target| target.role == Role::Scene)
+        {
+            self.notices.push(
+                "warning: this box looks for the scene board alone: its camera may not be \
+                 calibrated, and nobody is measured with it; `plumb doctor` says what is missing"
+                    .to_owned(),
+            );
         }
         self.names_heard = Names::of(&hello);
         if let Some(run) = self.runs.last_mut() {

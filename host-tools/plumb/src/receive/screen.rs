@@ -111,6 +111,15 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
     let camera = camera_now(receiver, now).map(|camera| format!(", {camera}"));
     let camera = camera.unwrap_or_default();
     let bad = receiver.bad();
+    if let Some(silence) = receiver.unheard(now) {
+        return format!(
+            "the box is not heard any more, for {} s; {} frames, {} lost, {} corrupt",
+            silence.as_secs(),
+            counts.received,
+            counts.lost,
+            bad.corrupt
+        );
+    }
     if let Some(silence) = receiver.silence(now) {
         return format!(
             "no pose for {} s{camera}; {} frames, {} lost, {} corrupt",

@@ -336,6 +336,8 @@ fn an_old_pose_is_not_shown_as_the_latest() {
 
     let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
     let later = now + Duration::from_secs(3);
+    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
+    assert_eq!(receiver.unheard(later), None);
     let status = screen::status(&receiver, "UDP", later);
     assert!(status.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{status}");
     assert!(!status.contains("shoulder"), "{status}");
@@ -345,8 +347,23 @@ fn an_old_pose_is_not_shown_as_the_latest() {
     // Whoever begins to listen now does not know since when.
     let (mut receiver, _) = self::receiver();
     take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
+    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
     let status = screen::status(&receiver, "UDP", later);
     assert!(status.ends_with("camera lost for more than 3 s"), "{status}");
+}
+
+#[test]
+fn a_box_that_fell_silent_is_not_said_to_run() {
+    let (mut receiver, _) = receiver();
+    let running = health(CameraState::Running, 5000, 2);
+    let now = take(&mut receiver, Instant::now(), &[hello(1), pose(0), running]);
+    let later = now + Duration::from_secs(7);
+    assert_eq!(receiver.unheard(later), Some(Duration::from_secs(7)));
+    let status = screen::status(&receiver, "UDP", later);
+    assert!(status.starts_with("the box is not heard any more, for 7 s; 1 frames"), "{status}");
+    // One whose recording is over has said so.
+    take(&mut receiver, now, &[health(CameraState::Ended, 5100, 2)]);
+    assert_eq!(receiver.unheard(later), None);
 }
 
 #[test]

@@ -94,6 +94,10 @@ const POSES_MIN: usize = 10;
 const SPREAD_DEG_MAX: f64 = 0.2;
 const SPREAD_MM_MAX: f64 = 0.5;
 
+/// What varies by this is no board at rest, and nothing can be made of its mean.
+const MOVED_DEG: f64 = 10.0 * SPREAD_DEG_MAX;
+const MOVED_MM: f64 = 10.0 * SPREAD_MM_MAX;
+
 /// What was seen of the board.
 struct Seen {
     /// The recording or the box.
@@ -165,6 +169,16 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
         ));
     }
     let mean = Mean::of(poses);
+    if mean.spread_deg > MOVED_DEG || mean.spread_mm > MOVED_MM {
+        return Err(BadInput::whole(
+            place,
+            format!(
+                "the board's pose varies by {:.1} degrees and {:.1} mm: it was moved",
+                mean.spread_deg, mean.spread_mm
+            ),
+            "nothing is kept; let board and camera stand still, and try again",
+        ));
+    }
     let file = SceneFile {
         cam_from_scene_theta: mean.cam_from_scene.theta(),
         source: format!(
@@ -189,6 +203,12 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
         eprintln!(
             "warning: the board leans by {leans_deg:.1} degrees from upright (more than --upright-deg {}); up and forward lean with it: set it upright with a level, or say with --camera-pitch-deg how far the camera looks down",
             arguments.upright_deg
+        );
+    }
+    if 2 * poses.len() < *frames {
+        eprintln!(
+            "warning: the board was found in {} of {frames} frames only: see to its light, and that nothing hides it",
+            poses.len()
         );
     }
     if mean.spread_deg > SPREAD_DEG_MAX || mean.spread_mm > SPREAD_MM_MAX {

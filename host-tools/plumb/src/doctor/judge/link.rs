@@ -16,6 +16,9 @@ const LOST_FAIL: f64 = 0.02;
 /// a line beside a motor.
 const CORRUPT_FAIL: f64 = 0.01;
 
+/// A box says how it is once a second.
+const SILENCE_MAX_S: f64 = 2.5;
+
 const UPDATE: &str = "update the older of the two programs, here or on the box";
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
@@ -47,6 +50,11 @@ fn heard(findings: &Findings) -> Check {
         };
     }
     let count = findings.packets;
+    if findings.silence_s > SILENCE_MAX_S {
+        let silence_s = findings.silence_s;
+        let seen = format!("{place}: {count} packets, and none in the last {silence_s:.0} s");
+        return Check::fail(SUBJECT, seen, NOT_HEARD_REMEDY);
+    }
     if bad.other_sender > 0 {
         let seen = format!("{place}: {count} packets, and {} of another box", bad.other_sender);
         return Check::warn(SUBJECT, seen, "give each box a port of its own");
