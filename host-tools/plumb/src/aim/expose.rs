@@ -7,8 +7,8 @@ use plumbline::config::{Capture, CaptureDriver, Config};
 use plumbline::packet::{Refusal, View};
 
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
-use super::session::Session;
-use super::{Until, say};
+use super::session::{Exposed, Session};
+use super::{SilenceLines, Until, say};
 use crate::delivery::{self, Before};
 use crate::error::BadInput;
 use crate::link::BoxLink;
@@ -47,10 +47,20 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
         CaptureDriver::Libcamera => 0.01,
     };
     let (mut controller, mut setting) = Controller::new(capture.rate_hz, configured, gain_step);
+    let mut silence_lines = SilenceLines::default();
     loop {
         let seen = match session.expose(setting.exposure_us, setting.gain)? {
-            Ok(()) => light_with(session, setting, until)?,
-            Err((refusal, reason)) => Seen::Refused(refusal, reason),
+            Exposed::AsAsked => light_with(session, setting, &mut silence_lines, until)?,
+            Exposed::Refused(refusal, reason) => Seen::Refused(refusal, reason),
+            Exposed::Unheard => {
+                while session.silence().is_some() && !until.is_over() {
+                    turn(session, &mut silence_lines)?;
+                }
+                if until.is_over() {
+                    return Ok(None);
+                }
+                continue;
+            }
         };
         let step = match seen {
             Seen::Light(light) => {
@@ -112,14 +122,24 @@ enum Seen {
     Stopped,
 }
 
+fn turn(session: &mut Session, silence_lines: &mut SilenceLines) -> Result<(), BadInput> {
+    session.turn()?;
+    silence_lines.next(session.silence()).map_or(Ok(()), |text| say(&text))
+}
+
 /// The light with a setting.
-fn light_with(session: &mut Session, setting: Setting, until: Until<'_>) -> Result<Seen, BadInput> {
+fn light_with(
+    session: &mut Session,
+    setting: Setting,
+    silence_lines: &mut SilenceLines,
+    until: Until<'_>,
+) -> Result<Seen, BadInput> {
     let start = Instant::now();
     let mut first: Option<Instant> = None;
     let mut sequence = None;
     let (mut targets, mut frames) = (Vec::new(), Vec::new());
     while !until.is_over() {
-        session.turn()?;
+        turn(session, silence_lines)?;
         let is_new = |view: &&View| sequence != Some(view.sequence);
         let now = Instant::now();
         if let Some(view) = session.view().filter(is_new) {

@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use super::reading::Reading;
-use super::session::Session;
+use super::session::{Session, silence_words};
 use super::stills::Stills;
 use super::terminal::{Graphics, Key, Line, Look, Screen, resized};
 use super::{Arguments, Until, Watch, annotated, decoded, say};
@@ -132,12 +132,20 @@ fn text(
     let mut lines = vec![line(
         Look::Bold,
         format!(
-            "{}: SET-UP MODE, pictures leave the box; ends in {}:{:02}   q: end   s: take a still",
+            "{}: SET-UP MODE, pictures leave the box; ends in {}:{:02}   q: end   s: take {}",
             session.config().device,
             left / 60,
-            left % 60
+            left % 60,
+            stills.next_path().display()
         ),
     )];
+    let latest = told.len().saturating_sub(TOLD_MAX);
+    let told = told[latest..].iter().map(|text| line(Look::Plain, text.as_str()));
+    if let Some(silence) = session.silence() {
+        lines.push(line(Look::Advice, format!("-> {}", silence_words(silence))));
+        lines.extend(told);
+        return lines;
+    }
     match watch.reading(session) {
         Some(reading) => lines.extend(of_reading(&reading)),
         None => lines.push(line(Look::Plain, "no numbers yet")),
@@ -146,8 +154,7 @@ fn text(
         lines.push(line(Look::Advice, format!("-> {why}")));
     }
     lines.push(line(Look::Plain, of_still(session, stills, takes_still)));
-    let latest = told.len().saturating_sub(TOLD_MAX);
-    lines.extend(told[latest..].iter().map(|text| line(Look::Plain, text.as_str())));
+    lines.extend(told);
     lines
 }
 

@@ -8,7 +8,7 @@
 //! ```
 
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
@@ -32,7 +32,7 @@ mod stills;
 mod terminal;
 
 use reading::{BestFocus, Reading};
-use session::{Session, Taken};
+use session::{Session, Taken, silence_words};
 use stills::Stills;
 use terminal::Graphics;
 
@@ -46,8 +46,8 @@ use terminal::Graphics;
 /// The box is in set-up mode meanwhile. Only in it do pictures leave the box. It ends with this
 /// program, or by itself soon after this program is gone.
 ///
-/// Keys: q or Ctrl-C ends it, s takes a still. Exit code 0: done; 2: an input or the box could
-/// not be used.
+/// Keys: q or Ctrl-C ends it, s takes a still: into the current directory without --stills.
+/// Exit code 0: done; 2: an input or the box could not be used, or the box is not heard any more.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -145,6 +145,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let remedy = "say how many to take with --count";
         return Err(BadInput::whole("--stills", found, remedy).into());
     }
+    if let Some(path) = &arguments.png {
+        plain::check(path)?;
+    }
     let mut stills = Stills::new(arguments)?;
     let stop = receive::stop_on_signals()?;
     let mut session = Session::begin(&arguments.link)?;
@@ -192,6 +195,20 @@ impl Until<'_> {
     }
 }
 
+/// Lines about a box that is silent: one for each second.
+#[derive(Default)]
+struct SilenceLines {
+    told_s: Option<u64>,
+}
+
+impl SilenceLines {
+    /// What there is to say now.
+    fn next(&mut self, silence: Option<Duration>) -> Option<String> {
+        let told_s = std::mem::replace(&mut self.told_s, silence.map(|it| it.as_secs()));
+        silence.filter(|_| told_s != self.told_s).map(silence_words)
+    }
+}
+
 /// What is seen of the box, and remembered.
 struct Watch {
     best: BestFocus,
@@ -236,7 +253,53 @@ fn annotated(picture: RgbImage, taken: &Taken, session: &Session) -> RgbImage {
     }
 }
 
+/// Writes a file as a whole, in place of one that exists: nobody ever sees a part of it, and none
+/// stays where the disk is full.
+fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
+    let failed = |error: &std::io::Error| BadInput::io(path.display(), error);
+    let mut beside = tempfile::Builder::new()
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
+        .tempfile_in(directory_of(path))
+        .map_err(|error| failed(&error))?;
+    beside.write_all(bytes).map_err(|error| failed(&error))?;
+    beside.persist(path).map_err(|error| failed(&error.error))?;
+    Ok(())
+}
+
+/// The directory in which a file is or will be.
+fn directory_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// A line on standard output.
 fn say(text: &str) -> Result<(), BadInput> {
     writeln!(std::io::stdout(), "{text}").map_err(|error| BadInput::io("standard output", &error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn silence_is_told_once_a_second() {
+        let mut lines = SilenceLines::default();
+        let silences = [None, Some(3.0), Some(3.4), Some(4.1), None, Some(4.2)];
+        let told = silences.map(|silence| lines.next(silence.map(Duration::from_secs_f64)));
+        let words = |seconds| Some(format!("nothing heard from the box for {seconds} s"));
+        assert_eq!(told, [None, words(3), None, words(4), None, words(4)]);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = || std::fs::read_dir(&folder).unwrap().count();
+        let path = folder.path().join("view.png");
+        write_whole(&path, b"old").unwrap();
+        write_whole(&path, b"new").unwrap();
+        assert_eq!((std::fs::read(&path).unwrap(), names()), (b"new".to_vec(), 1));
+        let taken = folder.path().join("directory");
+        std::fs::create_dir(&taken).unwrap();
+        assert!(write_whole(&taken, b"new").is_err());
+        assert_eq!(names(), 2);
+    }
 }

@@ -1,6 +1,5 @@
 //! Without a terminal: the numbers as lines, the picture as a file, stills with their progress.
 
-use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -10,7 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::session::{Progress, Session};
 use super::stills::Stills;
 use super::terminal::resized;
-use super::{Arguments, Until, Watch, annotated, decoded, say};
+use super::{
+    Arguments, SilenceLines, Until, Watch, annotated, decoded, directory_of, say, write_whole,
+};
 use crate::error::BadInput;
 
 /// The numbers come this often.
@@ -21,6 +22,28 @@ const PICTURE_EVERY: Duration = Duration::from_millis(500);
 
 /// A single picture is waited for this long.
 const ONCE_WITHIN: Duration = Duration::from_secs(30);
+
+/// Checks, before the box shows anything, that a picture can be put there.
+///
+/// # Errors
+/// When it is no name of a picture, or something else than a file or its directory is there.
+pub fn check(path: &Path) -> Result<(), BadInput> {
+    let refused = |found: String, remedy: &str| Err(BadInput::whole("--png", found, remedy));
+    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        let found = format!("{} does not end in .png", path.display());
+        return refused(found, "give the picture a name that does");
+    }
+    // A device would be replaced by a picture.
+    if path.metadata().is_ok_and(|it| !it.is_file()) {
+        return refused(format!("{} is not a file", path.display()), "give another name");
+    }
+    let directory = directory_of(path);
+    if !directory.is_dir() {
+        let found = format!("{} is not a directory", directory.display());
+        return refused(found, "make the directory first, or give another name");
+    }
+    Ok(())
+}
 
 /// Runs until the end.
 ///
@@ -37,6 +60,8 @@ pub fn run(
     let (mut lines_at, mut picture_at) = (start, start);
     let mut takes_still = false;
     let mut bar = Bar::default();
+    let mut silence_lines = SilenceLines::default();
+    let mut told_why = None;
     // All that is asked for once is there.
     let mut has_picture = arguments.png.is_none();
     while !until.is_over() && !stills.is_done() {
@@ -62,6 +87,13 @@ pub fn run(
                 has_picture = true;
             }
         }
+        if let Some(text) = silence_lines.next(session.silence()) {
+            bar.end();
+            say(&format!("{:6.1} s  {text}", start.elapsed().as_secs_f64()))?;
+        }
+        if session.silence().is_some() {
+            continue;
+        }
         if takes_still && let Some(progress) = session.progress() {
             bar.show(&stills.next_name(), progress);
         }
@@ -77,7 +109,11 @@ pub fn run(
                 }
                 lines_at = now + LINES_EVERY;
             }
-            if let Some(why) = session.without_frames() {
+            let why = session.without_frames();
+            // Who waits for one picture need not be told again and again.
+            let is_told = arguments.once && why == told_why;
+            if let Some(why) = why.filter(|_| !is_told) {
+                told_why = Some(why);
                 say(&format!("{:6.1} s  {why}", start.elapsed().as_secs_f64()))?;
                 lines_at = now + LINES_EVERY;
             }
@@ -86,28 +122,19 @@ pub fn run(
             return Err(BadInput::whole(
                 session.place(),
                 session.without_frames().unwrap_or("the box sends no picture"),
-                "see what `plumb receive` says of its camera",
+                "run `plumb doctor`: it says what is amiss with the camera",
             ));
         }
     }
     Ok(())
 }
 
-/// Replaces a file as a whole: who looks at it never sees half a picture.
 fn write(path: &Path, picture: &RgbImage) -> Result<(), BadInput> {
-    let failed = |error: &std::io::Error| BadInput::io(path.display(), error);
     let mut file = std::io::Cursor::new(Vec::new());
     picture
         .write_to(&mut file, ImageFormat::Png)
         .map_err(|error| BadInput::whole(path.display(), error, "give another --reduction"))?;
-    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    let mut beside = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
-        .tempfile_in(directory.unwrap_or(Path::new(".")))
-        .map_err(|error| failed(&error))?;
-    beside.write_all(file.get_ref()).map_err(|error| failed(&error))?;
-    beside.persist(path).map_err(|error| failed(&error.error))?;
-    Ok(())
+    write_whole(path, file.get_ref())
 }
 
 /// How far a still has come, on standard error where that is a terminal.

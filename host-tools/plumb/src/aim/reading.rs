@@ -1,6 +1,7 @@
 //! What a technician is told of a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
+use plumbline::grid::GridRejection;
 use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
@@ -164,10 +165,16 @@ pub fn read(
             let seen = view.targets.iter().find(|seen| seen.role == role);
             let found =
                 pose.and_then(|pose| pose.targets.iter().find(|target| target.role == role));
-            target_reading(&target.name, is_calibrated, seen, found, best)
+            let is_other_measured = pose.is_some_and(|pose| is_other_measured(pose, role));
+            target_reading(&target.name, is_calibrated, seen, found, is_other_measured, best)
         })
         .collect();
     Reading { frame: frame_reading(view, best), targets }
+}
+
+/// Whether a grid in the frame is another one of the box's targets.
+fn is_other_measured(pose: &PosePacket, role: Role) -> bool {
+    pose.targets.iter().any(|target| target.role != role && target.pose.is_ok())
 }
 
 fn target_reading(
@@ -175,6 +182,7 @@ fn target_reading(
     is_calibrated: bool,
     seen: Option<&TargetView>,
     found: Option<&TargetPacket>,
+    is_other_measured: bool,
     best: &mut BestFocus,
 ) -> TargetReading {
     let mut numbers = Vec::new();
@@ -202,6 +210,10 @@ fn target_reading(
             } else {
                 numbers.push("no distance before the calibration".to_owned());
             }
+        }
+        // The grid that is seen is the other target: nothing is wrong with this one's size.
+        Some(Err(NoPose::NotFound(GridRejection::OtherDimensions))) if is_other_measured => {
+            state = format!("{state}, not in the picture");
         }
         Some(Err(why)) => {
             state = format!("{state}, {}", why.words());
@@ -242,7 +254,6 @@ fn advice_on(seen: &TargetView, focus: Focus) -> Vec<String> {
 }
 
 fn advice_without_pose(why: NoPose) -> Option<&'static str> {
-    use plumbline::grid::GridRejection;
     match why {
         NoPose::NotFound(GridRejection::NoLattice) => {
             Some("bring the target into the picture, and see to light and focus")
@@ -305,7 +316,26 @@ mod tests {
     };
 
     fn told(seen: &TargetView, best: &mut BestFocus) -> TargetReading {
-        target_reading("lumbar", true, Some(seen), None, best)
+        target_reading("lumbar", true, Some(seen), None, false, best)
+    }
+
+    #[test]
+    fn a_grid_that_is_another_target_is_no_wrong_count_of_corners() {
+        let found = TargetPacket {
+            role: Role::Upper,
+            state: TargetState::Acquiring,
+            pose: Err(NoPose::NotFound(GridRejection::OtherDimensions)),
+        };
+        let told = |is_other_measured| {
+            let best = &mut BestFocus::default();
+            target_reading("shoulder", true, None, Some(&found), is_other_measured, best).line()
+        };
+        assert_eq!(told(true), "shoulder: acquiring, not in the picture");
+        assert_eq!(
+            told(false),
+            "shoulder: acquiring, other dimensions -> another board is seen: count the target's \
+             INNER corners in targets.toml"
+        );
     }
 
     #[test]

@@ -27,6 +27,16 @@ const RENEW_EVERY: Duration = Duration::from_secs(4);
 /// Numbers are asked for this often.
 const VIEW_EVERY: Duration = Duration::from_millis(400);
 
+/// A box says something once a second at least, so that longer silence is no accident, and old
+/// numbers are none of now.
+const SILENT_AFTER: Duration = Duration::from_secs(3);
+
+/// After so much silence the box is not waited for any longer.
+const GONE_AFTER: Duration = Duration::from_secs(10);
+
+/// A question that is waited for is put again after this time.
+const ANSWER_WITHIN: Duration = Duration::from_millis(700);
+
 /// One turn takes about as long as this, so that keys are heard.
 const TURN: Duration = Duration::from_millis(30);
 
@@ -82,9 +92,48 @@ struct Coming {
     complete: Option<Instant>,
 }
 
+/// When the box was last heard.
+#[derive(Debug, Clone, Copy)]
+struct Hearing(Instant);
+
+impl Hearing {
+    fn heard(&mut self, now: Instant) {
+        self.0 = now;
+    }
+
+    /// For how long nothing has been heard, once that is longer than usual.
+    fn silence(&self, now: Instant) -> Option<Duration> {
+        let silence = now.saturating_duration_since(self.0);
+        (silence >= SILENT_AFTER).then_some(silence)
+    }
+}
+
+/// That the box is silent, for people.
+pub fn silence_words(silence: Duration) -> String {
+    format!("nothing heard from the box for {} s", silence.as_secs())
+}
+
+/// Whether a message shows that the box is there: a line may echo what is sent to it.
+fn is_of_box(message: &Message) -> bool {
+    !matches!(message, Message::Command(_))
+}
+
+/// What came of asking the box to expose in some way.
+pub enum Exposed {
+    /// It will.
+    AsAsked,
+    /// Why not, in the box's own words.
+    Refused(Refusal, String),
+    /// It was not heard meanwhile.
+    Unheard,
+}
+
 /// The way to a box in set-up mode.
 pub struct Session {
     link: BoxLink,
+    hearing: Hearing,
+    /// As of the last time that was listened: what this program does meanwhile is no silence.
+    silence: Option<Duration>,
     config: Config,
     renewed: Instant,
     viewed: Instant,
@@ -111,6 +160,8 @@ impl Session {
         let now = Instant::now();
         Ok(Self {
             link,
+            hearing: Hearing(now),
+            silence: None,
             config,
             renewed: now,
             viewed: now - VIEW_EVERY,
@@ -125,16 +176,52 @@ impl Session {
     /// Ends the mode; the way to the box.
     ///
     /// # Errors
-    /// When the box does not confirm it.
+    /// When the box does not confirm it; one that is silent is told, and not waited for.
     pub fn end(mut self) -> Result<BoxLink, BadInput> {
-        self.link.request(Action::Aim { seconds: 0 }, "to leave set-up mode").map_err(|error| {
-            BadInput::whole(
-                error.place,
-                format!("the box has not confirmed that set-up mode is over: {}", error.found),
-                format!("it ends by itself within {MODE_S} s"),
-            )
-        })?;
-        Ok(self.link)
+        let action = Action::Aim { seconds: 0 };
+        let why = if self.silence.is_some() {
+            self.link.send(action);
+            None
+        } else {
+            match self.ask(action) {
+                Ok(ReplyOutcome::Refused { refusal, reason }) => {
+                    Some(self.refused("to leave set-up mode", refusal, &reason).found)
+                }
+                Ok(_) => return Ok(self.link),
+                Err(error) => Some(error.found),
+            }
+        };
+        let why = match (self.silence, why) {
+            (Some(silence), _) => silence_words(silence),
+            (None, why) => why.unwrap_or_default(),
+        };
+        Err(BadInput::whole(
+            self.link.place(),
+            format!("the box has not confirmed that set-up mode is over: {why}"),
+            format!("it ends by itself within {MODE_S} s"),
+        ))
+    }
+
+    /// Puts a question until it is answered, and hears what else comes.
+    fn ask(&mut self, action: Action) -> Result<ReplyOutcome, BadInput> {
+        let hearing = &mut self.hearing;
+        let outcome = self.link.ask_aside(action, ANSWER_WITHIN, |message| {
+            if is_of_box(message) {
+                hearing.heard(Instant::now());
+            }
+        });
+        let now = Instant::now();
+        if outcome.is_ok() {
+            self.hearing.heard(now);
+        }
+        self.silence = self.hearing.silence(now);
+        outcome
+    }
+
+    /// For how long the box has been silent, if that is longer than usual. It is another thing
+    /// than a camera that gives no frames.
+    pub fn silence(&self) -> Option<Duration> {
+        self.silence
     }
 
     /// What the box runs with.
@@ -201,21 +288,24 @@ impl Session {
         Some(Progress { there, total, left })
     }
 
-    /// Asks the box to expose so until the mode ends; its answer, in its own words where it
-    /// refuses.
+    /// Asks the box to expose so until the mode ends.
     ///
     /// # Errors
-    /// When there is no answer.
+    /// When there is no answer, and the box is heard.
     pub fn expose(
         &mut self,
         exposure_us: Option<u32>,
         gain: Option<f32>,
-    ) -> Result<Result<(), (Refusal, String)>, BadInput> {
+    ) -> Result<Exposed, BadInput> {
         self.view = None;
-        Ok(match self.link.ask(Action::Expose { exposure_us, gain })? {
-            ReplyOutcome::Refused { refusal, reason } => Err((refusal, reason.to_string())),
-            _ => Ok(()),
-        })
+        match self.ask(Action::Expose { exposure_us, gain }) {
+            Ok(ReplyOutcome::Refused { refusal, reason }) => {
+                Ok(Exposed::Refused(refusal, reason.to_string()))
+            }
+            Ok(_) => Ok(Exposed::AsAsked),
+            Err(_) if self.silence.is_some() => Ok(Exposed::Unheard),
+            Err(error) => Err(error),
+        }
     }
 
     /// What a refusal is to the user.
@@ -226,7 +316,8 @@ impl Session {
     /// Does what is due and listens for a moment; a picture that is complete.
     ///
     /// # Errors
-    /// When the way cannot be used any more, or the box refuses what it is asked for.
+    /// When the way cannot be used any more, the box is not heard any more, or it refuses what it
+    /// is asked for.
     pub fn turn(&mut self) -> Result<Option<Taken>, BadInput> {
         let now = Instant::now();
         if now - self.renewed >= RENEW_EVERY {
@@ -236,16 +327,42 @@ impl Session {
             self.viewed = now;
             self.link.send(Action::SendView);
         }
-        self.ask_for_picture(now)?;
+        if self.silence.is_none() {
+            // What a silent box does not answer is no failure of the picture.
+            self.ask_for_picture(now)?;
+        }
         let mut messages = Vec::new();
-        self.link.messages(now + TURN, |message| {
+        // From now: the first turn after a pause listens as well.
+        self.link.messages(Instant::now() + TURN, |message| {
             messages.push(message.clone());
             None::<()>
         })?;
+        self.listened(messages.iter().any(is_of_box), Instant::now())?;
         for message in messages {
             self.message(message)?;
         }
         self.complete()
+    }
+
+    /// Forgets what was seen when the box falls silent: the old is not shown as new, then or when
+    /// it is heard again.
+    fn listened(&mut self, is_heard: bool, now: Instant) -> Result<(), BadInput> {
+        if is_heard {
+            self.hearing.heard(now);
+        }
+        self.silence = self.hearing.silence(now);
+        let Some(silence) = self.silence else { return Ok(()) };
+        if silence >= GONE_AFTER {
+            return Err(BadInput::whole(
+                self.link.place(),
+                "the box is not heard any more",
+                "check its power and its link; set-up mode ends by itself",
+            ));
+        }
+        self.view = None;
+        self.health = None;
+        self.poses.clear();
+        Ok(())
     }
 
     fn renew(&mut self, now: Instant) {
@@ -373,5 +490,33 @@ impl Session {
         self.taking = Taking::Nothing;
         self.failures = 0;
         Ok(Some(taken))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::Command;
+
+    use super::*;
+
+    #[test]
+    fn silence_counts_from_the_last_message() {
+        let start = Instant::now();
+        let after = |seconds: f64| start + Duration::from_secs_f64(seconds);
+        let mut hearing = Hearing(start);
+        assert_eq!(hearing.silence(after(2.9)), None);
+        assert_eq!(hearing.silence(after(3.0)), Some(SILENT_AFTER));
+        hearing.heard(after(3.5));
+        assert_eq!(hearing.silence(after(6.4)), None, "it is heard again");
+        let silence = hearing.silence(after(9.5)).unwrap();
+        assert_eq!(silence, Duration::from_secs(6));
+        assert_eq!(silence_words(silence), "nothing heard from the box for 6 s");
+        assert_eq!(hearing.silence(start), None, "time that is older than the message");
+    }
+
+    #[test]
+    fn an_echo_of_what_is_sent_is_not_the_box() {
+        let command = Command { id: 1, action: Action::SendView };
+        assert!(!is_of_box(&Message::Command(command)));
     }
 }

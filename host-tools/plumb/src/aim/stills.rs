@@ -11,11 +11,10 @@ use nalgebra::Vector2;
 use plumbline::image::GreyImage;
 use plumbline::target::{Origin, Role, TargetGeometry};
 
-use super::Arguments;
+use super::{Arguments, write_whole};
 use crate::calibrate::coverage::Coverage;
 use crate::calibrate::observe::Finder;
 use crate::error::BadInput;
-use crate::files;
 
 /// Parts of the frame in which the board was seen, from which on no more is asked for.
 const COVERED_MIN: f64 = 0.8;
@@ -46,7 +45,7 @@ impl Stills {
     /// As the command line has it.
     ///
     /// # Errors
-    /// When a file that would be written exists.
+    /// When a file that would be written exists, or there can be no such directory.
     pub fn new(arguments: &Arguments) -> Result<Self, BadInput> {
         let directory = arguments.stills.clone().unwrap_or_else(|| PathBuf::from("."));
         let force = arguments.force;
@@ -54,11 +53,7 @@ impl Stills {
         let number = match arguments.count {
             Some(count) => {
                 if let Some(taken) = (1..=count).find(|&number| !force && exists(number)) {
-                    return Err(BadInput::whole(
-                        path(&directory, taken).display(),
-                        "exists already",
-                        "give another directory, or --force to replace it",
-                    ));
+                    return Err(exists_already(&path(&directory, taken)));
                 }
                 1
             }
@@ -74,6 +69,10 @@ impl Stills {
             Ok(Board { geometry, finder: Finder::new(), seen_px: Vec::new() })
         });
         let board = board.transpose()?;
+        if directory.exists() && !directory.is_dir() {
+            let found = format!("{} is not a directory", directory.display());
+            return Err(BadInput::whole("--stills", found, "give another name"));
+        }
         std::fs::create_dir_all(&directory)
             .map_err(|error| BadInput::io(directory.display(), &error))?;
         let count = arguments.count;
@@ -100,6 +99,11 @@ impl Stills {
         }
     }
 
+    /// Where the next one goes.
+    pub fn next_path(&self) -> PathBuf {
+        path(&self.directory, self.number)
+    }
+
     /// How long until the next one is taken by itself.
     pub fn wait(&self, now: Instant) -> Option<Duration> {
         (self.count.is_some() && !self.is_done()).then(|| self.due.saturating_duration_since(now))
@@ -110,7 +114,7 @@ impl Stills {
     /// # Errors
     /// When it cannot be decoded or written.
     pub fn keep(&mut self, file: &[u8]) -> Result<String, BadInput> {
-        let path = path(&self.directory, self.number);
+        let path = self.next_path();
         let place = path.display().to_string();
         let picture = image::load_from_memory(file).map_err(|error| {
             BadInput::whole(
@@ -119,7 +123,10 @@ impl Stills {
                 "try again",
             )
         })?;
-        files::write_all(&[(path, file.to_vec())], self.force)?;
+        if !self.force && path.exists() {
+            return Err(exists_already(&path));
+        }
+        write_whole(&path, file)?;
         self.taken += 1;
         self.number += 1;
         self.due = Instant::now() + self.every;
@@ -134,6 +141,11 @@ impl Stills {
 
 fn path(directory: &Path, number: u32) -> PathBuf {
     directory.join(format!("still-{number:02}.png"))
+}
+
+fn exists_already(path: &Path) -> BadInput {
+    let remedy = "give another directory, or --force to replace it";
+    BadInput::whole(path.display(), "exists already", remedy)
 }
 
 impl Board {
