@@ -82,7 +82,7 @@ fn load_modules(list: &Path) -> Result<()> {
 
 /// Plays the frames for as long as the machine runs.
 fn feed() -> Result<()> {
-    let mut frames = File::open(disk("frames")?)?;
+    let mut frames = open_disk("frames")?;
     let count = frame_count(&mut frames)?;
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
@@ -144,6 +144,18 @@ fn frame_count(disk: &mut File) -> Result<usize> {
     let bytes = disk.seek(SeekFrom::End(0))? as usize;
     ensure!(bytes >= FRAME_BYTES, "the disk of frames holds {bytes} bytes");
     Ok(bytes / FRAME_BYTES)
+}
+
+/// Opens the disk with this serial number: it may be listed before it can be opened.
+fn open_disk(serial: &str) -> Result<File> {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        match File::open(disk(serial)?) {
+            Ok(file) => return Ok(file),
+            Err(error) if Instant::now() > until => return Err(error).context(serial.to_owned()),
+            Err(_) => sleep(Duration::from_millis(20)),
+        }
+    }
 }
 
 /// The disk with this serial number. The box's init loads its driver, so it may take a while.
