@@ -67,17 +67,17 @@ pub struct TargetView {
 pub fn frame_view<P: Pixel>(image: &GreyImage<'_, P>) -> FrameView {
     let white = f32::from(image.white_level());
     let white_sample = u32::from(image.white_level());
-    let (mut sum, mut saturated, mut pixels) = (0.0_f32, 0_u32, 0_u32);
-    let (mut near, mut far, mut places) = (0.0_f32, 0.0_f32, 0_u32);
+    let (mut sum, mut saturated, mut pixels) = (0.0_f64, 0_u32, 0_u32);
+    let (mut near, mut far, mut places) = (0.0_f64, 0.0_f64, 0_u32);
     for y in (0..image.height()).step_by(ROW_STEP) {
         let row = image.row(y);
-        // Per row, so that no sum outgrows what an f32 adds to exactly enough.
-        let mut row_sum = 0.0_f32;
+        // Single precision is enough for a row, and faster; not for a frame.
+        let (mut row_sum, mut row_near, mut row_far) = (0.0_f32, 0.0_f32, 0.0_f32);
         for &pixel in row {
             row_sum += Into::<f32>::into(pixel);
             saturated += u32::from(Into::<u32>::into(pixel) >= white_sample);
         }
-        sum += row_sum / white / row.len() as f32;
+        sum += f64::from(row_sum / white / row.len() as f32);
         pixels += row.len() as u32;
         for x in FAR_PX..row.len() - FAR_PX {
             let difference = |reach: usize| -> f32 {
@@ -87,18 +87,19 @@ pub fn frame_view<P: Pixel>(image: &GreyImage<'_, P>) -> FrameView {
             let across = difference(FAR_PX);
             if across.abs() >= EDGE_MIN {
                 let within = difference(NEAR_PX);
-                near += within * within;
-                far += across * across;
+                row_near += within * within;
+                row_far += across * across;
                 places += 1;
             }
         }
+        near += f64::from(row_near);
+        far += f64::from(row_far);
     }
     let rows = image.height().div_ceil(ROW_STEP);
     FrameView {
-        level: sum / rows as f32,
+        level: (sum / rows as f64) as f32,
         saturated: saturated as f32 / pixels as f32,
-        blur_px: (places >= EDGE_PLACES_MIN)
-            .then(|| edge_blur_px(f64::from(near) / f64::from(far)) as f32),
+        blur_px: (places >= EDGE_PLACES_MIN).then(|| edge_blur_px(near / far) as f32),
     }
 }
 

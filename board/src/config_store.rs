@@ -1,7 +1,7 @@
 //! Where the box's configuration is kept, and how a new one takes its place.
 //!
 //! The power may go at any moment, and then the old configuration is there or the new one. A
-//! new one is first written into a file of its own beside the old one ([`JOURNAL`]). Elsewhere
+//! new one is first written into a file of its own beside the old one ([`journal_of`]). Elsewhere
 //! that is then renamed, at one stroke. A FAT file system, which a box's card has, does not
 //! rename at one stroke. There it is written twice, and each step is on the disk before the
 //! next begins:
@@ -23,8 +23,14 @@ use nix::mount::{MsFlags, mount};
 use nix::unistd::syncfs;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-/// What the name of the file of its own ends with.
-const JOURNAL: &str = "new";
+/// The configuration's name on a box's card.
+pub const CONFIG_NAME: &str = "config.plb";
+
+/// The file of its own beside a configuration.
+#[must_use]
+pub fn journal_of(config: &Path) -> PathBuf {
+    config.with_extension("new")
+}
 
 /// One configuration's place.
 #[derive(Debug, Clone)]
@@ -84,25 +90,21 @@ impl ConfigStore {
             return Ok(());
         }
         self.written_to(|| {
-            write_to_disk(&self.journal_path(), blob)?;
+            write_to_disk(&journal_of(&self.path), blob)?;
             self.put_in_place(blob)
         })?;
         ensure!(self.read()? == blob, "the disk does not give back what was written to it");
         Ok(())
     }
 
-    fn journal_path(&self) -> PathBuf {
-        self.path.with_extension(JOURNAL)
-    }
-
     /// What was to be stored when it was cut off, if that is whole.
     fn journal(&self) -> Option<Vec<u8>> {
-        read_bounded(&self.journal_path()).ok().filter(|blob| is_whole(blob))
+        read_bounded(&journal_of(&self.path)).ok().filter(|blob| is_whole(blob))
     }
 
     /// What comes after it is on the disk, in the file of its own or in its place.
     fn put_in_place(&self, blob: &[u8]) -> Result<()> {
-        let journal = self.journal_path();
+        let journal = journal_of(&self.path);
         let is_there = read_bounded(&self.path).is_ok_and(|there| there == blob);
         if is_there || self.partition.is_some() {
             if !is_there {

@@ -2,9 +2,12 @@
 
 mod common;
 
-use plumbline::config::{BLOB_BYTES_MAX, Capture, CaptureDriver, Config, PixelFormat};
+use plumbline::config::{BLOB_BYTES_MAX, CaptureDriver, Config};
 
-use common::{Board, Finished, config, folder, messages, poses, write_config, write_recording};
+use common::{
+    Board, Finished, config, config_with_camera, folder, messages, poses, write_config,
+    write_recording,
+};
 
 /// Exit code 2, the expected words, and no trace of a panic.
 fn assert_refused(finished: &Finished, words: &[&str]) {
@@ -123,16 +126,7 @@ fn a_configuration_is_checked_as_a_box_does() {
         Board::start(&path, &["--check"]).wait()
     };
     let blob = |change: &dyn Fn(&mut Config)| {
-        let mut config = config();
-        config.links.udp = Some(([192, 0, 2, 1], 4210).into());
-        config.capture = Some(Capture {
-            driver: CaptureDriver::V4l2,
-            device: heapless::String::new(),
-            pixel_format: PixelFormat::Grey,
-            rate_hz: 60.0,
-            exposure_us: None,
-            gain: None,
-        });
+        let mut config = config_with_camera();
         change(&mut config);
         config.encode(&mut vec![0; BLOB_BYTES_MAX]).unwrap().to_vec()
     };

@@ -6,8 +6,10 @@ use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use common::{Board, PATIENCE, SIZE_PX, config, folder, recording, write_config};
-use plumbline::config::{BLOB_BYTES_MAX, Capture, CaptureDriver, Config, PixelFormat};
+use common::{
+    Board, PATIENCE, SIZE_PX, config, config_with_camera, folder, recording, write_config,
+};
+use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
     Action, Command, Document, Health, Message, PACKET_BYTES_MAX, PART_BYTES_MAX, Part, Picture,
     Refusal, ReplyOutcome, View, decode_datagram, document_crc, encode_datagram,
@@ -111,20 +113,9 @@ fn blob(config: &Config) -> Vec<u8> {
     config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
 }
 
-/// What a box with a camera can run with.
+/// Of a box of another name.
 fn another_config() -> Config {
-    let mut config = config();
-    config.device = "another".try_into().unwrap();
-    config.links.udp = Some("127.0.0.1:4210".parse().unwrap());
-    config.capture = Some(Capture {
-        driver: CaptureDriver::V4l2,
-        device: heapless::String::new(),
-        pixel_format: PixelFormat::Grey,
-        rate_hz: 60.0,
-        exposure_us: None,
-        gain: None,
-    });
-    config
+    Config { device: "another".try_into().unwrap(), ..config_with_camera() }
 }
 
 #[test]

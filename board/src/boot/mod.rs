@@ -11,9 +11,9 @@
 //! ```
 //!
 //! A *refusal* is about the configuration: a new start would read the same one,
-//! so the box stays up and repeats what is wrong, until a host sends another one. A *failure* is about the
-//! program or the machine: it says what and where, stops feeding the watchdog,
-//! and starts anew.
+//! so the box stays up and repeats what is wrong, until a host sends another one.
+//! A *failure* is about the program or the machine: it says what and where, stops
+//! feeding the watchdog, and starts anew.
 //!
 //! The kernel has opened the console as standard input, output and error before
 //! this starts. Measuring does not wait for the network; packets leave as soon
@@ -47,7 +47,7 @@ use plumbline::config::{Config, Network};
 use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 
-use crate::config_store::ConfigStore;
+use crate::config_store::{CONFIG_NAME, ConfigStore};
 use crate::link::{Link, NO_LINK, SerialLink, UdpLink};
 use crate::session::{self, Links, Setup};
 use crate::source::chosen::Source;
@@ -142,7 +142,7 @@ pub fn usable(config: &Config) -> Result<(Links, Source)> {
 }
 
 fn in_config(device: &str) -> String {
-    format!("{} on {device}", partition::CONFIG_NAME)
+    format!("{CONFIG_NAME} on {device}")
 }
 
 /// The links of the configuration; what they need may come later.

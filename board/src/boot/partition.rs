@@ -9,10 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use nix::mount::{MsFlags, mount, umount};
 
-use crate::config_store::{ConfigStore, MOUNT_FLAGS, is_absent};
-
-/// The configuration's name on its partition.
-pub const CONFIG_NAME: &str = "config.plb";
+use crate::config_store::{CONFIG_NAME, ConfigStore, MOUNT_FLAGS, is_absent};
 
 /// Where the partition is mounted.
 const PLACE: &str = "/boot";

@@ -275,12 +275,12 @@ mod tests {
     use std::cell::RefCell;
     use std::collections::VecDeque;
 
-    use plumbline::config::{CaptureDriver, PixelFormat};
     use plumbline::image::GreyImage;
     use plumbline::packet::MarkedInstant;
 
     use super::super::Pixels;
     use super::*;
+    use crate::test_config;
 
     thread_local! {
         /// What the fake camera of this test does next: its openings and its waits.
@@ -343,14 +343,7 @@ mod tests {
 
     fn camera(script: impl IntoIterator<Item = Step>) -> Camera<Fake> {
         SCRIPT.with_borrow_mut(|steps| steps.extend(script));
-        let capture = Capture {
-            driver: CaptureDriver::V4l2,
-            device: heapless::String::new(),
-            pixel_format: PixelFormat::Grey,
-            rate_hz: 60.0,
-            exposure_us: None,
-            gain: None,
-        };
+        let capture = test_config::config().capture.unwrap();
         Camera::new(capture, (64, 64))
     }
 

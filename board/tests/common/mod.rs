@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use plumbline::config::{Config, Links, Machine, TargetConfig};
+use plumbline::config::{
+    Capture, CaptureDriver, Config, Links, Machine, PixelFormat, TargetConfig,
+};
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{Deframer, Message, PosePacket};
 use plumbline::target::{Origin, Role, TargetGeometry};
@@ -53,6 +55,20 @@ pub fn config() -> Config {
         capture: None,
         machine: Machine::default(),
     }
+}
+
+/// What a box can run with by itself.
+pub fn config_with_camera() -> Config {
+    let capture = Capture {
+        driver: CaptureDriver::V4l2,
+        device: heapless::String::new(),
+        pixel_format: PixelFormat::Grey,
+        rate_hz: 60.0,
+        exposure_us: None,
+        gain: None,
+    };
+    let links = Links { udp: Some("127.0.0.1:4210".parse().unwrap()), serial: None };
+    Config { capture: Some(capture), links, ..config() }
 }
 
 pub fn write_config(folder: &TempDir, config: &Config) -> PathBuf {

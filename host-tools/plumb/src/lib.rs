@@ -15,6 +15,7 @@ mod draw;
 pub mod error;
 pub mod files;
 pub mod link;
+mod missing;
 mod palette;
 pub mod provision;
 pub mod receive;

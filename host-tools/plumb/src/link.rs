@@ -329,19 +329,19 @@ impl BoxLink {
     /// As [`config`](Self::config), and when the box will start with another one next, which
     /// would be lost.
     pub fn config_to_change(&mut self) -> Result<Config, BadInput> {
-        let config = self.config()?;
-        match self.ask(Action::QueryConfig)? {
-            ReplyOutcome::Config { crc, next_crc, .. } if crc != next_crc => Err(BadInput::whole(
-                &self.place,
-                format!(
-                    "the box has been given another configuration, {next_crc:08x}, which it \
-                         uses from its next start on"
-                ),
-                "start it anew first: switch it off and on, or send that one again without \
-                 --no-restart",
-            )),
-            _ => Ok(config),
+        let (config, next_crc) = self.config_and_next()?;
+        if config.crc() == next_crc {
+            return Ok(config);
         }
+        Err(BadInput::whole(
+            &self.place,
+            format!(
+                "the box has been given another configuration, {next_crc:08x}, which it uses \
+                 from its next start on"
+            ),
+            "start it anew first: switch it off and on, or send that one again without \
+             --no-restart",
+        ))
     }
 
     /// The box's configuration.
@@ -349,8 +349,14 @@ impl BoxLink {
     /// # Errors
     /// When the box does not answer, or its configuration cannot be read here.
     pub fn config(&mut self) -> Result<Config, BadInput> {
-        let (crc, bytes) = match self.ask(Action::QueryConfig)? {
-            ReplyOutcome::Config { crc, bytes, .. } => (crc, bytes),
+        Ok(self.config_and_next()?.0)
+    }
+
+    /// The configuration that the box runs with, and the checksum of the one that it will start
+    /// with next.
+    fn config_and_next(&mut self) -> Result<(Config, u32), BadInput> {
+        let (crc, bytes, next_crc) = match self.ask(Action::QueryConfig)? {
+            ReplyOutcome::Config { crc, bytes, next_crc } => (crc, bytes, next_crc),
             ReplyOutcome::Refused { refusal, reason } => {
                 return Err(self.refused("to tell its configuration", refusal, &reason));
             }
@@ -366,7 +372,7 @@ impl BoxLink {
         if config.crc() != crc {
             return Err(self.nonsense("another configuration than the one it has told of"));
         }
-        Ok(config)
+        Ok((config, next_crc))
     }
 
     /// Sends a configuration that the box is to keep; its checksum as the box has read it

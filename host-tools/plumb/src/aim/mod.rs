@@ -8,7 +8,7 @@
 //! ```
 
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
@@ -253,24 +253,6 @@ fn annotated(picture: RgbImage, taken: &Taken, session: &Session) -> RgbImage {
     }
 }
 
-/// Writes a file as a whole, in place of one that exists: nobody ever sees a part of it, and none
-/// stays where the disk is full.
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
-    let failed = |error: &std::io::Error| BadInput::io(path.display(), error);
-    let mut beside = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
-        .tempfile_in(directory_of(path))
-        .map_err(|error| failed(&error))?;
-    beside.write_all(bytes).map_err(|error| failed(&error))?;
-    beside.persist(path).map_err(|error| failed(&error.error))?;
-    Ok(())
-}
-
-/// The directory in which a file is or will be.
-fn directory_of(path: &Path) -> &Path {
-    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
 /// A line on standard output.
 fn say(text: &str) -> Result<(), BadInput> {
     writeln!(std::io::stdout(), "{text}").map_err(|error| BadInput::io("standard output", &error))
@@ -287,19 +269,5 @@ mod tests {
         let told = silences.map(|silence| lines.next(silence.map(Duration::from_secs_f64)));
         let words = |seconds| Some(format!("nothing heard from the box for {seconds} s"));
         assert_eq!(told, [None, words(3), None, words(4), None, words(4)]);
-    }
-
-    #[test]
-    fn a_file_that_cannot_be_written_leaves_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        let names = || std::fs::read_dir(&folder).unwrap().count();
-        let path = folder.path().join("view.png");
-        write_whole(&path, b"old").unwrap();
-        write_whole(&path, b"new").unwrap();
-        assert_eq!((std::fs::read(&path).unwrap(), names()), (b"new".to_vec(), 1));
-        let taken = folder.path().join("directory");
-        std::fs::create_dir(&taken).unwrap();
-        assert!(write_whole(&taken, b"new").is_err());
-        assert_eq!(names(), 2);
     }
 }

@@ -9,10 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::session::{Progress, Session};
 use super::stills::Stills;
 use super::terminal::resized;
-use super::{
-    Arguments, SilenceLines, Until, Watch, annotated, decoded, directory_of, say, write_whole,
-};
+use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
 use crate::error::BadInput;
+use crate::files;
 
 /// The numbers come this often.
 const LINES_EVERY: Duration = Duration::from_secs(1);
@@ -37,7 +36,7 @@ pub fn check(path: &Path) -> Result<(), BadInput> {
     if path.metadata().is_ok_and(|it| !it.is_file()) {
         return refused(format!("{} is not a file", path.display()), "give another name");
     }
-    let directory = directory_of(path);
+    let directory = files::directory_of(path);
     if !directory.is_dir() {
         let found = format!("{} is not a directory", directory.display());
         return refused(found, "make the directory first, or give another name");
@@ -134,7 +133,7 @@ fn write(path: &Path, picture: &RgbImage) -> Result<(), BadInput> {
     picture
         .write_to(&mut file, ImageFormat::Png)
         .map_err(|error| BadInput::whole(path.display(), error, "give another --reduction"))?;
-    write_whole(path, file.get_ref())
+    files::replace(path, file.get_ref())
 }
 
 /// How far a still has come, on standard error where that is a terminal.

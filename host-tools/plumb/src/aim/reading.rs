@@ -1,12 +1,12 @@
 //! What a technician is told of a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
-use plumbline::grid::GridRejection;
 use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
-use plumbline::report::{NoPose, TargetState};
+use plumbline::report::TargetState;
 use plumbline::target::Role;
 
 use crate::files::camera;
+use crate::missing::Missing;
 
 /// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is
 /// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.
@@ -211,13 +211,10 @@ fn target_reading(
                 numbers.push("no distance before the calibration".to_owned());
             }
         }
-        // The grid that is seen is the other target: nothing is wrong with this one's size.
-        Some(Err(NoPose::NotFound(GridRejection::OtherDimensions))) if is_other_measured => {
-            state = format!("{state}, not in the picture");
-        }
         Some(Err(why)) => {
-            state = format!("{state}, {}", why.words());
-            advice.extend(advice_without_pose(*why).map(str::to_owned));
+            let missing = Missing::new(*why, is_other_measured);
+            state = format!("{state}, {}", missing.words());
+            advice.extend(missing.remedy().map(str::to_owned));
         }
         None => {}
     }
@@ -253,30 +250,6 @@ fn advice_on(seen: &TargetView, focus: Focus) -> Vec<String> {
     advice
 }
 
-fn advice_without_pose(why: NoPose) -> Option<&'static str> {
-    match why {
-        NoPose::NotFound(GridRejection::NoLattice) => {
-            Some("bring the target into the picture, and see to light and focus")
-        }
-        NoPose::NotFound(GridRejection::OtherDimensions) => {
-            Some("another board is seen: count the target's INNER corners in targets.toml")
-        }
-        NoPose::NotFound(GridRejection::Cut) => Some("move the camera: the frame cuts the target"),
-        NoPose::NotFound(GridRejection::Incomplete) | NoPose::TooFewCorners => {
-            Some("uncover the target, and see to light and focus")
-        }
-        NoPose::NotFound(GridRejection::GoesOn) => {
-            Some("give the target its white margin: a pattern goes on beside it")
-        }
-        NoPose::NotFound(GridRejection::Ambiguous) => Some("cover the second target of this shape"),
-        NoPose::PoorFit => {
-            Some("check that the print is flat, the pitch right, and the camera this lens's")
-        }
-        NoPose::FrameSize => Some("calibrate at the size that the camera gives"),
-        NoPose::Searching | NoPose::ExtentUnknown => None,
-    }
-}
-
 fn frame_reading(view: &View, best: &mut BestFocus) -> FrameReading {
     let frame = &view.frame;
     let mut text =
@@ -302,6 +275,8 @@ fn frame_reading(view: &View, best: &mut BestFocus) -> FrameReading {
 
 #[cfg(test)]
 mod tests {
+    use plumbline::grid::GridRejection;
+    use plumbline::report::NoPose;
     use plumbline::view::FrameView;
 
     use super::*;
@@ -330,11 +305,14 @@ mod tests {
             let best = &mut BestFocus::default();
             target_reading("shoulder", true, None, Some(&found), is_other_measured, best).line()
         };
-        assert_eq!(told(true), "shoulder: acquiring, not in the picture");
+        assert_eq!(
+            told(true),
+            "shoulder: acquiring, not in the picture -> bring the target into the picture"
+        );
         assert_eq!(
             told(false),
-            "shoulder: acquiring, other dimensions -> another board is seen: count the target's \
-             INNER corners in targets.toml"
+            "shoulder: acquiring, other dimensions -> another board is seen: columns and rows in \
+             the targets file count INNER corners"
         );
     }
 

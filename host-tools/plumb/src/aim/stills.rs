@@ -11,10 +11,11 @@ use nalgebra::Vector2;
 use plumbline::image::GreyImage;
 use plumbline::target::{Origin, Role, TargetGeometry};
 
-use super::{Arguments, write_whole};
+use super::Arguments;
 use crate::calibrate::coverage::Coverage;
 use crate::calibrate::observe::Finder;
 use crate::error::BadInput;
+use crate::files;
 
 /// Parts of the frame in which the board was seen, from which on no more is asked for.
 const COVERED_MIN: f64 = 0.8;
@@ -126,7 +127,7 @@ impl Stills {
         if !self.force && path.exists() {
             return Err(exists_already(&path));
         }
-        write_whole(&path, file)?;
+        files::replace(&path, file)?;
         self.taken += 1;
         self.number += 1;
         self.due = Instant::now() + self.every;

@@ -10,6 +10,7 @@ use plumbline::target::Role;
 
 use super::clock::Exchange;
 use crate::error::BadInput;
+use crate::files::camera;
 use crate::receive::accounting::{Accounting, Counts};
 use crate::receive::bad_packets::BadPackets;
 use crate::receive::complaints::text_of;
@@ -121,6 +122,18 @@ impl Findings {
     #[must_use]
     pub fn config(&self) -> Option<&Config> {
         self.config.as_ref()?.as_ref().ok()
+    }
+
+    /// Whether the lens is known: without it there is neither a fit nor a distance.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        !self.config().is_some_and(|config| camera::is_stand_in(&config.lens))
+    }
+
+    /// Whether another of the box's targets was measured.
+    #[must_use]
+    pub fn measures_another(&self, role: Role) -> bool {
+        self.targets.iter().any(|target| target.role != role && !target.poses.is_empty())
     }
 
     /// How the box was at last.

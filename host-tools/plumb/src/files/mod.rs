@@ -83,7 +83,8 @@ pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
 }
 
 /// Writes several files: all of them or none. Where one exists and `force` is not given, a
-/// directory is absent, or the disk is full, nothing is left behind.
+/// directory is absent, or the disk is full, nothing is left behind. Nobody ever sees a part of
+/// a file.
 ///
 /// # Errors
 /// When one exists, or the operating system refuses.
@@ -94,28 +95,49 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
     }
     let mut staged = Vec::new();
     for (path, bytes) in outputs {
-        let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
         if path.exists() && !path.is_file() {
             // A device or a pipe is written to where it is.
+            let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
             create(path, force)?.write_all(bytes).map_err(failed)?;
-            continue;
+        } else {
+            staged.push((beside(path, bytes)?, path));
         }
-        let directory = path.parent().filter(|it| !it.as_os_str().is_empty());
-        let directory = directory.unwrap_or_else(|| Path::new("."));
-        if !directory.is_dir() {
-            return Err(no_such_directory(path));
-        }
-        // As any file that this user makes, and not only for this user's eyes.
-        let mut builder = tempfile::Builder::new();
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.tempfile_in(directory).map_err(failed)?;
-        file.write_all(bytes).map_err(failed)?;
-        staged.push((file, path));
     }
     for (file, path) in staged {
         file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
     }
     Ok(())
+}
+
+/// Writes one file, in the place of one that exists, as [`write_all`] does.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn replace(path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
+    let file = beside(path, bytes)?;
+    file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
+    Ok(())
+}
+
+/// A file beside `path` that is yet to take its name.
+fn beside(path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile, BadInput> {
+    let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
+    let directory = directory_of(path);
+    if !directory.is_dir() {
+        return Err(no_such_directory(path));
+    }
+    // As any file that this user makes, and not only for this user's eyes.
+    let mut builder = tempfile::Builder::new();
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = builder.tempfile_in(directory).map_err(failed)?;
+    file.write_all(bytes).map_err(failed)?;
+    Ok(file)
+}
+
+/// The directory in which a file is or will be.
+#[must_use]
+pub fn directory_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 fn no_such_directory(path: &Path) -> BadInput {
@@ -176,4 +198,23 @@ fn from_toml<T: DeserializeOwned>(text: &str, place: &str, remedy: &str) -> Resu
         let found = message.lines().next().unwrap_or("not TOML");
         BadInput::new(place, place_in_file, found, remedy)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_written_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = || std::fs::read_dir(&folder).unwrap().count();
+        let path = folder.path().join("view.png");
+        replace(&path, b"old").unwrap();
+        replace(&path, b"new").unwrap();
+        assert_eq!((std::fs::read(&path).unwrap(), names()), (b"new".to_vec(), 1));
+        let taken = folder.path().join("directory");
+        std::fs::create_dir(&taken).unwrap();
+        assert!(replace(&taken, b"new").is_err());
+        assert_eq!(names(), 2);
+    }
 }

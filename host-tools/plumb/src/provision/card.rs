@@ -9,16 +9,10 @@ use std::path::Path;
 use fatfs::{Date, DateTime, FileSystem, FsOptions, Time, TimeProvider};
 use fscommon::StreamSlice;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline_board::config_store::{CONFIG_NAME, journal_of};
 
 use super::identity::refuse_another_box;
 use crate::error::BadInput;
-
-/// By this name a box looks for its configuration.
-const CONFIG_NAME: &str = "config.plb";
-
-/// What a box writes a configuration into before it takes the old one's place. One that a
-/// power cut has left behind counts more than the file itself, and must not come back.
-const JOURNAL_NAME: &str = "config.new";
 
 const SECTOR_BYTES: usize = 512;
 
@@ -182,10 +176,15 @@ fn replace(fat: &Fat<'_>, blob: &[u8]) -> io::Result<()> {
     file.write_all(blob)?;
     file.truncate()?;
     file.flush()?;
-    match root.remove(JOURNAL_NAME) {
+    // What a power cut has left there is older. It would come back if this one were damaged.
+    match root.remove(&journal_name()) {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
+}
+
+fn journal_name() -> String {
+    journal_of(Path::new(CONFIG_NAME)).display().to_string()
 }
 
 fn fault(place: &str, error: &io::Error) -> BadInput {
@@ -264,7 +263,7 @@ mod tests {
             {
                 let file = open(card).unwrap();
                 let (fat, _) = file_system(&file, "").unwrap();
-                for (name, bytes) in [("vmlinuz", 70_000), (JOURNAL_NAME, 900), ("notes", 5)] {
+                for (name, bytes) in [("vmlinuz", 70_000), (&*journal_name(), 900), ("notes", 5)] {
                     let mut file = fat.root_dir().create_file(name).unwrap();
                     file.write_all(&vec![7; bytes]).unwrap();
                 }

@@ -255,3 +255,33 @@ fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), B
     }
     delivery::deliver(&mut link, &before, config, !arguments.no_restart)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::box_settings;
+
+    const README: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md"));
+
+    #[test]
+    fn a_new_box_file_is_read_as_it_is_and_with_every_setting() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("box.toml");
+        std::fs::write(&path, NEW_BOX).unwrap();
+        box_settings::read(&path).unwrap();
+        // What is left out begins with # and no space; what explains, with a space.
+        let all: String = NEW_BOX
+            .lines()
+            .map(|line| line.strip_prefix('#').filter(|it| !it.starts_with(' ')).unwrap_or(line))
+            .map(|line| format!("{line}\n"))
+            .collect();
+        assert!(!all.lines().any(|line| line.starts_with('#')), "{all}");
+        std::fs::write(&path, all).unwrap();
+        box_settings::read(&path).unwrap();
+    }
+
+    #[test]
+    fn the_readme_shows_the_box_file_that_is_written() {
+        assert!(README.contains(&format!("```toml\n{NEW_BOX}```")));
+    }
+}

@@ -1,6 +1,5 @@
 //! The scene board's poses as a live box sends them.
 
-use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{Hello, MeasuredPose, Message, PosePacket};
@@ -11,6 +10,7 @@ use plumbline::target::Role;
 use super::Seen;
 use crate::error::BadInput;
 use crate::link::BoxLink;
+use crate::missing::{self, Missing};
 use crate::waiting::Waiting;
 
 /// What a box has sent of the board.
@@ -18,8 +18,10 @@ use crate::waiting::Waiting;
 struct Heard {
     frames: usize,
     poses: Vec<Pose<Cam, Target>>,
-    /// Frames without a pose, by the reason's words.
-    without: BTreeMap<&'static str, usize>,
+    /// Frames without a pose, by the reason.
+    without: Vec<(NoPose, usize)>,
+    /// Whether another target was measured in one of the frames.
+    is_other_measured: bool,
 }
 
 /// Checks that the box looks for a scene board.
@@ -67,9 +69,14 @@ impl Heard {
     fn take(&mut self, packet: &PosePacket) {
         let Some(board) = packet.targets.iter().find(|it| it.role == Role::Scene) else { return };
         self.frames += 1;
+        self.is_other_measured |=
+            packet.targets.iter().any(|it| it.role != Role::Scene && it.pose.is_ok());
         match &board.pose {
             Ok(pose) => self.poses.push(cam_from_target(pose)),
-            Err(reason) => *self.without.entry(reason.words()).or_default() += 1,
+            Err(why) => match self.without.iter_mut().find(|(known, _)| known == why) {
+                Some((_, frames)) => *frames += 1,
+                None => self.without.push((*why, 1)),
+            },
         }
     }
 
@@ -78,15 +85,13 @@ impl Heard {
         if self.frames == 0 {
             return "no frame came at all: `plumb doctor` says how its camera is".into();
         }
-        match self.without.iter().max_by_key(|(_, frames)| **frames) {
-            Some((words, _)) if *words == NoPose::Searching.words() => {
-                "it is being searched for: try again".into()
+        let longer = "watch for longer with --seconds";
+        match missing::most(self.without.iter().copied()) {
+            Some((why, frames)) => {
+                let missing = Missing::new(why, self.is_other_measured);
+                format!("{} in {frames}: {}", missing.words(), missing.remedy().unwrap_or(longer))
             }
-            Some((words, frames)) => format!(
-                "{words} in {frames}: check that the whole board is in sight and lit, and its \
-                 columns and rows in the targets file"
-            ),
-            None => "watch for longer with --seconds".into(),
+            None => longer.into(),
         }
     }
 }

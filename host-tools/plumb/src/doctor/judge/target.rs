@@ -1,14 +1,13 @@
 //! The targets: how often they are found, and how well.
 
-use plumbline::grid::GridRejection;
 use plumbline::packet::MeasuredPose;
-use plumbline::report::NoPose;
 use plumbline::target::Role;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, TargetSeen, median};
 use super::percent;
 use crate::aim::reading::{COVERAGE, PITCH_PX_MIN};
+use crate::missing::{self, Missing};
 
 /// A person at rest hides no target: below this something is amiss now and then.
 const SHARE_WARN: f64 = 0.99;
@@ -34,6 +33,9 @@ const PITCH_FAIL_PX: f64 = 7.0;
 /// Corners hidden in so many frames of all are no passing hand.
 const HIDDEN_WARN: f64 = 0.5;
 
+/// Where no search has come to its end.
+const WATCH_LONGER: &str = "watch for longer with --seconds";
+
 pub fn checks(findings: &Findings) -> Vec<Check> {
     if findings.targets.is_empty() {
         return vec![Check::skipped("poses", "no frame came")];
@@ -43,80 +45,64 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
 
 fn of_one(findings: &Findings, target: &TargetSeen) -> Vec<Check> {
     let name = findings.name(target.role);
-    let mut checks = vec![share(&name, target)];
+    let is_other_measured = findings.measures_another(target.role);
+    let mut checks = vec![share(&name, target, is_other_measured)];
     if target.poses.is_empty() {
         return checks;
     }
     checks.push(corners(findings, &name, target));
+    if findings.is_calibrated() {
+        checks.extend(precision(&name, target));
+    } else {
+        checks.push(Check::skipped(format!("{name} fit"), "the camera is not calibrated yet"));
+    }
+    checks.extend(size(findings, &name, target.role));
+    checks
+}
+
+/// How well the corners fit the target, and the distance that they promise.
+fn precision(name: &str, target: &TargetSeen) -> [Check; 2] {
     let middle = |of: fn(&MeasuredPose) -> f32| {
         median(target.poses.iter().map(|pose| f64::from(of(pose)))).unwrap_or_default()
     };
     let rms_px = middle(|pose| pose.rms_px);
-    checks.push(Check::new(
+    let fit = Check::new(
         Verdict::at_most(rms_px, RMS_WARN_PX, RMS_FAIL_PX),
         format!("{name} fit"),
         format!("{rms_px:.3} px (at most {RMS_WARN_PX})"),
         "flatten the print; check its pitch_mm with a ruler; calibrate the camera again if its \
          lens was touched",
-    ));
+    );
     let [x_mm, y_mm, z_mm] =
         [middle(|pose| pose.sd_mm[0]), middle(|pose| pose.sd_mm[1]), middle(|pose| pose.sd_mm[2])]
             .map(|sd_mm| f64::from(COVERAGE) * sd_mm);
-    checks.push(Check::new(
+    let depth = Check::new(
         Verdict::at_most(z_mm, DEPTH_WARN_MM, DEPTH_FAIL_MM),
         format!("{name} depth"),
         format!("+-{z_mm:.3} mm promised (at most {DEPTH_WARN_MM}); x +-{x_mm:.3}, y +-{y_mm:.3}"),
         "go nearer, give more light, focus, or print the target larger",
-    ));
-    checks.extend(size(findings, &name, target.role));
-    checks
+    );
+    [fit, depth]
 }
 
-fn share(name: &str, target: &TargetSeen) -> Check {
+fn share(name: &str, target: &TargetSeen, is_other_measured: bool) -> Check {
     let subject = format!("{name} poses");
     let (poses, frames) = (target.poses.len(), target.frames());
     let share = poses as f64 / frames as f64;
     let mut seen = format!("in {poses} of {frames} frames");
-    let most = target.without.iter().max_by_key(|(_, frames)| *frames);
+    let most = missing::most(target.without.iter().copied());
+    let most = most.map(|(why, frames)| (Missing::new(why, is_other_measured), frames));
     if target.role == Role::Scene {
         // It is there for `plumb scene` alone, and away during trials.
         let away = if poses == 0 { "; needed for `plumb scene` only" } else { "" };
         return Check::good(subject, seen + away);
     }
-    if let Some((reason, count)) = most {
-        seen = format!("{seen}; {} in {count}", reason.words());
+    if let Some((missing, count)) = most {
+        seen = format!("{seen}; {} in {count}", missing.words());
     }
     seen = format!("{seen} (at least {})", percent(SHARE_WARN));
-    let remedy = most.map_or("", |(reason, _)| remedy(*reason));
+    let remedy = most.map_or("", |(missing, _)| missing.remedy().unwrap_or(WATCH_LONGER));
     Check::new(Verdict::at_least(share, SHARE_WARN, SHARE_FAIL), subject, seen, remedy)
-}
-
-/// What to do when a target is not found for this reason.
-fn remedy(reason: NoPose) -> &'static str {
-    match reason {
-        NoPose::FrameSize => "calibrate the camera at the size that it records at",
-        NoPose::Searching => "watch for longer with --seconds",
-        NoPose::NotFound(GridRejection::NoLattice) => {
-            "bring the target into sight; check light and focus with `plumb aim`"
-        }
-        NoPose::NotFound(GridRejection::OtherDimensions) => {
-            "check columns and rows in the targets file: they count inner corners"
-        }
-        NoPose::NotFound(GridRejection::Cut) => {
-            "aim the camera so that all of the target is in the frame"
-        }
-        NoPose::NotFound(GridRejection::Incomplete) => {
-            "uncover all of the target, and flatten it; check light and focus with `plumb aim`"
-        }
-        NoPose::NotFound(GridRejection::GoesOn) => {
-            "keep the target's white margin free, and check columns and rows in the targets file"
-        }
-        NoPose::NotFound(GridRejection::Ambiguous) => "take the second target of this kind away",
-        NoPose::TooFewCorners | NoPose::ExtentUnknown => "keep hands, hair and clothes off it",
-        NoPose::PoorFit => {
-            "flatten the print; check columns, rows and pitch_mm, and the calibration"
-        }
-    }
 }
 
 fn corners(findings: &Findings, name: &str, target: &TargetSeen) -> Check {
@@ -151,8 +137,12 @@ fn size(findings: &Findings, name: &str, role: Role) -> Option<Check> {
 
 #[cfg(test)]
 mod tests {
+    use plumbline::grid::GridRejection;
+    use plumbline::report::NoPose;
+
     use super::super::super::fixture::{assert_says, check, healthy};
     use super::*;
+    use crate::files::camera;
 
     /// The lumbar target, changed.
     fn with(change: impl FnOnce(&mut TargetSeen)) -> Findings {
@@ -168,14 +158,19 @@ mod tests {
         let without = |poses: usize| {
             with(|target| {
                 target.poses.truncate(poses);
-                target.without = vec![(NoPose::Searching, 1), (rejected, 300 - poses - 1)];
+                // A search takes some frames, and says why only at its end.
+                target.without = vec![(NoPose::Searching, 300 - poses - 6), (rejected, 6)];
             })
         };
         let few = check(&without(280), "lumbar poses");
-        assert_says(&few, Verdict::Warn, &["280 of 300", "cut by the frame in 19", "aim"]);
+        assert_says(
+            &few,
+            Verdict::Warn,
+            &["280 of 300", "cut by the frame in 6", "move the camera"],
+        );
         let none = without(0);
         let failure = check(&none, "lumbar poses");
-        assert_says(&failure, Verdict::Fail, &["0 of 300", "at least 99.0 %", "aim"]);
+        assert_says(&failure, Verdict::Fail, &["0 of 300", "at least 99.0 %", "move the camera"]);
         assert!(!super::super::all(&none).iter().any(|check| check.subject == "lumbar depth"));
         let none = Findings { targets: Vec::new(), ..healthy() };
         assert_says(&check(&none, "poses"), Verdict::Skipped, &["no frame"]);
@@ -203,13 +198,31 @@ mod tests {
             NoPose::ExtentUnknown,
             NoPose::PoorFit,
         ] {
-            let findings = with(|target| {
-                target.poses.clear();
-                target.without = vec![(reason, 300)];
-            });
+            let mut findings = with(|target| target.without = vec![(reason, 300)]);
+            findings.targets.iter_mut().for_each(|target| target.poses.clear());
             assert_says(&check(&findings, "lumbar poses"), Verdict::Fail, &[reason.words()]);
-            assert!(remedy(reason).len() > 20);
+            assert!(check(&findings, "lumbar poses").remedy.len() > 20);
         }
+    }
+
+    #[test]
+    fn a_target_that_is_away_while_another_is_measured_has_no_wrong_count_of_corners() {
+        let away = with(|target| {
+            target.poses.clear();
+            target.without = vec![(NoPose::NotFound(GridRejection::OtherDimensions), 300)];
+        });
+        let parts = ["not in the picture in 300", "bring the target"];
+        assert_says(&check(&away, "lumbar poses"), Verdict::Fail, &parts);
+    }
+
+    #[test]
+    fn before_the_calibration_there_is_neither_a_fit_nor_a_distance() {
+        let mut findings = healthy();
+        let Some(Ok(config)) = &mut findings.config else { panic!("a healthy box tells it") };
+        config.lens = camera::stand_in(config.lens.width_px, config.lens.height_px);
+        let fit = check(&findings, "lumbar fit");
+        assert_says(&fit, Verdict::Skipped, &["not calibrated"]);
+        assert!(!super::super::all(&findings).iter().any(|check| check.subject == "lumbar depth"));
     }
 
     #[test]
