@@ -96,7 +96,7 @@ impl Session {
     fn new(photographs: &[Picture]) -> Self {
         let session = Self(tempfile::tempdir().unwrap());
         for (index, photograph) in photographs.iter().enumerate() {
-            save(photograph, &session.0.path().join(format!("{index}.png")));
+            save(photograph, &session.0.path().join(format!("photograph-{index}.png")));
         }
         session
     }
@@ -145,6 +145,12 @@ fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
     assert!(details.coverage.iter().any(|line| line.contains(|letter| letter != '.')));
     let plot = std::fs::read_to_string(session.0.path().join("residuals.svg")).unwrap();
     assert!(plot.starts_with("<svg") && plot.contains("Reprojection error of each photograph"));
+    for photograph in 0..12 {
+        // As a label of its own: the axes have numbers with other words about them.
+        let name = format!("photograph-{photograph}\n");
+        assert!(plot.contains(&name), "{name} is not in the plot");
+    }
+    assert!(text.contains(" of 63 corners, RMS 0.0"), "{text}");
     // A second one is not written over the first.
     let again = session.calibrate(&BOARD);
     assert!(binary::messages(&again).contains("camera.toml: exists already"));
@@ -207,7 +213,7 @@ fn a_photograph_that_does_not_fit_and_a_stretched_print_are_named() {
     all[4] = photographs(&lens, &stretched, 1, 77).remove(0);
     let output = Session::new(&all).calibrate(&BOARD);
     let text = binary::messages(&output);
-    assert!(text.contains("4.png does not fit the others"), "{text}");
+    assert!(text.contains("photograph-4.png does not fit the others"), "{text}");
 
     let all = photographs(&lens, &stretched, 10, 32);
     let output = Session::new(&all).calibrate(&BOARD);
@@ -234,8 +240,43 @@ fn few_photographs_and_a_frame_that_was_not_looked_at_are_warned_of() {
     let session = Session::new(&posed(&lens, &board(), &in_one_place, 8));
     let text = binary::messages(&session.calibrate(&BOARD));
     assert!(text.contains("the board was seen in 12 % of the frame"), "{text}");
-    assert!(text.contains("never near the left, right, upper, lower side"), "{text}");
+    let sides = "never near the left side, the right side, the upper side, the lower side";
+    assert!(text.contains(sides), "{text}");
     assert!(text.contains("take more photographs with the board there"), "{text}");
+}
+
+/// Nine places, the board upright in the frame and tilted this way and that.
+#[test]
+fn a_corner_of_the_frame_that_no_board_reached_is_named() {
+    let everywhere: Vec<Pose<Cam, Target>> = (0..9)
+        .map(|place| {
+            let [x, y] = [place % 3 - 1, place / 3 - 1].map(f64::from);
+            let tilt = if place % 2 == 0 { [0.3, 0.25] } else { [-0.25, 0.3] };
+            Pose::from_theta([0.0, tilt[0], tilt[1], 124.0 * x, 84.0 * y, 600.0])
+        })
+        .collect();
+    let verdict = |poses: &[Pose<Cam, Target>]| {
+        let session = Session::new(&posed(&lenses()[0], &board(), poses, 9));
+        binary::messages(&session.calibrate(&BOARD))
+    };
+    let text = verdict(&everywhere);
+    assert!(text.contains("verdict: good"), "{text}");
+    let text = verdict(&everywhere[1..]);
+    assert!(text.contains("never near the upper left corner; take more"), "{text}");
+    assert!(text.contains("the next one in the upper left corner"), "{text}");
+    assert!(!text.contains("verdict: good"), "{text}");
+}
+
+#[test]
+fn photographs_of_two_sizes_are_refused_in_words_of_this_command() {
+    let lens = lenses()[0];
+    let smaller = Lens { width_px: 720, height_px: 540, cx_px: 367.0, cy_px: 264.0, ..lens };
+    let mut both = photographs(&lens, &board(), 1, 6);
+    both.extend(photographs(&smaller, &board(), 1, 6));
+    let text = Session::new(&both).refused(&BOARD);
+    assert!(text.contains("720 x 540 px, but the frames up to"), "{text}");
+    assert!(text.contains("give frames of one size at a time"), "{text}");
+    assert!(!text.contains("track"), "{text}");
 }
 
 #[test]
@@ -243,7 +284,7 @@ fn more_photographs_than_there_is_room_for_are_refused() {
     let session = Session::new(&photographs(&lenses()[0], &board(), 1, 5));
     let output = binary::plumb()
         .args(["calibrate", "--pitch-mm", "20", "--out", "camera.toml", "--board", "9x7"])
-        .args(std::iter::repeat_n("0.png", 201))
+        .args(std::iter::repeat_n("photograph-0.png", 201))
         .current_dir(session.0.path())
         .output()
         .expect("plumb runs");

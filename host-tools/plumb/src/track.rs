@@ -85,6 +85,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.scale_camera {
         camera = camera::scaled(&camera, source.width(), source.height(), &places.camera)?;
     }
+    // Only here can it be scaled.
+    let size = [source.width(), source.height()];
+    camera::check_frame_size(&camera.lens, &places.camera, size[0], size[1], source.place())
+        .map_err(|mut error| {
+            error.remedy += ", or --scale-camera if these frames are the same picture resampled";
+            error
+        })?;
     let (config, mut pipeline) =
         setup::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
 

@@ -148,7 +148,7 @@ fn what_the_camera_sees_is_shown_and_kept() {
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
     says(
         &finished.stdout,
-        &["still-01.png: 1456 x 1088 px; the board is found", "near these sides"],
+        &["still-01.png: 1456 x 1088 px; the board is found", "next hold it in the upper left"],
     );
     for name in ["photos/still-01.png", "photos/still-02.png"] {
         let still = image::open(the_box.path(name)).unwrap();

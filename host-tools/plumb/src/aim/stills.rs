@@ -3,7 +3,6 @@
 //! A file holds the frame as the camera gave it: the box sends it as PNG, and it is written as
 //! it came.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -16,9 +15,6 @@ use crate::calibrate::coverage::Coverage;
 use crate::calibrate::observe::Finder;
 use crate::error::BadInput;
 use crate::files;
-
-/// Parts of the frame in which the board was seen, from which on no more is asked for.
-const COVERED_MIN: f64 = 0.8;
 
 /// Stills that are to be taken, and those that were.
 pub struct Stills {
@@ -150,27 +146,93 @@ fn exists_already(path: &Path) -> BadInput {
 }
 
 impl Board {
+    /// Whether it is found, and where to hold it next.
     fn look(&mut self, picture: &image::GrayImage) -> String {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let Ok(image) = GreyImage::new(picture.as_raw(), width, height, width) else {
             return "; too small to look for the board".to_owned();
         };
-        let found = match self.finder.find(&image, &self.geometry) {
-            Ok(found) => found,
-            Err(why) => return format!("; the board is NOT found: {why}"),
-        };
-        self.seen_px.push(found.corners_px().map(|(_, px)| px).collect());
+        let found = self.finder.find(&image, &self.geometry);
+        let (why, found) = (found.as_ref().err().copied(), found.ok());
+        self.seen_px.extend(found.map(|found| found.corners_px().map(|(_, px)| px).collect()));
         let seen_px = self.seen_px.iter().map(Vec::as_slice);
         let coverage = Coverage::new(seen_px, [width as f64, height as f64]);
-        let mut text =
-            format!("; the board is found, {:.0} % of the frame covered", 100.0 * coverage.share());
-        let missed = coverage.missed_sides();
-        // Writing to a String does not fail.
-        if !missed.is_empty() {
-            let _ = write!(text, "; not yet near these sides: {}", missed.join(", "));
-        } else if coverage.share() < COVERED_MIN {
-            text += "; show it where it was not yet, tilted by 20 to 40 degrees";
+        let next = match coverage.next() {
+            Some(part) => format!("next hold it {part} of the picture, tilted by 20 to 40 degrees"),
+            None => "it was everywhere: go on with other tilts and distances".into(),
+        };
+        match why {
+            Some(why) => format!("; the board is NOT found: {why}; {next}"),
+            None => {
+                let percent = 100.0 * coverage.share();
+                format!("; the board is found, {percent:.0} % of the frame covered; {next}")
+            }
         }
-        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::lens::{Distortion, Lens};
+    use plumbline::pose::Pose;
+
+    use super::*;
+    use crate::simulate::render::{self, Ink, Picture, PlacedBoard};
+    use crate::simulate::sensor::Sensor;
+
+    const WIDTH_PX: u16 = 640;
+    const HEIGHT_PX: u16 = 480;
+
+    fn board() -> Board {
+        let geometry = TargetGeometry::checker(9, 6, 12.0, Origin::Center, Role::Scene, [0.0; 3]);
+        Board { geometry: geometry.unwrap(), finder: Finder::new(), seen_px: Vec::new() }
+    }
+
+    /// The board with its middle at a place of the frame, its squares 15 px wide.
+    fn still(board: &Board, at_px: [f64; 2]) -> image::GrayImage {
+        let [width, height] = [WIDTH_PX, HEIGHT_PX].map(u32::from);
+        let lens = Lens {
+            width_px: WIDTH_PX,
+            height_px: HEIGHT_PX,
+            fx_px: 800.0,
+            fy_px: 800.0,
+            cx_px: 0.0,
+            cy_px: 0.0,
+            skew_px: 0.0,
+            distortion: Distortion::Radial2([0.0; 2]),
+        };
+        let [x_mm, y_mm] = at_px.map(|px| px * 640.0 / 800.0);
+        let print = render::Board::new(&board.geometry, 12.0, Ink { black: 25.0, white: 210.0 });
+        let cam_from_target = Pose::from_theta([0.0, 0.0, 0.0, x_mm, y_mm, 640.0]);
+        let placed = [PlacedBoard { board: &print, cam_from_target }];
+        let mut picture = Picture::uniform(width as usize, height as usize, 110.0);
+        render::render_targets(&lens, 0.6, &placed, |_, _| 1.0, &mut picture);
+        let mut samples = vec![0; (width * height) as usize];
+        Sensor { noise_levels: 0.0, bits: 8 }.expose(&picture, 1, 0, &mut samples);
+        image::GrayImage::from_raw(width, height, samples).unwrap()
+    }
+
+    #[test]
+    fn where_to_hold_the_board_follows_from_where_it_was() {
+        let mut board = board();
+        let places = [
+            ("upper right", [110.0, 80.0]),
+            ("lower left", [530.0, 80.0]),
+            ("lower right", [110.0, 400.0]),
+        ];
+        for (next, at_px) in places {
+            let still = still(&board, at_px);
+            let text = board.look(&still);
+            let wanted = format!("; next hold it in the {next} corner of the picture, tilted");
+            assert!(text.starts_with("; the board is found, ") && text.contains(&wanted), "{text}");
+        }
+        let empty = image::GrayImage::new(u32::from(WIDTH_PX), u32::from(HEIGHT_PX));
+        let text = board.look(&empty);
+        assert!(text.starts_with("; the board is NOT found: "), "{text}");
+        assert!(text.contains("; next hold it in the lower right corner"), "{text}");
+        let last = still(&board, [530.0, 400.0]);
+        let text = board.look(&last);
+        assert!(!text.contains("corner of the picture"), "{text}");
+        assert!(text.contains("; next hold it "), "more than its corners counts: {text}");
     }
 }

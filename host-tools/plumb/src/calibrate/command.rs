@@ -8,10 +8,10 @@ use plumbline::nodes::points_mm;
 use plumbline::target::{Origin, Role, TargetGeometry};
 
 use super::verdict::{self, Concern};
-use super::{Calibration, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
+use super::{Calibration, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
-use crate::files::frames::{FrameSource, Pixels};
+use crate::files::frames::{FrameSource, IMAGE_RATE_HZ, Pixels};
 use crate::files::{self, refuse_overwriting, targets};
 
 /// Calibrate the camera from photographs of a checkerboard.
@@ -115,17 +115,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let camera = camera_of(&calibration, &places, &concerns);
     let mut outputs = vec![(arguments.out.clone(), camera::to_toml(&camera).into_bytes())];
     if let Some(path) = &arguments.plot {
-        outputs.push((path.clone(), plot::svg(&calibration)?.into_bytes()));
+        outputs.push((path.clone(), plot::svg(&calibration, &places)?.into_bytes()));
     }
     files::write_all(&outputs, arguments.force)?;
-    print(&calibration, &places, &concerns);
+    print(&calibration, &board, &places, &concerns);
     eprintln!("written to {}", arguments.out.display());
     Ok(())
 }
 
 /// All photographs into memory.
 fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
-    let mut source = FrameSource::open(&arguments.images, None)?;
+    // When photographs were taken is of no concern, nor are the rates of videos of them.
+    let mut source = FrameSource::open(&arguments.images, Some(IMAGE_RATE_HZ))?;
     let (width, height) = (source.width(), source.height());
     if width.max(height) < WIDTH_PX_MIN {
         return Err(BadInput::new(
@@ -236,13 +237,20 @@ fn refused(outcome: &Outcome) -> Option<String> {
     }
 }
 
-fn print(calibration: &Calibration, places: &[String], concerns: &[Concern]) {
+fn print(
+    calibration: &Calibration,
+    board: &TargetGeometry,
+    places: &[String],
+    concerns: &[Concern],
+) {
+    let all = board.corner_count();
     let lens = &calibration.lens;
     let sd = &calibration.sd;
     for (place, outcome) in places.iter().zip(&calibration.outcomes) {
         match (outcome.used(), refused(outcome)) {
             (Some(used), _) => {
-                eprintln!("{place}: {} corners, RMS {:.3} px", used.corners, used.rms_px);
+                let Contribution { corners, rms_px, .. } = used;
+                eprintln!("{place}: {corners} of {all} corners, RMS {rms_px:.3} px");
             }
             (None, why) => eprintln!("{place}: not used: {}", why.unwrap_or_default()),
         }

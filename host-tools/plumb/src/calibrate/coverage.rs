@@ -1,4 +1,4 @@
-//! Where in the frame the boards were seen.
+//! Where in the frame the boards were seen, and where one belongs next.
 
 use nalgebra::Vector2;
 
@@ -6,38 +6,66 @@ use nalgebra::Vector2;
 pub const COLUMNS: usize = 12;
 pub const ROWS: usize = 8;
 
-/// A board nearer to a side of the frame than this part of it has reached that side.
-const SIDE: f64 = 0.15;
+/// What is within this part of the frame from a side has reached that side, and what is so near
+/// to two sides has reached their corner. A lens bends with the cube of the distance from the
+/// middle, or more: there by a third of what it does in the very corner, and what lies beyond is
+/// guessed. A board of 9 x 6 corners, 9 squares high with its margin, comes so near where it
+/// fills two thirds of the frame's height: its outermost corners lie two squares inside.
+const NEAR: f64 = 0.15;
+
+/// The part of the frame in which a board should have been seen.
+const SHARE_MIN: f64 = 0.6;
+
+/// Parts of the frame: from above, and from the left.
+const PARTS: [[&str; 3]; 3] = [
+    ["in the upper left corner", "at the upper side", "in the upper right corner"],
+    ["at the left side", "in the middle", "at the right side"],
+    ["in the lower left corner", "at the lower side", "in the lower right corner"],
+];
+
+/// The corners' places in [`PARTS`].
+const CORNERS: [(&str, [usize; 2]); 4] = [
+    ("upper left", [0, 0]),
+    ("upper right", [0, 2]),
+    ("lower left", [2, 0]),
+    ("lower right", [2, 2]),
+];
 
 /// In how many photographs each cell of the frame showed a part of the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Coverage {
     photographs: [[usize; COLUMNS]; ROWS],
+    /// Whether a board was seen near the upper side, between, near the lower one; and there near
+    /// the left side, between, near the right one.
+    reached: [[bool; 3]; 3],
 }
 
 impl Coverage {
-    /// From what each photograph shows: raw pixels, in a frame of this size.
+    /// From the corners that each photograph shows: raw pixels, in a frame of this size.
     pub fn new<'a>(
         photographs: impl Iterator<Item = &'a [Vector2<f64>]>,
         size_px: [f64; 2],
     ) -> Self {
-        let mut counts = [[0; COLUMNS]; ROWS];
+        let mut coverage = Self { photographs: [[0; COLUMNS]; ROWS], reached: [[false; 3]; 3] };
         for places_px in photographs {
             let mut touched = [[false; COLUMNS]; ROWS];
             for place_px in places_px {
                 // The frame begins half a pixel before the middle of its first one.
-                let cell = |value: f64, side: f64, cells: usize| {
-                    (((value + 0.5) / side * cells as f64) as usize).min(cells - 1)
-                };
-                let column = cell(place_px.x, size_px[0], COLUMNS);
-                touched[cell(place_px.y, size_px[1], ROWS)][column] = true;
+                let x = (place_px.x + 0.5) / size_px[0];
+                let y = (place_px.y + 0.5) / size_px[1];
+                let cell =
+                    |part: f64, cells: usize| ((part * cells as f64) as usize).min(cells - 1);
+                touched[cell(y, ROWS)][cell(x, COLUMNS)] = true;
+                let margin =
+                    |part: f64| 1 + usize::from(part > 1.0 - NEAR) - usize::from(part < NEAR);
+                coverage.reached[margin(y)][margin(x)] = true;
             }
-            for (count, touched) in counts.as_flattened_mut().iter_mut().zip(touched.as_flattened())
-            {
+            let counts = coverage.photographs.as_flattened_mut();
+            for (count, touched) in counts.iter_mut().zip(touched.as_flattened()) {
                 *count += usize::from(*touched);
             }
         }
-        Self { photographs: counts }
+        coverage
     }
 
     /// The part of the frame in which a board was seen at all.
@@ -47,23 +75,46 @@ impl Coverage {
         cells.iter().filter(|count| **count > 0).count() as f64 / cells.len() as f64
     }
 
-    /// The sides of the frame that no board came near.
+    /// The sides of the frame that no board came near, and the corners between the others.
     #[must_use]
-    pub fn missed_sides(&self) -> Vec<&'static str> {
-        let seen = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
-            self.photographs[rows]
-                .iter()
-                .any(|row| row[columns.clone()].iter().any(|&count| count > 0))
-        };
-        let reach = |cells: usize| ((SIDE * cells as f64).round() as usize).max(1);
-        let (x, y) = (reach(COLUMNS), reach(ROWS));
-        let sides = [
-            ("left", seen(0..ROWS, 0..x)),
-            ("right", seen(0..ROWS, COLUMNS - x..COLUMNS)),
-            ("upper", seen(0..y, 0..COLUMNS)),
-            ("lower", seen(ROWS - y..ROWS, 0..COLUMNS)),
-        ];
-        sides.into_iter().filter(|(_, seen)| !seen).map(|(name, _)| name).collect()
+    pub fn missed(&self) -> Vec<String> {
+        let is_seen = |parts: [[usize; 2]; 3]| parts.iter().any(|&[y, x]| self.reached[y][x]);
+        let down = |x| is_seen([0, 1, 2].map(|y| [y, x]));
+        let across = |y| is_seen([0, 1, 2].map(|x| [y, x]));
+        let sides =
+            [("left", down(0)), ("right", down(2)), ("upper", across(0)), ("lower", across(2))];
+        let sides =
+            sides.into_iter().filter(|(_, seen)| !seen).map(|(name, _)| format!("the {name} side"));
+        let corners = CORNERS
+            .into_iter()
+            .filter(|&(_, [y, x])| !self.reached[y][x] && across(y) && down(x))
+            .map(|(name, _)| format!("the {name} corner"));
+        sides.chain(corners).collect()
+    }
+
+    /// Where a board should be seen next; `None` when it was seen wherever it should be.
+    #[must_use]
+    pub fn next(&self) -> Option<&'static str> {
+        // Who has been in all corners has been at all sides.
+        let corner = CORNERS.into_iter().find(|&(_, [y, x])| !self.reached[y][x]);
+        if let Some((_, [y, x])) = corner {
+            return Some(PARTS[y][x]);
+        }
+        (self.share() < SHARE_MIN).then(|| self.emptiest())
+    }
+
+    /// The third of the thirds of the frame in which the most cells were not seen.
+    fn emptiest(&self) -> &'static str {
+        let mut unseen = [[0; 3]; 3];
+        for (row, counts) in self.photographs.iter().enumerate() {
+            for (column, _) in counts.iter().enumerate().filter(|(_, count)| **count == 0) {
+                unseen[3 * row / ROWS][3 * column / COLUMNS] += 1;
+            }
+        }
+        let parts = PARTS.as_flattened().iter().zip(unseen.as_flattened());
+        // Of several the first.
+        let emptiest = parts.rev().max_by_key(|(_, unseen)| **unseen);
+        emptiest.map_or("in the middle", |(part, _)| part)
     }
 
     /// The map, a line per row of cells: `.` for no photograph, a digit for so many, 9 for nine
@@ -85,18 +136,67 @@ impl Coverage {
 mod tests {
     use super::*;
 
+    const SIZE_PX: [f64; 2] = [1200.0, 800.0];
+
+    fn coverage(photographs: &[&[[f64; 2]]]) -> Coverage {
+        let photographs: Vec<Vec<_>> = photographs
+            .iter()
+            .map(|places_px| places_px.iter().map(|&place| Vector2::from(place)).collect())
+            .collect();
+        Coverage::new(photographs.iter().map(Vec::as_slice), SIZE_PX)
+    }
+
     #[test]
     fn cells_count_photographs_and_not_corners() {
-        let corner = vec![Vector2::new(0.0, 0.0), Vector2::new(10.0, 5.0)];
-        let opposite = vec![Vector2::new(1199.0, 799.0)];
-        let photographs = [&corner[..], &corner, &opposite];
-        let coverage = Coverage::new(photographs.into_iter(), [1200.0, 800.0]);
+        let corner: &[_] = &[[0.0, 0.0], [10.0, 5.0]];
+        let coverage = coverage(&[corner, corner, &[[1199.0, 799.0]]]);
         let lines = coverage.lines();
         assert_eq!(lines[0], "2...........");
         assert_eq!(lines[7], "...........1");
         assert!((coverage.share() - 2.0 / 96.0).abs() < 1e-12);
-        assert!(coverage.missed_sides().is_empty());
-        let left = Coverage::new([&corner[..]].into_iter(), [1200.0, 800.0]);
-        assert_eq!(left.missed_sides(), ["right", "lower"]);
+    }
+
+    #[test]
+    fn a_side_is_missed_and_else_its_corner() {
+        let none = coverage(&[]).missed();
+        assert_eq!(none, ["the left side", "the right side", "the upper side", "the lower side"]);
+        assert_eq!(coverage(&[&[[10.0, 5.0]]]).missed(), ["the right side", "the lower side"]);
+        let diagonal = coverage(&[&[[10.0, 5.0]], &[[1190.0, 795.0]]]);
+        assert_eq!(diagonal.missed(), ["the upper right corner", "the lower left corner"]);
+        // The middle of every side, and no corner.
+        let sides = coverage(&[&[[10.0, 400.0], [1190.0, 400.0], [600.0, 5.0], [600.0, 795.0]]]);
+        let corners = CORNERS.map(|(name, _)| format!("the {name} corner"));
+        assert_eq!(sides.missed(), corners);
+    }
+
+    /// 15 % of the frame is 180 px across and 120 px down.
+    #[test]
+    fn a_corner_is_reached_from_near_to_both_of_its_sides() {
+        let others = [[10.0, 790.0], [1190.0, 10.0], [1190.0, 790.0]];
+        let with = |place| coverage(&[&others, &[place]]).missed();
+        assert_eq!(with([179.0, 119.0]), [""; 0]);
+        for place in [[181.0, 119.0], [179.0, 121.0], [181.0, 121.0]] {
+            assert_eq!(with(place), ["the upper left corner"], "{place:?}");
+        }
+    }
+
+    #[test]
+    fn the_next_place_is_a_corner_then_the_emptiest_part_then_none() {
+        let mut places = Vec::new();
+        for (corner, place) in [
+            ("in the upper left corner", [10.0, 10.0]),
+            ("in the upper right corner", [1190.0, 10.0]),
+            ("in the lower left corner", [10.0, 790.0]),
+            ("in the lower right corner", [1190.0, 790.0]),
+        ] {
+            assert_eq!(coverage(&[&places]).next(), Some(corner));
+            places.push(place);
+        }
+        let cells = |columns: std::ops::Range<i32>| -> Vec<[f64; 2]> {
+            let middle = |cell: i32| 50.0 + 100.0 * f64::from(cell);
+            columns.flat_map(|x| (0..8).map(move |y| [middle(x), middle(y)])).collect()
+        };
+        assert_eq!(coverage(&[&places, &cells(0..6)]).next(), Some("at the right side"));
+        assert_eq!(coverage(&[&places, &cells(0..7)]).next(), None);
     }
 }

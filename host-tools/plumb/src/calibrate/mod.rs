@@ -184,10 +184,13 @@ pub fn calibrate(
             cam_from_board: photograph.cam_from_board,
         });
     }
+    // As `plumb aim` judges it while they are taken.
     let seen_px: Vec<Vec<_>> = outcomes
         .iter()
-        .filter_map(Outcome::used)
-        .map(|used| used.residuals.iter().map(|residual| residual.at_px).collect())
+        .zip(&found)
+        .filter(|(outcome, _)| outcome.used().is_some())
+        .filter_map(|(_, found)| found.as_ref().ok())
+        .map(|found| found.corners_px().map(|(_, px)| px).collect())
         .collect();
     let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
     Ok(Calibration {

@@ -1,6 +1,8 @@
 //! One picture of a calibration: residuals over the frame, which shows the coverage as well, and
 //! each photograph's reprojection error.
 
+use std::path::Path;
+
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 
@@ -8,23 +10,34 @@ use super::{Calibration, Contribution};
 use crate::palette::{BLUE, FONT, GRID, INK, ORANGE};
 
 const WIDTH_PX: u32 = 1080;
-const BARS_HEIGHT_PX: u32 = 260;
+const BARS_HEIGHT_PX: u32 = 360;
+/// The photographs' names stand upright below their bars.
+const NAME_HEIGHT_PX: u32 = 124;
+const NAME_SIZE_PX: u32 = 13;
+/// The longest name that has room there.
+const NAME_LETTERS_MAX: usize = 16;
+/// So many names stand side by side; of more photographs only some are named.
+const NAMES_MAX: usize = 64;
 const MARGIN_PX: u32 = 90;
+
+/// Beside each bar, of the room that each has.
+const GAP: f64 = 0.15;
 
 /// The median residual is drawn this long, as a part of the frame's width.
 const MEDIAN_LENGTH: f64 = 0.006;
 
-/// The picture as SVG.
+/// The picture as SVG; `places` are the photographs' files.
 ///
 /// # Errors
 /// When the drawing library fails.
-pub fn svg(calibration: &Calibration) -> Result<String> {
+pub fn svg(calibration: &Calibration, places: &[String]) -> Result<String> {
     let mut text = String::new();
-    draw(&mut text, calibration).map_err(|error| anyhow!("the plot cannot be drawn: {error}"))?;
+    draw(&mut text, calibration, places)
+        .map_err(|error| anyhow!("the plot cannot be drawn: {error}"))?;
     Ok(text)
 }
 
-fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
+fn draw(text: &mut String, calibration: &Calibration, places: &[String]) -> Result<()> {
     let lens = &calibration.lens;
     let size_px = [lens.width_px, lens.height_px].map(f64::from);
     let frame_height = f64::from(WIDTH_PX - MARGIN_PX) * size_px[1] / size_px[0];
@@ -73,23 +86,48 @@ fn draw(text: &mut String, calibration: &Calibration) -> Result<()> {
     let mut chart = ChartBuilder::on(&bars)
         .caption("Reprojection error of each photograph (px)", (FONT, 20).into_font().color(&INK))
         .margin(12)
-        .x_label_area_size(28)
+        .x_label_area_size(NAME_HEIGHT_PX)
         .y_label_area_size(48)
-        .build_cartesian_2d(0.0..calibration.outcomes.len() as f64, 0.0..highest_px * 1.1)?;
+        .build_cartesian_2d((0..places.len()).into_segmented(), 0.0..highest_px * 1.1)?;
+    let name = |at: &SegmentValue<usize>| match at {
+        SegmentValue::CenterOf(place) => places.get(*place).map(|place| name(place)),
+        _ => None,
+    };
     chart
         .configure_mesh()
         .disable_x_mesh()
         .light_line_style(WHITE)
         .bold_line_style(GRID)
         .axis_style(INK)
-        .x_label_formatter(&whole)
+        .x_labels(places.len().min(NAMES_MAX))
+        .x_label_style((FONT, NAME_SIZE_PX).into_font().transform(FontTransform::Rotate90))
+        .x_label_formatter(&|at| name(at).unwrap_or_default())
         .draw()?;
-    chart.draw_series(used.iter().map(|(place, used)| {
-        let left = *place as f64;
-        Rectangle::new([(left + 0.15, 0.0), (left + 0.85, used.rms_px)], BLUE.filled())
+    chart.draw_series(used.iter().map(|&(place, used)| {
+        let corners =
+            [(SegmentValue::Exact(place), 0.0), (SegmentValue::Exact(place + 1), used.rms_px)];
+        let mut bar = Rectangle::new(corners, BLUE.filled());
+        // Bars of a few pixels each touch.
+        let gap_px = (GAP * f64::from(WIDTH_PX) / places.len() as f64) as u32;
+        bar.set_margin(0, 0, gap_px, gap_px);
+        bar
     }))?;
     root.present()?;
     Ok(())
+}
+
+/// A photograph's file, short: without its directory and its ending, and of a long name the end,
+/// where cameras have the number.
+fn name(place: &str) -> String {
+    let (file, frame) = place.split_once(", frame ").unwrap_or((place, ""));
+    let stem = Path::new(file).file_stem().unwrap_or_default().to_string_lossy();
+    let name = if frame.is_empty() { stem.into_owned() } else { format!("{stem} {frame}") };
+    let letters = name.chars().count();
+    if letters <= NAME_LETTERS_MAX {
+        return name;
+    }
+    let end: String = name.chars().skip(letters + 1 - NAME_LETTERS_MAX).collect();
+    format!("…{end}")
 }
 
 fn whole(value: &f64) -> String {
@@ -100,4 +138,23 @@ fn whole(value: &f64) -> String {
 fn nice(value: f64) -> f64 {
     let power = 10_f64.powf(value.log10().floor());
     [5.0, 2.0].into_iter().find(|step| step * power <= value).unwrap_or(1.0) * power
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photographs_are_named_by_their_files() {
+        for (place, wanted) in [
+            ("photos/still-01.png", "still-01"),
+            ("a.b.jpg", "a.b"),
+            ("film.y4m, frame 12", "film 12"),
+            ("IMG_20240229_120501.jpg", "…20240229_120501"),
+            ("Größenübersicht1.png", "Größenübersicht1"),
+        ] {
+            assert_eq!(name(place), wanted);
+            assert!(name(place).chars().count() <= NAME_LETTERS_MAX, "{place}");
+        }
+    }
 }

@@ -9,8 +9,6 @@ use super::{Calibration, Contribution};
 
 /// Fewer photographs leave an accident in one of them a large part.
 const PHOTOGRAPHS_ENOUGH: usize = 8;
-/// The part of the frame in which a board should have been seen.
-const COVERAGE_MIN: f64 = 0.6;
 /// Boards should differ in tilt by this.
 const TILT_DEG_MIN: f64 = 25.0;
 /// A focal length that is known less well than this shows in every distance.
@@ -32,7 +30,7 @@ const RMS_PX_MAX: f64 = 0.5;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Concern {
     FewPhotographs(usize),
-    Coverage { share: f64, missed_sides: Vec<&'static str> },
+    Coverage { share: f64, missed: Vec<String>, next: &'static str },
     Tilt { deg: f64 },
     FocalLength { px: f64, sd_px: f64 },
     Bent { mm: f64, sd_mm: f64 },
@@ -48,12 +46,15 @@ impl fmt::Display for Concern {
                 formatter,
                 "only {count} photographs show the board; take 10 to 20, at different places and tilts"
             ),
-            Self::Coverage { share, missed_sides } => {
+            Self::Coverage { share, missed, next } => {
                 write!(formatter, "the board was seen in {:.0} % of the frame", share * 100.0)?;
-                if !missed_sides.is_empty() {
-                    write!(formatter, ", never near the {} side", missed_sides.join(", "))?;
+                if !missed.is_empty() {
+                    write!(formatter, ", never near {}", missed.join(", "))?;
                 }
-                formatter.write_str("; take more photographs with the board there: a lens bends most at the frame's border")
+                write!(
+                    formatter,
+                    "; take more photographs with the board there, the next one {next}: a lens bends most at the frame's border"
+                )
             }
             Self::Tilt { deg } => write!(
                 formatter,
@@ -132,10 +133,10 @@ pub fn concerns(
     if sd_px > FOCAL_SHARE_MAX * px {
         concerns.push(Concern::FocalLength { px, sd_px });
     }
-    let share = calibration.coverage.share();
-    let missed_sides = calibration.coverage.missed_sides();
-    if share < COVERAGE_MIN || !missed_sides.is_empty() {
-        concerns.push(Concern::Coverage { share, missed_sides });
+    let coverage = &calibration.coverage;
+    if let Some(next) = coverage.next() {
+        let (share, missed) = (coverage.share(), coverage.missed());
+        concerns.push(Concern::Coverage { share, missed, next });
     }
     concerns
 }

@@ -368,7 +368,7 @@ pub fn check_frame_size(
             "{width_px} x {height_px} px, but {camera_place} (width_px, height_px) was calibrated at {} x {} px",
             lens.width_px, lens.height_px
         ),
-        "use the calibration made at this size, or --scale-camera if these frames are the same picture resampled",
+        "use the calibration made at this size",
     ))
 }
 

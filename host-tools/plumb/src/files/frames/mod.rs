@@ -228,7 +228,7 @@ impl FrameSource {
                     "{width} x {height} px, but the frames up to {former_place} have {} x {} px",
                     self.width, self.height
                 ),
-                "track frames of different sizes in separate runs, each with its own camera file",
+                "give frames of one size at a time: a calibration holds for one size",
             ));
         } else if let Some(rate_hz) = rate_hz.filter(|&rate_hz| rate_hz != self.rate_hz) {
             return Err(BadInput::new(
@@ -238,7 +238,7 @@ impl FrameSource {
                     "{rate_hz} Hz, but the frames up to {former_place} have {} Hz",
                     self.rate_hz
                 ),
-                "track recordings of different rates in separate runs, or give the rate with --fps",
+                "give recordings of one rate at a time; `plumb track` takes --fps for all of them",
             ));
         }
         self.open = Some(open);
@@ -284,7 +284,7 @@ fn open_input(input: &Path, given_rate_hz: Option<f64>) -> Result<Opened, BadInp
         return Err(BadInput::whole(
             &place,
             "not a Y4M video (it does not begin with YUV4MPEG2)",
-            "pipe Y4M in, for example: ffmpeg -i VIDEO -pix_fmt gray -f yuv4mpegpipe - | plumb track ... -",
+            "pipe Y4M in, for example: ffmpeg -i VIDEO -pix_fmt gray -f yuv4mpegpipe - | plumb ... -",
         ));
     }
     drop(reader);
@@ -302,7 +302,7 @@ fn check_rate(place: &str, field: &str, rate_hz: f64) -> Result<(), BadInput> {
         place,
         field,
         format!("{rate_hz} frames per second"),
-        "give the recording's rate with --fps, for example --fps 60",
+        "`plumb track` takes the recording's rate, for example --fps 60",
     ))
 }
 
