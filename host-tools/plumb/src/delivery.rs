@@ -8,6 +8,7 @@ use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome}
 use crate::error::BadInput;
 use crate::link::{BoxLink, Introduction};
 use crate::receive::complaints::Complaints;
+use crate::receive::others;
 use crate::waiting::Waiting;
 
 /// The slowest box boots in less, its watchdog's patience included.
@@ -43,6 +44,7 @@ pub fn meet(link: &mut BoxLink) -> Result<Before, BadInput> {
         let _waiting = Waiting::new("reading its configuration back");
         link.config()
     };
+    warn_of_others(link)?;
     let config = config
         .inspect_err(|error| {
             eprintln!("warning: {error}; so it is not compared with the new one");
@@ -51,13 +53,30 @@ pub fn meet(link: &mut BoxLink) -> Result<Before, BadInput> {
     Ok(Before { hello: Some(hello), config })
 }
 
+/// Says which other boxes are heard, so that nobody takes one for another.
+///
+/// # Errors
+/// When the link cannot be used any more.
+pub fn warn_of_others(link: &mut BoxLink) -> Result<(), BadInput> {
+    let others = {
+        let _waiting = Waiting::new("listening for other boxes");
+        link.others()?
+    };
+    if let Some(others) = others {
+        eprintln!(
+            "warning: {}: other boxes send here too: {others}; this is the one that was heard \
+             first. To choose, switch the others off meanwhile, or give each box a port of its \
+             own (links.udp in its box file) and listen there",
+            link.place()
+        );
+    }
+    Ok(())
+}
+
 /// A box in a line.
 #[must_use]
 pub fn who(hello: &Hello) -> String {
-    format!(
-        "{} ({}), {}, configuration {:08x}",
-        hello.device, hello.serial_number, hello.firmware, hello.config_crc
-    )
+    format!("{}, {}, configuration {:08x}", others::name(hello), hello.firmware, hello.config_crc)
 }
 
 /// Sends a configuration, has the box keep it and, unless `restart` is false, start anew with
@@ -74,9 +93,9 @@ pub fn deliver(
     for warning in before.config.iter().flat_map(|old| warnings(old, config)) {
         eprintln!("warning: {warning}");
     }
-    let crc = {
+    let (hello, crc) = {
         let _waiting = Waiting::new("sending the configuration");
-        link.store_config(config)?
+        link.store_config(before.hello.as_ref(), config)?
     };
     eprintln!("stored, checksum {crc:08x}");
     if !restart {
@@ -102,7 +121,7 @@ pub fn deliver(
         eprintln!("the box starts anew, and is not heard here any more");
         return Ok(());
     }
-    let hello = wait_for_start(link, before)?;
+    let hello = wait_for_start(link, hello.as_ref())?;
     if hello.config_crc != crc {
         return Err(BadInput::whole(
             link.place(),
@@ -119,9 +138,9 @@ pub fn deliver(
 }
 
 /// Waits until the box has started anew, and says who it is.
-fn wait_for_start(link: &mut BoxLink, before: &Before) -> Result<Hello, BadInput> {
+fn wait_for_start(link: &mut BoxLink, before: Option<&Hello>) -> Result<Hello, BadInput> {
     let _waiting = Waiting::new("waiting until the box has started anew");
-    let known = before.hello.as_ref().map(|hello| hello.boot_id);
+    let known = before.map(|hello| hello.boot_id);
     let mut complaints = Complaints::default();
     let until = Instant::now() + RESTARTED_WITHIN;
     let hello = link.messages(until, |message| match message {

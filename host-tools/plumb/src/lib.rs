@@ -8,6 +8,7 @@
 pub mod aim;
 pub mod calibrate;
 pub mod cli;
+mod counting;
 pub mod delivery;
 pub mod demo;
 pub mod doctor;

@@ -16,6 +16,7 @@ use plumbline::packet::{
 
 use crate::error::BadInput;
 use crate::receive::complaints::Complaints;
+use crate::receive::others::{self, Others, is_same_box};
 use crate::receive::transport::{Event, Serial, Transport, Udp};
 
 mod download;
@@ -30,6 +31,13 @@ pub const BAUD: u32 = 115_200;
 
 /// A box sends something once a second; a refused one every two.
 pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
+
+/// Longer silence of a box is no accident: it says something once a second at least, and a
+/// refused one every two.
+pub const SILENT_AFTER: Duration = Duration::from_secs(3);
+
+/// Every box has said who it is by then: it does once a second.
+const NAMED_WITHIN: Duration = Duration::from_millis(1200);
 
 /// What to do when no box is heard.
 pub const NOT_HEARD_REMEDY: &str = "check that the box is on, and that it sends to this \
@@ -95,7 +103,7 @@ impl LinkArguments {
     pub fn open(&self) -> Result<BoxLink, BadInput> {
         let (transport, place) = self.transport()?;
         let kind = if self.serial.is_some() { LinkKind::Serial } else { LinkKind::Udp };
-        Ok(BoxLink { transport, place, kind, questions: 0 })
+        Ok(BoxLink { transport, place, kind, questions: 0, heard: None, others: Others::default() })
     }
 }
 
@@ -114,6 +122,15 @@ pub struct BoxLink {
     place: String,
     kind: LinkKind,
     questions: u16,
+    /// When anything of the box came last.
+    heard: Option<Instant>,
+    others: Others,
+}
+
+/// Whether a message shows that the box is there: a line may echo what is sent to it.
+#[must_use]
+pub fn is_of_box(message: &Message) -> bool {
+    !matches!(message, Message::Command(_))
 }
 
 impl BoxLink {
@@ -139,8 +156,16 @@ impl BoxLink {
         mut take: impl FnMut(&Event) -> Option<T>,
     ) -> Result<Option<T>, BadInput> {
         let mut found = None;
+        let Self { transport, heard, others, .. } = self;
         while found.is_none() && Instant::now() < until {
-            self.transport.poll(&mut |event| {
+            transport.poll(&mut |event| {
+                match &event {
+                    Event::Message(message) if is_of_box(message) => *heard = Some(Instant::now()),
+                    Event::OtherSender { from, hello } => {
+                        let _ = others.take(*from, hello.as_ref());
+                    }
+                    _ => {}
+                }
                 if found.is_none() {
                     found = take(&event);
                 }
@@ -242,6 +267,35 @@ impl BoxLink {
                 "send it a configuration with `plumb provision --send`",
             )),
         }
+    }
+
+    /// Which other boxes are heard here, for people; it is listened for so long that each has
+    /// said who it is.
+    ///
+    /// # Errors
+    /// When the way cannot be used any more.
+    pub fn others(&mut self) -> Result<Option<String>, BadInput> {
+        self.listen(Instant::now() + NAMED_WITHIN, |_| None::<()>)?;
+        Ok(self.others.words())
+    }
+
+    /// Checks that a box is the one that was met.
+    ///
+    /// # Errors
+    /// When it has another name or serial number.
+    pub fn refuse_another(&self, met: &Hello, now: &Hello) -> Result<(), BadInput> {
+        if is_same_box(met, now) {
+            return Ok(());
+        }
+        Err(self.another(&others::name(met), &others::name(now)))
+    }
+
+    fn another(&self, met: &str, now: &str) -> BadInput {
+        BadInput::whole(
+            &self.place,
+            format!("another box is heard now: {now}, and not {met} any more"),
+            "nothing is changed; see which boxes are on and send here, and start again",
+        )
     }
 
     /// Puts a question without waiting; its number.
@@ -375,12 +429,42 @@ impl BoxLink {
         Ok((config, next_crc))
     }
 
-    /// Sends a configuration that the box is to keep; its checksum as the box has read it
-    /// back. It is in use from the box's next start on.
+    /// Sends a configuration that the box is to keep, if it is still the one that was `met`
+    /// (`None`: one without a configuration, which has no name); what it says of itself now,
+    /// and the checksum as the box has read it back. It is in use from the box's next start on.
     ///
     /// # Errors
-    /// When the box refuses it, cannot keep it, or does not answer.
-    pub fn store_config(&mut self, config: &Config) -> Result<u32, BadInput> {
+    /// When it is another box, refuses it, cannot keep it, or does not answer.
+    pub fn store_config(
+        &mut self,
+        met: Option<&Hello>,
+        config: &Config,
+    ) -> Result<(Option<Hello>, u32), BadInput> {
+        // From the answer to who it is until all is stored.
+        self.transport.hold(true);
+        let stored =
+            self.met_again(met).and_then(|hello| Ok((hello, self.store_config_there(config)?)));
+        self.transport.hold(false);
+        stored
+    }
+
+    /// What the box that was met says of itself now.
+    fn met_again(&mut self, met: Option<&Hello>) -> Result<Option<Hello>, BadInput> {
+        const NAMELESS: &str = "the box that tracks nothing";
+        match (met, self.introduction()?) {
+            (Some(met), Introduction::Hello(now)) => {
+                self.refuse_another(met, &now)?;
+                Ok(Some(now))
+            }
+            (None, Introduction::Refusing(_)) => Ok(None),
+            (None, Introduction::Hello(now)) => Err(self.another(NAMELESS, &others::name(&now))),
+            (Some(met), Introduction::Refusing(text)) => {
+                Err(self.another(&others::name(met), &format!("one that tracks nothing ({text})")))
+            }
+        }
+    }
+
+    fn store_config_there(&mut self, config: &Config) -> Result<u32, BadInput> {
         let mut buffer = vec![0; BLOB_BYTES_MAX];
         let blob = config
             .encode(&mut buffer)
@@ -429,6 +513,20 @@ impl BoxLink {
     }
 
     fn no_answer(&self, what: &str) -> BadInput {
+        let Some(heard) = self.heard else {
+            return BadInput::whole(&self.place, "no box is heard", NOT_HEARD_REMEDY);
+        };
+        let silence = heard.elapsed();
+        if silence >= SILENT_AFTER {
+            return BadInput::whole(
+                &self.place,
+                format!(
+                    "the box has fallen silent: nothing is heard from it for {} s",
+                    silence.as_secs()
+                ),
+                "check its power and its link, and try again",
+            );
+        }
         BadInput::whole(
             &self.place,
             format!("the box is heard, but does not answer {what}"),

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
+use crate::counting::counted;
 use crate::delivery;
 use crate::error::BadInput;
 use crate::files::box_settings::BoxSettings;
@@ -51,8 +52,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             (read_back(&mut link)?, link.place().to_owned())
         }
     };
-    eprintln!("{place}: checksum {:08x}, {} targets", config.crc(), config.targets.len());
-    let files = texts(&config, &format!("configuration {:08x}", config.crc()));
+    let targets = counted(config.targets.len(), "target");
+    eprintln!("{place}: checksum {:08x}, {targets}", config.crc());
+    let is_calibrated = !camera::is_stand_in(&config.lens);
+    if !is_calibrated {
+        let (width, height) = (config.lens.width_px, config.lens.height_px);
+        eprintln!(
+            "warning: ITS CAMERA IS NOT CALIBRATED: camera.toml says the size of its frames and \
+             nothing else, and nobody is measured with it. Calibrate it with `plumb aim --stills` \
+             and `plumb calibrate`; the same configuration is made again with --uncalibrated \
+             {width}x{height} instead of --camera"
+        );
+    }
+    let calibrated = if is_calibrated { "" } else { ", NOT CALIBRATED" };
+    let files = texts(&config, &format!("configuration {:08x}{calibrated}", config.crc()));
     let Some(directory) = &arguments.out else {
         for (name, text) in files {
             println!("# {name}\n{text}");
@@ -101,8 +114,12 @@ fn read_back(link: &mut BoxLink) -> Result<Config, BadInput> {
         link.hello()?
     };
     eprintln!("{}: {}", link.place(), delivery::who(&hello));
-    let _waiting = Waiting::new("reading its configuration back");
-    link.config()
+    let config = {
+        let _waiting = Waiting::new("reading its configuration back");
+        link.config()?
+    };
+    delivery::warn_of_others(link)?;
+    Ok(config)
 }
 
 /// Each file's name and text.

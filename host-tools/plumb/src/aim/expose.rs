@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::time::{Duration, Instant};
 
 use plumbline::config::{Capture, CaptureDriver, Config};
-use plumbline::packet::{Refusal, View};
+use plumbline::packet::{Hello, Refusal, View};
 
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::{Exposed, Session};
@@ -28,6 +28,9 @@ const REFUSED_AFTER: Duration = Duration::from_secs(1);
 /// Frames with a new setting come within this, or not at all.
 const FRAMES_WITHIN: Duration = Duration::from_secs(15);
 
+/// A box that starts anew so often while one setting is sought may do so because of one.
+const RESTARTS_MAX: u32 = 3;
+
 /// Finds the setting; `None` when it was stopped.
 ///
 /// # Errors
@@ -49,19 +52,14 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     let (mut controller, mut setting) = Controller::new(capture.rate_hz, configured, gain_step);
     let mut silence_lines = SilenceLines::default();
     loop {
+        let restarts = session.restarts();
         let seen = match session.expose(setting.exposure_us, setting.gain)? {
             Exposed::AsAsked => light_with(session, setting, &mut silence_lines, until)?,
             Exposed::Refused(refusal, reason) => Seen::Refused(refusal, reason),
-            Exposed::Unheard => {
-                while session.silence().is_some() && !until.is_over() {
-                    turn(session, &mut silence_lines)?;
-                }
-                if until.is_over() {
-                    return Ok(None);
-                }
-                continue;
-            }
+            Exposed::Unheard => Seen::Silence,
         };
+        // Whatever was seen may be of before.
+        let seen = if session.restarts() == restarts { seen } else { Seen::Restart };
         let step = match seen {
             Seen::Light(light) => {
                 say(&format!("{}: {}", words(setting), light_words(&light)))?;
@@ -73,6 +71,27 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
                     Some(step) => step,
                     None => return Err(session.refused("the exposure", refusal, &reason)),
                 }
+            }
+            Seen::Silence => {
+                while session.silence().is_some() && !until.is_over() {
+                    turn(session, &mut silence_lines)?;
+                }
+                if until.is_over() {
+                    return Ok(None);
+                }
+                continue;
+            }
+            Seen::Restart => {
+                let restarts = session.restarts();
+                if restarts > RESTARTS_MAX {
+                    return Err(BadInput::whole(
+                        session.place(),
+                        format!("the box has started anew {restarts} times meanwhile"),
+                        "`plumb doctor` says how it is",
+                    ));
+                }
+                say("the box has started anew; the same setting again")?;
+                continue;
             }
             Seen::Stopped => return Ok(None),
         };
@@ -99,12 +118,13 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     Ok(Some(setting))
 }
 
-/// Puts a setting into the box's configuration, and starts the box anew with it.
+/// Puts a setting into the configuration of the box that it was found with, and starts the box anew with it.
 ///
 /// # Errors
 /// When the box does not take it.
-pub fn store(link: &mut BoxLink, setting: Setting) -> Result<(), BadInput> {
+pub fn store(link: &mut BoxLink, met: &Hello, setting: Setting) -> Result<(), BadInput> {
     let (hello, old) = (link.hello()?, link.config_to_change()?);
+    link.refuse_another(met, &hello)?;
     let capture = old.capture.clone().map(|capture| Capture {
         exposure_us: setting.exposure_us,
         gain: setting.gain,
@@ -119,6 +139,10 @@ enum Seen {
     Light(Light),
     /// By the box, or by its camera.
     Refused(Refusal, String),
+    /// Nothing is heard of the box, which may be starting anew.
+    Silence,
+    /// It has started anew, with its own setting.
+    Restart,
     Stopped,
 }
 
@@ -135,11 +159,18 @@ fn light_with(
     until: Until<'_>,
 ) -> Result<Seen, BadInput> {
     let start = Instant::now();
+    let restarts = session.restarts();
     let mut first: Option<Instant> = None;
     let mut sequence = None;
     let (mut targets, mut frames) = (Vec::new(), Vec::new());
     while !until.is_over() {
         turn(session, silence_lines)?;
+        if session.restarts() != restarts {
+            return Ok(Seen::Restart);
+        }
+        if session.silence().is_some() {
+            return Ok(Seen::Silence);
+        }
         let is_new = |view: &&View| sequence != Some(view.sequence);
         let now = Instant::now();
         if let Some(view) = session.view().filter(is_new) {
@@ -165,10 +196,12 @@ fn light_with(
             return Ok(Seen::Light(middle(if targets.is_empty() { frames } else { targets })));
         }
         if now - start >= FRAMES_WITHIN {
+            let why = session.without_frames().map(|why| format!(": {why}")).unwrap_or_default();
             return Err(BadInput::whole(
                 session.place(),
-                format!("no frame comes with {}", words(setting)),
-                session.without_frames().unwrap_or("see what `plumb receive` says of its camera"),
+                format!("no frame comes with {}{why}", words(setting)),
+                "`plumb doctor` says what is amiss with its camera; then start `plumb aim \
+                 --expose` again",
             ));
         }
     }

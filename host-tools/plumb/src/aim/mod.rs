@@ -166,6 +166,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         plain::run(arguments, &mut session, &mut stills, &mut watch, until)
     };
+    let met = session.hello().clone();
     let ended = session.end();
     match &ended {
         Ok(_) => eprintln!("the box has left set-up mode: no picture leaves it any more"),
@@ -177,7 +178,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         outcome => outcome?,
     }
     match exposed {
-        Some(setting) if arguments.store => Ok(expose::store(&mut ended?, setting)?),
+        Some(setting) if arguments.store => Ok(expose::store(&mut ended?, &met, setting)?),
         _ => Ok(()),
     }
 }

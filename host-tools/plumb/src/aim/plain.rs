@@ -61,6 +61,7 @@ pub fn run(
     let mut bar = Bar::default();
     let mut silence_lines = SilenceLines::default();
     let mut told_why = None;
+    let mut restarts = session.restarts();
     // All that is asked for once is there.
     let mut has_picture = arguments.png.is_none();
     while !until.is_over() && !stills.is_done() {
@@ -89,6 +90,11 @@ pub fn run(
         if let Some(text) = silence_lines.next(session.silence()) {
             bar.end();
             say(&format!("{:6.1} s  {text}", start.elapsed().as_secs_f64()))?;
+        }
+        if session.restarts() != restarts {
+            restarts = session.restarts();
+            bar.end();
+            say(&format!("{:6.1} s  the box has started anew", start.elapsed().as_secs_f64()))?;
         }
         if session.silence().is_some() {
             continue;

@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
 use plumbline::packet::{
-    AIM_S_MAX, Action, CameraState, Document, Health, LinkKind, Message, Picture, PosePacket,
-    Refusal, Reply, ReplyOutcome, View, document_crc,
+    AIM_S_MAX, Action, CameraState, Document, Health, Hello, LinkKind, Message, Picture,
+    PosePacket, Refusal, Reply, ReplyOutcome, View, document_crc,
 };
 
 use crate::error::BadInput;
-use crate::link::{BoxLink, Download, LinkArguments, Stopped};
+use crate::link::{BoxLink, Download, LinkArguments, SILENT_AFTER, Stopped, is_of_box};
 use crate::waiting::Waiting;
 
 /// The mode is asked for so long: the box falls out of it soon when this program is gone.
@@ -26,10 +26,6 @@ const RENEW_EVERY: Duration = Duration::from_secs(4);
 
 /// Numbers are asked for this often.
 const VIEW_EVERY: Duration = Duration::from_millis(400);
-
-/// A box says something once a second at least, so that longer silence is no accident, and old
-/// numbers are none of now.
-const SILENT_AFTER: Duration = Duration::from_secs(3);
 
 /// After so much silence the box is not waited for any longer.
 const GONE_AFTER: Duration = Duration::from_secs(10);
@@ -113,11 +109,6 @@ pub fn silence_words(silence: Duration) -> String {
     format!("nothing heard from the box for {} s", silence.as_secs())
 }
 
-/// Whether a message shows that the box is there: a line may echo what is sent to it.
-fn is_of_box(message: &Message) -> bool {
-    !matches!(message, Message::Command(_))
-}
-
 /// What came of asking the box to expose in some way.
 pub enum Exposed {
     /// It will.
@@ -134,6 +125,9 @@ pub struct Session {
     hearing: Hearing,
     /// As of the last time that was listened: what this program does meanwhile is no silence.
     silence: Option<Duration>,
+    /// Who the box is, and which of its starts this is.
+    hello: Hello,
+    restarts: u32,
     config: Config,
     renewed: Instant,
     viewed: Instant,
@@ -151,10 +145,9 @@ impl Session {
     /// When no box is heard, or it refuses.
     pub fn begin(arguments: &LinkArguments) -> Result<Self, BadInput> {
         let mut link = arguments.open()?;
-        let config = {
+        let (hello, config) = {
             let _waiting = Waiting::new(format!("listening at {}", link.place()));
-            link.hello()?;
-            link.config()?
+            (link.hello()?, link.config()?)
         };
         link.request(Action::Aim { seconds: MODE_S }, "set-up mode")?;
         let now = Instant::now();
@@ -162,6 +155,8 @@ impl Session {
             link,
             hearing: Hearing(now),
             silence: None,
+            hello,
+            restarts: 0,
             config,
             renewed: now,
             viewed: now - VIEW_EVERY,
@@ -205,9 +200,13 @@ impl Session {
     /// Puts a question until it is answered, and hears what else comes.
     fn ask(&mut self, action: Action) -> Result<ReplyOutcome, BadInput> {
         let hearing = &mut self.hearing;
+        let mut hello = None;
         let outcome = self.link.ask_aside(action, ANSWER_WITHIN, |message| {
             if is_of_box(message) {
                 hearing.heard(Instant::now());
+            }
+            if let Message::Hello(heard) = message {
+                hello = Some(heard.clone());
             }
         });
         let now = Instant::now();
@@ -215,7 +214,41 @@ impl Session {
             self.hearing.heard(now);
         }
         self.silence = self.hearing.silence(now);
+        hello.map_or(Ok(()), |hello| self.take_hello(hello))?;
         outcome
+    }
+
+    /// A box that has started anew is not in set-up mode, and what was seen of it is of before.
+    fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
+        if hello.boot_id == self.hello.boot_id {
+            return Ok(());
+        }
+        self.link.refuse_another(&self.hello, &hello)?;
+        if hello.config_crc != self.hello.config_crc {
+            return Err(BadInput::whole(
+                self.link.place(),
+                "the box has started anew, with another configuration",
+                "start `plumb aim` again",
+            ));
+        }
+        self.hello = hello;
+        self.restarts += 1;
+        self.forget();
+        if let Taking::Coming(coming) = &self.taking {
+            self.take(coming.picture.reduction);
+        }
+        self.renew(Instant::now());
+        Ok(())
+    }
+
+    /// How often the box has started anew meanwhile.
+    pub fn restarts(&self) -> u32 {
+        self.restarts
+    }
+
+    /// Who the box is.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
     }
 
     /// For how long the box has been silent, if that is longer than usual. It is another thing
@@ -298,7 +331,14 @@ impl Session {
         gain: Option<f32>,
     ) -> Result<Exposed, BadInput> {
         self.view = None;
-        match self.ask(Action::Expose { exposure_us, gain }) {
+        let mut answer = self.ask(Action::Expose { exposure_us, gain });
+        if let Ok(ReplyOutcome::Refused { refusal: Refusal::NotAiming, .. }) = answer {
+            // It has started anew, or has not heard the renewals.
+            answer = self
+                .ask(Action::Aim { seconds: MODE_S })
+                .and_then(|_| self.ask(Action::Expose { exposure_us, gain }));
+        }
+        match answer {
             Ok(ReplyOutcome::Refused { refusal, reason }) => {
                 Ok(Exposed::Refused(refusal, reason.to_string()))
             }
@@ -359,10 +399,14 @@ impl Session {
                 "check its power and its link; set-up mode ends by itself",
             ));
         }
+        self.forget();
+        Ok(())
+    }
+
+    fn forget(&mut self) {
         self.view = None;
         self.health = None;
         self.poses.clear();
-        Ok(())
     }
 
     fn renew(&mut self, now: Instant) {
@@ -409,7 +453,8 @@ impl Session {
             Message::Picture(picture) => self.word_of(picture)?,
             Message::Reply(reply) => self.reply(&reply)?,
             // Of no concern here, or for another program on this computer.
-            Message::Hello(_) | Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
+            Message::Hello(hello) => self.take_hello(hello)?,
+            Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
         }
         Ok(())
     }
@@ -495,8 +540,6 @@ impl Session {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::Command;
-
     use super::*;
 
     #[test]
@@ -512,11 +555,5 @@ mod tests {
         assert_eq!(silence, Duration::from_secs(6));
         assert_eq!(silence_words(silence), "nothing heard from the box for 6 s");
         assert_eq!(hearing.silence(start), None, "time that is older than the message");
-    }
-
-    #[test]
-    fn an_echo_of_what_is_sent_is_not_the_box() {
-        let command = Command { id: 1, action: Action::SendView };
-        assert!(!is_of_box(&Message::Command(command)));
     }
 }

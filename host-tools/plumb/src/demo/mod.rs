@@ -122,7 +122,7 @@ fn track(
     poses_csv: &Path,
 ) -> Result<Received> {
     let mut transport = Udp::bind((Ipv4Addr::LOCALHOST, 0).into())?;
-    let recorder = Recorder::new(files::create(poses_csv, true)?, poses_csv.display().to_string())?;
+    let recorder = Recorder::new(files::create(poses_csv, true)?, poses_csv.display().to_string());
     let mut receiver = Receiver::new(Some(recorder));
     let folder = tempfile::tempdir().context("no temporary directory can be made")?;
     let config_file = folder.path().join("demo.plb");

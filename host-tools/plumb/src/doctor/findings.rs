@@ -177,7 +177,7 @@ impl Findings {
             Event::Bad(error) => {
                 self.bad.count(*error);
             }
-            Event::OtherSender(_) => self.bad.other_sender += 1,
+            Event::OtherSender { .. } => self.bad.other_sender += 1,
             Event::LineLost(_) => self.line_losses += 1,
             Event::LineBack => (),
         }

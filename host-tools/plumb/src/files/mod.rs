@@ -64,14 +64,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), BadInput> {
 /// # Errors
 /// When it exists, or the operating system refuses.
 pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
-    let mut options = File::options();
-    options.write(true);
-    if force {
-        options.create(true).truncate(true)
-    } else {
-        options.create_new(true)
-    };
-    options.open(path).map_err(|error| match error.kind() {
+    open_new(path, force).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => BadInput::whole(
             path.display(),
             "exists already",
@@ -80,6 +73,58 @@ pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
         ErrorKind::NotFound => no_such_directory(path),
         _ => BadInput::io(path.display(), &error),
     })
+}
+
+fn open_new(path: &Path, force: bool) -> std::io::Result<File> {
+    let mut options = File::options();
+    options.write(true);
+    if force {
+        options.create(true).truncate(true)
+    } else {
+        options.create_new(true)
+    };
+    options.open(path)
+}
+
+/// A file of `--out` that is made when the first byte is written to it: where nothing comes
+/// there is none, and one from before is still what it was.
+#[derive(Debug)]
+pub struct Late {
+    path: PathBuf,
+    force: bool,
+    file: Option<File>,
+}
+
+impl Late {
+    /// Checks that it can be made, and leaves nothing behind.
+    ///
+    /// # Errors
+    /// As [`create`].
+    pub fn new(path: &Path, force: bool) -> Result<Self, BadInput> {
+        if !(force && path.exists()) {
+            create(path, false)?;
+            std::fs::remove_file(path).map_err(|error| BadInput::io(path.display(), &error))?;
+        } else if path.is_file() || path.is_dir() {
+            // A device or a pipe would notice.
+            let opened = File::options().append(true).open(path);
+            opened.map_err(|error| BadInput::io(path.display(), &error))?;
+        }
+        Ok(Self { path: path.to_owned(), force, file: None })
+    }
+}
+
+impl Write for Late {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            None => self.file.insert(open_new(&self.path, self.force)?),
+        };
+        file.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.as_mut().map_or(Ok(()), File::flush)
+    }
 }
 
 /// Writes several files: all of them or none. Where one exists and `force` is not given, a

@@ -15,6 +15,7 @@ use crate::link::LinkArguments;
 pub mod accounting;
 pub mod bad_packets;
 pub mod complaints;
+pub mod others;
 pub mod receiver;
 pub mod recorder;
 mod screen;
@@ -41,7 +42,8 @@ pub struct Arguments {
     #[command(flatten)]
     pub link: LinkArguments,
 
-    /// Record into this CSV: the columns of poses.csv, then `session`
+    /// Record into this CSV: the columns of poses.csv, then `session`; without a frame there is
+    /// no file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 
@@ -134,8 +136,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (mut transport, place) = arguments.link.transport()?;
     let recorder = match &arguments.out {
         Some(path) => {
-            let file = files::create(path, arguments.force)?;
-            Some(Recorder::new(file, path.display().to_string())?)
+            let file = files::Late::new(path, arguments.force)?;
+            Some(Recorder::new(file, path.display().to_string()))
         }
         None => None,
     };
@@ -151,7 +153,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{}", screen::summary(&receiver));
     if let Some(path) = &arguments.out {
-        let _ = writeln!(std::io::stdout(), "recorded in {}", path.display());
+        let path = path.display();
+        let text = match receiver.counts().received {
+            0 => format!("no frame came: {path} is not written"),
+            _ => format!("recorded in {path}"),
+        };
+        let _ = writeln!(std::io::stdout(), "{text}");
     }
     result?;
     if let Some(silence) =
@@ -160,7 +167,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Err(BadInput::whole(
             place,
             format!("nothing was heard from the box in the last {} s", silence.as_secs()),
-            "what came before is recorded; check the box's power and its link",
+            "check the box's power and its link",
         )
         .into());
     }

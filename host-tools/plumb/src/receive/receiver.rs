@@ -14,6 +14,7 @@ use plumbline::target::Role;
 use super::accounting::{Accounting, Arrival, Counts};
 use super::bad_packets::BadPackets;
 use super::complaints;
+use super::others::{self, Others, is_same_box};
 use super::recorder::{Names, Recorder};
 use super::transport::Event;
 use crate::error::BadInput;
@@ -94,6 +95,7 @@ pub struct Receiver<W: Write> {
     recorder: Option<Recorder<W>>,
     accounting: Accounting,
     bad: BadPackets,
+    others: Others,
     shares: BTreeMap<String, Share>,
     /// The last one is under way.
     runs: Vec<Run>,
@@ -126,6 +128,7 @@ impl<W: Write> Receiver<W> {
             recorder,
             accounting: Accounting::default(),
             bad: BadPackets::default(),
+            others: Others::default(),
             shares: BTreeMap::new(),
             runs: vec![Run::default()],
             health: None,
@@ -266,14 +269,13 @@ impl<W: Write> Receiver<W> {
         match event {
             Event::Message(message) => self.message(message, now)?,
             Event::Bad(error) => self.bad_packet(error),
-            Event::OtherSender(address) => {
-                if self.bad.other_sender == 0 {
+            Event::OtherSender { from, hello } => {
+                self.bad.other_sender += 1;
+                if let Some(news) = self.others.take(from, hello.as_ref()) {
                     self.notices.push(format!(
-                        "{address} sends here too; only the first box is recorded: \
-                         give each box a port of its own"
+                        "{news}; only the first box is recorded: give each box a port of its own"
                     ));
                 }
-                self.bad.other_sender += 1;
             }
             Event::LineLost(why) => {
                 self.line_losses += 1;
@@ -390,7 +392,13 @@ impl<W: Write> Receiver<W> {
 
     fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
         if self.accounting.hello(hello.boot_id) {
-            self.notices.push(format!("the box has started anew ({})", start_of(&hello)));
+            let known = self.runs.iter().rev().find_map(|run| run.hello.as_ref());
+            let is_another = known.is_some_and(|known| !is_same_box(known, &hello));
+            self.notices.push(if is_another {
+                format!("another box is heard now: {}", others::name(&hello))
+            } else {
+                format!("the box has started anew ({})", start_of(&hello))
+            });
             self.start_run()?;
         }
         if self.runs.last().is_none_or(|run| run.hello.is_none())

@@ -78,25 +78,20 @@ pub struct Recorder<W: Write> {
     clock: Clock,
     /// The number of the current session, from 1.
     session: u32,
+    has_header: bool,
 }
 
 impl<W: Write> Recorder<W> {
     /// A recorder into a sink that `place` names in errors; the header is
-    /// written at once.
-    ///
-    /// # Errors
-    /// When the sink refuses.
-    pub fn new(sink: W, place: impl Into<String>) -> Result<Self, BadInput> {
-        let mut recorder = Self {
+    /// written before the first row.
+    pub fn new(sink: W, place: impl Into<String>) -> Self {
+        Self {
             rows: csv::WriterBuilder::new().has_headers(false).from_writer(sink),
             place: place.into(),
             clock: Clock::default(),
             session: 0,
-        };
-        let columns = columns();
-        recorder.put(&columns)?;
-        recorder.flush()?;
-        Ok(recorder)
+            has_header: false,
+        }
     }
 
     /// The next packet is the first one of this session.
@@ -110,6 +105,9 @@ impl<W: Write> Recorder<W> {
     /// # Errors
     /// When the sink refuses; what was written before stays.
     pub fn write(&mut self, packet: &PosePacket, names: &Names) -> Result<(), BadInput> {
+        if !std::mem::replace(&mut self.has_header, true) {
+            self.put(&columns())?;
+        }
         let time_s = self.clock.time_s(packet.capture_time_ns);
         for target in &packet.targets {
             let mut row = row(packet.sequence, time_s, target, names);

@@ -51,10 +51,14 @@ fn pose(sequence: u32) -> Message {
 }
 
 fn hello(boot_id: u32) -> Message {
+    hello_of("ward 3", boot_id)
+}
+
+fn hello_of(device: &str, boot_id: u32) -> Message {
     let info =
         |name: &str, role, corners| TargetInfo { name: name.try_into().unwrap(), role, corners };
     Message::Hello(Hello {
-        device: "ward 3".try_into().unwrap(),
+        device: device.try_into().unwrap(),
         serial_number: "PL-0001".try_into().unwrap(),
         firmware: "0.1.0".try_into().unwrap(),
         config_crc: 7,
@@ -99,7 +103,7 @@ impl Shared {
 
 fn receiver() -> (Receiver<Shared>, Shared) {
     let shared = Shared::default();
-    let recorder = Recorder::new(shared.clone(), "poses.csv").unwrap();
+    let recorder = Recorder::new(shared.clone(), "poses.csv");
     (Receiver::new(Some(recorder)), shared)
 }
 
@@ -416,19 +420,109 @@ fn the_rate_is_that_of_the_periods() {
 fn a_second_box_is_not_mixed_in() {
     let mut udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
     let port = udp.local_address().unwrap().port();
-    // Linux has all of 127/8: two senders with two addresses.
-    let send = |from: &str, message: &Message| {
-        let socket = std::net::UdpSocket::bind((from, 0)).unwrap();
-        socket.send_to(&datagram(message), ("127.0.0.1", port)).unwrap();
+    let sender = |from: &str| std::net::UdpSocket::bind((from, 0)).unwrap();
+    let send = |from: &std::net::UdpSocket, message: &Message| {
+        from.send_to(&datagram(message), ("127.0.0.1", port)).unwrap();
     };
-    send("127.0.0.1", &hello(1));
-    send("127.0.0.1", &pose(0));
-    send("127.0.0.2", &pose(500));
-    send("127.0.0.1", &pose(1));
+    // Linux has all of 127/8. The last is another program of the first one's computer.
+    let boxes = ["127.0.0.1", "127.0.0.2", "127.0.0.1"].map(sender);
+    send(&boxes[0], &hello(1));
+    send(&boxes[0], &pose(0));
+    for other in &boxes[1..] {
+        send(other, &pose(500));
+        send(other, &hello_of("ward 4", 2));
+        send(other, &hello_of("ward 4", 2));
+    }
+    send(&boxes[0], &pose(1));
     let (mut receiver, csv) = receiver();
     receive(&mut udp, &mut receiver, until_frames(2), &AtomicBool::new(false), |_| ()).unwrap();
-    assert_eq!(receiver.bad().other_sender, 1);
+    assert_eq!(receiver.bad().other_sender, 6);
     assert_eq!(rows(&csv.text()).len(), 4);
+    let notices = receiver.take_notices();
+    for other in &boxes[1..] {
+        let address = other.local_addr().unwrap();
+        for text in [
+            format!("{address} sends here too; only"),
+            format!("ward 4 (PL-0001) is the box at {address}"),
+        ] {
+            let said = notices.iter().filter(|notice| notice.contains(&text)).count();
+            assert_eq!(said, 1, "{text:?} in {notices:?}");
+        }
+    }
+}
+
+/// What a transport makes of datagrams from several sockets, one after the other.
+struct Senders {
+    udp: Udp,
+    port: u16,
+}
+
+impl Senders {
+    fn new() -> Self {
+        let udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
+        let port = udp.local_address().unwrap().port();
+        Self { udp, port }
+    }
+
+    /// Whether the message counts.
+    fn heard(&mut self, from: &std::net::UdpSocket, message: &Message) -> bool {
+        from.send_to(&datagram(message), ("127.0.0.1", self.port)).unwrap();
+        let mut heard = None;
+        while heard.is_none() {
+            let mut take = |event| heard = Some(matches!(event, transport::Event::Message(_)));
+            self.udp.poll(&mut take).unwrap();
+        }
+        heard.unwrap()
+    }
+}
+
+#[test]
+fn a_box_that_starts_anew_is_known_by_its_name_and_not_by_its_port() {
+    let [first, second, third] =
+        [(); 3].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let elsewhere = std::net::UdpSocket::bind("127.0.0.2:0").unwrap();
+    let mut senders = Senders::new();
+    assert!(senders.heard(&first, &pose(0)));
+    assert!(!senders.heard(&second, &hello(2)), "nobody knows yet who the first one is");
+    assert!(senders.heard(&first, &hello(1)));
+    assert!(!senders.heard(&second, &pose(0)), "it does not say who it is");
+    assert!(!senders.heard(&second, &hello_of("ward 4", 2)), "another box");
+    assert!(!senders.heard(&second, &hello(1)), "the same start cannot be at two ports");
+    assert!(!senders.heard(&elsewhere, &hello(2)), "the same name on another computer");
+    assert!(senders.heard(&second, &hello(2)), "the first one has started anew");
+    assert!(senders.heard(&second, &pose(0)));
+    assert!(!senders.heard(&first, &hello(1)), "it still sends: two boxes of one name");
+    assert!(senders.heard(&third, &hello(3)), "and anew");
+
+    senders.udp.hold(true);
+    assert!(!senders.heard(&second, &hello(4)), "held");
+    senders.udp.hold(false);
+    assert!(senders.heard(&first, &hello(4)), "held no longer");
+}
+
+#[test]
+fn a_silent_box_leaves_its_place_to_another_unless_it_is_held() {
+    let [first, second] = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let mut senders = Senders::new();
+    assert!(senders.heard(&first, &hello(1)));
+    thread::sleep(Duration::from_millis(3100));
+    senders.udp.hold(true);
+    assert!(!senders.heard(&second, &hello_of("ward 4", 2)));
+    senders.udp.hold(false);
+    assert!(senders.heard(&second, &hello_of("ward 4", 2)));
+    assert!(!senders.heard(&first, &hello(1)));
+}
+
+#[test]
+fn another_box_on_the_same_port_is_not_said_to_be_the_same_anew() {
+    let (mut receiver, _) = receiver();
+    for message in [hello(1), hello(2), hello_of("ward 4", 3)] {
+        receiver.handle(transport::Event::Message(message), Instant::now()).unwrap();
+    }
+    let notices = receiver.take_notices();
+    let [anew, another] = &notices[..] else { panic!("{notices:?}") };
+    assert!(anew.starts_with("the box has started anew"), "{anew}");
+    assert_eq!(another, "another box is heard now: ward 4 (PL-0001)");
 }
 
 #[cfg(unix)]
@@ -562,6 +656,38 @@ fn an_old_recording_is_kept_unless_forced() {
 }
 
 #[test]
+fn a_recording_of_nothing_is_no_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("poses.csv");
+    let read = || std::fs::read_to_string(&path).ok();
+    let hear = |messages: &[Message]| {
+        let file = files::Late::new(&path, true).unwrap();
+        let mut receiver = Receiver::new(Some(Recorder::new(file, "poses.csv")));
+        for message in messages {
+            receiver.handle(transport::Event::Message(message.clone()), Instant::now()).unwrap();
+        }
+        receiver.finish().unwrap();
+    };
+    hear(&[]);
+    hear(&[hello(1)]);
+    assert_eq!(read(), None);
+    std::fs::write(&path, "precious").unwrap();
+    hear(&[hello(1)]);
+    assert_eq!(read().as_deref(), Some("precious"));
+    hear(&[hello(1), pose(0)]);
+    let csv = read().unwrap();
+    assert!(csv.starts_with(HEADER) && rows(&csv).len() == 2, "{csv}");
+
+    // What is in the way is said before anything comes.
+    let error = files::Late::new(&path, false).unwrap_err();
+    assert!(error.to_string().contains("--force"), "{error}");
+    assert_eq!(read().unwrap(), csv);
+    files::Late::new(directory.path(), true).unwrap_err();
+    let error = files::Late::new(&directory.path().join("no/poses.csv"), true).unwrap_err();
+    assert!(error.found.contains("no such directory"), "{error}");
+}
+
+#[test]
 fn places_that_cannot_be_listened_at_are_explained() {
     let first = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
     let error = Udp::bind(first.local_address().unwrap()).err().unwrap();
@@ -589,6 +715,9 @@ impl Write for Full {
 
 #[test]
 fn a_full_disk_ends_the_recording_with_a_reason() {
-    let error = Recorder::new(Full, "poses.csv").err().unwrap();
+    let mut receiver = Receiver::new(Some(Recorder::new(Full, "poses.csv")));
+    let mut hear = |message| receiver.handle(transport::Event::Message(message), Instant::now());
+    hear(hello(1)).unwrap();
+    let error = hear(pose(0)).unwrap_err();
     assert_eq!(error.remedy, "make room on the disk");
 }

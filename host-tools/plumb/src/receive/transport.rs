@@ -2,14 +2,15 @@
 //! come back.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{
-    Deframer, FRAME_BYTES_MAX, Message, PACKET_BYTES_MAX, PacketError, decode_datagram,
+    Deframer, FRAME_BYTES_MAX, Hello, Message, PACKET_BYTES_MAX, PacketError, decode_datagram,
     encode_datagram, encode_frame,
 };
 
+use super::others::is_same_box;
 use crate::error::BadInput;
 
 /// A wait for bytes ends at least this often, so that Ctrl-C is heard.
@@ -27,14 +28,18 @@ const REOPEN_WAIT_MAX: Duration = Duration::from_secs(4);
 
 /// What came in.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "it is handed on at once and never stored")]
 pub enum Event {
     /// A message.
     Message(Message),
     /// Bytes that are none, and why.
     Bad(PacketError),
     /// A datagram of another box, while the first one is sending.
-    OtherSender(IpAddr),
+    OtherSender {
+        /// Where it comes from.
+        from: SocketAddr,
+        /// Who it is, if it says that.
+        hello: Option<Hello>,
+    },
     /// The serial line is gone; it is being waited for.
     LineLost(String),
     /// The serial line is back.
@@ -52,12 +57,41 @@ pub trait Transport {
     /// Sends a message to the box, if the way to it is known. One that does
     /// not get through is not worth an error: the box repeats what matters.
     fn send(&mut self, message: &Message);
+
+    /// While it is held, no other box takes the place of the one that is listened to, however
+    /// long that is silent.
+    fn hold(&mut self, is_held: bool);
+}
+
+/// The box that is listened to.
+struct Sender {
+    address: SocketAddr,
+    heard: Instant,
+    /// As it said last.
+    hello: Option<Hello>,
+}
+
+impl Sender {
+    /// Whether this is the same box after another start: it keeps its name and its address, and
+    /// its port is another one.
+    fn is_anew(&self, from: SocketAddr, message: Option<&Message>) -> bool {
+        let (Some(Message::Hello(hello)), Some(known)) = (message, &self.hello) else {
+            return false;
+        };
+        from.ip() == self.address.ip()
+            && is_same_box(known, hello)
+            && known.boot_id != hello.boot_id
+    }
 }
 
 /// Datagrams to one port.
 pub struct Udp {
     socket: UdpSocket,
-    sender: Option<(SocketAddr, Instant)>,
+    sender: Option<Sender>,
+    /// Where the sender was before it started anew: what still comes from there is another box
+    /// of the same name.
+    former: Option<SocketAddr>,
+    is_held: bool,
     buffer: Box<[u8; 65_536]>,
 }
 
@@ -95,7 +129,13 @@ impl Udp {
     /// When the socket takes no time-out.
     pub fn new(socket: UdpSocket) -> std::io::Result<Self> {
         socket.set_read_timeout(Some(WAIT))?;
-        Ok(Self { socket, sender: None, buffer: Box::new([0; 65_536]) })
+        Ok(Self {
+            socket,
+            sender: None,
+            former: None,
+            is_held: false,
+            buffer: Box::new([0; 65_536]),
+        })
     }
 
     /// The address listened at.
@@ -106,16 +146,32 @@ impl Udp {
         self.socket.local_addr()
     }
 
-    /// True when a packet from there counts. A box that starts anew keeps its
-    /// address but not its port; two boxes must not be mixed into one recording.
-    fn accepts(&mut self, from: SocketAddr, now: Instant) -> bool {
-        if let Some((sender, last)) = self.sender
-            && sender.ip() != from.ip()
-            && now.duration_since(last) < SENDER_SILENCE
-        {
-            return false;
+    /// True when a packet from there counts: two boxes must not be mixed into one recording,
+    /// though they be programs of one computer.
+    fn accepts(&mut self, from: SocketAddr, message: Option<&Message>, now: Instant) -> bool {
+        let hello = match message {
+            Some(Message::Hello(hello)) => Some(hello),
+            _ => None,
+        };
+        match &mut self.sender {
+            Some(sender) if sender.address == from => {
+                sender.heard = now;
+                if let Some(hello) = hello {
+                    sender.hello = Some(hello.clone());
+                }
+                return true;
+            }
+            Some(sender) => {
+                let is_silent = now.duration_since(sender.heard) >= SENDER_SILENCE;
+                let is_anew = self.former != Some(from) && sender.is_anew(from, message);
+                if self.is_held || !(is_silent || is_anew) {
+                    return false;
+                }
+                self.former = is_anew.then_some(sender.address);
+            }
+            None => {}
         }
-        self.sender = Some((from, now));
+        self.sender = Some(Sender { address: from, heard: now, hello: hello.cloned() });
         true
     }
 }
@@ -142,9 +198,14 @@ impl Transport for Udp {
         let outcome = decode_datagram(&self.buffer[..length]);
         // Only a box may claim the port: a stray datagram must not lock it out.
         let is_box = outcome.is_ok();
-        let known = self.sender.is_some_and(|(sender, _)| sender.ip() == from.ip());
-        if (is_box || known) && !self.accepts(from, Instant::now()) {
-            take(Event::OtherSender(from.ip()));
+        let is_known = self.sender.as_ref().is_some_and(|sender| sender.address == from);
+        let message = outcome.as_ref().ok();
+        if (is_box || is_known) && !self.accepts(from, message, Instant::now()) {
+            let hello = match outcome {
+                Ok(Message::Hello(hello)) => Some(hello),
+                _ => None,
+            };
+            take(Event::OtherSender { from, hello });
             return Ok(());
         }
         take(match outcome {
@@ -155,11 +216,15 @@ impl Transport for Udp {
     }
 
     fn send(&mut self, message: &Message) {
-        if let Some((sender, _)) = self.sender
+        if let Some(sender) = &self.sender
             && let Ok(datagram) = encode_datagram(message, &mut [0; PACKET_BYTES_MAX])
         {
-            let _ = self.socket.send_to(datagram, sender);
+            let _ = self.socket.send_to(datagram, sender.address);
         }
+    }
+
+    fn hold(&mut self, is_held: bool) {
+        self.is_held = is_held;
     }
 }
 
@@ -266,6 +331,9 @@ impl Transport for Serial {
             let _ = line.write_all(frame);
         }
     }
+
+    /// A line has one box at its other end.
+    fn hold(&mut self, _is_held: bool) {}
 }
 
 fn cannot_open(path: &str, error: &std::io::Error) -> BadInput {

@@ -8,7 +8,8 @@ use plumbline::target::Role;
 
 use crate::error::BadInput;
 use crate::files;
-use crate::files::targets::{self, OriginName, TargetDescription};
+use crate::files::targets::{self, OriginName, TargetDescription, Targets};
+use crate::receive::recorder::role_word;
 
 mod layout;
 mod legend;
@@ -122,7 +123,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let entry = targets::to_toml(&descriptions);
     match &arguments.targets {
         Some(path) if arguments.add => {
-            let all = added(path, &entry)?;
+            let all = added(path, &descriptions)?;
             files::write_all(&outputs, arguments.force)?;
             files::write_all(&[(path.clone(), all.into_bytes())], true)?;
         }
@@ -149,12 +150,50 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// A targets file with more in it, as it was written otherwise; checked as a whole.
-fn added(path: &Path, entry: &str) -> Result<String, BadInput> {
+fn added(path: &Path, descriptions: &[TargetDescription]) -> Result<String, BadInput> {
     let before =
         std::fs::read_to_string(path).map_err(|error| BadInput::io(path.display(), &error))?;
-    let all = format!("{}\n\n{entry}", before.trim_end());
-    targets::parse(&all, &path.display().to_string())?;
+    let place = path.display().to_string();
+    refuse_known(&targets::parse(&before, &place)?, descriptions, &place)?;
+    let all = format!("{}\n\n{}", before.trim_end(), targets::to_toml(descriptions));
+    targets::parse(&all, &place)?;
     Ok(all)
+}
+
+/// Says what is in the way of a target that a file has already, or has another one in place of.
+fn refuse_known(
+    known: &Targets,
+    descriptions: &[TargetDescription],
+    place: &str,
+) -> Result<(), BadInput> {
+    let new = targets::check(descriptions, "--grid")?;
+    let refused = |found: String, remedy: &str| Err(BadInput::whole(place, found, remedy));
+    for new in &new.targets {
+        for known in &known.targets {
+            let (name, role) = (&known.name, role_word(known.geometry.role()));
+            if new.name == *name && new.geometry == known.geometry {
+                return refused(
+                    format!("the target {name:?} is in it already, the very same"),
+                    "there is nothing to add: to print it once more, leave --targets and --add out",
+                );
+            }
+            if new.name == *name {
+                return refused(
+                    format!("another target is called {name:?} already"),
+                    "give this one another --name, or take that one out of the file",
+                );
+            }
+            if new.geometry.role() == known.geometry.role() {
+                return refused(
+                    format!(
+                        "the target {name:?} has the role {role:?} already, and a box takes one of each"
+                    ),
+                    "give this one another --role, or take that one out of the file",
+                );
+            }
+        }
+    }
+    Ok(())
 }
 
 impl Arguments {

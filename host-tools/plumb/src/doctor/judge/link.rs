@@ -159,7 +159,8 @@ mod tests {
         assert_says(&check(&findings, "link"), Verdict::Warn, &["lost 1 times", "cable"]);
         bad(&mut findings, PacketError::Body, 1);
         assert_says(&check(&findings, "link"), Verdict::Warn, &["and 1 that", "update"]);
-        findings.take(&Event::OtherSender([10, 0, 0, 7].into()), 0);
+        let from = ([10, 0, 0, 7], 4000).into();
+        findings.take(&Event::OtherSender { from, hello: None }, 0);
         assert_says(&check(&findings, "link"), Verdict::Warn, &["1 of another box", "port"]);
     }
 
