@@ -14,6 +14,7 @@ use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
 
+use crate::counting::counted;
 use crate::draw;
 use crate::error::BadInput;
 use crate::files::frames::{Frame, FrameSource, Pixels};
@@ -313,11 +314,11 @@ impl Summary {
     }
 
     fn print(mut self, source: &FrameSource, timing: bool) {
-        let frames = self.frames;
-        eprintln!("{frames} frames of {} x {} px", source.width(), source.height());
+        let frames = counted(self.frames, "frame");
+        eprintln!("{frames} of {} x {} px", source.width(), source.height());
         for target in &mut self.targets {
             let found = target.rms_px.len();
-            let mut line = format!("{}: found in {found} of {frames} frames", target.name);
+            let mut line = format!("{}: found in {found} of {frames}", target.name);
             if let Some(rms_px) = median(&mut target.rms_px, f64::total_cmp) {
                 line += &format!(", median reprojection RMS {rms_px:.3} px");
             }

@@ -23,6 +23,7 @@ use plumbline::packet::{
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline::view::FrameView;
 
+const NAME: &str = "played";
 const BLACK: f32 = 0.03;
 
 /// A box without a sensor: it answers as a real one does, and believes its lamp.
@@ -35,9 +36,13 @@ struct PlayedBox {
     takes_gain: bool,
     exposure_us: Option<u32>,
     gain: Option<f32>,
+    is_asked: bool,
     is_aiming: bool,
     sequence: u32,
     boot_id: u32,
+    /// So often it starts anew as soon as it exposes as it is told, then by this name.
+    restarts: u32,
+    restarts_as: &'static str,
     incoming: Vec<u8>,
     stored: Option<Config>,
 }
@@ -52,8 +57,7 @@ struct Left {
 impl PlayedBox {
     fn new(light_per_us: f32, takes_gain: bool) -> (Self, String) {
         let host = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
-        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+        let socket = socket();
         let played = Self {
             socket,
             host: host.clone(),
@@ -62,9 +66,12 @@ impl PlayedBox {
             takes_gain,
             exposure_us: None,
             gain: None,
+            is_asked: false,
             is_aiming: false,
             sequence: 0,
             boot_id: 1,
+            restarts: 0,
+            restarts_as: NAME,
             incoming: vec![0; BLOB_BYTES_MAX],
             stored: None,
         };
@@ -74,13 +81,13 @@ impl PlayedBox {
     /// Plays until the host has not been there for a while, having been there.
     fn play(mut self) -> JoinHandle<Left> {
         std::thread::spawn(move || {
-            let (mut asked, mut quiet) = (false, 0);
+            let mut quiet = 0;
             // Two seconds, or twenty before anybody comes.
-            while quiet < if asked { 40 } else { 400 } {
+            while quiet < if self.is_asked { 40 } else { 400 } {
                 let mut datagram = [0; 2048];
                 match self.socket.recv(&mut datagram) {
                     Ok(length) => {
-                        (asked, quiet) = (true, 0);
+                        (self.is_asked, quiet) = (true, 0);
                         let message = decode_datagram(&datagram[..length]).expect("ours");
                         self.take(message);
                     }
@@ -126,6 +133,7 @@ impl PlayedBox {
                 return ReplyOutcome::Config { crc, bytes, next_crc: crc };
             }
             Action::SendParts { document: Document::Config, .. } => self.send_config(),
+            Action::SendView if self.restarts > 0 && self.exposure_us.is_some() => self.restart(),
             Action::SendView => {
                 let view = self.view();
                 self.send(&Message::View(view));
@@ -151,6 +159,18 @@ impl PlayedBox {
             other => panic!("{other:?}"),
         }
         ReplyOutcome::Accepted
+    }
+
+    /// As another start of a real box: another port, its own exposure, no set-up mode.
+    fn restart(&mut self) {
+        self.restarts -= 1;
+        self.boot_id += 1;
+        (self.exposure_us, self.gain, self.is_aiming) = (None, None, false);
+        self.config.device = self.restarts_as.try_into().unwrap();
+        self.socket = socket();
+        // Another box is not heard at once.
+        self.is_asked = false;
+        self.send(&Message::Hello(self.hello()));
     }
 
     fn send_config(&self) {
@@ -217,11 +237,17 @@ impl PlayedBox {
     }
 }
 
+fn socket() -> UdpSocket {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    socket
+}
+
 fn config(host: &str) -> Config {
     let geometry = TargetGeometry::checker(6, 5, 12.0, Origin::Center, Role::Lower, [0.0; 3]);
     let name = "lumbar".try_into().unwrap();
     Config {
-        device: "played".try_into().unwrap(),
+        device: NAME.try_into().unwrap(),
         serial_number: "0".try_into().unwrap(),
         lens: Lens {
             width_px: 640,
@@ -254,9 +280,13 @@ fn blob(config: &Config) -> Vec<u8> {
 
 fn expose(light_per_us: f32, takes_gain: bool, more: &[&str]) -> (Finished, Left) {
     let (played, host) = PlayedBox::new(light_per_us, takes_gain);
+    expose_with(played, &host, more)
+}
+
+fn expose_with(played: PlayedBox, host: &str, more: &[&str]) -> (Finished, Left) {
     let playing = played.play();
     let folder = tempfile::tempdir().unwrap();
-    let finished = plumb(folder.path(), &[&["aim", "--udp", &host, "--expose"], more].concat());
+    let finished = plumb(folder.path(), &[&["aim", "--udp", host, "--expose"], more].concat());
     (finished, playing.join().expect("the played box plays on"))
 }
 
@@ -289,4 +319,40 @@ fn little_light_takes_gain_and_without_one_it_is_said_to_be_too_little() {
         assert!(finished.stderr.contains(part), "{part:?} is not in: {}", finished.stderr);
     }
     assert_eq!((left.stored, left.starts, left.is_aiming), (None, 1, false));
+}
+
+/// A box of which `restarts` starts come in between, then by this name.
+fn expose_through(restarts: u32, restarts_as: &'static str) -> (Finished, Left) {
+    let (played, host) = PlayedBox::new(3e-4, true);
+    expose_with(PlayedBox { restarts, restarts_as, ..played }, &host, &["--store"])
+}
+
+#[test]
+fn a_box_that_starts_anew_meanwhile_is_noticed() {
+    let (finished, left) = expose_through(2, NAME);
+    assert_eq!(finished.code, Some(0), "{} {}", finished.stdout, finished.stderr);
+    let told = finished.stdout.matches("the box has started anew; the same setting again").count();
+    // The third is the one with what was stored.
+    assert_eq!((told, left.starts, left.is_aiming), (2, 4, false));
+    assert!(finished.stdout.contains("found: exposure "), "{}", finished.stdout);
+    let exposure_us = left.stored.unwrap().capture.unwrap().exposure_us.unwrap();
+    let light = BLACK + 3e-4 * exposure_us as f32;
+    assert!((0.7..=0.8).contains(&light), "its own exposure is not judged: {exposure_us} us");
+}
+
+#[test]
+fn a_box_that_starts_anew_again_and_again_is_given_up() {
+    let (finished, left) = expose_through(100, NAME);
+    assert_eq!((finished.code, left.stored), (Some(2), None), "{}", finished.stdout);
+    for part in ["the box has started anew 4 times meanwhile", "`plumb doctor`"] {
+        assert!(finished.stderr.contains(part), "{part:?} is not in: {}", finished.stderr);
+    }
+}
+
+#[test]
+fn another_box_in_its_place_is_refused() {
+    let (finished, left) = expose_through(1, "other");
+    assert_eq!((finished.code, left.stored), (Some(2), None), "{}", finished.stdout);
+    let refused = "another box is heard now: other (0), and not played (0) any more";
+    assert!(finished.stderr.contains(refused), "{}", finished.stderr);
 }

@@ -344,8 +344,44 @@ fn where_no_box_is_heard_that_is_the_failure() {
     let said = bench.plumb("doctor --udp UDP").exits(1);
     said.says(&["FAIL  link", "no box is heard; check that the box is on", "skip  camera"]);
     bench.plumb("show --udp UDP").exits(2).says(&["no box is heard; check that the box is on"]);
+    let receive = "receive --udp UDP --duration 0.3 --out received.csv";
+    bench.plumb(receive).exits(2).says(&["no frame came: received.csv is not written"]);
+    assert!(!bench.path("received.csv").exists());
     let _taken = UdpSocket::bind(bench.udp).unwrap();
     bench.plumb("doctor --udp UDP").exits(2).says(&["another program listens there"]);
+}
+
+#[test]
+fn a_box_whose_camera_is_not_calibrated_is_shown_as_such() {
+    let bench = Bench::new(&format!("{PAIR}{BOARD}"));
+    let provision = "provision --targets targets.toml --box box.toml --out box.plb";
+    bench.plumb(&format!("{provision} --uncalibrated 640x480")).exits(0);
+    bench.plumb("show box.plb").exits(0).says(&[
+        "1 target\n",
+        "warning: ITS CAMERA IS NOT CALIBRATED",
+        "--uncalibrated 640x480 instead of --camera",
+        ", NOT CALIBRATED\"\n",
+    ]);
+    bench.plumb(&format!("{provision} --camera camera.toml --force")).exits(0);
+    let said = bench.plumb("show box.plb").exits(0).says(&["3 targets\n"]);
+    assert!(!said.text.contains("CALIBRATED"), "{}", said.text);
+}
+
+#[test]
+fn of_two_boxes_on_one_port_one_is_shown_and_the_other_named() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(PAIR);
+    let beside = Bench::new(PAIR);
+    beside.write("box.toml", &beside.settings("PL-0002", bench.udp));
+    let _running = [bench.start(&board, false), beside.start(&board, false)];
+    let said = bench.plumb("show --udp UDP").exits(0);
+    let names = ["ward 3 (PL-0001)", "ward 3 (PL-0002)"];
+    let first = usize::from(!said.text.contains(&format!("{}, plumbline", names[0])));
+    let config = [&bench, &beside][first].config("box.plb");
+    let met = format!("{}, plumbline {}, configuration", names[first], env!("CARGO_PKG_VERSION"));
+    let others = format!("other boxes send here too: {} at 127.0.0.1:", names[1 - first]);
+    let shown = format!("checksum {:08x}", config.crc());
+    said.says(&[&met, &shown, &others, "a port of its own (links.udp in its box file)"]);
 }
 
 /// A box that refuses its configuration, until it has been sent a better one.

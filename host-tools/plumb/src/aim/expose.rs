@@ -9,6 +9,7 @@ use plumbline::packet::{Hello, Refusal, View};
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::{Exposed, Session};
 use super::{SilenceLines, Until, say};
+use crate::counting::counted;
 use crate::delivery::{self, Before};
 use crate::error::BadInput;
 use crate::link::BoxLink;
@@ -86,7 +87,7 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
                 if restarts > RESTARTS_MAX {
                     return Err(BadInput::whole(
                         session.place(),
-                        format!("the box has started anew {restarts} times meanwhile"),
+                        format!("the box has started anew {} meanwhile", counted(restarts, "time")),
                         "`plumb doctor` says how it is",
                     ));
                 }

@@ -20,6 +20,7 @@ use plumbline::limits::{NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use plumbline::target::{Origin, Role, TargetError, TargetGeometry};
 use serde::{Deserialize, Serialize};
 
+use crate::counting::counted;
 use crate::error::BadInput;
 use crate::files::{from_toml, read_text, write_text};
 
@@ -162,7 +163,7 @@ pub fn check(descriptions: &[TargetDescription], place: &str) -> Result<Targets,
         return Err(BadInput::new(
             place,
             "[[target]]",
-            format!("{} targets", descriptions.len()),
+            counted(descriptions.len(), "target"),
             format!("describe 1 to {TARGETS_MAX} targets, each under its own [[target]]"),
         ));
     }
@@ -281,8 +282,8 @@ fn geometry(description: &TargetDescription, place: &str) -> Result<TargetGeomet
             TargetError::PointCount => (
                 of("points_mm"),
                 format!(
-                    "{} points for {columns} x {rows} corners",
-                    description.points_mm.as_ref().map_or(0, Vec::len)
+                    "{} for {columns} x {rows} corners",
+                    counted(description.points_mm.as_ref().map_or(0, Vec::len), "point")
                 ),
             ),
             TargetError::PointValue => {
@@ -374,7 +375,7 @@ mod tests {
         let error = parse(&format!("{text}pitch_mm = 2.0\n"), "t.toml").unwrap_err();
         assert!(error.field.starts_with("pitch_mm"));
         let error = parse(&format!("{head}points_mm = [[0, 0, 0]]"), "t.toml").unwrap_err();
-        assert_eq!(error.found, "1 points for 4 x 3 corners");
+        assert_eq!(error.found, "1 point for 4 x 3 corners");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What a box says is wrong, when it says it again and again.
 
+use crate::counting::counted;
 use plumbline::packet::{Log, LogLevel, Message};
 
 /// A box that runs with no configuration says so in a few records, every two seconds.
@@ -31,7 +32,7 @@ impl Complaints {
 #[must_use]
 pub fn text_of(log: &Log) -> String {
     let text: String = log.text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    if log.cut == 0 { text } else { format!("{text} (and {} bytes more)", log.cut) }
+    if log.cut == 0 { text } else { format!("{text} (and {} more)", counted(log.cut, "byte")) }
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use plumbline::packet::{CameraState, Hello};
 
 use super::receiver::Receiver;
 use super::recorder::state_words;
+use crate::counting::counted;
 use crate::error::BadInput;
 
 /// A terminal is redrawn this often.
@@ -83,9 +84,9 @@ pub(super) fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant
         return status_without_pose(receiver, place, now);
     };
     let mut text = format!(
-        "{:.1} Hz, {} frames, {} lost, {} corrupt, latency {:.1} ms",
+        "{:.1} Hz, {}, {} lost, {} corrupt, latency {:.1} ms",
         receiver.rate_hz(now),
-        counts.received,
+        counted(counts.received, "frame"),
         counts.lost,
         receiver.bad().corrupt,
         f64::from(latest.latency_us) / 1000.0,
@@ -113,18 +114,18 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
     let bad = receiver.bad();
     if let Some(silence) = receiver.unheard(now) {
         return format!(
-            "the box is not heard any more, for {} s; {} frames, {} lost, {} corrupt",
+            "the box is not heard any more, for {} s; {}, {} lost, {} corrupt",
             silence.as_secs(),
-            counts.received,
+            counted(counts.received, "frame"),
             counts.lost,
             bad.corrupt
         );
     }
     if let Some(silence) = receiver.silence(now) {
         return format!(
-            "no pose for {} s{camera}; {} frames, {} lost, {} corrupt",
+            "no pose for {} s{camera}; {}, {} lost, {} corrupt",
             silence.as_secs(),
-            counts.received,
+            counted(counts.received, "frame"),
             counts.lost,
             bad.corrupt
         );
@@ -133,7 +134,7 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
         return format!("{place}: the box is heard, no pose yet{camera}");
     }
     let unusable = bad.corrupt + bad.other_version + bad.other_schema + bad.malformed;
-    format!("{place}: no pose yet, {unusable} unusable packets")
+    format!("{place}: no pose yet, {}", counted(unusable, "unusable packet"))
 }
 
 /// Anything of a box has come.
@@ -265,9 +266,10 @@ fn boxes<W: Write>(receiver: &Receiver<W>) -> Vec<(&'static str, String)> {
     }
     let described = boxes.into_iter().map(|(who, frames)| match who {
         Some([name, program, configuration]) => {
-            format!("{name}, {program}, configuration {configuration}: {frames} frames")
+            let frames = counted(frames, "frame");
+            format!("{name}, {program}, configuration {configuration}: {frames}")
         }
-        None => format!("one that did not tell its name: {frames} frames"),
+        None => format!("one that did not tell its name: {}", counted(frames, "frame")),
     });
     described.map(|text| ("box", text)).collect()
 }
@@ -275,14 +277,14 @@ fn boxes<W: Write>(receiver: &Receiver<W>) -> Vec<(&'static str, String)> {
 /// What became of the camera in the last run.
 fn camera_at_the_end<W: Write>(receiver: &Receiver<W>) -> Option<String> {
     let (camera, health) = (receiver.camera()?, receiver.health()?);
-    let losses = health.camera_losses;
+    let losses = counted(health.camera_losses, "time");
     Some(match camera.state {
         CameraState::Lost | CameraState::Stalled if health.frames == 0 => {
             "never gave a frame".into()
         }
         CameraState::Lost | CameraState::Stalled => {
-            format!("lost {losses} times, absent at the end")
+            format!("lost {losses}, absent at the end")
         }
-        _ => format!("lost {losses} times"),
+        _ => format!("lost {losses}"),
     })
 }

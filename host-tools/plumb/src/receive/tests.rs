@@ -346,7 +346,7 @@ fn an_old_pose_is_not_shown_as_the_latest() {
     assert!(status.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{status}");
     assert!(!status.contains("shoulder"), "{status}");
     let summary = screen::summary(&receiver);
-    assert!(summary.contains("lost 1 times, absent at the end"), "{summary}");
+    assert!(summary.contains("lost 1 time, absent at the end"), "{summary}");
 
     // Whoever begins to listen now does not know since when.
     let (mut receiver, _) = self::receiver();
@@ -364,7 +364,7 @@ fn a_box_that_fell_silent_is_not_said_to_run() {
     let later = now + Duration::from_secs(7);
     assert_eq!(receiver.unheard(later), Some(Duration::from_secs(7)));
     let status = screen::status(&receiver, "UDP", later);
-    assert!(status.starts_with("the box is not heard any more, for 7 s; 1 frames"), "{status}");
+    assert!(status.starts_with("the box is not heard any more, for 7 s; 1 frame,"), "{status}");
     // One whose recording is over has said so.
     take(&mut receiver, now, &[health(CameraState::Ended, 5100, 2)]);
     assert_eq!(receiver.unheard(later), None);

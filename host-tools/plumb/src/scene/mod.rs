@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use plumbline::pose::{Cam, Pose, Target};
 
+use crate::counting::counted;
 use crate::delivery::{self, Before};
 use crate::error::BadInput;
 use crate::files::camera;
@@ -160,11 +161,12 @@ fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
 
 /// The scene of what was seen: judged, shown, and written to the file of --out, if any.
 fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
-    let Seen { place, frames, poses, remedy } = seen;
+    let Seen { place, poses, remedy, .. } = seen;
+    let frames = counted(seen.frames, "frame");
     if poses.len() < POSES_MIN {
         return Err(BadInput::whole(
             place,
-            format!("the scene board is seen in {} of {frames} frames", poses.len()),
+            format!("the scene board is seen in {} of {frames}", poses.len()),
             format!("{POSES_MIN} are needed: {remedy}"),
         ));
     }
@@ -182,8 +184,8 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
     let file = SceneFile {
         cam_from_scene_theta: mean.cam_from_scene.theta(),
         source: format!(
-            "{place}, {} frames, spread {:.3} degrees and {:.3} mm, {}",
-            poses.len(),
+            "{place}, {}, spread {:.3} degrees and {:.3} mm, {}",
+            counted(poses.len(), "frame"),
             mean.spread_deg,
             mean.spread_mm,
             jiff::Zoned::now().date()
@@ -194,7 +196,7 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
     }
     let leans_deg = lean_deg(&mean.cam_from_scene, arguments.camera_pitch_deg);
     eprintln!(
-        "{} of {frames} frames; spread of one frame {:.3} degrees and {:.3} mm; the board leans by {leans_deg:.1} degrees",
+        "{} of {frames}; spread of one frame {:.3} degrees and {:.3} mm; the board leans by {leans_deg:.1} degrees",
         poses.len(),
         mean.spread_deg,
         mean.spread_mm
@@ -205,9 +207,9 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
             arguments.upright_deg
         );
     }
-    if 2 * poses.len() < *frames {
+    if 2 * poses.len() < seen.frames {
         eprintln!(
-            "warning: the board was found in {} of {frames} frames only: see to its light, and that nothing hides it",
+            "warning: the board was found in {} of {frames} only: see to its light, and that nothing hides it",
             poses.len()
         );
     }

@@ -13,6 +13,7 @@ use super::layout::LensChoice;
 use super::occluder::Occlusion;
 use super::recorded::Form;
 use super::{Simulation, SimulationSettings};
+use crate::counting::counted;
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera, Provenance};
 use crate::files::poses::{PoseRow, Writer};
@@ -174,13 +175,13 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
     truth.flush()?;
     for (target, outside) in simulation.targets().iter().zip(outside) {
         if outside > 0 {
-            let name = target.layout.name;
+            let (name, frames) = (target.layout.name, counted(outside, "frame"));
             eprintln!(
-                "warning: no corner of the {name} target is in view in {outside} frames; a larger --distance shows more"
+                "warning: no corner of the {name} target is in view in {frames}; a larger --distance shows more"
             );
         }
     }
-    eprintln!("{} frames written to {}", arguments.frames, directory.display());
+    eprintln!("{} written to {}", counted(arguments.frames, "frame"), directory.display());
     Ok(())
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use plumbline::limits::NAME_BYTES_MAX;
 use plumbline::target::Role;
 
+use crate::counting::counted;
 use crate::error::BadInput;
 use crate::files;
 use crate::files::targets::{self, OriginName, TargetDescription, Targets};
@@ -133,8 +134,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             files::write_all(&outputs, arguments.force)?;
         }
     }
-    let sheets = if pages.len() == 1 { "sheet" } else { "sheets" };
-    eprintln!("{}: {} {sheets} of {paper}", arguments.out.display(), pages.len());
+    let sheets = counted(pages.len(), "sheet");
+    eprintln!("{}: {sheets} of {paper}", arguments.out.display());
     eprintln!(
         "Print at 100 % (\"actual size\"); the ruler must measure 100 mm. Then measure the squares, many at once, and correct pitch_mm if it differs."
     );
@@ -290,5 +291,36 @@ impl Format {
                     .collect()
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_that_the_file_has_is_not_added_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("targets.toml");
+        let [lumbar, shoulder]: [TargetDescription; 2] =
+            targets::standard_pair().try_into().unwrap();
+        std::fs::write(&path, targets::to_toml(std::slice::from_ref(&lumbar))).unwrap();
+        let refused = |target: &TargetDescription| {
+            added(&path, std::slice::from_ref(target)).unwrap_err().to_string()
+        };
+        let named = |name: &str, of: &TargetDescription| TargetDescription {
+            name: name.into(),
+            ..of.clone()
+        };
+        for (target, parts) in [
+            (lumbar.clone(), ["\"lumbar\" is in it already, the very same", "nothing to add"]),
+            (named("lumbar", &shoulder), ["another target is called \"lumbar\"", "--name"]),
+            (named("sacrum", &lumbar), ["\"lumbar\" has the role \"lower\" already", "--role"]),
+        ] {
+            let text = refused(&target);
+            assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        }
+        let both = added(&path, &[shoulder]).unwrap();
+        assert_eq!(targets::parse(&both, "").unwrap().targets.len(), 2);
     }
 }

@@ -5,6 +5,7 @@ use plumbline::packet::{CameraState, Health, MarkedInstant};
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};
 use super::percent;
+use crate::counting::counted;
 
 /// A camera's crystal is better than a thousandth; a rate that is off by more than a fiftieth
 /// is not the one that was asked for.
@@ -48,11 +49,13 @@ fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
         CameraState::Ended => "the recording is over, or the box's program has ended",
         CameraState::Running => {
             if losses > first.camera_losses {
-                let seen = format!("lost {} times meanwhile", losses - first.camera_losses);
+                let seen =
+                    format!("lost {} meanwhile", counted(losses - first.camera_losses, "time"));
                 return Check::fail(SUBJECT, seen, PLUG);
             }
             if losses > 0 {
-                let seen = format!("it runs; lost {losses} times since the box's start");
+                let seen =
+                    format!("it runs; lost {} since the box's start", counted(losses, "time"));
                 return Check::warn(SUBJECT, seen, PLUG);
             }
             let seen = if is_replay(findings) { "a recording runs" } else { "it runs" };

@@ -3,6 +3,7 @@
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 use super::percent;
+use crate::counting::counted;
 use crate::link::NOT_HEARD_REMEDY;
 
 /// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is
@@ -36,41 +37,42 @@ fn heard(findings: &Findings) -> Check {
     let other = bad.other_version + bad.other_schema;
     if findings.packets == 0 {
         return if other > 0 {
-            let seen = format!("{place}: {other} packets of another version of the protocol");
+            let seen =
+                format!("{place}: {} of another version of the protocol", counted(other, "packet"));
             Check::fail(SUBJECT, seen, UPDATE)
         } else if bad.malformed > 0 {
-            let seen = format!("{place}: {} packets that hold no message", bad.malformed);
+            let seen = format!("{place}: {} without a message", counted(bad.malformed, "packet"));
             Check::fail(SUBJECT, seen, UPDATE)
         } else if bad.corrupt + bad.fragments > 0 {
-            let count = bad.corrupt + bad.fragments;
-            let seen = format!("{place}: {count} damaged packets, and no other");
+            let count = counted(bad.corrupt + bad.fragments, "damaged packet");
+            let seen = format!("{place}: {count}, and no other");
             Check::fail(SUBJECT, seen, damage_remedy(findings))
         } else {
             Check::fail(SUBJECT, format!("{place}: no box is heard"), NOT_HEARD_REMEDY)
         };
     }
-    let count = findings.packets;
+    let count = counted(findings.packets, "packet");
     if findings.silence_s > SILENCE_MAX_S {
         let silence_s = findings.silence_s;
-        let seen = format!("{place}: {count} packets, and none in the last {silence_s:.0} s");
+        let seen = format!("{place}: {count}, and none in the last {silence_s:.0} s");
         return Check::fail(SUBJECT, seen, NOT_HEARD_REMEDY);
     }
     if bad.other_sender > 0 {
-        let seen = format!("{place}: {count} packets, and {} of another box", bad.other_sender);
+        let seen = format!("{place}: {count}, and {} of another box", bad.other_sender);
         return Check::warn(SUBJECT, seen, "give each box a port of its own");
     }
     if other + bad.malformed > 0 {
         let seen = format!(
-            "{place}: {count} packets, and {} that this program does not understand",
+            "{place}: {count}, and {} that this program does not understand",
             other + bad.malformed
         );
         return Check::warn(SUBJECT, seen, UPDATE);
     }
     if findings.line_losses > 0 {
-        let seen = format!("{place}: {count} packets; lost {} times", findings.line_losses);
+        let seen = format!("{place}: {count}; lost {}", counted(findings.line_losses, "time"));
         return Check::warn(SUBJECT, seen, "check the cable and its plugs");
     }
-    Check::good(SUBJECT, format!("{place}: {count} packets"))
+    Check::good(SUBJECT, format!("{place}: {count}"))
 }
 
 fn losses(findings: &Findings) -> Check {
@@ -84,8 +86,9 @@ fn losses(findings: &Findings) -> Check {
         Verdict::at_most(share, LOST_WARN, LOST_FAIL),
         "losses",
         format!(
-            "{} of {all} frames lost ({}, at most {})",
+            "{} of {} lost ({}, at most {})",
             counts.lost,
+            counted(all, "frame"),
             percent(share),
             percent(LOST_WARN)
         ),
@@ -101,7 +104,8 @@ fn losses(findings: &Findings) -> Check {
 fn corrupt(findings: &Findings) -> Check {
     let corrupt = findings.bad.corrupt;
     let share = corrupt as f64 / (findings.packets + corrupt) as f64;
-    let seen = format!("{corrupt} of {} packets damaged (none)", findings.packets + corrupt);
+    let seen =
+        format!("{corrupt} of {} damaged (none)", counted(findings.packets + corrupt, "packet"));
     let verdict = Verdict::at_most(share, 0.0, CORRUPT_FAIL);
     Check::new(verdict, "corrupt", seen, damage_remedy(findings))
 }
@@ -140,7 +144,7 @@ mod tests {
         for (error, parts) in [
             (PacketError::OtherVersion { version: 9 }, ["another version", "update the older"]),
             (PacketError::OtherSchema { hash: 9 }, ["another version", "update the older"]),
-            (PacketError::Body, ["hold no message", "update the older"]),
+            (PacketError::Body, ["without a message", "update the older"]),
             (PacketError::Checksum, ["3 damaged packets", "only a box sends"]),
         ] {
             let mut findings = silent();
@@ -156,7 +160,7 @@ mod tests {
     fn a_disturbed_link_is_warned_of() {
         let mut findings = healthy();
         findings.take(&Event::LineLost("gone".into()), 0);
-        assert_says(&check(&findings, "link"), Verdict::Warn, &["lost 1 times", "cable"]);
+        assert_says(&check(&findings, "link"), Verdict::Warn, &["lost 1 time", "cable"]);
         bad(&mut findings, PacketError::Body, 1);
         assert_says(&check(&findings, "link"), Verdict::Warn, &["and 1 that", "update"]);
         let from = ([10, 0, 0, 7], 4000).into();

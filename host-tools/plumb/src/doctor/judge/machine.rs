@@ -4,6 +4,7 @@ use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
+use crate::counting::counted;
 
 /// The program of which these checks know.
 const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));
@@ -66,7 +67,8 @@ fn start(findings: &Findings, hello: &Hello) -> Check {
         seen = format!("{seen}, for the {count}. time");
     }
     if findings.starts > 0 {
-        let seen = format!("{} times anew while it was watched: {seen}", findings.starts);
+        let seen =
+            format!("{} anew while it was watched: {seen}", counted(findings.starts, "time"));
         return Check::fail("start", seen, "check its power supply, and what it logs");
     }
     match hello.reset_reason {
@@ -86,7 +88,7 @@ fn ago(uptime_ms: u64) -> String {
         0..120 => format!("{seconds} s"),
         120..7200 => format!("{} min", seconds / 60),
         7200..172_800 => format!("{} h", seconds / 3600),
-        _ => format!("{} days", seconds / 86_400),
+        _ => counted(seconds / 86_400, "day"),
     }
 }
 
@@ -105,9 +107,9 @@ fn temperature(health: &Health) -> Check {
 
 fn memory(health: &Health) -> Check {
     let (allocations, corners) = (health.heap_allocations.unwrap_or(0), health.corners_dropped);
-    let seen = format!("{allocations} heap allocations while it tracks (none)");
+    let seen = format!("{} while it tracks (none)", counted(allocations, "heap allocation"));
     if corners > 0 {
-        let seen = format!("{seen}; {corners} corners found no room");
+        let seen = format!("{seen}; {} found no room", counted(corners, "corner"));
         return Check::warn("memory", seen, "remove what looks like a checkerboard from its sight");
     }
     let remedy = "report it: its program should not need any";
@@ -135,7 +137,7 @@ fn log(findings: &Findings) -> Check {
         return Check::warn("log", format!("it says: {}", texts.join(" ")), "see what it names");
     }
     if dropped > 0 {
-        let seen = format!("{dropped} records found no room since its start");
+        let seen = format!("{} found no room since its start", counted(dropped, "record"));
         return Check::warn("log", seen, "see them on its own console");
     }
     Check::good("log", "no warnings and no faults meanwhile")
@@ -175,7 +177,7 @@ mod tests {
         let mut again = hello(anew.config().unwrap());
         again.boot_id = 8;
         anew.take(&Event::Message(Message::Hello(again)), 0);
-        assert_says(&check(&anew, "start"), Verdict::Fail, &["1 times anew", "power supply"]);
+        assert_says(&check(&anew, "start"), Verdict::Fail, &["1 time anew", "power supply"]);
         assert_says(&check(&anew, "health"), Verdict::Fail, &["does not say", "--seconds"]);
     }
 

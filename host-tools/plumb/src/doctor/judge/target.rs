@@ -7,6 +7,7 @@ use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, TargetSeen, median};
 use super::percent;
 use crate::aim::reading::{COVERAGE, PITCH_PX_MIN};
+use crate::counting::counted;
 use crate::missing::{self, Missing};
 
 /// A person at rest hides no target: below this something is amiss now and then.
@@ -89,7 +90,7 @@ fn share(name: &str, target: &TargetSeen, is_other_measured: bool) -> Check {
     let subject = format!("{name} poses");
     let (poses, frames) = (target.poses.len(), target.frames());
     let share = poses as f64 / frames as f64;
-    let mut seen = format!("in {poses} of {frames} frames");
+    let mut seen = format!("in {poses} of {}", counted(frames, "frame"));
     let most = missing::most(target.without.iter().copied());
     let most = most.map(|(why, frames)| (Missing::new(why, is_other_measured), frames));
     if target.role == Role::Scene {

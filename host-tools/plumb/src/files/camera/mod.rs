@@ -27,6 +27,7 @@ use std::path::Path;
 use plumbline::lens::{Distortion, Lens, LensError};
 use serde::{Deserialize, Serialize};
 
+use crate::counting::counted;
 use crate::error::BadInput;
 use crate::files::{from_toml, read_text, write_text};
 
@@ -207,7 +208,7 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
         BadInput::new(
             place,
             "distortion",
-            format!("{} coefficients", fields.distortion.len()),
+            counted(fields.distortion.len(), "coefficient"),
             format!("this model has {wanted}"),
         )
     };

@@ -9,6 +9,7 @@ use plumbline::lens::{Distortion, Lens};
 use serde::Deserialize;
 
 use super::{Camera, Provenance};
+use crate::counting::counted;
 use crate::error::BadInput;
 
 const REMEDY: &str = "a calibration of OpenCV or ROS has image_width, image_height, camera_matrix and distortion_coefficients (each with rows, cols, data)";
@@ -143,7 +144,7 @@ fn distortion(matrix: &Matrix, place: &str) -> Result<Distortion, BadInput> {
     let values = matrix.data.as_slice();
     let &[k1, k2, p1, p2, ref more @ ..] = values else {
         return wrong(
-            format!("{} coefficients", values.len()),
+            counted(values.len(), "coefficient"),
             "give 4 or 5: k1, k2, p1, p2 and, if calibrated, k3",
         );
     };

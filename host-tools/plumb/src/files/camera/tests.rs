@@ -59,7 +59,7 @@ fn each_wrong_field_of_a_camera_toml_is_named() {
         ("width_px = 1456", "width_px = 1e9", "width_px", "1000000000"),
         ("width_px = 1456", "width_px = 9000", "width_px, height_px", "9000"),
         ("cx_px = 727.5", "cx_px = -99999", "cx_px, cy_px", "-99999"),
-        ("[-0.1, 0.02]", "[-0.1]", "distortion", "1 coefficients"),
+        ("[-0.1, 0.02]", "[-0.1]", "distortion", "1 coefficient"),
         ("[-0.1, 0.02]", "[-0.9, 0.0]", "distortion", "-0.9"),
         ("[-0.1, 0.02]", "[inf, 0.0]", "distortion", "inf"),
         ("\"radial2\"", "\"fisheye\"", "model", "fisheye"),
