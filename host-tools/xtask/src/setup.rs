@@ -11,7 +11,8 @@ use std::fmt::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use nix::sys::statvfs::statvfs;
 
 use crate::beside;
 use crate::command::Task;
@@ -136,6 +137,35 @@ pub fn ensure(needs: &[&[Need]]) -> Result<()> {
         println!("  {:<26} {}", need.package, need.why);
     }
     install(&missing)
+}
+
+/// Checks that there is room to build in `directory`, which need not exist yet. What it holds
+/// already, of an earlier run, is counted as room: it is replaced.
+pub fn ensure_disk(directory: &Path, needed_mb: u64) -> Result<()> {
+    std::fs::create_dir_all(directory)
+        .with_context(|| format!("{} cannot be made", directory.display()))?;
+    let disk = statvfs(directory)
+        .with_context(|| format!("{}: the free space cannot be read", directory.display()))?;
+    let free_mb = disk.blocks_available() * disk.fragment_size() / 1_000_000;
+    let held_mb = bytes_in(directory) / 1_000_000;
+    if free_mb + held_mb < needed_mb {
+        bail!(Lacking(format!(
+            "{}: this takes {needed_mb} MB of disk, and {free_mb} MB are free. Make room, or name \
+             a directory on another disk with CARGO_TARGET_DIR",
+            directory.display()
+        )));
+    }
+    Ok(())
+}
+
+/// How much a directory holds, with all below it; what cannot be read counts nothing.
+fn bytes_in(directory: &Path) -> u64 {
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let bytes = entries.filter_map(|entry| {
+        let about = entry.metadata().ok()?;
+        Some(if about.is_dir() { bytes_in(&entry.path()) } else { about.len() })
+    });
+    bytes.sum()
 }
 
 /// Adds rustfmt and clippy to the toolchain where they are missing.
@@ -357,6 +387,17 @@ mod tests {
             "sudo dpkg --add-architecture arm64 && sudo apt-get update && \
              sudo apt-get install --no-install-recommends libc6:arm64"
         );
+    }
+
+    #[test]
+    fn a_full_disk_is_said_before_the_work_begins() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("target");
+        ensure_disk(&target, 1).unwrap();
+        std::fs::write(target.join("file"), vec![0; 3_000_000]).unwrap();
+        assert_eq!(bytes_in(folder.path()), 3_000_000);
+        let error = ensure_disk(&target, 1 << 50).unwrap_err().to_string();
+        assert!(error.contains("MB are free") && error.contains("CARGO_TARGET_DIR"), "{error}");
     }
 
     #[test]

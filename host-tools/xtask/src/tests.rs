@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
 use crate::bare_metal::Document;
-use crate::command::{BadInput, Task, root};
+use crate::command::{BadInput, Task, root, target_directory};
 use crate::cross::{Linking, Target};
 use crate::{agreement, bare, bare_metal, image, setup};
 
@@ -71,6 +71,17 @@ impl Part {
         }
     }
 
+    /// What the part writes below the target directory, megabytes: as seen, and a fifth more.
+    fn disk_mb(self) -> u64 {
+        match self {
+            Self::Native => 3000,
+            Self::Arm => 3000,
+            Self::Armhf => 1000,
+            Self::BareMetal => 1500,
+            Self::Boot => 3500,
+        }
+    }
+
     fn run(self, journal: &mut Journal, document: Document) -> Result<()> {
         match self {
             Self::Native => native(journal),
@@ -88,6 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let parts =
         if arguments.parts.is_empty() { Part::value_variants() } else { &arguments.parts[..] };
     // What a later part lacks is known before an earlier one takes its minutes.
+    setup::ensure_disk(&target_directory(), parts.iter().map(|part| part.disk_mb()).sum())?;
     for part in parts {
         part.prepare()?;
     }
