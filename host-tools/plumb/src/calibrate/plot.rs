@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{Calibration, Contribution};
 use crate::palette::{BLUE, FONT, GRID, INK, ORANGE};
@@ -14,14 +15,12 @@ const BARS_HEIGHT_PX: u32 = 360;
 /// The photographs' names stand upright below their bars.
 const NAME_HEIGHT_PX: u32 = 124;
 const NAME_SIZE_PX: u32 = 13;
+const NAME_GAP_PX: i32 = 6;
 /// The longest name that has room there.
 const NAME_LETTERS_MAX: usize = 16;
 /// So many names stand side by side; of more photographs only some are named.
 const NAMES_MAX: usize = 64;
 const MARGIN_PX: u32 = 90;
-
-/// Beside each bar, of the room that each has.
-const GAP: f64 = 0.15;
 
 /// The median residual is drawn this long, as a part of the frame's width.
 const MEDIAN_LENGTH: f64 = 0.006;
@@ -88,30 +87,25 @@ fn draw(text: &mut String, calibration: &Calibration, places: &[String]) -> Resu
         .margin(12)
         .x_label_area_size(NAME_HEIGHT_PX)
         .y_label_area_size(48)
-        .build_cartesian_2d((0..places.len()).into_segmented(), 0.0..highest_px * 1.1)?;
-    let name = |at: &SegmentValue<usize>| match at {
-        SegmentValue::CenterOf(place) => places.get(*place).map(|place| name(place)),
-        _ => None,
-    };
+        .build_cartesian_2d(0.0..places.len() as f64, 0.0..highest_px * 1.1)?;
     chart
         .configure_mesh()
         .disable_x_mesh()
         .light_line_style(WHITE)
         .bold_line_style(GRID)
         .axis_style(INK)
-        .x_labels(places.len().min(NAMES_MAX))
-        .x_label_style((FONT, NAME_SIZE_PX).into_font().transform(FontTransform::Rotate90))
-        .x_label_formatter(&|at| name(at).unwrap_or_default())
+        .x_labels(0)
         .draw()?;
-    chart.draw_series(used.iter().map(|&(place, used)| {
-        let corners =
-            [(SegmentValue::Exact(place), 0.0), (SegmentValue::Exact(place + 1), used.rms_px)];
-        let mut bar = Rectangle::new(corners, BLUE.filled());
-        // Bars of a few pixels each touch.
-        let gap_px = (GAP * f64::from(WIDTH_PX) / places.len() as f64) as u32;
-        bar.set_margin(0, 0, gap_px, gap_px);
-        bar
+    chart.draw_series(used.iter().map(|(place, used)| {
+        let left = *place as f64;
+        Rectangle::new([(left + 0.15, 0.0), (left + 0.85, used.rms_px)], BLUE.filled())
     }))?;
+    let upright = (FONT, NAME_SIZE_PX).into_font().transform(FontTransform::Rotate90);
+    let upright = upright.color(&INK).pos(Pos::new(HPos::Left, VPos::Center));
+    for (index, place) in places.iter().enumerate().step_by(places.len().div_ceil(NAMES_MAX)) {
+        let (x, y) = chart.backend_coord(&(index as f64 + 0.5, 0.0));
+        root.draw(&Text::new(name(place), (x, y + NAME_GAP_PX), upright.clone()))?;
+    }
     root.present()?;
     Ok(())
 }
