@@ -121,6 +121,27 @@ fn a_truncated_stream_keeps_its_rows_on_standard_output() {
     assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), 1 + 2);
 }
 
+/// Only `plumb track` can scale a camera.
+#[test]
+fn a_calibration_of_another_size_is_refused_with_what_the_command_can_do() {
+    let setting = Setting::new();
+    setting.write("camera.toml", CAMERA.replace("width_px = 320", "width_px = 640").as_bytes());
+    let board =
+        "[[target]]\nname = \"board\"\nrole = \"scene\"\ncolumns = 6\nrows = 5\npitch_mm = 12.0\n";
+    setting.write("board.toml", board.as_bytes());
+    let parts = ["frames.y4m: frame size: 320 x 240 px", "use the calibration made at this size"];
+    let tracked = setting.track(&["frames.y4m"]);
+    assert_refused(&tracked, &[&parts[..], &[", or --scale-camera if these"]].concat());
+    let scene = binary::plumb()
+        .args(["scene", "--camera", "camera.toml", "--targets", "board.toml"])
+        .args(["--out", "scene.toml", "frames.y4m"])
+        .current_dir(setting.0.path())
+        .output()
+        .expect("plumb runs");
+    assert_refused(&scene, &parts);
+    assert!(!binary::messages(&scene).contains("--scale-camera"));
+}
+
 #[test]
 fn a_fault_in_the_second_input_keeps_the_rows_of_the_first() {
     let setting = Setting::new();
@@ -172,7 +193,7 @@ fn a_camera_file_with_a_missing_or_absurd_field_is_refused() {
         ("fx_px = 400.0", "fx_px = \"wide\"", "camera.toml: fx_px (line 3): "),
         ("cx_px = 159.5", "cx_px = 1e9", "camera.toml: cx_px, cy_px: 1000000000"),
         ("[0.0, 0.0]", "[-9.0, 0.0]", "camera.toml: distortion: [-9.0, 0.0"),
-        ("[0.0, 0.0]", "[0.0]", "camera.toml: distortion: 1 coefficients; "),
+        ("[0.0, 0.0]", "[0.0]", "camera.toml: distortion: 1 coefficient; "),
         ("radial2", "fisheye", "camera.toml: model (line 7): unknown variant `fisheye`"),
         ("width_px = 320", "width_px = 0", "camera.toml: width_px, height_px: 0 and 240; "),
         ("width_px = 320", "width_px 320", "camera.toml: (line 1): "),
