@@ -68,15 +68,16 @@ fn a_power_cut_while_a_configuration_is_stored_leaves_the_old_or_the_new_one() {
     let mut stored = 0;
     for cut in 1..=4 {
         let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", "");
-        link.wait_until_heard_within(PATIENCE).unwrap();
+        let met = link.hello_within(PATIENCE).unwrap();
         // Stored one after the other without a pause, until the power goes.
         let moment = Duration::from_millis(random.random_range(300..1500));
         let cut_off = std::thread::spawn(move || {
             sleep(moment);
             drop(machine);
         });
-        let storing =
-            (0..200).take_while(|turn| link.store_config(&configs[turn % 2]).is_ok()).count();
+        let storing = (0..200)
+            .take_while(|turn| link.store_config(Some(&met), &configs[turn % 2]).is_ok())
+            .count();
         cut_off.join().expect("no panic");
         stored += storing;
         println!("cut {cut} after {moment:?}: {storing} stored");
@@ -107,7 +108,7 @@ fn a_refused_box_takes_a_better_configuration_and_starts_with_it() {
     let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", &options);
     let heard = link.wait_until_heard_within(PATIENCE).unwrap();
     println!("{heard:?}");
-    assert_eq!(link.store_config(&config).unwrap(), config.crc());
+    assert_eq!(link.store_config(None, &config).unwrap().1, config.crc());
     link.request(Action::Reboot, "to start anew").unwrap();
     let hello = link.hello_within(PATIENCE).unwrap();
     assert_eq!((hello.device.as_str(), hello.config_crc), ("boot test", config.crc()));
