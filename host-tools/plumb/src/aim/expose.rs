@@ -119,7 +119,8 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
     Ok(Some(setting))
 }
 
-/// Puts a setting into the configuration of the box that it was found with, and starts the box anew with it.
+/// Puts a setting into the configuration of the box that it was found with, and starts the box
+/// anew with it.
 ///
 /// # Errors
 /// When the box does not take it.

@@ -103,7 +103,7 @@ impl Coverage {
         (self.share() < SHARE_MIN).then(|| self.emptiest())
     }
 
-    /// The third of the thirds of the frame in which the most cells were not seen.
+    /// The one of the nine [`PARTS`] of the frame in which the most cells were not seen.
     fn emptiest(&self) -> &'static str {
         let mut unseen = [[0; 3]; 3];
         for (row, counts) in self.photographs.iter().enumerate() {

@@ -112,23 +112,17 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
     let camera = camera_now(receiver, now).map(|camera| format!(", {camera}"));
     let camera = camera.unwrap_or_default();
     let bad = receiver.bad();
+    let so_far = format!(
+        "{}, {} lost, {} corrupt",
+        counted(counts.received, "frame"),
+        counts.lost,
+        bad.corrupt
+    );
     if let Some(silence) = receiver.unheard(now) {
-        return format!(
-            "the box is not heard any more, for {} s; {}, {} lost, {} corrupt",
-            silence.as_secs(),
-            counted(counts.received, "frame"),
-            counts.lost,
-            bad.corrupt
-        );
+        return format!("the box is not heard any more, for {} s; {so_far}", silence.as_secs());
     }
     if let Some(silence) = receiver.silence(now) {
-        return format!(
-            "no pose for {} s{camera}; {}, {} lost, {} corrupt",
-            silence.as_secs(),
-            counted(counts.received, "frame"),
-            counts.lost,
-            bad.corrupt
-        );
+        return format!("no pose for {} s{camera}; {so_far}", silence.as_secs());
     }
     if is_heard(receiver) {
         return format!("{place}: the box is heard, no pose yet{camera}");

@@ -1,0 +1,122 @@
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use plumbline::packet::LogLevel;
+
+use super::*;
+use crate::doctor::fixture;
+
+/// What a played box has got, each with whether the way to it was held then.
+type Got = Rc<RefCell<Vec<(Message, bool)>>>;
+
+/// A box that says who it is and takes every configuration.
+struct Played {
+    hello: Option<Hello>,
+    answers: Vec<Message>,
+    got: Got,
+    is_held: bool,
+}
+
+impl Transport for Played {
+    fn poll(&mut self, take: &mut dyn FnMut(Event)) -> Result<(), BadInput> {
+        for message in self.answers.drain(..) {
+            take(Event::Message(message));
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, message: &Message) {
+        self.got.borrow_mut().push((message.clone(), self.is_held));
+        let Message::Command(Command { id, action }) = message else { return };
+        let outcome = match action {
+            Action::SendHello if self.hello.is_none() => ReplyOutcome::Refused {
+                refusal: Refusal::NotSupported,
+                reason: "no camera".try_into().unwrap(),
+            },
+            Action::StoreConfig { crc, .. } => ReplyOutcome::Stored { crc: *crc },
+            _ => ReplyOutcome::Accepted,
+        };
+        self.answers.extend(self.hello.clone().map(Message::Hello));
+        self.answers.push(Message::Reply(Reply { id: *id, outcome }));
+    }
+
+    fn hold(&mut self, is_held: bool) {
+        self.is_held = is_held;
+    }
+}
+
+/// The way to a played box, which has said something.
+fn link(hello: Option<Hello>) -> (BoxLink, Got) {
+    let got = Got::default();
+    let log = Message::Log(plumbline::packet::Log {
+        uptime_ms: 7,
+        level: LogLevel::Info,
+        target: heapless::String::new(),
+        text: heapless::String::new(),
+        cut: 0,
+    });
+    let played = Played { hello, answers: vec![log], got: Rc::clone(&got), is_held: false };
+    let link = BoxLink {
+        transport: Box::new(played),
+        place: "here".into(),
+        kind: LinkKind::Udp,
+        questions: 0,
+        heard: None,
+        others: Others::default(),
+    };
+    (link, got)
+}
+
+fn hello(device: &str) -> Hello {
+    Hello { device: device.try_into().unwrap(), ..fixture::hello(&fixture::config()) }
+}
+
+#[test]
+fn a_configuration_goes_to_the_box_that_was_met_and_to_no_other() {
+    let config = fixture::config();
+    let [met, anew, another] = [("ward 3", 1), ("ward 3", 2), ("ward 4", 1)]
+        .map(|(device, boot_id)| Some(Hello { boot_id, ..hello(device) }));
+    let is_stored = |(message, _): &(Message, bool)| {
+        let is_store = |action| matches!(action, Action::StoreConfig { .. });
+        matches!(message, Message::Part(_))
+            || matches!(message, Message::Command(command) if is_store(command.action))
+    };
+    for (met, now) in [(&met, &met), (&met, &anew), (&None, &None)] {
+        let (mut link, got) = link(now.clone());
+        let stored = link.store_config(met.as_ref(), &config).unwrap();
+        assert_eq!(stored, (now.clone(), config.crc()));
+        let got = got.borrow();
+        assert!(got.iter().any(is_stored));
+        assert!(got.iter().all(|(_, held)| *held), "asked and stored without a gap");
+    }
+    for (met, now, words) in [
+        (&met, &another, "another box is heard now: ward 4 ("),
+        (&met, &None, "one that tracks nothing (no camera), and not ward 3 ("),
+        (&None, &met, "ward 3 (PL-0001), and not the box that tracks nothing"),
+    ] {
+        let (mut link, got) = link(now.clone());
+        let error = link.store_config(met.as_ref(), &config).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("nothing is changed"), "{error}");
+        assert!(!got.borrow().iter().any(is_stored));
+        // Held no longer.
+        link.send(Action::SendHello);
+        assert!(got.borrow().last().is_some_and(|(_, held)| !held));
+    }
+}
+
+#[test]
+fn what_has_fallen_silent_is_not_said_to_be_heard() {
+    let (mut link, _) = link(None);
+    let text = |link: &BoxLink| link.no_answer("a question").to_string();
+    assert!(text(&link).contains("no box is heard; check that the box is on"));
+    // A line may give back what was sent.
+    let echo = Message::Command(Command { id: 1, action: Action::SendHello });
+    assert!(!is_of_box(&echo));
+    link.wait_until_heard().unwrap();
+    assert!(text(&link).contains("the box is heard, but does not answer a question"));
+    link.heard = Instant::now().checked_sub(Duration::from_millis(2900));
+    assert!(text(&link).contains("is heard, but"), "{}", text(&link));
+    link.heard = Instant::now().checked_sub(Duration::from_millis(4100));
+    let silent = "the box has fallen silent: nothing is heard from it for 4 s";
+    assert!(text(&link).contains(silent), "{}", text(&link));
+}
