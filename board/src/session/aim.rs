@@ -62,10 +62,11 @@ impl Aim {
         self.lease.as_ref().is_some_and(|lease| lease.link == link)
     }
 
-    /// Seconds left, rounded up; 0 outside set-up mode.
+    /// Seconds left, rounded up; 0 outside set-up mode only, not in the instant between the
+    /// end of its time and [`Self::end_in_time`].
     pub fn left_s(&self, now: Instant) -> u16 {
         let left = self.lease.as_ref().map(|lease| lease.until.saturating_duration_since(now));
-        left.map_or(0, |left| left.as_secs_f64().ceil() as u16)
+        left.map_or(0, |left| left.as_secs_f64().ceil().max(1.0) as u16)
     }
 
     /// A picture of the next frame is wanted.
@@ -140,8 +141,10 @@ mod tests {
         aim.renew(1, 10, after(8.0));
         assert!(!aim.end_in_time(after(17.9)));
         assert_eq!(aim.left_s(after(17.5)), 1);
+        // Its time is over, but nobody has ended it: a host that hears 0 may rely on refusals.
+        assert!(aim.is_on(1) && aim.left_s(after(18.0)) == 1);
         assert!(aim.end_in_time(after(18.0)) && !aim.end_in_time(after(18.0)));
-        assert!(!aim.is_on(1) && aim.file(1).is_none());
+        assert!(!aim.is_on(1) && aim.file(1).is_none() && aim.left_s(after(18.0)) == 0);
     }
 
     #[test]
