@@ -1,0 +1,132 @@
+//! End-tidal CO2: the peak at the end of each exhalation, as a partial pressure.
+//!
+//! An exhalation begins where CO2 rises above 40 % of its usual range (from its 5 % to its 95 %
+//! quantile) and ends where it falls below 20 %; a shallow one that stays below is not seen. Its
+//! end-tidal value is the largest of its second half, where the gas is alveolar, and stands at
+//! that time. An exhalation counts when it began and ended in the recording, lasted for half a
+//! second, and nothing is missing in it.
+//!
+//! # Concentration and partial pressure
+//! Of a concentration F of dry gas the partial pressure in the airways is F (B - 47 mmHg), with B
+//! the barometric pressure and 47 mmHg the pressure of water vapour at 37 °C. An analyser that
+//! measures moist gas as it is needs no such correction: F B. Which of the two an analyser's
+//! per cent are is in its manual; they differ by 6 %.
+
+use std::fmt;
+
+use super::signal::{SamplingError, Signal};
+
+/// Below, an exhalation has too few samples.
+const RATE_HZ: [f64; 2] = [5.0, 20_000.0];
+
+/// Water vapour, saturated at 37 °C.
+const WATER_VAPOUR_MMHG: f64 = 47.0;
+
+/// From the highest inhabited places to below the sea; kilopascals are not in it.
+const BAROMETRIC_MMHG: std::ops::RangeInclusive<f64> = 350.0..=850.0;
+
+/// Where an exhalation begins and ends, as parts of the usual range.
+const BEGINS: f64 = 0.4;
+const ENDS: f64 = 0.2;
+
+/// Quantiles that are the usual range: spikes are rarer.
+const USUAL: [f64; 2] = [0.05, 0.95];
+
+/// A shorter one is a cough or a spike.
+const EXHALATION_MIN_S: f64 = 0.5;
+
+/// Who breathes changes CO2 by more.
+const RANGE_MIN_MMHG: f64 = 5.0;
+
+/// How a concentration of CO2 is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Concentration {
+    /// Per cent of dry gas.
+    PercentDry {
+        /// The barometric pressure.
+        barometric_mmhg: f64,
+    },
+    /// Per cent of the gas as it is breathed.
+    PercentMoist {
+        /// The barometric pressure.
+        barometric_mmhg: f64,
+    },
+}
+
+/// This is no barometric pressure in millimetres of mercury.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoBarometricPressure(pub f64);
+
+impl fmt::Display for NoBarometricPressure {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "a barometric pressure of {} mmHg: it is {} to {} (1 kPa is 7.50 mmHg)",
+            self.0,
+            BAROMETRIC_MMHG.start(),
+            BAROMETRIC_MMHG.end()
+        )
+    }
+}
+
+impl std::error::Error for NoBarometricPressure {}
+
+impl Concentration {
+    /// The partial pressure of one per cent, millimetres of mercury.
+    ///
+    /// # Errors
+    /// When the barometric pressure is none.
+    pub fn mmhg(self) -> Result<f64, NoBarometricPressure> {
+        let (barometric_mmhg, vapour_mmhg) = match self {
+            Self::PercentDry { barometric_mmhg } => (barometric_mmhg, WATER_VAPOUR_MMHG),
+            Self::PercentMoist { barometric_mmhg } => (barometric_mmhg, 0.0),
+        };
+        if BAROMETRIC_MMHG.contains(&barometric_mmhg) {
+            Ok((barometric_mmhg - vapour_mmhg) / 100.0)
+        } else {
+            Err(NoBarometricPressure(barometric_mmhg))
+        }
+    }
+}
+
+/// The end-tidal partial pressure of each breath, mmHg, of the partial pressure over time, mmHg.
+/// Empty where nobody breathes.
+///
+/// # Errors
+/// When the CO2 is not evenly sampled at 5 to 20 000 Hz.
+pub fn end_tidal_mmhg(co2_mmhg: &Signal) -> Result<Signal, SamplingError> {
+    let rate_hz = co2_mmhg.rate_hz(RATE_HZ[0], RATE_HZ[1])?;
+    let mut sorted: Vec<f64> = co2_mmhg.present().map(|(_, value)| value).collect();
+    sorted.sort_by(f64::total_cmp);
+    let quantile = |part: f64| sorted.get((part * sorted.len() as f64) as usize);
+    let [Some(&low), Some(&high)] = USUAL.map(quantile) else {
+        return Ok(Signal::of([]));
+    };
+    if high - low < RANGE_MIN_MMHG {
+        return Ok(Signal::of([]));
+    }
+    let [begins, ends] = [BEGINS, ENDS].map(|part| low + part * (high - low));
+    let shortest = (EXHALATION_MIN_S * rate_hz).ceil() as usize;
+    let mut end_tidal = Vec::new();
+    for part in co2_mmhg.parts() {
+        let values = &co2_mmhg.values()[part.clone()];
+        // Exhaling since this sample. The part must begin with inspired gas.
+        let mut inspired = false;
+        let mut since = None;
+        for (at, &value) in values.iter().enumerate() {
+            if value < ends {
+                inspired = true;
+                if let Some(start) = since.take().filter(|start| at - start >= shortest) {
+                    let second_half = start + (at - start) / 2..at;
+                    let largest = second_half
+                        .reduce(|best, at| if values[at] > values[best] { at } else { best });
+                    end_tidal
+                        .extend(largest.map(|at| (co2_mmhg.time_s()[part.start + at], values[at])));
+                }
+            } else if value > begins && inspired && since.is_none() {
+                since = Some(at);
+            }
+        }
+    }
+    Ok(Signal::of(end_tidal))
+}

@@ -1,0 +1,251 @@
+//! What a figure is: a number with its uncertainty, or why there is none.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+use crate::series::{Axis, Plane};
+
+/// A figure of a trial. As text (JSON) it is `{"value": 1.2, "noise_sd": 0.1}` or
+/// `{"absent": "SI was not measured"}`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Figure {
+    /// It could be computed.
+    Known {
+        /// In the unit that its name or its documentation says.
+        value: f64,
+        /// The standard uncertainty that it has from the noise of the positions, in the same
+        /// unit; `None` where that noise is not known.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        noise_sd: Option<f64>,
+    },
+    /// It could not.
+    Absent {
+        /// Why.
+        absent: Absent,
+    },
+}
+
+impl Figure {
+    /// The number.
+    #[must_use]
+    pub fn value(&self) -> Option<f64> {
+        match self {
+            Self::Known { value, .. } => Some(*value),
+            Self::Absent { .. } => None,
+        }
+    }
+
+    /// Its standard uncertainty from the positions' noise.
+    #[must_use]
+    pub fn noise_sd(&self) -> Option<f64> {
+        match self {
+            Self::Known { noise_sd, .. } => *noise_sd,
+            Self::Absent { .. } => None,
+        }
+    }
+}
+
+impl From<Result<f64, Absent>> for Figure {
+    fn from(result: Result<f64, Absent>) -> Self {
+        match result {
+            Ok(value) if value.is_finite() => Self::Known { value, noise_sd: None },
+            // Positions beyond 1e150 mm: their squares are not numbers any more.
+            Ok(_) => Self::Absent { absent: Absent::Overflow },
+            Err(absent) => Self::Absent { absent },
+        }
+    }
+}
+
+/// Why there is no figure. As text it is a sentence without its full stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Absent {
+    /// Nothing measured this axis: a force plate knows no SI.
+    NotMeasured(Axis),
+    /// No step between consecutive samples starts in this time.
+    NothingMeasured,
+    /// Too few samples.
+    TooFewSamples {
+        /// How many there are.
+        samples: usize,
+        /// How many it takes.
+        needed: usize,
+    },
+    /// The longest part without a gap is too short.
+    TooShort {
+        /// How long that is.
+        longest_s: f64,
+        /// How long it must be.
+        needed_s: f64,
+    },
+    /// Too few samples per second.
+    RateTooLow {
+        /// How many there are.
+        rate_hz: f64,
+        /// How many it takes.
+        needed_hz: f64,
+    },
+    /// All positions are the same.
+    NoMovement,
+    /// The ellipse is a circle, which points nowhere.
+    NoDirection,
+    /// Stays within the radius for too long: the radius does not suit this movement.
+    StaysWithin {
+        /// The radius.
+        radius_mm: f64,
+        /// For longer than this.
+        limit_s: f64,
+    },
+    /// The sway density has too few peaks.
+    TooFewPeaks(usize),
+    /// The short-term and the long-term line do not cross at a positive lag.
+    NoCrossing,
+    /// The mean square displacement is zero at some lag, and zero has no logarithm.
+    Returns,
+    /// Positions are too large to be squared.
+    Overflow,
+}
+
+impl fmt::Display for Absent {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotMeasured(axis) => write!(formatter, "{} was not measured", axis.word()),
+            Self::NothingMeasured => write!(formatter, "nothing was measured in this time"),
+            Self::TooFewSamples { samples, needed } => {
+                write!(formatter, "there are {samples} samples, and it takes {needed}")
+            }
+            Self::TooShort { longest_s, needed_s } => write!(
+                formatter,
+                "the longest part without a gap is {longest_s:.1} s, and it takes {needed_s:.1} s"
+            ),
+            Self::RateTooLow { rate_hz, needed_hz } => {
+                write!(formatter, "the rate is {rate_hz:.1} Hz, and it takes {needed_hz:.1} Hz")
+            }
+            Self::NoMovement => write!(formatter, "all positions are the same"),
+            Self::NoDirection => write!(formatter, "the ellipse is a circle"),
+            Self::StaysWithin { radius_mm, limit_s } => write!(
+                formatter,
+                "it stays within {radius_mm} mm for more than {limit_s:.0} s: the radius is too \
+                 large for this movement"
+            ),
+            Self::TooFewPeaks(peaks) => {
+                write!(formatter, "the sway density has {peaks} peaks, and it takes 2")
+            }
+            Self::NoCrossing => {
+                write!(formatter, "the short-term and the long-term line do not cross")
+            }
+            Self::Returns => write!(formatter, "after some lag it is always where it was"),
+            Self::Overflow => write!(formatter, "the positions are too large to be squared"),
+        }
+    }
+}
+
+impl Serialize for Absent {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// Something that is made of figures, for whoever needs them all, such as
+/// [the uncertainties](super::noise).
+pub trait Figures {
+    /// Shows each figure, always in the same order.
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure));
+}
+
+impl Figures for Figure {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        visit(self);
+    }
+}
+
+impl<T: Figures> Figures for Vec<T> {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        self.iter_mut().for_each(|it| it.each(visit));
+    }
+}
+
+/// One for each axis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ByAxis<T> {
+    /// Anterior-posterior.
+    pub ap: T,
+    /// Medial-lateral.
+    pub ml: T,
+    /// Superior-inferior.
+    pub si: T,
+}
+
+impl<T> ByAxis<T> {
+    /// Of each axis.
+    pub fn of(mut of: impl FnMut(Axis) -> T) -> Self {
+        Self { ap: of(Axis::Ap), ml: of(Axis::Ml), si: of(Axis::Si) }
+    }
+}
+
+impl<T: Figures> Figures for ByAxis<T> {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        [&mut self.ap, &mut self.ml, &mut self.si].into_iter().for_each(|it| it.each(visit));
+    }
+}
+
+/// One for each plane.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ByPlane<T> {
+    /// AP and ML.
+    pub transverse: T,
+    /// AP and SI.
+    pub sagittal: T,
+    /// ML and SI.
+    pub coronal: T,
+}
+
+impl<T> ByPlane<T> {
+    /// Of each plane.
+    pub fn of(mut of: impl FnMut(Plane) -> T) -> Self {
+        Self {
+            transverse: of(Plane::Transverse),
+            sagittal: of(Plane::Sagittal),
+            coronal: of(Plane::Coronal),
+        }
+    }
+}
+
+impl<T: Figures> Figures for ByPlane<T> {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        let all = [&mut self.transverse, &mut self.sagittal, &mut self.coronal];
+        all.into_iter().for_each(|it| it.each(visit));
+    }
+}
+
+/// One for each axis and each plane, side by side as the paper's table has them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ByDirection<T> {
+    /// Along each axis.
+    #[serde(flatten)]
+    pub axes: ByAxis<T>,
+    /// In each plane.
+    #[serde(flatten)]
+    pub planes: ByPlane<T>,
+}
+
+impl<T> ByDirection<T> {
+    /// Of each direction: of an axis, and of the second one where both span a plane.
+    pub fn of(mut of: impl FnMut(Axis, Option<Axis>) -> T) -> Self {
+        Self {
+            axes: ByAxis::of(|axis| of(axis, None)),
+            planes: ByPlane::of(|plane| {
+                let [first, second] = plane.axes();
+                of(first, Some(second))
+            }),
+        }
+    }
+}
+
+impl<T: Figures> Figures for ByDirection<T> {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        self.axes.each(visit);
+        self.planes.each(visit);
+    }
+}

@@ -1,0 +1,309 @@
+//! The sway figures of one point of the trunk in one trial.
+//!
+//! ```text
+//! series ─▶ filter ─▶ path length, by bins and in all     path
+//!              │       RMS and range                       extent
+//!              │       95 % prediction ellipse             ellipse
+//!              │       frequencies                         spectrum
+//!              │       sway density                        density
+//!              │       stabilogram diffusion               diffusion
+//! noise ───────┴─────▶ uncertainties, path of noise alone  noise
+//! ```
+//!
+//! The whole series is filtered, and then cut into the span and its bins. Figures that need
+//! positions without a gap (spectrum, density) are from the longest such part; the others leave
+//! out what a gap leaves open. Memory and time grow with the samples alone.
+
+use std::fmt;
+use std::ops::Range;
+
+use serde::Serialize;
+
+use crate::filter::SavitzkyGolay;
+use crate::series::Series;
+
+mod butterworth;
+pub mod density;
+pub mod diffusion;
+pub mod ellipse;
+pub mod extent;
+pub mod figure;
+pub mod noise;
+pub mod path;
+pub mod spectrum;
+
+use density::Density;
+use diffusion::Diffusion;
+use ellipse::Ellipse;
+use extent::Extent;
+use figure::{ByPlane, Figure, Figures};
+use noise::{Noise, PathNoise};
+use path::{Path, Span};
+use spectrum::Spectrum;
+
+/// How figures are made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Window of the [filter](crate::filter), seconds; `None` for no filter.
+    pub filter_s: Option<f64>,
+    /// What is analysed; `None` for all. Positions around it still serve the filter.
+    pub span_s: Option<Range<f64>>,
+    /// Parts of the time that have their own path length, each up to and not at its end.
+    pub bins_s: Vec<Range<f64>>,
+    /// Of the sway density.
+    pub density: density::Settings,
+}
+
+impl Default for Settings {
+    /// The paper's: half a second, and three bins of 20 s from the start of the stance.
+    fn default() -> Self {
+        Self {
+            filter_s: Some(0.5),
+            span_s: None,
+            bins_s: vec![0.0..20.0, 20.0..40.0, 40.0..60.0],
+            density: density::Settings::default(),
+        }
+    }
+}
+
+/// Why there are no figures at all.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SwayError {
+    /// This setting is not a positive number, or a range not in order.
+    Setting(&'static str),
+    /// The filter's window would be less than 5 samples, or more than 2001.
+    FilterWindow {
+        /// What was asked for.
+        window_s: f64,
+        /// The series' rate.
+        rate_hz: f64,
+    },
+    /// All parts without a gap are shorter than the filter's window.
+    OnlyFragments {
+        /// The window, samples.
+        window: usize,
+    },
+    /// Fewer than two samples in the span.
+    EmptySpan,
+    /// The noise is that of another number of samples.
+    NoiseLength,
+}
+
+impl fmt::Display for SwayError {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Setting(name) => {
+                write!(formatter, "the {name} must be positive, and a range in order")
+            }
+            Self::FilterWindow { window_s, rate_hz } => write!(
+                formatter,
+                "a filter of {window_s} s has less than 5 or more than 2001 samples at \
+                 {rate_hz:.1} Hz"
+            ),
+            Self::OnlyFragments { window } => write!(
+                formatter,
+                "no part without a gap has the {window} samples that the filter takes"
+            ),
+            Self::EmptySpan => write!(formatter, "there are fewer than two samples in the span"),
+            Self::NoiseLength => {
+                write!(formatter, "the noise is that of another number of samples")
+            }
+        }
+    }
+}
+
+impl std::error::Error for SwayError {}
+
+/// All figures of one trunk point, and what they were made of.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sway {
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// Samples in the span, after the filter.
+    pub samples: usize,
+    /// Gaps between them.
+    pub gaps: usize,
+    /// Their length in all, seconds.
+    pub gaps_s: f64,
+    /// The filter; `None` without one.
+    pub filter: Option<Filter>,
+    /// The noise that was given; `None` without.
+    pub noise: Option<PathNoises>,
+    /// The figures.
+    #[serde(flatten)]
+    pub figures: SwayFigures,
+}
+
+/// The filter as it was used.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Filter {
+    /// Its window, samples.
+    pub window_samples: usize,
+    /// Samples of the whole series that were left out because the part without a gap around them
+    /// is shorter than the window.
+    pub left_out_samples: usize,
+}
+
+/// What noise does to the paths, and how the uncertainties of all figures were found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PathNoises {
+    /// Of the total path.
+    pub total: PathNoise,
+    /// Of each bin's.
+    pub bins: Vec<PathNoise>,
+    /// Copies of the trial whose spread the uncertainties are.
+    pub copies: usize,
+}
+
+/// The figures, each with its uncertainty where noise was given.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SwayFigures {
+    /// The path in all.
+    pub path: Path,
+    /// The path by bins.
+    pub bins: Vec<Path>,
+    /// RMS and range.
+    #[serde(flatten)]
+    pub extent: Extent,
+    /// 95 % prediction ellipses.
+    pub ellipse: ByPlane<Ellipse>,
+    /// Frequencies.
+    pub spectrum: Spectrum,
+    /// Sway density.
+    pub density: Density,
+    /// Stabilogram diffusion.
+    pub diffusion: Diffusion,
+}
+
+impl Figures for SwayFigures {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        self.path.each(visit);
+        self.bins.each(visit);
+        self.extent.each(visit);
+        self.ellipse.each(visit);
+        self.spectrum.each(visit);
+        self.density.each(visit);
+        self.diffusion.each(visit);
+    }
+}
+
+/// All figures of a trunk point.
+///
+/// # Errors
+/// When the settings make no sense or do not suit the series. A single figure that cannot be had
+/// is [absent](figure::Figure) instead.
+pub fn analyze(
+    series: &Series,
+    noise: Option<&Noise>,
+    settings: &Settings,
+) -> Result<Sway, SwayError> {
+    settings.check()?;
+    if noise.is_some_and(|noise| !noise.fits(series.samples())) {
+        return Err(SwayError::NoiseLength);
+    }
+    let rate_hz = series.rate_hz();
+    let filter = match settings.filter_s {
+        None => None,
+        Some(window_s) => Some(
+            SavitzkyGolay::lasting(window_s, rate_hz)
+                .ok_or(SwayError::FilterWindow { window_s, rate_hz })?,
+        ),
+    };
+    let filtered = match &filter {
+        None => None,
+        Some(filter) => {
+            Some(filter.apply(series).ok_or(SwayError::OnlyFragments { window: filter.window() })?)
+        }
+    };
+    let noise = noise.map(|noise| match &filtered {
+        None => noise.clone(),
+        Some(filtered) => noise.only(&filtered.kept),
+    });
+    let smooth = filtered.as_ref().map_or(series, |filtered| &filtered.series);
+    let spans = Spans::of(smooth, settings);
+    let span = settings.cut(smooth).ok_or(SwayError::EmptySpan)?;
+
+    let mut figures = SwayFigures::of(smooth, &spans, settings).ok_or(SwayError::EmptySpan)?;
+    let noise = noise.map(|noise| {
+        let steps = noise::step_factors(&noise, smooth, filter.as_ref());
+        let of = |span: &Span| noise::path_noise(smooth, span, &steps);
+        let (total, bins) = (of(&spans.total), spans.bins.iter().map(of).collect());
+        let measured = figures.ellipse.clone();
+        let again = |noisy: &Series| {
+            let mut figures = SwayFigures::of(noisy, &spans, settings)?;
+            ellipse::turn_towards(&mut figures.ellipse, &measured);
+            Some(figures)
+        };
+        let copies = noise::uncertainties(&mut figures, &noise, smooth, filter.as_ref(), again);
+        PathNoises { total, bins, copies }
+    });
+    Ok(Sway {
+        rate_hz,
+        samples: span.samples(),
+        gaps: span.gaps_s().count(),
+        gaps_s: span.gaps_s().fold(0.0, |sum, gap| sum + gap.end - gap.start),
+        filter: filter.zip(filtered.as_ref()).map(|(filter, filtered)| Filter {
+            window_samples: filter.window(),
+            left_out_samples: filtered.left_out_samples,
+        }),
+        noise,
+        figures,
+    })
+}
+
+/// The total and the bins.
+struct Spans {
+    total: Span,
+    bins: Vec<Span>,
+}
+
+impl Spans {
+    fn of(series: &Series, settings: &Settings) -> Self {
+        let between = |time_s| Span::between(series, time_s);
+        let total = settings.span_s.as_ref().map_or_else(|| Span::whole(series), between);
+        Self { total, bins: settings.bins_s.iter().map(between).collect() }
+    }
+}
+
+impl SwayFigures {
+    /// Of filtered positions; `None` when there are fewer than two in the span.
+    fn of(smooth: &Series, spans: &Spans, settings: &Settings) -> Option<Self> {
+        let span = settings.cut(smooth)?;
+        Some(Self {
+            path: path::path(smooth, &spans.total),
+            bins: spans.bins.iter().map(|bin| path::path(smooth, bin)).collect(),
+            extent: extent::extent(&span),
+            ellipse: ellipse::ellipses(&span),
+            spectrum: spectrum::spectrum(&span),
+            density: density::density(&span, settings.density),
+            diffusion: diffusion::diffusion(&span),
+        })
+    }
+}
+
+impl Settings {
+    /// What of a series is analysed.
+    fn cut(&self, series: &Series) -> Option<Series> {
+        match &self.span_s {
+            Some(span_s) => series.between(span_s.clone()),
+            None => Some(series.clone()),
+        }
+    }
+
+    fn check(&self) -> Result<(), SwayError> {
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        let ordered = |span: &Range<f64>| {
+            span.start.is_finite() && span.end.is_finite() && span.start < span.end
+        };
+        let all = [
+            ("filter's window", self.filter_s.is_none_or(positive)),
+            ("span", self.span_s.as_ref().is_none_or(ordered)),
+            ("bins", self.bins_s.iter().all(ordered)),
+            ("sway density's radius", positive(self.density.radius_mm)),
+        ];
+        match all.into_iter().find(|(_, good)| !good) {
+            Some((name, _)) => Err(SwayError::Setting(name)),
+            None => Ok(()),
+        }
+    }
+}

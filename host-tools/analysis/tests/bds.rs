@@ -1,0 +1,59 @@
+//! Published figures of published trials: the data set BDS (Santos & Duarte 2016, PeerJ 4:e2648).
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use flate2::read::GzDecoder;
+use plumbline_analysis::series::Series;
+use plumbline_analysis::sway::{Settings, Sway, analyze};
+
+/// Its folder, or `None` (said on standard error) where it is absent.
+fn folder() -> Option<PathBuf> {
+    let data = std::env::var("PLUMBLINE_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let path = workspace.join(data).join("sway");
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("skipped: there is no {}; set PLUMBLINE_DATA", path.display());
+    None
+}
+
+/// Of one trial, in cm as its reference is.
+fn sway(folder: &Path, trial: &str) -> Sway {
+    let file = std::fs::File::open(folder.join(format!("{trial}.txt.gz"))).unwrap();
+    let mut text = String::new();
+    GzDecoder::new(file).read_to_string(&mut text).unwrap();
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split('\t').collect();
+    let rows: Vec<Vec<f64>> =
+        lines.map(|line| line.split('\t').map(|it| it.parse().unwrap()).collect()).collect();
+    let column = |name: &str| -> Vec<f64> {
+        let index = names.iter().position(|it| *it == name).unwrap();
+        rows.iter().map(|row| row[index]).collect()
+    };
+    let positions = [column("COPx[cm]"), column("COPy[cm]"), Vec::new()];
+    let series = Series::new(column("Time[s]"), positions).unwrap();
+    let settings = Settings { filter_s: None, bins_s: Vec::new(), ..Default::default() };
+    analyze(&series, None, &settings).unwrap()
+}
+
+#[test]
+fn velocity_and_area_are_the_data_sets_own() {
+    let Some(folder) = folder() else { return };
+    let reference = std::fs::read_to_string(folder.join("BDS_reference.tsv")).unwrap();
+    let mut trials = 0;
+    for line in reference.lines().skip(1) {
+        let fields: Vec<&str> = line.split('\t').collect();
+        let expected = |column: usize| fields[column].parse::<f64>().unwrap();
+        let sway = sway(&folder, fields[0]);
+        let area = sway.figures.ellipse.transverse.area_mm2.value().unwrap();
+        let velocity = sway.figures.path.mean_velocity_mm_s.planes.transverse.value().unwrap();
+        let (area, velocity) = (area / expected(3) - 1.0, velocity / expected(4) - 1.0);
+        println!("{}: area {area:.1e}, velocity {velocity:.1e} relative", fields[0]);
+        // The authors' quantile of F is good to 7.5e-13. The rate is from times with two decimals.
+        assert!(area.abs() < 1e-12 && velocity.abs() < 1e-12, "{area} {velocity}");
+        trials += 1;
+    }
+    assert_eq!(trials, 4);
+}
