@@ -8,9 +8,9 @@ use comfy_table::{Cell, CellAlignment, Table, presets};
 use nalgebra::Vector3;
 use plumbline::packet::{AnatomicalPoint, PosePacket};
 use plumbline::target::Role;
+use plumbline_analysis::filter::SavitzkyGolay;
 
 use super::Received;
-use crate::savitzky_golay;
 use crate::simulate::Simulation;
 
 /// The paper's filter: second order, half a second.
@@ -143,7 +143,7 @@ impl TrunkFigures {
         name: &'static str,
         role: Role,
     ) -> Self {
-        let window = savitzky_golay::window(FILTER_S, simulation.settings().frame_rate_hz);
+        let filter = SavitzkyGolay::lasting(FILTER_S, simulation.settings().frame_rate_hz);
         let index = simulation.targets().iter().position(|target| target.layout.role == role);
         let mut figures = Self {
             name,
@@ -155,7 +155,7 @@ impl TrunkFigures {
         };
         for stretch in stretches(packets, role) {
             let (frames, points_mm): (Vec<u32>, Vec<Vector3<f64>>) = stretch.into_iter().unzip();
-            let Some(measured_mm) = filtered(&points_mm, window) else { continue };
+            let Some(measured_mm) = filtered(&points_mm, filter.as_ref()) else { continue };
             let true_mm: Vec<Vector3<f64>> = frames
                 .iter()
                 .filter_map(|frame| {
@@ -163,7 +163,7 @@ impl TrunkFigures {
                     Some(Vector3::new(point.ap_mm, point.ml_mm, point.si_mm))
                 })
                 .collect();
-            if let Some(filtered_mm) = filtered(&true_mm, window) {
+            if let Some(filtered_mm) = filtered(&true_mm, filter.as_ref()) {
                 figures.filtered_true_path_mm += path(&filtered_mm);
             }
             figures.path_mm += path(&measured_mm);
@@ -194,11 +194,15 @@ fn stretches(packets: &BTreeMap<u32, &PosePacket>, role: Role) -> Vec<Stretch> {
     stretches
 }
 
-/// Each axis filtered; `None` when there are fewer points than the filter takes.
-fn filtered(points_mm: &[Vector3<f64>], window: usize) -> Option<Vec<Vector3<f64>>> {
+/// Each axis filtered; `None` when there are fewer points than the filter takes, or the frame
+/// rate is too low for it.
+fn filtered(
+    points_mm: &[Vector3<f64>],
+    filter: Option<&SavitzkyGolay>,
+) -> Option<Vec<Vector3<f64>>> {
     let axis = |axis: usize| {
         let samples: Vec<f64> = points_mm.iter().map(|point| point[axis]).collect();
-        savitzky_golay::smooth(&samples, window)
+        filter?.smooth(&samples)
     };
     let (ap, ml, si) = (axis(0)?, axis(1)?, axis(2)?);
     Some((0..points_mm.len()).map(|i| Vector3::new(ap[i], ml[i], si[i])).collect())
