@@ -14,7 +14,7 @@ pub const PACKET_BYTES_MAX: usize = 254;
 pub const FRAME_BYTES_MAX: usize = PACKET_BYTES_MAX + 2;
 
 /// The byte that ends every frame, and occurs nowhere else.
-const DELIMITER: u8 = 0;
+pub const DELIMITER: u8 = 0;
 
 /// The message does not fit the buffer; it was not sent, nor any part of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -45,8 +45,8 @@ use serde::{Deserialize, Serialize};
 
 pub use document::{Document, PART_BYTES_MAX, Part, Picture, document_crc};
 pub use framing::{
-    Deframer, EncodeError, FRAME_BYTES_MAX, PACKET_BYTES_MAX, PacketError, decode_datagram,
-    encode_datagram, encode_frame,
+    DELIMITER, Deframer, EncodeError, FRAME_BYTES_MAX, PACKET_BYTES_MAX, PacketError,
+    decode_datagram, encode_datagram, encode_frame,
 };
 pub use message::{
     AIM_S_MAX, Action, CameraState, Command, Health, Hello, LINKS_MAX, LOG_TARGET_BYTES_MAX,

@@ -147,10 +147,13 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     // A person.
     let (machine, _host) = ward.switch_on(&SCENE.frames_disk);
     ward.wait_for_the_box();
-    ward.plumb_here("receive --frames 150 --out received.csv", "--udp");
+    ward.plumb_here("receive --frames 150 --out received", "--udp");
     ward.plumb_here("doctor", "--udp");
     drop(machine);
-    assert_sways_as(&poses::read(&ward.path("received.csv")).expect("a recording"), simulation);
+    assert_sways_as(
+        &poses::read(&ward.path("received/samples.csv")).expect("a recording"),
+        simulation,
+    );
 }
 
 /// The trunk points of both targets in one frame: lumbar, then shoulder.

@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
-use crate::{aim, demo, doctor, provision, receive, scene, show, target, track};
+use crate::{aim, demo, doctor, provision, receive, replay, scene, show, target, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -30,6 +30,7 @@ enum Command {
     Show(show::Arguments),
     Doctor(doctor::Arguments),
     Receive(receive::Arguments),
+    Replay(replay::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -58,6 +59,7 @@ pub fn run() -> ExitCode {
         Command::Aim(arguments) => aim::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Receive(arguments) => receive::run(arguments),
+        Command::Replay(arguments) => replay::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

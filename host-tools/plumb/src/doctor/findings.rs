@@ -8,7 +8,7 @@ use plumbline::packet::{
 use plumbline::report::NoPose;
 use plumbline::target::Role;
 
-use super::clock::Exchange;
+use crate::clock::Exchange;
 use crate::error::BadInput;
 use crate::files::camera;
 use crate::receive::accounting::{Accounting, Counts};
@@ -179,7 +179,7 @@ impl Findings {
             }
             Event::OtherSender { .. } => self.bad.other_sender += 1,
             Event::LineLost(_) => self.line_losses += 1,
-            Event::LineBack => (),
+            Event::LineBack | Event::Raw(_) => (),
         }
     }
 

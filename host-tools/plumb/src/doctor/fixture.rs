@@ -12,9 +12,9 @@ use plumbline::target::Role;
 use plumbline::view::FrameView;
 
 use super::check::Check;
-use super::clock::Exchange;
 use super::findings::Findings;
 use super::judge;
+use crate::clock::Exchange;
 use crate::receive::transport::Event;
 use crate::simulate::{Simulation, SimulationSettings};
 

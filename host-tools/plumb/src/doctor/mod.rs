@@ -1,7 +1,6 @@
 //! `plumb doctor`: is everything as it should be, and if not, what is to be done?
 
 mod check;
-mod clock;
 mod findings;
 #[cfg(test)]
 pub(crate) mod fixture;

@@ -145,7 +145,7 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
             let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
             create(path, force)?.write_all(bytes).map_err(failed)?;
         } else {
-            staged.push((beside(path, bytes)?, path));
+            staged.push((beside(path, |file| write_bytes(file, path, bytes))?, path));
         }
     }
     for (file, path) in staged {
@@ -159,13 +159,34 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
 /// # Errors
 /// When the operating system refuses.
 pub fn replace(path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
-    let file = beside(path, bytes)?;
+    replace_with(path, |file| write_bytes(file, path, bytes))
+}
+
+/// Writes one file as [`replace`] does, by whatever fills it.
+///
+/// # Errors
+/// When the operating system refuses, and those of `fill`.
+pub fn replace_with(
+    path: &Path,
+    fill: impl FnOnce(&File) -> Result<(), BadInput>,
+) -> Result<(), BadInput> {
+    let file = beside(path, fill)?;
     file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
+    sync_directory(directory_of(path));
     Ok(())
 }
 
+/// Brings the names in a directory to the disk, so that they survive a loss of power. There are
+/// file systems that cannot; on those the names come to the disk when they come.
+pub fn sync_directory(directory: &Path) {
+    let _ = File::open(directory).and_then(|it| it.sync_all());
+}
+
 /// A file beside `path` that is yet to take its name.
-fn beside(path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile, BadInput> {
+fn beside(
+    path: &Path,
+    fill: impl FnOnce(&File) -> Result<(), BadInput>,
+) -> Result<tempfile::NamedTempFile, BadInput> {
     let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
     let directory = directory_of(path);
     if !directory.is_dir() {
@@ -174,9 +195,15 @@ fn beside(path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile, BadInput
     // As any file that this user makes, and not only for this user's eyes.
     let mut builder = tempfile::Builder::new();
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(directory).map_err(failed)?;
-    file.write_all(bytes).map_err(failed)?;
+    let file = builder.tempfile_in(directory).map_err(failed)?;
+    fill(file.as_file())?;
+    // Or the name may be on the disk before what it names.
+    file.as_file().sync_all().map_err(failed)?;
     Ok(file)
+}
+
+fn write_bytes(mut file: &File, path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
+    file.write_all(bytes).map_err(|error| BadInput::io(path.display(), &error))
 }
 
 /// The directory in which a file is or will be.
@@ -216,7 +243,11 @@ pub fn refuse_overwriting<'a>(
 /// The value of a TOML text; errors name the field and its line.
 ///
 /// `remedy` says where the format is described or what a good file looks like.
-fn from_toml<T: DeserializeOwned>(text: &str, place: &str, remedy: &str) -> Result<T, BadInput> {
+pub(crate) fn from_toml<T: DeserializeOwned>(
+    text: &str,
+    place: &str,
+    remedy: &str,
+) -> Result<T, BadInput> {
     toml::from_str(text).map_err(|error| {
         let message = error.message().trim();
         let line_of = |offset: usize| text[..offset].matches('\n').count();

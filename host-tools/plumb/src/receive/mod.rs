@@ -1,20 +1,26 @@
 //! `plumb receive`: listens to a box, checks what it says, shows it and records it.
 
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use plumbline::packet::Message;
 
+use crate::counting::counted;
 use crate::error::BadInput;
 use crate::files;
-use crate::link::LinkArguments;
+use crate::link::{self, LinkArguments};
+use crate::trial::manifest::{Manifest, Zero};
+use crate::trial::recording::Recording;
 
 pub mod accounting;
 pub mod bad_packets;
 pub mod complaints;
+mod marks;
 pub mod others;
 pub mod receiver;
 pub mod recorder;
@@ -24,32 +30,56 @@ pub mod transport;
 use receiver::Receiver;
 use recorder::Recorder;
 use screen::Screen;
-use transport::Transport;
+use transport::{Event, Transport};
 
 /// Receive the poses of a box, show them and record them.
 ///
-/// Counts what is lost, repeated, late or corrupt. Every row is in the file as
-/// soon as it is received. When the box starts anew the recording goes on: the
-/// column `session` is then higher, `frame` begins again, and `time_s` goes
-/// on by this computer's clock. Ends with --duration, --frames or Ctrl-C, and a
-/// summary.
+/// With --out it makes a folder for the trial: every packet as it came (packets.bin), the poses
+/// as tables (samples.csv, samples.parquet), the box's configuration, and trial.toml, which says
+/// who and what was measured, how the box's clock stood to this computer's, and what happened.
+/// Whatever ends the recording, no more than its last second is lost.
+///
+/// Counts what is lost, repeated, late or corrupt. When the box starts anew the recording goes
+/// on. Press Enter to mark an event, after its name if it has one; the mark called zero, or else
+/// the first, is the trial's t = 0. Ends with --duration, --frames or Ctrl-C, and a summary.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
-#[command(after_help = "Examples:\n  plumb receive --udp 0.0.0.0:4210 --out poses.csv\n  \
-    plumb receive --serial /dev/ttyUSB0 --baud 115200 --out poses.csv --duration 60")]
+#[command(after_help = "Examples:\n  plumb receive --out trials/p01-control\n  \
+    plumb receive --out trials/p01-control --participant P01 --condition control --duration 60\n  \
+    plumb receive --serial /dev/ttyUSB0 --out trials/p02 --mark-udp 0.0.0.0:5000\n  \
+    echo stands | nc -u -w0 127.0.0.1 5000        # a mark from another program")]
 pub struct Arguments {
     /// Where the box sends to.
     #[command(flatten)]
     pub link: LinkArguments,
 
-    /// Record into this CSV: the columns of poses.csv, then `session`; without a frame there is
-    /// no file
-    #[arg(long, value_name = "FILE")]
+    /// Record into this new folder; without a frame there is none
+    #[arg(long, value_name = "FOLDER")]
     pub out: Option<PathBuf>,
 
-    /// Replace the file of --out if it exists
-    #[arg(long, requires = "out")]
-    pub force: bool,
+    /// Who is measured: a code, not a name
+    #[arg(long, value_name = "CODE", requires = "out")]
+    pub participant: Option<String>,
+
+    /// Under which condition
+    #[arg(long, value_name = "WORD", requires = "out")]
+    pub condition: Option<String>,
+
+    /// Anything else that trial.toml should say
+    #[arg(long, value_name = "TEXT", requires = "out")]
+    pub note: Option<String>,
+
+    /// What t = 0 is
+    #[arg(long, value_enum, default_value_t, requires = "out")]
+    pub zero: Zero,
+
+    /// Take marks from datagrams to this address: the text of each is its name
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = link::address, requires = "out")]
+    pub mark_udp: Option<SocketAddr>,
+
+    /// Take marks from this serial device: each line is one
+    #[arg(long, value_name = "DEVICE[:BAUD]", requires = "out")]
+    pub mark_serial: Option<String>,
 
     /// End after this many seconds
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
@@ -86,8 +116,34 @@ pub struct Limits {
     pub frames: Option<u64>,
 }
 
+/// Who follows a reception beside its [`Receiver`].
+pub trait Tap {
+    /// Something came.
+    ///
+    /// # Errors
+    /// When the reception cannot go on.
+    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput>;
+
+    /// Time passes, whether or not something comes; a question that the box should get.
+    ///
+    /// # Errors
+    /// When the reception cannot go on.
+    fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput>;
+}
+
+/// Nobody.
+impl Tap for () {
+    fn event(&mut self, _: &Event, _: Instant) -> Result<(), BadInput> {
+        Ok(())
+    }
+
+    fn turn(&mut self, _: Instant) -> Result<Option<Message>, BadInput> {
+        Ok(None)
+    }
+}
+
 /// Receives until a limit is reached or `stop` is set. `show` is called after
-/// every packet, and ten times a second when none comes.
+/// every packet, and ten times a second when none comes. `tap` sees everything first.
 ///
 /// # Errors
 /// When the transport or the recording cannot go on. What was received before
@@ -95,6 +151,7 @@ pub struct Limits {
 pub fn receive<W: std::io::Write>(
     transport: &mut dyn Transport,
     receiver: &mut Receiver<W>,
+    tap: &mut dyn Tap,
     limits: Limits,
     stop: &AtomicBool,
     mut show: impl FnMut(&mut Receiver<W>),
@@ -112,15 +169,17 @@ pub fn receive<W: std::io::Write>(
         let polled = transport.poll(&mut |event| {
             // The rest of one read belongs to the next recording, if any.
             if handled.is_ok() && !reached(receiver) {
-                handled = receiver.handle(event, Instant::now());
+                let now = Instant::now();
+                handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
             }
         });
         let result = handled.and(polled).and_then(|()| receiver.tick(Instant::now()));
-        if result.is_err() {
-            break result;
-        }
-        if let Some(request) = receiver.request() {
-            transport.send(&request);
+        let question = match result.and_then(|()| tap.turn(Instant::now())) {
+            Ok(question) => question,
+            Err(error) => break Err(error),
+        };
+        for question in [receiver.request(), question].into_iter().flatten() {
+            transport.send(&question);
         }
         show(receiver);
     };
@@ -131,13 +190,14 @@ pub fn receive<W: std::io::Write>(
 /// Runs the subcommand.
 ///
 /// # Errors
-/// When the address, the device or the file cannot be used, or nothing came.
+/// When the address, the device or the folder cannot be used, or nothing came.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (mut transport, place) = arguments.link.transport()?;
-    let recorder = match &arguments.out {
-        Some(path) => {
-            let file = files::Late::new(path, arguments.force)?;
-            Some(Recorder::new(file, path.display().to_string()))
+    let mut recording = arguments.out.as_deref().map(|out| begin(arguments, out)).transpose()?;
+    let recorder = match &recording {
+        Some(recording) => {
+            let csv = recording.csv();
+            Some(Recorder::new(files::Late::new(&csv, false)?, csv.display().to_string()))
         }
         None => None,
     };
@@ -146,21 +206,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut receiver = Receiver::new(recorder);
     let mut screen = Screen::new(&place, arguments.quiet);
     let limits = Limits { duration: arguments.duration, frames: arguments.frames };
-    let result = receive(&mut *transport, &mut receiver, limits, &stop, |receiver| {
+    let tap: &mut dyn Tap = match &mut recording {
+        Some(recording) => recording,
+        None => &mut (),
+    };
+    let result = receive(&mut *transport, &mut receiver, tap, limits, &stop, |receiver| {
         screen.show(receiver);
     });
     screen.end();
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{}", screen::summary(&receiver));
-    if let Some(path) = &arguments.out {
-        let path = path.display();
-        let text = match receiver.counts().received {
-            0 => format!("no frame came: {path} is not written"),
-            _ => format!("recorded in {path}"),
-        };
-        let _ = writeln!(std::io::stdout(), "{text}");
-    }
+    let ended = recording.map(|recording| end(recording, receiver.counts().received));
+    // Why it broke off matters more than what that has left behind.
     result?;
+    ended.transpose()?;
     if let Some(silence) =
         receiver.unheard(Instant::now()).filter(|_| !stop.load(Ordering::Relaxed))
     {
@@ -174,6 +233,38 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if receiver.counts().received == 0 && !stop.load(Ordering::Relaxed) {
         return Err(screen::no_pose(&receiver, place, Instant::now()).into());
     }
+    Ok(())
+}
+
+fn begin(arguments: &Arguments, out: &Path) -> Result<Recording, BadInput> {
+    let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
+    let manifest = &Manifest::begin(
+        arguments.participant.clone(),
+        arguments.condition.clone(),
+        arguments.note.clone(),
+        arguments.zero,
+    );
+    Recording::begin(out, manifest, marks)
+}
+
+/// Ends a recording, and says what is in it.
+fn end(recording: Recording, frames: u64) -> Result<(), BadInput> {
+    let folder = recording.folder().display().to_string();
+    let dropped = recording.marks_dropped();
+    let mut text = format!("no frame came: {folder} is not written");
+    if let Some(trial) = recording.end(frames)? {
+        let events = counted(trial.manifest.events.len(), "mark");
+        text = format!("recorded in {folder}, {events}");
+        if dropped > 0 {
+            text +=
+                &format!("\nwarning: {} came at once and were dropped", counted(dropped, "mark"));
+        }
+        for warning in &trial.warnings {
+            text += &format!("\nwarning: {warning}");
+        }
+    }
+    // A closed pipe must not hide the result.
+    let _ = writeln!(std::io::stdout(), "{text}");
     Ok(())
 }
 

@@ -281,6 +281,8 @@ impl<W: Write> Receiver<W> {
                 self.line_losses += 1;
                 self.notices.push(format!("the serial line is lost ({why}); waiting for it"));
             }
+            // The next event says what it is.
+            Event::Raw(_) => {}
             Event::LineBack => self.notices.push("the serial line is back".to_owned()),
         }
         Ok(())

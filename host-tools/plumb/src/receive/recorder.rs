@@ -48,22 +48,24 @@ impl Names {
 }
 
 /// One clock for all sessions.
-#[derive(Debug, Default)]
-struct Clock {
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct SessionClock {
     /// When the first packet of all came.
     first_arrival: Option<Instant>,
     /// Capture time and `time_s` of the first packet of the current session.
     session_start: Option<(u64, f64)>,
 }
 
-impl Clock {
-    fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
+impl SessionClock {
+    /// The packet of this capture time is the first of a session.
+    pub(crate) fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
         let first = *self.first_arrival.get_or_insert(arrival);
         let since_s = arrival.saturating_duration_since(first).as_secs_f64();
         self.session_start = Some((capture_time_ns, since_s));
     }
 
-    fn time_s(&self, capture_time_ns: u64) -> f64 {
+    /// Seconds since the first packet of all.
+    pub(crate) fn time_s(&self, capture_time_ns: u64) -> f64 {
         let (start_ns, start_s) = self.session_start.unwrap_or((capture_time_ns, 0.0));
         // A packet that was overtaken can be older than the session's first.
         let since_ns = i128::from(capture_time_ns) - i128::from(start_ns);
@@ -75,7 +77,7 @@ impl Clock {
 pub struct Recorder<W: Write> {
     rows: csv::Writer<W>,
     place: String,
-    clock: Clock,
+    clock: SessionClock,
     /// The number of the current session, from 1.
     session: u32,
     has_header: bool,
@@ -88,7 +90,7 @@ impl<W: Write> Recorder<W> {
         Self {
             rows: csv::WriterBuilder::new().has_headers(false).from_writer(sink),
             place: place.into(),
-            clock: Clock::default(),
+            clock: SessionClock::default(),
             session: 0,
             has_header: false,
         }

@@ -1,9 +1,7 @@
-#[path = "../../../../tests/common/serial_lines.rs"]
-mod serial_lines;
+mod serial;
 
-use std::collections::VecDeque;
-use std::io::{Read, Write};
-use std::sync::{Mutex, mpsc};
+use std::io::Write;
+use std::sync::Mutex;
 use std::thread;
 
 use plumbline::packet::{
@@ -144,7 +142,7 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
     });
     let (mut receiver, csv) = receiver();
     let stop = AtomicBool::new(false);
-    receive(&mut udp, &mut receiver, until_frames(7), &stop, |_| ()).unwrap();
+    receive(&mut udp, &mut receiver, &mut (), until_frames(7), &stop, |_| ()).unwrap();
     sender.join().unwrap();
 
     let counts = receiver.counts();
@@ -195,7 +193,8 @@ fn names_are_asked_for_and_rows_wait_for_them() {
         socket.send_to(&datagram(&pose(1)), to).unwrap();
     });
     let (mut receiver, csv) = receiver();
-    receive(&mut udp, &mut receiver, until_frames(2), &AtomicBool::new(false), |_| ()).unwrap();
+    receive(&mut udp, &mut receiver, &mut (), until_frames(2), &AtomicBool::new(false), |_| ())
+        .unwrap();
     sender.join().unwrap();
     let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
     assert_eq!(targets, ["shoulder", "lumbar", "shoulder", "lumbar"]);
@@ -435,7 +434,8 @@ fn a_second_box_is_not_mixed_in() {
     }
     send(&boxes[0], &pose(1));
     let (mut receiver, csv) = receiver();
-    receive(&mut udp, &mut receiver, until_frames(2), &AtomicBool::new(false), |_| ()).unwrap();
+    receive(&mut udp, &mut receiver, &mut (), until_frames(2), &AtomicBool::new(false), |_| ())
+        .unwrap();
     assert_eq!(receiver.bad().other_sender, 6);
     assert_eq!(rows(&csv.text()).len(), 4);
     let notices = receiver.take_notices();
@@ -523,91 +523,6 @@ fn another_box_on_the_same_port_is_not_said_to_be_the_same_anew() {
     let [anew, another] = &notices[..] else { panic!("{notices:?}") };
     assert!(anew.starts_with("the box has started anew"), "{anew}");
     assert_eq!(another, "another box is heard now: ward 4 (PL-0001)");
-}
-
-#[cfg(unix)]
-#[test]
-fn frames_come_through_a_serial_line() {
-    if !serial_lines::can_be_opened() {
-        return;
-    }
-    use serialport::SerialPort;
-    let (mut boxside, host) = serialport::TTYPort::pair().unwrap();
-    let path = host.name().unwrap();
-    // The pair's own end would be a second reader.
-    drop(host);
-    let mut serial = Serial::open(&path, 115_200).unwrap();
-    let sender = thread::spawn(move || {
-        let whole = frame(&pose(0));
-        boxside.write_all(&whole[50..]).unwrap();
-        boxside.write_all(&frame(&hello(1))).unwrap();
-        for sequence in 1..50 {
-            let mut bytes = frame(&pose(sequence));
-            if sequence == 20 {
-                bytes[40] ^= 4;
-            }
-            boxside.write_all(&bytes).unwrap();
-        }
-        boxside
-    });
-    let (mut receiver, csv) = receiver();
-    receive(&mut serial, &mut receiver, until_frames(48), &AtomicBool::new(false), |_| ()).unwrap();
-    drop(sender.join().unwrap());
-    assert_eq!(receiver.counts().lost, 1);
-    let bad = receiver.bad();
-    assert_eq!((bad.fragments, bad.corrupt), (1, 1));
-    assert_eq!(rows(&csv.text()).len(), 96);
-}
-
-/// A line whose reads are given in advance.
-struct Script(VecDeque<std::io::Result<Vec<u8>>>);
-
-impl Read for Script {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        let bytes = self.0.pop_front().unwrap_or(Err(std::io::ErrorKind::TimedOut.into()))?;
-        buffer[..bytes.len()].copy_from_slice(&bytes);
-        Ok(bytes.len())
-    }
-}
-
-impl Write for Script {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-#[test]
-fn a_line_that_vanishes_is_waited_for() {
-    let gone = || Err(std::io::Error::other("unplugged"));
-    let half = frame(&pose(1))[..60].to_vec();
-    let openings: VecDeque<std::io::Result<Vec<_>>> = [
-        Ok(vec![Ok(frame(&hello(1))), Ok(frame(&pose(0))), Ok(half), gone()]),
-        Err(std::io::Error::other("unplugged")),
-        Ok(vec![Ok(frame(&pose(2))), Ok(frame(&pose(3)))]),
-    ]
-    .into();
-    let openings = Mutex::new(openings);
-    let (opened, seen) = mpsc::channel();
-    let opener: transport::Opener = Box::new(move || {
-        opened.send(Instant::now()).unwrap();
-        let script = openings.lock().unwrap().pop_front().unwrap()?;
-        Ok(Box::new(Script(script.into())) as Box<dyn transport::Line>)
-    });
-    let mut serial = Serial::new(opener).unwrap();
-    let (mut receiver, csv) = receiver();
-    receive(&mut serial, &mut receiver, until_frames(3), &AtomicBool::new(false), |_| ()).unwrap();
-    assert_eq!(receiver.line_losses(), 1);
-    assert_eq!((receiver.counts().received, receiver.counts().lost), (3, 1));
-    // The half frame was forgotten with its line.
-    assert_eq!(receiver.bad(), bad_packets::BadPackets::default());
-    assert_eq!(rows(&csv.text()).len(), 6);
-    let times: Vec<_> = seen.try_iter().collect();
-    let waits: Vec<_> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    assert!(waits[0] >= Duration::from_millis(250) && waits[1] >= Duration::from_millis(500));
 }
 
 #[test]

@@ -6,8 +6,8 @@ use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{
-    Deframer, FRAME_BYTES_MAX, Hello, Message, PACKET_BYTES_MAX, PacketError, decode_datagram,
-    encode_datagram, encode_frame,
+    DELIMITER, Deframer, FRAME_BYTES_MAX, Hello, Message, PACKET_BYTES_MAX, PacketError,
+    decode_datagram, encode_datagram, encode_frame,
 };
 
 use super::others::is_same_box;
@@ -26,9 +26,37 @@ const REOPEN_WAIT_MIN: Duration = Duration::from_millis(250);
 /// The longest wait before a lost serial line is opened again.
 const REOPEN_WAIT_MAX: Duration = Duration::from_secs(4);
 
+/// Bytes as they came.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Raw {
+    /// A datagram.
+    Datagram(Vec<u8>),
+    /// What a serial line brought up to and with a delimiter; of a longer run than any frame, its
+    /// beginning.
+    Frame(Vec<u8>),
+}
+
+impl Raw {
+    /// The message in it. The deframer is of all frames of the line, in their order.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn decode(&self, deframer: &mut Deframer) -> Result<Message, PacketError> {
+        match self {
+            Self::Datagram(bytes) => decode_datagram(bytes),
+            Self::Frame(bytes) => {
+                let outcome = bytes.iter().filter_map(|byte| deframer.feed(*byte)).last();
+                outcome.unwrap_or(Err(PacketError::Fragment))
+            }
+        }
+    }
+}
+
 /// What came in.
 #[derive(Debug)]
 pub enum Event {
+    /// The very bytes of which the next event tells what they hold.
+    Raw(Raw),
     /// A message.
     Message(Message),
     /// Bytes that are none, and why.
@@ -44,6 +72,17 @@ pub enum Event {
     LineLost(String),
     /// The serial line is back.
     LineBack,
+}
+
+impl Event {
+    /// What bytes turn out to be.
+    #[must_use]
+    pub fn of(outcome: Result<Message, PacketError>) -> Self {
+        match outcome {
+            Ok(message) => Self::Message(message),
+            Err(error) => Self::Bad(error),
+        }
+    }
 }
 
 /// A source of packets.
@@ -208,10 +247,8 @@ impl Transport for Udp {
             take(Event::OtherSender { from, hello });
             return Ok(());
         }
-        take(match outcome {
-            Ok(message) => Event::Message(message),
-            Err(error) => Event::Bad(error),
-        });
+        take(Event::Raw(Raw::Datagram(self.buffer[..length].to_vec())));
+        take(Event::of(outcome));
         Ok(())
     }
 
@@ -240,6 +277,8 @@ pub struct Serial {
     open: Opener,
     line: Option<Box<dyn Line>>,
     deframer: Deframer<FRAME_BYTES_MAX>,
+    /// The bytes since the last delimiter.
+    raw: Vec<u8>,
     /// When to try the lost line again, and how long to wait after that.
     reopen: (Instant, Duration),
 }
@@ -265,7 +304,7 @@ impl Serial {
     pub fn new(mut open: Opener) -> std::io::Result<Self> {
         let line = Some(open()?);
         let reopen = (Instant::now(), REOPEN_WAIT_MIN);
-        Ok(Self { open, line, deframer: Deframer::new(), reopen })
+        Ok(Self { open, line, deframer: Deframer::new(), raw: Vec::new(), reopen })
     }
 
     fn try_again(&mut self) -> Option<Event> {
@@ -278,6 +317,7 @@ impl Serial {
         if let Ok(line) = (self.open)() {
             self.line = Some(line);
             self.deframer.restart();
+            self.raw.clear();
             return Some(Event::LineBack);
         }
         self.reopen = (Instant::now() + wait, (2 * wait).min(REOPEN_WAIT_MAX));
@@ -299,12 +339,22 @@ impl Transport for Serial {
             Ok(length) => {
                 // Only bytes show that a line is good, not that it could be opened.
                 self.reopen.1 = REOPEN_WAIT_MIN;
-                self.deframer.push(&buffer[..length], |outcome| {
-                    take(match outcome {
-                        Ok(message) => Event::Message(message),
-                        Err(error) => Event::Bad(error),
-                    });
-                });
+                for &byte in &buffer[..length] {
+                    // One more than a frame has is enough to know that it is none, and without
+                    // its delimiter it would spoil the next.
+                    if byte == DELIMITER || self.raw.len() <= FRAME_BYTES_MAX {
+                        self.raw.push(byte);
+                    }
+                    let outcome = self.deframer.feed(byte);
+                    if byte == DELIMITER {
+                        let raw = std::mem::take(&mut self.raw);
+                        // An idle line is delimiters alone.
+                        if let Some(outcome) = outcome {
+                            take(Event::Raw(Raw::Frame(raw)));
+                            take(Event::of(outcome));
+                        }
+                    }
+                }
                 return Ok(());
             }
             Err(error)

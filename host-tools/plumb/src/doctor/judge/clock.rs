@@ -3,8 +3,8 @@
 use plumbline::packet::MarkedInstant;
 
 use super::super::check::{Check, Verdict};
-use super::super::clock::{drift_ppm, surest};
 use super::super::findings::{Findings, median};
+use crate::clock::{drift_ppm, surest};
 
 /// A box looks for questions at least every 20 ms, and a network in order takes a few; a
 /// question that takes five times as long waits behind something.

@@ -54,6 +54,76 @@ pub fn drift_ppm(exchanges: &[Exchange]) -> Option<(f64, f64)> {
     })
 }
 
+/// How the box's clock stands to this computer's, over one run of the box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Relation {
+    /// The surest exchange: what else is known is measured from it.
+    anchor: Exchange,
+    /// How much faster the box's clock runs, and how uncertain that is at most; `None` where the
+    /// exchanges lie too close together to tell, and it is taken as 0.
+    pub drift_ppm: Option<(f64, f64)>,
+    /// By how much the pace may be wrong at most, millionths.
+    pace_doubt_ppm: f64,
+}
+
+/// Two quartz clocks differ by less, at a temperature at which people stand.
+const QUARTZ_PPM: f64 = 100.0;
+
+impl Relation {
+    /// By the exchanges with the shortest times under way; `None` without one.
+    #[must_use]
+    pub fn of(exchanges: &[Exchange]) -> Option<Self> {
+        let anchor = *surest(exchanges)?;
+        let measured = drift_ppm(exchanges);
+        // A drift below its own uncertainty is none that was measured, but may be there.
+        let drift_ppm = measured.filter(|(drift, uncertain)| drift.abs() > *uncertain);
+        let pace_doubt_ppm = match (drift_ppm, measured) {
+            (Some((_, uncertain)), _) => uncertain,
+            (None, Some((drift, uncertain))) => QUARTZ_PPM.min(drift.abs() + uncertain),
+            (None, None) => QUARTZ_PPM,
+        };
+        Some(Self { anchor, drift_ppm, pace_doubt_ppm })
+    }
+
+    /// The box's clock minus this computer's, at the surest exchange.
+    #[must_use]
+    pub fn offset_ns(&self) -> f64 {
+        self.anchor.offset_ns()
+    }
+
+    /// The offset is wrong by this at most.
+    #[must_use]
+    pub fn uncertain_ns(&self) -> f64 {
+        0.5 * self.anchor.round_trip_ns() as f64
+    }
+
+    /// What relates the clocks at this time is wrong by this at most: the further from the
+    /// surest exchange, the more.
+    #[must_use]
+    pub fn uncertain_ns_at(&self, host_ns: u64) -> f64 {
+        let away_ns = host_ns.abs_diff(self.anchor.host_sent_ns) as f64;
+        self.uncertain_ns() + 1e-6 * self.pace_doubt_ppm * away_ns
+    }
+
+    /// The time of this computer's clock at that of the box's.
+    #[must_use]
+    pub fn host_ns(&self, box_ns: u64) -> f64 {
+        // Differences first: an f64 holds no absolute nanoseconds.
+        let since_ns = box_ns.wrapping_sub(self.anchor.box_received_ns).cast_signed() as f64;
+        self.anchor.box_received_ns as f64 - self.offset_ns() + since_ns / self.pace()
+    }
+
+    /// The time of the box's clock at that of this computer's, from `box_from_ns` on.
+    #[must_use]
+    pub fn box_ns_since(&self, host_ns: u64, box_from_ns: u64) -> f64 {
+        (host_ns as f64 - self.host_ns(box_from_ns)) * self.pace()
+    }
+
+    fn pace(&self) -> f64 {
+        1.0 + 1e-6 * self.drift_ppm.map_or(0.0, |(drift, _)| drift)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -92,6 +162,31 @@ mod tests {
             assert!((drift_ppm - faster_ppm).abs() <= uncertain_ppm, "{drift_ppm}");
             assert!(uncertain_ppm < 600.0, "{uncertain_ppm}");
         }
+    }
+
+    #[test]
+    fn a_time_of_the_box_becomes_one_of_this_computer_and_back() {
+        let relation = Relation::of(&exchanges(5_000_000_000, 300.0)).unwrap();
+        // Half of the shortest round trip, and what the drift gains in the 5 s watched.
+        assert!((relation.uncertain_ns() - 100_000.0).abs() < 100.0);
+        for host_ns in [0_u64, 2_000_000_000, 5_000_000_000] {
+            let box_ns = host_ns + 5_000_000_000 + (host_ns as f64 * 300e-6) as u64;
+            let found_ns = relation.host_ns(box_ns);
+            // What it is said to be, and the rounding of the test's own clock.
+            let within_ns = relation.uncertain_ns_at(host_ns) + 2.0;
+            assert!((found_ns - host_ns as f64).abs() <= within_ns, "{host_ns}: {found_ns}");
+            let back_ns = relation.box_ns_since(host_ns, box_ns);
+            assert!((back_ns + found_ns - host_ns as f64).abs() < 1e3, "{back_ns}");
+        }
+        assert_eq!(Relation::of(&[]), None);
+        // Five exchanges within half a second say nothing of a drift: ten minutes later the
+        // clocks may be 60 ms apart.
+        let short = Relation::of(&exchanges(0, 50.0)[..5]).unwrap();
+        assert_eq!(short.drift_ppm, None);
+        let later_ns = 600_000_000_000;
+        assert!((short.uncertain_ns_at(later_ns) - 6e7).abs() < 5e5);
+        let found_ns = short.host_ns(later_ns + 30_000_000);
+        assert!((found_ns - later_ns as f64).abs() <= short.uncertain_ns_at(later_ns));
     }
 
     #[test]

@@ -1,0 +1,153 @@
+//! Events of a trial: what, and who said so; and their way to the recording.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::time::Instant;
+
+/// Where a mark comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// A person at this computer.
+    Key,
+    /// A datagram of another program or device.
+    Udp,
+    /// A line from a serial device.
+    Serial,
+}
+
+impl Source {
+    const ALL: [Self; 3] = [Self::Key, Self::Udp, Self::Serial];
+
+    fn word(self) -> &'static str {
+        match self {
+            Self::Key => "key",
+            Self::Udp => "udp",
+            Self::Serial => "serial",
+        }
+    }
+}
+
+/// Letters of a label; what is longer is cut.
+const LABEL_LETTERS_MAX: usize = 64;
+
+/// What a mark without words is called.
+const UNNAMED: &str = "mark";
+
+/// One event.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mark {
+    /// Where it comes from.
+    pub source: Source,
+    /// What it is called.
+    pub label: String,
+}
+
+impl Mark {
+    /// With a label out of whatever a person or a device has sent.
+    #[must_use]
+    pub fn new(source: Source, label: &str) -> Self {
+        let label: String =
+            label.trim().chars().filter(|it| !it.is_control()).take(LABEL_LETTERS_MAX).collect();
+        Self { source, label: if label.is_empty() { UNNAMED.to_owned() } else { label } }
+    }
+
+    /// As it stands in the journal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        format!("{} {}", self.source.word(), self.label)
+    }
+
+    /// From the journal.
+    #[must_use]
+    pub fn read(text: &str) -> Option<Self> {
+        let (word, label) = text.split_once(' ')?;
+        let source = Source::ALL.into_iter().find(|source| source.word() == word)?;
+        Some(Self::new(source, label))
+    }
+}
+
+/// Marks that wait to be written; a device that sends more within a tenth of a second has gone
+/// mad.
+const WAITING_MAX: usize = 64;
+
+/// Where those who hear of marks put them.
+#[derive(Debug, Clone)]
+pub struct MarkSender {
+    sender: mpsc::SyncSender<(Instant, Mark)>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// Marks on their way to a recording.
+#[derive(Debug)]
+pub struct Marks {
+    receiver: mpsc::Receiver<(Instant, Mark)>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// A way for marks.
+#[must_use]
+pub fn channel() -> (MarkSender, Marks) {
+    let (sender, receiver) = mpsc::sync_channel(WAITING_MAX);
+    let dropped = Arc::<AtomicU64>::default();
+    (MarkSender { sender, dropped: Arc::clone(&dropped) }, Marks { receiver, dropped })
+}
+
+impl MarkSender {
+    /// Puts a mark on its way, and counts it where there is no room; false once nobody takes any
+    /// more.
+    pub fn send(&self, at: Instant, mark: Mark) -> bool {
+        match self.sender.try_send((at, mark)) {
+            Ok(()) => true,
+            Err(mpsc::TrySendError::Full(_)) => {
+                self.dropped.fetch_add(1, Ordering::Relaxed);
+                true
+            }
+            Err(mpsc::TrySendError::Disconnected(_)) => false,
+        }
+    }
+}
+
+impl Marks {
+    /// The next one, if there is one.
+    pub fn next(&self) -> Option<(Instant, Mark)> {
+        self.receiver.try_recv().ok()
+    }
+
+    /// Those for which there was no room.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn marks_without_room_are_counted() {
+        let (sender, marks) = channel();
+        for _ in 0..WAITING_MAX + 3 {
+            assert!(sender.send(Instant::now(), Mark::new(Source::Udp, "stands")));
+        }
+        assert_eq!(marks.dropped(), 3);
+        assert_eq!(std::iter::from_fn(|| marks.next()).count(), WAITING_MAX);
+        drop(marks);
+        assert!(!sender.send(Instant::now(), Mark::new(Source::Udp, "stands")));
+    }
+
+    #[test]
+    fn a_label_is_what_can_be_read_of_it() {
+        let label = |text: &str| Mark::new(Source::Udp, text).label;
+        assert_eq!(label("  stands up\r\n"), "stands up");
+        assert_eq!(label("\u{7}\n"), "mark");
+        assert_eq!(label(&"x".repeat(200)).len(), LABEL_LETTERS_MAX);
+        for source in Source::ALL {
+            let mark = Mark::new(source, "eyes closed");
+            assert_eq!(Mark::read(&mark.text()), Some(mark));
+        }
+        assert_eq!(Mark::read("telegraph stop"), None);
+    }
+}

@@ -1,0 +1,497 @@
+//! A trial as its packets tell it: the one way to read a recording, whether it came to its end
+//! or not.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+use nalgebra::{Matrix3, Matrix3x6, Vector3};
+use plumbline::config::Config;
+use plumbline::packet::{
+    AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError,
+    PosePacket, Reply, ReplyOutcome,
+};
+use plumbline::pose::{Cam, Pose, Scene, Target};
+use plumbline::target::Role;
+use serde::{Deserialize, Serialize};
+
+use super::journal::{Content, Entry, Reader};
+use super::manifest::{BoxSeen, ClockSeen, EventSeen, Manifest, NoiseSeen, Packets, State};
+use super::mark::Mark;
+use super::names;
+use crate::clock::{Exchange, Relation};
+use crate::error::BadInput;
+use crate::receive::accounting::{Accounting, Arrival};
+use crate::receive::recorder::SessionClock;
+
+/// A recording that goes wrong must not fill the memory: an hour at 200 Hz, ten times over.
+const FRAMES_MAX: usize = 7_200_000;
+
+/// A trunk point in one frame, along the body's axes: AP, ML, SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Where.
+    pub position_mm: [f64; 3],
+    /// Covariance, from that of the target's pose; `None` where the trial has no configuration,
+    /// which says how target and body lie.
+    pub covariance_mm2: Option<Matrix3<f64>>,
+}
+
+/// One frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// The box's run, from 1.
+    pub session: u32,
+    /// The box's number of it.
+    pub sequence: u32,
+    /// Since the trial's first frame; of the instant that the manifest tells.
+    pub time_s: f64,
+    /// The upper trunk.
+    pub upper: Option<Point>,
+    /// The lower trunk.
+    pub lower: Option<Point>,
+    /// Root mean square reprojection errors, pixels: of the upper target, and of the lower.
+    pub rms_px: [Option<f32>; 2],
+}
+
+impl Frame {
+    /// The point of a trunk.
+    #[must_use]
+    pub fn point(&self, trunk: Trunk) -> Option<&Point> {
+        match trunk {
+            Trunk::Upper => self.upper.as_ref(),
+            Trunk::Lower => self.lower.as_ref(),
+        }
+    }
+}
+
+/// One of the two points of the body.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ValueEnum, Serialize, Deserialize,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum Trunk {
+    /// At the shoulder.
+    Upper,
+    /// In front of the lower back.
+    Lower,
+}
+
+impl Trunk {
+    /// Both, in the order of the paper's tables.
+    pub const ALL: [Self; 2] = [Self::Lower, Self::Upper];
+
+    /// Its word in files.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Upper => "upper",
+            Self::Lower => "lower",
+        }
+    }
+}
+
+/// A recording.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// What is known of it as a whole, as the packets tell it.
+    pub manifest: Manifest,
+    /// The box's configuration, if it was told.
+    pub config: Option<Config>,
+    /// In the order of their times.
+    pub frames: Vec<Frame>,
+    /// When the first was captured, seconds since 1970 by this computer's clock.
+    pub first_frame_utc_s: Option<f64>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Trial {
+    /// Reads a trial's folder.
+    ///
+    /// # Errors
+    /// When it holds none, or it cannot be read.
+    pub fn open(folder: &Path) -> Result<Self, BadInput> {
+        if !folder.is_dir() {
+            return Err(BadInput::whole(
+                folder.display(),
+                "no folder of a trial",
+                "give the folder that `plumb receive --out` has made",
+            ));
+        }
+        let manifest = Manifest::read(folder)?;
+        let mut warnings = Vec::new();
+        let config = read_config(folder, &mut warnings)?;
+        let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
+        let mut builder = Builder::new(config.as_ref());
+        while let Some(entry) = reader.next_entry()? {
+            builder.take(entry);
+            if builder.frames.len() > FRAMES_MAX {
+                return Err(BadInput::whole(
+                    folder.join(names::JOURNAL).display(),
+                    format!("more than {FRAMES_MAX} frames"),
+                    "no trial is so long: check what was recorded",
+                ));
+            }
+        }
+        if manifest.state == State::Recording {
+            warnings.push(
+                "the recording did not come to its end: this is what was on the disk until then"
+                    .to_owned(),
+            );
+        }
+        if reader.damaged_bytes() > 0 {
+            warnings.push(format!(
+                "{} bytes of {} belong to no packet and are left out",
+                reader.damaged_bytes(),
+                names::JOURNAL
+            ));
+        }
+        Ok(builder.finish(folder, manifest, config, warnings))
+    }
+
+    /// Who, which and under what condition, for people.
+    #[must_use]
+    pub fn title(&self) -> String {
+        let folder = self.folder.file_name().map(|name| name.to_string_lossy().into_owned());
+        let parts = [self.manifest.participant.clone(), self.manifest.condition.clone()];
+        let named: Vec<String> = parts.into_iter().flatten().collect();
+        if named.is_empty() { folder.unwrap_or_default() } else { named.join(", ") }
+    }
+}
+
+fn read_config(folder: &Path, warnings: &mut Vec<String>) -> Result<Option<Config>, BadInput> {
+    let path = folder.join(names::CONFIG);
+    let blob = match std::fs::read(&path) {
+        Ok(blob) => blob,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            warnings.push(
+                "the box did not tell its configuration: the uncertainty of the trunk points is \
+                 not known"
+                    .to_owned(),
+            );
+            return Ok(None);
+        }
+        Err(error) => return Err(BadInput::io(path.display(), &error)),
+    };
+    match Config::decode(&blob) {
+        Ok(config) => Ok(Some(config)),
+        Err(error) => {
+            warnings.push(format!("{}: {error}; it is not used", path.display()));
+            Ok(None)
+        }
+    }
+}
+
+/// What is known of the box's run.
+#[derive(Default)]
+struct Run {
+    exchanges: Vec<Exchange>,
+    /// Arrival and capture time of its first frame.
+    first: Option<(u64, u64)>,
+    /// Whether frames have the times of a recording that the box replays: its clock says
+    /// nothing of those.
+    is_replay: bool,
+    clock: SessionClock,
+    frames: u64,
+}
+
+/// Puts a trial together, packet by packet.
+struct Builder {
+    /// Virtual: only differences count.
+    begun: Instant,
+    accounting: Accounting,
+    clock: SessionClock,
+    scene: Option<(Matrix3<f64>, Vector3<f64>)>,
+    runs: BTreeMap<u32, Run>,
+    frames: Vec<Frame>,
+    marks: Vec<(u64, u32, Mark)>,
+    hello: Option<Hello>,
+    other_configs: bool,
+    config_crc: Option<u32>,
+    corrupt: u64,
+    instant: Option<MarkedInstant>,
+    deframer: Deframer,
+}
+
+impl Builder {
+    fn new(config: Option<&Config>) -> Self {
+        Self {
+            begun: Instant::now(),
+            accounting: Accounting::default(),
+            clock: SessionClock::default(),
+            scene: config.and_then(scene_of),
+            runs: BTreeMap::new(),
+            frames: Vec::new(),
+            marks: Vec::new(),
+            hello: None,
+            other_configs: false,
+            config_crc: config.map(Config::crc),
+            corrupt: 0,
+            instant: None,
+            deframer: Deframer::new(),
+        }
+    }
+
+    fn session(&self) -> u32 {
+        self.accounting.counts().sessions.max(1)
+    }
+
+    fn take(&mut self, entry: Entry) {
+        let outcome = match entry.content {
+            Content::Mark(mark) => {
+                self.marks.push((entry.host_ns, self.session(), mark));
+                return;
+            }
+            Content::Raw(raw) => raw.decode(&mut self.deframer),
+        };
+        match outcome {
+            Ok(message) => self.message(message, entry.host_ns),
+            Err(PacketError::Fragment) => {}
+            Err(_) => self.corrupt += 1,
+        }
+    }
+
+    fn message(&mut self, message: Message, host_ns: u64) {
+        match message {
+            Message::Pose(packet) => self.pose(&packet, host_ns),
+            Message::Hello(hello) => {
+                self.accounting.hello(hello.boot_id);
+                self.other_configs |=
+                    self.config_crc.is_some_and(|config_crc| config_crc != hello.config_crc);
+                self.hello = Some(hello);
+            }
+            Message::Health(health) => {
+                self.accounting.uptime(health.uptime_ms);
+            }
+            Message::Log(log) => {
+                self.accounting.uptime(log.uptime_ms);
+            }
+            Message::Reply(Reply {
+                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
+                ..
+            }) => {
+                let exchange = Exchange {
+                    host_sent_ns,
+                    box_received_ns,
+                    box_sent_ns,
+                    host_received_ns: host_ns,
+                };
+                // An answer before its question was given to another recording.
+                if host_sent_ns <= host_ns {
+                    let session = self.session();
+                    self.runs.entry(session).or_default().exchanges.push(exchange);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn pose(&mut self, packet: &PosePacket, host_ns: u64) {
+        match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
+            Arrival::Repeated => return,
+            Arrival::NewSession => {
+                let arrival = self.begun + Duration::from_nanos(host_ns);
+                self.clock.start_session(packet.capture_time_ns, arrival);
+            }
+            Arrival::New { .. } | Arrival::Late => {}
+        }
+        self.instant = Some(packet.instant);
+        let session = self.session();
+        let clock = self.clock;
+        let run = self.runs.entry(session).or_default();
+        run.first.get_or_insert((host_ns, packet.capture_time_ns));
+        run.is_replay |= packet.instant == MarkedInstant::Recording;
+        run.clock = clock;
+        run.frames += 1;
+        let pose = |role: Role| {
+            let target = packet.targets.iter().find(|target| target.role == role)?;
+            target.pose.as_ref().ok()
+        };
+        let [upper, lower] = [Role::Upper, Role::Lower].map(pose);
+        let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
+            let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
+            Some(Point {
+                position_mm: [ap_mm, ml_mm, si_mm].map(f64::from),
+                covariance_mm2: self
+                    .scene
+                    .zip(pose)
+                    .map(|((scene, _), pose)| covariance_mm2(&scene, pose, lever_mm)),
+            })
+        };
+        let lever_mm = self.scene.map(|(_, lever_mm)| lever_mm).unwrap_or_default();
+        self.frames.push(Frame {
+            session,
+            sequence: packet.sequence,
+            time_s: self.clock.time_s(packet.capture_time_ns),
+            upper: point(packet.upper_trunk, upper, Vector3::zeros()),
+            lower: point(packet.lower_trunk, lower, lever_mm),
+            rms_px: [upper, lower].map(|pose| pose.map(|pose| pose.rms_px)),
+        });
+    }
+
+    fn finish(
+        mut self,
+        folder: &Path,
+        mut manifest: Manifest,
+        config: Option<Config>,
+        mut warnings: Vec<String>,
+    ) -> Trial {
+        // Packets overtake each other on their way.
+        self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        if self.other_configs {
+            warnings.push(
+                "the box was given another configuration during the trial: positions before and \
+                 after are not of one calibration"
+                    .to_owned(),
+            );
+        }
+        let counts = self.accounting.counts();
+        if counts.sessions > 1 {
+            warnings.push(format!(
+                "the box has started {} times: between its runs times are only as good as the \
+                 arrival of its packets",
+                counts.sessions
+            ));
+        }
+        manifest.the_box = self.hello.as_ref().map(|hello| BoxSeen {
+            device: hello.device.to_string(),
+            serial_number: hello.serial_number.to_string(),
+            firmware: hello.firmware.to_string(),
+            config_crc: format!("{:08x}", hello.config_crc),
+        });
+        manifest.instant = self.instant;
+        manifest.packets = Some(Packets {
+            frames: counts.received,
+            lost: counts.lost,
+            corrupt: self.corrupt,
+            sessions: counts.sessions,
+        });
+        let clocks = self.runs.iter().filter_map(|(session, run)| {
+            let relation = run.relation()?;
+            Some(ClockSeen {
+                session: *session,
+                offset_s: 1e-9 * relation.offset_ns(),
+                uncertain_s: 1e-9 * relation.uncertain_ns(),
+                drift_ppm: relation.drift_ppm.map(|(drift, _)| drift),
+                exchanges: run.exchanges.len(),
+            })
+        });
+        manifest.clocks = clocks.collect();
+        manifest.noise =
+            Trunk::ALL.into_iter().filter_map(|trunk| noise(&self.frames, trunk)).collect();
+        manifest.events = self
+            .marks
+            .iter()
+            .filter_map(|(host_ns, session, mark)| {
+                let run = self.runs.get(session).filter(|run| run.first.is_some());
+                // A mark between two runs belongs to the one before or, at the start, to the first.
+                let run = run.or_else(|| self.runs.values().find(|run| run.first.is_some()))?;
+                Some(run.event(*host_ns, mark))
+            })
+            .collect();
+        let first_frame_utc_s = manifest.started.parse::<jiff::Timestamp>().ok().and_then(|it| {
+            let first_s = self.runs.values().find_map(Run::first_capture_s)?;
+            Some(1e-9 * it.as_nanosecond() as f64 + first_s)
+        });
+        let frames = self.frames;
+        let folder = folder.to_owned();
+        Trial { folder, manifest, config, frames, first_frame_utc_s, warnings }
+    }
+}
+
+impl Run {
+    /// How the frames' clock stands to this computer's.
+    fn relation(&self) -> Option<Relation> {
+        Relation::of(&self.exchanges).filter(|_| !self.is_replay)
+    }
+
+    /// When this computer's clock was, since the recording began, as the run's first frame was
+    /// captured: its arrival less what it was under way, where that is known.
+    fn first_capture_s(&self) -> Option<f64> {
+        let (first_host_ns, first_box_ns) = self.first?;
+        let way_ns = self.relation().map_or(0.0, |it| it.box_ns_since(first_host_ns, first_box_ns));
+        Some(1e-9 * (first_host_ns as f64 - way_ns))
+    }
+
+    /// A mark on the trial's clock.
+    fn event(&self, host_ns: u64, mark: &Mark) -> EventSeen {
+        let (first_host_ns, first_box_ns) = self.first.unwrap_or_default();
+        let (since_first_s, uncertain_s) = match self.relation() {
+            Some(relation) => (
+                1e-9 * relation.box_ns_since(host_ns, first_box_ns),
+                1e-9 * relation.uncertain_ns_at(host_ns),
+            ),
+            // Without an answer of the box, its first frame is taken to have come at once: it
+            // was under way for some milliseconds, and nobody knows how many.
+            None => (1e-9 * (host_ns as f64 - first_host_ns as f64), UNKNOWN_DELAY_S),
+        };
+        // No clock here tells less than a microsecond.
+        let whole_us = |time_s: f64| (1e6 * time_s).round() / 1e6;
+        EventSeen {
+            time_s: whole_us(self.clock.time_s(first_box_ns) + since_first_s),
+            label: mark.label.clone(),
+            source: mark.source,
+            uncertain_s,
+        }
+    }
+}
+
+/// A frame's way to this computer where nothing tells its length: exposure, read-out, tracking,
+/// link, and some.
+const UNKNOWN_DELAY_S: f64 = 0.1;
+
+/// The board's rotation in the camera frame, and the lower trunk's lever on its target.
+fn scene_of(config: &Config) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+    let theta = config.cam_from_scene_theta?;
+    let cam_from_scene = Pose::<Cam, Scene>::from_theta(theta);
+    let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower);
+    let lever_mm = lower.map(|it| it.geometry.virtual_point_mm());
+    Some((cam_from_scene.rotation, lever_mm.unwrap_or_default()))
+}
+
+/// Covariance along AP, ML and SI of a point fixed to a target, `lever_mm` from its origin:
+/// J C J', with J = A [-R \[lever\]x, I] and A from the camera frame to the body's axes, which are
+/// the scene's z, x and -y.
+fn covariance_mm2(
+    cam_from_scene: &Matrix3<f64>,
+    pose: &MeasuredPose,
+    lever_mm: Vector3<f64>,
+) -> Matrix3<f64> {
+    let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
+    let cam_from_target = Pose::<Cam, Target>::from_theta([theta1, theta2, theta3, 0.0, 0.0, 0.0]);
+    let turned = -cam_from_target.rotation * lever_mm.cross_matrix();
+    let axes = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+    let body_from_cam = axes * cam_from_scene.transpose();
+    let mut jacobian = Matrix3x6::zeros();
+    jacobian.fixed_columns_mut::<3>(0).copy_from(&(body_from_cam * turned));
+    jacobian.fixed_columns_mut::<3>(3).copy_from(&body_from_cam);
+    let covariance = jacobian * pose.covariance() * jacobian.transpose();
+    let covariance = 0.5 * (covariance + covariance.transpose());
+    if covariance.cholesky().is_some() {
+        return covariance;
+    }
+    // Correlations come rounded to 1/127, which can leave a variance below 0 in some direction:
+    // the nearest covariance has none there.
+    let mut eigen = covariance.symmetric_eigen();
+    eigen.eigenvalues.apply(|it| *it = it.max(0.0));
+    eigen.recompose()
+}
+
+fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
+    let sd_mm = |axis: usize| {
+        let of = frames.iter().filter_map(|frame| frame.point(trunk)?.covariance_mm2);
+        let mut values: Vec<f64> = of.map(|it| it[(axis, axis)].max(0.0).sqrt()).collect();
+        let middle = values.len() / 2;
+        (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    };
+    Some(NoiseSeen {
+        trunk: trunk.word().to_owned(),
+        ap_mm: sd_mm(0)?,
+        ml_mm: sd_mm(1)?,
+        si_mm: sd_mm(2)?,
+    })
+}

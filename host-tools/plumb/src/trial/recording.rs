@@ -1,0 +1,231 @@
+//! A trial while it is recorded: beside what [`Receiver`](crate::receive::receiver::Receiver)
+//! makes of them, the packets as they are, the box's clock and configuration, and the marks.
+
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use plumbline::config::BLOB_BYTES_MAX;
+use plumbline::packet::{Action, Command, Document, Message, Reply, ReplyOutcome};
+
+use super::journal::{Content, Entry, Writer};
+use super::manifest::{Manifest, State};
+use super::mark::Marks;
+use super::{Trial, names, tables};
+use crate::error::BadInput;
+use crate::link::Download;
+use crate::receive::Tap;
+use crate::receive::transport::Event;
+
+/// The box's clock is asked for this often.
+const PING_EVERY: Duration = Duration::from_secs(1);
+
+/// The configuration is asked for again after this time without an answer.
+const CONFIG_EVERY: Duration = Duration::from_secs(2);
+
+/// Questions of a recording are numbered from here on: those of the reception begin at 0.
+const FIRST_QUESTION: u16 = 0x8000;
+
+/// How far the box's configuration has come.
+enum Fetch {
+    /// It is asked for again at this time.
+    Ask(Instant),
+    Coming(Download),
+    /// It is there, or the box does not give it.
+    Done,
+}
+
+/// A trial that is being recorded.
+pub struct Recording {
+    folder: PathBuf,
+    journal: Writer,
+    begun: Instant,
+    marks: Marks,
+    questions: Questions,
+    ping_at: Instant,
+    fetch: Fetch,
+}
+
+/// The number of the last question.
+struct Questions(u16);
+
+impl Questions {
+    /// A question with a number of its own, and that number.
+    fn ask(&mut self, action: Action) -> (u16, Message) {
+        self.0 = self.0.wrapping_add(1).max(FIRST_QUESTION);
+        (self.0, Message::Command(Command { id: self.0, action }))
+    }
+}
+
+impl Recording {
+    /// Makes the folder and begins.
+    ///
+    /// # Errors
+    /// When the folder exists, or cannot be written to.
+    pub fn begin(folder: &Path, manifest: &Manifest, marks: Marks) -> Result<Self, BadInput> {
+        std::fs::create_dir(folder).map_err(|error| match error.kind() {
+            std::io::ErrorKind::AlreadyExists => BadInput::whole(
+                folder.display(),
+                "exists already",
+                "give another --out: nothing that was recorded is overwritten",
+            ),
+            std::io::ErrorKind::NotFound => BadInput::whole(
+                folder.display(),
+                "there is no such directory to make it in",
+                "make the directory first, or give another name",
+            ),
+            _ => BadInput::io(folder.display(), &error),
+        })?;
+        let begun = Instant::now();
+        let journal = Writer::create(&folder.join(names::JOURNAL))?;
+        manifest.write(folder)?;
+        crate::files::sync_directory(crate::files::directory_of(folder));
+        Ok(Self {
+            folder: folder.to_owned(),
+            journal,
+            begun,
+            marks,
+            questions: Questions(FIRST_QUESTION),
+            ping_at: begun,
+            fetch: Fetch::Ask(begun),
+        })
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The file for the table of samples.
+    #[must_use]
+    pub fn csv(&self) -> PathBuf {
+        self.folder.join(names::CSV)
+    }
+
+    /// Marks for which there was no room.
+    #[must_use]
+    pub fn marks_dropped(&self) -> u64 {
+        self.marks.dropped()
+    }
+
+    /// Ends: everything is on the disk, and the manifest says what came. A trial without a
+    /// frame leaves no folder.
+    ///
+    /// # Errors
+    /// When the disk refuses; what was recorded stays.
+    pub fn end(mut self, frames: u64) -> Result<Option<Trial>, BadInput> {
+        if frames == 0 {
+            self.discard()?;
+            return Ok(None);
+        }
+        self.journal.sync()?;
+        make(&self.folder, Some(State::Finished)).map(Some)
+    }
+
+    fn discard(self) -> Result<(), BadInput> {
+        let Self { folder, journal, .. } = self;
+        drop(journal);
+        // Nothing but what was made here: somebody may have put a file beside it.
+        for name in [names::JOURNAL, names::MANIFEST, names::CONFIG] {
+            let path = folder.join(name);
+            if path.exists() {
+                std::fs::remove_file(&path)
+                    .map_err(|error| BadInput::io(path.display(), &error))?;
+            }
+        }
+        std::fs::remove_dir(&folder).map_err(|error| BadInput::io(folder.display(), &error))
+    }
+
+    fn write(&mut self, at: Instant, content: Content) -> Result<(), BadInput> {
+        let host_ns = self.host_ns(at);
+        self.journal.write(&Entry { host_ns, content })
+    }
+
+    fn host_ns(&self, at: Instant) -> u64 {
+        at.saturating_duration_since(self.begun).as_nanos() as u64
+    }
+
+    fn message(&mut self, message: &Message, now: Instant) -> Result<(), BadInput> {
+        match (&mut self.fetch, message) {
+            (
+                Fetch::Ask(_),
+                Message::Reply(Reply { outcome: ReplyOutcome::Config { bytes, .. }, .. }),
+            ) if *bytes as usize <= BLOB_BYTES_MAX => {
+                self.fetch = Fetch::Coming(Download::new(Document::Config, *bytes as usize));
+            }
+            (Fetch::Coming(download), message) => {
+                // A box that refuses, or goes away, has told all that it tells.
+                if download.take(message, now).is_err() {
+                    self.fetch = Fetch::Done;
+                } else if let Some(blob) = download.file() {
+                    crate::files::replace(&self.folder.join(names::CONFIG), blob)?;
+                    self.fetch = Fetch::Done;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Makes all that is made of a trial's packets: the tables, and what the manifest says of them.
+/// A recording that was cut off stays one.
+///
+/// # Errors
+/// When there is no trial, or the disk refuses; the packets stay.
+pub fn remake(folder: &Path) -> Result<Trial, BadInput> {
+    make(folder, None)
+}
+
+fn make(folder: &Path, state: Option<State>) -> Result<Trial, BadInput> {
+    tables::write(folder)?;
+    let mut manifest = Manifest::read(folder)?;
+    manifest.state = state.unwrap_or(manifest.state);
+    manifest.write(folder)?;
+    let trial = Trial::open(folder)?;
+    trial.manifest.write(folder)?;
+    Ok(trial)
+}
+
+impl Tap for Recording {
+    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
+        match event {
+            Event::Raw(raw) => self.write(now, Content::Raw(raw.clone())),
+            Event::Message(message) => self.message(message, now),
+            _ => Ok(()),
+        }
+    }
+
+    fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
+        while let Some((at, mark)) = self.marks.next() {
+            let since_s = at.saturating_duration_since(self.begun).as_secs_f64();
+            // In the place of the line that tells how it goes, which comes again below.
+            let start = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
+            eprintln!("{start}mark \"{}\" after {since_s:.1} s", mark.label);
+            self.write(at, Content::Mark(mark))?;
+        }
+        match &mut self.fetch {
+            Fetch::Ask(at) if now >= *at => {
+                *at = now + CONFIG_EVERY;
+                return Ok(Some(self.questions.ask(Action::QueryConfig).1));
+            }
+            Fetch::Coming(download) => match download.due(now) {
+                Ok(Some(action)) => {
+                    let (id, question) = self.questions.ask(action);
+                    download.asked(id, now);
+                    return Ok(Some(question));
+                }
+                Ok(None) => {}
+                Err(_) => self.fetch = Fetch::Done,
+            },
+            Fetch::Ask(_) | Fetch::Done => {}
+        }
+        if now < self.ping_at {
+            return Ok(None);
+        }
+        self.ping_at = now + PING_EVERY;
+        let host_sent_ns = self.host_ns(Instant::now());
+        Ok(Some(self.questions.ask(Action::Ping { host_sent_ns }).1))
+    }
+}

@@ -1,0 +1,197 @@
+//! `samples.csv` and `samples.parquet`: a trial's poses for every other program, made of its
+//! packets.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
+use parquet::errors::Result as ParquetResult;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::schema::types::Type;
+use plumbline::packet::Deframer;
+
+use super::journal::{Content, Reader};
+use super::names;
+use crate::error::BadInput;
+use crate::files;
+use crate::files::poses::PoseRow;
+use crate::receive::receiver::Receiver;
+use crate::receive::recorder::Recorder;
+use crate::receive::transport::Event;
+
+/// Rows per group of the Parquet file: what is held in memory at once.
+const GROUP_ROWS: usize = 65_536;
+
+/// Writes both tables.
+///
+/// # Errors
+/// When there is no journal, or the disk refuses.
+pub fn write(folder: &Path) -> Result<(), BadInput> {
+    let csv = folder.join(names::CSV);
+    files::replace_with(&csv, |file| csv_of(folder, file, &csv))?;
+    let parquet = folder.join(names::PARQUET);
+    files::replace_with(&parquet, |file| parquet_of(&csv, file, &parquet))
+}
+
+/// The packets, received again: the rows are those that were written while they came.
+fn csv_of(folder: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
+    let mut journal = Reader::open(&folder.join(names::JOURNAL))?;
+    let mut receiver = Receiver::new(Some(Recorder::new(file, place.display().to_string())));
+    let begun = Instant::now();
+    let mut deframer = Deframer::new();
+    while let Some(entry) = journal.next_entry()? {
+        let Content::Raw(raw) = entry.content else { continue };
+        let now = begun + Duration::from_nanos(entry.host_ns);
+        // Time has passed before something came.
+        receiver.tick(now)?;
+        receiver.handle(Event::of(raw.decode(&mut deframer)), now)?;
+        receiver.take_notices();
+    }
+    receiver.finish()
+}
+
+/// The columns of the table, as a group of rows has them. A value that a row lacks is null.
+#[derive(Default)]
+struct Columns {
+    whole: [Vec<i64>; 2],
+    text: [Vec<ByteArray>; 2],
+    time_s: Vec<f64>,
+    /// With how many of the rows have them: 1 where there is a value, 0 where there is none.
+    numbers: [(Vec<f64>, Vec<i16>); 14],
+}
+
+const WHOLE: [&str; 2] = ["session", "frame"];
+const TEXT: [&str; 2] = ["target", "state"];
+const NUMBERS: [&str; 14] = [
+    "theta1_rad",
+    "theta2_rad",
+    "theta3_rad",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "sd_x_mm",
+    "sd_y_mm",
+    "sd_z_mm",
+    "rms_px",
+    "points",
+    "ap_mm",
+    "ml_mm",
+    "si_mm",
+];
+
+impl Columns {
+    fn push(&mut self, row: &PoseRow, session: u32) {
+        let whole = [i64::from(session), row.frame.cast_signed()];
+        self.whole.iter_mut().zip(whole).for_each(|(column, value)| column.push(value));
+        let text = [&row.target, &row.state];
+        self.text.iter_mut().zip(text).for_each(|(column, it)| column.push(it.as_str().into()));
+        self.time_s.push(row.time_s);
+        let numbers = [
+            row.theta1_rad,
+            row.theta2_rad,
+            row.theta3_rad,
+            row.x_mm,
+            row.y_mm,
+            row.z_mm,
+            row.sd_x_mm,
+            row.sd_y_mm,
+            row.sd_z_mm,
+            row.rms_px,
+            row.points.map(f64::from),
+            row.ap_mm,
+            row.ml_mm,
+            row.si_mm,
+        ];
+        for ((values, there), number) in self.numbers.iter_mut().zip(numbers) {
+            values.extend(number);
+            there.push(i16::from(number.is_some()));
+        }
+    }
+
+    fn rows(&self) -> usize {
+        self.time_s.len()
+    }
+
+    fn schema() -> ParquetResult<Type> {
+        let column = |name: &str, physical, repetition, logical| {
+            let column = Type::primitive_type_builder(name, physical);
+            column.with_repetition(repetition).with_logical_type(logical).build().map(Arc::new)
+        };
+        let required = Repetition::REQUIRED;
+        let mut fields = Vec::new();
+        for name in WHOLE {
+            fields.push(column(name, Physical::INT64, required, None)?);
+        }
+        for name in TEXT {
+            let text = Some(LogicalType::String);
+            fields.push(column(name, Physical::BYTE_ARRAY, required, text)?);
+        }
+        fields.push(column("time_s", Physical::DOUBLE, required, None)?);
+        for name in NUMBERS {
+            fields.push(column(name, Physical::DOUBLE, Repetition::OPTIONAL, None)?);
+        }
+        Type::group_type_builder("samples").with_fields(fields).build()
+    }
+
+    fn write(&self, mut group: SerializedRowGroupWriter<'_, &File>) -> ParquetResult<()> {
+        for column in &self.whole {
+            put::<Int64Type, _>(&mut group, column, None)?;
+        }
+        for column in &self.text {
+            put::<ByteArrayType, _>(&mut group, column, None)?;
+        }
+        put::<DoubleType, _>(&mut group, &self.time_s, None)?;
+        for (values, there) in &self.numbers {
+            put::<DoubleType, _>(&mut group, values, Some(there))?;
+        }
+        group.close().map(drop)
+    }
+}
+
+/// Writes the next column of a group. `there` is 1 for each row with a value, and 0 for a null.
+pub(crate) fn put<T: DataType, W: Write + Send>(
+    group: &mut SerializedRowGroupWriter<'_, W>,
+    values: &[T::T],
+    there: Option<&[i16]>,
+) -> ParquetResult<()> {
+    if let Some(mut column) = group.next_column()? {
+        column.typed::<T>().write_batch(values, there, None)?;
+        column.close()?;
+    }
+    Ok(())
+}
+
+/// The CSV's rows, so that both tables say the same.
+fn parquet_of(csv: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
+    let unwritable =
+        |error| BadInput::whole(place.display(), error, "check the disk, and that it has room");
+    let unreadable =
+        |error| BadInput::whole(csv.display(), error, "report it: this program wrote it");
+    let schema = Columns::schema().map_err(unwritable)?;
+    let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
+        .map_err(unwritable)?;
+    let mut rows = csv::Reader::from_path(csv).map_err(unreadable)?;
+    let mut columns = Columns::default();
+    let header = rows.headers().map_err(unreadable)?.clone();
+    let session_at = header.iter().position(|name| name == "session");
+    for record in rows.records() {
+        let record = record.map_err(unreadable)?;
+        let row: PoseRow = record.deserialize(Some(&header)).map_err(unreadable)?;
+        let session = session_at.and_then(|at| record.get(at)?.parse().ok()).unwrap_or_default();
+        columns.push(&row, session);
+        if columns.rows() == GROUP_ROWS {
+            let full = std::mem::take(&mut columns);
+            writer.next_row_group().and_then(|group| full.write(group)).map_err(unwritable)?;
+        }
+    }
+    if columns.rows() > 0 {
+        writer.next_row_group().and_then(|group| columns.write(group)).map_err(unwritable)?;
+    }
+    writer.close().map(drop).map_err(unwritable)
+}
