@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
-use crate::{aim, demo, doctor, provision, receive, replay, scene, show, target, track};
+use crate::{aim, analyze, demo, doctor, provision, receive, replay, scene, show, target, track};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -31,6 +31,7 @@ enum Command {
     Doctor(doctor::Arguments),
     Receive(receive::Arguments),
     Replay(replay::Arguments),
+    Analyze(analyze::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -60,6 +61,7 @@ pub fn run() -> ExitCode {
         Command::Show(arguments) => show::run(arguments),
         Command::Receive(arguments) => receive::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
+        Command::Analyze(arguments) => analyze::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

@@ -6,6 +6,7 @@
 //! progress, and explains what went wrong ([`error`]).
 
 pub mod aim;
+pub mod analyze;
 pub mod calibrate;
 pub mod cli;
 mod clock;
@@ -17,6 +18,7 @@ mod draw;
 mod drawing;
 pub mod error;
 pub mod files;
+pub mod grid;
 pub mod link;
 mod missing;
 mod palette;

@@ -9,20 +9,50 @@ use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
+use flate2::read::MultiGzDecoder;
 use serde::de::DeserializeOwned;
 
 use crate::error::BadInput;
 
 pub mod box_settings;
 pub mod camera;
+pub mod columns;
 pub mod frames;
 pub mod poses;
+pub mod positions;
 pub mod scene;
 pub mod targets;
 
 /// No description file of any sort comes near this; a device or a video given
 /// by mistake passes it at once.
 const TEXT_BYTES_MAX: u64 = 1 << 20;
+
+/// A trial of another system is no larger: an hour at 1 kHz of a plate with some 30 columns.
+const TRIAL_BYTES_MAX: u64 = 1 << 30;
+
+/// A whole recording of another system, of at most 1 GiB; one whose name ends with .gz is
+/// unpacked.
+pub(crate) fn bytes_of(path: &Path) -> Result<Vec<u8>, BadInput> {
+    let place = path.display();
+    let file = File::open(path).map_err(|error| BadInput::io(&place, &error))?;
+    let mut bytes = Vec::new();
+    let packed = path.extension().is_some_and(|it| it.eq_ignore_ascii_case("gz"));
+    let source: Box<dyn Read> =
+        if packed { Box::new(MultiGzDecoder::new(file)) } else { Box::new(file) };
+    source
+        .take(TRIAL_BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| BadInput::io(&place, &error))?;
+    if bytes.len() as u64 > TRIAL_BYTES_MAX {
+        return Err(BadInput::whole(place, "more than 1 GiB", "no trial is so long"));
+    }
+    Ok(bytes)
+}
+
+/// As [`bytes_of`], of text. Names may be in any encoding; numbers are ASCII in all of them.
+pub(crate) fn text_of(path: &Path) -> Result<String, BadInput> {
+    Ok(String::from_utf8_lossy(&bytes_of(path)?).into_owned())
+}
 
 /// A whole text file of at most 1 MiB.
 ///

@@ -1,0 +1,190 @@
+//! What is analysed: points of the body over time, from a trial or a table.
+
+use std::path::Path;
+
+use nalgebra::Matrix3;
+use plumbline_analysis::onset::stand_onset_s;
+use plumbline_analysis::series::Series;
+use plumbline_analysis::sway::noise::Noise;
+
+use crate::counting::counted;
+use crate::error::BadInput;
+use crate::files::positions::Table;
+use crate::trial::manifest::Zero;
+use crate::trial::reading::{Frame, Trunk};
+use crate::trial::{Trial, manifest::EventSeen};
+
+/// One point over time, its t = 0 where the trial's is.
+#[derive(Debug, Clone)]
+pub struct Point {
+    /// `lower`, `upper`, or `point` of a table.
+    pub name: String,
+    /// Where.
+    pub series: Series,
+    /// How uncertain that is, where it is known.
+    pub noise: Option<Noise>,
+}
+
+/// A point by its name, for people.
+#[must_use]
+pub fn point_name(point: &str) -> &'static str {
+    match point {
+        "upper" => "Upper trunk",
+        "lower" => "Lower trunk",
+        _ => "Positions",
+    }
+}
+
+/// The points of one trial.
+#[derive(Debug, Clone)]
+pub struct Points {
+    /// Where they come from.
+    pub place: String,
+    /// The points.
+    pub points: Vec<Point>,
+    /// What t = 0 is, in words.
+    pub zero: String,
+    /// The time of day of t = 0, seconds since 1970 by the clock of the computer that recorded
+    /// the trial; a table has none.
+    pub zero_utc_s: Option<f64>,
+    /// On the same clock.
+    pub events: Vec<EventSeen>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Points {
+    /// Of a table.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn of_table(table: &Table) -> Result<Self, BadInput> {
+        let positions = table.read()?;
+        let point = Point { name: "point".to_owned(), series: positions.series, noise: None };
+        Ok(Self {
+            place: table.path.display().to_string(),
+            points: vec![point],
+            zero: "as in the table".to_owned(),
+            zero_utc_s: None,
+            events: Vec::new(),
+            warnings: positions.warnings,
+        })
+    }
+
+    /// Of a recorded trial; t = 0 is what `zero` says or, without it, the trial's manifest.
+    ///
+    /// # Errors
+    /// When it cannot be read, or has no trunk points.
+    pub fn of_trial(folder: &Path, zero: Option<Zero>) -> Result<Self, BadInput> {
+        let trial = Trial::open(folder)?;
+        let zero = zero.unwrap_or(trial.manifest.zero);
+        Self::of(&trial, zero)
+    }
+
+    /// As [`of_trial`](Self::of_trial), of one that is open.
+    ///
+    /// # Errors
+    /// When it has no trunk points, or its t = 0 cannot be found.
+    pub fn of(trial: &Trial, zero: Zero) -> Result<Self, BadInput> {
+        let place = trial.folder.display().to_string();
+        let mut warnings = trial.warnings.clone();
+        let mut points = Vec::new();
+        for trunk in Trunk::ALL {
+            match point(&trial.frames, trunk) {
+                Some((point, doubts)) => {
+                    let doubts = doubts.into_iter();
+                    warnings.extend(doubts.map(|doubt| format!("{} trunk: {doubt}", trunk.word())));
+                    points.push(point);
+                }
+                None => warnings.push(format!(
+                    "{} trunk: fewer than two frames have its position",
+                    trunk.word()
+                )),
+            }
+        }
+        if points.is_empty() {
+            return Err(BadInput::whole(
+                place,
+                "no frame has a position along the body's axes",
+                "the box must know which way is forward (`plumb scene --store`) and see the targets \
+                 (`plumb doctor`); then record again",
+            ));
+        }
+        let (zero_s, zero) = zero_of(trial, &points, zero, &place)?;
+        let mut shifted = Vec::new();
+        for point in points {
+            let time_s = point.series.time_s().iter().map(|time_s| time_s - zero_s).collect();
+            let series = point.series.at_times(time_s);
+            shifted.push(Point {
+                series: series.map_err(|error| BadInput::whole(&place, error, "report it"))?,
+                ..point
+            });
+        }
+        let mut events = trial.manifest.events.clone();
+        events.iter_mut().for_each(|event| event.time_s -= zero_s);
+        let zero_utc_s = trial.first_frame_utc_s.map(|first_s| first_s + zero_s);
+        Ok(Self { place, points: shifted, zero, zero_utc_s, events, warnings })
+    }
+}
+
+/// When t = 0 is on the trial's clock, and in words.
+fn zero_of(
+    trial: &Trial,
+    points: &[Point],
+    zero: Zero,
+    place: &str,
+) -> Result<(f64, String), BadInput> {
+    match zero {
+        Zero::Start => Ok((0.0, "the first frame".to_owned())),
+        Zero::Mark => Ok(match trial.manifest.zero_mark() {
+            Some(event) => (event.time_s, format!("the mark \"{}\"", event.label)),
+            None => (0.0, "the first frame: there is no mark".to_owned()),
+        }),
+        Zero::Onset => {
+            let onset = points.iter().rev().find_map(|point| stand_onset_s(&point.series));
+            onset
+                .map(|onset_s| (onset_s, "stand onset, by the trunk's height".to_owned()))
+                .ok_or_else(|| {
+                    BadInput::whole(
+                        place,
+                        "nobody rises in this trial",
+                        "give --zero mark or --zero start",
+                    )
+                })
+        }
+    }
+}
+
+/// A trunk's positions, and what is to be said of them.
+fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
+    let mut time_s: Vec<f64> = Vec::new();
+    let mut position_mm: [Vec<f64>; 3] = Default::default();
+    let mut covariances: Vec<Option<Matrix3<f64>>> = Vec::new();
+    let mut repeated = 0;
+    for frame in frames {
+        let Some(point) = frame.point(trunk) else { continue };
+        if time_s.last().is_some_and(|last| *last >= frame.time_s) {
+            repeated += 1;
+            continue;
+        }
+        time_s.push(frame.time_s);
+        for (values, position) in position_mm.iter_mut().zip(point.position_mm) {
+            values.push(position);
+        }
+        covariances.push(point.covariance_mm2);
+    }
+    let series = Series::new(time_s, position_mm).ok()?;
+    let mut doubts = Vec::new();
+    if repeated > 0 {
+        let frames = counted(repeated, "frame");
+        doubts.push(format!("{frames} at a time that an earlier one has are left out"));
+    }
+    let covariances: Option<Vec<Matrix3<f64>>> = covariances.into_iter().collect();
+    // That of a trial without a configuration is not known, which has been said of all of it.
+    let noise = covariances.map(|all| Noise::per_sample(&series, &all)).transpose();
+    let noise = noise.unwrap_or_else(|error| {
+        doubts.push(format!("its uncertainty is not known: {error}"));
+        None
+    });
+    Some((Point { name: trunk.word().to_owned(), series, noise }, doubts))
+}

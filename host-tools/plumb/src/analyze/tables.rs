@@ -1,0 +1,162 @@
+//! The sway figures as tables: path lengths, and everything else.
+
+use std::fmt::Write as _;
+
+use plumbline_analysis::series::{Axis, Plane};
+use plumbline_analysis::sway::Sway;
+use plumbline_analysis::sway::diffusion::Plot;
+use plumbline_analysis::sway::ellipse::Ellipse;
+use plumbline_analysis::sway::figure::{ByAxis, ByDirection, ByPlane, Figure};
+use plumbline_analysis::sway::noise::PathNoise;
+
+use super::{Analysis, PointFigures};
+use crate::grid::{Annotated, Footnotes, Grid, digits};
+
+/// One figure of a diffusion plot.
+type OfPlot = fn(&Plot) -> &Figure;
+
+/// One figure of an ellipse.
+type OfEllipse = fn(&Ellipse) -> &Figure;
+
+/// All figures of a trial, for people.
+pub(super) fn text(analysis: &Analysis) -> String {
+    let mut text = format!("{}, t = 0: {}\n", analysis.source, analysis.zero);
+    for event in &analysis.events {
+        // Writing to a String does not fail.
+        let _ = writeln!(text, "  {:8.3} s  {}", event.time_s, event.label);
+    }
+    for point in &analysis.points {
+        let heading = heading(point, analysis.filter_s);
+        let (paths, others) = (paths(&point.filtered), others(&point.filtered));
+        let _ = write!(text, "\n{heading}\n{}{}", paths.text(), others.text());
+    }
+    text
+}
+
+/// What a point's figures were made of.
+#[must_use]
+pub fn heading(point: &PointFigures, filter_s: f64) -> String {
+    let sway = &point.filtered;
+    let gaps = match sway.gaps {
+        0 => "no gap".to_owned(),
+        1 => format!("1 gap of {:.2} s", sway.gaps_s),
+        count => format!("{count} gaps, {:.2} s in all", sway.gaps_s),
+    };
+    let left_out = sway.filter.as_ref().map_or(0, |filter| filter.left_out_samples);
+    let left_out = match left_out {
+        0 => String::new(),
+        count => format!("; {count} samples left out, between gaps too close for the filter"),
+    };
+    format!(
+        "{} ({} samples at {:.2} Hz, {gaps}; filter {filter_s} s{left_out})",
+        point.point, sway.samples, sway.rate_hz
+    )
+}
+
+fn directions() -> impl Iterator<Item = String> {
+    Axis::ALL.map(Axis::word).into_iter().chain(Plane::ALL.map(Plane::word)).map(str::to_owned)
+}
+
+/// Path lengths: one line for each time, one column for each direction.
+#[must_use]
+pub fn paths(sway: &Sway) -> Annotated {
+    let name = ["path length (mm)".to_owned()].into_iter();
+    let header = name.chain(directions()).chain(["covered".to_owned()]).collect();
+    let paths = sway.figures.bins.iter().chain([&sway.figures.path]);
+    let noises: Vec<&PathNoise> =
+        sway.noise.iter().flat_map(|noise| noise.bins.iter().chain([&noise.total])).collect();
+    let mut notes = Footnotes::default();
+    let mut rows = Vec::new();
+    for (at, path) in paths.enumerate() {
+        let name = format!("{:.1} to {:.1} s", path.from_s, path.to_s);
+        let covered = format!("{:.0} %", 100.0 * path.covered);
+        rows.push([vec![name], notes.cells(&path.length_mm), vec![covered]].concat());
+        if let Some(noise) = noises.get(at) {
+            let name = "  noise alone".to_owned();
+            rows.push([vec![name], notes.cells(&noise.alone_mm), vec![String::new()]].concat());
+        }
+    }
+    notes.below(Grid { header, rows })
+}
+
+/// Everything else: one line for each figure, one column for each direction that it has.
+#[must_use]
+pub fn others(sway: &Sway) -> Annotated {
+    let figures = &sway.figures;
+    let mut notes = Footnotes::default();
+    let mut rows = Vec::new();
+    let mut row = |name: &str, mut values: Vec<String>| {
+        values.resize(6, String::new());
+        values.insert(0, name.to_owned());
+        rows.push(values);
+    };
+    row("RMS (mm)", notes.cells(&figures.extent.rms_mm));
+    row("range (mm)", notes.by_axis(&figures.extent.range_mm, |it| it));
+    row("mean velocity (mm/s)", notes.cells(&figures.path.mean_velocity_mm_s));
+    let ellipses: [(&str, OfEllipse); 3] = [
+        ("95 % ellipse: area (mm²)", |it| &it.area_mm2),
+        ("  semi-axes: long (mm)", |it| &it.major_mm),
+        ("  short (mm)", |it| &it.minor_mm),
+    ];
+    for (name, of) in ellipses {
+        row(name, notes.by_plane(&figures.ellipse, of));
+    }
+    row("mean frequency (Hz)", notes.by_axis(&figures.spectrum.axes, |it| &it.mean_hz));
+    row("median frequency (Hz)", notes.by_axis(&figures.spectrum.axes, |it| &it.median_hz));
+    row("F95 (Hz)", notes.by_axis(&figures.spectrum.axes, |it| &it.f95_hz));
+    let lines: [(&str, OfPlot); 5] = [
+        ("diffusion: short term (mm²/s)", |it| &it.short_mm2_s),
+        ("  long term (mm²/s)", |it| &it.long_mm2_s),
+        ("  critical time (s)", |it| &it.critical_s),
+        ("  Hurst exponent, short", |it| &it.hurst_short),
+        ("  long", |it| &it.hurst_long),
+    ];
+    let diffusion = &figures.diffusion;
+    for (name, of) in lines {
+        let mut values = notes.by_axis(&diffusion.axes, of);
+        values.push(notes.cell(of(&diffusion.transverse)));
+        row(name, values);
+    }
+    let density = &figures.density;
+    let radius_mm = density.settings.radius_mm;
+    for (name, figure) in [
+        (format!("sway density in {radius_mm} mm: peak (s)"), &density.peak_s),
+        ("  interval (s)".to_owned(), &density.interval_s),
+        ("  distance (mm)".to_owned(), &density.distance_mm),
+    ] {
+        let none = [String::new(), String::new(), String::new()];
+        row(&name, none.into_iter().chain([notes.cell(figure)]).collect());
+    }
+    let header = ["figure".to_owned()].into_iter().chain(directions()).collect();
+    notes.below(Grid { header, rows })
+}
+
+/// Cells of figures, with the reasons of those that are absent.
+impl Footnotes {
+    fn cells(&mut self, figures: &ByDirection<Figure>) -> Vec<String> {
+        let ByDirection { axes, planes } = figures;
+        let planes = [&planes.transverse, &planes.sagittal, &planes.coronal];
+        [&axes.ap, &axes.ml, &axes.si].into_iter().chain(planes).map(|it| self.cell(it)).collect()
+    }
+
+    fn by_axis<T>(&mut self, all: &ByAxis<T>, of: impl Fn(&T) -> &Figure) -> Vec<String> {
+        [&all.ap, &all.ml, &all.si].map(|it| self.cell(of(it))).into()
+    }
+
+    fn by_plane<T>(&mut self, all: &ByPlane<T>, of: impl Fn(&T) -> &Figure) -> Vec<String> {
+        let none = [String::new(), String::new(), String::new()];
+        let planes = [&all.transverse, &all.sagittal, &all.coronal].map(|it| self.cell(of(it)));
+        none.into_iter().chain(planes).collect()
+    }
+
+    /// With its standard uncertainty from noise, where that is known.
+    fn cell(&mut self, figure: &Figure) -> String {
+        match figure {
+            Figure::Absent { absent } => self.absent(absent),
+            Figure::Known { value, noise_sd: None } => digits(*value),
+            Figure::Known { value, noise_sd: Some(sd) } => {
+                format!("{} ±{}", digits(*value), digits(*sd))
+            }
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Tables of texts, for the terminal and for reports alike: what is absent has its reason below.
+
+use std::fmt::Write as _;
+
+use comfy_table::{CellAlignment, Table, presets};
+
+/// A table of texts: the first column names what the others are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Grid {
+    /// One cell for each column.
+    pub header: Vec<String>,
+    /// As many cells each.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Grid {
+    /// In a terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_BORDERS_ONLY);
+        table.set_header(&self.header);
+        for row in &self.rows {
+            table.add_row(row);
+        }
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        format!("{table}\n")
+    }
+}
+
+/// A table in which a mark stands for what is absent, and the reasons stand below.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Annotated {
+    /// The table.
+    pub grid: Grid,
+    /// Each begins with the mark that it belongs to.
+    pub notes: Vec<String>,
+}
+
+impl Annotated {
+    /// In a terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = self.grid.text();
+        for note in &self.notes {
+            // Writing to a String does not fail.
+            let _ = writeln!(text, "  {note}");
+        }
+        text
+    }
+}
+
+/// The reasons for what is absent from a table, each once.
+#[derive(Debug, Default)]
+pub struct Footnotes(Vec<String>);
+
+impl Footnotes {
+    /// What stands in the table's cell.
+    pub fn absent(&mut self, reason: &impl ToString) -> String {
+        let reason = reason.to_string();
+        let at = self.0.iter().position(|it| *it == reason).unwrap_or_else(|| {
+            self.0.push(reason);
+            self.0.len() - 1
+        });
+        format!("–{}", superscript(at + 1))
+    }
+
+    /// What is known, or what stands for it.
+    pub fn stated(&mut self, cell: Result<String, &str>) -> String {
+        cell.unwrap_or_else(|reason| self.absent(&reason))
+    }
+
+    /// The table with its reasons.
+    #[must_use]
+    pub fn below(self, grid: Grid) -> Annotated {
+        let numbered = self.0.iter().enumerate();
+        let notes = numbered.map(|(at, reason)| format!("–{} {reason}", superscript(at + 1)));
+        Annotated { notes: notes.collect(), grid }
+    }
+}
+
+/// A number in small digits, which are the same on a page, on paper and in a terminal.
+fn superscript(number: usize) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let digits = number.to_string();
+    digits.chars().filter_map(|it| DIGITS.get(it.to_digit(10)? as usize)).collect()
+}
+
+/// Four digits, as far as they say something.
+pub(crate) fn digits(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        // What is small is not nothing.
+        size if size < 0.00005 => format!("{value:.1e}"),
+        size if size < 0.1 => format!("{value:.4}"),
+        size if size < 10.0 => format!("{value:.3}"),
+        size if size < 100.0 => format!("{value:.2}"),
+        _ => format!("{value:.1}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_absent_for_the_same_reason_has_the_same_note() {
+        let mut notes = Footnotes::default();
+        let marks: Vec<String> = ["a", "b", "a"].iter().map(|it| notes.absent(it)).collect();
+        assert_eq!(marks, ["–¹", "–²", "–¹"]);
+        let grid = Grid { header: vec!["x".to_owned()], rows: Vec::new() };
+        assert_eq!(notes.below(grid).notes, ["–¹ a", "–² b"]);
+        assert_eq!(superscript(120), "¹²⁰");
+    }
+
+    #[test]
+    fn what_is_small_is_not_shown_as_nothing() {
+        let texts = [0.0, 3.21e-5, -4.99e-5, 5.0e-5, 0.0999, 1.2345, 12.345, 1234.5].map(digits);
+        let wanted = ["0", "3.2e-5", "-5.0e-5", "0.0001", "0.0999", "1.234", "12.35", "1234.5"];
+        assert_eq!(texts, wanted);
+    }
+}

@@ -1,0 +1,68 @@
+//! A trial's folder as `plumb receive --out` leaves it, of positions that a test chooses.
+
+use std::path::Path;
+
+use plumb::receive::transport::Raw;
+use plumb::trial::journal::{Content, Entry, Writer};
+use plumb::trial::manifest::{Manifest, Zero};
+use plumb::trial::mark::{Mark, Source};
+use plumbline::packet::{
+    AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, encode_datagram,
+};
+
+/// One frame: its number, when it was taken, and where the lower and the upper trunk were, along
+/// AP, ML and SI.
+pub struct Frame {
+    pub sequence: u32,
+    pub time_s: f64,
+    pub lower_mm: Option<[f64; 3]>,
+    pub upper_mm: Option<[f64; 3]>,
+}
+
+/// Packets are under way so long.
+const DELAY_NS: u64 = 5_000_000;
+
+const FIRST_CAPTURE_NS: u64 = 7_000_000_000;
+
+/// Writes the folder; marks are a time and a label.
+pub fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
+    std::fs::create_dir(folder).unwrap();
+    let manifest =
+        Manifest::begin(Some("p-01".to_owned()), Some("control".to_owned()), None, Zero::Mark);
+    manifest.write(folder).unwrap();
+    let mut journal = Writer::create(&folder.join("packets.bin")).unwrap();
+    let mut entries: Vec<Entry> = frames.iter().map(entry).collect();
+    entries.extend(marks.iter().map(|(time_s, label)| Entry {
+        host_ns: nanoseconds(*time_s) + DELAY_NS,
+        content: Content::Mark(Mark::new(Source::Key, label)),
+    }));
+    entries.sort_by_key(|entry| entry.host_ns);
+    for entry in &entries {
+        journal.write(entry).unwrap();
+    }
+}
+
+fn entry(frame: &Frame) -> Entry {
+    let point = |position_mm: Option<[f64; 3]>| {
+        let [ap_mm, ml_mm, si_mm] = position_mm?.map(|it| it as f32);
+        Some(AnatomicalPoint { ap_mm, ml_mm, si_mm })
+    };
+    let message = Message::Pose(PosePacket {
+        sequence: frame.sequence,
+        capture_time_ns: FIRST_CAPTURE_NS + nanoseconds(frame.time_s),
+        instant: MarkedInstant::Recording,
+        latency_us: 4000,
+        targets: [].into_iter().collect(),
+        upper_trunk: point(frame.upper_mm),
+        lower_trunk: point(frame.lower_mm),
+    });
+    let datagram = encode_datagram(&message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
+    Entry {
+        host_ns: nanoseconds(frame.time_s) + DELAY_NS,
+        content: Content::Raw(Raw::Datagram(datagram)),
+    }
+}
+
+fn nanoseconds(time_s: f64) -> u64 {
+    (1e9 * time_s).round() as u64
+}

@@ -1,0 +1,301 @@
+//! A rendered person is recorded from the box's real program: whole, cut off by `kill -9`, on a
+//! disk that is full, and once more from its packets.
+
+#[path = "../../../tests/common/runner.rs"]
+mod runner;
+
+use std::net::{SocketAddr, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use plumb::files::poses;
+use plumb::receive::transport::Raw;
+use plumb::trial::journal::{Content, Entry, Reader};
+use plumb::trial::manifest::State;
+use plumb::trial::{Trial, names};
+use plumbline::packet::{Deframer, Message, decode_datagram};
+use tempfile::TempDir;
+
+/// A test that waits this long has failed.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+const RATE_HZ: usize = 60;
+
+/// Four seconds.
+const FRAMES: usize = 240;
+
+/// A person in front of a box, and a computer that hears it.
+struct Bench {
+    folder: TempDir,
+    udp: SocketAddr,
+    board: PathBuf,
+}
+
+impl Bench {
+    /// `None` where the box's program is not built, or does not keep pace.
+    fn new() -> Option<Self> {
+        if std::env::var_os(runner::RUNNER).is_some() {
+            println!("skipped: a box in an emulator does not track 60 frames in a second");
+            return None;
+        }
+        let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
+        if !board.exists() {
+            println!("skipped: {} is not built; test the whole workspace", board.display());
+            return None;
+        }
+        let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let bench = Self { folder: tempfile::tempdir().unwrap(), udp, board };
+        let settings =
+            format!("device = \"ward 3\"\nserial_number = \"PL-0001\"\n[links]\nudp = \"{udp}\"\n");
+        std::fs::write(bench.path("box.toml"), settings).unwrap();
+        bench.done(&format!("simulate --frames {} --fps {RATE_HZ} --out person", FRAMES));
+        bench.done(
+            "provision --camera person/camera.toml --targets person/targets.toml \
+             --scene person/scene.toml --box box.toml --out box.plb",
+        );
+        Some(bench)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn command(&self, arguments: &str) -> Command {
+        let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+        let udp = self.udp.to_string();
+        command.args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }));
+        command.current_dir(self.folder.path());
+        command
+    }
+
+    fn plumb(&self, arguments: &str) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    #[track_caller]
+    fn done(&self, arguments: &str) -> String {
+        let output = self.plumb(arguments);
+        let text = text(&output);
+        assert_eq!(output.status.code(), Some(0), "{arguments}: {text}");
+        text
+    }
+
+    /// Starts `plumb receive`, and returns once it listens.
+    fn receive(&self, arguments: &str) -> Running {
+        let mut command = self.command(&format!("receive --udp UDP {arguments}"));
+        let running = Running::start(command.stdout(Stdio::null()).stderr(Stdio::null()));
+        // The port is free for as long as nobody listens at it.
+        wait_for(|| UdpSocket::bind(self.udp).is_err());
+        running
+    }
+
+    /// Starts the box, which also writes down what it sends.
+    fn start(&self, sent: &str) -> Running {
+        let mut command = runner::command(&self.board);
+        command.current_dir(self.folder.path());
+        command.args(["--config", "box.plb", "--replay", "person/frames.y4m", "--record", sent]);
+        Running::start(command.stdout(Stdio::null()).stderr(Stdio::null()))
+    }
+
+    /// Pose packets that the box has sent until now.
+    fn sent(&self, name: &str) -> usize {
+        let mut poses = 0;
+        Deframer::<256>::new().push(&std::fs::read(self.path(name)).unwrap(), |outcome| {
+            poses += usize::from(matches!(outcome, Ok(Message::Pose(_))));
+        });
+        poses
+    }
+}
+
+/// A program that ends with its test.
+struct Running(Child);
+
+impl Running {
+    fn start(command: &mut Command) -> Self {
+        Self(command.spawn().unwrap())
+    }
+
+    #[track_caller]
+    fn ends(&mut self) -> Option<i32> {
+        let mut code = None;
+        wait_for(|| {
+            code = self.0.try_wait().unwrap();
+            code.is_some()
+        });
+        code.unwrap().code()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[track_caller]
+fn wait_for(mut is_so: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < PATIENCE, "waited in vain");
+        sleep(Duration::from_millis(5));
+    }
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8([&output.stdout[..], &output.stderr].concat()).unwrap()
+}
+
+fn entries(folder: &Path) -> Vec<Entry> {
+    let mut reader = Reader::open(&folder.join(names::JOURNAL)).unwrap();
+    let mut entries = Vec::new();
+    while let Some(entry) = reader.next_entry().unwrap() {
+        entries.push(entry);
+    }
+    entries
+}
+
+/// The pose packets of a trial, byte by byte.
+fn poses_of(folder: &Path) -> Vec<Vec<u8>> {
+    let datagrams = entries(folder).into_iter().filter_map(|entry| match entry.content {
+        Content::Raw(Raw::Datagram(bytes)) => Some(bytes),
+        _ => None,
+    });
+    datagrams.filter(|bytes| matches!(decode_datagram(bytes), Ok(Message::Pose(_)))).collect()
+}
+
+/// Pose packets of a trial until now: it listens before it has a file.
+fn recorded(folder: &Path) -> usize {
+    if folder.join(names::JOURNAL).exists() { poses_of(folder).len() } else { 0 }
+}
+
+#[test]
+fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
+    let Some(bench) = Bench::new() else { return };
+    let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let mut receiver = bench.receive(&format!(
+        "--out p01 --participant P01 --condition control --mark-udp {marks} --frames {}",
+        FRAMES
+    ));
+    let _box = bench.start("sent.bin");
+    wait_for(|| recorded(&bench.path("p01")) > FRAMES / 3);
+    let before = recorded(&bench.path("p01"));
+    UdpSocket::bind("127.0.0.1:0").unwrap().send_to(b"stands\n", marks).unwrap();
+    assert_eq!(receiver.ends(), Some(0));
+
+    let trial = Trial::open(&bench.path("p01")).unwrap();
+    assert_eq!(trial.warnings, [""; 0]);
+    assert_eq!((trial.frames.len(), trial.manifest.state), (FRAMES, State::Finished));
+    assert_eq!(trial.manifest.participant.as_deref(), Some("P01"));
+    let config = trial.config.as_ref().expect("the box tells its configuration");
+    let told = trial.manifest.the_box.as_ref().unwrap();
+    assert_eq!(told.config_crc, format!("{:08x}", config.crc()));
+    // By the arrival of frames: the times are the recording's, which the box replays.
+    let [event] = &trial.manifest.events[..] else { panic!("{:?}", trial.manifest.events) };
+    let earliest_s = before as f64 / RATE_HZ as f64;
+    assert!(event.label == "stands" && event.time_s > earliest_s - 0.1, "{event:?}");
+
+    // The table was written while it came; its text is that of the packets received again.
+    let live = std::fs::read(bench.path("p01").join(names::CSV)).unwrap();
+    bench.done("replay p01 --tables");
+    assert_eq!(live, std::fs::read(bench.path("p01").join(names::CSV)).unwrap());
+    assert_eq!(poses::read(&bench.path("p01").join(names::CSV)).unwrap().len(), 2 * FRAMES);
+
+    let mut again = bench.receive(&format!("--out again --frames {}", FRAMES));
+    bench.done("replay p01 --to UDP --speed 2");
+    assert_eq!(again.ends(), Some(0));
+    assert_eq!(poses_of(&bench.path("again")), poses_of(&bench.path("p01")));
+
+    let analysis = bench.done("analyze p01 --bins -1-0,0-1 --filter 0.1 --json p01.json");
+    assert!(analysis.contains("t = 0: the mark \"stands\""), "{analysis}");
+    // Both trunks have their uncertainties, and a gapless trial gaps of no length.
+    let json = std::fs::read_to_string(bench.path("p01.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&json).unwrap();
+    for point in figures["points"].as_array().unwrap() {
+        let length = &point["filtered"]["path"]["length_mm"]["ap"];
+        assert!(length["noise_sd"].as_f64().is_some_and(|sd| sd > 0.0), "{point}");
+        assert_eq!(point["filtered"]["gaps_s"].to_string(), "0.0");
+    }
+    bench.done("report p01 --bins -1-0,0-1 --filter 0.1 --out p01.html");
+    let page = std::fs::read_to_string(bench.path("p01.html")).unwrap();
+    for part in [
+        "P01, control",
+        "Upper trunk",
+        "noise alone",
+        "lost on the way",
+        "the mark &quot;stands&quot;",
+    ] {
+        assert!(page.contains(part), "no {part}");
+    }
+    // Two trunks: three planes and three axes each; no spectrum of 4 s. Nothing of it comes from
+    // elsewhere.
+    assert_eq!(page.matches("<figure").count(), 2 * 6);
+    assert!(!page.contains("src=") && !page.contains("href=") && !page.contains("url("));
+    let refused = bench.plumb("receive --udp UDP --out p01 --frames 1");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused).contains("nothing that was recorded is overwritten"));
+}
+
+#[test]
+fn a_recording_that_is_killed_loses_at_most_its_last_second() {
+    let Some(bench) = Bench::new() else { return };
+    let mut receiver = bench.receive("--out killed");
+    let _box = bench.start("sent.bin");
+    wait_for(|| recorded(&bench.path("killed")) > FRAMES / 2);
+    receiver.0.kill().unwrap();
+    receiver.0.wait().unwrap();
+    let sent = bench.sent("sent.bin");
+
+    let trial = Trial::open(&bench.path("killed")).unwrap();
+    assert!(trial.warnings[0].contains("did not come to its end"), "{:?}", trial.warnings);
+    let lost = sent.saturating_sub(trial.frames.len());
+    assert!(lost <= RATE_HZ && trial.frames.len() > FRAMES / 2, "{lost} of {sent} lost");
+    let said = bench.done("replay killed --tables");
+    assert!(said.contains("did not come to its end"), "{said}");
+    // The tables do not make it whole: whoever analyses it is told.
+    let analysis = bench.done("analyze killed --bins 0-1 --filter 0.1");
+    assert!(analysis.contains("did not come to its end"), "{analysis}");
+}
+
+#[test]
+fn a_full_disk_ends_a_recording_with_what_is_there() {
+    let Some(bench) = Bench::new() else { return };
+    // A file may have 24 KiB: the error is another one than that of a full disk, its way the same.
+    let receive = format!("receive --udp {} --out full --frames {}", bench.udp, FRAMES);
+    let script =
+        format!("ulimit -f 48; trap '' XFSZ; exec {} {receive}", env!("CARGO_BIN_EXE_plumb"));
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &script]).current_dir(bench.folder.path());
+    let child = shell.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(|| UdpSocket::bind(bench.udp).is_err());
+    let _box = bench.start("sent.bin");
+    let output = child.wait_with_output().unwrap();
+    let said = text(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("error: full/") && said.contains("file too large"), "{said}");
+    let trial = Trial::open(&bench.path("full")).unwrap();
+    // 48 blocks of 512 bytes hold so many frames of the table, which is the larger file.
+    assert!(trial.frames.len() > 50, "{}: {said}", trial.frames.len());
+}
+
+#[test]
+fn without_a_box_there_is_no_folder() {
+    let Some(bench) = Bench::new() else { return };
+    let output = bench.plumb("receive --udp UDP --out none --duration 0.3");
+    let said = text(&output);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said.contains("none is not written"), "{said}");
+    assert!(!bench.path("none").exists());
+    for (arguments, part) in [
+        ("analyze none", "no folder of a trial"),
+        ("replay person --tables", "trial.toml"),
+        ("receive --out a/b --frames 1", "no such directory"),
+    ] {
+        let output = bench.plumb(arguments);
+        let said = text(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+        assert!(said.contains(part), "{arguments}: {said}");
+    }
+}
