@@ -6,7 +6,9 @@ use clap::{Parser, Subcommand};
 
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
-use crate::{aim, analyze, demo, doctor, provision, receive, replay, scene, show, target, track};
+use crate::{
+    aim, analyze, demo, doctor, export, provision, receive, replay, scene, show, target, track,
+};
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
@@ -32,6 +34,7 @@ enum Command {
     Receive(receive::Arguments),
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
+    Export(export::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -62,6 +65,7 @@ pub fn run() -> ExitCode {
         Command::Receive(arguments) => receive::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Analyze(arguments) => analyze::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

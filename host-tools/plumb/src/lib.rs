@@ -17,6 +17,7 @@ pub mod doctor;
 mod draw;
 mod drawing;
 pub mod error;
+pub mod export;
 pub mod files;
 pub mod grid;
 pub mod link;

@@ -85,6 +85,13 @@ impl Task {
         self
     }
 
+    /// In another directory than the root of the checkout.
+    pub fn current_dir(mut self, directory: &Path) -> Self {
+        self.command.current_dir(directory);
+        self.line = format!("cd {} && {}", quoted(directory.as_os_str()), self.line);
+        self
+    }
+
     /// As one would type it.
     #[cfg(test)]
     pub fn line(&self) -> &str {

@@ -22,6 +22,7 @@ mod demo;
 mod generated;
 mod image;
 mod instructions;
+mod python;
 mod setup;
 mod stack;
 mod tests;

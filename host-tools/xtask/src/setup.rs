@@ -27,6 +27,8 @@ pub enum Probe {
     Program(&'static str),
     /// A file of a development package.
     File(&'static str),
+    /// A module of Python.
+    PythonModule(&'static str),
     /// A shared library that a program loads by itself.
     Library(&'static str),
     /// The very package, for what is used because it is Debian's.
@@ -61,6 +63,13 @@ pub const VIDEO: &[Need] = &[Need {
     why: "reads the kernel's headers for the V4L2 cameras",
 }];
 
+/// What measures a program as a whole.
+pub const TIME: &[Need] = &[Need {
+    probe: Probe::Program("time"),
+    package: "time",
+    why: "tells how much memory a program had at its peak",
+}];
+
 /// What looks into a linked program.
 pub const BINUTILS: &[Need] = &[Need {
     probe: Probe::Program("nm"),
@@ -81,6 +90,20 @@ pub const RENDERERS: &[Need] = &[
         why: "likewise in the SVG's pixels",
     },
 ];
+
+/// What shows and prints pages.
+pub const BROWSER: &[Need] = &[Need {
+    probe: Probe::Program("chromium"),
+    package: "chromium",
+    why: "the tests open what `plumb report` writes",
+}];
+
+/// What makes a directory with Python packages of its own.
+pub const PYTHON: &[Need] = &[Need {
+    probe: Probe::PythonModule("ensurepip"),
+    package: "python3-venv",
+    why: "other people's readers open what `plumb export` writes",
+}];
 
 /// A whole emulated computer.
 pub const QEMU_SYSTEM: &[Need] = &[Need {
@@ -255,7 +278,7 @@ fn install(missing: &[&Need]) -> Result<()> {
         .iter()
         .map(|need| match need.probe {
             Probe::Program(name) => Some(name),
-            Probe::File(_) | Probe::Library(_) | Probe::Package(_) => None,
+            Probe::File(_) | Probe::PythonModule(_) | Probe::Library(_) | Probe::Package(_) => None,
         })
         .collect();
     // Only programs work from a directory of their own.
@@ -304,6 +327,9 @@ enum Access {
 fn is_there(probe: Probe) -> bool {
     match probe {
         Probe::File(path) => Path::new(path).exists(),
+        Probe::PythonModule(name) => {
+            Task::new("python3").args(["-c", &format!("import {name}")]).output().is_ok()
+        }
         Probe::Library(name) => library_directories().iter().any(|place| holds(place, name)),
         // dpkg keeps a list of the files of each package that is installed.
         Probe::Package(name) => {
@@ -358,6 +384,7 @@ mod tests {
         assert!(!is_there(Probe::File("/no/such/file")));
         assert!(is_there(Probe::Library("libc")));
         assert!(!is_there(Probe::Library("libno-such-library")));
+        assert!(!is_there(Probe::PythonModule("no_such_module")));
         assert!(!is_there(Probe::Package("no-such-package:arm64")));
     }
 

@@ -1,0 +1,57 @@
+//! The table of [`csv`](super::csv) as Parquet: null where there is no position.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use parquet::basic::{Compression, Repetition, Type as Physical};
+use parquet::data_type::DoubleType;
+use parquet::errors::Result as ParquetResult;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+
+use super::rows::Rows;
+use super::{BODY_AXES, csv};
+use crate::error::BadInput;
+use crate::trial::tables::put;
+
+/// The file.
+///
+/// # Errors
+/// When the writer fails.
+pub fn bytes(rows: &Rows, place: &Path) -> Result<Vec<u8>, BadInput> {
+    write(rows)
+        .map_err(|error| BadInput::whole(place.display(), error, "report it: rows can be written"))
+}
+
+fn write(rows: &Rows) -> ParquetResult<Vec<u8>> {
+    let column = |name: &str, repetition| {
+        let column = Type::primitive_type_builder(name, Physical::DOUBLE);
+        column.with_repetition(repetition).build().map(Arc::new)
+    };
+    let mut fields = vec![column("time_s", Repetition::REQUIRED)?];
+    for name in csv::columns(rows) {
+        fields.push(column(&name, Repetition::OPTIONAL)?);
+    }
+    let schema = Type::group_type_builder("positions").with_fields(fields).build()?;
+    let about = KeyValue::new("axes".to_owned(), BODY_AXES.to_owned());
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_key_value_metadata(Some(vec![about]))
+        .build();
+    let mut file = Vec::new();
+    let mut writer = SerializedFileWriter::new(&mut file, Arc::new(schema), Arc::new(properties))?;
+    let mut group = writer.next_row_group()?;
+    put::<DoubleType, _>(&mut group, &rows.time_s, None)?;
+    for point in &rows.points {
+        let there: Vec<i16> = point.position_mm.iter().map(|it| i16::from(it.is_some())).collect();
+        for axis in 0..3 {
+            let values: Vec<f64> = point.position_mm.iter().flatten().map(|it| it[axis]).collect();
+            put::<DoubleType, _>(&mut group, &values, Some(&there))?;
+        }
+    }
+    group.close()?;
+    writer.close()?;
+    Ok(file)
+}
