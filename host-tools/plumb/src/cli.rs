@@ -8,6 +8,7 @@ use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
 use crate::{
     aim, analyze, demo, doctor, export, provision, receive, replay, scene, show, target, track,
+    validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -35,6 +36,7 @@ enum Command {
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
     Export(export::Arguments),
+    Validate(validate::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
@@ -66,6 +68,7 @@ pub fn run() -> ExitCode {
         Command::Replay(arguments) => replay::run(arguments),
         Command::Analyze(arguments) => analyze::run(arguments),
         Command::Export(arguments) => export::run(arguments),
+        Command::Validate(arguments) => validate::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
     };
     match result {

@@ -33,4 +33,5 @@ pub mod simulate;
 pub mod target;
 pub mod track;
 pub mod trial;
+pub mod validate;
 mod waiting;

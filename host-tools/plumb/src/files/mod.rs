@@ -18,6 +18,7 @@ pub mod box_settings;
 pub mod camera;
 pub mod columns;
 pub mod frames;
+pub mod markers;
 pub mod poses;
 pub mod positions;
 pub mod scene;

@@ -1,0 +1,164 @@
+//! Recordings of motion capture: markers over time, from TRC or C3D.
+
+use std::path::Path;
+
+use plumbline_analysis::agreement::axes::Axes;
+use plumbline_analysis::series::Series;
+
+use super::positions::Unit;
+use crate::error::BadInput;
+
+mod c3d;
+mod trc;
+
+/// No recording has more values: an hour of 200 markers at 200 Hz.
+const VALUES_MAX: usize = 3 * 200 * 200 * 3600;
+
+/// Markers that are named in a message.
+const NAMED_MAX: usize = 100;
+
+/// A recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Markers {
+    /// The file.
+    pub place: String,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Time of the first frame: 0, or as the file says.
+    pub first_s: f64,
+    /// What the file says of its unit.
+    pub unit: Option<Unit>,
+    /// The markers, in the file's order.
+    pub markers: Vec<Marker>,
+}
+
+/// One marker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Marker {
+    /// Its name.
+    pub name: String,
+    /// X, Y, Z in each frame, in the file's unit; `None` where it was not seen.
+    pub position: Vec<Option<[f64; 3]>>,
+}
+
+impl Markers {
+    /// Reads a file by its ending: .trc or .c3d; one that is packed ends with .gz as well.
+    ///
+    /// # Errors
+    /// When it cannot be read or understood.
+    pub fn read(path: &Path) -> Result<Self, BadInput> {
+        match kind(path).as_deref() {
+            Some("trc") => trc::read(path),
+            Some("c3d") => c3d::read(path),
+            _ => Err(BadInput::whole(
+                path.display(),
+                "its name ends neither with .trc nor with .c3d",
+                "give such a file, or a table with --columns",
+            )),
+        }
+    }
+
+    /// Whether a file's name is that of such a recording.
+    #[must_use]
+    pub fn is_one(path: &Path) -> bool {
+        matches!(kind(path).as_deref(), Some("trc" | "c3d"))
+    }
+
+    /// The mean of these markers along the body's axes; frames in which one of them was not seen
+    /// are left out. Without names it is the file's only marker.
+    ///
+    /// # Errors
+    /// When there is no such marker, the unit is not known or another one, or too few frames
+    /// have all of them.
+    pub fn series(
+        &self,
+        names: &[String],
+        unit: Option<Unit>,
+        axes: &Axes,
+    ) -> Result<Series, BadInput> {
+        let unit = self.unit(unit)?;
+        let markers = self.named(names)?;
+        let frames = markers.iter().map(|it| it.position.len()).min().unwrap_or_default();
+        let mut time_s = Vec::new();
+        let mut columns: [Vec<f64>; 3] = Default::default();
+        for frame in 0..frames {
+            let seen: Option<Vec<[f64; 3]>> =
+                markers.iter().map(|marker| marker.position[frame]).collect();
+            let Some(seen) = seen else { continue };
+            time_s.push(self.first_s + frame as f64 / self.rate_hz);
+            for (axis, column) in columns.iter_mut().enumerate() {
+                let sum: f64 = seen.iter().map(|it| it[axis]).sum();
+                column.push(sum / seen.len() as f64 * unit.mm());
+            }
+        }
+        let found = time_s.len();
+        Series::new(time_s, axes.apply(columns.each_ref().map(Vec::as_slice))).map_err(|error| {
+            let names: Vec<&str> = markers.iter().map(|it| it.name.as_str()).collect();
+            BadInput::new(
+                &self.place,
+                names.join(", "),
+                format!("{error}: seen together in {found} of {frames} frames"),
+                "give other markers, or a longer recording",
+            )
+        })
+    }
+
+    fn unit(&self, given: Option<Unit>) -> Result<Unit, BadInput> {
+        match (self.unit, given) {
+            (Some(own), Some(given)) if own != given => Err(BadInput::new(
+                &self.place,
+                "unit",
+                format!("the file says {}, and --unit says {}", own.word(), given.word()),
+                format!("leave --unit out, or give --unit {}", own.word()),
+            )),
+            (Some(unit), _) | (None, Some(unit)) => Ok(unit),
+            (None, None) => Err(BadInput::new(
+                &self.place,
+                "unit",
+                "the file does not say it",
+                "give --unit mm, cm or m",
+            )),
+        }
+    }
+
+    fn named(&self, names: &[String]) -> Result<Vec<&Marker>, BadInput> {
+        if names.is_empty() && self.markers.len() == 1 {
+            return Ok(self.markers.iter().collect());
+        }
+        let find = |name: &String| self.markers.iter().find(|marker| marker.name == *name);
+        let absent: Vec<&str> =
+            names.iter().filter(|it| find(it).is_none()).map(String::as_str).collect();
+        if names.is_empty() || !absent.is_empty() {
+            let mut there: Vec<&str> =
+                self.markers.iter().take(NAMED_MAX).map(|it| it.name.as_str()).collect();
+            if self.markers.len() > NAMED_MAX {
+                there.push("...");
+            }
+            let found = if names.is_empty() { "no marker is named" } else { "no such marker" };
+            return Err(BadInput::new(
+                &self.place,
+                absent.join(", "),
+                format!("{found}; there are {}", there.join(", ")),
+                "name one or more of them with --marker",
+            ));
+        }
+        Ok(names.iter().filter_map(find).collect())
+    }
+}
+
+/// The ending of a file's name, in small letters, without that of a packed file.
+fn kind(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy().to_lowercase();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    Some(name.rsplit_once('.')?.1.to_owned())
+}
+
+/// The unit that a file names.
+fn unit_of(word: &str) -> Option<Unit> {
+    match word.trim().to_lowercase().as_str() {
+        "mm" | "millimeters" | "millimetres" => Some(Unit::Mm),
+        "cm" | "centimeters" | "centimetres" => Some(Unit::Cm),
+        "m" | "meters" | "metres" => Some(Unit::M),
+        _ => None,
+    }
+}

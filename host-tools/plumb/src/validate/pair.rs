@@ -1,0 +1,381 @@
+//! A trial and its reference, on one clock.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use plumbline_analysis::agreement::axes::Axes;
+use plumbline_analysis::agreement::lag::lag;
+use plumbline_analysis::agreement::pairs::{PairError, Paired};
+use plumbline_analysis::series::{Axis, Series};
+use serde::{Deserialize, Serialize};
+
+use crate::analyze::points::Points;
+use crate::error::BadInput;
+use crate::files::columns::Delimiter;
+use crate::files::markers::Markers;
+use crate::files::positions::{Columns, Table, Unit};
+use crate::files::{directory_of, from_toml, read_text};
+use crate::trial::reading::Trunk;
+
+/// A right-handed frame that looks forward along X, with Z up.
+const AXES: &str = "ap=X,ml=-Y,si=Z";
+
+const LAG_MAX_S: f64 = 10.0;
+
+/// With less, what is compared is hardly the same movement.
+const CORRELATION_MIN: f64 = 0.9;
+
+/// How trial and reference belong together. What a pair of a manifest leaves out is as on the
+/// command line.
+#[derive(Debug, Clone, Default, PartialEq, Args)]
+pub struct How {
+    /// Which trunk is compared [default: lower]
+    #[arg(long)]
+    pub point: Option<Trunk>,
+
+    /// The reference's marker; of several the mean is taken [default: the only one]
+    #[arg(long = "marker", value_name = "NAME")]
+    pub markers: Vec<String>,
+
+    /// The reference's axes, by those of the body [default: ap=X,ml=-Y,si=Z]
+    #[arg(long, value_name = "ap=X,ml=-Y,si=Z", conflicts_with = "columns")]
+    pub axes: Option<String>,
+
+    /// The reference's unit, where its file does not say it
+    #[arg(long)]
+    pub unit: Option<Unit>,
+
+    /// The columns of a reference that is a table: time=NAME,ap=NAME,ml=NAME,si=NAME
+    #[arg(long, requires = "unit")]
+    pub columns: Option<String>,
+
+    /// What separates them [default: the one with which they are found]
+    #[arg(long, requires = "columns")]
+    pub delimiter: Option<Delimiter>,
+
+    /// How the clocks are brought together [default: lag; with --event: events]
+    #[arg(long)]
+    pub align: Option<Align>,
+
+    /// The reference's time of the trial's t = 0
+    #[arg(long, value_name = "SECONDS")]
+    pub event: Option<f64>,
+
+    /// The largest lag that is searched, for --align lag [default: 10]
+    #[arg(long, value_name = "SECONDS")]
+    pub lag_max: Option<f64>,
+}
+
+impl How {
+    /// The first option that is given.
+    #[must_use]
+    pub fn given(&self) -> Option<&'static str> {
+        let Self { point, markers, axes, unit, columns, delimiter, align, event, lag_max } = self;
+        let options = [
+            ("--point", point.is_some()),
+            ("--marker", !markers.is_empty()),
+            ("--axes", axes.is_some()),
+            ("--unit", unit.is_some()),
+            ("--columns", columns.is_some()),
+            ("--delimiter", delimiter.is_some()),
+            ("--align", align.is_some()),
+            ("--event", event.is_some()),
+            ("--lag-max", lag_max.is_some()),
+        ];
+        options.into_iter().find_map(|(option, is_given)| is_given.then_some(option))
+    }
+
+    /// An event that is given is there to align by; what only another alignment takes is refused.
+    fn alignment(&self, place: &Path) -> Result<Align, BadInput> {
+        let implied = if self.event.is_some() { Align::Events } else { Align::Lag };
+        let align = self.align.unwrap_or(implied);
+        let (option, found, remedy) = if self.event.is_some() && align != Align::Events {
+            ("--event", "only --align events takes one", "leave it out, or give --align events")
+        } else if self.lag_max.is_some() && align != Align::Lag {
+            ("--lag-max", "no lag is searched", "leave it out, or align by lag and without --event")
+        } else {
+            return Ok(align);
+        };
+        Err(BadInput::new(place.display(), option, found, remedy))
+    }
+
+    /// Refuses what a reference of markers, or one that is a table, has not.
+    fn suits(&self, reference: &Path, is_table: bool) -> Result<(), BadInput> {
+        let (options, found) = if is_table {
+            let options = [("--marker", !self.markers.is_empty()), ("--axes", self.axes.is_some())];
+            (options, "a table has columns, and neither markers nor axes to choose")
+        } else {
+            let options =
+                [("--columns", self.columns.is_some()), ("--delimiter", self.delimiter.is_some())];
+            (options, "a TRC or C3D file has markers, and no columns to choose")
+        };
+        match options.into_iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((option, _)) => {
+                let remedy = "leave it out; of several pairs, give it in those that it is for";
+                Err(BadInput::new(reference.display(), option, found, remedy))
+            }
+        }
+    }
+}
+
+/// How clocks are brought together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Align {
+    /// By the lag with the largest correlation of the positions.
+    Lag,
+    /// By an event that both have: the trial's t = 0 and --event.
+    Events,
+    /// Not at all: the reference's times are the trial's.
+    None,
+}
+
+/// A trial and its reference.
+#[derive(Debug, Clone)]
+pub struct Pair {
+    /// The trial's folder.
+    pub trial: PathBuf,
+    /// The reference's file.
+    pub reference: PathBuf,
+    /// How they belong together.
+    pub how: How,
+}
+
+/// What was compared, as the JSON has it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Used {
+    /// The trial's folder.
+    pub trial: String,
+    /// The reference's file.
+    pub reference: String,
+    /// `lower` or `upper`.
+    pub point: Trunk,
+    /// How the clocks were brought together.
+    pub align: Align,
+    /// The trial's time of a movement less the reference's, seconds.
+    pub lag_s: f64,
+    /// Of the positions at that lag, where it was searched.
+    pub correlation: Option<f64>,
+    /// Samples that were compared.
+    pub samples: usize,
+    /// From the first of them to the last, seconds.
+    pub length_s: f64,
+    /// What was taken off measured less reference to align the origins, mm: AP, ML, SI.
+    pub offset_mm: [Option<f64>; 3],
+}
+
+impl Used {
+    /// How the clocks were brought together, for people.
+    #[must_use]
+    pub fn alignment(&self) -> String {
+        let lag_s = self.lag_s;
+        match (self.align, self.correlation) {
+            (Align::Lag, Some(r)) => {
+                format!(
+                    "lag {lag_s:.4} s (the trial's time less the reference's), at which both \
+                     correlate most (correlation {r:.4})"
+                )
+            }
+            (Align::Lag, None) => format!("lag {lag_s:.4} s"),
+            (Align::Events, _) => format!("lag {lag_s:.4} s, by an event that both have"),
+            (Align::None, _) => "no lag: the reference's times are the trial's".to_owned(),
+        }
+    }
+}
+
+/// A manifest's text.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Manifest {
+    pair: Vec<Entry>,
+}
+
+/// One of its pairs, with the fields of [`How`]: serde cannot refuse unknown fields beside a part
+/// that is flattened.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    trial: PathBuf,
+    reference: PathBuf,
+    point: Option<Trunk>,
+    #[serde(default)]
+    markers: Vec<String>,
+    axes: Option<String>,
+    unit: Option<Unit>,
+    columns: Option<String>,
+    delimiter: Option<Delimiter>,
+    align: Option<Align>,
+    event: Option<f64>,
+    lag_max: Option<f64>,
+}
+
+impl Pair {
+    /// The pairs of a manifest.
+    ///
+    /// # Errors
+    /// When it cannot be read, or lists none.
+    pub fn of_manifest(path: &Path, otherwise: &How) -> Result<Vec<Self>, BadInput> {
+        let place = path.display().to_string();
+        let remedy = "`plumb validate --help` says what a manifest has";
+        let manifest: Manifest = from_toml(&read_text(path)?, &place, remedy)?;
+        if manifest.pair.is_empty() {
+            return Err(BadInput::whole(place, "it lists no pair", remedy));
+        }
+        let directory = directory_of(path);
+        let pair = |entry: Entry| {
+            let or = otherwise.clone();
+            let markers = if entry.markers.is_empty() { or.markers } else { entry.markers };
+            Self {
+                trial: directory.join(entry.trial),
+                reference: directory.join(entry.reference),
+                how: How {
+                    point: entry.point.or(or.point),
+                    markers,
+                    axes: entry.axes.or(or.axes),
+                    unit: entry.unit.or(or.unit),
+                    columns: entry.columns.or(or.columns),
+                    delimiter: entry.delimiter.or(or.delimiter),
+                    align: entry.align.or(or.align),
+                    event: entry.event.or(or.event),
+                    lag_max: entry.lag_max.or(or.lag_max),
+                },
+            }
+        };
+        Ok(manifest.pair.into_iter().map(pair).collect())
+    }
+
+    /// Reads the trial.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn points(&self, warnings: &mut Vec<String>) -> Result<Points, BadInput> {
+        let points = Points::of_trial(&self.trial, None)?;
+        let place = &points.place;
+        warnings.extend(points.warnings.iter().map(|warning| format!("{place}: {warning}")));
+        Ok(points)
+    }
+
+    /// Reads the reference, and brings the trial's points and it together.
+    ///
+    /// # Errors
+    /// When it cannot be read, or they have nothing in common.
+    pub fn compare(
+        &self,
+        points: &Points,
+        align_origins: bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<(Used, Paired), BadInput> {
+        let align = self.how.alignment(&self.trial)?;
+        let place = &points.place;
+        let trunk = self.how.point.unwrap_or(Trunk::Lower);
+        let point = points.points.iter().find(|point| point.name == trunk.word());
+        let measured = point.map(|point| &point.series).ok_or_else(|| {
+            let found = format!("no frame has the {} trunk", trunk.word());
+            BadInput::whole(place, found, "compare the other one with --point")
+        })?;
+        let reference = self.reference(warnings)?;
+        let (lag_s, correlation) = self.lag(align, measured, &reference, warnings)?;
+        let paired = Paired::new(measured, &reference, lag_s, align_origins)
+            .map_err(|error| self.unpaired(error))?;
+        let time_s = paired.time_s();
+        let used = Used {
+            trial: place.clone(),
+            reference: self.reference.display().to_string(),
+            point: trunk,
+            align,
+            lag_s,
+            correlation,
+            samples: time_s.len(),
+            length_s: time_s.last().zip(time_s.first()).map_or(0.0, |(last, first)| last - first),
+            offset_mm: Axis::ALL.map(|axis| Some(paired.along(axis)?.offset_mm)),
+        };
+        Ok((used, paired))
+    }
+
+    fn reference(&self, warnings: &mut Vec<String>) -> Result<Series, BadInput> {
+        let (how, path) = (&self.how, &self.reference);
+        let wrong = |option: &str, found: String| {
+            BadInput::new(path.display(), option, found, "see --help")
+        };
+        if Markers::is_one(path) {
+            how.suits(path, false)?;
+            let axes = how.axes.as_deref().unwrap_or(AXES);
+            let axes = Axes::parse(axes).map_err(|found| wrong("axes", found))?;
+            return Markers::read(path)?.series(&how.markers, how.unit, &axes);
+        }
+        let (Some(columns), Some(unit)) = (&how.columns, how.unit) else {
+            let found = "it is neither TRC nor C3D by its name, and a table needs more".to_owned();
+            let remedy = "give its columns with --columns, and their --unit";
+            return Err(BadInput::whole(path.display(), found, remedy));
+        };
+        how.suits(path, true)?;
+        let columns = Columns::parse(columns).map_err(|found| wrong("columns", found))?;
+        let table = Table { path: path.clone(), columns, unit, delimiter: how.delimiter };
+        let positions = table.read()?;
+        let place = path.display();
+        warnings.extend(positions.warnings.iter().map(|warning| format!("{place}: {warning}")));
+        Ok(positions.series)
+    }
+
+    fn lag(
+        &self,
+        align: Align,
+        measured: &Series,
+        reference: &Series,
+        warnings: &mut Vec<String>,
+    ) -> Result<(f64, Option<f64>), BadInput> {
+        let place = self.trial.display();
+        let finite = |given: Option<f64>, option: &str| match given {
+            Some(value) if !value.is_finite() => {
+                Err(BadInput::new(&place, option, format!("{value} is no time"), "give seconds"))
+            }
+            given => Ok(given),
+        };
+        match align {
+            Align::None => Ok((0.0, None)),
+            Align::Events => match finite(self.how.event, "--event")? {
+                Some(event_s) => Ok((-event_s, None)),
+                None => Err(BadInput::new(
+                    &place,
+                    "--event",
+                    "the reference's time of the trial's t = 0 is not given",
+                    "give it with --event SECONDS, or --align lag",
+                )),
+            },
+            Align::Lag => {
+                let lag_max_s = finite(self.how.lag_max, "--lag-max")?.unwrap_or(LAG_MAX_S);
+                let found = lag(measured, reference, lag_max_s.abs())
+                    .map_err(|error| self.unpaired(error))?;
+                if found.is_at_bound {
+                    warnings.push(format!(
+                        "{place}: the correlation is largest at the end of the search, {:.3} s: \
+                         search farther with --lag-max",
+                        found.lag_s
+                    ));
+                }
+                if found.correlation < CORRELATION_MIN {
+                    warnings.push(format!(
+                        "{place}: the correlation with the reference is only {:.2}: check trial, \
+                         --marker and --axes",
+                        found.correlation
+                    ));
+                }
+                Ok((found.lag_s, Some(found.correlation)))
+            }
+        }
+    }
+
+    fn unpaired(&self, error: PairError) -> BadInput {
+        let remedy = match error {
+            PairError::NoAxis => "name the axes that both have with --axes or --columns",
+            PairError::Constant(_) => "check --marker, or give --align events or --align none",
+            PairError::Overlap { .. } => {
+                "check that both are of the same trial; --lag-max searches farther, and --align \
+                 events takes an event that both have"
+            }
+        };
+        let both = format!("{} and {}", self.trial.display(), self.reference.display());
+        BadInput::whole(both, error, remedy)
+    }
+}
