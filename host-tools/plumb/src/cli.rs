@@ -7,8 +7,8 @@ use clap::{Parser, Subcommand};
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
 use crate::{
-    aim, analyze, demo, doctor, export, provision, receive, replay, scene, show, target, track,
-    validate,
+    aim, analyze, demo, doctor, export, provision, receive, replay, scene, show, study, target,
+    track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -35,6 +35,7 @@ enum Command {
     Receive(receive::Arguments),
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
+    Study(study::Arguments),
     Export(export::Arguments),
     Validate(validate::Arguments),
     Simulate(simulate::SimulateArguments),
@@ -67,6 +68,7 @@ pub fn run() -> ExitCode {
         Command::Receive(arguments) => receive::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Analyze(arguments) => analyze::run(arguments),
+        Command::Study(arguments) => study::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::Validate(arguments) => validate::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

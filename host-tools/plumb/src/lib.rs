@@ -30,6 +30,7 @@ pub mod scene;
 pub mod setup;
 pub mod show;
 pub mod simulate;
+pub mod study;
 pub mod target;
 pub mod track;
 pub mod trial;

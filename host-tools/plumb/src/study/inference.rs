@@ -1,0 +1,212 @@
+//! The tests behind the means, of a study and of a long table alike: what acts on each response,
+//! and which levels differ.
+
+use plumbline_analysis::statistics::inference::{Comparison, Inference};
+
+use super::figures::StudyFigures;
+use super::sway::Path;
+use crate::analyze::points::point_name;
+use crate::grid::{Annotated, Footnotes, Grid, digits};
+
+/// Why there is no test of sphericity.
+const TOO_FEW: &str = "fewer participants than it takes";
+
+/// Why there is no F.
+const NO_ERROR: &str = "the participants do not differ in it";
+
+/// Why there is no statistic of ranks.
+const NO_RANKS: &str = "nobody's ranks differ from the others'";
+
+impl StudyFigures {
+    /// What acts on each response.
+    #[must_use]
+    pub fn effects(&self) -> Annotated {
+        effects(self.responses())
+    }
+
+    /// Each condition against the first, at each time.
+    #[must_use]
+    pub fn comparisons(&self) -> Annotated {
+        let control = &self.conditions[0];
+        comparisons(self.responses().flat_map(|(name, inference)| {
+            let condition = &inference.factors[0].name;
+            let of_conditions = inference.comparisons.iter();
+            of_conditions
+                .filter(move |it| it.factor == *condition && it.levels[0] == *control)
+                .map(move |it| (name.clone(), it))
+        }))
+    }
+
+    /// Every response with its name.
+    fn responses(&self) -> impl Iterator<Item = (String, &Inference)> {
+        let physiology = self.physiology.iter();
+        let physiology =
+            physiology.map(|it| (it.quantity.name_and_unit().0.to_owned(), &it.inference));
+        let paths = self.path_lengths.iter();
+        physiology.chain(paths.map(|it| {
+            let Path { point, direction } = &it.path;
+            (format!("{}, {direction}", point_name(point)), &it.inference)
+        }))
+    }
+}
+
+/// What acts on each named response: the non-parametric analysis of variance, and the parametric
+/// one with its assumptions.
+#[must_use]
+pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>) -> Annotated {
+    let header = [
+        "effect",
+        "ANOVA-type statistic",
+        "df",
+        "p",
+        "F",
+        "df",
+        "p (Greenhouse-Geisser)",
+        "Mauchly p",
+        "Shapiro-Wilk p",
+    ];
+    let mut notes = Footnotes::default();
+    let mut rows = Vec::new();
+    for (name, inference) in responses {
+        let normality = inference.normality_of_residuals.as_result();
+        for (at, effect) in effect_names(inference).into_iter().enumerate() {
+            let ranks = inference.ranks.as_result();
+            let ranks = ranks.and_then(|it| it.effects[at].anova_type.as_ref().ok_or(NO_RANKS));
+            let anova = inference.anova.as_result().map(|it| &it.effects[at]);
+            let test = anova.and_then(|it| it.test.as_ref().ok_or(NO_ERROR));
+            let p = test.map(|it| {
+                let corrected = it.sphericity.as_ref().map(|it| it.greenhouse_geisser.p);
+                p_text(corrected.unwrap_or(it.p))
+            });
+            let mauchly = test.and_then(|it| match &it.sphericity {
+                // With one degree of freedom there is nothing that could be aspherical.
+                None => Ok(String::new()),
+                Some(it) => it.mauchly.as_ref().map(|it| p_text(it.p)).ok_or(TOO_FEW),
+            });
+            rows.push(vec![
+                format!("{name}: {effect}"),
+                notes.stated(ranks.map(|it| digits(it.statistic))),
+                notes.stated(ranks.map(|it| format!("{:.2}", it.df))),
+                notes.stated(ranks.map(|it| p_text(it.p))),
+                notes.stated(test.map(|it| digits(it.f))),
+                notes.stated(anova.map(|it| format!("{}, {}", it.df, it.error_df))),
+                notes.stated(p),
+                notes.stated(mauchly),
+                notes.stated(normality.map(|it| p_text(it.p))),
+            ]);
+        }
+    }
+    notes.below(Grid { header: header.map(str::to_owned).into(), rows })
+}
+
+/// Main effects and the interaction, in the order of both analyses: of them that are absent too.
+fn effect_names(inference: &Inference) -> Vec<String> {
+    let mut names: Vec<String> = inference.factors.iter().map(|it| it.name.clone()).collect();
+    if names.len() > 1 {
+        names.push(names.join(":"));
+    }
+    names
+}
+
+/// How pairs of levels are compared, for people.
+pub const COMPARED: &str = "Difference and 95 % CI: of this pair alone, not corrected. d: Cohen's, of the normalised \
+     values, the difference of two means over the root of their mean variance. p: of the paired \
+     t test and of the ANOVA-type statistic, times the number of tests (of), after Bonferroni.";
+
+/// Pairs of levels, each with the name of its response.
+#[must_use]
+pub fn comparisons<'a>(pairs: impl IntoIterator<Item = (String, &'a Comparison)>) -> Annotated {
+    let header = [
+        "comparison",
+        "under",
+        "difference",
+        "95 % CI",
+        "t (df)",
+        "d",
+        "p (t test)",
+        "p (ranks)",
+        "of",
+    ];
+    let mut notes = Footnotes::default();
+    let mut rows = Vec::new();
+    for (name, it) in pairs {
+        let [from, to] = &it.levels;
+        let (t_test, ranks) = (it.t_test.as_result(), it.ranks.as_result());
+        let interval = t_test.map(|it| {
+            let [low, high] = it.difference_ci95.map(digits);
+            format!("{low} to {high}")
+        });
+        let family = t_test.map(|it| &it.family).or(ranks.map(|it| &it.family));
+        rows.push(vec![
+            format!("{name}: {from} to {to}"),
+            it.under.clone().unwrap_or_default(),
+            notes.stated(t_test.map(|it| digits(it.mean_difference))),
+            notes.stated(interval),
+            notes.stated(t_test.map(|it| format!("{:.2} ({})", it.t, it.df))),
+            notes.stated(it.d.as_result().map(|d| format!("{d:.2}"))),
+            notes.stated(t_test.map(|it| p_text(it.p_bonferroni))),
+            notes.stated(ranks.map(|it| p_text(it.p_bonferroni))),
+            notes.stated(family.map(|it| it.tests.to_string())),
+        ]);
+    }
+    notes.below(Grid { header: header.map(str::to_owned).into(), rows })
+}
+
+/// A probability, with as many digits as a paper gives.
+fn p_text(p: f64) -> String {
+    if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline_analysis::statistics::within::{Observation, WithinDesign};
+
+    use super::*;
+
+    /// Of so many subjects, whose values are by condition and time.
+    fn inference(subjects: &[&str], value: impl Fn(usize, usize, usize) -> f64) -> Inference {
+        let mut observations = Vec::new();
+        for (who, subject) in subjects.iter().enumerate() {
+            for (at, condition) in ["calm", "wild"].into_iter().enumerate() {
+                for (when, time) in ["T1", "T2", "T3"].into_iter().enumerate() {
+                    let levels = vec![condition, time];
+                    observations.push(Observation { subject, levels, value: value(who, at, when) });
+                }
+            }
+        }
+        let design = WithinDesign::of_complete_subjects(&["condition", "time"], &observations);
+        Inference::of(&design.unwrap().0)
+    }
+
+    fn names(table: &Annotated) -> Vec<&str> {
+        table.grid.rows.iter().map(|row| &*row[0]).collect()
+    }
+
+    #[test]
+    fn effects_that_cannot_be_tested_are_listed_with_the_reason() {
+        let one = inference(&["a"], |_, at, when| (3 * at + when) as f64);
+        let table = effects([("path".to_owned(), &one)]);
+        assert_eq!(names(&table), ["path: condition", "path: time", "path: condition:time"]);
+        assert!(table.grid.rows.iter().all(|row| row[1..].iter().all(|it| it.starts_with('–'))));
+        let reasons = [one.ranks.as_result().err(), one.anova.as_result().err()];
+        for reason in reasons.map(Option::unwrap) {
+            assert!(table.notes.iter().any(|it| it.ends_with(reason)), "{:?}", table.notes);
+        }
+    }
+
+    #[test]
+    fn a_comparison_tells_its_family() {
+        let value =
+            |who: usize, at: usize, when: usize| ((7 * who + 3) * (3 * at + when + 2) % 11) as f64;
+        let several = inference(&["a", "b", "c", "d", "e"], value);
+        let pairs = several.comparisons.iter().map(|it| ("path".to_owned(), it));
+        let table = comparisons(pairs);
+        // Of the conditions the three times; of the times the three pairs, under each condition.
+        assert_eq!(table.grid.rows.len(), 3 + 2 * 3);
+        assert_eq!(names(&table)[0], "path: calm to wild");
+        assert_eq!(table.grid.rows[3][..2], ["path: T1 to T2", "calm"]);
+        assert!(table.grid.rows.iter().all(|row| row[8] == "3"), "{}", table.text());
+        let test = several.comparisons[0].t_test.known().unwrap();
+        assert_eq!(table.grid.rows[0][4], format!("{:.2} (4)", test.t));
+    }
+}

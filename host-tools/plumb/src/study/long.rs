@@ -1,0 +1,292 @@
+//! A long table: one measurement to a line, with its subject and the levels it was made under; and
+//! its statistics.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use plumbline_analysis::statistics::inference::{Cell, Inference};
+use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observation, WithinDesign};
+use serde::Serialize;
+
+use super::inference::{COMPARED, comparisons, effects};
+use crate::counting::counted;
+use crate::error::BadInput;
+use crate::files::columns::Delimiter;
+use crate::files::read_text;
+use crate::grid::{Annotated, Footnotes, Grid, digits};
+
+/// Which columns are what.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Columns {
+    /// What was measured.
+    pub response: String,
+    /// The within-subject factors, one or two.
+    pub within: Vec<String>,
+    /// Whose.
+    pub subject: String,
+}
+
+/// The statistics of a long table, as the JSON has them.
+#[derive(Debug, Clone, Serialize)]
+pub struct LongFigures {
+    /// The program that made them.
+    pub program: &'static str,
+    /// The table's file.
+    pub source: String,
+    /// The column of what was measured.
+    pub response: String,
+    /// Of all that was measured.
+    #[serde(flatten)]
+    pub inference: Inference,
+    /// Subjects without a value in some cell.
+    pub left_out: Vec<Incomplete>,
+}
+
+/// One line.
+struct Row {
+    line: u64,
+    subject: String,
+    levels: Vec<String>,
+    value: f64,
+}
+
+/// Reads a long table, and analyses it.
+///
+/// # Errors
+/// As [`read`].
+pub fn analyze(
+    path: &Path,
+    columns: &Columns,
+    delimiter: Delimiter,
+    drop_incomplete: bool,
+) -> Result<LongFigures, BadInput> {
+    let (design, left_out) = read(path, columns, delimiter, drop_incomplete)?;
+    Ok(LongFigures {
+        program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
+        source: path.display().to_string(),
+        response: columns.response.clone(),
+        inference: Inference::of(&design),
+        left_out,
+    })
+}
+
+impl LongFigures {
+    /// In a terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let Self { response, inference, .. } = self;
+        let pairs = inference.comparisons.iter().map(|it| (response.clone(), it));
+        format!(
+            "{response}: {}\n{}{}{}",
+            counted(inference.subjects.len(), "subject"),
+            self.cells().text(),
+            effects([(response.clone(), inference)]).text(),
+            comparisons(pairs).text() + COMPARED + "\n",
+        )
+    }
+
+    /// Each combination of levels.
+    fn cells(&self) -> Annotated {
+        let ranks = self.inference.ranks.as_result();
+        let relative_effect = |cell: &Cell| {
+            ranks.map(|ranks| {
+                let mut effects = ranks.relative_effects.iter();
+                let of_cell =
+                    effects.find(|it| it.levels.iter().map(|it| &it.level).eq(&cell.levels));
+                of_cell
+                    .map_or_else(String::new, |it| format!("{:.3}", it.relative_treatment_effect))
+            })
+        };
+        let mut notes = Footnotes::default();
+        let mut rows = Vec::new();
+        for cell in &self.inference.cells {
+            let [raw, normalised] = [&cell.raw, &cell.normalised].map(|it| it.as_result());
+            rows.push(vec![
+                cell.levels.join(", "),
+                notes.stated(raw.map(|it| digits(it.mean))),
+                notes.stated(raw.map(|it| digits(it.sd))),
+                notes.stated(normalised.map(|it| digits(it.sem))),
+                notes.stated(relative_effect(cell)),
+            ]);
+        }
+        let header = ["cell", "mean", "SD", "SEM (Cousineau-Morey)", "relative effect"];
+        notes.below(Grid { header: header.map(str::to_owned).into(), rows })
+    }
+}
+
+/// Reads a long table into a design; subjects without a value in some cell are refused or, with
+/// `drop_incomplete`, left out and listed.
+///
+/// # Errors
+/// When the file cannot be read, a column is missing, a value is no number, or a cell has no
+/// value or two: with the line, or the subject and the cell.
+pub fn read(
+    path: &Path,
+    columns: &Columns,
+    delimiter: Delimiter,
+    drop_incomplete: bool,
+) -> Result<(WithinDesign, Vec<Incomplete>), BadInput> {
+    let place = path.display().to_string();
+    let text = read_text(path)?;
+    let rows = rows(&text, columns, delimiter, &place)?;
+    let mut lines: HashMap<(&str, &[String]), u64> = HashMap::new();
+    for row in &rows {
+        if let Some(first) = lines.insert((&row.subject, &row.levels), row.line) {
+            return Err(BadInput::new(
+                &place,
+                format!("line {}", row.line),
+                format!(
+                    "subject {} has a second value in {}, the first is in line {first}",
+                    row.subject,
+                    row.levels.join(", ")
+                ),
+                "average repeated measurements first, or name the column that tells them apart \
+                 with --within",
+            ));
+        }
+    }
+    let observations: Vec<Observation<'_>> = rows
+        .iter()
+        .map(|row| Observation {
+            subject: &row.subject,
+            levels: row.levels.iter().map(String::as_str).collect(),
+            value: row.value,
+        })
+        .collect();
+    let factors: Vec<&str> = columns.within.iter().map(String::as_str).collect();
+    let (design, dropped) = WithinDesign::of_complete_subjects(&factors, &observations)
+        .map_err(|error| unusable(&place, &error))?;
+    match dropped.first() {
+        Some(first) if !drop_incomplete => {
+            Err(unusable(&place, &DesignError::Missing(first.clone())))
+        }
+        _ => Ok((design, dropped)),
+    }
+}
+
+fn unusable(place: &str, error: &DesignError) -> BadInput {
+    let remedy = match error {
+        DesignError::Missing(_) => {
+            "measure it, or leave such subjects out with --drop-incomplete: these methods take \
+             complete data"
+        }
+        _ => "correct the table",
+    };
+    BadInput::whole(place, error, remedy)
+}
+
+fn rows(
+    text: &str,
+    columns: &Columns,
+    delimiter: Delimiter,
+    place: &str,
+) -> Result<Vec<Row>, BadInput> {
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(delimiter.letter() as u8)
+        .trim(csv::Trim::All)
+        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+    let unreadable = |error: csv::Error| {
+        let line = error.position().map(|at| format!("line {}", at.line())).unwrap_or_default();
+        let found = match error.kind() {
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                format!("{len} cells, and the header has {expected_len}")
+            }
+            _ => error.to_string(),
+        };
+        BadInput::new(place, line, found, "correct that line, or give the --delimiter")
+    };
+    let header = reader.headers().map_err(unreadable)?.clone();
+    let at = |name: &str| {
+        header.iter().position(|it| it == name).ok_or_else(|| {
+            let found: Vec<&str> = header.iter().collect();
+            BadInput::new(
+                place,
+                name,
+                format!("no such column; it has {}", found.join(", ")),
+                "name the columns as they stand in the file, and what separates them with \
+                 --delimiter",
+            )
+        })
+    };
+    let (response, subject) = (at(&columns.response)?, at(&columns.subject)?);
+    let within: Vec<usize> =
+        columns.within.iter().map(|name| at(name)).collect::<Result<_, _>>()?;
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(unreadable)?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let cell = |at: usize| record.get(at).unwrap_or_default().to_owned();
+        let value: f64 =
+            cell(response).parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(
+                || {
+                    BadInput::new(
+                        place,
+                        format!("{} (line {line})", columns.response),
+                        format!("{:?} is no number", cell(response)),
+                        "correct that line, or remove it where nothing was measured",
+                    )
+                },
+            )?;
+        let levels: Vec<String> = within.iter().map(|at| cell(*at)).collect();
+        let row = Row { line, subject: cell(subject), levels, value };
+        if row.subject.is_empty() || row.levels.iter().any(String::is_empty) {
+            return Err(BadInput::new(
+                place,
+                format!("line {line}"),
+                "a subject or a level is empty",
+                "complete that line, or remove it",
+            ));
+        }
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read_table(text: &str, drop: bool) -> Result<(WithinDesign, Vec<Incomplete>), String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("long.csv");
+        std::fs::write(&path, text).unwrap();
+        let columns = Columns {
+            response: "resp".into(),
+            within: vec!["day".into(), "time".into()],
+            subject: "who".into(),
+        };
+        read(&path, &columns, Delimiter::Comma, drop).map_err(|error| error.to_string())
+    }
+
+    const WHOLE: &str = "who,day,time,resp\na,1,x,5\na,1,y,6\na,2,x,7\na,2,y,8.5\n\
+                         b,1,x,4\nb,1,y,3\nb,2,x,2\nb,2,y,1\n";
+
+    #[test]
+    fn a_long_table_becomes_subjects_by_cells() {
+        let (design, dropped) = read_table(WHOLE, false).unwrap();
+        assert_eq!(design.subjects(), ["a", "b"]);
+        assert_eq!(design.cell(3), [8.5, 1.0]);
+        assert_eq!(dropped.len(), 0);
+        let shorter = WHOLE.replace("b,2,y,1\n", "");
+        let (design, dropped) = read_table(&shorter, true).unwrap();
+        assert_eq!((design.subjects().len(), &*dropped[0].subject), (1, "b"));
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_named() {
+        let cases = [
+            (WHOLE.replace("resp", "value"), "resp: no such column; it has who, day, time, value"),
+            (WHOLE.replace("8.5", "many"), "resp (line 5): \"many\" is no number"),
+            (WHOLE.replace("8.5", "NaN"), "resp (line 5): \"NaN\" is no number"),
+            (WHOLE.replace("b,2,y,1\n", ""), "subject b has no value in 2, y"),
+            (WHOLE.replace("a,2,y,8.5", "a,2,x,8.5"), "line 5: subject a has a second value"),
+            (WHOLE.replace("a,2,y,8.5", ",2,y,8.5"), "line 5: a subject or a level is empty"),
+            (WHOLE.replace("a,2,y,8.5", "a,2,y"), "3 cells, and the header has 4"),
+            ("who,day,time,resp\n".to_owned(), "there are no measurements"),
+        ];
+        for (text, part) in cases {
+            let error = read_table(&text, false).unwrap_err();
+            assert!(error.contains("long.csv") && error.contains(part), "{error}");
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! `study.toml`: which trials make a study.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::protocol::{Physiology, PhysiologyToml};
+use crate::error::BadInput;
+use crate::files::positions::{Columns, Table, Unit};
+use crate::files::{from_toml, read_text};
+
+/// What a new study begins with.
+pub const EXAMPLE: &str = include_str!("study.toml");
+
+/// A study, its paths as seen from here.
+#[derive(Debug, Clone)]
+pub struct Study {
+    /// Where it was read from.
+    pub place: String,
+    /// What it is called.
+    pub title: String,
+    /// The conditions in the order of the tables; the first is what the others are compared to.
+    pub conditions: Vec<String>,
+    /// Times of a trial, seconds from t = 0.
+    pub bins_s: Vec<Range<f64>>,
+    /// Whether a participant who lacks a value is left out of that response's statistics; else
+    /// the study is refused.
+    pub drop_incomplete: bool,
+    /// What else was recorded, and how its values are taken.
+    pub physiology: Option<Physiology>,
+    /// The trials.
+    pub trials: Vec<Entry>,
+}
+
+/// One trial of a study.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// Where its positions are.
+    pub source: Source,
+    /// Who, where the trial's own manifest does not say or says otherwise.
+    pub participant: Option<String>,
+    /// Under which condition, likewise.
+    pub condition: Option<String>,
+    /// Its physiological recordings.
+    pub physiology: Option<Recordings>,
+}
+
+impl Entry {
+    /// Where its positions are.
+    fn path(&self) -> &Path {
+        match &self.source {
+            Source::Trial(folder) => folder,
+            Source::Table(table) => &table.path,
+        }
+    }
+}
+
+/// The physiological recordings of a trial.
+#[derive(Debug, Clone)]
+pub struct Recordings {
+    /// Where the files are.
+    pub folder: PathBuf,
+    /// When t = 0 is on their clock, seconds.
+    pub zero_s: Option<f64>,
+    /// When the person begins to rise, seconds from t = 0.
+    pub transition_s: Option<f64>,
+}
+
+/// Where a trial's positions are.
+#[derive(Debug, Clone)]
+pub enum Source {
+    /// A folder of `plumb receive`.
+    Trial(PathBuf),
+    /// A table of another system.
+    Table(Table),
+}
+
+/// A day: no time of a trial is further from its t = 0.
+pub(super) const SECONDS_MAX: f64 = 86_400.0;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StudyToml {
+    title: String,
+    conditions: Vec<String>,
+    #[serde(default = "paper_bins")]
+    bins_s: Vec<[f64; 2]>,
+    #[serde(default)]
+    drop_incomplete: bool,
+    physiology: Option<PhysiologyToml>,
+    #[serde(default, rename = "trial")]
+    trials: Vec<EntryToml>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EntryToml {
+    folder: Option<PathBuf>,
+    table: Option<PathBuf>,
+    columns: Option<String>,
+    unit: Option<String>,
+    participant: Option<String>,
+    condition: Option<String>,
+    physiology: Option<RecordingsToml>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecordingsToml {
+    folder: PathBuf,
+    zero_s: Option<f64>,
+    transition_s: Option<f64>,
+}
+
+fn paper_bins() -> Vec<[f64; 2]> {
+    vec![[0.0, 20.0], [20.0, 40.0], [40.0, 60.0]]
+}
+
+/// Reads a study; its paths are relative to its own place.
+///
+/// # Errors
+/// When it cannot be understood: with the field.
+pub fn read(path: &Path) -> Result<Study, BadInput> {
+    let place = path.display().to_string();
+    let remedy = "`plumb study --new FILE` writes one that explains itself";
+    let study: StudyToml = from_toml(&read_text(path)?, &place, remedy)?;
+    let wrong =
+        |field: &str, found: &str, remedy: &str| Err(BadInput::new(&place, field, found, remedy));
+    let conditions: Vec<String> = study.conditions.iter().map(|it| it.trim().to_owned()).collect();
+    if conditions.len() < 2 {
+        return wrong("conditions", "fewer than two", "name at least two: a study compares them");
+    }
+    if conditions.iter().any(String::is_empty) {
+        return wrong("conditions", "one without a name", "name each, as the trials have it");
+    }
+    if (1..conditions.len()).any(|at| conditions[..at].contains(&conditions[at])) {
+        return wrong("conditions", "one is named twice", "name each once");
+    }
+    let in_order = |[from, to]: &[f64; 2]| from < to && from.abs().max(to.abs()) <= SECONDS_MAX;
+    if study.bins_s.is_empty() || !study.bins_s.iter().all(in_order) {
+        return wrong("bins_s", "a bin that is none", "give pairs of seconds, [[0, 20], [20, 40]]");
+    }
+    if study.trials.is_empty() {
+        return wrong(
+            "[[trial]]",
+            "there is none",
+            "list the trials, each in a [[trial]] of its own",
+        );
+    }
+    let base = crate::files::directory_of(path);
+    let physiology = study.physiology.map(|it| it.check(&place)).transpose()?;
+    if let Some(at) = study.trials.iter().position(|it| it.physiology.is_some())
+        && physiology.is_none()
+    {
+        return Err(BadInput::new(
+            &place,
+            format!("[[trial]] {}, physiology", at + 1),
+            "nothing says what its files are",
+            "add a [physiology] section: `plumb study --new FILE` shows one",
+        ));
+    }
+    if physiology.is_some() && study.trials.iter().all(|it| it.physiology.is_none()) {
+        return wrong(
+            "physiology",
+            "no trial says where its recordings are",
+            "add physiology = { folder = \"...\" } to each [[trial]]",
+        );
+    }
+    let trials = study.trials.into_iter().enumerate();
+    let trials: Vec<Entry> =
+        trials.map(|(at, it)| it.entry(base, &place, at)).collect::<Result<_, _>>()?;
+    for (at, entry) in trials.iter().enumerate() {
+        if let Some(first) = trials[..at].iter().position(|it| it.path() == entry.path()) {
+            return Err(BadInput::new(
+                &place,
+                format!("[[trial]] {}", at + 1),
+                format!("{} is [[trial]] {} as well", entry.path().display(), first + 1),
+                "list each trial once",
+            ));
+        }
+    }
+    Ok(Study {
+        trials,
+        place,
+        title: study.title,
+        conditions,
+        bins_s: study.bins_s.into_iter().map(|[from, to]| from..to).collect(),
+        drop_incomplete: study.drop_incomplete,
+        physiology,
+    })
+}
+
+impl EntryToml {
+    fn entry(self, base: &Path, place: &str, at: usize) -> Result<Entry, BadInput> {
+        let name = format!("[[trial]] {}", at + 1);
+        let wrong = |found: &str, remedy: &str| BadInput::new(place, &name, found, remedy);
+        let source = match (self.folder, self.table) {
+            (Some(_), None) if self.columns.is_some() || self.unit.is_some() => {
+                return Err(wrong(
+                    "columns or a unit of a trial's folder",
+                    "leave them out: they are of a table",
+                ));
+            }
+            (Some(folder), None) => Source::Trial(base.join(folder)),
+            (None, Some(table)) => {
+                let columns = self.columns.ok_or_else(|| {
+                    wrong("a table without columns", "add columns = \"time=NAME,ap=NAME,ml=NAME\"")
+                })?;
+                let word = self.unit.unwrap_or_default();
+                Source::Table(Table {
+                    path: base.join(table),
+                    columns: Columns::parse(&columns).map_err(|error| wrong(&columns, &error))?,
+                    unit: Unit::of_word(&word).ok_or_else(|| {
+                        wrong(&format!("no unit: {word:?}"), "write unit = \"mm\", \"cm\" or \"m\"")
+                    })?,
+                    delimiter: None,
+                })
+            }
+            _ => return Err(wrong("neither a folder nor a table, or both", "give one of them")),
+        };
+        let physiology = self.physiology.map(|it| Recordings {
+            folder: base.join(it.folder),
+            zero_s: it.zero_s,
+            transition_s: it.transition_s,
+        });
+        let (participant, condition) = (self.participant, self.condition);
+        Ok(Entry { source, participant, condition, physiology })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_example_offers_is_understood() {
+        // Settings that are commented out have no space behind the sign; words have one.
+        let offered = |line: &str| match line.strip_prefix('#') {
+            Some(setting) if !setting.starts_with(' ') => format!("{setting}\n"),
+            _ => format!("{line}\n"),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("study.toml");
+        std::fs::write(&path, EXAMPLE.lines().map(offered).collect::<String>()).unwrap();
+        let study = read(&path).unwrap();
+        assert!(study.drop_incomplete);
+        assert_eq!(study.trials.len(), 3);
+        let recordings = study.trials[0].physiology.as_ref().unwrap();
+        assert_eq!((recordings.zero_s, recordings.transition_s), (Some(132.4), Some(-4.2)));
+        let physiology = study.physiology.unwrap();
+        assert_eq!(physiology.signals.len(), 3);
+        assert_eq!(physiology.baseline_s, Some(-45.0..-15.0));
+    }
+}

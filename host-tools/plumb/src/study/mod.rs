@@ -1,0 +1,152 @@
+//! `plumb study`: the statistics of many trials, or of any long table.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::counting::counted;
+use crate::error::BadInput;
+use crate::files::columns::Delimiter;
+use crate::files::write_all;
+
+pub mod figures;
+pub mod inference;
+pub mod long;
+pub mod manifest;
+pub mod physiology;
+pub mod protocol;
+mod signals;
+pub mod sway;
+pub mod tables;
+pub mod values;
+
+/// The statistics of a study: many trials, or any table of measurements within subjects.
+///
+/// A study.toml lists the trials. Those of one participant under one condition are averaged; the
+/// path lengths of each trunk in each direction are then compared by condition and time: means
+/// and SEM without the differences between participants (Cousineau-Morey), Cohen's d, paired t
+/// tests with Bonferroni, repeated-measures ANOVA with Mauchly's test and Greenhouse-Geisser, and
+/// the non-parametric ANOVA of Brunner, Domhof and Langer.
+///
+/// With a [physiology] section the same is done to what was recorded beside the sway: heart rate,
+/// arterial pressure, stroke volume, cardiac output, cerebral blood flow velocity, oxygenation
+/// and end-tidal CO2, from ECG, pressure and other signals in CSV files.
+///
+/// With --long the same is done to a table with one measurement to a line.
+#[derive(Debug, Args)]
+#[command(group(clap::ArgGroup::new("input").required(true).args(["study", "long", "new"])))]
+#[command(after_help = "Examples:\n  plumb study --new study.toml\n  \
+    plumb study study.toml --json study.json\n  \
+    plumb study --long sway.csv --response path --within condition,time --subject id --json out.json")]
+pub struct Arguments {
+    /// The study
+    pub study: Option<PathBuf>,
+
+    /// Write a study.toml that explains itself
+    #[arg(long, value_name = "FILE")]
+    pub new: Option<PathBuf>,
+
+    /// A long table instead: one measurement to a line, with its subject and its levels
+    #[arg(long, value_name = "FILE", requires_all = ["response", "within", "subject"])]
+    pub long: Option<PathBuf>,
+
+    /// The table's column with what was measured
+    #[arg(long, value_name = "COLUMN", requires = "long")]
+    pub response: Option<String>,
+
+    /// The table's columns with the within-subject factors, one or two.
+    ///
+    /// p of the paired comparisons is corrected after Bonferroni for a family of them. With one
+    /// factor that is all its pairs of levels. With two: of the first, the comparisons of the same
+    /// two levels at all levels of the second; of the second, all its pairs of levels within one
+    /// level of the first.
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', requires = "long")]
+    pub within: Vec<String>,
+
+    /// The table's column that says whose it is
+    #[arg(long, value_name = "COLUMN", requires = "long")]
+    pub subject: Option<String>,
+
+    /// What separates the table's columns
+    #[arg(long, default_value = "comma", requires = "long")]
+    pub delimiter: Delimiter,
+
+    /// Leave subjects out that lack a measurement
+    #[arg(long, requires = "long")]
+    pub drop_incomplete: bool,
+
+    /// Write all statistics into this file
+    #[arg(long, value_name = "FILE", conflicts_with = "new")]
+    pub json: Option<PathBuf>,
+
+    /// Replace the file that is written if it exists
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When the study or the table cannot be used, or the output cannot be written.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(path) = &arguments.new {
+        write_all(&[(path.clone(), manifest::EXAMPLE.into())], arguments.force)?;
+        eprintln!("written to {}; list your trials in it", path.display());
+        return Ok(());
+    }
+    let (json, text) = match (&arguments.study, &arguments.long) {
+        (Some(path), _) => of_study(path)?,
+        (None, Some(path)) => of_long(arguments, path)?,
+        (None, None) => unreachable!("one of them is required"),
+    };
+    if let Some(path) = &arguments.json {
+        write_all(&[(path.clone(), (json + "\n").into_bytes())], arguments.force)?;
+    }
+    // A closed pipe must not hide the result.
+    let _ = write!(std::io::stdout(), "{text}");
+    Ok(())
+}
+
+fn of_study(path: &Path) -> anyhow::Result<(String, String)> {
+    let figures = figures::analyze(&manifest::read(path)?)?;
+    for warning in &figures.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let mut text = format!(
+        "{}: {}; means and SEM without the differences between participants\n\n",
+        figures.title,
+        counted(figures.participants.len(), "participant"),
+    );
+    for table in figures.physiology_tables().into_iter().chain([figures.sway_table()]) {
+        text += &format!("{}\n", table.text());
+    }
+    text += &figures.effects().text();
+    text += &format!("{}{}\n", figures.comparisons().text(), inference::COMPARED);
+    Ok((serde_json::to_string_pretty(&figures)?, text))
+}
+
+fn of_long(arguments: &Arguments, path: &Path) -> anyhow::Result<(String, String)> {
+    let (Some(response), Some(subject)) = (&arguments.response, &arguments.subject) else {
+        unreachable!("--long requires both");
+    };
+    if !(1..=2).contains(&arguments.within.len()) {
+        return Err(BadInput::whole(
+            "--within",
+            counted(arguments.within.len(), "factor"),
+            "name one or two columns: --within condition,time",
+        )
+        .into());
+    }
+    let columns = long::Columns {
+        response: response.clone(),
+        within: arguments.within.clone(),
+        subject: subject.clone(),
+    };
+    let figures = long::analyze(path, &columns, arguments.delimiter, arguments.drop_incomplete)?;
+    for it in &figures.left_out {
+        let cell = it.cell.join(", ");
+        eprintln!("warning: subject {} is left out: no value in {cell}", it.subject);
+    }
+    Ok((serde_json::to_string_pretty(&figures)?, figures.text()))
+}

@@ -1,0 +1,384 @@
+//! The physiology of a trial: each quantity's mean in the baseline and at each time, as in the
+//! paper's Table I.
+
+use std::ops::Range;
+
+use plumbline_analysis::physiology::bins::{GAP_MAX_S, Seconds, Window, window_means};
+use plumbline_analysis::physiology::cardiac_output::cardiac_output_l_min;
+use plumbline_analysis::physiology::cycles::{Cycles, Verdict};
+use plumbline_analysis::physiology::ecg::r_waves;
+use plumbline_analysis::physiology::pressure::{BeatWise, pulse_cycles};
+use plumbline_analysis::physiology::respiration::end_tidal_mmhg;
+use plumbline_analysis::physiology::signal::Signal;
+use serde::Serialize;
+
+use super::manifest::{Recordings, Study};
+use super::protocol::{Clock, Kind, Physiology, SignalFile};
+use super::signals;
+use crate::analyze::points::Points;
+use crate::error::BadInput;
+
+/// Of a window's seconds so many have a value, or it has no mean.
+const COVERED_MIN: f64 = 0.5;
+
+/// A quantity of Table I.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Beats per minute.
+    HeartRate,
+    /// Mean arterial pressure of each cycle, mmHg.
+    MeanPressure,
+    /// Its maximum.
+    SystolicPressure,
+    /// Its minimum.
+    DiastolicPressure,
+    /// mL.
+    StrokeVolume,
+    /// L/min.
+    CardiacOutput,
+    /// Mean cerebral blood flow velocity of each cycle, cm/s.
+    MeanVelocity,
+    /// Its maximum.
+    SystolicVelocity,
+    /// Its minimum.
+    DiastolicVelocity,
+    /// Tissue saturation index, per cent.
+    Oxygenation,
+    /// End-tidal partial pressure of CO2, mmHg.
+    EndTidalCo2,
+}
+
+impl Quantity {
+    /// In the paper's order.
+    pub const ALL: [Self; 11] = [
+        Self::HeartRate,
+        Self::MeanPressure,
+        Self::SystolicPressure,
+        Self::DiastolicPressure,
+        Self::StrokeVolume,
+        Self::CardiacOutput,
+        Self::MeanVelocity,
+        Self::SystolicVelocity,
+        Self::DiastolicVelocity,
+        Self::Oxygenation,
+        Self::EndTidalCo2,
+    ];
+
+    /// Its abbreviation, as in the paper, and its unit.
+    #[must_use]
+    pub fn name_and_unit(self) -> (&'static str, &'static str) {
+        match self {
+            Self::HeartRate => ("HR", "bpm"),
+            Self::MeanPressure => ("MAP", "mmHg"),
+            Self::SystolicPressure => ("SBP", "mmHg"),
+            Self::DiastolicPressure => ("DBP", "mmHg"),
+            Self::StrokeVolume => ("SV", "mL"),
+            Self::CardiacOutput => ("CO", "L/min"),
+            Self::MeanVelocity => ("mean CBFv", "cm/s"),
+            Self::SystolicVelocity => ("systolic CBFv", "cm/s"),
+            Self::DiastolicVelocity => ("diastolic CBFv", "cm/s"),
+            Self::Oxygenation => ("TSI", "%"),
+            Self::EndTidalCo2 => ("PETCO2", "mmHg"),
+        }
+    }
+
+    /// Between which nobody lives whose signal is in the unit that was said: half of the values
+    /// beyond are those of another unit.
+    fn plausible(self) -> [f64; 2] {
+        match self {
+            Self::HeartRate => [20.0, 250.0],
+            Self::MeanPressure | Self::SystolicPressure | Self::DiastolicPressure => [20.0, 350.0],
+            Self::StrokeVolume => [5.0, 400.0],
+            Self::CardiacOutput => [0.5, 50.0],
+            // Diastolic velocity may be near 0, or reversed.
+            Self::MeanVelocity | Self::SystolicVelocity => [2.0, 400.0],
+            Self::DiastolicVelocity => [-100.0, 400.0],
+            Self::Oxygenation => [2.0, 100.0],
+            Self::EndTidalCo2 => [8.0, 120.0],
+        }
+    }
+}
+
+/// What a trial gives.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// Each quantity's mean in each window.
+    pub responses: Vec<(Quantity, Vec<Option<f64>>)>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A quantity over time, and how seconds are made of it.
+enum Course {
+    /// Once a beat or a breath.
+    PerCycle(Signal),
+    /// All the time.
+    Sampled(Signal),
+}
+
+/// The quantities of one trial in these windows.
+///
+/// # Errors
+/// When a file cannot be read or is absent (which a study that leaves incomplete participants
+/// out takes as nothing measured), a signal is not sampled as it must be or not in its unit, or
+/// it is not known when the trial is on the signals' clock.
+pub fn of_trial(
+    study: &Study,
+    physiology: &Physiology,
+    recordings: &Recordings,
+    points: &Points,
+    windows: &[Window],
+) -> Result<Found, BadInput> {
+    let transition_s = transition_s(study, physiology, recordings, points)?;
+    let mut found = Found::default();
+    let mut trial = Signals { study, recordings, points, physiology, found: &mut found };
+    let courses = trial.courses()?;
+    let spans = windows.iter().map(|it| it.seconds(transition_s));
+    let span = spans.reduce(|all, it| all.start.min(it.start)..all.end.max(it.end));
+    let span = span.unwrap_or(0..0);
+    for (quantity, course) in courses {
+        trial.overlaps(quantity, &course, &span)?;
+        let seconds = match &course {
+            Course::PerCycle(signal) => Seconds::interpolated(signal, 0.0, span.clone(), GAP_MAX_S),
+            Course::Sampled(signal) => match Seconds::averaged(signal, 0.0, span.clone()) {
+                Ok(seconds) => seconds,
+                Err(error) => return Err(trial.unusable(Kind::Oxygenation, &error)),
+            },
+        };
+        let means = window_means(&seconds, windows, transition_s, COVERED_MIN);
+        let (name, _) = quantity.name_and_unit();
+        for window in means.iter().filter(|it| it.mean.is_none()) {
+            trial.found.warnings.push(format!(
+                "{}: {name} at {}: {} of {} s have a value",
+                recordings.folder.display(),
+                window.name,
+                window.known,
+                window.seconds
+            ));
+        }
+        trial.plausible(quantity, &course)?;
+        let means = means.into_iter().map(|it| it.mean).collect();
+        trial.found.responses.push((quantity, means));
+    }
+    Ok(found)
+}
+
+/// When the person begins to rise, seconds from t = 0; without a baseline it does not matter.
+fn transition_s(
+    study: &Study,
+    physiology: &Physiology,
+    recordings: &Recordings,
+    points: &Points,
+) -> Result<f64, BadInput> {
+    let mark = physiology.transition.as_ref();
+    let marked = mark.and_then(|mark| points.events.iter().find(|it| it.label == *mark));
+    let transition_s = recordings.transition_s.or(marked.map(|it| it.time_s));
+    let wrong = |found: String| {
+        Err(BadInput::new(
+            &study.place,
+            format!("{}, physiology.transition_s", points.place),
+            found,
+            "give when the person begins to rise, seconds from t = 0 (transition_s = -4.2), or \
+             mark it in the trial and name the mark in [physiology] (transition = \"rises\")",
+        ))
+    };
+    match transition_s {
+        None if physiology.baseline_s.is_none() => Ok(0.0),
+        None => wrong("it is not known, and the baseline is counted from it".to_owned()),
+        Some(it) if !(-600.0..=0.0).contains(&it) => {
+            wrong(format!("{it} s is not within the ten minutes before t = 0"))
+        }
+        Some(it) => Ok(it),
+    }
+}
+
+/// The signals of one trial.
+struct Signals<'a> {
+    study: &'a Study,
+    physiology: &'a Physiology,
+    recordings: &'a Recordings,
+    points: &'a Points,
+    found: &'a mut Found,
+}
+
+impl Signals<'_> {
+    /// What can be had of them, in the paper's order.
+    fn courses(&mut self) -> Result<Vec<(Quantity, Course)>, BadInput> {
+        use Course::{PerCycle, Sampled};
+        let ecg = self.read(Kind::Ecg)?;
+        let pressure = self.read(Kind::Pressure)?;
+        let velocity = self.read(Kind::FlowVelocity)?;
+        let stroke_volume = self.read(Kind::StrokeVolume)?;
+        let mut courses = Vec::new();
+        if let Some(cycles) = self.cycles(ecg.as_ref(), pressure.as_ref(), velocity.as_ref())? {
+            courses.push((Quantity::HeartRate, PerCycle(cycles.heart_rate_bpm())));
+            if let Some(wave) = &pressure {
+                let [mean, systolic, diastolic] =
+                    self.beat_wise(Kind::Pressure, wave, &cycles)?.map(PerCycle);
+                courses.push((Quantity::MeanPressure, mean));
+                courses.push((Quantity::SystolicPressure, systolic));
+                courses.push((Quantity::DiastolicPressure, diastolic));
+            }
+            if let Some(volume) = &stroke_volume {
+                let output = cardiac_output_l_min(&cycles, volume);
+                courses.push((Quantity::CardiacOutput, PerCycle(output)));
+            }
+            if let Some(wave) = &velocity {
+                let [mean, systolic, diastolic] =
+                    self.beat_wise(Kind::FlowVelocity, wave, &cycles)?.map(PerCycle);
+                courses.push((Quantity::MeanVelocity, mean));
+                courses.push((Quantity::SystolicVelocity, systolic));
+                courses.push((Quantity::DiastolicVelocity, diastolic));
+            }
+        }
+        courses.extend(stroke_volume.map(|it| (Quantity::StrokeVolume, PerCycle(it))));
+        let oxygenation = self.read(Kind::Oxygenation)?;
+        courses.extend(oxygenation.map(|it| (Quantity::Oxygenation, Sampled(it))));
+        if let Some(co2) = self.read(Kind::Co2)? {
+            let end_tidal = end_tidal_mmhg(&co2);
+            let end_tidal = end_tidal.map_err(|error| self.unusable(Kind::Co2, &error))?;
+            courses.push((Quantity::EndTidalCo2, PerCycle(end_tidal)));
+        }
+        courses.sort_by_key(|(quantity, _)| *quantity);
+        Ok(courses)
+    }
+
+    /// By the ECG or, without one, by the waves of pressure or flow velocity.
+    fn cycles(
+        &mut self,
+        ecg: Option<&Signal>,
+        pressure: Option<&Signal>,
+        velocity: Option<&Signal>,
+    ) -> Result<Option<Cycles>, BadInput> {
+        if let Some(ecg) = ecg {
+            let waves = r_waves(ecg).map_err(|error| self.unusable(Kind::Ecg, &error))?;
+            let cycles = waves.cycles();
+            if cycles.count(Verdict::Normal) == 0 {
+                return Err(self.unusable(Kind::Ecg, &"no two R waves follow each other in it"));
+            }
+            return Ok(Some(cycles));
+        }
+        let waves = [(Kind::Pressure, pressure), (Kind::FlowVelocity, velocity)];
+        let Some((kind, wave)) = waves.into_iter().find_map(|(kind, it)| Some((kind, it?))) else {
+            return Ok(None);
+        };
+        let cycles = pulse_cycles(wave).map_err(|error| self.unusable(kind, &error))?;
+        self.found.warnings.push(format!(
+            "{}: without an ECG, beats are the feet of the {} wave",
+            self.recordings.folder.display(),
+            kind.word()
+        ));
+        Ok(Some(cycles))
+    }
+
+    /// Mean, systolic, diastolic.
+    fn beat_wise(
+        &self,
+        kind: Kind,
+        wave: &Signal,
+        cycles: &Cycles,
+    ) -> Result<[Signal; 3], BadInput> {
+        let figures = BeatWise::new(wave, cycles).map_err(|error| self.unusable(kind, &error))?;
+        Ok([figures.mean, figures.systolic, figures.diastolic])
+    }
+
+    fn file(&self, kind: Kind) -> Option<&SignalFile> {
+        self.physiology.signals.iter().find(|it| it.kind == kind)
+    }
+
+    /// The signal of a kind, if the study has it.
+    fn read(&mut self, kind: Kind) -> Result<Option<Signal>, BadInput> {
+        let Some(file) = self.file(kind) else { return Ok(None) };
+        let path = self.recordings.folder.join(&file.file);
+        if self.study.drop_incomplete && !path.exists() {
+            self.found.warnings.push(format!("{}: not recorded", path.display()));
+            return Ok(None);
+        }
+        let zero_s = self.zero_s(file)?;
+        let signals::Read { signal, warnings } = signals::read(&path, file, zero_s)?;
+        self.found.warnings.extend(warnings);
+        Ok(Some(signal))
+    }
+
+    /// When t = 0 is on a file's clock.
+    fn zero_s(&self, file: &SignalFile) -> Result<f64, BadInput> {
+        let (found, zero_s, remedy) = match file.clock {
+            Clock::Seconds => (
+                "it is not known when the trial's t = 0 is on the clock of its physiology",
+                self.recordings.zero_s,
+                "give zero_s in the trial's physiology, or record times of day and write \
+                 clock = \"utc\"",
+            ),
+            Clock::Utc => (
+                "nothing tells at what time of day it was recorded",
+                self.points.zero_utc_s,
+                "give the signal's times in seconds (clock = \"seconds\"), and the trial's zero_s",
+            ),
+        };
+        zero_s
+            .filter(|it| it.is_finite())
+            .ok_or_else(|| BadInput::new(&self.study.place, &self.points.place, found, remedy))
+    }
+
+    /// A signal that a method cannot take.
+    fn unusable(&self, kind: Kind, error: &dyn std::fmt::Display) -> BadInput {
+        let file = self.file(kind);
+        let name = file.map(|it| it.file.clone()).unwrap_or_default();
+        BadInput::new(
+            self.recordings.folder.join(name).display(),
+            file.map(|it| it.column.clone()).unwrap_or_default(),
+            error,
+            format!("give the {} as the device samples it", kind.word()),
+        )
+    }
+
+    /// Refuses what was recorded at another time than these seconds.
+    fn overlaps(
+        &self,
+        quantity: Quantity,
+        course: &Course,
+        span_s: &Range<i64>,
+    ) -> Result<(), BadInput> {
+        let (Course::PerCycle(signal) | Course::Sampled(signal)) = course;
+        let (Some(first_s), Some(last_s)) = (signal.time_s().first(), signal.time_s().last())
+        else {
+            return Ok(());
+        };
+        if *first_s < span_s.end as f64 && *last_s >= span_s.start as f64 {
+            return Ok(());
+        }
+        Err(BadInput::new(
+            self.recordings.folder.display(),
+            quantity.name_and_unit().0,
+            format!(
+                "it is there from {first_s:.1} to {last_s:.1} s of the trial, and at no time that is looked at"
+            ),
+            "correct the trial's zero_s, or the signal's clock",
+        ))
+    }
+
+    /// Refuses what is in another unit than was said.
+    fn plausible(&self, quantity: Quantity, course: &Course) -> Result<(), BadInput> {
+        let (Course::PerCycle(signal) | Course::Sampled(signal)) = course;
+        let mut values: Vec<f64> = signal.present().map(|(_, value)| value).collect();
+        if values.is_empty() {
+            return Ok(());
+        }
+        let middle = values.len() / 2;
+        let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let [low, high] = quantity.plausible();
+        if (low..=high).contains(&median) {
+            return Ok(());
+        }
+        let (name, unit) = quantity.name_and_unit();
+        Err(BadInput::new(
+            self.recordings.folder.display(),
+            name,
+            format!(
+                "half of its values are beyond {median:.3} {unit}, and it takes {low} to {high}"
+            ),
+            "correct the unit or the column in study.toml: nobody has such values",
+        ))
+    }
+}

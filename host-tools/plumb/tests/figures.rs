@@ -1,0 +1,233 @@
+//! Figures and statistics by the program itself, against results that others have published.
+
+#[path = "../../../tests/common/runner.rs"]
+mod runner;
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Recordings by others, if they are there.
+fn data(name: &str) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let data = std::env::var_os("PLUMBLINE_DATA").unwrap_or_else(|| "../shared/data".into());
+    let path = root.join(data).join(name);
+    if !path.exists() {
+        println!("skipped: there is no {} (PLUMBLINE_DATA names another place)", path.display());
+        return None;
+    }
+    Some(path.canonicalize().unwrap())
+}
+
+fn plumb(folder: &TempDir, arguments: &[&str]) -> Output {
+    let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+    command.args(arguments).current_dir(folder.path()).output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8([&output.stdout[..], &output.stderr].concat()).unwrap()
+}
+
+/// What the program writes with --json.
+#[track_caller]
+fn json(folder: &TempDir, arguments: &[&str]) -> Value {
+    let output = plumb(folder, &[arguments, &["--json", "out.json", "--force"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output));
+    serde_json::from_slice(&std::fs::read(folder.path().join("out.json")).unwrap()).unwrap()
+}
+
+#[track_caller]
+fn assert_near(found: &Value, expected: f64, relative: f64) {
+    let found = found.as_f64().unwrap_or_else(|| panic!("{found} is no number"));
+    let error = (found - expected).abs() / expected.abs();
+    assert!(error <= relative, "{found} is not {expected}: {error:e}");
+}
+
+#[test]
+fn a_force_plate_s_table_gives_its_authors_velocity_and_ellipse() {
+    let Some(data) = data("sway") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let mut reference = csv::ReaderBuilder::new()
+        .delimiter(b'\t')
+        .from_path(data.join("BDS_reference.tsv"))
+        .unwrap();
+    let mut trials = 0;
+    for row in reference.records() {
+        let row = row.unwrap();
+        let path = data.join(format!("{}.txt.gz", &row[0])).display().to_string();
+        let columns = "time=Time[s],ap=COPx[cm],ml=COPy[cm]";
+        let table = ["analyze", "--table", &path, "--columns", columns, "--unit", "cm"];
+        let json = json(&folder, &table);
+        let figures = &json["points"][0]["unfiltered"];
+        let number = |at: usize| row[at].parse::<f64>().unwrap();
+        // The reference is in cm. Theirs are 64-bit numbers with all digits, and so are ours:
+        // what is left is rounding, and their quantile of F, good to 1e-12.
+        let area = &figures["ellipse"]["transverse"]["area_mm2"]["value"];
+        assert_near(area, 100.0 * number(3), 1e-11);
+        let velocity = &figures["path"]["mean_velocity_mm_s"]["transverse"]["value"];
+        assert_near(velocity, 10.0 * number(4), 1e-12);
+        trials += 1;
+    }
+    assert_eq!(trials, 4);
+}
+
+#[test]
+fn rows_that_a_plate_has_dropped_are_gaps_and_named() {
+    let Some(data) = data("sway") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = data.join("jythen_test.csv.gz").display().to_string();
+    let columns = "time=MocapTime,ap=Cx,ml=Cy";
+    let table = ["analyze", "--table", &path, "--columns", columns, "--unit", "m"];
+    let json = json(&folder, &table);
+    let warnings = json["warnings"].to_string();
+    // All nine channels are 0 in these lines while time goes on; Cz is 0 in every line.
+    assert!(warnings.contains("7 rows became gaps"), "{warnings}");
+    assert!(warnings.contains("lines 37, 38, 15636"), "{warnings}");
+    // At both ends of the recording: no gap within it. With the zeros it would be 3216.7.
+    let length = &json["points"][0]["unfiltered"]["path"]["length_mm"]["transverse"]["value"];
+    assert_near(length, 3006.2, 0.1 / 3006.2);
+}
+
+#[test]
+fn ranks_are_those_of_nparld() {
+    let Some(data) = data("nparld") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    for (name, design, within, effects) in [
+        ("amylase", "LDF2", "time1,time2", &["Day", "Time", "Day:Time"][..]),
+        ("dental", "LDF1", "time", &["Time"][..]),
+    ] {
+        let path = data.join(format!("{name}.csv")).display().to_string();
+        let table = ["study", "--long", &path, "--response", "resp", "--within", within];
+        let json = json(&folder, &[&table[..], &["--subject", "subject"]].concat());
+        for (test, field) in [("ANOVA", "anova_type"), ("Wald", "wald_type")] {
+            let file = data.join(format!("ref_{name}_{design}_{test}.test.csv"));
+            let mut reference =
+                csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).unwrap();
+            let rows: Vec<csv::StringRecord> =
+                reference.records().collect::<Result<_, _>>().unwrap();
+            assert_eq!(rows.len(), effects.len());
+            for (at, row) in rows.iter().enumerate() {
+                let found = &json["ranks"]["effects"][at][field];
+                for (column, key) in ["statistic", "df", "p"].into_iter().enumerate() {
+                    // They give 15 digits of the statistic, of p as well.
+                    let expected: f64 = row[column + 1].trim().parse().unwrap();
+                    assert_near(&found[key], expected, 1e-11);
+                }
+            }
+        }
+    }
+}
+
+/// A minute on a circle, in a table.
+fn circle(folder: &TempDir, name: &str, radius_mm: f64, turns_per_s: f64) {
+    let mut rows = String::from("t,x,y\n");
+    for at in 0..=6000 {
+        let time_s = f64::from(at) / 100.0;
+        let angle = std::f64::consts::TAU * turns_per_s * time_s;
+        rows += &format!("{time_s},{},{}\n", radius_mm * angle.cos(), radius_mm * angle.sin());
+    }
+    std::fs::write(folder.path().join(name), rows).unwrap();
+}
+
+/// Three participants on circles: under one condition larger ones.
+fn study(folder: &TempDir) -> String {
+    let mut study = String::from("title = \"Circles\"\nconditions = [\"calm\", \"wild\"]\n");
+    for (participant, radius_mm) in [("P1", 4.0), ("P2", 5.0), ("P3", 7.0)] {
+        for (condition, more) in [("calm", 0.0), ("wild", 1.0 + 0.1 * radius_mm)] {
+            let name = format!("{participant}-{condition}.csv");
+            circle(folder, &name, radius_mm + more, 0.2);
+            study += &format!(
+                "[[trial]]\ntable = \"{name}\"\ncolumns = \"time=t,ap=x,ml=y\"\nunit = \"mm\"\n\
+                 participant = \"{participant}\"\ncondition = \"{condition}\"\n"
+            );
+        }
+    }
+    study
+}
+
+#[test]
+fn a_study_of_circles_has_their_circumferences_in_its_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |text: &str| std::fs::write(folder.path().join("study.toml"), text).unwrap();
+    write(&study(&folder));
+    let found = json(&folder, &["study", "study.toml"]);
+    assert_eq!(found["participants"].to_string(), r#"["P1","P2","P3"]"#);
+    let measures = found["path_lengths"].as_array().unwrap();
+    // A plate knows no SI.
+    let directions: Vec<&str> =
+        measures.iter().map(|it| it["direction"].as_str().unwrap()).collect();
+    assert_eq!(directions, ["AP", "ML", "APML"]);
+    let cells = measures[2]["inference"]["cells"].as_array().unwrap();
+    assert_eq!(cells[0]["levels"].to_string(), r#"["calm","T1"]"#);
+    // Four turns in 20 s. The filter's parabola cuts a circle of 31.4 samples' reach: its
+    // response at 0.2 Hz over 0.51 s is 1 - 1e-4.
+    let mean_radius_mm = (4.0 + 5.0 + 7.0) / 3.0;
+    let length_mm = 4.0 * std::f64::consts::TAU * mean_radius_mm;
+    assert_near(&cells[0]["raw"]["mean"], length_mm, 3e-4);
+    let output = plumb(&folder, &["study", "study.toml"]);
+    let table = text(&output);
+    for part in ["3 participants", "APML T1", "Positions", "ANOVA-type"] {
+        assert!(table.contains(part), "no {part}: {table}");
+    }
+
+    // A blank behind a name makes nobody else.
+    let whole = study(&folder);
+    let blank = whole.replacen("participant = \"P1\"", "participant = \"P1 \"", 1);
+    write(&blank.replacen("condition = \"wild\"", "condition = \"wild \"", 1));
+    assert_eq!(json(&folder, &["study", "study.toml"]), found);
+
+    assert_eq!(plumb(&folder, &["report", "study.toml"]).status.code(), Some(0));
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    // One plot for each direction, and the table's first row.
+    assert_eq!(page.matches("<svg").count(), 3);
+    assert!(page.contains("Positions") && page.contains("rowspan=\"3\">APML</th>"), "{page}");
+
+    // Every fault is named. Whose trial is cut off at 45 s has no third time.
+    let circle = std::fs::read_to_string(folder.path().join("P1-calm.csv")).unwrap();
+    let short: Vec<&str> = circle.lines().take(4502).collect();
+    std::fs::write(folder.path().join("short.csv"), short.join("\n")).unwrap();
+    let cases = [
+        (whole.replacen("condition = \"wild\"", "condition = \"mad\"", 1), "\"mad\" is none of"),
+        (whole.replacen("participant = \"P1\"\n", "", 1), "participant = \"...\""),
+        (whole.replacen("unit = \"mm\"", "unit = \"inch\"", 1), "no unit"),
+        (whole.replacen("P2-calm.csv", "absent.csv", 1), "absent.csv"),
+        (whole.replacen("participant = \"P2\"", "participant = \"P9\"", 1), "has no value in"),
+        (whole.replacen("[\"calm\", \"wild\"]", "[\"calm\"]", 1), "fewer than two"),
+        (whole.replacen("[\"calm\", \"wild\"]", "[\"calm\", \" \"]", 1), "one without a name"),
+        (whole.replacen("participant = \"P1\"", "participant = \" \"", 1), "neither the trial"),
+        (whole.replacen("title", "titel", 1), "titel"),
+        (whole.replacen("P1-calm.csv", "short.csv", 1), "P1 has no value in calm, T3"),
+        (format!("bins_s = [[0, 1e12]]\n{whole}"), "bins_s"),
+    ];
+    for (text_of_study, part) in cases {
+        write(&text_of_study);
+        let output = plumb(&folder, &["study", "study.toml"]);
+        let said = text(&output);
+        assert_eq!(output.status.code(), Some(2), "{part}: {said}");
+        assert!(said.contains(part), "no {part}: {said}");
+    }
+}
+
+#[test]
+fn a_study_of_one_participant_has_its_means_and_no_plot() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = study(&folder);
+    let alone = whole.split("[[trial]]").take(3).collect::<Vec<_>>().join("[[trial]]");
+    std::fs::write(folder.path().join("study.toml"), alone).unwrap();
+    let output = plumb(&folder, &["report", "study.toml"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 0);
+    assert!(page.contains("1, and it takes 2"), "{page}");
+}
+
+#[test]
+fn a_new_study_explains_itself_and_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(plumb(&folder, &["study", "--new", "study.toml"]).status.code(), Some(0));
+    let said = text(&plumb(&folder, &["study", "study.toml"]));
+    // All of it was understood but that the trials are not there.
+    assert!(said.contains("trials/p01") && said.contains("no folder of a trial"), "{said}");
+}
