@@ -7,8 +7,8 @@ use clap::{Parser, Subcommand};
 use crate::calibrate::command as calibrate;
 use crate::simulate::command as simulate;
 use crate::{
-    aim, analyze, demo, doctor, export, provision, receive, replay, scene, show, study, target,
-    track, validate,
+    aim, analyze, demo, doctor, export, provision, receive, replay, report, scene, show, study,
+    target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -36,6 +36,7 @@ enum Command {
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
     Study(study::Arguments),
+    Report(report::Arguments),
     Export(export::Arguments),
     Validate(validate::Arguments),
     Simulate(simulate::SimulateArguments),
@@ -69,6 +70,7 @@ pub fn run() -> ExitCode {
         Command::Replay(arguments) => replay::run(arguments),
         Command::Analyze(arguments) => analyze::run(arguments),
         Command::Study(arguments) => study::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::Validate(arguments) => validate::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

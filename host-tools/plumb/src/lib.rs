@@ -26,6 +26,7 @@ mod palette;
 pub mod provision;
 pub mod receive;
 pub mod replay;
+pub mod report;
 pub mod scene;
 pub mod setup;
 pub mod show;

@@ -1,0 +1,132 @@
+//! The report of a study.
+
+use maud::{Markup, html};
+
+use super::page::{annotated, facts, figure, page, warnings};
+use super::plots::{self, Scale};
+use crate::analyze::points::point_name;
+use crate::error::BadInput;
+use crate::study::figures::StudyFigures;
+use crate::study::inference::COMPARED;
+use crate::study::tables::PaperTable;
+
+/// The page of a study.
+///
+/// # Errors
+/// When a plot cannot be drawn.
+pub fn report(figures: &StudyFigures) -> Result<String, BadInput> {
+    let known = [
+        ("participants", figures.participants.len().to_string()),
+        ("conditions", figures.conditions.join(", ")),
+    ];
+    let tables = figures.physiology_tables().into_iter().chain([figures.sway_table()]);
+    let tables: Vec<Markup> = tables.map(|it| paper_table(&it)).collect();
+    let plots = plots(figures)?;
+    let (comparisons, effects) = (figures.comparisons(), figures.effects());
+    let body = html! {
+        (facts(&known))
+        (warnings(&figures.warnings))
+        section {
+            h2 { "By condition and time" }
+            @for table in &tables { (table) }
+            p.method {
+                "Trials of one participant under one condition are averaged first. Means and SEM "
+                "are without the differences between participants (Cousineau 2005, Morey 2008); d "
+                "is the difference of two such means over the root of their mean variance."
+            }
+        }
+        @for plot in &plots { (plot) }
+        section {
+            h2 { "What acts on it" }
+            (annotated("Effects of condition and time on each response", &effects))
+            p.method {
+                "ANOVA-type statistic: Brunner, Domhof and Langer (2002), by ranks, for data that "
+                "are not normal. F: repeated-measures analysis of variance, corrected after "
+                "Greenhouse and Geisser (1959) where it has more than one degree of freedom; "
+                "Mauchly's test of sphericity; Shapiro and Wilk's of the residuals."
+            }
+        }
+        section {
+            h2 { "The conditions at each time" }
+            (annotated("Each condition against the first", &comparisons))
+            p.method { (COMPARED) }
+        }
+    };
+    let participants = figures.participants.join(", ");
+    Ok(page(&figures.title, &format!("Participants {participants}"), &body))
+}
+
+/// Means and errors of every response.
+fn plots(figures: &StudyFigures) -> Result<Vec<Markup>, BadInput> {
+    let mut sections = Vec::new();
+    let mut section = |title: &str, charts: Vec<Markup>| {
+        if !charts.is_empty() {
+            sections.push(html! {
+                section {
+                    h2 { (title) }
+                    div.row { @for chart in &charts { (chart) } }
+                }
+            });
+        }
+    };
+    let mut charts = Vec::new();
+    for it in &figures.physiology {
+        let (name, unit) = it.quantity.name_and_unit();
+        let svg = plots::means(&it.inference, name, &format!("{name} ({unit})"), Scale::OfTheData)?;
+        charts.extend(svg.map(|svg| figure(&svg, &format!("{name}: mean ± SEM"))));
+    }
+    section("Physiology", charts);
+    for point in figures.points() {
+        let mut charts = Vec::new();
+        for it in figures.path_lengths.iter().filter(|it| it.path.point == point) {
+            let direction = it.path.direction;
+            let svg = plots::means(&it.inference, direction, "path length (mm)", Scale::FromZero)?;
+            let caption = format!("{}, {direction}: path length, mean ± SEM", point_name(point));
+            charts.extend(svg.map(|svg| figure(&svg, &caption)));
+        }
+        section(&format!("Path length: {}", point_name(point)), charts);
+    }
+    Ok(sections)
+}
+
+/// In the paper's layout: groups of columns, and a rule after each section of rows.
+fn paper_table(table: &PaperTable) -> Markup {
+    html! {
+        div.table {
+            p.caption { (table.title) }
+            div.wide {
+                table.paper aria-label=(table.title) {
+                thead {
+                    tr {
+                        @for name in &table.stub { th scope="col" rowspan="2" { (name) } }
+                        @for group in &table.groups {
+                            th.group scope="colgroup" colspan=(group.columns.len()) { (group.name) }
+                        }
+                    }
+                    tr {
+                        @for column in table.groups.iter().flat_map(|group| &group.columns) {
+                            th scope="col" { (column) }
+                        }
+                    }
+                }
+                @for section in &table.sections {
+                    tbody {
+                        @for (at, (name, cells)) in section.rows.iter().enumerate() {
+                            tr {
+                                @if let Some(section_name) = section.name && at == 0 {
+                                    th scope="rowgroup" rowspan=(section.rows.len()) { (section_name) }
+                                }
+                                th scope="row" { (name) }
+                                @for cell in cells { td { (cell.text) sup { (cell.marks) } } }
+                            }
+                        }
+                    }
+                }
+                }
+            }
+        }
+        @if !table.notes.is_empty() {
+            ul.notes { @for note in &table.notes { li { (note) } } }
+        }
+    }
+}
