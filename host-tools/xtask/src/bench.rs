@@ -5,7 +5,7 @@
 //! OpenCV by `host-tools/bench/opencv_chain.py`; `host-tools/bench/limit.py` says how good
 //! any method could be. All print lines `name, tab, value`; here they become tables. The
 //! core is measured on frames of other forms as well, and on an emulated ARM board, in
-//! instructions.
+//! instructions; `plumb` is measured on recorded trials.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -22,6 +22,7 @@ use crate::{instructions, setup};
 
 mod calibration;
 mod formats;
+mod recordings;
 
 /// What `cargo xtask bench` takes.
 #[derive(clap::Args)]
@@ -35,11 +36,18 @@ pub struct Arguments {
     /// Leave out what takes an emulated ARM board: instructions, and the booted box's latency.
     #[arg(long)]
     host_only: bool,
+    /// Measure only how long `plumb` takes for recordings, and its memory.
+    #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only"])]
+    recordings_only: bool,
 }
 
 /// Measures, prints the tables, and puts them into README.md if asked.
 pub fn run(arguments: &Arguments) -> Result<()> {
     setup::ensure(&[setup::LINKER, setup::VIDEO])?;
+    if arguments.recordings_only {
+        println!("\n{}", recordings::table()?.trim_end());
+        return Ok(());
+    }
     if !arguments.host_only {
         setup::ensure(&[setup::QEMU_SYSTEM])?;
         image::prepare()?;
@@ -57,7 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None
     };
     let formats = formats::measure_all(&directory, arguments.frames, &plumbline)?;
-    let calibrations = calibration::table()?;
+    let (recordings, calibrations) = (recordings::table()?, calibration::table()?);
     let (mut arm, mut booted) = (None, None);
     if !arguments.host_only {
         render(&directory, instructions::FRAMES, &[])?;
@@ -68,8 +76,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     // Half a gigabyte that nobody wants to find again.
     fs::remove_dir_all(&directory).context(format!("{}", directory.display()))?;
     let mut tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
-    if !calibrations.is_empty() {
-        write!(tables, "\n\n{}", calibrations.trim_end())?;
+    for table in [recordings, calibrations].iter().filter(|table| !table.is_empty()) {
+        write!(tables, "\n\n{}", table.trim_end())?;
     }
     println!("\n{tables}");
     if arguments.write_readme {
