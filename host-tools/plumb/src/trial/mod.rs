@@ -17,6 +17,7 @@ pub mod manifest;
 pub mod mark;
 pub mod reading;
 pub mod recording;
+mod run;
 pub mod tables;
 
 pub use manifest::Manifest;

@@ -17,10 +17,11 @@ use plumbline::target::Role;
 use serde::{Deserialize, Serialize};
 
 use super::journal::{Content, Entry, Reader};
-use super::manifest::{BoxSeen, ClockSeen, EventSeen, Manifest, NoiseSeen, Packets, State};
+use super::manifest::{BoxSeen, Manifest, NoiseSeen, Packets, State};
 use super::mark::Mark;
 use super::names;
-use crate::clock::{Exchange, Relation};
+use super::run::Run;
+use crate::clock::Exchange;
 use crate::error::BadInput;
 use crate::receive::accounting::{Accounting, Arrival};
 use crate::receive::recorder::SessionClock;
@@ -186,19 +187,6 @@ fn read_config(folder: &Path, warnings: &mut Vec<String>) -> Result<Option<Confi
     }
 }
 
-/// What is known of the box's run.
-#[derive(Default)]
-struct Run {
-    exchanges: Vec<Exchange>,
-    /// Arrival and capture time of its first frame.
-    first: Option<(u64, u64)>,
-    /// Whether frames have the times of a recording that the box replays: its clock says
-    /// nothing of those.
-    is_replay: bool,
-    clock: SessionClock,
-    frames: u64,
-}
-
 /// Puts a trial together, packet by packet.
 struct Builder {
     /// Virtual: only differences count.
@@ -283,7 +271,7 @@ impl Builder {
                 // An answer before its question was given to another recording.
                 if host_sent_ns <= host_ns {
                     let session = self.session();
-                    self.runs.entry(session).or_default().exchanges.push(exchange);
+                    self.runs.entry(session).or_default().answer(exchange);
                 }
             }
             _ => {}
@@ -300,13 +288,8 @@ impl Builder {
             Arrival::New { .. } | Arrival::Late => {}
         }
         self.instant = Some(packet.instant);
-        let session = self.session();
-        let clock = self.clock;
-        let run = self.runs.entry(session).or_default();
-        run.first.get_or_insert((host_ns, packet.capture_time_ns));
-        run.is_replay |= packet.instant == MarkedInstant::Recording;
-        run.clock = clock;
-        run.frames += 1;
+        let (session, clock) = (self.session(), self.clock);
+        self.runs.entry(session).or_default().frame(host_ns, packet, clock);
         let pose = |role: Role| {
             let target = packet.targets.iter().find(|target| target.role == role)?;
             target.pose.as_ref().ok()
@@ -370,27 +353,17 @@ impl Builder {
             corrupt: self.corrupt,
             sessions: counts.sessions,
         });
-        let clocks = self.runs.iter().filter_map(|(session, run)| {
-            let relation = run.relation()?;
-            Some(ClockSeen {
-                session: *session,
-                offset_s: 1e-9 * relation.offset_ns(),
-                uncertain_s: 1e-9 * relation.uncertain_ns(),
-                drift_ppm: relation.drift_ppm.map(|(drift, _)| drift),
-                exchanges: run.exchanges.len(),
-            })
-        });
-        manifest.clocks = clocks.collect();
+        manifest.clocks =
+            self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
         manifest.noise =
             Trunk::ALL.into_iter().filter_map(|trunk| noise(&self.frames, trunk)).collect();
         manifest.events = self
             .marks
             .iter()
             .filter_map(|(host_ns, session, mark)| {
-                let run = self.runs.get(session).filter(|run| run.first.is_some());
                 // A mark between two runs belongs to the one before or, at the start, to the first.
-                let run = run.or_else(|| self.runs.values().find(|run| run.first.is_some()))?;
-                Some(run.event(*host_ns, mark))
+                let of_its_run = self.runs.get(session).and_then(|it| it.event(*host_ns, mark));
+                of_its_run.or_else(|| self.runs.values().find_map(|it| it.event(*host_ns, mark)))
             })
             .collect();
         let first_frame_utc_s = manifest.started.parse::<jiff::Timestamp>().ok().and_then(|it| {
@@ -402,47 +375,6 @@ impl Builder {
         Trial { folder, manifest, config, frames, first_frame_utc_s, warnings }
     }
 }
-
-impl Run {
-    /// How the frames' clock stands to this computer's.
-    fn relation(&self) -> Option<Relation> {
-        Relation::of(&self.exchanges).filter(|_| !self.is_replay)
-    }
-
-    /// When this computer's clock was, since the recording began, as the run's first frame was
-    /// captured: its arrival less what it was under way, where that is known.
-    fn first_capture_s(&self) -> Option<f64> {
-        let (first_host_ns, first_box_ns) = self.first?;
-        let way_ns = self.relation().map_or(0.0, |it| it.box_ns_since(first_host_ns, first_box_ns));
-        Some(1e-9 * (first_host_ns as f64 - way_ns))
-    }
-
-    /// A mark on the trial's clock.
-    fn event(&self, host_ns: u64, mark: &Mark) -> EventSeen {
-        let (first_host_ns, first_box_ns) = self.first.unwrap_or_default();
-        let (since_first_s, uncertain_s) = match self.relation() {
-            Some(relation) => (
-                1e-9 * relation.box_ns_since(host_ns, first_box_ns),
-                1e-9 * relation.uncertain_ns_at(host_ns),
-            ),
-            // Without an answer of the box, its first frame is taken to have come at once: it
-            // was under way for some milliseconds, and nobody knows how many.
-            None => (1e-9 * (host_ns as f64 - first_host_ns as f64), UNKNOWN_DELAY_S),
-        };
-        // No clock here tells less than a microsecond.
-        let whole_us = |time_s: f64| (1e6 * time_s).round() / 1e6;
-        EventSeen {
-            time_s: whole_us(self.clock.time_s(first_box_ns) + since_first_s),
-            label: mark.label.clone(),
-            source: mark.source,
-            uncertain_s,
-        }
-    }
-}
-
-/// A frame's way to this computer where nothing tells its length: exposure, read-out, tracking,
-/// link, and some.
-const UNKNOWN_DELAY_S: f64 = 0.1;
 
 /// The board's rotation in the camera frame, and the lower trunk's lever on its target.
 fn scene_of(config: &Config) -> Option<(Matrix3<f64>, Vector3<f64>)> {

@@ -1,0 +1,192 @@
+//! One run of the box, and when things happened in it: by its clock, to which this computer's is
+//! related by the answers to questions or, without any, by the arrival of frames.
+
+use plumbline::packet::{MarkedInstant, PosePacket};
+
+use super::manifest::{ClockSeen, EventSeen};
+use super::mark::Mark;
+use crate::clock::{Exchange, Relation};
+use crate::receive::recorder::SessionClock;
+
+/// What is known of it.
+#[derive(Default)]
+pub struct Run {
+    exchanges: Vec<Exchange>,
+    /// Its frames as they came.
+    arrivals: Vec<Arrival>,
+    /// Whether frames have the times of a recording that the box replays: its clock says
+    /// nothing of those.
+    is_replay: bool,
+    clock: SessionClock,
+}
+
+/// When a frame's packet came, by this computer's clock, and when the frame was captured, by the
+/// box's.
+#[derive(Debug, Clone, Copy)]
+struct Arrival {
+    host_ns: u64,
+    capture_ns: u64,
+}
+
+impl Arrival {
+    /// The lesser, the shorter it was under way; only differences count.
+    fn delay_ns(&self) -> i64 {
+        self.host_ns.wrapping_sub(self.capture_ns).cast_signed()
+    }
+}
+
+/// A frame's way to this computer where nothing tells its length: exposure, read-out, tracking,
+/// link, and some.
+const UNKNOWN_DELAY_S: f64 = 0.1;
+
+/// Among the frames that come so shortly before or after a moment, one comes undelayed; and
+/// meanwhile two quartz clocks move apart by less than a millisecond.
+const NEAR_NS: u64 = 2_000_000_000;
+
+impl Run {
+    /// A frame has come; `clock` is the trial's as it stands in this run.
+    pub fn frame(&mut self, host_ns: u64, packet: &PosePacket, clock: SessionClock) {
+        self.arrivals.push(Arrival { host_ns, capture_ns: packet.capture_time_ns });
+        self.is_replay |= packet.instant == MarkedInstant::Recording;
+        self.clock = clock;
+    }
+
+    /// The box has answered.
+    pub fn answer(&mut self, exchange: Exchange) {
+        self.exchanges.push(exchange);
+    }
+
+    /// How the box's clock stood to this computer's, for the manifest.
+    pub fn clock_seen(&self, session: u32) -> Option<ClockSeen> {
+        let relation = self.relation()?;
+        Some(ClockSeen {
+            session,
+            offset_s: 1e-9 * relation.offset_ns(),
+            uncertain_s: 1e-9 * relation.uncertain_ns(),
+            drift_ppm: relation.drift_ppm.map(|(drift, _)| drift),
+            exchanges: self.exchanges.len(),
+        })
+    }
+
+    /// When this computer's clock was, since the recording began, as the run's first frame was
+    /// captured; `None` without a frame.
+    pub fn first_capture_s(&self) -> Option<f64> {
+        let first = self.arrivals.first()?;
+        Some(1e-9 * (first.host_ns as f64 - self.box_ns_since_first(first.host_ns)?))
+    }
+
+    /// A mark on the trial's clock; `None` without a frame.
+    pub fn event(&self, host_ns: u64, mark: &Mark) -> Option<EventSeen> {
+        let first = self.arrivals.first()?;
+        let since_first_s = 1e-9 * self.box_ns_since_first(host_ns)?;
+        let uncertain_s =
+            self.relation().map_or(UNKNOWN_DELAY_S, |it| 1e-9 * it.uncertain_ns_at(host_ns));
+        // No clock here tells less than a microsecond.
+        let whole_us = |time_s: f64| (1e6 * time_s).round() / 1e6;
+        Some(EventSeen {
+            time_s: whole_us(self.clock.time_s(first.capture_ns) + since_first_s),
+            label: mark.label.clone(),
+            source: mark.source,
+            uncertain_s,
+        })
+    }
+
+    /// How the frames' clock stands to this computer's.
+    fn relation(&self) -> Option<Relation> {
+        Relation::of(&self.exchanges).filter(|_| !self.is_replay)
+    }
+
+    /// From the first frame's capture to a moment of this computer's, by the box's clock.
+    fn box_ns_since_first(&self, host_ns: u64) -> Option<f64> {
+        let first_ns = self.arrivals.first()?.capture_ns;
+        if let Some(relation) = self.relation() {
+            return Some(relation.box_ns_since(host_ns, first_ns));
+        }
+        // Without an answer of the box, the frame that came soonest is taken to have come at
+        // once: it was under way for some milliseconds, and nobody knows how many. Others wait
+        // besides while a computer is busy.
+        let soonest = self.soonest(host_ns)?;
+        let to_soonest_ns = soonest.capture_ns.wrapping_sub(first_ns).cast_signed();
+        Some(to_soonest_ns as f64 + (host_ns as f64 - soonest.host_ns as f64))
+    }
+
+    /// The least delayed frame of those that came near this moment or, where none did, the
+    /// nearest.
+    fn soonest(&self, host_ns: u64) -> Option<Arrival> {
+        let from = |host_ns: u64| self.arrivals.partition_point(|it| it.host_ns < host_ns);
+        let near = from(host_ns.saturating_sub(NEAR_NS))..from(host_ns.saturating_add(NEAR_NS));
+        let near = self.arrivals.get(near).unwrap_or_default();
+        if let Some(soonest) = near.iter().min_by_key(|it| it.delay_ns()) {
+            return Some(*soonest);
+        }
+        let after = from(host_ns);
+        let beside = self.arrivals[after.saturating_sub(1)..].iter().take(2);
+        beside.min_by_key(|it| it.host_ns.abs_diff(host_ns)).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trial::mark::Source;
+
+    const SECOND_NS: u64 = 1_000_000_000;
+
+    /// Ten seconds at 50 Hz, each frame under way for this long; the box's clock is behind by an
+    /// hour.
+    fn run(way_ms: impl Fn(u64) -> u64) -> Run {
+        let mut run = Run::default();
+        let mut clock = SessionClock::default();
+        for frame in 0..500 {
+            let capture_ns = 5 * SECOND_NS + frame * 20_000_000;
+            let host_ns = 3600 * SECOND_NS + capture_ns + way_ms(frame) * 1_000_000;
+            if frame == 0 {
+                clock.start_session(capture_ns, std::time::Instant::now());
+            }
+            let packet = PosePacket {
+                sequence: frame as u32,
+                capture_time_ns: capture_ns,
+                instant: MarkedInstant::Recording,
+                latency_us: 0,
+                targets: [].into_iter().collect(),
+                upper_trunk: None,
+                lower_trunk: None,
+            };
+            run.frame(host_ns, &packet, clock);
+        }
+        run
+    }
+
+    /// When a mark was, that was given so long after the first frame was captured.
+    fn time_s(run: &Run, after_ns: u64) -> f64 {
+        let mark = Mark::new(Source::Key, "stands");
+        run.event(3605 * SECOND_NS + after_ns, &mark).unwrap().time_s
+    }
+
+    #[test]
+    fn a_first_frame_that_was_held_up_moves_no_mark() {
+        // The computer was busy: half a second of frames came at once, and each tenth comes late.
+        let way_ms = |frame| match frame {
+            0..25 => 505 - 20 * frame,
+            _ if frame % 10 == 0 => 90,
+            _ => 5,
+        };
+        let run = run(way_ms);
+        for after_ms in [0, 700, 4000, 9990] {
+            // A frame that nothing held up was under way for 5 ms, which nothing tells.
+            let error_s = time_s(&run, after_ms * 1_000_000) - 1e-3 * after_ms as f64;
+            assert!((error_s + 0.005).abs() < 1e-6, "{after_ms} ms: {error_s}");
+        }
+        let first_s = run.first_capture_s().unwrap();
+        assert!((first_s - 3605.005).abs() < 1e-6, "{first_s}");
+    }
+
+    #[test]
+    fn a_mark_far_from_every_frame_has_the_time_of_the_nearest() {
+        let run = run(|frame| if frame < 250 { 5 } else { 8 });
+        let error_s = time_s(&run, 60 * SECOND_NS) - 60.0;
+        assert!((error_s + 0.008).abs() < 1e-6, "{error_s}");
+        assert!(Run::default().event(0, &Mark::new(Source::Key, "stands")).is_none());
+        assert!(Run::default().first_capture_s().is_none());
+    }
+}
