@@ -1,0 +1,115 @@
+//! Several boxes that send to one computer: which of them is heard, and what is said of the others.
+
+use std::thread;
+
+use super::*;
+
+#[test]
+fn a_second_box_is_not_mixed_in() {
+    let mut udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
+    let port = udp.local_address().unwrap().port();
+    let sender = |from: &str| std::net::UdpSocket::bind((from, 0)).unwrap();
+    let send = |from: &std::net::UdpSocket, message: &Message| {
+        from.send_to(&datagram(message), ("127.0.0.1", port)).unwrap();
+    };
+    // Linux has all of 127/8. The last is another program of the first one's computer.
+    let boxes = ["127.0.0.1", "127.0.0.2", "127.0.0.1"].map(sender);
+    send(&boxes[0], &hello(1));
+    send(&boxes[0], &pose(0));
+    for other in &boxes[1..] {
+        send(other, &pose(500));
+        send(other, &hello_of("ward 4", 2));
+        send(other, &hello_of("ward 4", 2));
+    }
+    send(&boxes[0], &pose(1));
+    let (mut receiver, csv) = receiver();
+    receive(&mut udp, &mut receiver, &mut (), until_frames(2), &AtomicBool::new(false), |_| ())
+        .unwrap();
+    assert_eq!(receiver.bad().other_sender, 6);
+    assert_eq!(rows(&csv.text()).len(), 4);
+    let notices = receiver.take_notices();
+    for other in &boxes[1..] {
+        let address = other.local_addr().unwrap();
+        for text in [
+            format!("{address} sends here too; only"),
+            format!("ward 4 (PL-0001) is the box at {address}"),
+        ] {
+            let said = notices.iter().filter(|notice| notice.contains(&text)).count();
+            assert_eq!(said, 1, "{text:?} in {notices:?}");
+        }
+    }
+}
+
+/// What a transport makes of datagrams from several sockets, one after the other.
+struct Senders {
+    udp: Udp,
+    port: u16,
+}
+
+impl Senders {
+    fn new() -> Self {
+        let udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
+        let port = udp.local_address().unwrap().port();
+        Self { udp, port }
+    }
+
+    /// Whether the message counts.
+    fn heard(&mut self, from: &std::net::UdpSocket, message: &Message) -> bool {
+        from.send_to(&datagram(message), ("127.0.0.1", self.port)).unwrap();
+        let mut heard = None;
+        while heard.is_none() {
+            let mut take = |event| heard = Some(matches!(event, transport::Event::Message(_)));
+            self.udp.poll(&mut take).unwrap();
+        }
+        heard.unwrap()
+    }
+}
+
+#[test]
+fn a_box_that_starts_anew_is_known_by_its_name_and_not_by_its_port() {
+    let [first, second, third] =
+        [(); 3].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let elsewhere = std::net::UdpSocket::bind("127.0.0.2:0").unwrap();
+    let mut senders = Senders::new();
+    assert!(senders.heard(&first, &pose(0)));
+    assert!(!senders.heard(&second, &hello(2)), "nobody knows yet who the first one is");
+    assert!(senders.heard(&first, &hello(1)));
+    assert!(!senders.heard(&second, &pose(0)), "it does not say who it is");
+    assert!(!senders.heard(&second, &hello_of("ward 4", 2)), "another box");
+    assert!(!senders.heard(&second, &hello(1)), "the same start cannot be at two ports");
+    assert!(!senders.heard(&elsewhere, &hello(2)), "the same name on another computer");
+    assert!(senders.heard(&second, &hello(2)), "the first one has started anew");
+    assert!(senders.heard(&second, &pose(0)));
+    assert!(!senders.heard(&first, &hello(1)), "it still sends: two boxes of one name");
+    assert!(senders.heard(&third, &hello(3)), "and anew");
+
+    senders.udp.hold(true);
+    assert!(!senders.heard(&second, &hello(4)), "held");
+    senders.udp.hold(false);
+    assert!(senders.heard(&first, &hello(4)), "held no longer");
+}
+
+#[test]
+fn a_silent_box_leaves_its_place_to_another_unless_it_is_held() {
+    let [first, second] = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let mut senders = Senders::new();
+    assert!(senders.heard(&first, &hello(1)));
+    thread::sleep(Duration::from_millis(3100));
+    senders.udp.hold(true);
+    assert!(!senders.heard(&second, &hello_of("ward 4", 2)));
+    senders.udp.hold(false);
+    assert!(senders.heard(&second, &hello_of("ward 4", 2)));
+    assert!(!senders.heard(&first, &hello(1)));
+}
+
+#[test]
+fn another_box_on_the_same_port_is_not_said_to_be_the_same_anew() {
+    let (mut receiver, _) = receiver();
+    for message in [hello(1), hello(2), hello_of("ward 4", 3)] {
+        receiver.handle(transport::Event::Message(message), Instant::now()).unwrap();
+    }
+    let notices = receiver.take_notices();
+    let [anew, another] = &notices[..] else { panic!("{notices:?}") };
+    assert!(anew.starts_with("the box has started anew"), "{anew}");
+    assert_eq!(another, "another box is heard now: ward 4 (PL-0001)");
+}
