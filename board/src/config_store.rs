@@ -19,9 +19,9 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use nix::mount::{MsFlags, mount};
-use nix::unistd::syncfs;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
+
+use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
 
 /// The configuration's name on a box's card.
 pub const CONFIG_NAME: &str = "config.plb";
@@ -37,7 +37,7 @@ pub fn journal_of(config: &Path) -> PathBuf {
 pub struct ConfigStore {
     path: PathBuf,
     /// The file system that is mounted for reading only, where it is.
-    partition: Option<PathBuf>,
+    partition: Option<ReadOnlyPartition>,
 }
 
 impl ConfigStore {
@@ -47,11 +47,10 @@ impl ConfigStore {
         Self { path: path.to_owned(), partition: None }
     }
 
-    /// A file on a file system that is mounted at `place` for reading only, and is made
-    /// writable for as long as it takes.
+    /// A file of this name on a partition.
     #[must_use]
-    pub fn on_partition(place: &Path, name: &str) -> Self {
-        Self { path: place.join(name), partition: Some(place.to_owned()) }
+    pub fn on_partition(partition: &ReadOnlyPartition, name: &str) -> Self {
+        Self { path: partition.file(name), partition: Some(partition.clone()) }
     }
 
     /// The configuration's bytes, whether or not they are one; an error of the kind
@@ -115,32 +114,19 @@ impl ConfigStore {
             std::fs::rename(&journal, &self.path)
         }
         .with_context(|| journal.display().to_string())?;
-        sync(&self.path)
+        sync_disk_of(&self.path)
     }
 
     fn written_to(&self, write: impl FnOnce() -> Result<()>) -> Result<()> {
-        let Some(place) = &self.partition else { return write() };
-        remount(place, MsFlags::empty()).context("the card cannot be written to")?;
-        let written = write();
-        if let Err(error) = remount(place, MsFlags::MS_RDONLY) {
-            // It is stored all the same; the next start mounts it for reading only.
-            log::warn!("{} stays writable until the next start: {error}", place.display());
+        match &self.partition {
+            Some(partition) => partition.while_writable(write),
+            None => write(),
         }
-        written
     }
 }
 
 fn is_whole(blob: &[u8]) -> bool {
     Config::decode(blob).is_ok()
-}
-
-/// How a boot partition is mounted, besides for reading or writing.
-pub const MOUNT_FLAGS: MsFlags =
-    MsFlags::MS_NOSUID.union(MsFlags::MS_NODEV).union(MsFlags::MS_NOEXEC);
-
-fn remount(place: &Path, access: MsFlags) -> nix::Result<()> {
-    let flags = MsFlags::MS_REMOUNT | MOUNT_FLAGS | access;
-    mount(None::<&str>, place, None::<&str>, flags, None::<&str>)
 }
 
 /// Writes a file where it lies, so that it never loses its place, and waits for the disk.
@@ -152,13 +138,7 @@ fn write_to_disk(path: &Path, blob: &[u8]) -> Result<()> {
         file.sync_all()
     };
     write().with_context(|| format!("{} cannot be written", path.display()))?;
-    sync(path)
-}
-
-/// Waits until all that was changed beside this file is on the disk.
-fn sync(path: &Path) -> Result<()> {
-    let sync = || -> io::Result<()> { Ok(syncfs(File::open(path)?)?) };
-    sync().with_context(|| format!("the disk of {} does not take it", path.display()))
+    sync_disk_of(path)
 }
 
 /// One byte more than the largest is enough to see that a file is too long.

@@ -18,6 +18,7 @@ pub mod link;
 pub mod logger;
 pub mod measure;
 pub mod provisioning;
+pub mod read_only_partition;
 pub mod realtime;
 pub mod session;
 pub mod source;

@@ -29,9 +29,9 @@ pub const AIM_S_MAX: u16 = 60;
 pub enum ResetReason {
     /// The box cannot tell.
     Unknown,
-    /// Power came on, or the box was restarted in good order: no watchdog was in it.
+    /// Power came on, or a host had the box restarted.
     PowerOn,
-    /// No frame was processed for too long, and the watchdog restarted the box.
+    /// The watchdog restarted the box: no frame was processed for too long, or the kernel failed.
     Watchdog,
 }
 

@@ -68,7 +68,7 @@ pub fn end(what: &str) -> ! {
         announcer.say(&text);
         std::thread::sleep(AGAIN);
     }
-    super::restart()
+    super::restart::now()
 }
 
 /// For ever.

@@ -36,15 +36,14 @@ mod mounts;
 pub mod network;
 mod partition;
 mod refusal;
+mod restart;
 mod self_test;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result, bail};
-use nix::sys::reboot::{RebootMode, reboot};
 use plumbline::config::{Config, Network};
-use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
 
 use crate::config_store::{CONFIG_NAME, ConfigStore};
@@ -98,7 +97,9 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
     let modules = modules::load_all(Path::new(MODULES));
     step(&modules.to_string());
 
-    let partition::Found { store, config } = partition::find();
+    let partition::Found { partition, config } = partition::find();
+    let store = partition.as_ref().map(|it| ConfigStore::on_partition(it, CONFIG_NAME));
+    let marked = partition.as_ref().is_some_and(restart::take_mark);
     if let Some(store) = &store
         && let Err(error) = store.complete()
     {
@@ -111,13 +112,13 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
         Err(error) => {
             children::look_after(Network::Dhcp);
             refusal::stay(&options.links, store, &format!("{error:#}"));
-            restart()
+            restart::in_good_order(partition.as_ref())
         }
     };
     failure::tell(&config.links, config.machine.watchdog_s);
     children::look_after(config.machine.network);
-    match measure(pipeline, &config, links, store, Gate::new(source, &options)) {
-        Ok(()) => restart(),
+    match measure(pipeline, &config, links, store, Gate::new(source, &options), marked) {
+        Ok(()) => restart::in_good_order(partition.as_ref()),
         Err(error) => failure::end(&format!("{error:#}")),
     }
 }
@@ -164,6 +165,7 @@ fn measure(
     links: Links,
     store: Option<ConfigStore>,
     mut source: Gate<Source>,
+    marked: bool,
 ) -> Result<()> {
     self_test::run(pipeline).context("self-test")?;
     pipeline.configure(config).context("the configuration")?;
@@ -172,7 +174,7 @@ fn measure(
     let setup = Setup {
         links,
         boot_count: None,
-        reset_reason: watchdog.as_ref().map_or(ResetReason::Unknown, Watchdog::reset_reason),
+        reset_reason: restart::reason(watchdog.as_ref(), marked),
         watchdog,
         store,
         may_reboot: true,
@@ -181,16 +183,6 @@ fn measure(
     let never = AtomicBool::new(false);
     let ended = session::run(pipeline, config, &mut source, setup, &never);
     ended.broken.map_or(Ok(()), |message| bail!(message))
-}
-
-/// Restarts the computer.
-fn restart() -> ! {
-    log::info!("restarting");
-    nix::unistd::sync();
-    let Err(error) = reboot(RebootMode::RB_AUTOBOOT);
-    // The end of process 1 is a kernel panic, after which the kernel restarts.
-    log::error!("the computer cannot be restarted: {error}");
-    std::process::exit(1)
 }
 
 /// Says what has been done, and how long after the kernel's start.

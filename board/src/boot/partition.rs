@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use nix::mount::{MsFlags, mount, umount};
 
-use crate::config_store::{CONFIG_NAME, ConfigStore, MOUNT_FLAGS, is_absent};
+use crate::config_store::{CONFIG_NAME, ConfigStore, is_absent};
+use crate::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
 
 /// Where the partition is mounted.
 const PLACE: &str = "/boot";
@@ -26,7 +27,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 #[derive(Debug)]
 pub struct Found {
     /// Where the configuration is kept, or may be; `None` without a FAT file system.
-    pub store: Option<ConfigStore>,
+    pub partition: Option<ReadOnlyPartition>,
     /// The configuration's bytes and the device they are on, or why there are none.
     pub config: Result<(Vec<u8>, String)>,
 }
@@ -35,11 +36,11 @@ pub struct Found {
 pub fn find() -> Found {
     let config = find_config();
     let mounted = config.is_ok() || mount_first();
-    Found { store: mounted.then(store), config }
+    Found { partition: mounted.then(partition), config }
 }
 
-fn store() -> ConfigStore {
-    ConfigStore::on_partition(Path::new(PLACE), CONFIG_NAME)
+fn partition() -> ReadOnlyPartition {
+    ReadOnlyPartition::at(Path::new(PLACE))
 }
 
 fn find_config() -> Result<(Vec<u8>, String)> {
@@ -89,7 +90,7 @@ fn config_of(device: &str) -> Result<Option<Vec<u8>>> {
     if !mount_at(device) {
         return Ok(None);
     }
-    match store().read() {
+    match ConfigStore::on_partition(&partition(), CONFIG_NAME).read() {
         Ok(blob) => Ok(Some(blob)),
         Err(error) if is_absent(&error) => {
             umount(PLACE).with_context(|| format!("{device} cannot be unmounted"))?;

@@ -1,0 +1,166 @@
+//! Restarting the computer, and why it has started.
+//!
+//! On a Raspberry Pi the watchdog's driver never says that the watchdog has restarted the
+//! computer (mainline `bcm2835_wdt` sets no boot status). The boot firmware hands over the
+//! register that tells, PM_RSTS, in the device tree; but there every restart looks like the
+//! watchdog's, because the kernel restarts the computer by means of the watchdog. For that
+//! reason a restart in good order leaves a mark on the card, which the next start removes.
+//!
+//! | PM_RSTS | mark | reason |
+//! |---|---|---|
+//! | reset by the watchdog | none | the watchdog, or a kernel that panicked |
+//! | reset by the watchdog | there | a restart in good order |
+//! | power came on | any | power, but unknown on a board of revision 1.1, whose boot loader switches the power off and on after every reset |
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use nix::sys::reboot::{RebootMode, reboot};
+use plumbline::packet::ResetReason;
+
+use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::watchdog::Watchdog;
+
+/// The mark's name on the card.
+const MARK: &str = "restart";
+
+/// What the mark says to a person who finds it.
+const MARK_TEXT: &str =
+    "The box was restarted in good order. It removes this file when it starts.\r\n";
+
+/// Where the boot firmware leaves what it knows.
+const DEVICE_TREE: &str = "/proc/device-tree";
+
+/// In PM_RSTS: the watchdog has reset the whole chip (HADWRF).
+const RESET_BY_WATCHDOG: u32 = 0x20;
+
+/// In PM_RSTS: power has come on (HADPOR).
+const POWER_CAME_ON: u32 = 0x1000;
+
+/// Restarts the computer because a host has asked for it.
+pub fn in_good_order(card: Option<&ReadOnlyPartition>) -> ! {
+    if let Some(card) = card
+        && let Err(error) = leave_mark(card)
+    {
+        // The next start then takes this one for the watchdog's, on a Raspberry Pi.
+        log::warn!("the restart leaves no mark on the card: {error:#}");
+    }
+    now()
+}
+
+/// Restarts the computer.
+pub fn now() -> ! {
+    log::info!("restarting");
+    nix::unistd::sync();
+    let Err(error) = reboot(RebootMode::RB_AUTOBOOT);
+    // The end of process 1 is a kernel panic, after which the kernel restarts.
+    log::error!("the computer cannot be restarted: {error}");
+    std::process::exit(1)
+}
+
+fn leave_mark(card: &ReadOnlyPartition) -> Result<()> {
+    let mark = card.file(MARK);
+    card.while_writable(|| {
+        fs::write(&mark, MARK_TEXT).with_context(|| mark.display().to_string())?;
+        sync_disk_of(&mark)
+    })
+}
+
+/// Whether the last restart was in good order; its mark is removed.
+pub fn take_mark(card: &ReadOnlyPartition) -> bool {
+    let mark = card.file(MARK);
+    let there = mark.exists();
+    if there && let Err(error) = card.while_writable(|| Ok(fs::remove_file(&mark)?)) {
+        log::warn!("{}: the mark of the last restart stays: {error:#}", mark.display());
+    }
+    there
+}
+
+/// Why the computer has started; `marked` when its last restart was in good order.
+pub fn reason(watchdog: Option<&Watchdog>, marked: bool) -> ResetReason {
+    let by_driver = watchdog.map_or(ResetReason::Unknown, Watchdog::reset_reason);
+    match Firmware::read(Path::new(DEVICE_TREE)) {
+        Some(firmware) if by_driver != ResetReason::Watchdog => firmware.reason(marked),
+        _ => by_driver,
+    }
+}
+
+/// What the firmware of a Raspberry Pi says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Firmware {
+    /// PM_RSTS when the firmware began.
+    status: u32,
+    /// The board's revision code, where it is told.
+    board: Option<u32>,
+}
+
+impl Firmware {
+    fn read(device_tree: &Path) -> Option<Self> {
+        let cell = |name: &str| {
+            let bytes = fs::read(device_tree.join(name)).ok()?;
+            Some(u32::from_be_bytes(bytes.try_into().ok()?))
+        };
+        // Its name has changed with the firmware.
+        let status = ["chosen/bootloader/rsts", "chosen/bootloader/pm_rsts"];
+        let status = status.into_iter().find_map(cell)?;
+        Some(Self { status, board: cell("system/linux,revision") })
+    }
+
+    fn reason(self, marked: bool) -> ResetReason {
+        if self.status & RESET_BY_WATCHDOG != 0 {
+            if marked { ResetReason::PowerOn } else { ResetReason::Watchdog }
+        } else if self.status & POWER_CAME_ON != 0 && (marked || !self.board_always_says_power()) {
+            ResetReason::PowerOn
+        } else {
+            ResetReason::Unknown
+        }
+    }
+
+    /// A Pi 4 Model B of revision 1.1. The code has the model in bits 4 to 11 and the revision in
+    /// bits 0 to 3.
+    fn board_always_says_power(self) -> bool {
+        self.board.is_some_and(|code| (code >> 4) & 0xff == 0x11 && code & 0xf <= 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_register_and_the_mark_tell_the_reason() {
+        let (first, later) = (Some(0x00c0_3111), Some(0x00b0_3115));
+        let table = [
+            (0x20, later, false, ResetReason::Watchdog),
+            (0x1020, later, false, ResetReason::Watchdog),
+            (0x20, later, true, ResetReason::PowerOn),
+            (0x1000, later, false, ResetReason::PowerOn),
+            (0x1000, None, false, ResetReason::PowerOn),
+            (0x1000, later, true, ResetReason::PowerOn),
+            (0x1000, first, false, ResetReason::Unknown),
+            (0x1000, first, true, ResetReason::PowerOn),
+            (0x20, first, false, ResetReason::Watchdog),
+            (0, later, false, ResetReason::Unknown),
+        ];
+        for (status, board, marked, expected) in table {
+            let found = Firmware { status, board }.reason(marked);
+            assert_eq!(found, expected, "{status:#x} {board:x?} {marked}");
+        }
+    }
+
+    #[test]
+    fn what_the_firmware_says_is_read_by_either_name() {
+        for name in ["rsts", "pm_rsts"] {
+            let tree = tempfile::tempdir().unwrap();
+            assert_eq!(Firmware::read(tree.path()), None);
+            fs::create_dir_all(tree.path().join("chosen/bootloader")).unwrap();
+            fs::write(tree.path().join("chosen/bootloader").join(name), [0, 0, 0, 0x20]).unwrap();
+            let found = Firmware::read(tree.path()).unwrap();
+            assert_eq!(found, Firmware { status: 0x20, board: None });
+            fs::create_dir(tree.path().join("system")).unwrap();
+            fs::write(tree.path().join("system/linux,revision"), [0, 0xb0, 0x31, 0x15]).unwrap();
+            assert_eq!(Firmware::read(tree.path()).unwrap().board, Some(0x00b0_3115));
+        }
+    }
+}
