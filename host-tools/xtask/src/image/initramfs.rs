@@ -26,7 +26,8 @@ use crate::command::Task;
 pub fn make(debian: &DebianRoot, program: &Path) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("init", stripped(program)?);
-    let names = modules::listed(&["common", "virt", "rpi4"])?;
+    // The boards' own first: with them come their watchdogs.
+    let names = modules::listed(&["rpi4", "virt", "common"])?;
     let list = modules::add(&mut root, debian, &names, "lib/modules")?;
     root.file("etc/plumbline/modules", (list.join("\n") + "\n").into_bytes());
     root.program("sbin/busybox", debian.read("usr/bin/busybox")?);

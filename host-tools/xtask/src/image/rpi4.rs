@@ -1,10 +1,10 @@
-//! The SD card of a Raspberry Pi 4: one FAT partition, which the Pi's own boot
-//! firmware reads, and which the box finds its configuration on.
+//! The SD card of a Raspberry Pi 4, a Pi 400 or a Compute Module 4: one FAT partition, which
+//! the Pi's own boot firmware reads, and which the box finds its configuration on.
 //!
 //! | file | from | is |
 //! |---|---|---|
 //! | `start4.elf`, `fixup4.dat` | raspi-firmware | the firmware; the Pi 4 has its first stage in its own memory |
-//! | `bcm2711-rpi-4-b.dtb` | linux-image-arm64 | what the board is made of |
+//! | [`DEVICE_TREES`] | linux-image-arm64 | what each board is made of; the firmware takes the one of its own |
 //! | `vmlinuz`, `initramfs` | | the same as for `virt` |
 //! | `config.txt`, `cmdline.txt` | `board/image/rpi4` | what the firmware and the kernel are told |
 //! | `config.plb` | `--config` | the box's configuration |
@@ -25,6 +25,10 @@ pub const NEEDS: &[Need] = &[Need {
     package: "fdisk",
     why: "makes the SD card's partition table",
 }];
+
+/// By the names that the firmware looks for with `upstream_kernel=1`.
+pub const DEVICE_TREES: [&str; 3] =
+    ["bcm2711-rpi-4-b.dtb", "bcm2711-rpi-400.dtb", "bcm2711-rpi-cm4-io.dtb"];
 
 /// Where the partition starts: cards are written in blocks of this size or a fraction.
 const START_BYTES: u64 = 4 << 20;
@@ -66,13 +70,12 @@ fn write(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
 
     let fat = Fat::make(card, START_BYTES, PARTITION_BYTES, 32)?;
     let firmware = parts.debian.path().join("usr/lib/raspi-firmware");
-    let device_tree = parts.debian.path().join(format!(
-        "usr/lib/linux-image-{}/broadcom/bcm2711-rpi-4-b.dtb",
-        parts.debian.kernel_version()?
-    ));
+    let device_trees = parts.debian.device_trees()?;
     fat.copy(&firmware.join("start4.elf"), "start4.elf")?;
     fat.copy(&firmware.join("fixup4.dat"), "fixup4.dat")?;
-    fat.copy(&device_tree, "bcm2711-rpi-4-b.dtb")?;
+    for name in DEVICE_TREES {
+        fat.copy(&device_trees.join(name), name)?;
+    }
     fat.copy(&parts.debian.kernel_path()?, "vmlinuz")?;
     let initramfs = target_directory().join("image/initramfs");
     fs::write(&initramfs, &parts.initramfs)?;
