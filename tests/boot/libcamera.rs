@@ -3,7 +3,7 @@
 use plumbline::config::{CaptureDriver, PixelFormat};
 
 use crate::machine::{Host, Machine, Parts, image as built, is_measured, poses};
-use crate::scene::{self, Position, SCENE};
+use crate::scene::{self, SCENE, distance_mm};
 
 /// Of the scene's frames, so many; each is unpacked into memory twice, forwards and backwards.
 const FRAMES: usize = 12;
@@ -19,15 +19,7 @@ const DIFFERENCE_MM_MAX: f64 = 2.0;
 fn pictures() -> Vec<u8> {
     let lens = SCENE.simulation.camera();
     let size = (u32::from(lens.width_px), u32::from(lens.height_px));
-    let mut archive = Vec::new();
-    let mut add = |name: &str, kind, bytes: &[u8]| {
-        let header = cpio::newc::Builder::new(name).mode(0o755).set_mode_file_type(kind);
-        let mut writer = header.write(&mut archive, bytes.len() as u32);
-        std::io::Write::write_all(&mut writer, bytes).unwrap();
-        writer.finish().unwrap();
-    };
-    add("frames", cpio::newc::ModeFileType::Directory, &[]);
-    for (place, frame) in (0..FRAMES).chain((0..FRAMES).rev()).enumerate() {
+    let picture = |(place, frame)| {
         let mut pixels = Vec::new();
         SCENE.simulation.render(frame as u64, &mut pixels);
         let grey = image::GrayImage::from_raw(size.0, size.1, pixels).unwrap();
@@ -37,10 +29,9 @@ fn pictures() -> Vec<u8> {
         image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 100)
             .encode_image(&colour)
             .unwrap();
-        add(&format!("frames/{place}.jpg"), cpio::newc::ModeFileType::Regular, &jpeg);
-    }
-    cpio::newc::trailer(&mut archive).unwrap();
-    archive
+        (format!("frames/{place}.jpg"), jpeg)
+    };
+    scene::archive((0..FRAMES).chain((0..FRAMES).rev()).enumerate().map(picture))
 }
 
 #[test]
@@ -87,8 +78,4 @@ fn libcameras_virtual_camera_is_tracked() {
         println!("libcamera: at most {largest_mm:.4?} mm from the poses of these frames here");
         assert!(largest_mm.iter().all(|&mm| mm < DIFFERENCE_MM_MAX), "{largest_mm:?} mm");
     });
-}
-
-fn distance_mm(a: &Position, b: &Position) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }

@@ -157,23 +157,13 @@ impl Machine {
         let console = child.stdout.take().expect("it is piped");
         watch_console(console, &seen);
         watch_udp(host.socket.try_clone().expect("a second handle"), &seen);
-        watch_serial(connect(&line, &mut child), &seen);
+        watch_serial(connect(&line, &mut child), &seen, |_| {});
         Self { child, seen, _directory: directory }
     }
 
-    /// Waits until `find` finds what it looks for.
-    ///
-    /// # Panics
-    /// When it never does; the message has the console.
+    /// As the function of this name.
     pub fn wait_for<T>(&self, what: &str, find: impl Fn(&Seen) -> Option<T>) -> T {
-        let give_up = Instant::now() + PATIENCE;
-        loop {
-            if let Some(found) = find(&self.seen.lock().expect("no watcher panics")) {
-                return found;
-            }
-            assert!(Instant::now() < give_up, "{what} never came");
-            thread::sleep(Duration::from_millis(20));
-        }
+        wait_for(&self.seen, what, find)
     }
 
     /// Looks at all that has come so far.
@@ -200,12 +190,27 @@ impl Drop for Machine {
     }
 }
 
+/// Waits until `find` finds what it looks for.
+///
+/// # Panics
+/// When it never does.
+pub fn wait_for<T>(seen: &Mutex<Seen>, what: &str, find: impl Fn(&Seen) -> Option<T>) -> T {
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        if let Some(found) = find(&seen.lock().expect("no watcher panics")) {
+            return found;
+        }
+        assert!(Instant::now() < give_up, "{what} never came");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
 pub fn read(path: &Path) -> Vec<u8> {
     std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
 /// QEMU makes the socket soon after it has started.
-fn connect(path: &Path, machine: &mut Child) -> UnixStream {
+pub fn connect(path: &Path, machine: &mut Child) -> UnixStream {
     let give_up = Instant::now() + PATIENCE;
     loop {
         match UnixStream::connect(path) {
@@ -246,12 +251,18 @@ fn watch_udp(socket: UdpSocket, seen: &Arc<Mutex<Seen>>) {
     });
 }
 
-fn watch_serial(mut line: UnixStream, seen: &Arc<Mutex<Seen>>) {
+/// Takes the packets from a serial line; hands its bytes on as they come.
+pub fn watch_serial(
+    mut line: UnixStream,
+    seen: &Arc<Mutex<Seen>>,
+    mut hand_on: impl FnMut(&[u8]) + Send + 'static,
+) {
     let seen = Arc::clone(seen);
     thread::spawn(move || {
         let mut bytes = [0; 4096];
         let mut deframer: Deframer = Deframer::new();
         while let Ok(count @ 1..) = line.read(&mut bytes) {
+            hand_on(&bytes[..count]);
             let Ok(mut seen) = seen.lock() else { return };
             deframer.push(&bytes[..count], |outcome| match outcome {
                 Ok(message) => seen.serial.push(message),

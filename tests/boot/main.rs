@@ -5,6 +5,9 @@
 //! `/test/start` (package `tests/guest`), which makes the kernel's own test driver
 //! vivid a camera that sees a rendered scene, and then starts the box's program.
 //!
+//! Most tests boot QEMU's own board `virt`, which has everything; `pi` boots the SD card in an
+//! emulated Raspberry Pi 4.
+//!
 //! `cargo xtask test boot` makes what is booted and runs this.
 
 #[path = "../common/binary.rs"]
@@ -14,11 +17,11 @@ mod machine;
 mod photographer;
 mod scene;
 
-mod card;
 mod configuration;
 mod first_trial;
 mod libcamera;
 mod package;
+mod pi;
 mod poses;
 mod provisioning;
 mod trouble;

@@ -4,7 +4,7 @@
 use plumbline::packet::{Message, PosePacket, ResetReason};
 
 use crate::machine::{Host, healths, is_measured, logs, poses};
-use crate::scene::{self, FRAMES, Position, RATE_HZ, SCENE};
+use crate::scene::{self, FRAMES, Position, RATE_HZ, SCENE, distance_mm};
 
 /// Packets to compare: the frames go by more than four times.
 const POSES: usize = 200;
@@ -16,10 +16,6 @@ const DIFFERENCE_MM_MAX: f64 = 0.1;
 
 /// So much may the spread differ for the same reason, relative to itself.
 const SPREAD_DIFFERENCE_MAX: f64 = 0.1;
-
-fn distance_mm(a: &Position, b: &Position) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
 
 fn position(pose: &PosePacket, target: usize) -> Position {
     let measured = pose.targets[target].pose.expect("only measured poses are looked at");

@@ -1,7 +1,7 @@
 //! A configuration that comes over the network, to a box that nobody can log in to.
 
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use plumbline::packet::Action;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::machine::{HOST, Host, PATIENCE};
+use crate::machine::{HOST, Host, Machine, PATIENCE};
 use crate::scene::{self, run};
 
 /// The host's own end of a link, and what the box calls it.
@@ -25,8 +25,7 @@ fn link() -> (BoxLink, SocketAddr) {
 }
 
 /// The configuration on a disk, as a box finds it at its next start.
-fn on_disk(disk: &Path, directory: &Path) -> Vec<u8> {
-    let disk = disk.to_str().expect("a plain path");
+fn on_disk(disk: &str, directory: &Path) -> Vec<u8> {
     let listing = run("mdir", &["-b", "-i", disk]);
     let file = |name: &str| {
         let copy = directory.join("copy");
@@ -50,49 +49,96 @@ fn on_disk(disk: &Path, directory: &Path) -> Vec<u8> {
     whole("config.plb").or_else(|| whole("config.new")).expect("a whole configuration")
 }
 
-#[test]
-fn a_power_cut_while_a_configuration_is_stored_leaves_the_old_or_the_new_one() {
+/// A computer with a card or a disk, and a switch.
+pub trait Computer: Send {
+    fn switch_on(&mut self);
+    fn cut_power(&mut self);
+    /// Its card as mtools take it.
+    fn disk(&self) -> String;
+}
+
+/// Two configurations that differ in length, so that half of one and half of the other is none.
+pub fn two_of(config: &Config) -> [Config; 2] {
+    ["one", "another, longer one"].map(|device| {
+        let mut config = config.clone();
+        config.device = device.try_into().expect("a short name");
+        config
+    })
+}
+
+/// Stores the configurations in turn and cuts the power at random moments, `cuts` times: each
+/// time one of them must be there whole, and the computer must start with it in the end.
+/// `computer` starts with the first of them.
+pub fn assert_power_cuts_leave_one(
+    computer: &mut impl Computer,
+    link: &mut BoxLink,
+    configs: &[Config; 2],
+    cuts: usize,
+) {
     let seed = rand::random();
     println!("power cuts: seed {seed}");
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let directory = tempfile::tempdir().unwrap();
-    let (mut link, address) = link();
-    // They differ in length, so that half of one and half of the other is none.
-    let configs = ["one", "another, longer one"].map(|device| {
-        let mut config = scene::config(address);
-        config.device = device.try_into().expect("a short name");
-        config
-    });
-    let disk = scene::boot_disk(directory.path(), &scene::blob(&configs[0]));
-    let host = Host::new();
     let mut stored = 0;
-    for cut in 1..=4 {
-        let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", "");
+    for cut in 1..=cuts {
+        computer.switch_on();
         let met = link.hello_within(PATIENCE).unwrap();
         // Stored one after the other without a pause, until the power goes.
         let moment = Duration::from_millis(random.random_range(300..1500));
-        let cut_off = std::thread::spawn(move || {
-            sleep(moment);
-            drop(machine);
+        let storing = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                sleep(moment);
+                computer.cut_power();
+            });
+            let is_stored =
+                |turn: &usize| link.store_config(Some(&met), &configs[turn % 2]).is_ok();
+            (0..200).take_while(is_stored).count()
         });
-        let storing = (0..200)
-            .take_while(|turn| link.store_config(Some(&met), &configs[turn % 2]).is_ok())
-            .count();
-        cut_off.join().expect("no panic");
         stored += storing;
         println!("cut {cut} after {moment:?}: {storing} stored");
-        let found = on_disk(&disk, directory.path());
+        let found = on_disk(&computer.disk(), directory.path());
         assert!(configs.iter().any(|config| scene::blob(config) == found), "half a configuration");
     }
-    assert!(stored >= 4, "only {stored} were stored: the cuts came too early to say anything");
+    assert!(stored >= cuts, "only {stored} were stored: the cuts came too early to say anything");
     // And the box still starts, with one of them, in one file.
-    let _machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", "");
+    computer.switch_on();
     link.wait_until_heard_within(PATIENCE).unwrap();
     let config = link.config().unwrap();
     assert!(configs.contains(&config));
-    assert!(
-        !run("mdir", &["-b", "-i", disk.to_str().unwrap()]).to_lowercase().contains("config.new")
-    );
+    let listing = run("mdir", &["-b", "-i", &computer.disk()]).to_lowercase();
+    assert!(!listing.contains("config.new"), "{listing}");
+    computer.cut_power();
+}
+
+/// QEMU's own board.
+struct Virt {
+    host: Host,
+    disk: PathBuf,
+    machine: Option<Machine>,
+}
+
+impl Computer for Virt {
+    fn switch_on(&mut self) {
+        self.machine = Some(crate::boot_with_camera(&self.host, &self.disk, "overlay.cpio", ""));
+    }
+
+    fn cut_power(&mut self) {
+        self.machine = None;
+    }
+
+    fn disk(&self) -> String {
+        self.disk.to_str().expect("a plain path").to_owned()
+    }
+}
+
+#[test]
+fn a_power_cut_while_a_configuration_is_stored_leaves_the_old_or_the_new_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut link, address) = link();
+    let configs = two_of(&scene::config(address));
+    let disk = scene::boot_disk(directory.path(), &scene::blob(&configs[0]));
+    let mut computer = Virt { host: Host::new(), disk, machine: None };
+    assert_power_cuts_leave_one(&mut computer, &mut link, &configs, 4);
 }
 
 #[test]

@@ -1,11 +1,14 @@
 //! What the box sees in these tests, what it is provisioned with, and what the
 //! same core makes of the same frames on this machine.
 
+use std::collections::BTreeSet;
+use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 
+use cpio::newc::ModeFileType;
 use plumb::simulate::layout::LensChoice;
 use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::config::{
@@ -16,6 +19,8 @@ use plumbline::pipeline::Pipeline;
 use rayon::prelude::*;
 use tempfile::TempDir;
 
+use crate::machine::read;
+
 /// As the test guest plays them.
 pub const RATE_HZ: f64 = 24.0;
 
@@ -24,6 +29,11 @@ pub const FRAMES: usize = 48;
 
 /// A position, x, y, z in mm.
 pub type Position = [f64; 3];
+
+/// How far apart two positions are.
+pub fn distance_mm(a: &Position, b: &Position) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
 
 /// The rendered scene, made once for all tests.
 pub struct Scene {
@@ -64,6 +74,32 @@ impl Scene {
         let offline_mm = track(&simulation, &frames);
         Self { simulation, frames_disk, truth_mm, offline_mm, _directory: directory }
     }
+
+    /// The frames as the test guest plays them where there is no disk for them.
+    pub fn archive(&self) -> Vec<u8> {
+        archive([("test/frames".to_owned(), read(&self.frames_disk))])
+    }
+}
+
+/// Files as an archive over an initramfs, with the directories that they are in.
+pub fn archive(files: impl IntoIterator<Item = (String, Vec<u8>)>) -> Vec<u8> {
+    let (mut archive, mut directories) = (Vec::new(), BTreeSet::new());
+    let mut add = |name: &str, kind, bytes: &[u8]| {
+        let header = cpio::newc::Builder::new(name).mode(0o755).set_mode_file_type(kind);
+        let mut writer = header.write(&mut archive, bytes.len() as u32);
+        writer.write_all(bytes).expect("memory takes it");
+        writer.finish().expect("memory takes it");
+    };
+    for (name, bytes) in files {
+        for (end, _) in name.match_indices('/') {
+            if directories.insert(name[..end].to_owned()) {
+                add(&name[..end], ModeFileType::Directory, &[]);
+            }
+        }
+        add(&name, ModeFileType::Regular, &bytes);
+    }
+    cpio::newc::trailer(&mut archive).expect("memory takes it");
+    archive
 }
 
 /// Per target and frame: where the core sees it.

@@ -49,8 +49,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Ok(());
     }
     if !arguments.host_only {
-        setup::ensure(&[setup::QEMU_SYSTEM])?;
-        image::prepare()?;
+        image::prepare_for_tests()?;
     }
     let directory = target_directory().join("bench-frames");
     render(&directory, arguments.frames, &[])?;

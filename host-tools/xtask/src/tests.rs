@@ -69,10 +69,7 @@ impl Part {
             }
             Self::Armhf => Target::Armv7.prepare(),
             Self::BareMetal => bare_metal::prepare(),
-            Self::Boot => {
-                setup::ensure(&[setup::QEMU_SYSTEM])?;
-                image::prepare()
-            }
+            Self::Boot => image::prepare_for_tests(),
         }
     }
 

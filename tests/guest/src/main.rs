@@ -8,8 +8,9 @@
 //! The camera is vivid, the kernel's own: a capture device (/dev/video0) and an
 //! output device (/dev/video1) that is looped into it, so that whatever is
 //! written to the one is seen by the other. The frames are raw, 1280 x 720, one
-//! byte per pixel, on a disk with the serial number `frames`; they are played
-//! forwards and backwards in turn, so that the motion never jumps.
+//! byte per pixel, in the file `/test/frames` of the initramfs or else on a disk
+//! with the serial number `frames`; they are played forwards and backwards in
+//! turn, so that the motion never jumps.
 //!
 //! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
@@ -82,7 +83,7 @@ fn load_modules(list: &Path) -> Result<()> {
 
 /// Plays the frames for as long as the machine runs.
 fn feed() -> Result<()> {
-    let mut frames = open_disk("frames")?;
+    let mut frames = open_frames()?;
     let count = frame_count(&mut frames)?;
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
@@ -144,6 +145,14 @@ fn frame_count(disk: &mut File) -> Result<usize> {
     let bytes = disk.seek(SeekFrom::End(0))? as usize;
     ensure!(bytes >= FRAME_BYTES, "the disk of frames holds {bytes} bytes");
     Ok(bytes / FRAME_BYTES)
+}
+
+/// Opens the frames: on a board with one disk slot they come in the initramfs.
+fn open_frames() -> Result<File> {
+    match File::open("/test/frames") {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => open_disk("frames"),
+        opened => opened.context("/test/frames"),
+    }
 }
 
 /// Opens the disk with this serial number: it may be listed before it can be opened.

@@ -15,7 +15,7 @@ use crate::setup::{Need, Probe};
 
 /// The release that the packages are from: it has libcamera 0.4, which the Debian
 /// package needs, and a kernel with drivers for all that the images run on.
-const RELEASE: &str = "trixie";
+pub const RELEASE: &str = "trixie";
 
 /// What is fetched; what these depend on comes with them.
 const PACKAGES: &[&str] = &[
@@ -70,26 +70,11 @@ impl DebianRoot {
             println!("Debian's packages are those in {}", path.display());
             return Ok(Self { path });
         }
-        let unfinished = path.with_extension("unfinished");
-        for old in [&path, &unfinished] {
-            if old.exists() {
-                fs::remove_dir_all(old).with_context(|| old.display().to_string())?;
-            }
+        if path.exists() {
+            fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
         }
-        fs::create_dir_all(&unfinished).with_context(|| unfinished.display().to_string())?;
-        let archive = path.with_extension("tar");
-        Task::new("mmdebstrap")
-            .args(["--variant=extract", "--architectures=arm64"])
-            .args([format!("--components={COMPONENTS}"), format!("--include={packages}")])
-            .args([RELEASE.as_ref(), archive.as_os_str()])
-            .run()?;
-        // Devices belong to a running system, and only root may make them.
-        Task::new("tar")
-            .args(["--extract", "--no-same-owner", "--exclude=./dev/*", "--file"])
-            .args([&archive])
-            .args(["--directory".as_ref(), unfinished.as_os_str()])
-            .run()?;
-        fs::remove_file(&archive)?;
+        let unfinished = path.with_extension("unfinished");
+        unpack("arm64", PACKAGES, &unfinished)?;
         // Debian has moved /lib there; a script that is not run makes the link.
         if !unfinished.join("lib").exists() {
             symlink("usr/lib", unfinished.join("lib"))?;
@@ -128,6 +113,16 @@ impl DebianRoot {
         Ok(versions.remove(0))
     }
 
+    /// What the kernel was built with: a line `CONFIG_NAME=y` or `=m` for each part.
+    pub fn kernel_config_path(&self) -> Result<PathBuf> {
+        Ok(self.path.join(format!("boot/config-{}", self.kernel_version()?)))
+    }
+
+    /// Where the kernel's device trees for a Raspberry Pi are.
+    pub fn device_trees(&self) -> Result<PathBuf> {
+        Ok(self.path.join(format!("usr/lib/linux-image-{}/broadcom", self.kernel_version()?)))
+    }
+
     /// Where the kernel itself is.
     pub fn kernel_path(&self) -> Result<PathBuf> {
         Ok(self.path.join(format!("boot/vmlinuz-{}", self.kernel_version()?)))
@@ -140,6 +135,28 @@ impl DebianRoot {
 }
 
 const DEPENDENCIES: &str = "modules.dep";
+
+/// Unpacks packages of the release and what they depend on into a new directory; nothing in
+/// them is run.
+pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result<()> {
+    if directory.exists() {
+        fs::remove_dir_all(directory).with_context(|| directory.display().to_string())?;
+    }
+    fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
+    let archive = directory.with_extension("tar");
+    Task::new("mmdebstrap")
+        .args(["--variant=extract".into(), format!("--architectures={architecture}")])
+        .args([format!("--components={COMPONENTS}"), format!("--include={}", packages.join(","))])
+        .args([RELEASE.as_ref(), archive.as_os_str()])
+        .run()?;
+    // Devices belong to a running system, and only root may make them.
+    Task::new("tar")
+        .args(["--extract", "--no-same-owner", "--exclude=./dev/*", "--file"])
+        .args([&archive])
+        .args(["--directory".as_ref(), directory.as_os_str()])
+        .run()?;
+    Ok(fs::remove_file(&archive)?)
+}
 
 /// The last file that is made, so that its content tells that all is there.
 fn stamp(root: &Path) -> PathBuf {

@@ -16,6 +16,7 @@ mod archive;
 mod config;
 mod deb;
 mod debian_root;
+mod emulated_pi;
 mod fat;
 mod initramfs;
 mod modules;
@@ -45,7 +46,7 @@ Examples:
         --udp 10.0.2.2:4210 --out box.plb
     cargo xtask image virt --config box.plb
     target/image/virt/run
-  An SD card for a Raspberry Pi 4 with a USB camera; X is the card's letter:
+  An SD card for a Raspberry Pi 4, 400 or CM4 with a USB camera; X is the card's letter:
     cargo xtask image rpi4 --config box.plb
     sudo dd if=target/image/plumbline-rpi4.img of=/dev/sdX bs=4M conv=fsync
   A package for Raspberry Pi OS or Debian, for a camera on a ribbon cable:
@@ -117,6 +118,12 @@ pub fn prepare() -> Result<()> {
     Target::Aarch64.prepare()
 }
 
+/// Installs what the tests take besides.
+pub fn prepare_for_tests() -> Result<()> {
+    setup::ensure(&[setup::QEMU_SYSTEM, emulated_pi::NEEDS])?;
+    prepare()
+}
+
 /// Makes what the tests boot, and the SD card that they look into; the directory with it.
 ///
 /// | file | is |
@@ -125,6 +132,8 @@ pub fn prepare() -> Result<()> {
 /// | `overlay.cpio` | [`test_overlay`] |
 /// | `overlay-fault.cpio` | the same, and an `/init` that can be told to hang |
 /// | `rpi4.img` | the SD card, without a configuration |
+/// | `rpi4.dtb`, `qemu-raspi4b` | [`emulated_pi`] |
+/// | `kernel-config` | what the kernel was built with |
 /// | `plumbline-board.deb` | the Debian package |
 /// | `overlay-libcamera.cpio` | its program as `/init`, and its libraries |
 pub fn make_for_tests() -> Result<PathBuf> {
@@ -140,6 +149,10 @@ pub fn make_for_tests() -> Result<PathBuf> {
     let parts = Parts::make()?;
     parts.write_to(&directory)?;
     rpi4::make(&parts, None, &directory.join("rpi4.img"))?;
+    let tree = debian.device_trees()?.join(rpi4::DEVICE_TREES[0]);
+    emulated_pi::make_tree(&tree, &directory.join("rpi4.dtb"))?;
+    emulated_pi::make_emulator(&directory.join("qemu-raspi4b"))?;
+    fs::copy(debian.kernel_config_path()?, directory.join("kernel-config"))?;
     let program = built_with_libcamera(&debian)?;
     deb::make(&program, &directory.join("plumbline-board.deb"))?;
     let overlay = test_overlay::make_with_libcamera(&debian, &program)?;

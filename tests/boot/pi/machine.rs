@@ -1,0 +1,297 @@
+//! An emulated Raspberry Pi 4 with the card in its slot, started as its firmware would start it.
+//!
+//! QEMU has the processor, the interrupt controllers, the clock, the mailbox, the pins, the PL011
+//! serial line, the frame buffer and the slot. What it lacks is played here: the boot firmware,
+//! by the rules in [`firmware`](super::firmware), and the watchdog, in
+//! [`power_management`](super::power_management). The camera is vivid, as on the other emulated
+//! board; its frames come in the initramfs, as there is no second disk.
+
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle, sleep};
+use std::time::Duration;
+
+use serialport::{ClearBuffer, SerialPort, TTYPort};
+
+use super::card::{Card, START_BYTES};
+use super::firmware::{self, BOARDS};
+use super::power_management::{LOOK_EVERY, PowerManagement, Reset};
+use super::qmp::Qmp;
+use crate::machine::{Seen, connect, image, read, wait_for, watch_serial};
+use crate::scene::{self, SCENE, run};
+
+/// The box's serial line: the PL011, by the name that the kernel gives it.
+pub const LINE: &str = "/dev/ttyAMA0";
+
+/// The system timer's microseconds.
+const CLOCK: u64 = 0xfe00_3004;
+
+/// The levels of pins 32 to 53.
+const PINS: u64 = 0xfe20_0038;
+
+/// The green LED hangs on pin 42.
+const GREEN_LED: u32 = 1 << (42 - 32);
+
+/// What is added to the card's own command line: the camera, and clocks that nobody has set,
+/// where there is no firmware.
+const ADDED: &str = "rdinit=/test/start clk_ignore_unused pd_ignore_unused";
+
+/// A card and the machine that it is put into.
+pub struct Pi {
+    directory: tempfile::TempDir,
+    card: PathBuf,
+    line: Line,
+    /// What the box is told beside the card, for tests.
+    overlay: &'static str,
+    options: String,
+    running: Option<Running>,
+}
+
+/// A machine that is switched on.
+struct Running {
+    child: Arc<Mutex<Child>>,
+    qmp: Arc<Mutex<Qmp>>,
+    off: Arc<AtomicBool>,
+    keeper: JoinHandle<()>,
+}
+
+impl Pi {
+    /// A new card with this configuration, or none. `overlay` is a second archive over the card's
+    /// initramfs, `options` are added to its command line.
+    pub fn new(blob: Option<&[u8]>, overlay: &'static str, options: &str) -> Self {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let card = directory.path().join("card.img");
+        let names = [image("rpi4.img"), card.clone()];
+        let names = names.each_ref().map(|path| path.to_str().expect("a plain path"));
+        run("cp", &["--sparse=always", names[0], names[1]]);
+        if let Some(blob) = blob {
+            scene::copy_config(&card, START_BYTES, directory.path(), blob);
+        }
+        // QEMU takes no card whose size is not a power of two.
+        let size = std::fs::metadata(&card).expect("it was copied").len().next_power_of_two();
+        let file = std::fs::OpenOptions::new().write(true).open(&card).expect("it was copied");
+        file.set_len(size).expect("there is room");
+        let line = Line::new();
+        Self { directory, card, line, overlay, options: options.to_owned(), running: None }
+    }
+
+    /// The card's image.
+    pub fn card(&self) -> &Path {
+        &self.card
+    }
+
+    /// The other end of the serial line, for a program; what has come before is gone.
+    pub fn line(&self) -> &str {
+        self.line.far_end.clear(ClearBuffer::Input).expect("it can be cleared");
+        &self.line.name
+    }
+
+    /// Power comes on.
+    pub fn switch_on(&mut self) {
+        assert!(self.running.is_none(), "it is on");
+        let start = Arc::new(Starter::new(self));
+        let child = Arc::new(Mutex::new(start.start(Reset::PowerOn)));
+        let qmp = Arc::new(Mutex::new(start.control(&child)));
+        self.line.plug_in(start.line(&child));
+        let off = Arc::new(AtomicBool::new(false));
+        let keeper = {
+            let (child, qmp, off) = (Arc::clone(&child), Arc::clone(&qmp), Arc::clone(&off));
+            let line = self.line.clone();
+            thread::spawn(move || keep(&start, &child, &qmp, &off, &line))
+        };
+        self.running = Some(Running { child, qmp, off, keeper });
+    }
+
+    /// The plug is pulled.
+    pub fn cut_power(&mut self) {
+        let Some(running) = self.running.take() else { return };
+        running.off.store(true, Ordering::Relaxed);
+        if let Ok(mut child) = running.child.lock() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        let kept = running.keeper.join();
+        assert!(kept.is_ok() || thread::panicking(), "the machine's keeper has failed");
+    }
+
+    /// Waits until `find` finds what it looks for among the packets.
+    pub fn wait_for<T>(&self, what: &str, find: impl Fn(&Seen) -> Option<T>) -> T {
+        wait_for(&self.line.seen, what, find)
+    }
+
+    /// Microseconds of the machine's clock, and whether the green LED is lit.
+    pub fn green_led(&self) -> (u32, bool) {
+        let running = self.running.as_ref().expect("it is on");
+        let mut qmp = running.qmp.lock().expect("no panic");
+        let (now, pins) = (qmp.word(CLOCK), qmp.word(PINS));
+        (now.expect("it runs"), pins.expect("it runs") & GREEN_LED != 0)
+    }
+
+    /// What the screen shows.
+    pub fn screen(&self) -> ::image::RgbImage {
+        let file = self.directory.path().join("screen.png");
+        let running = self.running.as_ref().expect("it is on");
+        running.qmp.lock().expect("no panic").picture(&file);
+        ::image::open(&file).expect("a picture").into_rgb8()
+    }
+}
+
+impl Drop for Pi {
+    fn drop(&mut self) {
+        self.cut_power();
+        if thread::panicking()
+            && let Ok(seen) = self.line.seen.lock()
+        {
+            println!("logs: {}", crate::machine::logs(&seen.serial));
+        }
+    }
+}
+
+/// Does what the hardware does while power is on: the watchdog's reset.
+fn keep(start: &Starter, child: &Mutex<Child>, qmp: &Mutex<Qmp>, off: &AtomicBool, line: &Line) {
+    let mut registers = PowerManagement::of(&start.memory);
+    while !off.load(Ordering::Relaxed) {
+        sleep(LOOK_EVERY);
+        // Without an answer the machine has just been switched off.
+        let Some(now_us) = qmp.lock().expect("no panic").word(CLOCK) else { continue };
+        if !registers.go_on(now_us) {
+            continue;
+        }
+        println!("reset by the watchdog's registers");
+        let mut running = child.lock().expect("no panic");
+        if off.load(Ordering::Relaxed) {
+            return;
+        }
+        let _ = running.kill();
+        let _ = running.wait();
+        *running = start.start(Reset::Watchdog);
+        drop(running);
+        *qmp.lock().expect("no panic") = start.control(child);
+        line.plug_in(start.line(child));
+        registers = PowerManagement::of(&start.memory);
+    }
+}
+
+/// How the machine is started, again and again.
+struct Starter {
+    directory: PathBuf,
+    card: PathBuf,
+    overlay: &'static str,
+    options: String,
+    memory: PathBuf,
+}
+
+impl Starter {
+    fn new(pi: &Pi) -> Self {
+        let directory = pi.directory.path().to_owned();
+        let memory = directory.join("memory");
+        let (overlay, options) = (pi.overlay, pi.options.clone());
+        Self { card: pi.card.clone(), overlay, options, memory, directory }
+    }
+
+    /// Plays the firmware: takes from the card what its rules say, and starts that.
+    fn start(&self, reset: Reset) -> Child {
+        let card = Card::of(&self.card);
+        let start = firmware::start(&card, &BOARDS[0])
+            .unwrap_or_else(|complaints| panic!("{}", complaints.join("\n")));
+        let path = |name: &str| self.directory.join(name);
+        let file = |name: &str| card.file(name).expect("the firmware has found it");
+        std::fs::write(path("kernel"), file(&start.kernel)).expect("there is room");
+        let archives = [file(&start.initramfs), &read(&image(self.overlay)), &SCENE.archive()];
+        std::fs::write(path("initramfs"), archives.concat()).expect("there is room");
+        // The tree is the card's own, fitted to what QEMU emulates.
+        std::fs::copy(image("rpi4.dtb"), path("tree.dtb")).expect("there is room");
+        let tree = path("tree.dtb");
+        let tree = tree.to_str().expect("a plain path");
+        let status = format!("{:x}", reset.status());
+        let loader = "/chosen/bootloader";
+        run("fdtput", &["-p", "-t", "x", tree, loader, "rsts", &status]);
+        run("fdtput", &["-p", "-t", "x", tree, "/system", "linux,revision", "b03115"]);
+        // What the memory held is gone.
+        let _ = std::fs::remove_file(&self.memory);
+        for socket in ["control", "line"] {
+            let _ = std::fs::remove_file(path(socket));
+        }
+
+        let text = |path: &Path| path.to_str().expect("a plain path").to_owned();
+        let socket = |name: &str| format!("unix:{},server=on,wait=off", text(&path(name)));
+        let mut command = Command::new(image("qemu-raspi4b"));
+        command.args(["-machine", "memory-backend=memory", "-m", "2G", "-nodefaults"]);
+        let memory = text(&self.memory);
+        let backend = format!("memory-backend-file,id=memory,size=2G,share=on,mem-path={memory}");
+        command.args(["-object", &backend, "-display", "none", "-no-reboot"]);
+        // As on the other board: the machine's clock counts instructions.
+        command.args(["-icount", "shift=1,sleep=on"]);
+        command.args(["-kernel", &text(&path("kernel")), "-initrd", &text(&path("initramfs"))]);
+        command.args(["-dtb", tree]);
+        let command_line = format!("{} {ADDED} {}", start.command_line, self.options);
+        command.args(["-append", &command_line]);
+        command.args(["-drive", &format!("if=sd,format=raw,file={}", text(&self.card))]);
+        command.args(["-serial", &socket("line"), "-serial", "null", "-qmp", &socket("control")]);
+        command.stdin(Stdio::null()).spawn().expect("QEMU starts")
+    }
+
+    fn control(&self, child: &Mutex<Child>) -> Qmp {
+        Qmp::new(connect(&self.directory.join("control"), &mut child.lock().expect("no panic")))
+    }
+
+    fn line(&self, child: &Mutex<Child>) -> UnixStream {
+        connect(&self.directory.join("line"), &mut child.lock().expect("no panic"))
+    }
+}
+
+/// The serial line from the box, whichever start of the machine it is, to a program of the host
+/// and to what is seen here.
+#[derive(Clone)]
+struct Line {
+    name: String,
+    host: Arc<Mutex<TTYPort>>,
+    /// Kept open: a line that nobody has open loses what is sent.
+    far_end: Arc<TTYPort>,
+    seen: Arc<Mutex<Seen>>,
+    machine: Arc<Mutex<Option<UnixStream>>>,
+}
+
+impl Line {
+    fn new() -> Self {
+        let (mut host, far_end) = TTYPort::pair().expect("a pseudo-terminal");
+        let name = far_end.name().expect("it has a name");
+        let mut from_host = host.try_clone_native().expect("a second handle");
+        // What nobody takes at once is lost, as on a line; the box does not wait for it.
+        host.set_timeout(Duration::from_millis(1)).expect("a timeout");
+        let line = Self {
+            name,
+            host: Arc::new(Mutex::new(host)),
+            far_end: Arc::new(far_end),
+            seen: Arc::default(),
+            machine: Arc::default(),
+        };
+        let machine = Arc::downgrade(&line.machine);
+        thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Some(machine) = machine.upgrade() {
+                // It times out where nothing is sent.
+                let Ok(count) = from_host.read(&mut bytes) else { continue };
+                if let Some(machine) = &mut *machine.lock().expect("no panic") {
+                    let _ = machine.write_all(&bytes[..count]);
+                }
+            }
+        });
+        line
+    }
+
+    /// Connects the machine's end.
+    fn plug_in(&self, stream: UnixStream) {
+        let copy = stream.try_clone().expect("a second handle");
+        *self.machine.lock().expect("no panic") = Some(copy);
+        let host = Arc::clone(&self.host);
+        watch_serial(stream, &self.seen, move |bytes| {
+            // Where no program reads, the line is full, and what comes is lost.
+            let _ = host.lock().expect("no panic").write(bytes);
+        });
+    }
+}
