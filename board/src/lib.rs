@@ -17,6 +17,7 @@ pub mod config_store;
 pub mod link;
 pub mod logger;
 pub mod measure;
+pub mod power;
 pub mod provisioning;
 pub mod read_only_partition;
 pub mod realtime;

@@ -129,6 +129,14 @@ pub struct Health {
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.
     pub temperature_decicelsius: Option<i16>,
+    /// Whether the supply's voltage is too low, or was for a moment: within 3 s of the moment
+    /// at least one `Health` says so, however short it was, and within 5 s none does any more.
+    /// `None` where the computer does not tell.
+    pub undervoltage: Option<bool>,
+    /// Whether heat or a weak supply slows the processor down: where the computer's firmware
+    /// tells it, as for `undervoltage`; else whether its clock since the last `Health` was, on
+    /// average, more than a tenth below its full one. `None` where neither can be known.
+    pub throttled: Option<bool>,
     /// The source of the frames.
     pub camera: CameraState,
     /// Seconds until set-up mode ends, in which pictures may leave the box; 0 outside it.

@@ -8,6 +8,7 @@ use super::Links;
 use crate::allocation::allocations;
 use crate::logger;
 use crate::measure::Durations;
+use crate::power::PowerMonitor;
 use crate::source::Condition;
 use crate::temperature::Sensor;
 
@@ -23,6 +24,7 @@ const STARTING: Condition = Condition {
 pub struct Counters {
     started: Instant,
     sensor: Sensor,
+    power: PowerMonitor,
     /// Of the source, when it was last asked.
     pub source: Condition,
     pub frames: u64,
@@ -39,10 +41,12 @@ pub struct Counters {
 }
 
 impl Counters {
+    /// For the calling thread, which must be the one that measures.
     pub fn new(started: Instant) -> Self {
         Self {
             started,
             sensor: Sensor::open(),
+            power: PowerMonitor::open(),
             source: STARTING,
             frames: 0,
             late: 0,
@@ -82,6 +86,7 @@ impl Counters {
 
     /// How the box is doing; the largest latency is counted anew after it.
     pub fn health(&mut self, links: &Links, aiming_s: u16) -> Health {
+        let power = self.power.read();
         let latency_max = std::mem::take(&mut self.latency_max_since_health);
         let links = links.iter().map(|link| {
             let counts = link.counts();
@@ -100,6 +105,8 @@ impl Counters {
             corners_dropped: self.corners_dropped,
             heap_allocations: Some(saturated(self.allocations())),
             temperature_decicelsius: self.sensor.decicelsius(),
+            undervoltage: power.undervoltage,
+            throttled: power.throttled,
             camera: self.source.camera,
             aiming_s,
             latency_us_max: u32::try_from(latency_max.as_micros()).unwrap_or(u32::MAX),

@@ -23,6 +23,7 @@ pub mod grid;
 pub mod link;
 mod missing;
 mod palette;
+mod power;
 pub mod provision;
 pub mod receive;
 pub mod replay;

@@ -228,6 +228,8 @@ impl PlayedBox {
             corners_dropped: 0,
             heap_allocations: None,
             temperature_decicelsius: None,
+            undervoltage: None,
+            throttled: None,
             camera: CameraState::Running,
             aiming_s: if self.is_aiming { 9 } else { 0 },
             latency_us_max: 1,

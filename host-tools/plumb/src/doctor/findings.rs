@@ -11,6 +11,7 @@ use plumbline::target::Role;
 use crate::clock::Exchange;
 use crate::error::BadInput;
 use crate::files::camera;
+use crate::power::PowerSeen;
 use crate::receive::accounting::{Accounting, Counts};
 use crate::receive::bad_packets::BadPackets;
 use crate::receive::complaints::text_of;
@@ -89,6 +90,8 @@ pub struct Findings {
     pub starts: u32,
     /// How it was at first, and how at last.
     pub healths: Option<(Health, Health)>,
+    /// The worst that it told of its power.
+    pub power: PowerSeen,
     /// Warnings and faults that it told of, each once.
     pub logs: Vec<(LogLevel, String)>,
     /// Questions for the time that were sent.
@@ -193,10 +196,13 @@ impl Findings {
                     self.healths = None;
                 }
             }
-            Message::Health(health) => match &mut self.healths {
-                Some((_, last)) => *last = health.clone(),
-                none => *none = Some((health.clone(), health.clone())),
-            },
+            Message::Health(health) => {
+                self.power.take(health);
+                match &mut self.healths {
+                    Some((_, last)) => *last = health.clone(),
+                    none => *none = Some((health.clone(), health.clone())),
+                }
+            }
             Message::Log(log) => self.log(log),
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },

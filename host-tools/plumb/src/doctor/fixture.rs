@@ -98,6 +98,8 @@ pub fn health() -> Health {
         corners_dropped: 0,
         heap_allocations: Some(0),
         temperature_decicelsius: Some(512),
+        undervoltage: Some(false),
+        throttled: Some(false),
         camera: CameraState::Running,
         aiming_s: 0,
         latency_us_max: 2000,

@@ -18,6 +18,7 @@ use super::others::{self, Others, is_same_box};
 use super::recorder::{Names, Recorder};
 use super::transport::Event;
 use crate::error::BadInput;
+use crate::power::PowerSeen;
 
 /// Rows wait for the targets' names no longer than this: whatever ends the
 /// program, no more than the last second is lost.
@@ -100,6 +101,8 @@ pub struct Receiver<W: Write> {
     /// The last one is under way.
     runs: Vec<Run>,
     health: Option<Health>,
+    /// In all runs.
+    power: PowerSeen,
     camera: Option<Camera>,
     /// Since the camera's state has changed.
     told: VecDeque<Told>,
@@ -132,6 +135,7 @@ impl<W: Write> Receiver<W> {
             shares: BTreeMap::new(),
             runs: vec![Run::default()],
             health: None,
+            power: PowerSeen::default(),
             camera: None,
             told: VecDeque::new(),
             latest: None,
@@ -177,6 +181,12 @@ impl<W: Write> Receiver<W> {
     #[must_use]
     pub fn health(&self) -> Option<&Health> {
         self.health.as_ref()
+    }
+
+    /// What the box has told of its power, in all runs.
+    #[must_use]
+    pub fn power(&self) -> PowerSeen {
+        self.power
     }
 
     /// The camera of this run, once the box has told of it.
@@ -320,6 +330,8 @@ impl<W: Write> Receiver<W> {
                 self.uptime(health.uptime_ms)?;
                 self.take_camera(health.camera, now);
                 self.take_set_up_mode(health.aiming_s > 0);
+                let news = self.power.take(&health);
+                self.notices.extend(news.iter().map(|news| format!("warning: {news}")));
                 self.health = Some(health);
             }
             Message::Log(log) => {

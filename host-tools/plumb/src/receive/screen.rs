@@ -227,6 +227,14 @@ pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     if let Some(camera) = camera_at_the_end(receiver) {
         table.add_row(["the box's camera".to_owned(), camera]);
     }
+    for (what, is_so, word) in [
+        ("the box's power supply", receiver.power().undervoltage, "too weak"),
+        ("the box's processor", receiver.power().throttled, "slowed down"),
+    ] {
+        if is_so == Some(true) {
+            table.add_row([what, word]);
+        }
+    }
     for (name, share) in receiver.shares() {
         let percent = percent(share.poses, share.frames);
         table.add_row([

@@ -1,4 +1,5 @@
 mod boxes;
+mod power;
 mod serial;
 
 use std::io::Write;
@@ -254,6 +255,8 @@ fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
         corners_dropped: 0,
         heap_allocations: None,
         temperature_decicelsius: None,
+        undervoltage: None,
+        throttled: None,
         camera,
         aiming_s: 0,
         latency_us_max: 0,

@@ -23,6 +23,7 @@ use super::names;
 use super::run::Run;
 use crate::clock::Exchange;
 use crate::error::BadInput;
+use crate::power::PowerSeen;
 use crate::receive::accounting::{Accounting, Arrival};
 use crate::receive::recorder::SessionClock;
 
@@ -201,6 +202,7 @@ struct Builder {
     other_configs: bool,
     config_crc: Option<u32>,
     corrupt: u64,
+    power: PowerSeen,
     instant: Option<MarkedInstant>,
     deframer: Deframer,
 }
@@ -219,6 +221,7 @@ impl Builder {
             other_configs: false,
             config_crc: config.map(Config::crc),
             corrupt: 0,
+            power: PowerSeen::default(),
             instant: None,
             deframer: Deframer::new(),
         }
@@ -254,6 +257,7 @@ impl Builder {
             }
             Message::Health(health) => {
                 self.accounting.uptime(health.uptime_ms);
+                self.power.take(&health);
             }
             Message::Log(log) => {
                 self.accounting.uptime(log.uptime_ms);
@@ -340,6 +344,7 @@ impl Builder {
                 counts.sessions
             ));
         }
+        warnings.extend(self.power.warnings().into_iter().map(str::to_owned));
         manifest.the_box = self.hello.as_ref().map(|hello| BoxSeen {
             device: hello.device.to_string(),
             serial_number: hello.serial_number.to_string(),
@@ -426,4 +431,28 @@ fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
         ml_mm: sd_mm(1)?,
         si_mm: sd_mm(2)?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::Health;
+
+    use super::super::manifest::Zero;
+    use super::*;
+    use crate::doctor::fixture::health;
+
+    #[test]
+    fn a_trial_tells_that_the_box_had_too_little_power() {
+        let trial = |undervoltages: &[bool]| {
+            let mut builder = Builder::new(None);
+            for undervoltage in undervoltages.iter().copied().map(Some) {
+                builder.message(Message::Health(Health { undervoltage, ..health() }), 0);
+            }
+            let manifest = Manifest::begin(None, None, None, Zero::Mark);
+            builder.finish(Path::new("trial"), manifest, None, Vec::new())
+        };
+        assert_eq!(trial(&[false, false]).warnings, [""; 0]);
+        let warnings = trial(&[false, true, true, false]).warnings;
+        assert!(matches!(&warnings[..], [one] if one.contains("power supply")), "{warnings:?}");
+    }
 }

@@ -5,6 +5,7 @@ use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 use crate::counting::counted;
+use crate::power::PowerSeen;
 
 /// The program of which these checks know.
 const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));
@@ -33,7 +34,7 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
     let mut checks = vec![Check::good("box", name), program(hello), start(findings, hello)];
     match findings.health() {
         Some(health) => {
-            checks.extend([temperature(health), memory(health), set_up(health)]);
+            checks.extend([temperature(health), power(findings), memory(health), set_up(health)]);
         }
         None => checks.push(Check::fail(
             "health",
@@ -105,6 +106,39 @@ fn temperature(health: &Health) -> Check {
     )
 }
 
+/// At its worst while it was watched: a voltage sags for moments.
+fn power(findings: &Findings) -> Check {
+    let PowerSeen { undervoltage, throttled } = findings.power;
+    let slowed = "its processor is slowed down";
+    if undervoltage == Some(true) {
+        let and = if throttled == Some(true) { format!("; {slowed}") } else { String::new() };
+        return Check::fail(
+            "power",
+            format!("its supply's voltage is too low{and}"),
+            "give it the official supply of 5.1 V and 3 A, a shorter cable, and nothing but the \
+             camera on its USB ports",
+        );
+    }
+    if throttled == Some(true) {
+        return Check::warn(
+            "power",
+            slowed,
+            "see its temperature: cool it if it is warm, else give it the official supply of \
+             5.1 V and 3 A",
+        );
+    }
+    let unknown = "not measured by this computer";
+    let seen = match (undervoltage, throttled) {
+        (Some(_), Some(_)) => {
+            "its supply holds its voltage; its processor is not slowed down".into()
+        }
+        (Some(_), None) => format!("its supply holds its voltage; its processor: {unknown}"),
+        (None, Some(_)) => format!("its processor is not slowed down; its supply: {unknown}"),
+        (None, None) => unknown.to_owned(),
+    };
+    Check::good("power", seen)
+}
+
 fn memory(health: &Health) -> Check {
     let (allocations, corners) = (health.heap_allocations.unwrap_or(0), health.corners_dropped);
     let seen = format!("{} while it tracks (none)", counted(allocations, "heap allocation"));
@@ -147,7 +181,7 @@ fn log(findings: &Findings) -> Check {
 mod tests {
     use plumbline::packet::{Log, Message};
 
-    use super::super::super::fixture::{assert_says, check, healthy, hello};
+    use super::super::super::fixture::{assert_says, check, health, healthy, hello};
     use super::*;
     use crate::receive::transport::Event;
 
@@ -195,6 +229,43 @@ mod tests {
         assert_says(&check(&patterned, "memory"), Verdict::Warn, &["9 corners", "remove"]);
         let aiming = with_health(|health| health.aiming_s = 40);
         assert_says(&check(&aiming, "set-up mode"), Verdict::Warn, &["40 s", "plumb aim"]);
+    }
+
+    #[test]
+    fn how_its_power_is() {
+        let of = |powers: &[(Option<bool>, Option<bool>)]| {
+            let mut findings = Findings { power: PowerSeen::default(), ..healthy() };
+            for (undervoltage, throttled) in powers.iter().copied() {
+                let health = Health { undervoltage, throttled, ..health() };
+                findings.take(&Event::Message(Message::Health(health)), 0);
+            }
+            check(&findings, "power")
+        };
+        let (yes, no) = (Some(true), Some(false));
+        let good = of(&[(no, no)]);
+        assert_says(&good, Verdict::Good, &["holds its voltage", "not slowed down"]);
+        let supply = of(&[(no, None)]);
+        assert_says(&supply, Verdict::Good, &["holds its voltage; its processor: not measured"]);
+        let processor = of(&[(None, no)]);
+        assert_says(&processor, Verdict::Good, &["not slowed down; its supply: not measured"]);
+        let unknown = of(&[(None, None)]);
+        assert_eq!(
+            (unknown.verdict, &*unknown.seen),
+            (Verdict::Good, "not measured by this computer")
+        );
+        let weak = of(&[(yes, no)]);
+        assert_says(
+            &weak,
+            Verdict::Fail,
+            &["voltage is too low;", "5.1 V and 3 A", "shorter cable"],
+        );
+        assert!(!weak.seen.contains("slowed"), "{}", weak.seen);
+        let both = of(&[(yes, yes)]);
+        assert_says(&both, Verdict::Fail, &["too low; its processor is slowed down", "USB"]);
+        let slow = of(&[(None, yes)]);
+        assert_says(&slow, Verdict::Warn, &["is slowed down", "temperature", "supply"]);
+        // A moment in the middle of the watch.
+        assert_says(&of(&[(no, no), (yes, no), (no, no)]), Verdict::Fail, &["too low"]);
     }
 
     #[test]
