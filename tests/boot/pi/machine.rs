@@ -6,6 +6,7 @@
 //! [`power_management`](super::power_management). The camera is vivid, as on the other emulated
 //! board; its frames come in the initramfs, as there is no second disk.
 
+use std::fs::File;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -13,9 +14,10 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle, sleep};
-use std::time::Duration;
 
-use serialport::{ClearBuffer, SerialPort, TTYPort};
+use nix::fcntl::OFlag;
+use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
+use nix::sys::termios::{FlushArg, SetArg, cfmakeraw, tcflush, tcgetattr, tcsetattr};
 
 use super::card::{Card, START_BYTES};
 use super::firmware::{self, BOARDS};
@@ -86,7 +88,7 @@ impl Pi {
 
     /// The other end of the serial line, for a program; what has come before is gone.
     pub fn line(&self) -> &str {
-        self.line.far_end.clear(ClearBuffer::Input).expect("it can be cleared");
+        tcflush(&self.line.far_end, FlushArg::TCIFLUSH).expect("it can be cleared");
         &self.line.name
     }
 
@@ -249,35 +251,48 @@ impl Starter {
 #[derive(Clone)]
 struct Line {
     name: String,
-    host: Arc<Mutex<TTYPort>>,
-    /// Kept open: a line that nobody has open loses what is sent.
-    far_end: Arc<TTYPort>,
+    host: Arc<PtyMaster>,
+    /// Kept open: it makes the line one that changes no bytes, and a line that nobody has open is
+    /// none.
+    far_end: Arc<File>,
     seen: Arc<Mutex<Seen>>,
     machine: Arc<Mutex<Option<UnixStream>>>,
 }
 
 impl Line {
     fn new() -> Self {
-        let (mut host, far_end) = TTYPort::pair().expect("a pseudo-terminal");
-        let name = far_end.name().expect("it has a name");
-        let mut from_host = host.try_clone_native().expect("a second handle");
-        // What nobody takes at once is lost, as on a line; the box does not wait for it.
-        host.set_timeout(Duration::from_millis(1)).expect("a timeout");
+        let open = || -> nix::Result<(PtyMaster, String)> {
+            // What nobody takes at once is lost, as on a line; the box does not wait for it.
+            let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
+            let host = posix_openpt(flags)?;
+            grantpt(&host)?;
+            unlockpt(&host)?;
+            let name = ptsname_r(&host)?;
+            Ok((host, name))
+        };
+        let (host, name) = open().expect("a pseudo-terminal");
+        let far_end = File::options().read(true).write(true).open(&name).expect("its other end");
+        let mut settings = tcgetattr(&far_end).expect("it has settings");
+        cfmakeraw(&mut settings);
+        tcsetattr(&far_end, SetArg::TCSANOW, &settings).expect("it takes settings");
         let line = Self {
             name,
-            host: Arc::new(Mutex::new(host)),
+            host: Arc::new(host),
             far_end: Arc::new(far_end),
             seen: Arc::default(),
             machine: Arc::default(),
         };
-        let machine = Arc::downgrade(&line.machine);
+        let (host, machine) = (Arc::clone(&line.host), Arc::downgrade(&line.machine));
         thread::spawn(move || {
             let mut bytes = [0; 4096];
             while let Some(machine) = machine.upgrade() {
-                // It times out where nothing is sent.
-                let Ok(count) = from_host.read(&mut bytes) else { continue };
+                let Ok(count) = (&*host).read(&mut bytes) else {
+                    sleep(LOOK_EVERY);
+                    continue;
+                };
                 if let Some(machine) = &mut *machine.lock().expect("no panic") {
-                    let _ = machine.write_all(&bytes[..count]);
+                    // It has just been switched off, or does not read: lost, as on a line.
+                    let _ = machine.write(&bytes[..count]);
                 }
             }
         });
@@ -287,11 +302,11 @@ impl Line {
     /// Connects the machine's end.
     fn plug_in(&self, stream: UnixStream) {
         let copy = stream.try_clone().expect("a second handle");
+        copy.set_write_timeout(Some(LOOK_EVERY)).expect("a timeout");
         *self.machine.lock().expect("no panic") = Some(copy);
         let host = Arc::clone(&self.host);
         watch_serial(stream, &self.seen, move |bytes| {
-            // Where no program reads, the line is full, and what comes is lost.
-            let _ = host.lock().expect("no panic").write(bytes);
+            let _ = (&*host).write(bytes);
         });
     }
 }

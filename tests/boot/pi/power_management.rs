@@ -61,8 +61,13 @@ impl PowerManagement {
 
     /// Lets the time go on to `now_us` of the machine's clock; true when the watchdog bites.
     pub fn go_on(&mut self, now_us: u32) -> bool {
-        // The clock has 32 bits and begins again after 71 minutes.
-        let passed_us = self.before_us.replace(now_us).map_or(0, |it| now_us.wrapping_sub(it));
+        // The clock has 32 bits and begins again after 71 minutes. Read from outside, it may
+        // stand a little before where it stood.
+        let passed_us = now_us.wrapping_sub(self.before_us.unwrap_or(now_us));
+        let passed_us = if passed_us > u32::MAX / 2 { 0 } else { passed_us };
+        if passed_us > 0 || self.before_us.is_none() {
+            self.before_us = Some(now_us);
+        }
         if self.read(RSTC) & FULL_RESET == 0 {
             return false;
         }
@@ -102,6 +107,8 @@ fn it_bites_when_its_time_is_over_and_only_then() {
     assert_eq!(registers.read(WDOG), 0x5a00_0000 | 1 << 16);
     start(&registers);
     assert!(!registers.go_on(68_900_000));
+    // A clock that is read a little late is no time that has passed.
+    assert!(!registers.go_on(68_899_999) && !registers.go_on(68_900_000));
     // Stopped in time, it never bites.
     registers.write(RSTC, 0x5a00_0102);
     assert!(!registers.go_on(80_000_000));

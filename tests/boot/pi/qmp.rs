@@ -37,7 +37,8 @@ impl Qmp {
 
     fn execute(&mut self, command: &str, arguments: Value) -> Option<Value> {
         let request = json!({ "execute": command, "arguments": arguments });
-        writeln!(self.stream.get_mut(), "{request}").ok()?;
+        // In one piece: QEMU looks up from its work for each.
+        self.stream.get_mut().write_all(format!("{request}\n").as_bytes()).ok()?;
         loop {
             let mut answer = self.read()?;
             assert!(answer.get("error").is_none(), "{request}: {answer}");
