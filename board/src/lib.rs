@@ -21,6 +21,7 @@ pub mod provisioning;
 pub mod realtime;
 pub mod session;
 pub mod source;
+pub mod status;
 pub mod temperature;
 pub mod watchdog;
 
