@@ -23,6 +23,7 @@ pub mod read_only_partition;
 pub mod realtime;
 pub mod session;
 pub mod source;
+pub mod status;
 pub mod temperature;
 pub mod watchdog;
 

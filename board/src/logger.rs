@@ -1,6 +1,9 @@
 //! Log records: to the console, and into a bounded queue from which the main
 //! loop sends them to the host, a long text as several. Nothing is allocated,
 //! nobody waits.
+//!
+//! The latest texts that a person at the box should see are kept for its screen,
+//! until newer ones come.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -11,17 +14,54 @@ use std::time::Instant;
 use heapless::{Deque, String};
 use plumbline::packet::{LOG_TARGET_BYTES_MAX, LOG_TEXT_BYTES_MAX, Log, LogLevel};
 
+use crate::status::{self, Status};
+
 /// Records that can wait for the main loop, which takes them at every turn.
 const WAITING_MAX: usize = 16;
 
 /// Longest text that reaches the host whole.
 const WHOLE_TEXT_BYTES_MAX: usize = 4 * LOG_TEXT_BYTES_MAX;
 
+/// The target of the records that pass on what the network's process says.
+pub const NETWORK: &str = "plumbline_board::boot::network";
+
 /// The program's logger.
 #[derive(Debug)]
 pub struct Logger {
     waiting: Mutex<Deque<Waiting, WAITING_MAX>>,
     dropped: AtomicU32,
+    latest: Mutex<Latest>,
+}
+
+/// The latest texts of the log, for a person at the box.
+#[derive(Debug, Clone, Default)]
+pub struct Latest {
+    /// What the network's process said last.
+    pub network: String<WHOLE_TEXT_BYTES_MAX>,
+    /// The last text of anything else at level Warn or above.
+    pub complaint: String<WHOLE_TEXT_BYTES_MAX>,
+    /// When that was said.
+    pub complained_at: Option<Instant>,
+}
+
+impl Latest {
+    const fn new() -> Self {
+        Self { network: String::new(), complaint: String::new(), complained_at: None }
+    }
+
+    /// Takes note of a record. In a status that is final its reason stays: other complaints
+    /// would hide what is to be done.
+    fn take(&mut self, status: Status, target: &str, level: log::Level, text: &str) {
+        // Both have room for the longest text that is kept.
+        if target == NETWORK {
+            self.network = text.try_into().unwrap_or_default();
+        } else if level <= log::Level::Warn
+            && (!status.is_final() || text.starts_with(status.words()))
+        {
+            self.complaint = text.try_into().unwrap_or_default();
+            self.complained_at = Some(Instant::now());
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -54,7 +94,7 @@ impl<const N: usize> std::fmt::Write for Cut<N> {
     }
 }
 
-static LOGGER: Logger = Logger { waiting: Mutex::new(Deque::new()), dropped: AtomicU32::new(0) };
+static LOGGER: Logger = Logger::new();
 
 /// Makes this the logger of the program; records of `level` and above are kept.
 pub fn install(level: log::LevelFilter) {
@@ -86,6 +126,22 @@ pub fn tell_hosts(record: &log::Record<'_>) {
     LOGGER.queue(record);
 }
 
+/// The latest texts, unless a record is being taken note of just now: try again then.
+pub fn latest() -> Option<Latest> {
+    LOGGER.latest.try_lock().ok().map(|latest| latest.clone())
+}
+
+/// Keeps a complaint that was said without the logger among the latest texts, unless it is
+/// in use just now: whoever failed may have held it.
+pub fn keep_complaint(text: &str) {
+    if let Ok(mut latest) = LOGGER.latest.try_lock() {
+        let mut whole = Cut::<WHOLE_TEXT_BYTES_MAX>::default();
+        // Cannot fail; what does not fit would not fit a screen either.
+        let _ = whole.write_str(text);
+        latest.take(status::current().0, module_path!(), log::Level::Error, &whole.text);
+    }
+}
+
 /// The text in pieces that fit a record each, broken at spaces where there are any.
 pub fn pieces(text: &str) -> impl Iterator<Item = &str> {
     let mut rest = text.trim();
@@ -107,7 +163,15 @@ pub fn pieces(text: &str) -> impl Iterator<Item = &str> {
 }
 
 impl Logger {
-    /// For the host.
+    const fn new() -> Self {
+        Self {
+            waiting: Mutex::new(Deque::new()),
+            dropped: AtomicU32::new(0),
+            latest: Mutex::new(Latest::new()),
+        }
+    }
+
+    /// For the host, and for the screen.
     fn queue(&self, record: &log::Record<'_>) {
         let mut target = Cut::<LOG_TARGET_BYTES_MAX>::default();
         let mut text = Cut::<WHOLE_TEXT_BYTES_MAX>::default();
@@ -121,6 +185,9 @@ impl Logger {
             log::Level::Debug => LogLevel::Debug,
             log::Level::Trace => LogLevel::Trace,
         };
+        let mut latest = self.latest.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        latest.take(status::current().0, record.target(), record.level(), &text.text);
+        drop(latest);
         let at = Instant::now();
         let mut waiting = self.lock();
         let mut pieces = pieces(&text.text).peekable();
@@ -188,7 +255,7 @@ mod tests {
     #[test]
     fn the_host_gets_a_long_text_whole() {
         let words = "a remedy at the end of a long text ".repeat(10);
-        let logger = Logger { waiting: Mutex::new(Deque::new()), dropped: AtomicU32::new(0) };
+        let logger = Logger::new();
         let send = |text: &str| {
             log::Log::log(&logger, &log::Record::builder().args(format_args!("{text}")).build());
             std::iter::from_fn(|| logger.lock().pop_front()).collect::<Vec<_>>()
@@ -201,5 +268,31 @@ mod tests {
         // What is beyond all measure is cut, and counted once.
         let sent = send(&"x".repeat(WHOLE_TEXT_BYTES_MAX + 7));
         assert_eq!(sent.iter().map(|record| record.cut).collect::<Vec<_>>(), [0, 0, 0, 7]);
+    }
+
+    #[test]
+    fn the_latest_complaint_and_the_networks_words_are_kept_apart() {
+        use log::Level::{Error, Info, Warn};
+        let mut latest = Latest::new();
+        let other = "plumbline_board::session";
+        latest.take(Status::NoCamera, other, Warn, "camera: unplugged");
+        latest.take(Status::NoCamera, other, Info, "boot: started");
+        latest.take(Status::NoCamera, NETWORK, Info, "network: eth0 has 10.0.2.15/24");
+        latest.take(Status::NoCamera, NETWORK, Error, "no Ethernet is there");
+        assert_eq!(latest.complaint, "camera: unplugged");
+        assert_eq!(latest.network, "no Ethernet is there");
+        latest.take(Status::NoCamera, other, Error, "camera: it broke");
+        assert_eq!(latest.complaint, "camera: it broke");
+    }
+
+    #[test]
+    fn the_reason_of_a_final_status_stays() {
+        let mut latest = Latest::new();
+        let other = "plumbline_board::link";
+        latest.take(Status::Starting, other, log::Level::Warn, "an early warning");
+        for text in ["no line", "configuration refused: a port", "no line"] {
+            latest.take(Status::Refused, other, log::Level::Error, text);
+        }
+        assert_eq!(latest.complaint, "configuration refused: a port");
     }
 }

@@ -29,6 +29,7 @@ use crate::link::{Encoded, Link};
 use crate::logger;
 use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
+use crate::status::{self, Status};
 use crate::watchdog::Watchdog;
 use aim::Aim;
 use counters::Counters;
@@ -95,6 +96,8 @@ struct Session {
     may_reboot: bool,
     reboot: bool,
     counters: Counters,
+    /// What came of the last frame.
+    tracking: Status,
     aim: Aim,
     outgoing: Outgoing,
     provisioning: Provisioning,
@@ -123,6 +126,7 @@ impl Session {
             may_reboot: setup.may_reboot,
             reboot: false,
             counters: Counters::new(started),
+            tracking: Status::Searching,
             aim: Aim::default(),
             outgoing: Outgoing::default(),
             provisioning: Provisioning::new(setup.store),
@@ -166,10 +170,15 @@ impl Session {
         None
     }
 
-    /// Takes note of how the source is doing.
+    /// Takes note of how the source is doing, and says what that makes of the box: at every
+    /// turn, so that silence means that the loop hangs.
     fn look_after(&mut self, source: &impl FrameSource) {
         let before = std::mem::replace(&mut self.counters.source, source.condition());
         let camera = self.counters.source.camera;
+        status::set(match camera {
+            CameraState::Running | CameraState::Ended => self.tracking,
+            CameraState::Starting | CameraState::Stalled | CameraState::Lost => Status::NoCamera,
+        });
         if camera == before.camera {
             return;
         }
@@ -194,6 +203,8 @@ impl Session {
         };
         self.counters.step.record(began.elapsed());
         self.counters.corners_dropped = report.corners_dropped;
+        let is_whole = report.targets.iter().all(|target| target.measurement.is_ok());
+        self.tracking = if is_whole { Status::Tracking } else { Status::Searching };
         let latency_us = u32::try_from(frame.ready_at.elapsed().as_micros()).unwrap_or(u32::MAX);
         let packet = PosePacket::from_report(&report, frame.instant, latency_us);
         self.send_pose(packet);

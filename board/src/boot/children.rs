@@ -16,6 +16,7 @@ use nix::unistd::Pid;
 use plumbline::config::Network;
 
 use super::network;
+use crate::logger;
 
 /// Pause before the network process is started again; doubled each time.
 const BACK_OFF_MIN: Duration = Duration::from_secs(1);
@@ -82,7 +83,7 @@ fn pass_on(mut said: impl Read, mut tell: impl FnMut(log::Level, &str)) {
 }
 
 fn tell(level: log::Level, text: &str) {
-    log::log!(level, "{text}");
+    log::log!(target: logger::NETWORK, level, "{text}");
 }
 
 fn run(mut command: Command) {

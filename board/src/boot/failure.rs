@@ -14,6 +14,8 @@ use std::time::{Duration, Instant};
 use plumbline::config::Links;
 
 use super::announce::{AGAIN, Announcer};
+use crate::logger;
+use crate::status::{self, Status};
 use crate::watchdog::Watchdog;
 
 /// The watchdog's time where the configuration gives none.
@@ -52,7 +54,8 @@ pub fn end(what: &str) -> ! {
         // The first failure is the one to tell of.
         stand_still();
     }
-    let text = format!("failed: {what}");
+    status::set(Status::Failed);
+    let text = format!("{}: {what}", Status::Failed.words());
     // Not by the logger: its lock may be held by whoever failed.
     let _ = writeln!(std::io::stderr(), "ERROR: {text}");
     let audience = AUDIENCE.try_lock().ok().and_then(|audience| audience.clone());
@@ -65,6 +68,8 @@ pub fn end(what: &str) -> ! {
     let started = Instant::now();
     let mut announcer = Announcer::new(&links);
     while started.elapsed() < Duration::from_secs(watchdog_s.into()) + GRACE {
+        // The screen reads it; now and then somebody else is just at it.
+        logger::keep_complaint(&text);
         announcer.say(&text);
         std::thread::sleep(AGAIN);
     }

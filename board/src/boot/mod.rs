@@ -34,6 +34,7 @@ pub mod lease;
 mod modules;
 mod mounts;
 pub mod network;
+pub mod panel;
 mod partition;
 mod refusal;
 mod restart;
@@ -91,6 +92,7 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
         failure::end(&format!("{error:#}"));
     }
     mounts::restart_on_kernel_panic();
+    panel::start();
     step("started");
     let options = kernel_command_line::read();
     failure::tell(&options.links, None);
@@ -111,7 +113,7 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
         Ok(usable) => usable,
         Err(error) => {
             children::look_after(Network::Dhcp);
-            refusal::stay(&options.links, store, &format!("{error:#}"));
+            refusal::stay(&options.links, store, &error);
             restart::in_good_order(partition.as_ref())
         }
     };
@@ -127,6 +129,7 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
 /// been found usable.
 fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Links, Source)> {
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;
+    panel::name(&config);
     let (links, source) = usable(&config).with_context(|| in_config(&device))?;
     step(&format!("configuration {:08x} on {device}", config.crc()));
     Ok((config, links, source))

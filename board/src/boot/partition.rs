@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount, umount};
 
 use crate::config_store::{CONFIG_NAME, ConfigStore, is_absent};
@@ -28,9 +28,32 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 pub struct Found {
     /// Where the configuration is kept, or may be; `None` without a FAT file system.
     pub partition: Option<ReadOnlyPartition>,
-    /// The configuration's bytes and the device they are on, or why there are none.
+    /// The configuration's bytes and the device they are on, or why there are none: an
+    /// [`Absent`] where none is on any disk.
     pub config: Result<(Vec<u8>, String)>,
 }
+
+/// There is no configuration on any disk.
+#[derive(Debug)]
+pub struct Absent {
+    /// The disks and partitions that there are.
+    devices: Vec<String>,
+}
+
+impl std::fmt::Display for Absent {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let seconds = PATIENCE.as_secs();
+        let looked =
+            if self.devices.is_empty() { "no disk".into() } else { self.devices.join(" ") };
+        write!(
+            formatter,
+            "no {CONFIG_NAME} in {seconds} s on a FAT partition ({looked}): send one with `plumb \
+             provision`, or copy it to the boot partition"
+        )
+    }
+}
+
+impl std::error::Error for Absent {}
 
 /// Looks for the configuration until it is there, or for [`PATIENCE`].
 pub fn find() -> Found {
@@ -54,12 +77,7 @@ fn find_config() -> Result<(Vec<u8>, String)> {
             }
         }
         if Instant::now() >= give_up {
-            let looked = if devices.is_empty() { "no disk".into() } else { devices.join(" ") };
-            bail!(
-                "no {CONFIG_NAME} in {} s on a FAT partition ({looked}): send one with `plumb \
-                 provision`, or copy it to the boot partition",
-                PATIENCE.as_secs()
-            );
+            return Err(Absent { devices }.into());
         }
         std::thread::sleep(LOOK_AGAIN);
     }

@@ -1,5 +1,5 @@
-//! A configuration that cannot be used is refused, and the box says so instead of tracking: on
-//! the console once, to the hosts again and again.
+//! Without a configuration that can be used the box says so instead of tracking: on the console
+//! once, to the hosts again and again.
 //!
 //! A host may send another one, which is all that the box does now. Otherwise it stays so
 //! until the power is switched off: a new start would find the same file. That is also why no
@@ -7,21 +7,26 @@
 
 use std::time::{Duration, Instant};
 
+use anyhow::Error;
 use plumbline::config::Links;
 use plumbline::packet::{Action, Command, Message, Refusal, Reply, ReplyOutcome};
 
 use super::announce::{AGAIN, Announcer};
+use super::partition::Absent;
 use crate::config_store::ConfigStore;
 use crate::provisioning::{Provisioning, refused};
+use crate::status::{self, Status};
 
 /// Hosts are listened to this often.
 const TURN: Duration = Duration::from_millis(20);
 
 /// Says why, until a host has sent a better configuration and asks for a restart.
-pub fn stay(links: &Links, store: Option<ConfigStore>, why: &str) {
-    let text = format!("configuration refused: {why}");
+pub fn stay(links: &Links, store: Option<ConfigStore>, why: &Error) {
+    let status = status_for(why);
+    status::set(status);
+    let text = format!("{}: {why:#}", status.words());
     log::error!("{text}");
-    log::error!(
+    log::info!(
         "nothing is tracked; send another configuration, or correct it on the card and switch \
          the box off and on again"
     );
@@ -46,6 +51,10 @@ pub fn stay(links: &Links, store: Option<ConfigStore>, why: &str) {
             std::thread::sleep(TURN);
         }
     }
+}
+
+fn status_for(why: &Error) -> Status {
+    if why.is::<Absent>() { Status::NoConfiguration } else { Status::Refused }
 }
 
 fn reply(provisioning: &mut Provisioning, command: &Command, why: &str) -> Reply {
