@@ -4,6 +4,7 @@
 //! Raspberry Pi's firmware says why it cannot start, which are 3 and more equal flashes.
 
 use std::fs::File;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 
 use super::files::Root;
@@ -14,16 +15,17 @@ const NAMES: [&str; 2] = ["ACT", "PWR"];
 
 /// Whether the LED is lit in a tick of 100 ms.
 pub fn lit(status: Status, tick: u64) -> bool {
-    let (period, on): (_, &[_]) = match status {
-        Status::Starting => (2, &[0..1]),
-        Status::Tracking => (10, &[0..1]),
-        Status::Searching => (20, &[0..1, 3..4]),
-        Status::NoCamera => (20, &[0..6, 9..10]),
-        Status::NoConfiguration => (20, &[0..10]),
-        Status::Refused => (20, &[0..18]),
-        Status::Failed => (1, &[0..1]),
+    const NONE: Range<u64> = 0..0;
+    let (period, flashes) = match status {
+        Status::Starting => (2, [0..1, NONE]),
+        Status::Tracking => (10, [0..1, NONE]),
+        Status::Searching => (20, [0..1, 3..4]),
+        Status::NoCamera => (20, [0..6, 9..10]),
+        Status::NoConfiguration => (20, [0..10, NONE]),
+        Status::Refused => (20, [0..18, NONE]),
+        Status::Failed => (1, [0..1, NONE]),
     };
-    on.iter().any(|on| on.contains(&(tick % period)))
+    flashes.iter().any(|flash| flash.contains(&(tick % period)))
 }
 
 /// The LED, as soon as there is one.
