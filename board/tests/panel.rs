@@ -135,4 +135,13 @@ fn led_and_screen_show_the_status_and_take_no_heap() {
         assert_eq!(show(Status::NoCamera), 0, "heap allocations");
         assert_eq!(status_colour(&computer.pixels()), red);
     }
+
+    // Most boxes have no screen, and look for one as long as they run.
+    let nothing = tempfile::tempdir().unwrap();
+    let mut panel = Panel::new(nothing.path().to_str().unwrap());
+    let before = allocations();
+    for _ in 0..40 {
+        panel.tick((Status::Tracking, NOW), "ward 3 (PL-0001)", None);
+    }
+    assert_eq!(allocations() - before, 0, "heap allocations");
 }
