@@ -9,16 +9,19 @@ mod qmp;
 
 use std::path::Path;
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use ::image::{Rgb, RgbImage};
 use plumb::files;
 use plumb::link::{BoxLink, LinkArguments};
 use plumbline::config::{Config, SerialLink};
 use plumbline::packet::{Action, Hello, Message, ResetReason};
+use plumbline_board::boot::panel::Panel;
+use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 
 use crate::binary;
-use crate::machine::{PATIENCE, is_measured, logs, poses};
+use crate::machine::{PATIENCE, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, two_of};
 use crate::scene::{self, Position, SCENE, distance_mm, run};
 use card::START_BYTES;
@@ -52,22 +55,61 @@ fn start_number(pi: &Pi, number: usize) -> Hello {
     })
 }
 
-/// The LED blinks this status, and the screen has its words in their colour.
-fn assert_shows(pi: &Pi, status: Status) {
-    let (blinks, share, colour) = match status {
-        Status::Tracking => (10, 0.1, [64, 252, 64]),
-        Status::NoConfiguration => (5, 0.5, [248, 72, 72]),
+/// The LED blinks this status, and the screen shows it: every pixel is as it is drawn here, of
+/// the same words.
+fn assert_shows(pi: &Pi, status: Status, name: &str, complaint: &str) {
+    let (blinks, share) = match status {
+        Status::Tracking => (10, 0.1),
+        Status::NoConfiguration => (5, 0.5),
         other => unreachable!("{other:?} is not looked for"),
     };
     let (blinks_seen, share_seen) = green_led(pi, 10.0);
     println!("{status:?}: the LED was lit {blinks_seen} times, {share_seen:.2} of the time");
     assert!(blinks_seen.abs_diff(blinks) <= 1, "{blinks_seen} times, not {blinks}");
     assert!((share_seen - share).abs() < 0.05, "{share_seen}, not {share} of the time");
-    let screen = pi.screen();
-    let coloured = screen.pixels().filter(|pixel| pixel.0 == colour).count();
-    println!("{coloured} pixels are {colour:?}");
-    // Each letter has some forty dots, and each dot is four pixels on a screen of this size.
-    assert!(coloured > 100 * status.words().len(), "{coloured} pixels of {colour:?}");
+    let network = "no Ethernet is there: plug the adapter in";
+    pi.wait_for("the network's words", |seen| logs(&seen.serial).contains(network).then_some(()));
+    // The box draws twice a second.
+    let (expected, give_up) = (drawn(status, name, network, complaint), Instant::now() + PATIENCE);
+    loop {
+        let seen = pi.screen();
+        let different = seen.pixels().zip(expected.pixels()).filter(|(a, b)| a != b).count();
+        if different == 0 {
+            return;
+        }
+        assert!(Instant::now() < give_up, "{different} pixels of the screen are others");
+        sleep(Duration::from_millis(100));
+    }
+}
+
+/// The screen as the box's program draws it on a computer with a frame buffer as QEMU has it.
+fn drawn(status: Status, name: &str, network: &str, complaint: &str) -> RgbImage {
+    let (width, height) = (640, 480);
+    let root = tempfile::tempdir().expect("a temporary directory");
+    let write = |name: &str, text: String| {
+        let path = root.path().join(name);
+        std::fs::create_dir_all(path.parent().expect("it is in a directory"))
+            .expect("there is room");
+        std::fs::write(path, text).expect("there is room");
+    };
+    let folder = "sys/class/graphics/fb0";
+    write(&format!("{folder}/virtual_size"), format!("{width},{height}"));
+    write(&format!("{folder}/bits_per_pixel"), "16".into());
+    write(&format!("{folder}/stride"), (2 * width).to_string());
+    write("dev/fb0", String::new());
+    let latest = Latest {
+        network: network.try_into().expect("a short text"),
+        complaint: complaint.try_into().expect("a short text"),
+        complained_at: Some(Instant::now()),
+    };
+    let mut panel = Panel::new(root.path().to_str().expect("a plain path"));
+    panel.tick((status, Duration::ZERO), name, Some(&latest));
+    let bytes = read(&root.path().join("dev/fb0"));
+    RgbImage::from_fn(width, height, |x, y| {
+        let at = 2 * (y * width + x) as usize;
+        let word = u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+        Rgb([(word >> 11 << 3) as u8, (word >> 5 << 2) as u8, (word << 3) as u8])
+    })
 }
 
 /// How often the LED is lit within a time of the machine's, in seconds, and for which share of it.
@@ -109,7 +151,8 @@ fn a_card_records_a_trial_over_the_serial_line() {
         let off_mm = nearest_mm(&SCENE.offline_mm[target], &found);
         assert!(off_mm < DIFFERENCE_MM_MAX, "{} is {off_mm} mm off", row.target);
     }
-    assert_shows(&pi, Status::Tracking);
+    let name = format!("{} ({})", config().device, config().serial_number);
+    assert_shows(&pi, Status::Tracking, &name, "");
 }
 
 #[test]
@@ -117,10 +160,10 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
     let options = format!("plumbline.serial={LINE}:115200");
     let mut pi = Pi::new(None, "overlay.cpio", &options);
     pi.switch_on();
-    pi.wait_for("what it lacks", |seen| {
-        logs(&seen.serial).contains("no configuration: no config.plb in 10 s").then_some(())
-    });
-    assert_shows(&pi, Status::NoConfiguration);
+    let lacks = "no configuration: no config.plb in 10 s on a FAT partition (mmcblk0 mmcblk0p1): \
+                 send one with `plumb provision`, or copy it to the boot partition";
+    pi.wait_for("what it lacks", |seen| logs(&seen.serial).contains(lacks).then_some(()));
+    assert_shows(&pi, Status::NoConfiguration, "Plumbline", lacks);
     let mut link = link(&pi);
     link.wait_until_heard_within(PATIENCE).unwrap();
     assert_eq!(link.store_config(None, &config()).unwrap().1, config().crc());
