@@ -40,15 +40,7 @@ impl Ward {
     /// Runs `plumb` in the technician's directory; what it says.
     #[track_caller]
     fn plumb(&self, arguments: &str) -> String {
-        let output = binary::plumb()
-            .args(arguments.split_whitespace())
-            .current_dir(self.directory.path())
-            .output()
-            .expect("plumb runs");
-        let said = binary::messages(&output) + &String::from_utf8_lossy(&output.stdout);
-        println!("$ plumb {arguments}\n{said}");
-        assert_eq!(output.status.code(), Some(0), "plumb {arguments}: {said}");
-        said
+        binary::plumb_in(self.directory.path(), arguments)
     }
 
     /// As [`plumb`](Self::plumb), with where the box is heard.

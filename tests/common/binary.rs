@@ -42,6 +42,21 @@ pub fn messages(output: &Output) -> String {
     text
 }
 
+/// Runs it in a directory with these words, and expects it to succeed; what it says.
+#[track_caller]
+#[allow(dead_code, reason = "not every test that runs the program expects that")]
+pub fn plumb_in(directory: &Path, arguments: &str) -> String {
+    let output = plumb()
+        .args(arguments.split_whitespace())
+        .current_dir(directory)
+        .output()
+        .expect("plumb runs");
+    let said = messages(&output) + &String::from_utf8_lossy(&output.stdout);
+    println!("$ plumb {arguments}\n{said}");
+    assert_eq!(output.status.code(), Some(0), "plumb {arguments}: {said}");
+    said
+}
+
 /// Real photographs, or `None` (said on standard error) where they are absent.
 #[allow(dead_code, reason = "not every test that runs the program needs them")]
 pub fn data(folder: &str) -> Option<PathBuf> {

@@ -80,7 +80,7 @@ impl Part {
             Self::Arm => 3000,
             Self::Armhf => 1000,
             Self::BareMetal => 1500,
-            Self::Boot => 3500,
+            Self::Boot => 3900,
         }
     }
 

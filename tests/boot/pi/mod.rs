@@ -7,7 +7,6 @@ mod machine;
 mod power_management;
 mod qmp;
 
-use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -15,13 +14,13 @@ use ::image::{Rgb, RgbImage};
 use plumb::files;
 use plumb::link::{BoxLink, LinkArguments};
 use plumbline::config::{Config, SerialLink};
-use plumbline::packet::{Action, Hello, Message, ResetReason};
+use plumbline::packet::{Action, CameraState, Hello, Message, ResetReason};
 use plumbline_board::boot::panel::Panel;
 use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 
 use crate::binary;
-use crate::machine::{PATIENCE, is_measured, logs, poses, read};
+use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, two_of};
 use crate::scene::{self, Position, SCENE, distance_mm, run};
 use card::START_BYTES;
@@ -139,8 +138,8 @@ fn a_card_records_a_trial_over_the_serial_line() {
     pi.wait_for("a pose", |seen| poses(&seen.serial).any(is_measured).then_some(()));
 
     let directory = tempfile::tempdir().unwrap();
-    plumb(directory.path(), &format!("receive --frames 72 --out trial --serial {}", pi.line()));
-    plumb(directory.path(), "analyze trial --json figures.json");
+    let receive = format!("receive --frames 72 --out trial --serial {}", pi.line());
+    binary::plumb_in(directory.path(), &receive);
     let rows = files::poses::read(&directory.path().join("trial/samples.csv")).unwrap();
     let measured = rows.iter().filter(|row| row.z_mm.is_some()).count();
     assert_eq!((rows.len(), measured), (2 * 72, 2 * 72), "frames without a pose");
@@ -151,6 +150,12 @@ fn a_card_records_a_trial_over_the_serial_line() {
         let off_mm = nearest_mm(&SCENE.offline_mm[target], &found);
         assert!(off_mm < DIFFERENCE_MM_MAX, "{} is {off_mm} mm off", row.target);
     }
+    // A health comes every second. The machine's processor runs as fast as its firmware says.
+    let health = pi.wait_for("a health", |seen| {
+        healths(&seen.serial).find(|health| health.frames > 48).cloned()
+    });
+    assert_eq!((health.heap_allocations, health.camera), (Some(0), CameraState::Running));
+    assert_eq!((health.throttled, health.undervoltage), (Some(false), None));
     let name = format!("{} ({})", config().device, config().serial_number);
     assert_shows(&pi, Status::Tracking, &name, "");
 }
@@ -218,16 +223,4 @@ fn link(pi: &Pi) -> BoxLink {
 
 fn nearest_mm(known: &[Position], found: &Position) -> f64 {
     known.iter().map(|known| distance_mm(known, found)).fold(f64::INFINITY, f64::min)
-}
-
-fn plumb(directory: &Path, arguments: &str) -> String {
-    let output = binary::plumb()
-        .args(arguments.split_whitespace())
-        .current_dir(directory)
-        .output()
-        .expect("plumb runs");
-    let said = binary::messages(&output) + &String::from_utf8_lossy(&output.stdout);
-    println!("$ plumb {arguments}\n{said}");
-    assert_eq!(output.status.code(), Some(0), "plumb {arguments}: {said}");
-    said
 }
