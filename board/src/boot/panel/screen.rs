@@ -1,7 +1,8 @@
 //! A screen at the computer's HDMI socket: the kernel's frame buffer `/dev/fb0`.
 //!
 //! A Raspberry Pi's firmware makes it before the kernel starts, with `hdmi_force_hotplug=1` in
-//! `config.txt` also for a screen that is plugged in later. Its rows are written as to a file. The kernel's own console, which would write over the picture, is taken off it.
+//! `config.txt` also for a screen that is plugged in later. Its rows are written as to a file.
+//! The kernel's own console, which would write over the picture, is taken off it.
 
 use std::fs::File;
 use std::io::Result;
