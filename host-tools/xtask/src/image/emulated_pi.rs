@@ -37,11 +37,18 @@ const MACHINE: &str = "raspi4b";
 const PACKAGES: &[&str] = &["qemu-system-arm"];
 
 /// What making both takes.
-pub const NEEDS: &[Need] = &[Need {
-    probe: Probe::Program("fdtput"),
-    package: "device-tree-compiler",
-    why: "fits the Raspberry Pi's device tree to what QEMU emulates",
-}];
+pub const NEEDS: &[Need] = &[
+    Need {
+        probe: Probe::Program("fdtput"),
+        package: "device-tree-compiler",
+        why: "fits the Raspberry Pi's device tree to what QEMU emulates",
+    },
+    Need {
+        probe: Probe::Program("fdtget"),
+        package: "device-tree-compiler",
+        why: "reads device trees",
+    },
+];
 
 /// Beyond the memory that the kernel is told of, which ends at 0x3c000000, and inside the
 /// emulated one. `tests/boot/pi/power_management.rs` plays the registers there.

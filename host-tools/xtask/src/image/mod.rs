@@ -120,7 +120,9 @@ pub fn prepare() -> Result<()> {
 
 /// Installs what the tests take besides.
 pub fn prepare_for_tests() -> Result<()> {
-    setup::ensure(&[setup::QEMU_SYSTEM, emulated_pi::NEEDS])?;
+    // Apart: what cannot be installed beside other packages holds up the rest.
+    setup::ensure(&[emulated_pi::NEEDS])?;
+    setup::ensure(&[setup::QEMU_SYSTEM])?;
     prepare()
 }
 
