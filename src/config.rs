@@ -34,6 +34,15 @@ pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
 /// Changes when the blob's content changes.
 pub const FORMAT_VERSION: u16 = 2;
 
+/// The blob's name on a box's card.
+pub const FILE_NAME: &str = "config.plb";
+
+/// The name that a new blob has on the card until it has replaced the old one.
+pub const NEW_FILE_NAME: &str = "config.new";
+
+/// Why a configuration without any link is refused.
+pub const NO_LINK: &str = "neither udp nor serial is given, and packets would have nowhere to go";
+
 /// Longest path or name of a serial line or a camera, in bytes.
 pub const DEVICE_PATH_BYTES_MAX: usize = 64;
 

@@ -1,13 +1,11 @@
 //! Input that cannot be used: `plumb` says which file, which field and what to
 //! do, in one line, with exit code 2, and keeps what it had written.
 
-#[path = "common/binary.rs"]
-mod binary;
-
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 
+use common::binary;
 use tempfile::TempDir;
 
 const WIDTH: usize = 320;

@@ -1,21 +1,15 @@
 //! Cameras that are known, from rendered photographs of a board; and real photographs.
 
-#[path = "common/binary.rs"]
-mod binary;
-#[path = "common/photographer.rs"]
-mod photographer;
-#[path = "common/repetitions.rs"]
-mod repetitions;
-
 use std::process::Output;
 
-use photographer::{photographs, posed, save};
+use common::binary;
+use common::photographer::{photographs, posed, save};
+use common::repetitions::repetitions;
 use plumb::calibrate::{Calibration, Picture, calibrate};
 use plumbline::lens::{Distortion, Lens};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use rayon::prelude::*;
-use repetitions::repetitions;
 
 const PITCH_MM: f64 = 20.0;
 

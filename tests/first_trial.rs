@@ -2,16 +2,12 @@
 //! photographed, the camera calibrated, the scene measured, the box's configuration made, and a
 //! person tracked through it. Only the photographs and the person are rendered.
 
-#[path = "common/binary.rs"]
-mod binary;
-#[path = "common/photographer.rs"]
-mod photographer;
-
 use std::path::Path;
 use std::process::Output;
 
+use common::binary;
+use common::photographer::{photographs, posed, save};
 use nalgebra::Vector3;
-use photographer::{photographs, posed, save};
 use plumb::files::{camera, poses, scene};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};

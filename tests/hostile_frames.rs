@@ -1,7 +1,6 @@
 //! Frames and times that no camera should deliver: a reason, never a panic, never a pose.
 
-mod common;
-
+use common::scene;
 use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::image::{GreyImage, ImageError};
 use plumbline::pipeline::Pipeline;
@@ -98,7 +97,7 @@ fn a_stride_wider_than_the_frame_gives_the_same_poses() {
     let mut packed_pipeline = pipeline();
     let mut padded_pipeline = pipeline();
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-    for (frame, packed) in common::render(&simulation, 3).iter().enumerate() {
+    for (frame, packed) in scene::render(&simulation, 3).iter().enumerate() {
         // The padding holds noise: nothing may look at it.
         let mut padded = vec![0_u8; stride * height];
         random.fill_bytes(&mut padded);
@@ -106,7 +105,7 @@ fn a_stride_wider_than_the_frame_gives_the_same_poses() {
             padded[row * stride..][..width].copy_from_slice(from);
         }
         let time_ns = frame as u64 * 16_666_667;
-        let one = packed_pipeline.step(&common::view(&simulation, packed), time_ns);
+        let one = packed_pipeline.step(&scene::view(&simulation, packed), time_ns);
         let view = GreyImage::new(&padded, width, height, stride).unwrap();
         let other = padded_pipeline.step(&view, time_ns);
         assert!(one.targets.iter().all(|target| target.measurement.is_ok()));
@@ -117,12 +116,12 @@ fn a_stride_wider_than_the_frame_gives_the_same_poses() {
 #[test]
 fn time_that_stands_still_jumps_or_runs_back_does_no_harm() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let rendered = common::render(&simulation, 2);
+    let rendered = scene::render(&simulation, 2);
     let mut pipeline = pipeline();
     for (step, time_ns) in
         [0, 0, 16_666_667, 5, u64::MAX, u64::MAX, 0, 1 << 63, 3].into_iter().enumerate()
     {
-        let report = pipeline.step(&common::view(&simulation, &rendered[step % 2]), time_ns);
+        let report = pipeline.step(&scene::view(&simulation, &rendered[step % 2]), time_ns);
         for target in &report.targets {
             assert!(target.measurement.is_ok(), "{time_ns}: {:?}", target.measurement);
         }

@@ -3,8 +3,7 @@
 //! One test only: the counter covers the whole process, and a second test
 //! running beside it would be counted too.
 
-mod common;
-
+use common::scene;
 use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::TargetState;
@@ -74,7 +73,7 @@ fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
     assert!(allocations() > before, "the counter does not count");
 
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let clean = common::render(&simulation, DISTINCT as u64);
+    let clean = scene::render(&simulation, DISTINCT as u64);
     let pipeline = PIPELINE.take();
     pipeline.configure(&simulation.config()).unwrap();
     let mut pixels = clean[0].clone();
@@ -96,7 +95,7 @@ fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
                 paint_over(&simulation, place as u64, target, true, &mut pixels);
             }
         }
-        let view = common::view(&simulation, &pixels);
+        let view = scene::view(&simulation, &pixels);
         let before = allocations();
         let report = pipeline.step(&view, frame as u64 * FRAME_NS);
         allocated += allocations() - before;

@@ -3,16 +3,12 @@
 //!
 //! Skipped, and said so, where the photographs are absent.
 
-#[path = "common/binary.rs"]
-mod binary;
-#[path = "common/repetitions.rs"]
-mod repetitions;
-
 use std::path::{Path, PathBuf};
 
+use common::binary;
+use common::repetitions::repetitions;
 use plumb::files::frames::{FrameSource, Pixels};
 use plumb::files::poses::{self, PoseRow};
-use repetitions::repetitions;
 
 /// The robot's camera, as its makers calibrated it at 1920 x 1080.
 const ROBOT_CAMERA: &str = "width_px = 1920

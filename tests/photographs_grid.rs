@@ -1,14 +1,11 @@
 //! Grids on real photographs: each board is found, and no other shape is seen in it.
 
-#[path = "common/repetitions.rs"]
-mod repetitions;
-
 use std::path::{Path, PathBuf};
 
+use common::repetitions::repetitions;
 use plumbline::corner::{Corner, CornerList, Detector};
 use plumbline::grid::{Grid, GridFinder, GridRejection, GridShape};
 use plumbline::image::GreyImage;
-use repetitions::repetitions;
 
 /// Shapes that none of the boards has.
 const OTHER_SHAPES: [(u8, u8); 7] = [(8, 6), (9, 5), (6, 5), (5, 4), (8, 5), (7, 6), (10, 7)];

@@ -1,16 +1,11 @@
 //! How good a pose is, and whether it knows: one target at many poses, in all kinds of light.
 
-#[path = "common/booth.rs"]
-mod booth;
-#[path = "common/repetitions.rs"]
-mod repetitions;
-
-use booth::{Booth, Shot};
+use common::booth::{Booth, Shot};
+use common::repetitions::repetitions;
 use nalgebra::{Vector3, Vector6};
 use plumbline::pose::{Cam, Pose, Target};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use repetitions::repetitions;
 
 fn pose(tilt_deg: [f64; 2], place_mm: [f64; 3]) -> Pose<Cam, Target> {
     let [yaw, pitch] = tilt_deg.map(f64::to_radians);

@@ -4,12 +4,10 @@
 //! A page is a picture of a plane that faces the camera. With the focal length of
 //! [`DISTANCE_MM`] in the page's pixels, a print of the right scale is at that distance.
 
-#[path = "common/binary.rs"]
-mod binary;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use common::binary;
 use image::GrayImage;
 use image::imageops::{blur, crop_imm, replace};
 use nalgebra::Matrix3;

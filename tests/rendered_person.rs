@@ -2,16 +2,13 @@
 //!
 //! Spreads are +-1.96 standard deviations of single frames without any filter.
 
-mod common;
-#[path = "common/repetitions.rs"]
-mod repetitions;
-
+use common::repetitions::repetitions;
+use common::scene as standard_scene;
 use nalgebra::Vector3;
 use plumb::simulate::layout::LensChoice;
 use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report, TargetState};
-use repetitions::repetitions;
 
 const FRAME_NS: u64 = 16_666_667;
 
@@ -51,11 +48,11 @@ fn spread_mm(errors_mm: &[Vector3<f64>]) -> Vector3<f64> {
 /// Runs the first frames through the pipeline; the reports with their frames' numbers.
 fn run(simulation: &Simulation, count: u64) -> Vec<(u64, Report)> {
     let mut pipeline = pipeline_for(simulation);
-    let rendered = common::render(simulation, count);
+    let rendered = standard_scene::render(simulation, count);
     (0..)
         .zip(&rendered)
         .map(|(frame, pixels)| {
-            let view = common::view(simulation, pixels);
+            let view = standard_scene::view(simulation, pixels);
             (frame, pipeline.step(&view, frame * FRAME_NS))
         })
         .collect()
@@ -164,7 +161,7 @@ fn cover(simulation: &Simulation, frame: u64, target: usize, half: bool, pixels:
 fn a_half_hidden_target_goes_on_and_says_so_and_a_lost_one_comes_back() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let mut pipeline = pipeline_for(&simulation);
-    let mut rendered = common::render(&simulation, 80);
+    let mut rendered = standard_scene::render(&simulation, 80);
     let mut states = Vec::new();
     for (frame, pixels) in rendered.iter_mut().enumerate() {
         match frame {
@@ -172,7 +169,7 @@ fn a_half_hidden_target_goes_on_and_says_so_and_a_lost_one_comes_back() {
             40..50 => cover(&simulation, frame as u64, 0, false, pixels),
             _ => {}
         }
-        let view = common::view(&simulation, pixels);
+        let view = standard_scene::view(&simulation, pixels);
         let report = pipeline.step(&view, frame as u64 * FRAME_NS);
         // The other target never notices.
         assert!(report.targets[1].measurement.is_ok(), "frame {frame}");
@@ -201,14 +198,14 @@ fn a_half_hidden_target_goes_on_and_says_so_and_a_lost_one_comes_back() {
 fn a_target_is_not_found_only_where_the_whole_frame_was_searched() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let mut pipeline = pipeline_for(&simulation);
-    let mut rendered = common::render(&simulation, 12);
+    let mut rendered = standard_scene::render(&simulation, 12);
     let mut reasons = Vec::new();
     for (frame, pixels) in rendered.iter_mut().enumerate() {
         cover(&simulation, frame as u64, 1, false, pixels);
         if frame >= 4 {
             cover(&simulation, frame as u64, 0, false, pixels);
         }
-        let view = common::view(&simulation, pixels);
+        let view = standard_scene::view(&simulation, pixels);
         let report = pipeline.step(&view, frame as u64 * FRAME_NS);
         if frame >= 4 {
             assert_eq!(report.targets[0].state, TargetState::Coasting);
@@ -225,14 +222,14 @@ fn a_target_is_not_found_only_where_the_whole_frame_was_searched() {
 fn after_a_long_loss_a_part_of_a_target_is_not_enough() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let mut pipeline = pipeline_for(&simulation);
-    let mut rendered = common::render(&simulation, 30);
+    let mut rendered = standard_scene::render(&simulation, 30);
     for (frame, pixels) in rendered.iter_mut().enumerate() {
         match frame {
             10..20 => cover(&simulation, frame as u64, 0, false, pixels),
             20..30 => cover(&simulation, frame as u64, 0, true, pixels),
             _ => {}
         }
-        let view = common::view(&simulation, pixels);
+        let view = standard_scene::view(&simulation, pixels);
         let report = pipeline.step(&view, frame as u64 * FRAME_NS);
         if frame >= 20 {
             assert_eq!(report.targets[0].measurement, Err(NoPose::ExtentUnknown), "{frame}");
@@ -245,7 +242,7 @@ fn a_target_lost_for_long_is_searched_for_in_slices_and_found_again() {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
     let mut pipeline = pipeline_for(&simulation);
     // Two frames in turn: the person holds still, as far as the search is concerned.
-    let seen = common::render(&simulation, 2);
+    let seen = standard_scene::render(&simulation, 2);
     let mut hidden = seen.clone();
     for (frame, pixels) in hidden.iter_mut().enumerate() {
         cover(&simulation, frame as u64, 0, false, pixels);
@@ -256,7 +253,7 @@ fn a_target_lost_for_long_is_searched_for_in_slices_and_found_again() {
     let mut found_again = None;
     for frame in 0..140 {
         let rendered = if HIDDEN.contains(&frame) { &hidden } else { &seen };
-        let view = common::view(&simulation, &rendered[frame % 2]);
+        let view = standard_scene::view(&simulation, &rendered[frame % 2]);
         let report = pipeline.step(&view, frame as u64 * FRAME_NS);
         assert!(report.targets[1].measurement.is_ok(), "frame {frame}");
         let lost = &report.targets[0];

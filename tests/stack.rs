@@ -3,14 +3,12 @@
 //! The test starts itself again with ever smaller stacks until the child
 //! overflows, so the figure contains the little that a thread needs for itself.
 
-mod common;
-#[path = "common/runner.rs"]
-mod runner;
-
 use std::env;
 use std::process::Stdio;
 use std::thread;
 
+use common::runner;
+use common::scene;
 use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
 use static_cell::ConstStaticCell;
@@ -32,7 +30,7 @@ static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new(
 /// Search, tracking and loss of both targets on a thread with this stack.
 fn track_with(stack_bytes: usize) {
     let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let mut frames = common::render(&simulation, 3);
+    let mut frames = scene::render(&simulation, 3);
     frames.push(vec![3; frames[0].len()]);
     let pipeline = PIPELINE.take();
     pipeline.configure(&simulation.config()).unwrap();
@@ -40,7 +38,7 @@ fn track_with(stack_bytes: usize) {
         let body = || {
             let mut found = [0; 4];
             for (place, pixels) in frames.iter().enumerate() {
-                let view = common::view(&simulation, pixels);
+                let view = scene::view(&simulation, pixels);
                 let report = pipeline.step(&view, place as u64 * 16_666_667);
                 for target in &report.targets {
                     found[place] += usize::from(target.measurement.is_ok());

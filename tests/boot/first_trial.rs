@@ -12,10 +12,10 @@ use plumb::simulate::Simulation;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 
-use crate::binary;
 use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, image};
-use crate::photographer::{photographs, posed};
 use crate::scene::{self, FRAMES, SCENE};
+use common::binary;
+use common::photographer::{photographs, posed};
 
 /// The technician's computer, and the box at the other end of its network.
 struct Ward {

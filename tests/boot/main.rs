@@ -10,11 +10,7 @@
 //!
 //! `cargo xtask test boot` makes what is booted and runs this.
 
-#[path = "../common/binary.rs"]
-mod binary;
 mod machine;
-#[path = "../common/photographer.rs"]
-mod photographer;
 mod scene;
 
 mod configuration;

@@ -1,10 +1,10 @@
 //! The real `plumb`, for tests that use it as a person would.
 
-mod runner;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
+
+use crate::runner;
 
 /// The program, built once per test process, wherever cargo puts it.
 pub fn plumb() -> Command {
@@ -44,7 +44,6 @@ pub fn messages(output: &Output) -> String {
 
 /// Runs it in a directory with these words, and expects it to succeed; what it says.
 #[track_caller]
-#[allow(dead_code, reason = "not every test that runs the program expects that")]
 pub fn plumb_in(directory: &Path, arguments: &str) -> String {
     let output = plumb()
         .args(arguments.split_whitespace())
@@ -58,10 +57,9 @@ pub fn plumb_in(directory: &Path, arguments: &str) -> String {
 }
 
 /// Real photographs, or `None` (said on standard error) where they are absent.
-#[allow(dead_code, reason = "not every test that runs the program needs them")]
 pub fn data(folder: &str) -> Option<PathBuf> {
     let data = std::env::var("PLUMBLINE_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(data).join(folder);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(data).join(folder);
     if path.exists() {
         return Some(path);
     }

@@ -2,11 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use plumbline::config::{Config, ConfigError, Links, Machine, TargetConfig};
+use plumbline::config::{Config, ConfigError, Links, Machine, NO_LINK, TargetConfig};
 use plumbline::lens::Lens;
 use plumbline::pipeline::Pipeline;
 use plumbline::target::Role;
-use plumbline_board::link::NO_LINK;
 
 use crate::error::BadInput;
 use crate::files::camera::{self, Camera};

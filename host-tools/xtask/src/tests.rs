@@ -122,7 +122,7 @@ fn native(journal: &mut Journal) {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
         // "All targets" are those that `cargo test` runs, and this one runs by itself.
-        let lint = ["clippy", "--package", "plumbline", "--test", "boot", "--"];
+        let lint = ["clippy", "--package", "plumbline-tests", "--test", "boot", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
     // The tests start the programs, which `cargo test` alone builds only for their own packages.
@@ -176,7 +176,17 @@ fn bare_metal(journal: &mut Journal, document: Document) {
 pub fn boot_with_camera() -> Result<Task> {
     let images = image::make_for_tests()?;
     let name = "poses::a_camera_is_tracked_over_both_links_as_well_as_here";
-    let test = ["test", "--test", "boot", "--", "--nocapture", "--exact", name];
+    let test = [
+        "test",
+        "--package",
+        "plumbline-tests",
+        "--test",
+        "boot",
+        "--",
+        "--nocapture",
+        "--exact",
+        name,
+    ];
     Ok(Task::cargo().args(test).env(IMAGES, &images.to_string_lossy()))
 }
 
@@ -189,7 +199,8 @@ fn boot(journal: &mut Journal) {
         Ok(())
     });
     if made {
-        let test = ["test", "--test", "boot", "--", "--test-threads=2", "--nocapture"];
+        let boot = ["test", "--package", "plumbline-tests", "--test", "boot", "--"];
+        let test = [&boot[..], &["--test-threads=2", "--nocapture"]].concat();
         let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
         journal.tests("boot tests", task);
     }

@@ -19,11 +19,11 @@ use plumbline_board::boot::panel::Panel;
 use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 
-use crate::binary;
 use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, two_of};
 use crate::scene::{self, Position, SCENE, distance_mm, run};
 use card::START_BYTES;
+use common::binary;
 use machine::{LINE, Pi};
 
 /// As in the test of the other board: the same frames, but others before them.

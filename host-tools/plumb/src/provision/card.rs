@@ -9,7 +9,7 @@ use std::path::Path;
 use fatfs::{Date, DateTime, FileSystem, FsOptions, Time, TimeProvider};
 use fscommon::StreamSlice;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
-use plumbline_board::config_store::{CONFIG_NAME, journal_of};
+use plumbline::config::{FILE_NAME, NEW_FILE_NAME};
 
 use super::identity::refuse_another_box;
 use crate::error::BadInput;
@@ -84,7 +84,7 @@ pub fn write(card: &Path, config: &Config, blob: &[u8], force: bool) -> Result<(
         return Err(BadInput::whole(place, "does not keep what is written to it", REPLACE_CARD));
     }
     let replaced = if old.is_some() { ", in the place of the one before" } else { "" };
-    eprintln!("{place}: {CONFIG_NAME} is {where_}{replaced}");
+    eprintln!("{place}: {FILE_NAME} is {where_}{replaced}");
     Ok(())
 }
 
@@ -103,12 +103,12 @@ fn open(card: &Path) -> Result<File, BadInput> {
             ErrorKind::ResourceBusy => BadInput::whole(
                 &place,
                 "it is mounted",
-                format!("unmount it, or write to the place where it is: --out PLACE/{CONFIG_NAME}"),
+                format!("unmount it, or write to the place where it is: --out PLACE/{FILE_NAME}"),
             ),
             ErrorKind::IsADirectory => BadInput::whole(
                 &place,
                 "is a directory",
-                format!("write the file there: --out {place}/{CONFIG_NAME}"),
+                format!("write the file there: --out {place}/{FILE_NAME}"),
             ),
             _ => BadInput::io(&place, &error),
         })
@@ -162,7 +162,7 @@ fn first_fat_partition(mut file: &File, bytes: u64) -> io::Result<Option<(u64, u
 /// The bytes of the configuration that is there, if any; no more than any has.
 fn read(fat: &Fat<'_>) -> io::Result<Option<Vec<u8>>> {
     let mut blob = Vec::new();
-    match fat.root_dir().open_file(CONFIG_NAME) {
+    match fat.root_dir().open_file(FILE_NAME) {
         Ok(file) => file.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(error),
@@ -172,19 +172,15 @@ fn read(fat: &Fat<'_>) -> io::Result<Option<Vec<u8>>> {
 
 fn replace(fat: &Fat<'_>, blob: &[u8]) -> io::Result<()> {
     let root = fat.root_dir();
-    let mut file = root.create_file(CONFIG_NAME)?;
+    let mut file = root.create_file(FILE_NAME)?;
     file.write_all(blob)?;
     file.truncate()?;
     file.flush()?;
     // What a power cut has left there is older. It would come back if this one were damaged.
-    match root.remove(&journal_name()) {
+    match root.remove(NEW_FILE_NAME) {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
-}
-
-fn journal_name() -> String {
-    journal_of(Path::new(CONFIG_NAME)).display().to_string()
 }
 
 fn fault(place: &str, error: &io::Error) -> BadInput {
@@ -263,7 +259,7 @@ mod tests {
             {
                 let file = open(card).unwrap();
                 let (fat, _) = file_system(&file, "").unwrap();
-                for (name, bytes) in [("vmlinuz", 70_000), (&*journal_name(), 900), ("notes", 5)] {
+                for (name, bytes) in [("vmlinuz", 70_000), (&*NEW_FILE_NAME, 900), ("notes", 5)] {
                     let mut file = fat.root_dir().create_file(name).unwrap();
                     file.write_all(&vec![7; bytes]).unwrap();
                 }
@@ -281,7 +277,7 @@ mod tests {
             let (fat, _) = file_system(&file, "").unwrap();
             let names: Vec<_> =
                 fat.root_dir().iter().map(|entry| entry.unwrap().file_name()).collect();
-            assert_eq!(names, ["vmlinuz", "notes", CONFIG_NAME]);
+            assert_eq!(names, ["vmlinuz", "notes", FILE_NAME]);
             let mut kernel = Vec::new();
             fat.root_dir().open_file("vmlinuz").unwrap().read_to_end(&mut kernel).unwrap();
             assert_eq!(kernel, vec![7; 70_000]);

@@ -1,4 +1,4 @@
-//! What several tests share: the standard scene as a configuration.
+//! The standard scene, rendered.
 
 use plumb::simulate::Simulation;
 use plumbline::image::GreyImage;

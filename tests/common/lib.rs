@@ -1,0 +1,8 @@
+//! What several tests of the whole share.
+
+pub mod binary;
+pub mod booth;
+pub mod photographer;
+pub mod repetitions;
+pub mod runner;
+pub mod scene;
