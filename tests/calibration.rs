@@ -130,7 +130,7 @@ fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
     let text = binary::messages(&output);
     assert_eq!(output.status.code(), Some(0), "{text}");
     let path = session.0.path().join("camera.toml");
-    let camera = plumb::files::camera::read(&path).unwrap();
+    let camera = plumbline_files::camera::read(&path).unwrap();
     let details = camera.provenance.details.expect("what is known of it");
     assert_eq!(details.photographs.len(), 12);
     assert!((camera.lens.fx_px - truth.fx_px).abs() < 5.0 * details.sd.fx_px);

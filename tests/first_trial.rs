@@ -8,7 +8,7 @@ use std::process::Output;
 use common::binary;
 use common::photographer::{photographs, posed, save};
 use nalgebra::Vector3;
-use plumb::files::{camera, poses, scene};
+use plumbline_files::{camera, poses, scene};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 

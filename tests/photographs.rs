@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use common::binary;
 use common::repetitions::repetitions;
-use plumb::files::frames::{FrameSource, Pixels};
-use plumb::files::poses::{self, PoseRow};
+use plumbline_files::frames::{FrameSource, Pixels};
+use plumbline_files::poses::{self, PoseRow};
 
 /// The robot's camera, as its makers calibrated it at 1920 x 1080.
 const ROBOT_CAMERA: &str = "width_px = 1920

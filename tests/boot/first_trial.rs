@@ -7,7 +7,7 @@ use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector3, Vector4};
-use plumb::files::poses::{self, PoseRow};
+use plumbline_files::poses::{self, PoseRow};
 use plumb::simulate::Simulation;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};

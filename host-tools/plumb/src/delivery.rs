@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use plumbline::config::{Config, Links, SerialLink};
 use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome};
 
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::{BoxLink, Introduction};
 use crate::receive::complaints::Complaints;
 use crate::receive::others;

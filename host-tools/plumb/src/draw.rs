@@ -19,8 +19,8 @@ use plumbline::packet::{MeasuredPose, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::{NoPose, Report, TargetState};
 
-use crate::files::camera::is_stand_in;
-use crate::files::frames::{Frame, Pixels};
+use plumbline_files::camera::is_stand_in;
+use plumbline_files::frames::{Frame, Pixels};
 
 /// Axes reach this many squares from the origin.
 const AXIS_SQUARES: f64 = 2.0;

@@ -7,7 +7,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
 
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::palette::{FONT, GRID, INK};
 
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -7,23 +7,23 @@
 
 pub mod aim;
 pub mod analyze;
+mod box_settings;
 pub mod calibrate;
 pub mod cli;
 mod clock;
-mod counting;
 pub mod delivery;
 pub mod demo;
 pub mod doctor;
 mod draw;
 mod drawing;
-pub mod error;
 pub mod export;
-pub mod files;
 pub mod grid;
 pub mod link;
+mod markers;
 mod missing;
 mod palette;
 mod power;
+mod positions;
 pub mod provision;
 pub mod receive;
 pub mod replay;

@@ -14,7 +14,7 @@ use plumbline::packet::{
     ReplyOutcome,
 };
 
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::receive::complaints::Complaints;
 use crate::receive::others::{self, Others, is_same_box};
 use crate::receive::transport::{Event, Serial, Transport, Udp};

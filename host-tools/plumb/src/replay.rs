@@ -10,8 +10,8 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, encode_datagram};
 
-use crate::counting::counted;
-use crate::error::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
 use crate::link;
 use crate::receive::stop_on_signals;
 use crate::receive::transport::Raw;

@@ -7,11 +7,11 @@ use plumbline::lens::Lens;
 use plumbline::pipeline::Pipeline;
 use plumbline::target::Role;
 
-use crate::error::BadInput;
-use crate::files::camera::{self, Camera};
-use crate::files::frames::FrameSource;
-use crate::files::scene::{self, SceneFile};
-use crate::files::targets::{self, Targets};
+use plumbline_files::BadInput;
+use plumbline_files::camera::{self, Camera};
+use plumbline_files::frames::FrameSource;
+use plumbline_files::scene::{self, SceneFile};
+use plumbline_files::targets::{self, Targets};
 
 /// The description files, as the subcommands that need them take them.
 #[derive(clap::Args)]

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use crate::delivery;
-use crate::error::BadInput;
-use crate::files::box_settings::BoxSettings;
-use crate::files::camera::{Camera, Provenance};
-use crate::files::scene::SceneFile;
-use crate::files::{self, camera, scene, targets};
+use plumbline_files::BadInput;
+use crate::box_settings::BoxSettings;
+use plumbline_files::camera::{Camera, Provenance};
+use plumbline_files::scene::SceneFile;
+use plumbline_files::{camera, scene, targets};
 use crate::link::{BoxLink, LinkArguments};
 use crate::waiting::Waiting;
 
@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .map_err(|error| BadInput::io(directory.display(), &error))?;
     let outputs: Vec<_> =
         files.into_iter().map(|(name, text)| (directory.join(name), text.into_bytes())).collect();
-    files::write_all(&outputs, arguments.force)?;
+    plumbline_files::write_all(&outputs, arguments.force)?;
     for (path, _) in &outputs {
         eprintln!("written to {}", path.display());
     }
@@ -177,7 +177,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("box.toml");
         std::fs::write(&path, text("box.toml").unwrap()).unwrap();
-        files::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
+        plumbline_files::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
         config
     }
 
@@ -200,7 +200,7 @@ mod tests {
         config.cam_from_scene_theta = Some([0.1 + 0.2, 1.0 / 3.0, -0.7, 1e-3, 2.0, 1234.567]);
         config.links = Links {
             udp: Some("192.168.1.20:4210".parse().unwrap()),
-            serial: Some(files::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),
+            serial: Some(plumbline_files::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),
         };
         config.machine = Machine { cpu: Some(3), ..Machine::default() };
         assert_eq!(again(&config), config);

@@ -14,12 +14,12 @@ use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
 
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use crate::draw;
-use crate::error::BadInput;
-use crate::files::frames::{Frame, FrameSource, Pixels};
-use crate::files::poses::{PoseRow, Writer};
-use crate::files::{self, camera, refuse_overwriting};
+use plumbline_files::BadInput;
+use plumbline_files::frames::{Frame, FrameSource, Pixels};
+use plumbline_files::poses::{PoseRow, Writer};
+use plumbline_files::{camera, refuse_overwriting};
 use crate::setup::{self, Descriptions};
 
 /// Track the targets in recorded frames and write their poses.
@@ -130,7 +130,7 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
     };
     let place = path.display().to_string();
     refuse_overwriting(path, arguments.descriptions.paths().chain(&arguments.inputs))?;
-    let file = files::create(path, arguments.force)?;
+    let file = plumbline_files::create(path, arguments.force)?;
     Ok(Writer::new(Box::new(file), place))
 }
 

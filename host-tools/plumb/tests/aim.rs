@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use finished::{Finished, plumb};
 use image::Rgb;
-use plumb::files::{camera, poses};
+use plumbline_files::{camera, poses};
 use plumbline::packet::{Message, decode_datagram};
 
 const FRAMES: usize = 6;

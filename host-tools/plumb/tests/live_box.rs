@@ -319,7 +319,7 @@ fn a_live_box_measures_its_scene_and_the_doctor_finds_it_well() {
     said.says(&["ward 3 (PL-0001)", "spread of one frame 0.0", "leans by 0.", "stored, checksum"])
         .says(&["written to scene.toml", "the box has started anew with it"]);
     let stored = bench.config("box.plb").cam_from_scene_theta.unwrap();
-    let written = plumb::files::scene::read(&bench.path("scene.toml")).unwrap();
+    let written = plumbline_files::scene::read(&bench.path("scene.toml")).unwrap();
     assert_eq!(stored, written.cam_from_scene_theta);
     let [_, turn_rad, _, x_mm, y_mm, z_mm] = stored;
     assert!((turn_rad - BOARD_TURN_RAD).abs() < 2e-3, "{turn_rad}");

@@ -10,7 +10,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use plumb::files::poses;
+use plumbline_files::poses;
 use plumb::receive::transport::Raw;
 use plumb::trial::journal::{Content, Entry, Reader};
 use plumb::trial::manifest::State;

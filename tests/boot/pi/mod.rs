@@ -11,7 +11,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ::image::{Rgb, RgbImage};
-use plumb::files;
+use plumbline_files;
 use plumb::link::{BoxLink, LinkArguments};
 use plumbline::config::{Config, SerialLink};
 use plumbline::packet::{Action, CameraState, Hello, Message, ResetReason};

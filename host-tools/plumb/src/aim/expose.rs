@@ -9,9 +9,9 @@ use plumbline::packet::{Hello, Refusal, View};
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::{Exposed, Session};
 use super::{SilenceLines, Until, say};
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use crate::delivery::{self, Before};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::BoxLink;
 
 /// After a change the camera is opened anew, and some cameras take a few frames to follow.

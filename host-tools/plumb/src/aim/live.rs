@@ -8,7 +8,7 @@ use super::session::{Session, silence_words};
 use super::stills::Stills;
 use super::terminal::{Graphics, Key, Line, Look, Screen, resized};
 use super::{Arguments, Until, Watch, annotated, decoded, say};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// A new picture is asked for at most this often.
 const PICTURE_EVERY: Duration = Duration::from_millis(250);

@@ -15,8 +15,8 @@ use image::RgbImage;
 use plumbline::packet::LinkKind;
 
 use crate::draw;
-use crate::error::BadInput;
-use crate::files::targets;
+use plumbline_files::BadInput;
+use plumbline_files::targets;
 use crate::link::LinkArguments;
 use crate::receive;
 

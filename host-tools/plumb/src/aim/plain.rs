@@ -10,8 +10,7 @@ use super::session::{Progress, Session};
 use super::stills::Stills;
 use super::terminal::resized;
 use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
-use crate::error::BadInput;
-use crate::files;
+use plumbline_files::BadInput;
 
 /// The numbers come this often.
 const LINES_EVERY: Duration = Duration::from_secs(1);
@@ -36,7 +35,7 @@ pub fn check(path: &Path) -> Result<(), BadInput> {
     if path.metadata().is_ok_and(|it| !it.is_file()) {
         return refused(format!("{} is not a file", path.display()), "give another name");
     }
-    let directory = files::directory_of(path);
+    let directory = plumbline_files::directory_of(path);
     if !directory.is_dir() {
         let found = format!("{} is not a directory", directory.display());
         return refused(found, "make the directory first, or give another name");
@@ -139,7 +138,7 @@ fn write(path: &Path, picture: &RgbImage) -> Result<(), BadInput> {
     picture
         .write_to(&mut file, ImageFormat::Png)
         .map_err(|error| BadInput::whole(path.display(), error, "give another --reduction"))?;
-    files::replace(path, file.get_ref())
+    plumbline_files::replace(path, file.get_ref())
 }
 
 /// How far a still has come, on standard error where that is a terminal.

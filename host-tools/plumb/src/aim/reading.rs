@@ -5,7 +5,7 @@ use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
 use plumbline::report::TargetState;
 use plumbline::target::Role;
 
-use crate::files::camera;
+use plumbline_files::camera;
 use crate::missing::Missing;
 
 /// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is

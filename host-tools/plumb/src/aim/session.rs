@@ -13,7 +13,7 @@ use plumbline::packet::{
     PosePacket, Refusal, Reply, ReplyOutcome, View, document_crc,
 };
 
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::{BoxLink, Download, LinkArguments, SILENT_AFTER, Stopped, is_of_box};
 use crate::waiting::Waiting;
 

@@ -13,8 +13,7 @@ use plumbline::target::{Origin, Role, TargetGeometry};
 use super::Arguments;
 use crate::calibrate::coverage::Coverage;
 use crate::calibrate::observe::Finder;
-use crate::error::BadInput;
-use crate::files;
+use plumbline_files::BadInput;
 
 /// Stills that are to be taken, and those that were.
 pub struct Stills {
@@ -123,7 +122,7 @@ impl Stills {
         if !self.force && path.exists() {
             return Err(exists_already(&path));
         }
-        files::replace(&path, file)?;
+        plumbline_files::replace(&path, file)?;
         self.taken += 1;
         self.number += 1;
         self.due = Instant::now() + self.every;

@@ -9,10 +9,10 @@ use plumbline_analysis::sway::{self, Settings, Sway, density};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::error::BadInput;
-use crate::files::columns::Delimiter;
-use crate::files::positions::{Columns, Table, Unit};
-use crate::files::write_all;
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
+use crate::positions::{Columns, Table, Unit};
+use plumbline_files::write_all;
 use crate::trial::manifest::{EventSeen, Zero};
 
 pub mod points;

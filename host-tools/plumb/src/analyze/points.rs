@@ -7,9 +7,9 @@ use plumbline_analysis::onset::stand_onset_s;
 use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::noise::Noise;
 
-use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files::positions::Table;
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
+use crate::positions::Table;
 use crate::trial::manifest::Zero;
 use crate::trial::reading::{Frame, Trunk};
 use crate::trial::{Trial, manifest::EventSeen};

@@ -9,10 +9,10 @@ use plumbline::target::{Origin, Role, TargetGeometry};
 
 use super::verdict::{self, Concern};
 use super::{Calibration, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
-use crate::error::BadInput;
-use crate::files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
-use crate::files::frames::{FrameSource, IMAGE_RATE_HZ, Pixels};
-use crate::files::{self, refuse_overwriting, targets};
+use plumbline_files::BadInput;
+use plumbline_files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
+use plumbline_files::frames::{FrameSource, IMAGE_RATE_HZ, Pixels};
+use plumbline_files::{refuse_overwriting, targets};
 
 /// Calibrate the camera from photographs of a checkerboard.
 ///
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.plot {
         outputs.push((path.clone(), plot::svg(&calibration, &places)?.into_bytes()));
     }
-    files::write_all(&outputs, arguments.force)?;
+    plumbline_files::write_all(&outputs, arguments.force)?;
     print(&calibration, &board, &places, &concerns);
     eprintln!("written to {}", arguments.out.display());
     Ok(())

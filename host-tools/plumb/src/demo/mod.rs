@@ -26,10 +26,9 @@ use plumbline::report::{Report, TargetReport};
 use self::figures::Figures;
 use self::the_box::TheBox;
 use crate::draw::annotated;
-use crate::error::BadInput;
-use crate::files;
-use crate::files::frames::{Frame, Pixels};
-use crate::files::poses::Writer;
+use plumbline_files::BadInput;
+use plumbline_files::frames::{Frame, Pixels};
+use plumbline_files::poses::Writer;
 use crate::receive::receiver::Receiver;
 use crate::receive::recorder::Recorder;
 use crate::receive::transport::{Event, Transport, Udp};
@@ -122,7 +121,7 @@ fn track(
     poses_csv: &Path,
 ) -> Result<Received> {
     let mut transport = Udp::bind((Ipv4Addr::LOCALHOST, 0).into())?;
-    let recorder = Recorder::new(files::create(poses_csv, true)?, poses_csv.display().to_string());
+    let recorder = Recorder::new(plumbline_files::create(poses_csv, true)?, poses_csv.display().to_string());
     let mut receiver = Receiver::new(Some(recorder));
     let folder = tempfile::tempdir().context("no temporary directory can be made")?;
     let config_file = folder.path().join("demo.plb");

@@ -8,7 +8,7 @@ use plotters::prelude::*;
 
 use super::figures::{Figures, TargetFigures, TrunkFigures};
 use crate::drawing::{Area, Drawn, chart, key, svg};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::palette::{BLUE, FONT, INK, ORANGE};
 
 const SIZE_PX: (u32, u32) = (1080, 920);
@@ -30,7 +30,7 @@ pub fn write(path: &Path, figures: &Figures) -> Result<(), BadInput> {
         }
         draw_depth(&depth, &figures.targets)
     })?;
-    crate::files::replace(path, picture.as_bytes())
+    plumbline_files::replace(path, picture.as_bytes())
 }
 
 /// The same number of millimetres across and up, so that the shape is true.

@@ -9,8 +9,8 @@ use plumbline::report::NoPose;
 use plumbline::target::Role;
 
 use crate::clock::Exchange;
-use crate::error::BadInput;
-use crate::files::camera;
+use plumbline_files::BadInput;
+use plumbline_files::camera;
 use crate::power::PowerSeen;
 use crate::receive::accounting::{Accounting, Counts};
 use crate::receive::bad_packets::BadPackets;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use plumbline::packet::{Action, LinkKind};
 
 use super::findings::{Expected, Findings};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::{BoxLink, HEARD_WITHIN, Introduction};
 use crate::waiting::Waiting;
 

@@ -13,8 +13,8 @@ use serde_json::{Value, json};
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
 use crate::analyze::points::Points;
-use crate::error::BadInput;
-use crate::files::write_all;
+use plumbline_files::BadInput;
+use plumbline_files::write_all;
 use crate::trial::Trial;
 
 /// The standard's version that this follows.

@@ -11,7 +11,7 @@ use c3dio::{MarkerPoint, Parameter};
 
 use super::rows::Rows;
 use super::{RIGHT_HANDED, right_handed};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// The crate indexes these without asking whether they are there.
 const GROUPS: [&str; 8] =

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use crate::analyze::points::Points;
-use crate::counting::counted;
-use crate::files::write_all;
+use plumbline_files::counting::counted;
+use plumbline_files::write_all;
 use crate::trial::Trial;
 use crate::trial::manifest::Zero;
 

@@ -13,7 +13,7 @@ use parquet::schema::types::Type;
 
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::trial::tables::put;
 
 /// The file.

@@ -3,7 +3,7 @@
 use plumbline_analysis::series::{Axis, usual_period_s};
 
 use crate::analyze::points::{Point, Points};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// An hour at 200 Hz, ten times over.
 const ROWS_MAX: f64 = 7.2e6;

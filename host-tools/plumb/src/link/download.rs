@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use plumbline::packet::{Action, Document, Message, Refusal, ReplyOutcome};
 
 use super::{ANSWER_WITHIN, BARREN_MAX, BoxLink};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// Parts that have been asked for come without a pause as long as this.
 const PART_WITHIN: Duration = Duration::from_millis(500);

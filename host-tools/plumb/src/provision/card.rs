@@ -12,7 +12,7 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::config::{FILE_NAME, NEW_FILE_NAME};
 
 use super::identity::refuse_another_box;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 const SECTOR_BYTES: usize = 512;
 

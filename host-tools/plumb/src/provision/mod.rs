@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
 use crate::delivery;
-use crate::error::BadInput;
-use crate::files::box_settings::{self, BoxSettings};
-use crate::files::{self, refuse_overwriting};
+use plumbline_files::BadInput;
+use crate::box_settings::{self, BoxSettings};
+use plumbline_files::{refuse_overwriting};
 use crate::link::{self, LinkArguments};
 use crate::setup::{self, Descriptions, Places};
 
@@ -142,7 +142,7 @@ pub struct Arguments {
 /// When an input cannot be used, an output cannot be written, or the box does not take it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.new_box {
-        files::write_all(&[(path.clone(), NEW_BOX.into())], arguments.force)?;
+        plumbline_files::write_all(&[(path.clone(), NEW_BOX.into())], arguments.force)?;
         eprintln!("written to {}; edit its links and its camera", path.display());
         return Ok(());
     }
@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if config.capture.is_some() { "a camera" } else { "no camera (replays only)" }
     );
     if let Some(out) = &arguments.out {
-        files::write_all(&[(out.clone(), blob.to_vec())], arguments.force)?;
+        plumbline_files::write_all(&[(out.clone(), blob.to_vec())], arguments.force)?;
         eprintln!("written to {}", out.display());
     }
     if let Some(card) = &arguments.card {
@@ -259,7 +259,7 @@ fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), B
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::box_settings;
+    use crate::box_settings;
 
     const README: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md"));
 

@@ -1,6 +1,6 @@
 //! What a box says is wrong, when it says it again and again.
 
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use plumbline::packet::{Log, LogLevel, Message};
 
 /// A box that runs with no configuration says so in a few records, every two seconds.

@@ -6,7 +6,7 @@ use std::net::{SocketAddr, UdpSocket};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::BAUD;
 use crate::trial::mark::{Mark, MarkSender, Marks, Source, channel};
 

@@ -10,9 +10,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use plumbline::packet::Message;
 
-use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files;
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
 use crate::link::{self, LinkArguments};
 use crate::trial::manifest::{Manifest, Zero};
 use crate::trial::recording::Recording;
@@ -197,7 +196,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let recorder = match &recording {
         Some(recording) => {
             let csv = recording.csv();
-            Some(Recorder::new(files::Late::new(&csv, false)?, csv.display().to_string()))
+            Some(Recorder::new(plumbline_files::Late::new(&csv, false)?, csv.display().to_string()))
         }
         None => None,
     };

@@ -17,7 +17,7 @@ use super::complaints;
 use super::others::{self, Others, is_same_box};
 use super::recorder::{Names, Recorder};
 use super::transport::Event;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::power::PowerSeen;
 
 /// Rows wait for the targets' names no longer than this: whatever ends the

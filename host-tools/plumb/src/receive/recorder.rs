@@ -15,8 +15,8 @@ use plumbline::packet::{AnatomicalPoint, Hello, PosePacket, TargetPacket};
 use plumbline::target::Role;
 use serde::Serialize;
 
-use crate::error::BadInput;
-use crate::files::poses::{self, PoseRow};
+use plumbline_files::BadInput;
+use plumbline_files::poses::{self, PoseRow};
 
 /// The word for a role, where a target's name is not known.
 #[must_use]

@@ -16,7 +16,7 @@ use plumbline::target::Role;
 
 use super::transport::{Serial, Udp};
 use super::*;
-use crate::files::poses;
+use plumbline_files::poses;
 
 const HEADER: &str = "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,\
     sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm,session";

@@ -11,7 +11,7 @@ use plumbline::packet::{
 };
 
 use super::others::is_same_box;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// A wait for bytes ends at least this often, so that Ctrl-C is heard.
 pub const WAIT: Duration = Duration::from_millis(100);

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use super::page::{annotated, facts, figure};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::validate::{Validation, plot, print};
 
 /// The section of a trial that was compared with a reference.

@@ -7,8 +7,8 @@ use clap::Args;
 
 use crate::analyze::Method;
 use crate::analyze::points::Points;
-use crate::error::BadInput;
-use crate::files::{directory_of, write_all};
+use plumbline_files::BadInput;
+use plumbline_files::{directory_of, write_all};
 use crate::study::manifest;
 use crate::trial::Trial;
 use crate::trial::manifest::Zero;

@@ -11,7 +11,7 @@ use super::labels::{self, LANE_PX};
 use crate::drawing::{
     self, LABELS_PX, LETTER_PX, MARGIN_PX, chart, chart_of_decades, chart_of_levels, svg,
 };
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::palette::{BLUE, FONT, GAP, GREEN, INK, ORANGE, PINK, SOFT, YELLOW};
 
 /// The colours of the time bins, and of whatever else is side by side.

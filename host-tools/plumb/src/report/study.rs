@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::page::{annotated, facts, figure, page, warnings};
 use super::plots::{self, Scale};
 use crate::analyze::points::point_name;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::study::figures::StudyFigures;
 use crate::study::inference::COMPARED;
 use crate::study::tables::PaperTable;

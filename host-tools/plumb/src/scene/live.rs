@@ -8,7 +8,7 @@ use plumbline::report::NoPose;
 use plumbline::target::Role;
 
 use super::Seen;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::BoxLink;
 use crate::missing::{self, Missing};
 use crate::waiting::Waiting;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use plumbline::target::Role;
 
 use super::Seen;
-use crate::error::BadInput;
-use crate::files::frames::FrameSource;
+use plumbline_files::BadInput;
+use plumbline_files::frames::FrameSource;
 use crate::setup::{self, Descriptions};
 use crate::track;
 

@@ -13,12 +13,12 @@ use super::layout::LensChoice;
 use super::occluder::Occlusion;
 use super::recorded::Form;
 use super::{Simulation, SimulationSettings};
-use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files::camera::{self, Camera, Provenance};
-use crate::files::poses::{PoseRow, Writer};
-use crate::files::scene::{self, SceneFile};
-use crate::files::targets::{self, OriginName, TargetDescription};
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
+use plumbline_files::camera::{self, Camera, Provenance};
+use plumbline_files::poses::{PoseRow, Writer};
+use plumbline_files::scene::{self, SceneFile};
+use plumbline_files::targets::{self, OriginName, TargetDescription};
 
 /// Render a swaying person with both targets, and the true poses.
 ///
@@ -332,8 +332,8 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::files::frames::{FrameSource, Pixels};
-    use crate::files::poses;
+    use plumbline_files::frames::{FrameSource, Pixels};
+    use plumbline_files::poses;
 
     #[derive(Parser)]
     struct Line {

@@ -12,8 +12,8 @@ use super::physiology::{self, Quantity};
 use super::sway::{self, Path};
 use super::values::{self, Response, TrialValues, time_name};
 use crate::analyze::points::Points;
-use crate::counting::counted;
-use crate::error::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
 use crate::trial::Trial;
 
 /// The figures of a study.

@@ -9,10 +9,10 @@ use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observatio
 use serde::Serialize;
 
 use super::inference::{COMPARED, comparisons, effects};
-use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files::columns::Delimiter;
-use crate::files::read_text;
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
+use plumbline_files::read_text;
 use crate::grid::{Annotated, Footnotes, Grid, digits};
 
 /// Which columns are what.

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::protocol::{Physiology, PhysiologyToml};
-use crate::error::BadInput;
-use crate::files::positions::{Columns, Table, Unit};
-use crate::files::{from_toml, read_text};
+use plumbline_files::BadInput;
+use crate::positions::{Columns, Table, Unit};
+use plumbline_files::{from_toml, read_text};
 
 /// What a new study begins with.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -148,7 +148,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             "list the trials, each in a [[trial]] of its own",
         );
     }
-    let base = crate::files::directory_of(path);
+    let base = plumbline_files::directory_of(path);
     let physiology = study.physiology.map(|it| it.check(&place)).transpose()?;
     if let Some(at) = study.trials.iter().position(|it| it.physiology.is_some())
         && physiology.is_none()

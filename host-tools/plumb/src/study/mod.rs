@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files::columns::Delimiter;
-use crate::files::write_all;
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
+use plumbline_files::write_all;
 
 pub mod figures;
 pub mod inference;

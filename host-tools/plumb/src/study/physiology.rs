@@ -16,7 +16,7 @@ use super::manifest::{Recordings, Study};
 use super::protocol::{Clock, Kind, Physiology, SignalFile};
 use super::signals;
 use crate::analyze::points::Points;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// Of a window's seconds so many have a value, or it has no mean.
 const COVERED_MIN: f64 = 0.5;

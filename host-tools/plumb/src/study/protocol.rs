@@ -8,8 +8,8 @@ use plumbline_analysis::physiology::respiration::Concentration;
 use serde::Deserialize;
 
 use super::manifest::SECONDS_MAX;
-use crate::error::BadInput;
-use crate::files::columns::Delimiter;
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
 
 /// A pressure of 1 kPa, in mmHg.
 const KPA_MMHG: f64 = 7.500_616_8;

@@ -6,7 +6,7 @@ use plumbline_analysis::sway::{self, Settings};
 use serde::Serialize;
 
 use crate::analyze::points::Points;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// The directions, as the paper calls them.
 pub const DIRECTIONS: [&str; 6] = ["AP", "ML", "SI", "APML", "APSI", "MLSI"];

@@ -4,7 +4,7 @@ use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::within::{Incomplete, Observation, WithinDesign};
 
 use super::manifest::Study;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 /// The values of one trial.
 #[derive(Debug, Clone)]

@@ -5,7 +5,7 @@ use super::legend::{self, Legend};
 use super::page::{Page, Paper, Rectangle, Shape};
 use super::piece::{MARK_MM, Piece, mark};
 use super::tiles::several_sheets;
-use crate::files::targets::{TargetDescription, to_toml};
+use plumbline_files::targets::{TargetDescription, to_toml};
 
 /// Printers leave this much of a sheet's edges white, mm.
 pub const EDGE_MM: f64 = 8.0;

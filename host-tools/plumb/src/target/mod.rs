@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use plumbline::limits::NAME_BYTES_MAX;
 use plumbline::target::Role;
 
-use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files;
-use crate::files::targets::{self, OriginName, TargetDescription, Targets};
+use plumbline_files::counting::counted;
+use plumbline_files::BadInput;
+use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
 use crate::receive::recorder::role_word;
 
 mod layout;
@@ -125,13 +124,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.targets {
         Some(path) if arguments.add => {
             let all = added(path, &descriptions)?;
-            files::write_all(&outputs, arguments.force)?;
-            files::write_all(&[(path.clone(), all.into_bytes())], true)?;
+            plumbline_files::write_all(&outputs, arguments.force)?;
+            plumbline_files::write_all(&[(path.clone(), all.into_bytes())], true)?;
         }
         described => {
             let described = described.iter().map(|path| (path.clone(), entry.clone().into_bytes()));
             let outputs: Vec<(PathBuf, Vec<u8>)> = outputs.into_iter().chain(described).collect();
-            files::write_all(&outputs, arguments.force)?;
+            plumbline_files::write_all(&outputs, arguments.force)?;
         }
     }
     let sheets = counted(pages.len(), "sheet");

@@ -2,7 +2,7 @@
 //! that margin, where it disturbs no search, what tells a person which end is up.
 
 use super::page::{Font, Rectangle, Shape, Stroke};
-use crate::files::targets::TargetDescription;
+use plumbline_files::targets::TargetDescription;
 
 /// Height of the strip above the margin, mm.
 pub const STRIP_MM: f64 = 10.0;

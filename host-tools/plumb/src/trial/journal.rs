@@ -20,7 +20,7 @@ use std::time::Duration;
 use plumbline::packet::document_crc;
 
 use super::mark::Mark;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::receive::transport::Raw;
 
 const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 1\n";

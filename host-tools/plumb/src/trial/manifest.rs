@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::mark::Source;
 use super::names;
-use crate::error::BadInput;
-use crate::files::{from_toml, read_text};
+use plumbline_files::BadInput;
+use plumbline_files::{from_toml, read_text};
 
 /// What a person who opens it should know.
 const HEADING: &str = "# Made of packets.bin. What a person has said may be corrected here: participant, condition,\n\
@@ -218,6 +218,6 @@ impl Manifest {
         let text = toml::to_string(self).map_err(|error| {
             BadInput::whole(path.display(), error, "report it: every manifest can be written")
         })?;
-        crate::files::replace(&path, format!("{HEADING}{text}").as_bytes())
+        plumbline_files::replace(&path, format!("{HEADING}{text}").as_bytes())
     }
 }

@@ -22,7 +22,7 @@ use super::mark::Mark;
 use super::names;
 use super::run::Run;
 use crate::clock::Exchange;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::power::PowerSeen;
 use crate::receive::accounting::{Accounting, Arrival};
 use crate::receive::recorder::SessionClock;

@@ -12,7 +12,7 @@ use super::journal::{Content, Entry, Writer};
 use super::manifest::{Manifest, State};
 use super::mark::Marks;
 use super::{Trial, names, tables};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::link::Download;
 use crate::receive::Tap;
 use crate::receive::transport::Event;
@@ -79,7 +79,7 @@ impl Recording {
         let begun = Instant::now();
         let journal = Writer::create(&folder.join(names::JOURNAL))?;
         manifest.write(folder)?;
-        crate::files::sync_directory(crate::files::directory_of(folder));
+        plumbline_files::sync_directory(plumbline_files::directory_of(folder));
         Ok(Self {
             folder: folder.to_owned(),
             journal,
@@ -159,7 +159,7 @@ impl Recording {
                 if download.take(message, now).is_err() {
                     self.fetch = Fetch::Done;
                 } else if let Some(blob) = download.file() {
-                    crate::files::replace(&self.folder.join(names::CONFIG), blob)?;
+                    plumbline_files::replace(&self.folder.join(names::CONFIG), blob)?;
                     self.fetch = Fetch::Done;
                 }
             }

@@ -17,9 +17,8 @@ use plumbline::packet::Deframer;
 
 use super::journal::{Content, Reader};
 use super::names;
-use crate::error::BadInput;
-use crate::files;
-use crate::files::poses::PoseRow;
+use plumbline_files::BadInput;
+use plumbline_files::poses::PoseRow;
 use crate::receive::receiver::Receiver;
 use crate::receive::recorder::Recorder;
 use crate::receive::transport::Event;
@@ -33,9 +32,9 @@ const GROUP_ROWS: usize = 65_536;
 /// When there is no journal, or the disk refuses.
 pub fn write(folder: &Path) -> Result<(), BadInput> {
     let csv = folder.join(names::CSV);
-    files::replace_with(&csv, |file| csv_of(folder, file, &csv))?;
+    plumbline_files::replace_with(&csv, |file| csv_of(folder, file, &csv))?;
     let parquet = folder.join(names::PARQUET);
-    files::replace_with(&parquet, |file| parquet_of(&csv, file, &parquet))
+    plumbline_files::replace_with(&parquet, |file| parquet_of(&csv, file, &parquet))
 }
 
 /// The packets, received again: the rows are those that were written while they came.

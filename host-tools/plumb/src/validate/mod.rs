@@ -8,8 +8,8 @@ use plumbline_analysis::agreement::pairs::Paired;
 use plumbline_analysis::agreement::{AxisAgreement, agreement};
 use serde::Serialize;
 
-use crate::error::BadInput;
-use crate::files::write_all;
+use plumbline_files::BadInput;
+use plumbline_files::write_all;
 
 mod pair;
 pub mod plot;

@@ -10,11 +10,11 @@ use plumbline_analysis::series::{Axis, Series};
 use serde::{Deserialize, Serialize};
 
 use crate::analyze::points::Points;
-use crate::error::BadInput;
-use crate::files::columns::Delimiter;
-use crate::files::markers::Markers;
-use crate::files::positions::{Columns, Table, Unit};
-use crate::files::{directory_of, from_toml, read_text};
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
+use crate::markers::Markers;
+use crate::positions::{Columns, Table, Unit};
+use plumbline_files::{directory_of, from_toml, read_text};
 use crate::trial::reading::Trunk;
 
 /// A right-handed frame that looks forward along X, with Z up.

@@ -11,7 +11,7 @@ use plumbline_analysis::series::Axis;
 use super::Validation;
 use super::print::{equation, rounded};
 use crate::drawing::{self, Area, Drawn};
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 use crate::palette::{BLUE, INK, ORANGE, for_light_and_dark};
 
 /// Of one of the two pictures of an axis.

@@ -5,7 +5,7 @@ use plumbline::packet::{CameraState, Health, MarkedInstant};
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};
 use super::percent;
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 
 /// A camera's crystal is better than a thousandth; a rate that is off by more than a fiftieth
 /// is not the one that was asked for.

@@ -5,7 +5,7 @@ use plumbline::target::Role;
 
 use super::super::check::Check;
 use super::super::findings::Findings;
-use crate::files::camera;
+use plumbline_files::camera;
 use crate::setup::not_calibrated;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
@@ -126,7 +126,7 @@ mod tests {
     use super::super::super::findings::Expected;
     use super::super::super::fixture::{assert_says, check, healthy};
     use super::*;
-    use crate::error::BadInput;
+    use plumbline_files::BadInput;
 
     fn with_config(change: impl FnOnce(&mut Config)) -> Findings {
         let mut findings = healthy();

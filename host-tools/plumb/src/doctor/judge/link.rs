@@ -3,7 +3,7 @@
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 use super::percent;
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use crate::link::NOT_HEARD_REMEDY;
 
 /// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is

@@ -4,7 +4,7 @@ use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use crate::power::PowerSeen;
 
 /// The program of which these checks know.

@@ -7,7 +7,7 @@ use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, TargetSeen, median};
 use super::percent;
 use crate::aim::reading::{COVERAGE, PITCH_PX_MIN};
-use crate::counting::counted;
+use plumbline_files::counting::counted;
 use crate::missing::{self, Missing};
 
 /// A person at rest hides no target: below this something is amiss now and then.
@@ -143,7 +143,7 @@ mod tests {
 
     use super::super::super::fixture::{assert_says, check, healthy};
     use super::*;
-    use crate::files::camera;
+    use plumbline_files::camera;
 
     /// The lumbar target, changed.
     fn with(change: impl FnOnce(&mut TargetSeen)) -> Findings {

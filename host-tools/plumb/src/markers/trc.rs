@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use super::{Marker, Markers, VALUES_MAX, unit_of};
-use crate::error::BadInput;
-use crate::files::text_of;
+use plumbline_files::BadInput;
+use plumbline_files::text_of;
 
 /// Columns before those of the first marker: frame and time.
 const BEFORE: usize = 2;

@@ -14,8 +14,8 @@ use std::sync::Once;
 use c3dio::C3d;
 
 use super::{Marker, Markers, VALUES_MAX, unit_of};
-use crate::error::BadInput;
-use crate::files::bytes_of;
+use plumbline_files::BadInput;
+use plumbline_files::bytes_of;
 
 const BLOCK_BYTES: usize = 512;
 

@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::{Camera, Provenance};
 use crate::counting::counted;
-use crate::error::BadInput;
+use crate::BadInput;
 
 const REMEDY: &str = "a calibration of OpenCV or ROS has image_width, image_height, camera_matrix and distortion_coefficients (each with rows, cols, data)";
 

@@ -1,7 +1,7 @@
 //! The files that `plumb` reads and writes.
 //!
 //! Every reader refuses what it does not understand with a
-//! [`BadInput`](crate::error::BadInput) that names the file, the field, what was
+//! [`BadInput`] that names the file, the field, what was
 //! found and what to do; none guesses, and none allocates more than its limits
 //! allow, whatever a header claims.
 
@@ -12,17 +12,16 @@ use std::path::{Path, PathBuf};
 use flate2::read::MultiGzDecoder;
 use serde::de::DeserializeOwned;
 
-use crate::error::BadInput;
-
-pub mod box_settings;
 pub mod camera;
 pub mod columns;
+pub mod counting;
+mod error;
 pub mod frames;
-pub mod markers;
 pub mod poses;
-pub mod positions;
 pub mod scene;
 pub mod targets;
+
+pub use error::BadInput;
 
 /// No description file of any sort comes near this; a device or a video given
 /// by mistake passes it at once.
@@ -33,7 +32,7 @@ const TRIAL_BYTES_MAX: u64 = 1 << 30;
 
 /// A whole recording of another system, of at most 1 GiB; one whose name ends with .gz is
 /// unpacked.
-pub(crate) fn bytes_of(path: &Path) -> Result<Vec<u8>, BadInput> {
+pub fn bytes_of(path: &Path) -> Result<Vec<u8>, BadInput> {
     let place = path.display();
     let file = File::open(path).map_err(|error| BadInput::io(&place, &error))?;
     let mut bytes = Vec::new();
@@ -51,7 +50,7 @@ pub(crate) fn bytes_of(path: &Path) -> Result<Vec<u8>, BadInput> {
 }
 
 /// As [`bytes_of`], of text. Names may be in any encoding; numbers are ASCII in all of them.
-pub(crate) fn text_of(path: &Path) -> Result<String, BadInput> {
+pub fn text_of(path: &Path) -> Result<String, BadInput> {
     Ok(String::from_utf8_lossy(&bytes_of(path)?).into_owned())
 }
 
@@ -274,7 +273,7 @@ pub fn refuse_overwriting<'a>(
 /// The value of a TOML text; errors name the field and its line.
 ///
 /// `remedy` says where the format is described or what a good file looks like.
-pub(crate) fn from_toml<T: DeserializeOwned>(
+pub fn from_toml<T: DeserializeOwned>(
     text: &str,
     place: &str,
     remedy: &str,

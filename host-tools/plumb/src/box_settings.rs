@@ -36,8 +36,8 @@ use plumbline::config::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::error::BadInput;
-use crate::files::{from_toml, read_text};
+use plumbline_files::BadInput;
+use plumbline_files::{from_toml, read_text};
 
 const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial), [network] (address, gateway) and [machine] (realtime_priority, cpu, watchdog_s)";
 

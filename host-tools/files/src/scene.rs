@@ -15,8 +15,8 @@ use std::path::Path;
 use plumbline::pose::{Cam, Pose, Scene};
 use serde::{Deserialize, Serialize};
 
-use crate::error::BadInput;
-use crate::files::{from_toml, read_text, write_text};
+use crate::BadInput;
+use crate::{from_toml, read_text, write_text};
 
 const REMEDY: &str = "a scene file has theta1_rad, theta2_rad, theta3_rad, x_mm, y_mm, z_mm of cam_from_scene and, optionally, source";
 

@@ -3,17 +3,17 @@
 
 use std::path::Path;
 
-use clap::ValueEnum;
 use serde::Deserialize;
 
 use super::text_of;
-use crate::error::BadInput;
+use crate::BadInput;
 
 /// The line with the columns' names is among the first so many.
 const HEADER_LINES_MAX: usize = 200;
 
 /// What separates columns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Delimiter {
     /// A tab.
@@ -25,6 +25,9 @@ pub enum Delimiter {
 }
 
 impl Delimiter {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Tab, Self::Comma, Self::Semicolon];
+
     /// The letter itself.
     #[must_use]
     pub fn letter(self) -> char {
@@ -37,7 +40,7 @@ impl Delimiter {
 }
 
 /// A text whose columns have been found.
-pub(crate) struct TextTable {
+pub struct TextTable {
     place: String,
     text: String,
     /// Its index.
@@ -63,7 +66,7 @@ impl TextTable {
         let text = text_of(path)?;
         let delimiters = match delimiter {
             Some(delimiter) => vec![delimiter],
-            None => Delimiter::value_variants().to_vec(),
+            None => Delimiter::ALL.to_vec(),
         };
         let mut best: (usize, Vec<String>) = (0, Vec::new());
         for (header_line, line) in text.lines().take(HEADER_LINES_MAX).enumerate() {
@@ -112,7 +115,7 @@ impl TextTable {
 }
 
 /// One line.
-pub(crate) struct Row<'a> {
+pub struct Row<'a> {
     /// Its number in the file, from 1.
     pub line: usize,
     cells: Vec<&'a str>,
@@ -120,7 +123,7 @@ pub(crate) struct Row<'a> {
 
 /// One column.
 #[derive(Clone, Copy)]
-pub(crate) struct Column<'a> {
+pub struct Column<'a> {
     at: usize,
     name: &'a str,
     place: &'a str,

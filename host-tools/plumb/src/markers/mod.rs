@@ -6,7 +6,7 @@ use plumbline_analysis::agreement::axes::Axes;
 use plumbline_analysis::series::Series;
 
 use super::positions::Unit;
-use crate::error::BadInput;
+use plumbline_files::BadInput;
 
 mod c3d;
 mod trc;

@@ -21,8 +21,8 @@ use plumbline::target::{Origin, Role, TargetError, TargetGeometry};
 use serde::{Deserialize, Serialize};
 
 use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files::{from_toml, read_text, write_text};
+use crate::BadInput;
+use crate::{from_toml, read_text, write_text};
 
 const REMEDY: &str = "a target has name, role (upper, lower or scene), columns, rows, pitch_mm, and optionally origin, virtual_point_mm, points_mm";
 

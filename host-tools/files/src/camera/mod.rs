@@ -28,8 +28,8 @@ use plumbline::lens::{Distortion, Lens, LensError};
 use serde::{Deserialize, Serialize};
 
 use crate::counting::counted;
-use crate::error::BadInput;
-use crate::files::{from_toml, read_text, write_text};
+use crate::BadInput;
+use crate::{from_toml, read_text, write_text};
 
 mod opencv;
 

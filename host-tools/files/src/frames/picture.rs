@@ -7,7 +7,7 @@ use std::path::Path;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 
 use super::{Samples, check_size};
-use crate::error::BadInput;
+use crate::BadInput;
 
 /// One image, decoded.
 pub(super) struct Picture {

@@ -22,7 +22,7 @@ use plumbline::pose::{Cam, Pose, Target};
 use plumbline::scene::Anatomical;
 use serde::{Deserialize, Serialize};
 
-use crate::error::BadInput;
+use crate::BadInput;
 
 /// One frame and target.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use plumbline::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
 
-use crate::error::BadInput;
+use crate::BadInput;
 
 mod picture;
 mod video;

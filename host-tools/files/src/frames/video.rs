@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::{Samples, check_rate, check_size};
-use crate::error::BadInput;
+use crate::BadInput;
 
 /// No writer comes near this many bytes in a header line.
 const HEADER_BYTES_MAX: u64 = 1000;
