@@ -8,9 +8,9 @@ use std::process::Output;
 use common::binary;
 use common::photographer::{photographs, posed, save};
 use nalgebra::Vector3;
-use plumbline_files::{camera, poses, scene};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_files::{camera, poses, scene};
 
 const BOARD: &str = "[[target]]
 name = \"board\"

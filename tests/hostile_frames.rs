@@ -1,10 +1,10 @@
 //! Frames and times that no camera should deliver: a reason, never a panic, never a pose.
 
 use common::scene;
-use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::image::{GreyImage, ImageError};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::NoPose;
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 use rand::{Rng, SeedableRng};
 
 fn pipeline() -> Box<Pipeline> {

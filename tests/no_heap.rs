@@ -4,10 +4,10 @@
 //! running beside it would be counted too.
 
 use common::scene;
-use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::TargetState;
 use plumbline_board::allocation::{CountingAllocator, allocations};
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 use static_cell::ConstStaticCell;
 
 #[global_allocator]

@@ -13,8 +13,8 @@ use image::imageops::{blur, crop_imm, replace};
 use nalgebra::Matrix3;
 use plumbline_files::poses::{self, PoseRow};
 use plumbline_files::targets;
-use plumb::simulate::render::Picture;
-use plumb::simulate::sensor::Sensor;
+use plumbline_render::simulate::render::Picture;
+use plumbline_render::simulate::sensor::Sensor;
 use tempfile::TempDir;
 
 /// The synthetic camera sees an A4 page under 55 degrees, so that a tilt would show.

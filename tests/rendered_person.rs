@@ -5,10 +5,10 @@
 use common::repetitions::repetitions;
 use common::scene as standard_scene;
 use nalgebra::Vector3;
-use plumb::simulate::layout::LensChoice;
-use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report, TargetState};
+use plumbline_render::simulate::layout::LensChoice;
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 const FRAME_NS: u64 = 16_666_667;
 

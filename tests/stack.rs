@@ -9,8 +9,8 @@ use std::thread;
 
 use common::runner;
 use common::scene;
-use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::pipeline::Pipeline;
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 use static_cell::ConstStaticCell;
 
 /// The bound of the frame path.

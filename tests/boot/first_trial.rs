@@ -7,10 +7,10 @@ use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector3, Vector4};
-use plumbline_files::poses::{self, PoseRow};
-use plumb::simulate::Simulation;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_files::poses::{self, PoseRow};
+use plumbline_render::simulate::Simulation;
 
 use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, image};
 use crate::scene::{self, FRAMES, SCENE};

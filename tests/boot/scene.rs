@@ -9,13 +9,13 @@ use std::process::Command;
 use std::sync::LazyLock;
 
 use cpio::newc::ModeFileType;
-use plumb::simulate::layout::LensChoice;
-use plumb::simulate::{Simulation, SimulationSettings};
 use plumbline::config::{
     BLOB_BYTES_MAX, Capture, CaptureDriver, Config, Machine, Network, PixelFormat, SerialLink,
 };
 use plumbline::image::GreyImage;
 use plumbline::pipeline::Pipeline;
+use plumbline_render::simulate::layout::LensChoice;
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 use rayon::prelude::*;
 use tempfile::TempDir;
 

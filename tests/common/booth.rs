@@ -1,8 +1,6 @@
 //! One target in front of a camera, at any pose and in any light: frames with known truth.
 
 use nalgebra::Vector3;
-use plumb::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
-use plumb::simulate::sensor::Sensor;
 use plumbline::config::{Config, Links, Machine, TargetConfig};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens::{Distortion, Lens};
@@ -11,6 +9,8 @@ use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::NoPose;
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
+use plumbline_render::simulate::sensor::Sensor;
 
 /// The part of the standard scene's picture around one target, seen through the same lens.
 const WIDTH: u16 = 400;

@@ -4,12 +4,14 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use plumb::calibrate::Picture;
-use plumb::simulate::render::{Board, Ink, Picture as Rendered, PlacedBoard, render_targets};
-use plumb::simulate::sensor::Sensor;
 use plumbline::lens::Lens;
 use plumbline::nodes::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
+use plumbline_render::simulate::render::{
+    Board, Ink, Picture as Rendered, PlacedBoard, render_targets,
+};
+use plumbline_render::simulate::sensor::Sensor;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -1,7 +1,7 @@
 //! The standard scene, rendered.
 
-use plumb::simulate::Simulation;
 use plumbline::image::GreyImage;
+use plumbline_render::simulate::Simulation;
 use rayon::prelude::*;
 
 /// The first frames of the simulation, as the sensor gives them; on all cores.

@@ -20,8 +20,8 @@ use plumbline::limits::{NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use plumbline::target::{Origin, Role, TargetError, TargetGeometry};
 use serde::{Deserialize, Serialize};
 
-use crate::counting::counted;
 use crate::BadInput;
+use crate::counting::counted;
 use crate::{from_toml, read_text, write_text};
 
 const REMEDY: &str = "a target has name, role (upper, lower or scene), columns, rows, pitch_mm, and optionally origin, virtual_point_mm, points_mm";

@@ -391,7 +391,7 @@ mod tests {
     use std::sync::LazyLock;
 
     use super::*;
-    use crate::simulate::{Simulation, SimulationSettings};
+    use plumbline_render::simulate::{Simulation, SimulationSettings};
 
     const WHOLE: &str = r#"
         device = "ward 3"

@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 use plumbline::config::{Config, Links, SerialLink};
 use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome};
 
-use plumbline_files::BadInput;
 use crate::link::{BoxLink, Introduction};
 use crate::receive::complaints::Complaints;
 use crate::receive::others;
 use crate::waiting::Waiting;
+use plumbline_files::BadInput;
 
 /// The slowest box boots in less, its watchdog's patience included.
 const RESTARTED_WITHIN: Duration = Duration::from_secs(60);

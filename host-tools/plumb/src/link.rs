@@ -14,10 +14,10 @@ use plumbline::packet::{
     ReplyOutcome,
 };
 
-use plumbline_files::BadInput;
 use crate::receive::complaints::Complaints;
 use crate::receive::others::{self, Others, is_same_box};
 use crate::receive::transport::{Event, Serial, Transport, Udp};
+use plumbline_files::BadInput;
 
 mod download;
 

@@ -7,9 +7,9 @@ use clap::ValueEnum;
 use plumbline_analysis::series::{Axis, Series};
 use serde::Deserialize;
 
+use plumbline_files::BadInput;
 use plumbline_files::columns::{Delimiter, TextTable};
 use plumbline_files::counting::counted;
-use plumbline_files::BadInput;
 
 /// A row of zeros is one that the system has dropped where the way to its neighbour is so many
 /// times the usual step: a force plate that measures nothing writes 0.

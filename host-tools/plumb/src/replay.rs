@@ -10,13 +10,13 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, encode_datagram};
 
-use plumbline_files::counting::counted;
-use plumbline_files::BadInput;
 use crate::link;
 use crate::receive::stop_on_signals;
 use crate::receive::transport::Raw;
 use crate::trial::journal::{Content, Entry, Reader};
 use crate::trial::{Trial, names, recording};
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 
 /// Send a recorded trial's packets once more, or make its tables anew.
 ///

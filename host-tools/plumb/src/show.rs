@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-use plumbline_files::counting::counted;
-use crate::delivery;
-use plumbline_files::BadInput;
 use crate::box_settings::BoxSettings;
-use plumbline_files::camera::{Camera, Provenance};
-use plumbline_files::scene::SceneFile;
-use plumbline_files::{camera, scene, targets};
+use crate::delivery;
 use crate::link::{BoxLink, LinkArguments};
 use crate::waiting::Waiting;
+use plumbline_files::BadInput;
+use plumbline_files::camera::{Camera, Provenance};
+use plumbline_files::counting::counted;
+use plumbline_files::scene::SceneFile;
+use plumbline_files::{camera, scene, targets};
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
 ///
@@ -152,7 +152,7 @@ mod tests {
 
     use super::*;
     use crate::setup::{self, Places};
-    use crate::simulate::{Simulation, SimulationSettings};
+    use plumbline_render::simulate::{Simulation, SimulationSettings};
 
     static CONFIG: LazyLock<Config> =
         LazyLock::new(|| Simulation::new(&SimulationSettings::default()).unwrap().config());
@@ -200,7 +200,9 @@ mod tests {
         config.cam_from_scene_theta = Some([0.1 + 0.2, 1.0 / 3.0, -0.7, 1e-3, 2.0, 1234.567]);
         config.links = Links {
             udp: Some("192.168.1.20:4210".parse().unwrap()),
-            serial: Some(plumbline_files::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),
+            serial: Some(
+                plumbline_files::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap(),
+            ),
         };
         config.machine = Machine { cpu: Some(3), ..Machine::default() };
         assert_eq!(again(&config), config);

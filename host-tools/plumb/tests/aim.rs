@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use finished::{Finished, plumb};
 use image::Rgb;
-use plumbline_files::{camera, poses};
 use plumbline::packet::{Message, decode_datagram};
+use plumbline_files::{camera, poses};
 
 const FRAMES: usize = 6;
 const WIDTH: usize = 1456;

@@ -12,8 +12,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use plumb::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
-use plumb::simulate::sensor::Sensor;
 use plumbline::config::Config;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{
@@ -22,6 +20,8 @@ use plumbline::packet::{
 };
 use plumbline::pose::Pose;
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
+use plumbline_render::simulate::sensor::Sensor;
 use tempfile::TempDir;
 
 const CAMERA: &str = "width_px = 640

@@ -27,8 +27,8 @@ use std::path::Path;
 use plumbline::lens::{Distortion, Lens, LensError};
 use serde::{Deserialize, Serialize};
 
-use crate::counting::counted;
 use crate::BadInput;
+use crate::counting::counted;
 use crate::{from_toml, read_text, write_text};
 
 mod opencv;

@@ -9,8 +9,8 @@ use plumbline::lens::{Distortion, Lens};
 use serde::Deserialize;
 
 use super::{Camera, Provenance};
-use crate::counting::counted;
 use crate::BadInput;
+use crate::counting::counted;
 
 const REMEDY: &str = "a calibration of OpenCV or ROS has image_width, image_height, camera_matrix and distortion_coefficients (each with rows, cols, data)";
 

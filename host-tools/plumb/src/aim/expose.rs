@@ -9,10 +9,10 @@ use plumbline::packet::{Hello, Refusal, View};
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::{Exposed, Session};
 use super::{SilenceLines, Until, say};
-use plumbline_files::counting::counted;
 use crate::delivery::{self, Before};
-use plumbline_files::BadInput;
 use crate::link::BoxLink;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 
 /// After a change the camera is opened anew, and some cameras take a few frames to follow.
 const SETTLED_AFTER: Duration = Duration::from_millis(500);

@@ -15,10 +15,10 @@ use image::RgbImage;
 use plumbline::packet::LinkKind;
 
 use crate::draw;
-use plumbline_files::BadInput;
-use plumbline_files::targets;
 use crate::link::LinkArguments;
 use crate::receive;
+use plumbline_files::BadInput;
+use plumbline_files::targets;
 
 mod ability;
 mod blocks;

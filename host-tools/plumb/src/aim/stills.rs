@@ -176,8 +176,8 @@ mod tests {
     use plumbline::pose::Pose;
 
     use super::*;
-    use crate::simulate::render::{self, Ink, Picture, PlacedBoard};
-    use crate::simulate::sensor::Sensor;
+    use plumbline_render::simulate::render::{self, Ink, Picture, PlacedBoard};
+    use plumbline_render::simulate::sensor::Sensor;
 
     const WIDTH_PX: u16 = 640;
     const HEIGHT_PX: u16 = 480;

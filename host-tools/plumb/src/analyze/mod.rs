@@ -9,11 +9,11 @@ use plumbline_analysis::sway::{self, Settings, Sway, density};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::positions::{Columns, Table, Unit};
+use crate::trial::manifest::{EventSeen, Zero};
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
-use crate::positions::{Columns, Table, Unit};
 use plumbline_files::write_all;
-use crate::trial::manifest::{EventSeen, Zero};
 
 pub mod points;
 pub mod tables;

@@ -7,12 +7,12 @@ use plumbline_analysis::onset::stand_onset_s;
 use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::noise::Noise;
 
-use plumbline_files::counting::counted;
-use plumbline_files::BadInput;
 use crate::positions::Table;
 use crate::trial::manifest::Zero;
 use crate::trial::reading::{Frame, Trunk};
 use crate::trial::{Trial, manifest::EventSeen};
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 
 /// One point over time, its t = 0 where the trial's is.
 #[derive(Debug, Clone)]

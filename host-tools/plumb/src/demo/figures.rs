@@ -11,7 +11,7 @@ use plumbline::target::Role;
 use plumbline_analysis::filter::SavitzkyGolay;
 
 use super::Received;
-use crate::simulate::Simulation;
+use plumbline_render::simulate::Simulation;
 
 /// The paper's filter: second order, half a second.
 const FILTER_S: f64 = 0.5;

@@ -26,14 +26,14 @@ use plumbline::report::{Report, TargetReport};
 use self::figures::Figures;
 use self::the_box::TheBox;
 use crate::draw::annotated;
-use plumbline_files::BadInput;
-use plumbline_files::frames::{Frame, Pixels};
-use plumbline_files::poses::Writer;
 use crate::receive::receiver::Receiver;
 use crate::receive::recorder::Recorder;
 use crate::receive::transport::{Event, Transport, Udp};
-use crate::simulate::command::truth_rows;
-use crate::simulate::{Simulation, SimulationSettings};
+use crate::simulate::truth_rows;
+use plumbline_files::BadInput;
+use plumbline_files::frames::{Frame, Pixels};
+use plumbline_files::poses::Writer;
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// Show Plumbline at work: the box's own program tracks a simulated person.
 ///
@@ -121,7 +121,8 @@ fn track(
     poses_csv: &Path,
 ) -> Result<Received> {
     let mut transport = Udp::bind((Ipv4Addr::LOCALHOST, 0).into())?;
-    let recorder = Recorder::new(plumbline_files::create(poses_csv, true)?, poses_csv.display().to_string());
+    let recorder =
+        Recorder::new(plumbline_files::create(poses_csv, true)?, poses_csv.display().to_string());
     let mut receiver = Receiver::new(Some(recorder));
     let folder = tempfile::tempdir().context("no temporary directory can be made")?;
     let config_file = folder.path().join("demo.plb");

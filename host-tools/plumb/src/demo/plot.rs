@@ -8,8 +8,8 @@ use plotters::prelude::*;
 
 use super::figures::{Figures, TargetFigures, TrunkFigures};
 use crate::drawing::{Area, Drawn, chart, key, svg};
-use plumbline_files::BadInput;
 use crate::palette::{BLUE, FONT, INK, ORANGE};
+use plumbline_files::BadInput;
 
 const SIZE_PX: (u32, u32) = (1080, 920);
 const PATHS_HEIGHT_PX: u32 = 560;

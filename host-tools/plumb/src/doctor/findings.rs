@@ -9,13 +9,13 @@ use plumbline::report::NoPose;
 use plumbline::target::Role;
 
 use crate::clock::Exchange;
-use plumbline_files::BadInput;
-use plumbline_files::camera;
 use crate::power::PowerSeen;
 use crate::receive::accounting::{Accounting, Counts};
 use crate::receive::bad_packets::BadPackets;
 use crate::receive::complaints::text_of;
 use crate::receive::transport::Event;
+use plumbline_files::BadInput;
+use plumbline_files::camera;
 
 /// A capture time that goes back while the frames' numbers go on by no more than this is a
 /// fault of the clock; more than this is another start.

@@ -16,7 +16,7 @@ use super::findings::Findings;
 use super::judge;
 use crate::clock::Exchange;
 use crate::receive::transport::Event;
-use crate::simulate::{Simulation, SimulationSettings};
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 pub const PERIOD_NS: u64 = 16_666_667;
 

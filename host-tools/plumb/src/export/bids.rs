@@ -13,9 +13,9 @@ use serde_json::{Value, json};
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
 use crate::analyze::points::Points;
+use crate::trial::Trial;
 use plumbline_files::BadInput;
 use plumbline_files::write_all;
-use crate::trial::Trial;
 
 /// The standard's version that this follows.
 const VERSION: &str = "1.11.0";

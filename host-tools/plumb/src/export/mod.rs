@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use crate::analyze::points::Points;
-use plumbline_files::counting::counted;
-use plumbline_files::write_all;
 use crate::trial::Trial;
 use crate::trial::manifest::Zero;
+use plumbline_files::counting::counted;
+use plumbline_files::write_all;
 
 mod bids;
 mod c3d;

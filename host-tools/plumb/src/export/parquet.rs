@@ -13,8 +13,8 @@ use parquet::schema::types::Type;
 
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
-use plumbline_files::BadInput;
 use crate::trial::tables::put;
+use plumbline_files::BadInput;
 
 /// The file.
 ///

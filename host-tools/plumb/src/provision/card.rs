@@ -207,7 +207,7 @@ mod tests {
     use fatfs::{FatType, FormatVolumeOptions, format_volume};
 
     use super::*;
-    use crate::simulate::{Simulation, SimulationSettings};
+    use plumbline_render::simulate::{Simulation, SimulationSettings};
 
     const MIB: usize = 1 << 20;
 

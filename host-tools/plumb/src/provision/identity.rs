@@ -1,7 +1,7 @@
 //! Which box a configuration is for.
 
-use plumbline_files::BadInput;
 use crate::box_settings;
+use plumbline_files::BadInput;
 
 /// Checks that a configuration is for the box that is to get it: both by name and serial
 /// number. A box that was never named may get any.

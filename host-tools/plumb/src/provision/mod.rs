@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-use crate::delivery;
-use plumbline_files::BadInput;
 use crate::box_settings::{self, BoxSettings};
-use plumbline_files::{refuse_overwriting};
+use crate::delivery;
 use crate::link::{self, LinkArguments};
 use crate::setup::{self, Descriptions, Places};
+use plumbline_files::BadInput;
+use plumbline_files::refuse_overwriting;
 
 mod card;
 mod identity;

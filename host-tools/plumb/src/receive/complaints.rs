@@ -1,7 +1,7 @@
 //! What a box says is wrong, when it says it again and again.
 
-use plumbline_files::counting::counted;
 use plumbline::packet::{Log, LogLevel, Message};
+use plumbline_files::counting::counted;
 
 /// A box that runs with no configuration says so in a few records, every two seconds.
 const COMPLAINTS_MAX: usize = 16;

@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use plumbline::packet::Message;
 
-use plumbline_files::counting::counted;
-use plumbline_files::BadInput;
 use crate::link::{self, LinkArguments};
 use crate::trial::manifest::{Manifest, Zero};
 use crate::trial::recording::Recording;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 
 pub mod accounting;
 pub mod bad_packets;

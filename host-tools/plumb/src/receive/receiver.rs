@@ -17,8 +17,8 @@ use super::complaints;
 use super::others::{self, Others, is_same_box};
 use super::recorder::{Names, Recorder};
 use super::transport::Event;
-use plumbline_files::BadInput;
 use crate::power::PowerSeen;
+use plumbline_files::BadInput;
 
 /// Rows wait for the targets' names no longer than this: whatever ends the
 /// program, no more than the last second is lost.

@@ -12,8 +12,8 @@ use plumbline::packet::{CameraState, Hello};
 
 use super::receiver::Receiver;
 use super::recorder::state_words;
-use plumbline_files::counting::counted;
 use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 
 /// A terminal is redrawn this often.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);

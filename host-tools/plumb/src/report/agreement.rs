@@ -3,8 +3,8 @@
 use maud::{Markup, html};
 
 use super::page::{annotated, facts, figure};
-use plumbline_files::BadInput;
 use crate::validate::{Validation, plot, print};
+use plumbline_files::BadInput;
 
 /// The section of a trial that was compared with a reference.
 ///

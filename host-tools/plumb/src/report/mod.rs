@@ -7,12 +7,12 @@ use clap::Args;
 
 use crate::analyze::Method;
 use crate::analyze::points::Points;
-use plumbline_files::BadInput;
-use plumbline_files::{directory_of, write_all};
 use crate::study::manifest;
 use crate::trial::Trial;
 use crate::trial::manifest::Zero;
 use crate::validate::Against;
+use plumbline_files::BadInput;
+use plumbline_files::{directory_of, write_all};
 
 mod agreement;
 mod labels;

@@ -11,8 +11,8 @@ use super::labels::{self, LANE_PX};
 use crate::drawing::{
     self, LABELS_PX, LETTER_PX, MARGIN_PX, chart, chart_of_decades, chart_of_levels, svg,
 };
-use plumbline_files::BadInput;
 use crate::palette::{BLUE, FONT, GAP, GREEN, INK, ORANGE, PINK, SOFT, YELLOW};
+use plumbline_files::BadInput;
 
 /// The colours of the time bins, and of whatever else is side by side.
 const SERIES: [RGBColor; 5] = [BLUE, ORANGE, GREEN, PINK, YELLOW];

@@ -5,10 +5,10 @@ use maud::{Markup, html};
 use super::page::{annotated, facts, figure, page, warnings};
 use super::plots::{self, Scale};
 use crate::analyze::points::point_name;
-use plumbline_files::BadInput;
 use crate::study::figures::StudyFigures;
 use crate::study::inference::COMPARED;
 use crate::study::tables::PaperTable;
+use plumbline_files::BadInput;
 
 /// The page of a study.
 ///

@@ -9,17 +9,17 @@ use std::time::Duration;
 
 use plumbline::pose::{Cam, Pose, Target};
 
-use plumbline_files::counting::counted;
 use crate::delivery::{self, Before};
-use plumbline_files::BadInput;
-use plumbline_files::camera;
-use plumbline_files::scene::{self, SceneFile};
-use plumbline_files::{refuse_overwriting};
 use crate::link::LinkArguments;
 use crate::receive;
 use crate::setup::{self, Descriptions};
 use crate::waiting::Waiting;
 use mean::{Mean, lean_deg};
+use plumbline_files::BadInput;
+use plumbline_files::camera;
+use plumbline_files::counting::counted;
+use plumbline_files::refuse_overwriting;
+use plumbline_files::scene::{self, SceneFile};
 
 /// Measure where the scene board stands, and so which way is forward, to the right and up.
 ///
@@ -192,7 +192,10 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
         ),
     };
     if let Some(out) = &arguments.out {
-        plumbline_files::write_all(&[(out.clone(), scene::to_toml(&file).into_bytes())], arguments.force)?;
+        plumbline_files::write_all(
+            &[(out.clone(), scene::to_toml(&file).into_bytes())],
+            arguments.force,
+        )?;
     }
     let leans_deg = lean_deg(&mean.cam_from_scene, arguments.camera_pitch_deg);
     eprintln!(

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use plumbline::target::Role;
 
 use super::Seen;
-use plumbline_files::BadInput;
-use plumbline_files::frames::FrameSource;
 use crate::setup::{self, Descriptions};
 use crate::track;
+use plumbline_files::BadInput;
+use plumbline_files::frames::FrameSource;
 
 /// Tracks the scene board, and nothing else, through the frames.
 pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::Result<Seen> {

@@ -12,9 +12,9 @@ use super::physiology::{self, Quantity};
 use super::sway::{self, Path};
 use super::values::{self, Response, TrialValues, time_name};
 use crate::analyze::points::Points;
-use plumbline_files::counting::counted;
-use plumbline_files::BadInput;
 use crate::trial::Trial;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]

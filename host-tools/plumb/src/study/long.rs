@@ -9,11 +9,11 @@ use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observatio
 use serde::Serialize;
 
 use super::inference::{COMPARED, comparisons, effects};
-use plumbline_files::counting::counted;
+use crate::grid::{Annotated, Footnotes, Grid, digits};
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
+use plumbline_files::counting::counted;
 use plumbline_files::read_text;
-use crate::grid::{Annotated, Footnotes, Grid, digits};
 
 /// Which columns are what.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::protocol::{Physiology, PhysiologyToml};
-use plumbline_files::BadInput;
 use crate::positions::{Columns, Table, Unit};
+use plumbline_files::BadInput;
 use plumbline_files::{from_toml, read_text};
 
 /// What a new study begins with.

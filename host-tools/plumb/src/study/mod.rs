@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use plumbline_files::counting::counted;
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
+use plumbline_files::counting::counted;
 use plumbline_files::write_all;
 
 pub mod figures;

@@ -22,10 +22,10 @@ use super::mark::Mark;
 use super::names;
 use super::run::Run;
 use crate::clock::Exchange;
-use plumbline_files::BadInput;
 use crate::power::PowerSeen;
 use crate::receive::accounting::{Accounting, Arrival};
 use crate::receive::recorder::SessionClock;
+use plumbline_files::BadInput;
 
 /// A recording that goes wrong must not fill the memory: an hour at 200 Hz, ten times over.
 const FRAMES_MAX: usize = 7_200_000;

@@ -12,10 +12,10 @@ use super::journal::{Content, Entry, Writer};
 use super::manifest::{Manifest, State};
 use super::mark::Marks;
 use super::{Trial, names, tables};
-use plumbline_files::BadInput;
 use crate::link::Download;
 use crate::receive::Tap;
 use crate::receive::transport::Event;
+use plumbline_files::BadInput;
 
 /// The box's clock is asked for this often.
 const PING_EVERY: Duration = Duration::from_secs(1);

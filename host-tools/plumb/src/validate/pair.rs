@@ -10,12 +10,12 @@ use plumbline_analysis::series::{Axis, Series};
 use serde::{Deserialize, Serialize};
 
 use crate::analyze::points::Points;
-use plumbline_files::BadInput;
-use plumbline_files::columns::Delimiter;
 use crate::markers::Markers;
 use crate::positions::{Columns, Table, Unit};
-use plumbline_files::{directory_of, from_toml, read_text};
 use crate::trial::reading::Trunk;
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
+use plumbline_files::{directory_of, from_toml, read_text};
 
 /// A right-handed frame that looks forward along X, with Z up.
 const AXES: &str = "ap=X,ml=-Y,si=Z";

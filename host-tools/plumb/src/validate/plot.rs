@@ -11,8 +11,8 @@ use plumbline_analysis::series::Axis;
 use super::Validation;
 use super::print::{equation, rounded};
 use crate::drawing::{self, Area, Drawn};
-use plumbline_files::BadInput;
 use crate::palette::{BLUE, INK, ORANGE, for_light_and_dark};
+use plumbline_files::BadInput;
 
 /// Of one of the two pictures of an axis.
 const SIZE_PX: (u32, u32) = (540, 380);

@@ -5,8 +5,8 @@ use plumbline::target::Role;
 
 use super::super::check::Check;
 use super::super::findings::Findings;
-use plumbline_files::camera;
 use crate::setup::not_calibrated;
+use plumbline_files::camera;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
     let Some(config) = &findings.config else {

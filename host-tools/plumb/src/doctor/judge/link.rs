@@ -3,8 +3,8 @@
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 use super::percent;
-use plumbline_files::counting::counted;
 use crate::link::NOT_HEARD_REMEDY;
+use plumbline_files::counting::counted;
 
 /// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is
 /// more than a network in order loses.

@@ -4,8 +4,8 @@ use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
-use plumbline_files::counting::counted;
 use crate::power::PowerSeen;
+use plumbline_files::counting::counted;
 
 /// The program of which these checks know.
 const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));

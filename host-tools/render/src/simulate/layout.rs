@@ -9,7 +9,8 @@ use plumbline::target::Role;
 use super::sway::{SHOULDER_ABOVE_HIP_MM, Trunk};
 
 /// The lens in front of the sensor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum LensChoice {
     /// No distortion, f 1740 px.
     None,

@@ -8,7 +8,7 @@ use super::Simulation;
 
 /// What becomes of a sample between the sensor and the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub enum Form {
     /// 8 bits, as they are.
     Grey8,
     /// 10 bits, as they are.
@@ -19,7 +19,9 @@ pub(super) enum Form {
 }
 
 impl Form {
-    pub(super) fn bits(self) -> u8 {
+    /// Bits of a sample.
+    #[must_use]
+    pub fn bits(self) -> u8 {
         match self {
             Self::Grey8 | Self::Jpeg(_) => 8,
             Self::Grey10 => 10,
@@ -27,7 +29,7 @@ impl Form {
     }
 
     /// The Y4M colour space. There is none of 10 bits without colour that the crate `y4m` knows.
-    pub(super) fn colorspace(self) -> y4m::Colorspace {
+    pub fn colorspace(self) -> y4m::Colorspace {
         match self {
             Self::Grey8 | Self::Jpeg(_) => y4m::Colorspace::Cmono,
             Self::Grey10 => y4m::Colorspace::C420p10,
@@ -35,7 +37,7 @@ impl Form {
     }
 
     /// Either chroma plane of every frame, in the file's bytes: no colour.
-    pub(super) fn chroma(self, width: usize, height: usize) -> Vec<u8> {
+    pub fn chroma(self, width: usize, height: usize) -> Vec<u8> {
         match self {
             Self::Grey8 | Self::Jpeg(_) => Vec::new(),
             Self::Grey10 => 512_u16.to_le_bytes().repeat(width.div_ceil(2) * height.div_ceil(2)),
@@ -43,7 +45,7 @@ impl Form {
     }
 
     /// A frame's luma in the file's bytes; `luma` is overwritten.
-    pub(super) fn render(
+    pub fn render(
         self,
         simulation: &Simulation,
         frame: u64,

@@ -1,7 +1,8 @@
 //! A page as shapes, in millimetres from its top left corner, x right, y down.
 
 /// A paper size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Paper {
     /// 210 x 297 mm.
     #[default]

@@ -6,20 +6,12 @@ use std::path::{Path, PathBuf};
 use plumbline::limits::NAME_BYTES_MAX;
 use plumbline::target::Role;
 
-use plumbline_files::counting::counted;
-use plumbline_files::BadInput;
-use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
 use crate::receive::recorder::role_word;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
 
-mod layout;
-mod legend;
-mod page;
-mod pdf;
-mod piece;
-mod svg;
-mod tiles;
-
-use page::{Page, Paper};
+use plumbline_render::sheet::{self, Page, Paper};
 
 /// The smallest square, mm. A printer's edges are off by up to 0.05 mm, already 2.5 % of it.
 const PITCH_MM_MIN: f64 = 2.0;
@@ -107,7 +99,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in targets::check(&descriptions, "--grid")?.warnings {
         eprintln!("warning: {warning}");
     }
-    let pages = layout::sheets(&descriptions, pitch_mm, arguments.paper);
+    let pages = sheet::sheets(&descriptions, pitch_mm, arguments.paper);
     let paper = arguments.paper.name();
     if pages.len() > SHEETS_MAX {
         return Err(BadInput::whole(
@@ -237,7 +229,7 @@ impl Arguments {
     fn printable_name(&self) -> Result<String, BadInput> {
         if self.name.is_empty()
             || self.name.len() > NAME_BYTES_MAX
-            || !page::is_printable(&self.name)
+            || !sheet::is_printable(&self.name)
         {
             return Err(BadInput::whole(
                 "--name",
@@ -275,8 +267,10 @@ impl Format {
     /// The files of all pages.
     fn files(self, out: &Path, pages: &[Page], title: &str) -> Vec<(PathBuf, Vec<u8>)> {
         match (self, pages) {
-            (Self::Pdf, _) => vec![(out.to_owned(), pdf::document(pages, title))],
-            (Self::Svg, [page]) => vec![(out.to_owned(), svg::document(page, title).into_bytes())],
+            (Self::Pdf, _) => vec![(out.to_owned(), sheet::pdf::document(pages, title))],
+            (Self::Svg, [page]) => {
+                vec![(out.to_owned(), sheet::svg::document(page, title).into_bytes())]
+            }
             (Self::Svg, _) => {
                 let numbered = |number: usize| {
                     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
@@ -285,7 +279,7 @@ impl Format {
                 let pages = pages.iter().enumerate();
                 pages
                     .map(|(index, page)| {
-                        (numbered(index + 1), svg::document(page, title).into_bytes())
+                        (numbered(index + 1), sheet::svg::document(page, title).into_bytes())
                     })
                     .collect()
             }

@@ -2,7 +2,7 @@
 //! a real camera.
 //!
 //! ```no_run
-//! use plumb::simulate::{Simulation, SimulationSettings};
+//! use plumbline_render::simulate::{Simulation, SimulationSettings};
 //!
 //! let simulation = Simulation::new(&SimulationSettings::default())?;
 //! let mut samples = Vec::<u8>::new();
@@ -11,7 +11,7 @@
 //!     let truth = simulation.truth(frame);
 //!     println!("{} s: lumbar at {}", truth.time_s, truth.targets[0].cam_from_target.translation_mm);
 //! }
-//! # Ok::<(), plumb::simulate::SettingsError>(())
+//! # Ok::<(), plumbline_render::simulate::SettingsError>(())
 //! ```
 //!
 //! The targets are integrated exactly ([`render`]); the background and an
@@ -19,12 +19,11 @@
 //! the exposure is an instant: nothing is smeared by motion.
 
 pub mod background;
-pub mod command;
 pub mod layout;
 mod normal;
 pub mod occluder;
 mod provisioning;
-mod recorded;
+pub mod recorded;
 pub mod render;
 pub mod sensor;
 pub mod sway;

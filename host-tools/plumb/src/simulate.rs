@@ -9,16 +9,16 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::target::Role;
 
-use super::layout::LensChoice;
-use super::occluder::Occlusion;
-use super::recorded::Form;
-use super::{Simulation, SimulationSettings};
-use plumbline_files::counting::counted;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
+use plumbline_files::counting::counted;
 use plumbline_files::poses::{PoseRow, Writer};
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, OriginName, TargetDescription};
+use plumbline_render::simulate::layout::LensChoice;
+use plumbline_render::simulate::occluder::Occlusion;
+use plumbline_render::simulate::recorded::Form;
+use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// Render a swaying person with both targets, and the true poses.
 ///
