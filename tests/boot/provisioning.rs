@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
-use plumb::link::{BoxLink, LinkArguments};
 use plumbline::config::Config;
 use plumbline::packet::Action;
+use plumbline_stream::link::{BoxLink, LinkArguments};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -323,4 +323,18 @@ mod tests {
         assert!(replace(&taken, b"new").is_err());
         assert_eq!(names(), 2);
     }
+
+    #[test]
+    fn an_old_file_is_kept_unless_forced() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("poses.csv");
+        std::fs::write(&path, "precious").unwrap();
+        let error = create(&path, false).unwrap_err();
+        assert!(error.to_string().contains("--force"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
+        create(&path, true).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
+        let error = create(&directory.path().join("no/poses.csv"), false).unwrap_err();
+        assert!(error.found.contains("no such directory"), "{error}");
+    }
 }

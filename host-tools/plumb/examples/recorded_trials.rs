@@ -18,7 +18,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use nalgebra::{Matrix6, Vector6};
-use plumb::receive::transport::Raw;
 use plumb::trial::journal::{Content, Entry, Writer};
 use plumb::trial::manifest::{Manifest, State, Zero};
 use plumb::trial::mark::{Mark, Source};
@@ -33,6 +32,7 @@ use plumbline::report::{Report, TargetReport, TargetState};
 use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
+use plumbline_stream::transport::Raw;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

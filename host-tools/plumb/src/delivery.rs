@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 use plumbline::config::{Config, Links, SerialLink};
 use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome};
 
-use crate::link::{BoxLink, Introduction};
-use crate::receive::complaints::Complaints;
-use crate::receive::others;
 use crate::waiting::Waiting;
 use plumbline_files::BadInput;
+use plumbline_stream::complaints::Complaints;
+use plumbline_stream::link::{BoxLink, Introduction};
+use plumbline_stream::others;
 
 /// The slowest box boots in less, its watchdog's patience included.
 const RESTARTED_WITHIN: Duration = Duration::from_secs(60);
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn what_was_measured_and_would_be_lost_is_warned_of() {
-        let mut old = crate::doctor::fixture::config();
+        let mut old = plumbline_stream::fixture::config();
         assert_eq!(warnings(&old, &old), [""; 0]);
         let mut new = old.clone();
         new.cam_from_scene_theta = None;

@@ -10,13 +10,12 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, encode_datagram};
 
-use crate::link;
 use crate::receive::stop_on_signals;
-use crate::receive::transport::Raw;
 use crate::trial::journal::{Content, Entry, Reader};
 use crate::trial::{Trial, names, recording};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_stream::transport::Raw;
 
 /// Send a recorded trial's packets once more, or make its tables anew.
 ///
@@ -34,7 +33,7 @@ pub struct Arguments {
     pub trial: PathBuf,
 
     /// Send its packets to this address
-    #[arg(long, value_name = "ADDRESS:PORT", value_parser = link::address)]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::link_arguments::address)]
     pub to: Option<SocketAddr>,
 
     /// So many times faster

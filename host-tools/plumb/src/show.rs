@@ -6,13 +6,14 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 
 use crate::box_settings::BoxSettings;
 use crate::delivery;
-use crate::link::{BoxLink, LinkArguments};
+use crate::link_arguments::LinkArguments;
 use crate::waiting::Waiting;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{Camera, Provenance};
 use plumbline_files::counting::counted;
 use plumbline_files::scene::SceneFile;
 use plumbline_files::{camera, scene, targets};
+use plumbline_stream::link::BoxLink;
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
 ///
@@ -177,7 +178,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("box.toml");
         std::fs::write(&path, text("box.toml").unwrap()).unwrap();
-        plumbline_files::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
+        crate::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
         config
     }
 
@@ -200,9 +201,7 @@ mod tests {
         config.cam_from_scene_theta = Some([0.1 + 0.2, 1.0 / 3.0, -0.7, 1e-3, 2.0, 1234.567]);
         config.links = Links {
             udp: Some("192.168.1.20:4210".parse().unwrap()),
-            serial: Some(
-                plumbline_files::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap(),
-            ),
+            serial: Some(crate::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),
         };
         config.machine = Machine { cpu: Some(3), ..Machine::default() };
         assert_eq!(again(&config), config);

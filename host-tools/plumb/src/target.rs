@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use plumbline::limits::NAME_BYTES_MAX;
 use plumbline::target::Role;
 
-use crate::receive::recorder::role_word;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
+use plumbline_stream::recorder::role_word;
 
 use plumbline_render::sheet::{self, Page, Paper};
 

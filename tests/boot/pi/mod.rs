@@ -11,13 +11,13 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ::image::{Rgb, RgbImage};
-use plumb::link::{BoxLink, LinkArguments};
 use plumbline::config::{Config, SerialLink};
 use plumbline::packet::{Action, CameraState, Hello, Message, ResetReason};
 use plumbline_board::boot::panel::Panel;
 use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 use plumbline_files;
+use plumbline_stream::link::{BoxLink, LinkArguments};
 
 use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, two_of};

@@ -10,9 +10,9 @@ use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::{Exposed, Session};
 use super::{SilenceLines, Until, say};
 use crate::delivery::{self, Before};
-use crate::link::BoxLink;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_stream::link::BoxLink;
 
 /// After a change the camera is opened anew, and some cameras take a few frames to follow.
 const SETTLED_AFTER: Duration = Duration::from_millis(500);

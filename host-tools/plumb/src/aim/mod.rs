@@ -15,7 +15,7 @@ use image::RgbImage;
 use plumbline::packet::LinkKind;
 
 use crate::draw;
-use crate::link::LinkArguments;
+use crate::link_arguments::LinkArguments;
 use crate::receive;
 use plumbline_files::BadInput;
 use plumbline_files::targets;

@@ -26,14 +26,14 @@ use plumbline::report::{Report, TargetReport};
 use self::figures::Figures;
 use self::the_box::TheBox;
 use crate::draw::annotated;
-use crate::receive::receiver::Receiver;
-use crate::receive::recorder::Recorder;
-use crate::receive::transport::{Event, Transport, Udp};
 use crate::simulate::truth_rows;
 use plumbline_files::BadInput;
 use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::poses::Writer;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
+use plumbline_stream::receiver::Receiver;
+use plumbline_stream::recorder::Recorder;
+use plumbline_stream::transport::{Event, Transport, Udp};
 
 /// Show Plumbline at work: the box's own program tracks a simulated person.
 ///

@@ -8,14 +8,14 @@ use plumbline::packet::{
 use plumbline::report::NoPose;
 use plumbline::target::Role;
 
-use crate::clock::Exchange;
-use crate::power::PowerSeen;
-use crate::receive::accounting::{Accounting, Counts};
-use crate::receive::bad_packets::BadPackets;
-use crate::receive::complaints::text_of;
-use crate::receive::transport::Event;
 use plumbline_files::BadInput;
 use plumbline_files::camera;
+use plumbline_stream::accounting::{Accounting, Counts};
+use plumbline_stream::bad_packets::BadPackets;
+use plumbline_stream::clock::Exchange;
+use plumbline_stream::complaints::text_of;
+use plumbline_stream::power::PowerSeen;
+use plumbline_stream::transport::Event;
 
 /// A capture time that goes back while the frames' numbers go on by no more than this is a
 /// fault of the clock; more than this is another start.

@@ -14,7 +14,7 @@ use std::time::Duration;
 use check::Verdict;
 use findings::Expected;
 
-use crate::link::LinkArguments;
+use crate::link_arguments::LinkArguments;
 use crate::{receive, show};
 
 /// Check a running box: its link, its program, clock, camera, configuration, targets and light.

@@ -7,7 +7,7 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 
 use crate::box_settings::{self, BoxSettings};
 use crate::delivery;
-use crate::link::{self, LinkArguments};
+use crate::link_arguments::LinkArguments;
 use crate::setup::{self, Descriptions, Places};
 use plumbline_files::BadInput;
 use plumbline_files::refuse_overwriting;
@@ -116,7 +116,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "ADDRESS:PORT",
-        value_parser = link::address,
+        value_parser = crate::link_arguments::address,
         requires = "send",
         conflicts_with = "via_serial"
     )]
@@ -125,7 +125,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DEVICE", requires = "send")]
     via_serial: Option<String>,
     /// Bits per second of --via-serial.
-    #[arg(long, value_name = "RATE", default_value_t = link::BAUD, requires = "via_serial")]
+    #[arg(long, value_name = "RATE", default_value_t = plumbline_stream::link::BAUD, requires = "via_serial")]
     via_baud: u32,
     /// With --send: do not restart the box; it takes effect at its next start.
     #[arg(long, requires = "send")]

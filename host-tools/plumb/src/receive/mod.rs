@@ -8,28 +8,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use plumbline::packet::Message;
 
-use crate::link::{self, LinkArguments};
+use crate::link_arguments::LinkArguments;
 use crate::trial::manifest::{Manifest, Zero};
 use crate::trial::recording::Recording;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 
-pub mod accounting;
-pub mod bad_packets;
-pub mod complaints;
 mod marks;
-pub mod others;
-pub mod receiver;
-pub mod recorder;
 mod screen;
-pub mod transport;
 
-use receiver::Receiver;
-use recorder::Recorder;
+use plumbline_stream::receiver::Receiver;
+use plumbline_stream::reception::{Limits, Tap, receive};
+use plumbline_stream::recorder::Recorder;
 use screen::Screen;
-use transport::{Event, Transport};
 
 /// Receive the poses of a box, show them and record them.
 ///
@@ -73,7 +65,7 @@ pub struct Arguments {
     pub zero: Zero,
 
     /// Take marks from datagrams to this address: the text of each is its name
-    #[arg(long, value_name = "ADDRESS:PORT", value_parser = link::address, requires = "out")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::link_arguments::address, requires = "out")]
     pub mark_udp: Option<SocketAddr>,
 
     /// Take marks from this serial device: each line is one
@@ -104,86 +96,6 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     } else {
         Err("give more than 0 seconds".to_owned())
     }
-}
-
-/// When a reception ends by itself.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Limits {
-    /// After this time.
-    pub duration: Option<Duration>,
-    /// After this many different pose packets.
-    pub frames: Option<u64>,
-}
-
-/// Who follows a reception beside its [`Receiver`].
-pub trait Tap {
-    /// Something came.
-    ///
-    /// # Errors
-    /// When the reception cannot go on.
-    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput>;
-
-    /// Time passes, whether or not something comes; a question that the box should get.
-    ///
-    /// # Errors
-    /// When the reception cannot go on.
-    fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput>;
-}
-
-/// Nobody.
-impl Tap for () {
-    fn event(&mut self, _: &Event, _: Instant) -> Result<(), BadInput> {
-        Ok(())
-    }
-
-    fn turn(&mut self, _: Instant) -> Result<Option<Message>, BadInput> {
-        Ok(None)
-    }
-}
-
-/// Receives until a limit is reached or `stop` is set. `show` is called after
-/// every packet, and ten times a second when none comes. `tap` sees everything first.
-///
-/// # Errors
-/// When the transport or the recording cannot go on. What was received before
-/// is in the recording.
-pub fn receive<W: std::io::Write>(
-    transport: &mut dyn Transport,
-    receiver: &mut Receiver<W>,
-    tap: &mut dyn Tap,
-    limits: Limits,
-    stop: &AtomicBool,
-    mut show: impl FnMut(&mut Receiver<W>),
-) -> Result<(), BadInput> {
-    let start = Instant::now();
-    let reached = |receiver: &Receiver<W>| {
-        limits.frames.is_some_and(|frames| receiver.counts().received >= frames)
-    };
-    let result = loop {
-        let over = limits.duration.is_some_and(|duration| start.elapsed() >= duration);
-        if stop.load(Ordering::Relaxed) || over || reached(receiver) {
-            break Ok(());
-        }
-        let mut handled = Ok(());
-        let polled = transport.poll(&mut |event| {
-            // The rest of one read belongs to the next recording, if any.
-            if handled.is_ok() && !reached(receiver) {
-                let now = Instant::now();
-                handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
-            }
-        });
-        let result = handled.and(polled).and_then(|()| receiver.tick(Instant::now()));
-        let question = match result.and_then(|()| tap.turn(Instant::now())) {
-            Ok(question) => question,
-            Err(error) => break Err(error),
-        };
-        for question in [receiver.request(), question].into_iter().flatten() {
-            transport.send(&question);
-        }
-        show(receiver);
-    };
-    // Rows that still wait for the targets' names.
-    result.and(receiver.finish())
 }
 
 /// Runs the subcommand.
@@ -276,6 +188,3 @@ pub(crate) fn stop_on_signals() -> Result<Arc<AtomicBool>, BadInput> {
     })?;
     Ok(stop)
 }
-
-#[cfg(test)]
-mod tests;

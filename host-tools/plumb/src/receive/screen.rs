@@ -10,10 +10,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use plumbline::packet::{CameraState, Hello};
 
-use super::receiver::Receiver;
-use super::recorder::state_words;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_stream::receiver::Receiver;
+use plumbline_stream::recorder::state_words;
 
 /// A terminal is redrawn this often.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
@@ -290,3 +290,6 @@ fn camera_at_the_end<W: Write>(receiver: &Receiver<W>) -> Option<String> {
         _ => format!("lost {losses}"),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,10 +8,10 @@ use plumbline::report::NoPose;
 use plumbline::target::Role;
 
 use super::Seen;
-use crate::link::BoxLink;
 use crate::missing::{self, Missing};
 use crate::waiting::Waiting;
 use plumbline_files::BadInput;
+use plumbline_stream::link::BoxLink;
 
 /// What a box has sent of the board.
 #[derive(Default)]

@@ -10,7 +10,7 @@ use std::time::Duration;
 use plumbline::pose::{Cam, Pose, Target};
 
 use crate::delivery::{self, Before};
-use crate::link::LinkArguments;
+use crate::link_arguments::LinkArguments;
 use crate::receive;
 use crate::setup::{self, Descriptions};
 use crate::waiting::Waiting;

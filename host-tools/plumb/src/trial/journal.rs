@@ -20,8 +20,8 @@ use std::time::Duration;
 use plumbline::packet::document_crc;
 
 use super::mark::Mark;
-use crate::receive::transport::Raw;
 use plumbline_files::BadInput;
+use plumbline_stream::transport::Raw;
 
 const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 1\n";
 

@@ -5,7 +5,7 @@
 //! | `packets.bin` | every packet as it came, and when; the marks: see [`journal`] |
 //! | `trial.toml` | who, what, which box, how its clock stands, what happened: see [`manifest`] |
 //! | `config.plb` | the box's configuration: its lens, its targets, which way is forward |
-//! | `samples.csv` | the poses as a table, as they come: see [`crate::receive::recorder`] |
+//! | `samples.csv` | the poses as a table, as they come: see [`plumbline_stream::recorder`] |
 //! | `samples.parquet` | the same table, once the trial is over |
 //!
 //! The packets are the one truth. All else can be made of them again (`plumb replay --tables`), and

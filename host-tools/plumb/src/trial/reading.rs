@@ -21,11 +21,11 @@ use super::manifest::{BoxSeen, Manifest, NoiseSeen, Packets, State};
 use super::mark::Mark;
 use super::names;
 use super::run::Run;
-use crate::clock::Exchange;
-use crate::power::PowerSeen;
-use crate::receive::accounting::{Accounting, Arrival};
-use crate::receive::recorder::SessionClock;
 use plumbline_files::BadInput;
+use plumbline_stream::accounting::{Accounting, Arrival};
+use plumbline_stream::clock::Exchange;
+use plumbline_stream::power::PowerSeen;
+use plumbline_stream::recorder::SessionClock;
 
 /// A recording that goes wrong must not fill the memory: an hour at 200 Hz, ten times over.
 const FRAMES_MAX: usize = 7_200_000;
@@ -439,7 +439,7 @@ mod tests {
 
     use super::super::manifest::Zero;
     use super::*;
-    use crate::doctor::fixture::health;
+    use plumbline_stream::fixture::health;
 
     #[test]
     fn a_trial_tells_that_the_box_had_too_little_power() {

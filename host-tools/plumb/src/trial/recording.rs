@@ -1,4 +1,4 @@
-//! A trial while it is recorded: beside what [`Receiver`](crate::receive::receiver::Receiver)
+//! A trial while it is recorded: beside what [`Receiver`](plumbline_stream::receiver::Receiver)
 //! makes of them, the packets as they are, the box's clock and configuration, and the marks.
 
 use std::io::IsTerminal as _;
@@ -12,10 +12,10 @@ use super::journal::{Content, Entry, Writer};
 use super::manifest::{Manifest, State};
 use super::mark::Marks;
 use super::{Trial, names, tables};
-use crate::link::Download;
-use crate::receive::Tap;
-use crate::receive::transport::Event;
 use plumbline_files::BadInput;
+use plumbline_stream::link::Download;
+use plumbline_stream::reception::Tap;
+use plumbline_stream::transport::Event;
 
 /// The box's clock is asked for this often.
 const PING_EVERY: Duration = Duration::from_secs(1);

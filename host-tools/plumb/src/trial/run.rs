@@ -5,8 +5,8 @@ use plumbline::packet::{MarkedInstant, PosePacket};
 
 use super::manifest::{ClockSeen, EventSeen};
 use super::mark::Mark;
-use crate::clock::{Exchange, Relation};
-use crate::receive::recorder::SessionClock;
+use plumbline_stream::clock::{Exchange, Relation};
+use plumbline_stream::recorder::SessionClock;
 
 /// What is known of it.
 #[derive(Default)]

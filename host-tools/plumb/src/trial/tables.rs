@@ -17,11 +17,11 @@ use plumbline::packet::Deframer;
 
 use super::journal::{Content, Reader};
 use super::names;
-use crate::receive::receiver::Receiver;
-use crate::receive::recorder::Recorder;
-use crate::receive::transport::Event;
 use plumbline_files::BadInput;
 use plumbline_files::poses::PoseRow;
+use plumbline_stream::receiver::Receiver;
+use plumbline_stream::recorder::Recorder;
+use plumbline_stream::transport::Event;
 
 /// Rows per group of the Parquet file: what is held in memory at once.
 const GROUP_ROWS: usize = 65_536;

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use plumb::receive::transport::Raw;
 use plumb::trial::journal::{Content, Entry, Writer};
 use plumb::trial::manifest::{Manifest, Zero};
 use plumb::trial::mark::{Mark, Source};
 use plumbline::packet::{
     AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, encode_datagram,
 };
+use plumbline_stream::transport::Raw;
 
 /// One frame: its number, when it was taken, and where the lower and the upper trunk were, along
 /// AP, ML and SI.

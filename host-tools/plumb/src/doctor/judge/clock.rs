@@ -4,7 +4,7 @@ use plumbline::packet::MarkedInstant;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};
-use crate::clock::{drift_ppm, surest};
+use plumbline_stream::clock::{drift_ppm, surest};
 
 /// A box looks for questions at least every 20 ms, and a network in order takes a few; a
 /// question that takes five times as long waits behind something.
@@ -88,7 +88,7 @@ mod tests {
 
     use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
     use super::*;
-    use crate::receive::transport::Event;
+    use plumbline_stream::transport::Event;
 
     #[test]
     fn questions_without_or_with_late_answers() {

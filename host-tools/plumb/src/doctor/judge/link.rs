@@ -3,8 +3,8 @@
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 use super::percent;
-use crate::link::NOT_HEARD_REMEDY;
 use plumbline_files::counting::counted;
+use plumbline_stream::link::NOT_HEARD_REMEDY;
 
 /// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is
 /// more than a network in order loses.
@@ -125,7 +125,7 @@ mod tests {
 
     use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
     use super::*;
-    use crate::receive::transport::Event;
+    use plumbline_stream::transport::Event;
 
     fn bad(findings: &mut Findings, error: PacketError, count: usize) {
         for _ in 0..count {

@@ -4,8 +4,8 @@ use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
-use crate::power::PowerSeen;
 use plumbline_files::counting::counted;
+use plumbline_stream::power::PowerSeen;
 
 /// The program of which these checks know.
 const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));
@@ -183,7 +183,7 @@ mod tests {
 
     use super::super::super::fixture::{assert_says, check, health, healthy, hello};
     use super::*;
-    use crate::receive::transport::Event;
+    use plumbline_stream::transport::Event;
 
     fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
         let mut findings = healthy();

@@ -4,19 +4,17 @@
 //! and every question may be put twice without harm; a document's missing bytes are asked for
 //! until all are there and its checksum agrees. Nothing here waits without a limit.
 
-use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
 
-use clap::Args;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
     Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply,
     ReplyOutcome,
 };
 
-use crate::receive::complaints::Complaints;
-use crate::receive::others::{self, Others, is_same_box};
-use crate::receive::transport::{Event, Serial, Transport, Udp};
+use crate::complaints::Complaints;
+use crate::others::{self, Others, is_same_box};
+use crate::transport::{Event, Transport};
 use plumbline_files::BadInput;
 
 mod download;
@@ -57,56 +55,6 @@ const TRIES: usize = 6;
 /// A document is given up when this many requests for it bring nothing.
 const BARREN_MAX: usize = 6;
 
-/// How to reach a box: it sends to this computer, and answers where it is asked.
-#[derive(Debug, Clone, Args)]
-pub struct LinkArguments {
-    /// Listen for the box's datagrams at this address and port [default: 0.0.0.0:4210]
-    #[arg(long, value_name = "ADDRESS:PORT", value_parser = address, conflicts_with = "serial")]
-    pub udp: Option<SocketAddr>,
-
-    /// Listen on this serial device of this computer
-    #[arg(long, value_name = "DEVICE")]
-    pub serial: Option<String>,
-
-    /// Bits per second of the serial device
-    #[arg(long, value_name = "RATE", default_value_t = BAUD, requires = "serial")]
-    pub baud: u32,
-}
-
-/// An address to listen at, as an option has it.
-///
-/// # Errors
-/// What to give instead.
-pub fn address(text: &str) -> Result<SocketAddr, String> {
-    text.parse().map_err(|_| {
-        "give a numeric address and a port: 0.0.0.0:4210 listens at all addresses".to_owned()
-    })
-}
-
-impl LinkArguments {
-    /// Opens the socket or the line; and how to call it.
-    ///
-    /// # Errors
-    /// When it cannot be opened.
-    pub fn transport(&self) -> Result<(Box<dyn Transport>, String), BadInput> {
-        if let Some(path) = &self.serial {
-            return Ok((Box::new(Serial::open(path, self.baud)?), path.clone()));
-        }
-        let address = self.udp.unwrap_or((Ipv4Addr::UNSPECIFIED, PORT).into());
-        Ok((Box::new(Udp::bind(address)?), format!("UDP {address}")))
-    }
-
-    /// Opens it to talk to the box.
-    ///
-    /// # Errors
-    /// When it cannot be opened.
-    pub fn open(&self) -> Result<BoxLink, BadInput> {
-        let (transport, place) = self.transport()?;
-        let kind = if self.serial.is_some() { LinkKind::Serial } else { LinkKind::Udp };
-        Ok(BoxLink { transport, place, kind, questions: 0, heard: None, others: Others::default() })
-    }
-}
-
 /// What a box says of itself.
 #[derive(Debug)]
 pub enum Introduction {
@@ -134,6 +82,12 @@ pub fn is_of_box(message: &Message) -> bool {
 }
 
 impl BoxLink {
+    /// Over this transport, which `place` names in messages.
+    #[must_use]
+    pub fn new(transport: Box<dyn Transport>, place: String, kind: LinkKind) -> Self {
+        Self { transport, place, kind, questions: 0, heard: None, others: Others::default() }
+    }
+
     /// How to call it.
     #[must_use]
     pub fn place(&self) -> &str {

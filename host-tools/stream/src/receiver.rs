@@ -11,13 +11,13 @@ use plumbline::packet::{
 };
 use plumbline::target::Role;
 
-use super::accounting::{Accounting, Arrival, Counts};
-use super::bad_packets::BadPackets;
-use super::complaints;
-use super::others::{self, Others, is_same_box};
-use super::recorder::{Names, Recorder};
-use super::transport::Event;
+use crate::accounting::{Accounting, Arrival, Counts};
+use crate::bad_packets::BadPackets;
+use crate::complaints;
+use crate::others::{self, Others, is_same_box};
 use crate::power::PowerSeen;
+use crate::recorder::{Names, Recorder};
+use crate::transport::Event;
 use plumbline_files::BadInput;
 
 /// Rows wait for the targets' names no longer than this: whatever ends the

@@ -3,7 +3,7 @@ mod power;
 mod serial;
 
 use std::io::Write;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::thread;
 
 use plumbline::packet::{
@@ -14,8 +14,9 @@ use plumbline::packet::{
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 
-use super::transport::{Serial, Udp};
 use super::*;
+use crate::recorder::Recorder;
+use crate::transport::{Serial, Udp};
 use plumbline_files::poses;
 
 const HEADER: &str = "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,\
@@ -166,8 +167,6 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
     assert_eq!((rows[0].frame, rows[13].frame, rows[0].z_mm), (0, 8, Some(1000.06)));
     assert_eq!(receiver.shares()["shoulder"].poses, 7);
     assert_eq!(receiver.shares()["lumbar"].poses, 0);
-    let summary = screen::summary(&receiver);
-    assert!(summary.contains("2 (22.22 %)"), "{summary}");
 }
 
 #[test]
@@ -206,13 +205,13 @@ fn names_are_asked_for_and_rows_wait_for_them() {
 fn rows_wait_less_than_a_second_and_then_bear_the_role() {
     let (mut receiver, csv) = receiver();
     let start = Instant::now();
-    receiver.handle(transport::Event::Message(pose(0)), start).unwrap();
+    receiver.handle(Event::Message(pose(0)), start).unwrap();
     receiver.tick(start + Duration::from_millis(800)).unwrap();
     assert_eq!(rows(&csv.text()), []);
     receiver.tick(start + Duration::from_millis(1000)).unwrap();
     // A Hello that comes now does not change a name within the session.
-    receiver.handle(transport::Event::Message(hello(1)), start).unwrap();
-    receiver.handle(transport::Event::Message(pose(1)), start).unwrap();
+    receiver.handle(Event::Message(hello(1)), start).unwrap();
+    receiver.handle(Event::Message(pose(1)), start).unwrap();
     let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
     assert_eq!(targets, ["upper", "lower", "upper", "lower"]);
 }
@@ -223,7 +222,7 @@ fn a_restart_begins_a_session_and_times_go_on() {
     let start = Instant::now();
     let mut at = |seconds: f64, message: Message| {
         let now = start + Duration::from_secs_f64(seconds);
-        receiver.handle(transport::Event::Message(message), now).unwrap();
+        receiver.handle(Event::Message(message), now).unwrap();
         receiver.tick(now).unwrap();
     };
     at(0.0, hello(1));
@@ -265,55 +264,15 @@ fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
     })
 }
 
-fn log(uptime_ms: u64, text: &str) -> Message {
-    Message::Log(Log {
-        uptime_ms,
-        level: LogLevel::Error,
-        target: "camera".try_into().unwrap(),
-        text: text.try_into().unwrap(),
-        cut: 0,
-    })
-}
-
 /// Hands over the messages, the first at `start` and each 0.1 s after the one before;
 /// gives the time of the last.
 fn take(receiver: &mut Receiver<Shared>, start: Instant, messages: &[Message]) -> Instant {
     let mut now = start;
     for (index, message) in (0..).zip(messages) {
         now = start + Duration::from_millis(100) * index;
-        receiver.handle(transport::Event::Message(message.clone()), now).unwrap();
+        receiver.handle(Event::Message(message.clone()), now).unwrap();
     }
     now
-}
-
-#[test]
-fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
-    let (mut receiver, _) = receiver();
-    let start = Instant::now();
-    let error = screen::no_pose(&receiver, "UDP".into(), start).to_string();
-    assert!(error.contains("check that the box is on"), "{error}");
-
-    let why = log(41_000, "camera: cannot be opened");
-    let lost = health(CameraState::Lost, 42_000, 0);
-    let now = take(&mut receiver, start, &[lost.clone(), hello(1), why.clone(), lost, why]);
-    let status = screen::status(&receiver, "UDP", now);
-    assert!(status.contains("the box is heard, no pose yet, camera lost: "), "{status}");
-    assert!(status.contains("no frame since the box's start 42 s ago"), "{status}");
-    let error = screen::no_pose(&receiver, "UDP".into(), now).to_string();
-    assert!(
-        error.contains("it says: camera: cannot be opened; check the camera's plug"),
-        "{error}"
-    );
-    let summary = screen::summary(&receiver);
-    assert!(summary.contains("never gave a frame"), "{summary}");
-    // The box repeats it for those who have not heard it.
-    assert_eq!(receiver.take_notices(), ["box ERROR camera: camera: cannot be opened"]);
-
-    // A box that refuses its configuration has no Health.
-    let (mut receiver, _) = self::receiver();
-    take(&mut receiver, start, &[log(10, "configuration refused: checksum")]);
-    let error = screen::no_pose(&receiver, "UDP".into(), now).to_string();
-    assert!(error.contains("configuration refused: checksum; mend what"), "{error}");
 }
 
 #[test]
@@ -334,40 +293,12 @@ fn set_up_mode_is_said_when_it_begins_and_when_it_is_over() {
 }
 
 #[test]
-fn an_old_pose_is_not_shown_as_the_latest() {
-    let (mut receiver, _) = receiver();
-    let start = Instant::now();
-    let running = health(CameraState::Running, 5000, 2);
-    let now = take(&mut receiver, start, &[hello(1), pose(0), pose(1), running]);
-    assert!(screen::status(&receiver, "UDP", now).contains("shoulder"));
-
-    let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
-    let later = now + Duration::from_secs(3);
-    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
-    assert_eq!(receiver.unheard(later), None);
-    let status = screen::status(&receiver, "UDP", later);
-    assert!(status.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{status}");
-    assert!(!status.contains("shoulder"), "{status}");
-    let summary = screen::summary(&receiver);
-    assert!(summary.contains("lost 1 time, absent at the end"), "{summary}");
-
-    // Whoever begins to listen now does not know since when.
-    let (mut receiver, _) = self::receiver();
-    take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
-    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
-    let status = screen::status(&receiver, "UDP", later);
-    assert!(status.ends_with("camera lost for more than 3 s"), "{status}");
-}
-
-#[test]
 fn a_box_that_fell_silent_is_not_said_to_run() {
     let (mut receiver, _) = receiver();
     let running = health(CameraState::Running, 5000, 2);
     let now = take(&mut receiver, Instant::now(), &[hello(1), pose(0), running]);
     let later = now + Duration::from_secs(7);
     assert_eq!(receiver.unheard(later), Some(Duration::from_secs(7)));
-    let status = screen::status(&receiver, "UDP", later);
-    assert!(status.starts_with("the box is not heard any more, for 7 s; 1 frame,"), "{status}");
     // One whose recording is over has said so.
     take(&mut receiver, now, &[health(CameraState::Ended, 5100, 2)]);
     assert_eq!(receiver.unheard(later), None);
@@ -383,19 +314,13 @@ fn frames_belong_to_the_box_that_sent_them() {
     let now = take(&mut receiver, start, &[hello(1), pose(0), pose(1), other]);
     // It has started anew, without a camera: what the one before has measured is over.
     let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
-    let status = screen::status(&receiver, "UDP", now);
-    assert!(status.contains("camera lost: no frame since the box's start 3 s ago"), "{status}");
-    assert!(!status.contains("shoulder"), "{status}");
+    assert!(receiver.latest(now).is_none());
     assert_eq!(receiver.counts().sessions, 2);
-    let summary = screen::summary(&receiver);
-    for row in ["ward 3 (PL-0001), 0.1.0, configuration 00000007: 2 frames", "ward 4", ": 0 frames"]
-    {
-        assert!(summary.contains(row), "{row}: {summary}");
-    }
     // The same box once more, with frames.
     take(&mut receiver, now, &[hello(3), pose(0)]);
     assert_eq!(receiver.counts().sessions, 3);
-    assert!(screen::summary(&receiver).contains("00000007: 3 frames"));
+    let frames: Vec<u64> = receiver.runs().iter().map(|run| run.frames).collect();
+    assert_eq!(frames, [2, 0, 1]);
     let sessions: Vec<_> = rows(&csv.text()).iter().step_by(2).map(|row| row.2).collect();
     assert_eq!(sessions, [1, 1, 3]);
 }
@@ -407,7 +332,7 @@ fn the_rate_is_that_of_the_periods() {
         let (mut receiver, _) = receiver();
         let at = |sequence: u32| start + Duration::from_secs_f64(f64::from(sequence) / rate_hz);
         for sequence in 0..sequences {
-            receiver.handle(transport::Event::Message(pose(sequence)), at(sequence)).unwrap();
+            receiver.handle(Event::Message(pose(sequence)), at(sequence)).unwrap();
         }
         // Whenever between two packets it is looked at.
         for after_ms in [0, 5, 15] {
@@ -435,9 +360,9 @@ fn other_programs_packets_are_counted_apart() {
         PacketError::Short,
         PacketError::Fragment,
     ] {
-        receiver.handle(transport::Event::Bad(error), Instant::now()).unwrap();
+        receiver.handle(Event::Bad(error), Instant::now()).unwrap();
     }
-    let wanted = bad_packets::BadPackets {
+    let wanted = crate::bad_packets::BadPackets {
         corrupt: 4,
         fragments: 1,
         other_version: 2,
@@ -451,29 +376,15 @@ fn other_programs_packets_are_counted_apart() {
 }
 
 #[test]
-fn an_old_recording_is_kept_unless_forced() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("poses.csv");
-    std::fs::write(&path, "precious").unwrap();
-    let error = files::create(&path, false).unwrap_err();
-    assert!(error.to_string().contains("--force"), "{error}");
-    assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
-    files::create(&path, true).unwrap();
-    assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
-    let error = files::create(&directory.path().join("no/poses.csv"), false).unwrap_err();
-    assert!(error.found.contains("no such directory"), "{error}");
-}
-
-#[test]
 fn a_recording_of_nothing_is_no_file() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("poses.csv");
     let read = || std::fs::read_to_string(&path).ok();
     let hear = |messages: &[Message]| {
-        let file = files::Late::new(&path, true).unwrap();
+        let file = plumbline_files::Late::new(&path, true).unwrap();
         let mut receiver = Receiver::new(Some(Recorder::new(file, "poses.csv")));
         for message in messages {
-            receiver.handle(transport::Event::Message(message.clone()), Instant::now()).unwrap();
+            receiver.handle(Event::Message(message.clone()), Instant::now()).unwrap();
         }
         receiver.finish().unwrap();
     };
@@ -488,11 +399,12 @@ fn a_recording_of_nothing_is_no_file() {
     assert!(csv.starts_with(HEADER) && rows(&csv).len() == 2, "{csv}");
 
     // What is in the way is said before anything comes.
-    let error = files::Late::new(&path, false).unwrap_err();
+    let error = plumbline_files::Late::new(&path, false).unwrap_err();
     assert!(error.to_string().contains("--force"), "{error}");
     assert_eq!(read().unwrap(), csv);
-    files::Late::new(directory.path(), true).unwrap_err();
-    let error = files::Late::new(&directory.path().join("no/poses.csv"), true).unwrap_err();
+    plumbline_files::Late::new(directory.path(), true).unwrap_err();
+    let error =
+        plumbline_files::Late::new(&directory.path().join("no/poses.csv"), true).unwrap_err();
     assert!(error.found.contains("no such directory"), "{error}");
 }
 
@@ -525,7 +437,7 @@ impl Write for Full {
 #[test]
 fn a_full_disk_ends_the_recording_with_a_reason() {
     let mut receiver = Receiver::new(Some(Recorder::new(Full, "poses.csv")));
-    let mut hear = |message| receiver.handle(transport::Event::Message(message), Instant::now());
+    let mut hear = |message| receiver.handle(Event::Message(message), Instant::now());
     hear(hello(1)).unwrap();
     let error = hear(pose(0)).unwrap_err();
     assert_eq!(error.remedy, "make room on the disk");

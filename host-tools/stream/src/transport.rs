@@ -10,7 +10,7 @@ use plumbline::packet::{
     decode_datagram, encode_datagram, encode_frame,
 };
 
-use super::others::is_same_box;
+use crate::others::is_same_box;
 use plumbline_files::BadInput;
 
 /// A wait for bytes ends at least this often, so that Ctrl-C is heard.

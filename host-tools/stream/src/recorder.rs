@@ -49,7 +49,7 @@ impl Names {
 
 /// One clock for all sessions.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct SessionClock {
+pub struct SessionClock {
     /// When the first packet of all came.
     first_arrival: Option<Instant>,
     /// Capture time and `time_s` of the first packet of the current session.
@@ -58,14 +58,14 @@ pub(crate) struct SessionClock {
 
 impl SessionClock {
     /// The packet of this capture time is the first of a session.
-    pub(crate) fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
+    pub fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
         let first = *self.first_arrival.get_or_insert(arrival);
         let since_s = arrival.saturating_duration_since(first).as_secs_f64();
         self.session_start = Some((capture_time_ns, since_s));
     }
 
     /// Seconds since the first packet of all.
-    pub(crate) fn time_s(&self, capture_time_ns: u64) -> f64 {
+    pub fn time_s(&self, capture_time_ns: u64) -> f64 {
         let (start_ns, start_s) = self.session_start.unwrap_or((capture_time_ns, 0.0));
         // A packet that was overtaken can be older than the session's first.
         let since_ns = i128::from(capture_time_ns) - i128::from(start_ns);

@@ -10,8 +10,8 @@ use std::thread;
 
 use plumbline::packet::{Deframer, PacketError};
 
-use super::super::transport::{Raw, Serial};
 use super::*;
+use crate::transport::{self, Raw, Serial};
 
 #[cfg(unix)]
 #[test]
@@ -134,7 +134,7 @@ fn a_line_that_vanishes_is_waited_for() {
     assert_eq!(receiver.line_losses(), 1);
     assert_eq!((receiver.counts().received, receiver.counts().lost), (3, 1));
     // The half frame was forgotten with its line.
-    assert_eq!(receiver.bad(), bad_packets::BadPackets::default());
+    assert_eq!(receiver.bad(), crate::bad_packets::BadPackets::default());
     assert_eq!(rows(&csv.text()).len(), 6);
     let times: Vec<_> = seen.try_iter().collect();
     let waits: Vec<_> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -38,7 +38,7 @@ impl PowerSeen {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doctor::fixture::health;
+    use crate::fixture::health;
 
     #[test]
     fn each_fault_is_news_once_and_stays_known() {

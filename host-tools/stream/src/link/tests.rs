@@ -4,7 +4,7 @@ use std::rc::Rc;
 use plumbline::packet::LogLevel;
 
 use super::*;
-use crate::doctor::fixture;
+use crate::fixture;
 
 /// What a played box has got, each with whether the way to it was held then.
 type Got = Rc<RefCell<Vec<(Message, bool)>>>;

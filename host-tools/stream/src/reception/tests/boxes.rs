@@ -58,7 +58,7 @@ impl Senders {
         from.send_to(&datagram(message), ("127.0.0.1", self.port)).unwrap();
         let mut heard = None;
         while heard.is_none() {
-            let mut take = |event| heard = Some(matches!(event, transport::Event::Message(_)));
+            let mut take = |event| heard = Some(matches!(event, Event::Message(_)));
             self.udp.poll(&mut take).unwrap();
         }
         heard.unwrap()
@@ -106,7 +106,7 @@ fn a_silent_box_leaves_its_place_to_another_unless_it_is_held() {
 fn another_box_on_the_same_port_is_not_said_to_be_the_same_anew() {
     let (mut receiver, _) = receiver();
     for message in [hello(1), hello(2), hello_of("ward 4", 3)] {
-        receiver.handle(transport::Event::Message(message), Instant::now()).unwrap();
+        receiver.handle(Event::Message(message), Instant::now()).unwrap();
     }
     let notices = receiver.take_notices();
     let [anew, another] = &notices[..] else { panic!("{notices:?}") };

@@ -1,0 +1,148 @@
+//! The words for a reception.
+
+use plumbline::packet::{CameraState, Health, Log, LogLevel, Message};
+use plumbline_stream::fixture;
+use plumbline_stream::transport::Event;
+
+use super::*;
+
+type Heard = Receiver<Vec<u8>>;
+
+fn pose(sequence: u32) -> Message {
+    Message::Pose(fixture::pose_packet(sequence))
+}
+
+fn hello(device: &str, boot_id: u32) -> Message {
+    let hello = fixture::hello(&fixture::config());
+    let device = device.try_into().unwrap();
+    Message::Hello(Hello { device, boot_id, config_crc: 7, ..hello })
+}
+
+fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
+    let camera_losses = u32::from(frames > 0 && camera == CameraState::Lost);
+    Message::Health(Health { camera, uptime_ms, frames, camera_losses, ..fixture::health() })
+}
+
+fn log(uptime_ms: u64, text: &str) -> Message {
+    let (target, text) = ("camera".try_into().unwrap(), text.try_into().unwrap());
+    Message::Log(Log { uptime_ms, level: LogLevel::Error, target, text, cut: 0 })
+}
+
+/// Hands over the messages, the first at `start` and each 0.1 s after the one before;
+/// gives the time of the last.
+fn take(receiver: &mut Heard, start: Instant, messages: &[Message]) -> Instant {
+    let mut now = start;
+    for (index, message) in (0..).zip(messages) {
+        now = start + Duration::from_millis(100) * index;
+        receiver.handle(Event::Message(message.clone()), now).unwrap();
+    }
+    now
+}
+
+#[test]
+fn lost_frames_are_a_share_of_all() {
+    let mut receiver = Heard::new(None);
+    take(&mut receiver, Instant::now(), &[0, 1, 2, 4, 5, 6, 8].map(pose));
+    let words = summary(&receiver);
+    assert!(words.contains("2 (22.22 %)"), "{words}");
+}
+
+#[test]
+fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
+    let mut receiver = Heard::new(None);
+    let start = Instant::now();
+    let error = no_pose(&receiver, "UDP".into(), start).to_string();
+    assert!(error.contains("check that the box is on"), "{error}");
+
+    let why = log(41_000, "camera: cannot be opened");
+    let lost = health(CameraState::Lost, 42_000, 0);
+    let now =
+        take(&mut receiver, start, &[lost.clone(), hello("ward 3", 1), why.clone(), lost, why]);
+    let words = status(&receiver, "UDP", now);
+    assert!(words.contains("the box is heard, no pose yet, camera lost: "), "{words}");
+    assert!(words.contains("no frame since the box's start 42 s ago"), "{words}");
+    let error = no_pose(&receiver, "UDP".into(), now).to_string();
+    assert!(
+        error.contains("it says: camera: cannot be opened; check the camera's plug"),
+        "{error}"
+    );
+    let words = summary(&receiver);
+    assert!(words.contains("never gave a frame"), "{words}");
+    // The box repeats it for those who have not heard it.
+    assert_eq!(receiver.take_notices(), ["box ERROR camera: camera: cannot be opened"]);
+
+    // A box that refuses its configuration has no Health.
+    let mut receiver = Heard::new(None);
+    take(&mut receiver, start, &[log(10, "configuration refused: checksum")]);
+    let error = no_pose(&receiver, "UDP".into(), now).to_string();
+    assert!(error.contains("configuration refused: checksum; mend what"), "{error}");
+}
+
+#[test]
+fn an_old_pose_is_not_shown_as_the_latest() {
+    let mut receiver = Heard::new(None);
+    let start = Instant::now();
+    let running = health(CameraState::Running, 5000, 2);
+    let now = take(&mut receiver, start, &[hello("ward 3", 1), pose(0), pose(1), running]);
+    assert!(status(&receiver, "UDP", now).contains("shoulder"));
+
+    let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
+    let later = now + Duration::from_secs(3);
+    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
+    assert_eq!(receiver.unheard(later), None);
+    let words = status(&receiver, "UDP", later);
+    assert!(words.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{words}");
+    assert!(!words.contains("shoulder"), "{words}");
+    let words = summary(&receiver);
+    assert!(words.contains("lost 1 time, absent at the end"), "{words}");
+
+    // Whoever begins to listen now does not know since when.
+    let mut receiver = Heard::new(None);
+    take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
+    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
+    let words = status(&receiver, "UDP", later);
+    assert!(words.ends_with("camera lost for more than 3 s"), "{words}");
+}
+
+#[test]
+fn a_box_that_fell_silent_is_not_said_to_run() {
+    let mut receiver = Heard::new(None);
+    let running = health(CameraState::Running, 5000, 2);
+    let now = take(&mut receiver, Instant::now(), &[hello("ward 3", 1), pose(0), running]);
+    let words = status(&receiver, "UDP", now + Duration::from_secs(7));
+    assert!(words.starts_with("the box is not heard any more, for 7 s; 1 frame,"), "{words}");
+}
+
+#[test]
+fn frames_belong_to_the_box_that_sent_them() {
+    let mut receiver = Heard::new(None);
+    let first = [hello("ward 3", 1), pose(0), pose(1), hello("ward 4", 2)];
+    let now = take(&mut receiver, Instant::now(), &first);
+    // It has started anew, without a camera: what the one before has measured is over.
+    let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
+    let words = status(&receiver, "UDP", now);
+    assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");
+    assert!(!words.contains("shoulder"), "{words}");
+    let firmware = fixture::hello(&fixture::config()).firmware;
+    let known = format!("ward 3 (PL-0001), {firmware}, configuration 00000007: ");
+    let words = summary(&receiver);
+    for row in [format!("{known}2 frames"), "ward 4".to_owned(), ": 0 frames".to_owned()] {
+        assert!(words.contains(&row), "{row}: {words}");
+    }
+    // The same box once more, with frames.
+    take(&mut receiver, now, &[hello("ward 3", 3), pose(0)]);
+    assert!(summary(&receiver).contains(&format!("{known}3 frames")));
+}
+
+#[test]
+fn what_was_wrong_with_the_power_is_in_the_summary() {
+    let mut receiver = Heard::new(None);
+    let power = |undervoltage, throttled| {
+        Message::Health(Health { undervoltage, throttled, ..fixture::health() })
+    };
+    let now = take(&mut receiver, Instant::now(), &[power(Some(false), Some(false))]);
+    assert!(!summary(&receiver).contains("too weak"));
+    take(&mut receiver, now, &[power(Some(true), Some(false)), power(Some(false), Some(true))]);
+    let words = summary(&receiver);
+    assert!(words.contains("too weak") && words.contains("slowed down"), "{words}");
+}

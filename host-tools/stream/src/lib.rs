@@ -1,0 +1,26 @@
+//! A box's packets on this computer.
+//!
+//! ```text
+//! socket, serial line ─▶ transport ─▶ accounting: new, late, repeated, lost, a new start
+//!                            │     └▶ receiver: what is known of the box now ─▶ recorder: rows
+//!                            ▼
+//!                          link: questions, answers, documents in parts
+//! ```
+//!
+//! [`reception`] runs the upper way until a limit is reached; [`link`] is the lower one.
+//! [`clock`] relates the box's clock to this computer's. Apart from what waits for packets,
+//! nothing here reads a clock: the time is an argument.
+
+pub mod accounting;
+pub mod bad_packets;
+pub mod clock;
+pub mod complaints;
+#[cfg(any(test, feature = "fixture"))]
+pub mod fixture;
+pub mod link;
+pub mod others;
+pub mod power;
+pub mod receiver;
+pub mod reception;
+pub mod recorder;
+pub mod transport;

@@ -1,0 +1,94 @@
+//! Receiving until a limit is reached: packets to the [`Receiver`] and to whoever follows beside
+//! it, their questions to the box.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use plumbline::packet::Message;
+use plumbline_files::BadInput;
+
+use crate::receiver::Receiver;
+use crate::transport::{Event, Transport};
+
+/// When a reception ends by itself.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Limits {
+    /// After this time.
+    pub duration: Option<Duration>,
+    /// After this many different pose packets.
+    pub frames: Option<u64>,
+}
+
+/// Who follows a reception beside its [`Receiver`].
+pub trait Tap {
+    /// Something came.
+    ///
+    /// # Errors
+    /// When the reception cannot go on.
+    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput>;
+
+    /// Time passes, whether or not something comes; a question that the box should get.
+    ///
+    /// # Errors
+    /// When the reception cannot go on.
+    fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput>;
+}
+
+/// Nobody.
+impl Tap for () {
+    fn event(&mut self, _: &Event, _: Instant) -> Result<(), BadInput> {
+        Ok(())
+    }
+
+    fn turn(&mut self, _: Instant) -> Result<Option<Message>, BadInput> {
+        Ok(None)
+    }
+}
+
+/// Receives until a limit is reached or `stop` is set. `show` is called after
+/// every packet, and ten times a second when none comes. `tap` sees everything first.
+///
+/// # Errors
+/// When the transport or the recording cannot go on. What was received before
+/// is in the recording.
+pub fn receive<W: std::io::Write>(
+    transport: &mut dyn Transport,
+    receiver: &mut Receiver<W>,
+    tap: &mut dyn Tap,
+    limits: Limits,
+    stop: &AtomicBool,
+    mut show: impl FnMut(&mut Receiver<W>),
+) -> Result<(), BadInput> {
+    let start = Instant::now();
+    let reached = |receiver: &Receiver<W>| {
+        limits.frames.is_some_and(|frames| receiver.counts().received >= frames)
+    };
+    let result = loop {
+        let over = limits.duration.is_some_and(|duration| start.elapsed() >= duration);
+        if stop.load(Ordering::Relaxed) || over || reached(receiver) {
+            break Ok(());
+        }
+        let mut handled = Ok(());
+        let polled = transport.poll(&mut |event| {
+            // The rest of one read belongs to the next recording, if any.
+            if handled.is_ok() && !reached(receiver) {
+                let now = Instant::now();
+                handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
+            }
+        });
+        let result = handled.and(polled).and_then(|()| receiver.tick(Instant::now()));
+        let question = match result.and_then(|()| tap.turn(Instant::now())) {
+            Ok(question) => question,
+            Err(error) => break Err(error),
+        };
+        for question in [receiver.request(), question].into_iter().flatten() {
+            transport.send(&question);
+        }
+        show(receiver);
+    };
+    // Rows that still wait for the targets' names.
+    result.and(receiver.finish())
+}
+
+#[cfg(test)]
+mod tests;
