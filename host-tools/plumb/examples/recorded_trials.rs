@@ -18,10 +18,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use nalgebra::{Matrix6, Vector6};
-use plumb::trial::journal::{Content, Entry, Writer};
-use plumb::trial::manifest::{Manifest, State, Zero};
-use plumb::trial::mark::{Mark, Source};
-use plumb::trial::{Trial, names, recording};
 use plumbline::config::BLOB_BYTES_MAX;
 use plumbline::measure::Measurement;
 use plumbline::packet::{
@@ -33,6 +29,10 @@ use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Entry, Writer};
+use plumbline_trial::manifest::{Manifest, State, Zero};
+use plumbline_trial::mark::{Mark, Source};
+use plumbline_trial::{Trial, names, recording};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -58,6 +58,9 @@ const WAY_NS: u64 = 300_000;
 /// target's axes (rad), then x, y and z in the camera frame (mm).
 const POSE_SD: [f64; 6] = [1.2e-4, 1.1e-4, 3e-5, 0.001, 0.003, 0.013];
 
+/// The day on which they are said to be recorded.
+const STARTED: &str = "2026-01-01T00:00:00Z";
+
 fn main() -> Result<()> {
     let out = std::env::args_os().nth(1).context("name a folder that does not exist yet")?;
     let out = PathBuf::from(out);
@@ -69,6 +72,7 @@ fn main() -> Result<()> {
             let code = format!("P{participant:02}");
             let name = format!("p{participant:02}-{condition}");
             let manifest = Manifest::begin(
+                STARTED.to_owned(),
                 Some(code.clone()),
                 Some((*condition).to_owned()),
                 None,
@@ -86,7 +90,7 @@ fn main() -> Result<()> {
     }
     fs::write(out.join("trials.toml"), trials)?;
     fs::write(out.join("tables.toml"), tables)?;
-    let manifest = Manifest::begin(None, None, None, Zero::Mark);
+    let manifest = Manifest::begin(STARTED.to_owned(), None, None, None, Zero::Mark);
     write(&out.join("hour"), &manifest, 3600, 1)?;
     Ok(())
 }

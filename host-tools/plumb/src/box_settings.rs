@@ -34,10 +34,9 @@ use std::path::Path;
 use plumbline::config::{
     Capture, CaptureDriver, Config, Links, Machine, MachineError, Network, PixelFormat, SerialLink,
 };
-use serde::{Deserialize, Serialize};
-
 use plumbline_files::BadInput;
 use plumbline_files::{from_toml, read_text};
+use serde::{Deserialize, Serialize};
 
 const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial), [network] (address, gateway) and [machine] (realtime_priority, cpu, watchdog_s)";
 

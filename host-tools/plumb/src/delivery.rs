@@ -4,12 +4,12 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{Config, Links, SerialLink};
 use plumbline::packet::{Action, Hello, LinkKind, Message, Refusal, ReplyOutcome};
-
-use crate::waiting::Waiting;
 use plumbline_files::BadInput;
 use plumbline_stream::complaints::Complaints;
 use plumbline_stream::link::{BoxLink, Introduction};
 use plumbline_stream::others;
+
+use crate::waiting::Waiting;
 
 /// The slowest box boots in less, its watchdog's patience included.
 const RESTARTED_WITHIN: Duration = Duration::from_secs(60);

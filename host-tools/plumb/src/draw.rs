@@ -18,7 +18,6 @@ use plumbline::lens::Lens;
 use plumbline::packet::{MeasuredPose, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::{NoPose, Report, TargetState};
-
 use plumbline_files::camera::is_stand_in;
 use plumbline_files::frames::{Frame, Pixels};
 

@@ -6,9 +6,9 @@ use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
 use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
+use plumbline_files::BadInput;
 
 use crate::palette::{FONT, GRID, INK};
-use plumbline_files::BadInput;
 
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub type Chart<'a, 'b, A = RangedCoordf64> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<A, A>>;

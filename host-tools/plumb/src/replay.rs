@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, encode_datagram};
-
-use crate::receive::stop_on_signals;
-use crate::trial::journal::{Content, Entry, Reader};
-use crate::trial::{Trial, names, recording};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Entry, Reader};
+use plumbline_trial::{Trial, names, recording};
+
+use crate::receive::stop_on_signals;
 
 /// Send a recorded trial's packets once more, or make its tables anew.
 ///

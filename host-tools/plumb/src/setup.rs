@@ -6,7 +6,6 @@ use plumbline::config::{Config, ConfigError, Links, Machine, NO_LINK, TargetConf
 use plumbline::lens::Lens;
 use plumbline::pipeline::Pipeline;
 use plumbline::target::Role;
-
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera};
 use plumbline_files::frames::FrameSource;

@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
-
-use crate::box_settings::BoxSettings;
-use crate::delivery;
-use crate::link_arguments::LinkArguments;
-use crate::waiting::Waiting;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{Camera, Provenance};
 use plumbline_files::counting::counted;
 use plumbline_files::scene::SceneFile;
 use plumbline_files::{camera, scene, targets};
 use plumbline_stream::link::BoxLink;
+
+use crate::box_settings::BoxSettings;
+use crate::delivery;
+use crate::link_arguments::LinkArguments;
+use crate::waiting::Waiting;
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
 ///

@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 
 use plumbline::limits::NAME_BYTES_MAX;
 use plumbline::target::Role;
-
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
-use plumbline_stream::recorder::role_word;
-
 use plumbline_render::sheet::{self, Page, Paper};
+use plumbline_stream::recorder::role_word;
 
 /// The smallest square, mm. A printer's edges are off by up to 0.05 mm, already 2.5 % of it.
 const PITCH_MM_MIN: f64 = 2.0;

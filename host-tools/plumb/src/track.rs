@@ -13,14 +13,14 @@ use plumbline::image::GreyImage;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
-
-use crate::draw;
-use crate::setup::{self, Descriptions};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::frames::{Frame, FrameSource, Pixels};
 use plumbline_files::poses::{PoseRow, Writer};
 use plumbline_files::{camera, refuse_overwriting};
+
+use crate::draw;
+use crate::setup::{self, Descriptions};
 
 /// Track the targets in recorded frames and write their poses.
 ///

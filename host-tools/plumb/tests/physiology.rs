@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::process::Output;
 
-use plumb::trial::Trial;
+use plumbline_trial::Trial;
 use serde_json::Value;
 use tempfile::TempDir;
 use trial::Frame;

@@ -10,12 +10,12 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use plumb::trial::journal::{Content, Entry, Reader};
-use plumb::trial::manifest::State;
-use plumb::trial::{Trial, names};
 use plumbline::packet::{Deframer, Message, decode_datagram};
 use plumbline_files::poses;
 use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Entry, Reader};
+use plumbline_trial::manifest::State;
+use plumbline_trial::{Trial, names};
 use tempfile::TempDir;
 
 /// A test that waits this long has failed.

@@ -10,7 +10,6 @@ use plumbline::packet::{
 use plumbline::report::TargetState;
 use plumbline::target::Role;
 use plumbline::view::FrameView;
-
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// The period of its frames, 60 Hz.

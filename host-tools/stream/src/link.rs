@@ -11,11 +11,11 @@ use plumbline::packet::{
     Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply,
     ReplyOutcome,
 };
+use plumbline_files::BadInput;
 
 use crate::complaints::Complaints;
 use crate::others::{self, Others, is_same_box};
 use crate::transport::{Event, Transport};
-use plumbline_files::BadInput;
 
 mod download;
 

@@ -10,6 +10,7 @@ use plumbline::packet::{
     ResetReason,
 };
 use plumbline::target::Role;
+use plumbline_files::BadInput;
 
 use crate::accounting::{Accounting, Arrival, Counts};
 use crate::bad_packets::BadPackets;
@@ -18,7 +19,6 @@ use crate::others::{self, Others, is_same_box};
 use crate::power::PowerSeen;
 use crate::recorder::{Names, Recorder};
 use crate::transport::Event;
-use plumbline_files::BadInput;
 
 /// Rows wait for the targets' names no longer than this: whatever ends the
 /// program, no more than the last second is lost.
@@ -260,9 +260,8 @@ impl<W: Write> Receiver<W> {
 
     /// A message that the box should get: while the names are missing, the
     /// request for them.
-    pub fn request(&mut self) -> Option<Message> {
+    pub fn request(&mut self, now: Instant) -> Option<Message> {
         let since = self.held_since?;
-        let now = Instant::now();
         if self.asked.is_some_and(|asked| asked >= since && now - asked < REQUEST_EVERY) {
             return None;
         }

@@ -13,10 +13,9 @@ use std::time::Instant;
 
 use plumbline::packet::{AnatomicalPoint, Hello, PosePacket, TargetPacket};
 use plumbline::target::Role;
-use serde::Serialize;
-
 use plumbline_files::BadInput;
 use plumbline_files::poses::{self, PoseRow};
+use serde::Serialize;
 
 /// The word for a role, where a target's name is not known.
 #[must_use]

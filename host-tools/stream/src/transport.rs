@@ -9,9 +9,9 @@ use plumbline::packet::{
     DELIMITER, Deframer, FRAME_BYTES_MAX, Hello, Message, PACKET_BYTES_MAX, PacketError,
     decode_datagram, encode_datagram, encode_frame,
 };
+use plumbline_files::BadInput;
 
 use crate::others::is_same_box;
-use plumbline_files::BadInput;
 
 /// A wait for bytes ends at least this often, so that Ctrl-C is heard.
 pub const WAIT: Duration = Duration::from_millis(100);

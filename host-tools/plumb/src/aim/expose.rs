@@ -5,14 +5,14 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{Capture, CaptureDriver, Config};
 use plumbline::packet::{Hello, Refusal, View};
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_stream::link::BoxLink;
 
 use super::exposure::{Controller, Judged, Light, Setting, Step, Verdict};
 use super::session::{Exposed, Session};
 use super::{SilenceLines, Until, say};
 use crate::delivery::{self, Before};
-use plumbline_files::BadInput;
-use plumbline_files::counting::counted;
-use plumbline_stream::link::BoxLink;
 
 /// After a change the camera is opened anew, and some cameras take a few frames to follow.
 const SETTLED_AFTER: Duration = Duration::from_millis(500);

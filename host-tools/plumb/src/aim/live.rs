@@ -3,12 +3,13 @@
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
+use plumbline_files::BadInput;
+
 use super::reading::Reading;
 use super::session::{Session, silence_words};
 use super::stills::Stills;
 use super::terminal::{Graphics, Key, Line, Look, Screen, resized};
 use super::{Arguments, Until, Watch, annotated, decoded, say};
-use plumbline_files::BadInput;
 
 /// A new picture is asked for at most this often.
 const PICTURE_EVERY: Duration = Duration::from_millis(250);

@@ -13,12 +13,12 @@ use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use plumbline::packet::LinkKind;
+use plumbline_files::BadInput;
+use plumbline_files::targets;
 
 use crate::draw;
 use crate::link_arguments::LinkArguments;
 use crate::receive;
-use plumbline_files::BadInput;
-use plumbline_files::targets;
 
 mod ability;
 mod blocks;

@@ -5,12 +5,12 @@ use std::time::{Duration, Instant};
 
 use image::{ImageFormat, RgbImage};
 use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_files::BadInput;
 
 use super::session::{Progress, Session};
 use super::stills::Stills;
 use super::terminal::resized;
 use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
-use plumbline_files::BadInput;
 
 /// The numbers come this often.
 const LINES_EVERY: Duration = Duration::from_secs(1);

@@ -4,9 +4,9 @@ use plumbline::config::Config;
 use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
 use plumbline::report::TargetState;
 use plumbline::target::Role;
+use plumbline_files::camera;
 
 use crate::missing::Missing;
-use plumbline_files::camera;
 
 /// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is
 /// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.

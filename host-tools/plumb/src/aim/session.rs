@@ -12,11 +12,11 @@ use plumbline::packet::{
     AIM_S_MAX, Action, CameraState, Document, Health, Hello, LinkKind, Message, Picture,
     PosePacket, Refusal, Reply, ReplyOutcome, View, document_crc,
 };
+use plumbline_files::BadInput;
+use plumbline_stream::link::{BoxLink, Download, SILENT_AFTER, Stopped, is_of_box};
 
 use crate::link_arguments::LinkArguments;
 use crate::waiting::Waiting;
-use plumbline_files::BadInput;
-use plumbline_stream::link::{BoxLink, Download, SILENT_AFTER, Stopped, is_of_box};
 
 /// The mode is asked for so long: the box falls out of it soon when this program is gone.
 const MODE_S: u16 = 20;

@@ -6,19 +6,17 @@ use std::path::PathBuf;
 
 use clap::Args;
 use plumbline_analysis::sway::{self, Settings, Sway, density};
-use rayon::prelude::*;
-use serde::Serialize;
-
-use crate::positions::{Columns, Table, Unit};
-use crate::trial::manifest::{EventSeen, Zero};
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::write_all;
+use plumbline_trial::manifest::{EventSeen, Zero};
+use plumbline_trial::positions::{Columns, Table, Unit};
+use rayon::prelude::*;
+use serde::Serialize;
 
-pub mod points;
 pub mod tables;
 
-use points::{Point, Points};
+use plumbline_trial::points::{Point, Points};
 
 /// Window of the paper's filter.
 const FILTER_S: f64 = 0.5;

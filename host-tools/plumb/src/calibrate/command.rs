@@ -6,13 +6,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::lens::Distortion;
 use plumbline::nodes::points_mm;
 use plumbline::target::{Origin, Role, TargetGeometry};
-
-use super::verdict::{self, Concern};
-use super::{Calibration, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
 use plumbline_files::frames::{FrameSource, IMAGE_RATE_HZ, Pixels};
 use plumbline_files::{refuse_overwriting, targets};
+
+use super::verdict::{self, Concern};
+use super::{Calibration, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture, plot};
 
 /// Calibrate the camera from photographs of a checkerboard.
 ///

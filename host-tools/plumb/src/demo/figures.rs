@@ -9,9 +9,9 @@ use nalgebra::Vector3;
 use plumbline::packet::{AnatomicalPoint, PosePacket};
 use plumbline::target::Role;
 use plumbline_analysis::filter::SavitzkyGolay;
+use plumbline_render::simulate::Simulation;
 
 use super::Received;
-use plumbline_render::simulate::Simulation;
 
 /// The paper's filter: second order, half a second.
 const FILTER_S: f64 = 0.5;

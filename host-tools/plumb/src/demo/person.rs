@@ -3,10 +3,10 @@
 use std::io::{ErrorKind, Write};
 
 use anyhow::{Context, Result};
+use plumbline_render::simulate::Simulation;
 use rayon::prelude::*;
 
 use crate::simulate::ratio;
-use plumbline_render::simulate::Simulation;
 
 /// Frames rendered at a time, per core: enough to keep every core busy, few
 /// enough that the box gets frames in a steady stream.

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use plotters::prelude::*;
+use plumbline_files::BadInput;
 
 use super::figures::{Figures, TargetFigures, TrunkFigures};
 use crate::drawing::{Area, Drawn, chart, key, svg};
 use crate::palette::{BLUE, FONT, INK, ORANGE};
-use plumbline_files::BadInput;
 
 const SIZE_PX: (u32, u32) = (1080, 920);
 const PATHS_HEIGHT_PX: u32 = 560;

@@ -7,7 +7,6 @@ use plumbline::packet::{
 };
 use plumbline::report::NoPose;
 use plumbline::target::Role;
-
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_stream::accounting::{Accounting, Counts};

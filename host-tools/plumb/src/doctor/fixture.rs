@@ -2,6 +2,7 @@
 
 use plumbline::packet::Message;
 use plumbline_stream::clock::Exchange;
+
 pub use plumbline_stream::fixture::*;
 use plumbline_stream::transport::Event;
 

@@ -3,11 +3,11 @@
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{Action, LinkKind};
+use plumbline_files::BadInput;
+use plumbline_stream::link::{BoxLink, HEARD_WITHIN, Introduction};
 
 use super::findings::{Expected, Findings};
 use crate::waiting::Waiting;
-use plumbline_files::BadInput;
-use plumbline_stream::link::{BoxLink, HEARD_WITHIN, Introduction};
 
 /// Ten questions for the time a second, out of step with the frames of every usual camera: a
 /// box looks for questions between frames, and the soonest answer counts.

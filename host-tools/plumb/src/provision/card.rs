@@ -10,9 +10,9 @@ use fatfs::{Date, DateTime, FileSystem, FsOptions, Time, TimeProvider};
 use fscommon::StreamSlice;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::config::{FILE_NAME, NEW_FILE_NAME};
+use plumbline_files::BadInput;
 
 use super::identity::refuse_another_box;
-use plumbline_files::BadInput;
 
 const SECTOR_BYTES: usize = 512;
 

@@ -1,7 +1,8 @@
 //! Which box a configuration is for.
 
-use crate::box_settings;
 use plumbline_files::BadInput;
+
+use crate::box_settings;
 
 /// Checks that a configuration is for the box that is to get it: both by name and serial
 /// number. A box that was never named may get any.

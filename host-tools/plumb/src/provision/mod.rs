@@ -4,13 +4,13 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline_files::BadInput;
+use plumbline_files::refuse_overwriting;
 
 use crate::box_settings::{self, BoxSettings};
 use crate::delivery;
 use crate::link_arguments::LinkArguments;
 use crate::setup::{self, Descriptions, Places};
-use plumbline_files::BadInput;
-use plumbline_files::refuse_overwriting;
 
 mod card;
 mod identity;

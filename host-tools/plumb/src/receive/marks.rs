@@ -6,9 +6,9 @@ use std::net::{SocketAddr, UdpSocket};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::trial::mark::{Mark, MarkSender, Marks, Source, channel};
 use plumbline_files::BadInput;
 use plumbline_stream::link::BAUD;
+use plumbline_trial::mark::{Mark, MarkSender, Marks, Source, channel};
 
 /// A serial device says nothing for most of the time.
 const LINE_WAIT: Duration = Duration::from_secs(3600);

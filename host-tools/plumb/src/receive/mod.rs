@@ -1,6 +1,6 @@
 //! `plumb receive`: listens to a box, checks what it says, shows it and records it.
 
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,19 +8,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-
-use crate::link_arguments::LinkArguments;
-use crate::trial::manifest::{Manifest, Zero};
-use crate::trial::recording::Recording;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_stream::receiver::Receiver;
+use plumbline_stream::reception::{Limits, Tap, receive};
+use plumbline_stream::recorder::Recorder;
+use plumbline_trial::manifest::{Manifest, Zero};
+use plumbline_trial::mark::Mark;
+use plumbline_trial::recording::Recording;
+
+use crate::link_arguments::LinkArguments;
 
 mod marks;
 mod screen;
 
-use plumbline_stream::receiver::Receiver;
-use plumbline_stream::reception::{Limits, Tap, receive};
-use plumbline_stream::recorder::Recorder;
 use screen::Screen;
 
 /// Receive the poses of a box, show them and record them.
@@ -150,12 +151,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn begin(arguments: &Arguments, out: &Path) -> Result<Recording, BadInput> {
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
     let manifest = &Manifest::begin(
+        jiff::Timestamp::now().to_string(),
         arguments.participant.clone(),
         arguments.condition.clone(),
         arguments.note.clone(),
         arguments.zero,
     );
-    Recording::begin(out, manifest, marks)
+    Recording::begin(out, manifest, marks, Instant::now(), Box::new(echo))
+}
+
+/// A mark is in the recording.
+fn echo(mark: &Mark, since_s: f64) {
+    // In the place of the line that tells how it goes, which comes again below.
+    let start = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
+    eprintln!("{start}mark \"{}\" after {since_s:.1} s", mark.label);
 }
 
 /// Ends a recording, and says what is in it.

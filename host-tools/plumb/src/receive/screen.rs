@@ -7,9 +7,7 @@ use std::time::{Duration, Instant};
 
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
-
 use plumbline::packet::{CameraState, Hello};
-
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::receiver::Receiver;

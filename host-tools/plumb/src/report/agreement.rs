@@ -1,10 +1,10 @@
 //! How well a trial agrees with motion capture, as a part of its report.
 
 use maud::{Markup, html};
+use plumbline_files::BadInput;
 
 use super::page::{annotated, facts, figure};
 use crate::validate::{Validation, plot, print};
-use plumbline_files::BadInput;
 
 /// The section of a trial that was compared with a reference.
 ///

@@ -4,15 +4,15 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
-
-use crate::analyze::Method;
-use crate::analyze::points::Points;
-use crate::study::manifest;
-use crate::trial::Trial;
-use crate::trial::manifest::Zero;
-use crate::validate::Against;
 use plumbline_files::BadInput;
 use plumbline_files::{directory_of, write_all};
+use plumbline_trial::Trial;
+use plumbline_trial::manifest::Zero;
+use plumbline_trial::points::Points;
+
+use crate::analyze::Method;
+use crate::study::manifest;
+use crate::validate::Against;
 
 mod agreement;
 mod labels;

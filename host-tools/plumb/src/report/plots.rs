@@ -6,13 +6,13 @@ use plotters::prelude::*;
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::sway::spectrum::power_density;
+use plumbline_files::BadInput;
 
 use super::labels::{self, LANE_PX};
 use crate::drawing::{
     self, LABELS_PX, LETTER_PX, MARGIN_PX, chart, chart_of_decades, chart_of_levels, svg,
 };
 use crate::palette::{BLUE, FONT, GAP, GREEN, INK, ORANGE, PINK, SOFT, YELLOW};
-use plumbline_files::BadInput;
 
 /// The colours of the time bins, and of whatever else is side by side.
 const SERIES: [RGBColor; 5] = [BLUE, ORANGE, GREEN, PINK, YELLOW];

@@ -1,14 +1,14 @@
 //! The report of a study.
 
 use maud::{Markup, html};
+use plumbline_files::BadInput;
+use plumbline_trial::points::point_name;
 
 use super::page::{annotated, facts, figure, page, warnings};
 use super::plots::{self, Scale};
-use crate::analyze::points::point_name;
 use crate::study::figures::StudyFigures;
 use crate::study::inference::COMPARED;
 use crate::study::tables::PaperTable;
-use plumbline_files::BadInput;
 
 /// The page of a study.
 ///

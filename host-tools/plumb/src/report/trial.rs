@@ -5,17 +5,17 @@ use std::ops::Range;
 use maud::{Markup, html};
 use plumbline_analysis::filter::SavitzkyGolay;
 use plumbline_analysis::series::{Axis, Plane, Series};
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_trial::Trial;
+use plumbline_trial::points::{Point, Points, point_name};
 
 use super::agreement;
 use super::page::{annotated, facts, figure, key, page, table, warnings};
 use super::plots::{self, Event};
-use crate::analyze::points::{Point, Points, point_name};
 use crate::analyze::{Analysis, Method, PointFigures, tables};
 use crate::grid::digits;
-use crate::trial::Trial;
 use crate::validate::Validation;
-use plumbline_files::BadInput;
-use plumbline_files::counting::counted;
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;

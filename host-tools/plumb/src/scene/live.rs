@@ -6,12 +6,12 @@ use plumbline::packet::{Hello, MeasuredPose, Message, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::NoPose;
 use plumbline::target::Role;
+use plumbline_files::BadInput;
+use plumbline_stream::link::BoxLink;
 
 use super::Seen;
 use crate::missing::{self, Missing};
 use crate::waiting::Waiting;
-use plumbline_files::BadInput;
-use plumbline_stream::link::BoxLink;
 
 /// What a box has sent of the board.
 #[derive(Default)]

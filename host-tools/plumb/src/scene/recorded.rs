@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use plumbline::target::Role;
+use plumbline_files::BadInput;
+use plumbline_files::frames::FrameSource;
 
 use super::Seen;
 use crate::setup::{self, Descriptions};
 use crate::track;
-use plumbline_files::BadInput;
-use plumbline_files::frames::FrameSource;
 
 /// Tracks the scene board, and nothing else, through the frames.
 pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::Result<Seen> {

@@ -4,6 +4,10 @@ use plumbline_analysis::physiology::bins::{Event, Window};
 use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::within::Incomplete;
 use plumbline_analysis::sway::Settings;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_trial::Trial;
+use plumbline_trial::points::Points;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -11,10 +15,6 @@ use super::manifest::{Entry, Source, Study};
 use super::physiology::{self, Quantity};
 use super::sway::{self, Path};
 use super::values::{self, Response, TrialValues, time_name};
-use crate::analyze::points::Points;
-use crate::trial::Trial;
-use plumbline_files::BadInput;
-use plumbline_files::counting::counted;
 
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]

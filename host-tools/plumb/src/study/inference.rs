@@ -2,10 +2,10 @@
 //! and which levels differ.
 
 use plumbline_analysis::statistics::inference::{Comparison, Inference};
+use plumbline_trial::points::point_name;
 
 use super::figures::StudyFigures;
 use super::sway::Path;
-use crate::analyze::points::point_name;
 use crate::grid::{Annotated, Footnotes, Grid, digits};
 
 /// Why there is no test of sphericity.

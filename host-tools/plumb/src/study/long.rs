@@ -6,14 +6,14 @@ use std::path::Path;
 
 use plumbline_analysis::statistics::inference::{Cell, Inference};
 use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observation, WithinDesign};
-use serde::Serialize;
-
-use super::inference::{COMPARED, comparisons, effects};
-use crate::grid::{Annotated, Footnotes, Grid, digits};
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::counting::counted;
 use plumbline_files::read_text;
+use serde::Serialize;
+
+use super::inference::{COMPARED, comparisons, effects};
+use crate::grid::{Annotated, Footnotes, Grid, digits};
 
 /// Which columns are what.
 #[derive(Debug, Clone, PartialEq, Eq)]

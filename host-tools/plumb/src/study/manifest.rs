@@ -3,12 +3,12 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use plumbline_files::BadInput;
+use plumbline_files::{from_toml, read_text};
+use plumbline_trial::positions::{Columns, Table, Unit};
 use serde::Deserialize;
 
 use super::protocol::{Physiology, PhysiologyToml};
-use crate::positions::{Columns, Table, Unit};
-use plumbline_files::BadInput;
-use plumbline_files::{from_toml, read_text};
 
 /// What a new study begins with.
 pub const EXAMPLE: &str = include_str!("study.toml");

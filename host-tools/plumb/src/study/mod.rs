@@ -4,7 +4,6 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::counting::counted;

@@ -10,13 +10,13 @@ use plumbline_analysis::physiology::ecg::r_waves;
 use plumbline_analysis::physiology::pressure::{BeatWise, pulse_cycles};
 use plumbline_analysis::physiology::respiration::end_tidal_mmhg;
 use plumbline_analysis::physiology::signal::Signal;
+use plumbline_files::BadInput;
+use plumbline_trial::points::Points;
 use serde::Serialize;
 
 use super::manifest::{Recordings, Study};
 use super::protocol::{Clock, Kind, Physiology, SignalFile};
 use super::signals;
-use crate::analyze::points::Points;
-use plumbline_files::BadInput;
 
 /// Of a window's seconds so many have a value, or it has no mean.
 const COVERED_MIN: f64 = 0.5;

@@ -5,11 +5,11 @@ use std::ops::Range;
 
 use plumbline_analysis::physiology::bins::{Event, Window};
 use plumbline_analysis::physiology::respiration::Concentration;
+use plumbline_files::BadInput;
+use plumbline_files::columns::Delimiter;
 use serde::Deserialize;
 
 use super::manifest::SECONDS_MAX;
-use plumbline_files::BadInput;
-use plumbline_files::columns::Delimiter;
 
 /// A pressure of 1 kPa, in mmHg.
 const KPA_MMHG: f64 = 7.500_616_8;

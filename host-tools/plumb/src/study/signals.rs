@@ -4,11 +4,11 @@ use std::path::Path;
 
 use jiff::Timestamp;
 use plumbline_analysis::physiology::signal::{Signal, SignalError};
-
-use super::protocol::{Clock, SignalFile};
 use plumbline_files::BadInput;
 use plumbline_files::columns::{Column, Row, TextTable};
 use plumbline_files::counting::counted;
+
+use super::protocol::{Clock, SignalFile};
 
 /// 1990 and 2100, seconds since 1970: a time of day that is not between them is none.
 const UTC_S: std::ops::Range<f64> = 631_152_000.0..4_102_444_800.0;

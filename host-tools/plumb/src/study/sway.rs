@@ -3,10 +3,9 @@
 
 use plumbline_analysis::sway::figure::{ByDirection, Figure};
 use plumbline_analysis::sway::{self, Settings};
-use serde::Serialize;
-
-use crate::analyze::points::Points;
 use plumbline_files::BadInput;
+use plumbline_trial::points::Points;
+use serde::Serialize;
 
 /// The directions, as the paper calls them.
 pub const DIRECTIONS: [&str; 6] = ["AP", "ML", "SI", "APML", "APSI", "MLSI"];

@@ -4,11 +4,11 @@ use std::fmt;
 
 use plumbline_analysis::physiology::bins::Event;
 use plumbline_analysis::statistics::inference::{Inference, SIGNIFICANT};
+use plumbline_trial::points::point_name;
 
 use super::figures::{PathLength, StudyFigures, TimeWindow};
 use super::sway::DIRECTIONS;
 use super::values::time_name;
-use crate::analyze::points::point_name;
 use crate::grid::Grid;
 
 #[cfg(test)]

@@ -2,9 +2,9 @@
 
 use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::within::{Incomplete, Observation, WithinDesign};
+use plumbline_files::BadInput;
 
 use super::manifest::Study;
-use plumbline_files::BadInput;
 
 /// The values of one trial.
 #[derive(Debug, Clone)]

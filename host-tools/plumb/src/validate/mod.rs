@@ -6,10 +6,9 @@ use std::path::PathBuf;
 use clap::Args;
 use plumbline_analysis::agreement::pairs::Paired;
 use plumbline_analysis::agreement::{AxisAgreement, agreement};
-use serde::Serialize;
-
 use plumbline_files::BadInput;
 use plumbline_files::write_all;
+use serde::Serialize;
 
 mod pair;
 pub mod plot;
@@ -17,8 +16,8 @@ pub mod print;
 
 pub use pair::{How, Used};
 
-use crate::analyze::points::Points;
 use pair::Pair;
+use plumbline_trial::points::Points;
 
 /// How well trials agree with a reference, such as motion capture.
 ///

@@ -7,15 +7,14 @@ use plumbline_analysis::agreement::axes::Axes;
 use plumbline_analysis::agreement::lag::lag;
 use plumbline_analysis::agreement::pairs::{PairError, Paired};
 use plumbline_analysis::series::{Axis, Series};
-use serde::{Deserialize, Serialize};
-
-use crate::analyze::points::Points;
-use crate::markers::Markers;
-use crate::positions::{Columns, Table, Unit};
-use crate::trial::reading::Trunk;
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::{directory_of, from_toml, read_text};
+use plumbline_trial::markers::Markers;
+use plumbline_trial::points::Points;
+use plumbline_trial::positions::{Columns, Table, Unit};
+use plumbline_trial::reading::Trunk;
+use serde::{Deserialize, Serialize};
 
 /// A right-handed frame that looks forward along X, with Z up.
 const AXES: &str = "ap=X,ml=-Y,si=Z";

@@ -7,12 +7,12 @@ use plotters::prelude::*;
 use plumbline_analysis::agreement::AxisAgreement;
 use plumbline_analysis::agreement::pairs::Pairs;
 use plumbline_analysis::series::Axis;
+use plumbline_files::BadInput;
 
 use super::Validation;
 use super::print::{equation, rounded};
 use crate::drawing::{self, Area, Drawn};
 use crate::palette::{BLUE, INK, ORANGE, for_light_and_dark};
-use plumbline_files::BadInput;
 
 /// Of one of the two pictures of an axis.
 const SIZE_PX: (u32, u32) = (540, 380);

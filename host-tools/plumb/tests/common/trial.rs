@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use plumb::trial::journal::{Content, Entry, Writer};
-use plumb::trial::manifest::{Manifest, Zero};
-use plumb::trial::mark::{Mark, Source};
 use plumbline::packet::{
     AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, encode_datagram,
 };
 use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Entry, Writer};
+use plumbline_trial::manifest::{Manifest, Zero};
+use plumbline_trial::mark::{Mark, Source};
 
 /// One frame: its number, when it was taken, and where the lower and the upper trunk were, along
 /// AP, ML and SI.
@@ -27,8 +27,13 @@ const FIRST_CAPTURE_NS: u64 = 7_000_000_000;
 /// Writes the folder; marks are a time and a label.
 pub fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
     std::fs::create_dir(folder).unwrap();
-    let manifest =
-        Manifest::begin(Some("p-01".to_owned()), Some("control".to_owned()), None, Zero::Mark);
+    let manifest = Manifest::begin(
+        "2026-01-01T00:00:00Z".to_owned(),
+        Some("p-01".to_owned()),
+        Some("control".to_owned()),
+        None,
+        Zero::Mark,
+    );
     manifest.write(folder).unwrap();
     let mut journal = Writer::create(&folder.join("packets.bin")).unwrap();
     let mut entries: Vec<Entry> = frames.iter().map(entry).collect();

@@ -1,11 +1,12 @@
 //! Where targets and legend go: on one sheet if they fit, otherwise each target on its
 //! own, and a board that is larger than a sheet over several.
 
+use plumbline_files::targets::{TargetDescription, to_toml};
+
 use super::legend::{self, Legend};
 use super::page::{Page, Paper, Rectangle, Shape};
 use super::piece::{MARK_MM, Piece, mark};
 use super::tiles::several_sheets;
-use plumbline_files::targets::{TargetDescription, to_toml};
 
 /// Printers leave this much of a sheet's edges white, mm.
 pub const EDGE_MM: f64 = 8.0;

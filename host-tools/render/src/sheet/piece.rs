@@ -1,8 +1,9 @@
 //! One target as it is cut out: its squares, a white margin of one square, and beyond
 //! that margin, where it disturbs no search, what tells a person which end is up.
 
-use super::page::{Font, Rectangle, Shape, Stroke};
 use plumbline_files::targets::TargetDescription;
+
+use super::page::{Font, Rectangle, Shape, Stroke};
 
 /// Height of the strip above the margin, mm.
 pub const STRIP_MM: f64 = 10.0;

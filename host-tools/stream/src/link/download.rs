@@ -8,9 +8,9 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{Action, Document, Message, Refusal, ReplyOutcome};
+use plumbline_files::BadInput;
 
 use super::{ANSWER_WITHIN, BARREN_MAX, BoxLink};
-use plumbline_files::BadInput;
 
 /// Parts that have been asked for come without a pause as long as this.
 const PART_WITHIN: Duration = Duration::from_millis(500);

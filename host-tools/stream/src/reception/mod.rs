@@ -81,7 +81,7 @@ pub fn receive<W: std::io::Write>(
             Ok(question) => question,
             Err(error) => break Err(error),
         };
-        for question in [receiver.request(), question].into_iter().flatten() {
+        for question in [receiver.request(Instant::now()), question].into_iter().flatten() {
             transport.send(&question);
         }
         show(receiver);

@@ -1,11 +1,11 @@
 //! The camera, and how its frames are kept up with.
 
 use plumbline::packet::{CameraState, Health, MarkedInstant};
+use plumbline_files::counting::counted;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};
 use super::percent;
-use plumbline_files::counting::counted;
 
 /// A camera's crystal is better than a thousandth; a rate that is off by more than a fiftieth
 /// is not the one that was asked for.

@@ -2,11 +2,11 @@
 
 use plumbline::config::Config;
 use plumbline::target::Role;
+use plumbline_files::camera;
 
 use super::super::check::Check;
 use super::super::findings::Findings;
 use crate::setup::not_calibrated;
-use plumbline_files::camera;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
     let Some(config) = &findings.config else {

@@ -1,10 +1,11 @@
 //! Whether the box is heard, and all of it.
 
+use plumbline_files::counting::counted;
+use plumbline_stream::link::NOT_HEARD_REMEDY;
+
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 use super::percent;
-use plumbline_files::counting::counted;
-use plumbline_stream::link::NOT_HEARD_REMEDY;
 
 /// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is
 /// more than a network in order loses.

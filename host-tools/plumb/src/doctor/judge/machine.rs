@@ -1,11 +1,11 @@
 //! The box's computer and its program.
 
 use plumbline::packet::{Health, Hello, LogLevel, ResetReason};
+use plumbline_files::counting::counted;
+use plumbline_stream::power::PowerSeen;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
-use plumbline_files::counting::counted;
-use plumbline_stream::power::PowerSeen;
 
 /// The program of which these checks know.
 const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));

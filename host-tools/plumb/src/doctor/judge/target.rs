@@ -2,13 +2,13 @@
 
 use plumbline::packet::MeasuredPose;
 use plumbline::target::Role;
+use plumbline_files::counting::counted;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, TargetSeen, median};
 use super::percent;
 use crate::aim::reading::{COVERAGE, PITCH_PX_MIN};
 use crate::missing::{self, Missing};
-use plumbline_files::counting::counted;
 
 /// A person at rest hides no target: below this something is amiss now and then.
 const SHARE_WARN: f64 = 0.99;

@@ -3,13 +3,11 @@
 
 use std::path::PathBuf;
 
-use clap::ValueEnum;
 use plumbline_analysis::series::{Axis, Series};
-use serde::Deserialize;
-
 use plumbline_files::BadInput;
 use plumbline_files::columns::{Delimiter, TextTable};
 use plumbline_files::counting::counted;
+use serde::Deserialize;
 
 /// A row of zeros is one that the system has dropped where the way to its neighbour is so many
 /// times the usual step: a force plate that measures nothing writes 0.
@@ -28,7 +26,8 @@ const RANGE_MIN_MM: f64 = 0.5;
 const STEP_MAX_S: f64 = 1.0;
 
 /// The length in which positions are given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Unit {
     /// Millimetres.

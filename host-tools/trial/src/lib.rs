@@ -12,9 +12,13 @@
 //! every analysis reads them alone, so that a recording that was cut off is as good as another
 //! up to its end.
 
+pub mod export;
 pub mod journal;
 pub mod manifest;
 pub mod mark;
+pub mod markers;
+pub mod points;
+pub mod positions;
 pub mod reading;
 pub mod recording;
 mod run;

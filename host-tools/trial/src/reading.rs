@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use clap::ValueEnum;
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
 use plumbline::config::Config;
 use plumbline::packet::{
@@ -14,6 +13,11 @@ use plumbline::packet::{
 };
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::target::Role;
+use plumbline_files::BadInput;
+use plumbline_stream::accounting::{Accounting, Arrival};
+use plumbline_stream::clock::Exchange;
+use plumbline_stream::power::PowerSeen;
+use plumbline_stream::recorder::SessionClock;
 use serde::{Deserialize, Serialize};
 
 use super::journal::{Content, Entry, Reader};
@@ -21,11 +25,6 @@ use super::manifest::{BoxSeen, Manifest, NoiseSeen, Packets, State};
 use super::mark::Mark;
 use super::names;
 use super::run::Run;
-use plumbline_files::BadInput;
-use plumbline_stream::accounting::{Accounting, Arrival};
-use plumbline_stream::clock::Exchange;
-use plumbline_stream::power::PowerSeen;
-use plumbline_stream::recorder::SessionClock;
 
 /// A recording that goes wrong must not fill the memory: an hour at 200 Hz, ten times over.
 const FRAMES_MAX: usize = 7_200_000;
@@ -69,9 +68,8 @@ impl Frame {
 }
 
 /// One of the two points of the body.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ValueEnum, Serialize, Deserialize,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Trunk {
     /// At the shoulder.
@@ -448,7 +446,8 @@ mod tests {
             for undervoltage in undervoltages.iter().copied().map(Some) {
                 builder.message(Message::Health(Health { undervoltage, ..health() }), 0);
             }
-            let manifest = Manifest::begin(None, None, None, Zero::Mark);
+            let manifest =
+                Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
             builder.finish(Path::new("trial"), manifest, None, Vec::new())
         };
         assert_eq!(trial(&[false, false]).warnings, [""; 0]);

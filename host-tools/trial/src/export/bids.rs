@@ -8,14 +8,14 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use plumbline_analysis::series::Axis;
+use plumbline_files::BadInput;
+use plumbline_files::write_all;
 use serde_json::{Value, json};
 
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
-use crate::analyze::points::Points;
-use crate::trial::Trial;
-use plumbline_files::BadInput;
-use plumbline_files::write_all;
+use crate::Trial;
+use crate::points::Points;
 
 /// The standard's version that this follows.
 const VERSION: &str = "1.11.0";

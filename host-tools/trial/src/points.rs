@@ -6,13 +6,13 @@ use nalgebra::Matrix3;
 use plumbline_analysis::onset::stand_onset_s;
 use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::noise::Noise;
-
-use crate::positions::Table;
-use crate::trial::manifest::Zero;
-use crate::trial::reading::{Frame, Trunk};
-use crate::trial::{Trial, manifest::EventSeen};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+
+use crate::manifest::Zero;
+use crate::positions::Table;
+use crate::reading::{Frame, Trunk};
+use crate::{Trial, manifest::EventSeen};
 
 /// One point over time, its t = 0 where the trial's is.
 #[derive(Debug, Clone)]

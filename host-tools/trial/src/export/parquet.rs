@@ -10,11 +10,11 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
+use plumbline_files::BadInput;
 
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
-use crate::trial::tables::put;
-use plumbline_files::BadInput;
+use crate::tables::put;
 
 /// The file.
 ///

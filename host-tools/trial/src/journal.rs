@@ -18,10 +18,10 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use plumbline::packet::document_crc;
-
-use super::mark::Mark;
 use plumbline_files::BadInput;
 use plumbline_stream::transport::Raw;
+
+use super::mark::Mark;
 
 const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 1\n";
 
@@ -248,7 +248,7 @@ impl<R: Read> Reader<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::mark::Source;
+    use crate::mark::Source;
 
     fn entries() -> Vec<Entry> {
         (0..400_u64)

@@ -8,10 +8,10 @@ use std::path::Path;
 
 use c3dio::prelude::*;
 use c3dio::{MarkerPoint, Parameter};
+use plumbline_files::BadInput;
 
 use super::rows::Rows;
 use super::{RIGHT_HANDED, right_handed};
-use plumbline_files::BadInput;
 
 /// The crate indexes these without asking whether they are there.
 const GROUPS: [&str; 8] =

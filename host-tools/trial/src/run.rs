@@ -2,11 +2,11 @@
 //! related by the answers to questions or, without any, by the arrival of frames.
 
 use plumbline::packet::{MarkedInstant, PosePacket};
+use plumbline_stream::clock::{Exchange, Relation};
+use plumbline_stream::recorder::SessionClock;
 
 use super::manifest::{ClockSeen, EventSeen};
 use super::mark::Mark;
-use plumbline_stream::clock::{Exchange, Relation};
-use plumbline_stream::recorder::SessionClock;
 
 /// What is known of it.
 #[derive(Default)]
@@ -128,7 +128,7 @@ impl Run {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::mark::Source;
+    use crate::mark::Source;
 
     const SECOND_NS: u64 = 1_000_000_000;
 

@@ -14,14 +14,14 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 use plumbline::packet::Deframer;
-
-use super::journal::{Content, Reader};
-use super::names;
 use plumbline_files::BadInput;
 use plumbline_files::poses::PoseRow;
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::recorder::Recorder;
 use plumbline_stream::transport::Event;
+
+use super::journal::{Content, Reader};
+use super::names;
 
 /// Rows per group of the Parquet file: what is held in memory at once.
 const GROUP_ROWS: usize = 65_536;

@@ -1,9 +1,9 @@
 //! A trial as evenly spaced rows: what every format is made of.
 
 use plumbline_analysis::series::{Axis, usual_period_s};
-
-use crate::analyze::points::{Point, Points};
 use plumbline_files::BadInput;
+
+use crate::points::{Point, Points};
 
 /// An hour at 200 Hz, ten times over.
 const ROWS_MAX: f64 = 7.2e6;

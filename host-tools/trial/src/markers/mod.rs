@@ -4,9 +4,9 @@ use std::path::Path;
 
 use plumbline_analysis::agreement::axes::Axes;
 use plumbline_analysis::series::Series;
+use plumbline_files::BadInput;
 
 use super::positions::Unit;
-use plumbline_files::BadInput;
 
 mod c3d;
 mod trc;

@@ -1,21 +1,20 @@
 //! A trial while it is recorded: beside what [`Receiver`](plumbline_stream::receiver::Receiver)
 //! makes of them, the packets as they are, the box's clock and configuration, and the marks.
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use plumbline::config::BLOB_BYTES_MAX;
 use plumbline::packet::{Action, Command, Document, Message, Reply, ReplyOutcome};
-
-use super::journal::{Content, Entry, Writer};
-use super::manifest::{Manifest, State};
-use super::mark::Marks;
-use super::{Trial, names, tables};
 use plumbline_files::BadInput;
 use plumbline_stream::link::Download;
 use plumbline_stream::reception::Tap;
 use plumbline_stream::transport::Event;
+
+use super::journal::{Content, Entry, Writer};
+use super::manifest::{Manifest, State};
+use super::mark::{Mark, Marks};
+use super::{Trial, names, tables};
 
 /// The box's clock is asked for this often.
 const PING_EVERY: Duration = Duration::from_secs(1);
@@ -35,12 +34,16 @@ enum Fetch {
     Done,
 }
 
+/// Who is told of a mark that is written: which, and how many seconds after the beginning.
+pub type Heard = Box<dyn FnMut(&Mark, f64)>;
+
 /// A trial that is being recorded.
 pub struct Recording {
     folder: PathBuf,
     journal: Writer,
     begun: Instant,
     marks: Marks,
+    heard: Heard,
     questions: Questions,
     ping_at: Instant,
     fetch: Fetch,
@@ -58,11 +61,17 @@ impl Questions {
 }
 
 impl Recording {
-    /// Makes the folder and begins.
+    /// Makes the folder and begins, now. Each mark that is written is told to `heard`.
     ///
     /// # Errors
     /// When the folder exists, or cannot be written to.
-    pub fn begin(folder: &Path, manifest: &Manifest, marks: Marks) -> Result<Self, BadInput> {
+    pub fn begin(
+        folder: &Path,
+        manifest: &Manifest,
+        marks: Marks,
+        now: Instant,
+        heard: Heard,
+    ) -> Result<Self, BadInput> {
         std::fs::create_dir(folder).map_err(|error| match error.kind() {
             std::io::ErrorKind::AlreadyExists => BadInput::whole(
                 folder.display(),
@@ -76,18 +85,18 @@ impl Recording {
             ),
             _ => BadInput::io(folder.display(), &error),
         })?;
-        let begun = Instant::now();
         let journal = Writer::create(&folder.join(names::JOURNAL))?;
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
         Ok(Self {
             folder: folder.to_owned(),
             journal,
-            begun,
+            begun: now,
             marks,
+            heard,
             questions: Questions(FIRST_QUESTION),
-            ping_at: begun,
-            fetch: Fetch::Ask(begun),
+            ping_at: now,
+            fetch: Fetch::Ask(now),
         })
     }
 
@@ -200,9 +209,7 @@ impl Tap for Recording {
     fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
         while let Some((at, mark)) = self.marks.next() {
             let since_s = at.saturating_duration_since(self.begun).as_secs_f64();
-            // In the place of the line that tells how it goes, which comes again below.
-            let start = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
-            eprintln!("{start}mark \"{}\" after {since_s:.1} s", mark.label);
+            (self.heard)(&mark, since_s);
             self.write(at, Content::Mark(mark))?;
         }
         match &mut self.fetch {
@@ -225,7 +232,7 @@ impl Tap for Recording {
             return Ok(None);
         }
         self.ping_at = now + PING_EVERY;
-        let host_sent_ns = self.host_ns(Instant::now());
+        let host_sent_ns = self.host_ns(now);
         Ok(Some(self.questions.ask(Action::Ping { host_sent_ns }).1))
     }
 }

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use clap::ValueEnum;
 use plumbline::packet::MarkedInstant;
+use plumbline_files::BadInput;
+use plumbline_files::{from_toml, read_text};
 use serde::{Deserialize, Serialize};
 
 use super::mark::Source;
 use super::names;
-use plumbline_files::BadInput;
-use plumbline_files::{from_toml, read_text};
 
 /// What a person who opens it should know.
 const HEADING: &str = "# Made of packets.bin. What a person has said may be corrected here: participant, condition,\n\
@@ -71,7 +70,8 @@ pub enum State {
 }
 
 /// What t = 0 of a trial is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Zero {
     /// The mark called "zero", else the first mark, or the first frame where there is none.
@@ -157,9 +157,10 @@ pub struct EventSeen {
 }
 
 impl Manifest {
-    /// Of a trial that begins now.
+    /// Of a trial that begins; `started` is the time of day, as RFC 3339 writes it.
     #[must_use]
     pub fn begin(
+        started: String,
         participant: Option<String>,
         condition: Option<String>,
         note: Option<String>,
@@ -168,7 +169,7 @@ impl Manifest {
         Self {
             format: FORMAT,
             state: State::Recording,
-            started: jiff::Timestamp::now().to_string(),
+            started,
             participant,
             condition,
             note,

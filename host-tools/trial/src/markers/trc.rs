@@ -5,9 +5,10 @@
 
 use std::path::Path;
 
-use super::{Marker, Markers, VALUES_MAX, unit_of};
 use plumbline_files::BadInput;
 use plumbline_files::text_of;
+
+use super::{Marker, Markers, VALUES_MAX, unit_of};
 
 /// Columns before those of the first marker: frame and time.
 const BEFORE: usize = 2;

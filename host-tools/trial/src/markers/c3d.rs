@@ -12,10 +12,10 @@ use std::path::Path;
 use std::sync::Once;
 
 use c3dio::C3d;
-
-use super::{Marker, Markers, VALUES_MAX, unit_of};
 use plumbline_files::BadInput;
 use plumbline_files::bytes_of;
+
+use super::{Marker, Markers, VALUES_MAX, unit_of};
 
 const BLOCK_BYTES: usize = 512;
 

@@ -3,22 +3,11 @@
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
-
-use crate::analyze::points::Points;
-use crate::trial::Trial;
-use crate::trial::manifest::Zero;
+use clap::Args;
 use plumbline_files::counting::counted;
-use plumbline_files::write_all;
-
-mod bids;
-mod c3d;
-mod csv;
-mod parquet;
-mod rows;
-mod trc;
-
-use rows::Rows;
+use plumbline_trial::Trial;
+use plumbline_trial::export::{Format, export};
+use plumbline_trial::manifest::Zero;
 
 /// A trial for other programs: the trunk points over time.
 ///
@@ -57,47 +46,15 @@ pub struct Arguments {
     pub force: bool,
 }
 
-/// What other programs read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Format {
-    /// A table, for every program.
-    Csv,
-    /// A table, for data analysis.
-    Parquet,
-    /// Track row column, of OpenSim and motion capture.
-    Trc,
-    /// The Coordinate 3D file of motion capture.
-    C3d,
-    /// A folder that follows the Brain Imaging Data Structure for motion.
-    Bids,
-}
-
 /// Runs the subcommand.
 ///
 /// # Errors
 /// When the trial cannot be used, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let trial = Trial::open(&arguments.trial)?;
-    let points = Points::of(&trial, arguments.zero.unwrap_or(trial.manifest.zero))?;
-    let rows = Rows::of(&points)?;
-    let mut warnings = points.warnings.clone();
-    let bytes = match arguments.format {
-        Format::Csv => Some(csv::bytes(&rows)),
-        Format::Parquet => Some(parquet::bytes(&rows, &arguments.out)?),
-        Format::Trc => Some(trc::bytes(&rows, &arguments.out)),
-        Format::C3d => {
-            warnings.extend(rows.unevenness());
-            Some(c3d::bytes(&rows, &arguments.out)?)
-        }
-        Format::Bids => {
-            warnings.extend(bids::write(&rows, &trial, &points, &arguments.out)?);
-            None
-        }
-    };
-    if let Some(bytes) = bytes {
-        write_all(&[(arguments.out.clone(), bytes)], arguments.force)?;
-    }
-    for warning in &warnings {
+    let zero = arguments.zero.unwrap_or(trial.manifest.zero);
+    let exported = export(&trial, zero, arguments.format, &arguments.out, arguments.force)?;
+    for warning in &exported.warnings {
         eprintln!("warning: {warning}");
     }
     // A closed pipe must not hide the result.
@@ -105,20 +62,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         std::io::stdout(),
         "{}: {} at {:.3} Hz, t = 0: {}",
         arguments.out.display(),
-        counted(rows.time_s.len(), "row"),
-        rows.rate_hz,
-        points.zero
+        counted(exported.rows, "row"),
+        exported.rate_hz,
+        exported.zero
     );
     Ok(())
 }
-
-/// AP, ML and SI in the right-handed frame of other programs: X forward, Y to the left, Z up.
-fn right_handed([ap, ml, si]: [f64; 3]) -> [f64; 3] {
-    [ap, -ml, si]
-}
-
-/// That frame in words, for files that have room for them.
-const RIGHT_HANDED: &str = "X forward (AP), Y to the left (-ML), Z up (SI)";
-
-/// What the axes of the body are, for files that keep them.
-const BODY_AXES: &str = "ap: forward; ml: to the person's right; si: up; millimetres";
