@@ -5,10 +5,10 @@ use std::process::Output;
 use common::binary;
 use common::photographer::{photographs, posed, save};
 use common::repetitions::repetitions;
-use plumb::calibrate::{Calibration, Picture, calibrate};
 use plumbline::lens::{Distortion, Lens};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_calibration::{Calibration, Picture, calibrate};
 use rayon::prelude::*;
 
 const PITCH_MM: f64 = 20.0;

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use plumb::calibrate::Picture;
 use plumbline::lens::Lens;
 use plumbline::nodes::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
+use plumbline_calibration::Picture;
 use plumbline_render::simulate::render::{
     Board, Ink, Picture as Rendered, PlacedBoard, render_targets,
 };

@@ -4,10 +4,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::calibrate::command as calibrate;
 use crate::{
-    aim, analyze, demo, doctor, export, provision, receive, replay, report, scene, show, simulate,
-    study, target, track, validate,
+    aim, analyze, calibrate, demo, doctor, export, provision, receive, replay, report, scene, show,
+    simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.

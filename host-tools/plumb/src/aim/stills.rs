@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector2;
 use plumbline::image::GreyImage;
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_calibration::coverage::Coverage;
+use plumbline_calibration::observe::Finder;
 use plumbline_files::BadInput;
 
 use super::Arguments;
-use crate::calibrate::coverage::Coverage;
-use crate::calibrate::observe::Finder;
 
 /// Stills that are to be taken, and those that were.
 pub struct Stills {

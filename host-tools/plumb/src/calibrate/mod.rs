@@ -1,252 +1,292 @@
-//! A camera from photographs of a board.
-//!
-//! ```text
-//!  photographs ─▶ boards found ─▶ closed form ─▶ refined on corners ─▶ ┌ edges measured ┐
-//!                                                                      └─▶ refined  ────┘ twice
-//!  ─▶ lens, its standard deviations, residuals ─▶ what a user should know about them
-//! ```
-//!
-//! The paper's two steps: Zhang's closed form ([`closed_form`]) and the joint refinement
-//! ([`bundle`]). What is refined is first the detector's corners, then the edges themselves,
-//! measured as the tracker measures them through the lens found so far.
+//! The command line of `plumb calibrate`.
 
-use nalgebra::{Vector2, Vector3};
-use plumbline::grid::GridRejection;
-use plumbline::image::GreyImage;
-use plumbline::lens::{Distortion, Lens};
+use std::path::PathBuf;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline::lens::Distortion;
 use plumbline::nodes::points_mm;
-use plumbline::pose::{Cam, Pose, Target};
-use plumbline::target::TargetGeometry;
-use rayon::prelude::*;
+use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_calibration::verdict::{self, Concern};
+use plumbline_calibration::{
+    Calibration, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture,
+};
+use plumbline_files::BadInput;
+use plumbline_files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
+use plumbline_files::frames::{FrameSource, IMAGE_RATE_HZ, Pixels};
+use plumbline_files::{refuse_overwriting, targets};
 
-mod bundle;
-mod closed_form;
-pub mod command;
-pub(crate) mod coverage;
-pub(crate) mod observe;
 mod plot;
-mod verdict;
 
-use bundle::{Bundle, Photograph, Shape};
-use coverage::Coverage;
-use observe::{Finder, Found, Measured};
+/// Calibrate the camera from photographs of a checkerboard.
+///
+/// Take 10 to 20 sharp photographs at the size that the box records at: the board in the
+/// middle, in every corner and at every side of the frame, near and far, tilted by 20 to 40
+/// degrees about both axes. The lens must not be touched afterwards.
+///
+/// The camera comes out as camera.toml, with the standard deviation of every number, the
+/// reprojection error of every photograph, a map of where the board was seen, and a verdict:
+/// what is wrong with the photographs or the board, and what to do about it.
+///
+/// Exit code 0: a calibration was written (look at its verdict); 2: there is none.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  plumb aim --stills photos --count 15 --every 5 --board 9x7    the photographs, taken by a box
+  plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.png
+  plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.jpg
+  plumb calibrate --board 9x7 --pitch-mm 20 --model brown5 --plot residuals.svg --out camera.toml photos/*.png
 
-/// Fewest photographs with a board: Zhang's closed form of all five numbers needs three.
-pub const PHOTOGRAPHS_MIN: usize = 3;
-
-/// Rounds of measuring the edges and refining on them: the second sees them where the first's
-/// lens has them.
-const ROUNDS: usize = 2;
-
-/// A photograph in memory.
-pub struct Picture {
-    /// Its file.
-    pub place: String,
-    /// Grey levels, row by row without padding.
-    pub samples: Vec<u8>,
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
+Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate.")]
+pub struct Arguments {
+    /// Columns x rows of INNER corners, where four squares meet: 9x7 for 10 x 8 squares.
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = targets::grid_size)]
+    board: [u8; 2],
+    /// From one inner corner to the next, measured on the print over many squares.
+    #[arg(long, value_name = "MM")]
+    pitch_mm: f64,
+    /// Lens distortion: radial2 (k1 k2) or brown5 (k1 k2 p1 p2 k3, as in OpenCV and ROS).
+    #[arg(long, value_enum, default_value = "radial2")]
+    model: Model,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Draw residuals and coverage (SVG, for any browser).
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Replace the files of --out and --plot if they exist.
+    #[arg(long)]
+    force: bool,
+    /// Photographs (PNG, JPEG, PGM), or a Y4M video of them.
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
 }
 
-impl Picture {
-    fn view(&self) -> GreyImage<'_, u8> {
-        GreyImage::new(&self.samples, self.width, self.height, self.width).expect("a whole picture")
-    }
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Model {
+    Radial2,
+    Brown5,
 }
 
-/// Why there is no calibration.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Failure {
-    /// The board was found in so few.
-    TooFew(usize),
-    /// The board looks the same in all of them: tilt it.
-    NoTilt,
-    /// The numbers do not settle.
-    Unsettled,
-}
+/// Below this a square of a target at the bedside is too few pixels wide.
+const WIDTH_PX_MIN: usize = 640;
 
-/// What one photograph contributed.
-#[derive(Debug, Clone)]
-pub enum Outcome {
-    /// No board.
-    NotFound(GridRejection),
-    /// A board whose edges do not support a pose.
-    Unusable,
-    /// A board that the calibration rests on.
-    Used(Contribution),
-}
+/// More photographs than this say nothing new and fill the memory.
+const IMAGES_MAX: usize = 200;
 
-impl Outcome {
-    /// What the photograph contributed, if anything.
-    #[must_use]
-    pub fn used(&self) -> Option<&Contribution> {
-        match self {
-            Self::Used(contribution) => Some(contribution),
-            Self::NotFound(_) | Self::Unusable => None,
-        }
-    }
-}
-
-/// What the board in a photograph contributed.
-#[derive(Debug, Clone)]
-pub struct Contribution {
-    /// Root mean square reprojection error of the corners.
-    pub rms_px: f64,
-    /// How many corners were used.
-    pub corners: usize,
-    /// The middle of each edge, and how far across it the calibration puts it from where it is
-    /// seen, raw pixels.
-    pub residuals: Vec<Residual>,
-    /// The board's pose.
-    pub cam_from_board: Pose<Cam, Target>,
-}
-
-/// An edge's middle and its residual, raw pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Residual {
-    /// Where the calibration puts the edge's middle.
-    pub at_px: Vector2<f64>,
-    /// From where it is seen, across the edge.
-    pub off_px: Vector2<f64>,
-}
-
-/// A camera, how well it is known, and from what.
-pub struct Calibration {
-    /// The camera.
-    pub lens: Lens,
-    /// Of fx fy cx cy skew, then the distortion.
-    pub sd: Vec<f64>,
-    /// Root mean square reprojection error of all corners.
-    pub rms_px: f64,
-    /// One for each photograph, in their order.
-    pub outcomes: Vec<Outcome>,
-    /// Where in the frame the boards were.
-    pub coverage: Coverage,
-    /// The board's own shape, where it can be told, and its standard deviations.
-    pub shape: Option<(Shape, Vec<f64>)>,
-}
-
-/// Calibrates a lens of the model that `distortion` has. `done` is told after each photograph
-/// that was searched.
+/// Runs the subcommand.
 ///
 /// # Errors
-/// [`Failure`].
-pub fn calibrate(
-    pictures: &[Picture],
-    board: &TargetGeometry,
-    distortion: Distortion,
-    done: impl Fn() + Sync,
-) -> Result<Calibration, Failure> {
-    let search = |finder: &mut Finder, picture: &Picture| {
-        let found = finder.find(&picture.view(), board);
-        done();
-        found
+/// When an input cannot be used, the photographs do not make a calibration, or an output cannot
+/// be written.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let [columns, rows] = arguments.board;
+    let board = TargetGeometry::checker(
+        columns,
+        rows,
+        arguments.pitch_mm,
+        Origin::Center,
+        Role::Scene,
+        [0.0; 3],
+    )
+    .map_err(|error| {
+        let found = format!("{columns} x {rows} corners, {} mm", arguments.pitch_mm);
+        BadInput::whole("--board, --pitch-mm", found, error)
+    })?;
+    for out in [Some(&arguments.out), arguments.plot.as_ref()].into_iter().flatten() {
+        refuse_overwriting(out, &arguments.images)?;
+    }
+    let pictures = read(arguments)?;
+    let places: Vec<String> = pictures.iter().map(|picture| picture.place.clone()).collect();
+    let calibration = {
+        let bar = ProgressBar::new(pictures.len() as u64).with_style(
+            ProgressStyle::with_template("searching {wide_bar} {pos}/{len} photographs")
+                .expect("a template that is right"),
+        );
+        let distortion = match arguments.model {
+            Model::Radial2 => Distortion::Radial2([0.0; 2]),
+            Model::Brown5 => Distortion::Brown5([0.0; 5]),
+        };
+        let calibrated =
+            plumbline_calibration::calibrate(&pictures, &board, distortion, || bar.inc(1));
+        bar.finish_and_clear();
+        calibrated.map_err(|failure| refusal(failure, arguments, pictures.len()))?
     };
-    let found: Vec<Result<Found, GridRejection>> =
-        pictures.par_iter().map_init(Finder::new, search).collect();
-    let points_mm: Vec<_> = points_mm(board).collect();
-    let mut bundle = start(pictures, &found, board, distortion, &points_mm)?;
-    let mut places = Vec::new();
-    for _ in 0..ROUNDS {
-        let measured = measure(pictures, &found, board, &bundle.lens);
-        places = (0..measured.len()).filter(|&place| measured[place].is_some()).collect();
-        if places.len() < PHOTOGRAPHS_MIN {
-            return Err(Failure::TooFew(places.len()));
+    calibration.lens.check().map_err(|error| {
+        let remedy = "take photographs in which the board reaches the frame's corners, or try the other --model";
+        BadInput::whole("the calibration", error, remedy)
+    })?;
+    let points_mm: Vec<_> = points_mm(&board).collect();
+    let concerns = verdict::concerns(&calibration, &places, &points_mm);
+    let camera = camera_of(&calibration, &places, &concerns);
+    let mut outputs = vec![(arguments.out.clone(), camera::to_toml(&camera).into_bytes())];
+    if let Some(path) = &arguments.plot {
+        outputs.push((path.clone(), plot::svg(&calibration, &places)?.into_bytes()));
+    }
+    plumbline_files::write_all(&outputs, arguments.force)?;
+    print(&calibration, &board, &places, &concerns);
+    eprintln!("written to {}", arguments.out.display());
+    Ok(())
+}
+
+/// All photographs into memory.
+fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
+    // When photographs were taken is of no concern, nor are the rates of videos of them.
+    let mut source = FrameSource::open(&arguments.images, Some(IMAGE_RATE_HZ))?;
+    let (width, height) = (source.width(), source.height());
+    if width.max(height) < WIDTH_PX_MIN {
+        return Err(BadInput::new(
+            source.place(),
+            "image size",
+            format!("{width} x {height} px"),
+            format!(
+                "a calibration below {WIDTH_PX_MIN} px is refused: its corners are not known well \
+                 enough for the box; photograph the board at the size that the box records at"
+            ),
+        ));
+    }
+    let mut pictures: Vec<Picture> = Vec::new();
+    while let Some(frame) = source.next_frame()? {
+        let index = frame.index;
+        let white = u32::from(frame.white_level);
+        let samples = match frame.pixels {
+            Pixels::Grey8(samples) => samples.to_vec(),
+            Pixels::Grey16(samples) => {
+                let in_8_bits = |&value: &u16| (u32::from(value) * 255 / white).min(255) as u8;
+                samples.iter().map(in_8_bits).collect()
+            }
+        };
+        let mut place = source.place().to_owned();
+        if pictures.len() == IMAGES_MAX {
+            return Err(BadInput::new(
+                place,
+                "images",
+                format!("more than {IMAGES_MAX}"),
+                "10 to 20 photographs at different places and tilts are enough",
+            ));
         }
-        let photographs = measured.into_iter().flatten().map(|measured| Photograph {
-            seen: measured.seen.into(),
-            cam_from_board: measured.measurement.cam_from_target,
-        });
-        bundle = Bundle::refine(&bundle.lens, &points_mm, photographs.collect(), false)
-            .ok_or(Failure::Unsettled)?;
+        if pictures.iter().any(|picture| picture.place.starts_with(&place)) {
+            place += &format!(", frame {index}");
+        }
+        pictures.push(Picture { place, samples, width, height });
     }
-    let shape = Bundle::refine(&bundle.lens, &points_mm, bundle.photographs.clone(), true)
-        .map(|shaped| (shaped.shape, shaped.sd[bundle.sd.len()..].to_vec()));
-    let mut outcomes: Vec<Outcome> = found
-        .iter()
-        .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
-        .collect();
-    // Through the final lens, each on its own: what a tracker would say of it.
-    let last = measure(pictures, &found, board, &bundle.lens);
-    let (mut squares, mut corners) = (0.0, 0.0);
-    for (&place, photograph) in places.iter().zip(&bundle.photographs) {
-        let Some(measured) = &last[place] else { continue };
-        let residuals = bundle.residuals(&points_mm, photograph).ok_or(Failure::Unsettled)?;
-        let measurement = &measured.measurement;
-        squares += measurement.rms_px.powi(2) * f64::from(measurement.corners);
-        corners += f64::from(measurement.corners);
-        outcomes[place] = Outcome::Used(Contribution {
-            rms_px: measurement.rms_px,
-            corners: measurement.corners.into(),
-            residuals,
-            cam_from_board: photograph.cam_from_board,
-        });
-    }
-    // As `plumb aim` judges it while they are taken.
-    let seen_px: Vec<Vec<_>> = outcomes
-        .iter()
-        .zip(&found)
-        .filter(|(outcome, _)| outcome.used().is_some())
-        .filter_map(|(_, found)| found.as_ref().ok())
-        .map(|found| found.corners_px().map(|(_, px)| px).collect())
-        .collect();
-    let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
-    Ok(Calibration {
-        lens: bundle.lens,
-        sd: bundle.sd,
-        rms_px: (squares / corners).sqrt(),
-        outcomes,
-        coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),
-        shape,
-    })
+    Ok(pictures)
 }
 
-/// The closed form, refined on the detector's corners.
-fn start(
-    pictures: &[Picture],
-    found: &[Result<Found, GridRejection>],
-    board: &TargetGeometry,
-    distortion: Distortion,
-    points_mm: &[Vector3<f64>],
-) -> Result<Bundle, Failure> {
-    let found: Vec<&Found> = found.iter().flatten().collect();
-    if found.len() < PHOTOGRAPHS_MIN {
-        return Err(Failure::TooFew(found.len()));
+fn refusal(failure: Failure, arguments: &Arguments, pictures: usize) -> BadInput {
+    let [columns, rows] = arguments.board;
+    match failure {
+        Failure::TooFew(count) => BadInput::new(
+            "IMAGE",
+            "photographs",
+            format!(
+                "{count} of {pictures} show the whole board of {columns} x {rows} inner corners, and a calibration needs {PHOTOGRAPHS_MIN}"
+            ),
+            "check --board (count the INNER corners), focus and light; 10 to 20 photographs are good",
+        ),
+        Failure::NoTilt => BadInput::new(
+            "IMAGE",
+            "photographs",
+            "the board has the same tilt in all of them, which leaves the focal length open",
+            "tilt the board by 20 to 40 degrees about both axes",
+        ),
+        Failure::Unsettled => BadInput::new(
+            "IMAGE",
+            "photographs",
+            "they do not fix a camera",
+            "take photographs with the board at different places and tilts, or try --model radial2",
+        ),
     }
-    let pairs = |found: &&Found| -> Vec<closed_form::Pair> {
-        found.corners_px().map(|(corner, px)| (board.corner_mm(corner).xy(), px)).collect()
-    };
-    let pairs: Vec<_> = found.iter().map(pairs).collect();
-    // The frames' size is within the core's limits.
-    let [width_px, height_px] = [pictures[0].width, pictures[0].height].map(|side| side as u16);
-    let (pinhole, poses) =
-        closed_form::camera_and_boards(&pairs, [width_px, height_px]).ok_or(Failure::NoTilt)?;
-    let [fx_px, fy_px] = pinhole.focal_px;
-    let [cx_px, cy_px] = pinhole.centre_px;
-    let skew_px = pinhole.skew_px;
-    let lens = Lens { width_px, height_px, fx_px, fy_px, cx_px, cy_px, skew_px, distortion };
-    let photographs = found
-        .iter()
-        .zip(poses)
-        .map(|(found, cam_from_board)| Photograph {
-            seen: found.seen(board).into(),
-            cam_from_board,
-        })
-        .collect();
-    Bundle::refine(&lens, points_mm, photographs, false).ok_or(Failure::Unsettled)
 }
 
-/// What each photograph shows through a lens.
-fn measure(
-    pictures: &[Picture],
-    found: &[Result<Found, GridRejection>],
+fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern]) -> Camera {
+    let sd = &calibration.sd;
+    let photographs = places.iter().zip(&calibration.outcomes).map(|(place, outcome)| {
+        let used = outcome.used();
+        DetailsOfPhotograph {
+            file: place.clone(),
+            rms_px: used.map(|used| used.rms_px),
+            corners: used.map(|used| used.corners as u32),
+            refused: refused(outcome),
+        }
+    });
+    let used = calibration.outcomes.iter().filter(|outcome| outcome.used().is_some()).count();
+    Camera {
+        lens: calibration.lens,
+        provenance: Provenance {
+            rms_px: Some(calibration.rms_px),
+            images: Some(used as u32),
+            date: Some(jiff::Zoned::now().date().to_string()),
+            source: Some("plumb calibrate".to_owned()),
+            details: Some(Details {
+                verdict: concerns.iter().map(ToString::to_string).collect(),
+                coverage: calibration.coverage.lines(),
+                sd: Deviations {
+                    fx_px: sd[0],
+                    fy_px: sd[1],
+                    cx_px: sd[2],
+                    cy_px: sd[3],
+                    skew_px: sd[4],
+                    distortion: sd[5..].to_vec(),
+                },
+                photographs: photographs.collect(),
+            }),
+        },
+    }
+}
+
+fn refused(outcome: &Outcome) -> Option<String> {
+    match outcome {
+        Outcome::Used(_) => None,
+        Outcome::NotFound(why) => Some(why.to_string()),
+        Outcome::Unusable => Some("the board's edges are hidden or blurred".to_owned()),
+    }
+}
+
+fn print(
+    calibration: &Calibration,
     board: &TargetGeometry,
-    lens: &Lens,
-) -> Vec<Option<Measured>> {
-    let measure = |finder: &mut Finder, (picture, found): (&Picture, &Result<Found, _>)| {
-        finder.measure(&picture.view(), board, lens, found.as_ref().ok()?)
+    places: &[String],
+    concerns: &[Concern],
+) {
+    let all = board.corner_count();
+    let lens = &calibration.lens;
+    let sd = &calibration.sd;
+    for (place, outcome) in places.iter().zip(&calibration.outcomes) {
+        match (outcome.used(), refused(outcome)) {
+            (Some(used), _) => {
+                let Contribution { corners, rms_px, .. } = used;
+                eprintln!("{place}: {corners} of {all} corners, RMS {rms_px:.3} px");
+            }
+            (None, why) => eprintln!("{place}: not used: {}", why.unwrap_or_default()),
+        }
+    }
+    eprintln!("\nwhere the board was seen (photographs per cell of the frame):");
+    for line in calibration.coverage.lines() {
+        eprintln!("  {line}");
+    }
+    eprintln!();
+    let numbers = [
+        ("fx", lens.fx_px),
+        ("fy", lens.fy_px),
+        ("cx", lens.cx_px),
+        ("cy", lens.cy_px),
+        ("skew", lens.skew_px),
+    ];
+    for ((name, value), sd) in numbers.iter().zip(sd) {
+        eprintln!("{name:>4} {value:10.3} +- {sd:.3} px");
+    }
+    let coefficients = lens.distortion.coefficients();
+    let names: &[&str] = match lens.distortion {
+        Distortion::Radial2(_) => &["k1", "k2"],
+        Distortion::Brown5(_) => &["k1", "k2", "p1", "p2", "k3"],
     };
-    pictures.par_iter().zip(found).map_init(Finder::new, measure).collect()
+    for ((name, value), sd) in names.iter().zip(coefficients).zip(&sd[5..]) {
+        eprintln!("{name:>4} {value:10.6} +- {sd:.6}");
+    }
+    eprintln!(" RMS {:10.3} px (reprojection error of all corners)\n", calibration.rms_px);
+    if concerns.is_empty() {
+        eprintln!("verdict: good");
+    }
+    for concern in concerns {
+        eprintln!("warning: {concern}");
+    }
 }

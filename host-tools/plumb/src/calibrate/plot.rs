@@ -6,8 +6,8 @@ use std::path::Path;
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plumbline_calibration::{Calibration, Contribution};
 
-use super::{Calibration, Contribution};
 use crate::palette::{BLUE, FONT, GRID, INK, ORANGE};
 
 const WIDTH_PX: u32 = 1080;

@@ -1,7 +1,6 @@
 //! `plumb scene`: where the scene board stands, which gives the body's axes.
 
 mod live;
-mod mean;
 mod recorded;
 
 use std::path::PathBuf;
@@ -14,7 +13,7 @@ use crate::link_arguments::LinkArguments;
 use crate::receive;
 use crate::setup::{self, Descriptions};
 use crate::waiting::Waiting;
-use mean::{Mean, lean_deg};
+use plumbline_calibration::scene::{Mean, lean_deg};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_files::counting::counted;

@@ -7,9 +7,9 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 
 use plumbline::packet::{
-    AnatomicalPoint, CameraState, FRAME_BYTES_MAX, Health, Hello, Log, LogLevel, MarkedInstant,
-    MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket,
-    encode_datagram, encode_frame,
+    AnatomicalPoint, CameraState, FRAME_BYTES_MAX, Health, Hello, MarkedInstant, MeasuredPose,
+    Message, PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket, encode_datagram,
+    encode_frame,
 };
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;

@@ -4,7 +4,8 @@ use nalgebra::{Matrix3, Vector3};
 use plumbline::pose::{Cam, Pose, Scene, Target};
 
 /// The mean pose of a board at rest, and how single ones are spread about it.
-pub(super) struct Mean {
+pub struct Mean {
+    /// The mean.
     pub cam_from_scene: Pose<Cam, Scene>,
     /// Root mean square angle from the mean.
     pub spread_deg: f64,
@@ -38,7 +39,7 @@ impl Mean {
 }
 
 /// The angle between the board's downward axis and where gravity is expected to pull.
-pub(super) fn lean_deg(cam_from_scene: &Pose<Cam, Scene>, camera_pitch_deg: f64) -> f64 {
+pub fn lean_deg(cam_from_scene: &Pose<Cam, Scene>, camera_pitch_deg: f64) -> f64 {
     let (sine, cosine) = camera_pitch_deg.to_radians().sin_cos();
     let gravity = Vector3::new(0.0, cosine, sine);
     gravity.dot(&cam_from_scene.rotation.column(1)).clamp(-1.0, 1.0).acos().to_degrees()

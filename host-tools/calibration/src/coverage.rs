@@ -2,8 +2,9 @@
 
 use nalgebra::Vector2;
 
-/// Cells of the map: across and down.
+/// Cells of the map across.
 pub const COLUMNS: usize = 12;
+/// Cells of the map down.
 pub const ROWS: usize = 8;
 
 /// What is within this part of the frame from a side has reached that side, and what is so near

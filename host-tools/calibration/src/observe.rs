@@ -36,7 +36,15 @@ pub struct Finder {
     workspace: Box<Workspace>,
 }
 
+impl Default for Finder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Finder {
+    /// Nothing found yet.
+    #[must_use]
     pub fn new() -> Self {
         Self {
             detector: Box::new(Detector::new()),
@@ -47,6 +55,9 @@ impl Finder {
     }
 
     /// Finds the board.
+    ///
+    /// # Errors
+    /// Why there is none.
     pub fn find<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -63,7 +74,7 @@ impl Finder {
 
     /// Measures a board that was found, through the best lens known so far; `None` when its
     /// edges do not support a pose.
-    pub fn measure<P: Pixel>(
+    pub(crate) fn measure<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
         board: &TargetGeometry,
@@ -106,7 +117,7 @@ impl Finder {
 }
 
 /// What a photograph shows through a lens.
-pub struct Measured {
+pub(crate) struct Measured {
     pub seen: Vec<Seen>,
     pub measurement: Measurement,
 }
@@ -121,7 +132,7 @@ impl Found {
     }
 
     /// The corners as measured numbers.
-    pub fn seen(&self, board: &TargetGeometry) -> Vec<Seen> {
+    pub(crate) fn seen(&self, board: &TargetGeometry) -> Vec<Seen> {
         self.corners_px()
             .flat_map(|(corner, px)| {
                 [Vector2::x(), Vector2::y()].map(|axis| Seen {
@@ -136,7 +147,7 @@ impl Found {
 }
 
 /// Which of the board's nodes a corner is.
-pub fn node_of(board: &TargetGeometry, corner: usize) -> usize {
+pub(crate) fn node_of(board: &TargetGeometry, corner: usize) -> usize {
     let (row, column) = (corner / board.columns(), corner % board.columns());
     (row + 1) * (board.columns() + 2) + column + 1
 }

@@ -29,14 +29,57 @@ const RMS_PX_MAX: f64 = 0.5;
 /// One thing that is not as it should be, and what to do about it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Concern {
+    /// Only this many photographs show the board.
     FewPhotographs(usize),
-    Coverage { share: f64, missed: Vec<String>, next: &'static str },
-    Tilt { deg: f64 },
-    FocalLength { px: f64, sd_px: f64 },
-    Bent { mm: f64, sd_mm: f64 },
-    Stretched { share: f64, sd: f64 },
-    Outlier { place: String, rms_px: f64, median_px: f64 },
-    Rms { px: f64 },
+    /// The board was seen in too small a part of the frame.
+    Coverage {
+        /// The part in which it was seen, 0 to 1.
+        share: f64,
+        /// The parts that it never reached, in words.
+        missed: Vec<String>,
+        /// Where it belongs in the next photograph.
+        next: &'static str,
+    },
+    /// The boards are tilted too much alike.
+    Tilt {
+        /// The largest angle between two of them.
+        deg: f64,
+    },
+    /// The focal length is not known well enough.
+    FocalLength {
+        /// The estimate.
+        px: f64,
+        /// Its standard deviation.
+        sd_px: f64,
+    },
+    /// The board is not flat.
+    Bent {
+        /// How far its middle is from the plane of its border.
+        mm: f64,
+        /// Its standard deviation.
+        sd_mm: f64,
+    },
+    /// The board's pitches along its two axes differ.
+    Stretched {
+        /// The pitch of the rows over that of the columns, minus 1.
+        share: f64,
+        /// Its standard deviation.
+        sd: f64,
+    },
+    /// A photograph does not fit the others.
+    Outlier {
+        /// Its file.
+        place: String,
+        /// Its root mean square reprojection error.
+        rms_px: f64,
+        /// The median of all photographs.
+        median_px: f64,
+    },
+    /// The reprojection error is large.
+    Rms {
+        /// Root mean square, over all photographs.
+        px: f64,
+    },
 }
 
 impl fmt::Display for Concern {

@@ -357,7 +357,7 @@ impl Seen {
 }
 
 /// A distortion's coefficients, as many as its model has.
-pub fn coefficients(distortion: &Distortion) -> &[f64] {
+fn coefficients(distortion: &Distortion) -> &[f64] {
     match distortion {
         Distortion::Radial2(coefficients) => coefficients,
         Distortion::Brown5(coefficients) => coefficients,

@@ -1,0 +1,251 @@
+//! A camera from photographs of a board.
+//!
+//! ```text
+//!  photographs ─▶ boards found ─▶ closed form ─▶ refined on corners ─▶ ┌ edges measured ┐
+//!                                                                      └─▶ refined  ────┘ twice
+//!  ─▶ lens, its standard deviations, residuals ─▶ what a user should know about them
+//! ```
+//!
+//! The paper's two steps: Zhang's closed form ([`closed_form`]) and the joint refinement
+//! ([`bundle`]). What is refined is first the detector's corners, then the edges themselves,
+//! measured as the tracker measures them through the lens found so far.
+
+use nalgebra::{Vector2, Vector3};
+use plumbline::grid::GridRejection;
+use plumbline::image::GreyImage;
+use plumbline::lens::{Distortion, Lens};
+use plumbline::nodes::points_mm;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::target::TargetGeometry;
+use rayon::prelude::*;
+
+mod bundle;
+mod closed_form;
+pub mod coverage;
+pub mod observe;
+pub mod scene;
+pub mod verdict;
+
+use bundle::{Bundle, Photograph, Shape};
+use coverage::Coverage;
+use observe::{Finder, Found, Measured};
+
+/// Fewest photographs with a board: Zhang's closed form of all five numbers needs three.
+pub const PHOTOGRAPHS_MIN: usize = 3;
+
+/// Rounds of measuring the edges and refining on them: the second sees them where the first's
+/// lens has them.
+const ROUNDS: usize = 2;
+
+/// A photograph in memory.
+pub struct Picture {
+    /// Its file.
+    pub place: String,
+    /// Grey levels, row by row without padding.
+    pub samples: Vec<u8>,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Picture {
+    fn view(&self) -> GreyImage<'_, u8> {
+        GreyImage::new(&self.samples, self.width, self.height, self.width).expect("a whole picture")
+    }
+}
+
+/// Why there is no calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Failure {
+    /// The board was found in so few.
+    TooFew(usize),
+    /// The board looks the same in all of them: tilt it.
+    NoTilt,
+    /// The numbers do not settle.
+    Unsettled,
+}
+
+/// What one photograph contributed.
+#[derive(Debug, Clone)]
+pub enum Outcome {
+    /// No board.
+    NotFound(GridRejection),
+    /// A board whose edges do not support a pose.
+    Unusable,
+    /// A board that the calibration rests on.
+    Used(Contribution),
+}
+
+impl Outcome {
+    /// What the photograph contributed, if anything.
+    #[must_use]
+    pub fn used(&self) -> Option<&Contribution> {
+        match self {
+            Self::Used(contribution) => Some(contribution),
+            Self::NotFound(_) | Self::Unusable => None,
+        }
+    }
+}
+
+/// What the board in a photograph contributed.
+#[derive(Debug, Clone)]
+pub struct Contribution {
+    /// Root mean square reprojection error of the corners.
+    pub rms_px: f64,
+    /// How many corners were used.
+    pub corners: usize,
+    /// The middle of each edge, and how far across it the calibration puts it from where it is
+    /// seen, raw pixels.
+    pub residuals: Vec<Residual>,
+    /// The board's pose.
+    pub cam_from_board: Pose<Cam, Target>,
+}
+
+/// An edge's middle and its residual, raw pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    /// Where the calibration puts the edge's middle.
+    pub at_px: Vector2<f64>,
+    /// From where it is seen, across the edge.
+    pub off_px: Vector2<f64>,
+}
+
+/// A camera, how well it is known, and from what.
+pub struct Calibration {
+    /// The camera.
+    pub lens: Lens,
+    /// Of fx fy cx cy skew, then the distortion.
+    pub sd: Vec<f64>,
+    /// Root mean square reprojection error of all corners.
+    pub rms_px: f64,
+    /// One for each photograph, in their order.
+    pub outcomes: Vec<Outcome>,
+    /// Where in the frame the boards were.
+    pub coverage: Coverage,
+    /// The board's own shape, where it can be told, and its standard deviations.
+    pub shape: Option<(Shape, Vec<f64>)>,
+}
+
+/// Calibrates a lens of the model that `distortion` has. `done` is told after each photograph
+/// that was searched.
+///
+/// # Errors
+/// [`Failure`].
+pub fn calibrate(
+    pictures: &[Picture],
+    board: &TargetGeometry,
+    distortion: Distortion,
+    done: impl Fn() + Sync,
+) -> Result<Calibration, Failure> {
+    let search = |finder: &mut Finder, picture: &Picture| {
+        let found = finder.find(&picture.view(), board);
+        done();
+        found
+    };
+    let found: Vec<Result<Found, GridRejection>> =
+        pictures.par_iter().map_init(Finder::new, search).collect();
+    let points_mm: Vec<_> = points_mm(board).collect();
+    let mut bundle = start(pictures, &found, board, distortion, &points_mm)?;
+    let mut places = Vec::new();
+    for _ in 0..ROUNDS {
+        let measured = measure(pictures, &found, board, &bundle.lens);
+        places = (0..measured.len()).filter(|&place| measured[place].is_some()).collect();
+        if places.len() < PHOTOGRAPHS_MIN {
+            return Err(Failure::TooFew(places.len()));
+        }
+        let photographs = measured.into_iter().flatten().map(|measured| Photograph {
+            seen: measured.seen.into(),
+            cam_from_board: measured.measurement.cam_from_target,
+        });
+        bundle = Bundle::refine(&bundle.lens, &points_mm, photographs.collect(), false)
+            .ok_or(Failure::Unsettled)?;
+    }
+    let shape = Bundle::refine(&bundle.lens, &points_mm, bundle.photographs.clone(), true)
+        .map(|shaped| (shaped.shape, shaped.sd[bundle.sd.len()..].to_vec()));
+    let mut outcomes: Vec<Outcome> = found
+        .iter()
+        .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
+        .collect();
+    // Through the final lens, each on its own: what a tracker would say of it.
+    let last = measure(pictures, &found, board, &bundle.lens);
+    let (mut squares, mut corners) = (0.0, 0.0);
+    for (&place, photograph) in places.iter().zip(&bundle.photographs) {
+        let Some(measured) = &last[place] else { continue };
+        let residuals = bundle.residuals(&points_mm, photograph).ok_or(Failure::Unsettled)?;
+        let measurement = &measured.measurement;
+        squares += measurement.rms_px.powi(2) * f64::from(measurement.corners);
+        corners += f64::from(measurement.corners);
+        outcomes[place] = Outcome::Used(Contribution {
+            rms_px: measurement.rms_px,
+            corners: measurement.corners.into(),
+            residuals,
+            cam_from_board: photograph.cam_from_board,
+        });
+    }
+    // As `plumb aim` judges it while they are taken.
+    let seen_px: Vec<Vec<_>> = outcomes
+        .iter()
+        .zip(&found)
+        .filter(|(outcome, _)| outcome.used().is_some())
+        .filter_map(|(_, found)| found.as_ref().ok())
+        .map(|found| found.corners_px().map(|(_, px)| px).collect())
+        .collect();
+    let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
+    Ok(Calibration {
+        lens: bundle.lens,
+        sd: bundle.sd,
+        rms_px: (squares / corners).sqrt(),
+        outcomes,
+        coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),
+        shape,
+    })
+}
+
+/// The closed form, refined on the detector's corners.
+fn start(
+    pictures: &[Picture],
+    found: &[Result<Found, GridRejection>],
+    board: &TargetGeometry,
+    distortion: Distortion,
+    points_mm: &[Vector3<f64>],
+) -> Result<Bundle, Failure> {
+    let found: Vec<&Found> = found.iter().flatten().collect();
+    if found.len() < PHOTOGRAPHS_MIN {
+        return Err(Failure::TooFew(found.len()));
+    }
+    let pairs = |found: &&Found| -> Vec<closed_form::Pair> {
+        found.corners_px().map(|(corner, px)| (board.corner_mm(corner).xy(), px)).collect()
+    };
+    let pairs: Vec<_> = found.iter().map(pairs).collect();
+    // The frames' size is within the core's limits.
+    let [width_px, height_px] = [pictures[0].width, pictures[0].height].map(|side| side as u16);
+    let (pinhole, poses) =
+        closed_form::camera_and_boards(&pairs, [width_px, height_px]).ok_or(Failure::NoTilt)?;
+    let [fx_px, fy_px] = pinhole.focal_px;
+    let [cx_px, cy_px] = pinhole.centre_px;
+    let skew_px = pinhole.skew_px;
+    let lens = Lens { width_px, height_px, fx_px, fy_px, cx_px, cy_px, skew_px, distortion };
+    let photographs = found
+        .iter()
+        .zip(poses)
+        .map(|(found, cam_from_board)| Photograph {
+            seen: found.seen(board).into(),
+            cam_from_board,
+        })
+        .collect();
+    Bundle::refine(&lens, points_mm, photographs, false).ok_or(Failure::Unsettled)
+}
+
+/// What each photograph shows through a lens.
+fn measure(
+    pictures: &[Picture],
+    found: &[Result<Found, GridRejection>],
+    board: &TargetGeometry,
+    lens: &Lens,
+) -> Vec<Option<Measured>> {
+    let measure = |finder: &mut Finder, (picture, found): (&Picture, &Result<Found, _>)| {
+        finder.measure(&picture.view(), board, lens, found.as_ref().ok()?)
+    };
+    pictures.par_iter().zip(found).map_init(Finder::new, measure).collect()
+}
