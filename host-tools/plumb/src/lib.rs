@@ -16,7 +16,6 @@ pub mod doctor;
 mod draw;
 mod drawing;
 pub mod export;
-pub mod grid;
 pub mod link_arguments;
 mod missing;
 mod palette;

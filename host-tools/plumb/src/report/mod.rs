@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use clap::Args;
 use plumbline_files::BadInput;
 use plumbline_files::{directory_of, write_all};
+use plumbline_study::manifest;
 use plumbline_trial::Trial;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
 
 use crate::analyze::Method;
-use crate::study::manifest;
 use crate::validate::Against;
 
 mod agreement;
@@ -86,7 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             return Err(BadInput::whole(source.display(), found, remedy).into());
         }
         refuse_options_of_a_trial(arguments)?;
-        let figures = crate::study::figures::analyze(&manifest::read(source)?)?;
+        let figures = plumbline_study::figures::analyze(&manifest::read(source)?)?;
         (study::report(&figures)?, figures.warnings, directory_of(source))
     } else {
         let trial = Trial::open(source)?;

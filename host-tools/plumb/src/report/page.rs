@@ -2,8 +2,8 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use plotters::style::RGBColor;
+use plumbline_study::grid::Annotated;
 
-use crate::grid::Annotated;
 use crate::palette::{dark_style, hex};
 
 /// Its look, but for the colours of the plots.

@@ -2,13 +2,13 @@
 
 use maud::{Markup, html};
 use plumbline_files::BadInput;
+use plumbline_study::figures::StudyFigures;
+use plumbline_study::inference::COMPARED;
+use plumbline_study::tables::PaperTable;
 use plumbline_trial::points::point_name;
 
 use super::page::{annotated, facts, figure, page, warnings};
 use super::plots::{self, Scale};
-use crate::study::figures::StudyFigures;
-use crate::study::inference::COMPARED;
-use crate::study::tables::PaperTable;
 
 /// The page of a study.
 ///

@@ -7,14 +7,15 @@ use plumbline_analysis::filter::SavitzkyGolay;
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_study::analysis::{Analysis, PointFigures, tables};
+use plumbline_study::grid::digits;
 use plumbline_trial::Trial;
 use plumbline_trial::points::{Point, Points, point_name};
 
 use super::agreement;
 use super::page::{annotated, facts, figure, key, page, table, warnings};
 use super::plots::{self, Event};
-use crate::analyze::{Analysis, Method, PointFigures, tables};
-use crate::grid::digits;
+use crate::analyze::Method;
 use crate::validate::Validation;
 
 /// More gaps make no list that is read: these are the longest.
@@ -30,7 +31,7 @@ pub fn report(
     method: &Method,
     validation: Option<&Validation>,
 ) -> Result<String, BadInput> {
-    let analysis = Analysis::of(points, method)?;
+    let analysis = Analysis::of(points, method.filter_s(), &method.settings())?;
     let mut sections = Vec::new();
     for (point, figures) in points.points.iter().zip(&analysis.points) {
         sections.push(section(point, figures, points, method)?);

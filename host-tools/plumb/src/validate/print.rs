@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 use plumbline_analysis::agreement::AxisAgreement;
 use plumbline_analysis::statistics::bland_altman::Limit;
 use plumbline_analysis::statistics::regression::Line;
+use plumbline_study::grid::{Annotated, Footnotes, Grid};
 
 use super::Validation;
-use crate::grid::{Annotated, Footnotes, Grid};
 
 /// In a terminal.
 pub(super) fn text(validation: &Validation) -> String {

@@ -8,7 +8,8 @@ use plumbline_files::{from_toml, read_text};
 use plumbline_trial::positions::{Columns, Table, Unit};
 use serde::Deserialize;
 
-use super::protocol::{Physiology, PhysiologyToml};
+use crate::protocol::{Physiology, PhysiologyToml};
+use crate::time::SECONDS_MAX;
 
 /// What a new study begins with.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -75,9 +76,6 @@ pub enum Source {
     /// A table of another system.
     Table(Table),
 }
-
-/// A day: no time of a trial is further from its t = 0.
-pub(super) const SECONDS_MAX: f64 = 86_400.0;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -14,9 +14,9 @@ use plumbline_files::BadInput;
 use plumbline_trial::points::Points;
 use serde::Serialize;
 
-use super::manifest::{Recordings, Study};
-use super::protocol::{Clock, Kind, Physiology, SignalFile};
-use super::signals;
+use crate::manifest::{Recordings, Study};
+use crate::protocol::{Clock, Kind, Physiology, SignalFile};
+use crate::signals;
 
 /// Of a window's seconds so many have a value, or it has no mean.
 const COVERED_MIN: f64 = 0.5;

@@ -8,17 +8,7 @@ use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::counting::counted;
 use plumbline_files::write_all;
-
-pub mod figures;
-pub mod inference;
-pub mod long;
-pub mod manifest;
-pub mod physiology;
-pub mod protocol;
-mod signals;
-pub mod sway;
-pub mod tables;
-pub mod values;
+use plumbline_study::{figures, inference, long, manifest};
 
 /// The statistics of a study: many trials, or any table of measurements within subjects.
 ///

@@ -8,7 +8,7 @@ use plumbline_files::BadInput;
 use plumbline_files::columns::{Column, Row, TextTable};
 use plumbline_files::counting::counted;
 
-use super::protocol::{Clock, SignalFile};
+use crate::protocol::{Clock, SignalFile};
 
 /// 1990 and 2100, seconds since 1970: a time of day that is not between them is none.
 const UTC_S: std::ops::Range<f64> = 631_152_000.0..4_102_444_800.0;
@@ -90,8 +90,8 @@ fn time_s(time: Column<'_>, row: &Row<'_>, clock: Clock) -> Result<f64, BadInput
 
 #[cfg(test)]
 mod tests {
-    use super::super::protocol::Kind;
     use super::*;
+    use crate::protocol::Kind;
 
     fn read_text(text: &str, clock: Clock, zero_s: f64) -> Result<Read, String> {
         let folder = tempfile::tempdir().unwrap();

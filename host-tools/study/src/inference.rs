@@ -4,9 +4,9 @@
 use plumbline_analysis::statistics::inference::{Comparison, Inference};
 use plumbline_trial::points::point_name;
 
-use super::figures::StudyFigures;
-use super::sway::Path;
+use crate::figures::StudyFigures;
 use crate::grid::{Annotated, Footnotes, Grid, digits};
+use crate::sway::Path;
 
 /// Why there is no test of sphericity.
 const TOO_FEW: &str = "fewer participants than it takes";

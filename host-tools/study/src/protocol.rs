@@ -9,7 +9,7 @@ use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use serde::Deserialize;
 
-use super::manifest::SECONDS_MAX;
+use crate::time::{SECONDS_MAX, time_name};
 
 /// A pressure of 1 kPa, in mmHg.
 const KPA_MMHG: f64 = 7.500_616_8;
@@ -120,7 +120,7 @@ impl Kind {
 /// The section as it stands in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct PhysiologyToml {
+pub struct PhysiologyToml {
     baseline_s: Option<[f64; 2]>,
     #[serde(default = "stance_s")]
     stance_s: f64,
@@ -151,7 +151,7 @@ struct SignalToml {
 
 impl PhysiologyToml {
     /// What it says, if it can be meant.
-    pub(super) fn check(self, place: &str) -> Result<Physiology, BadInput> {
+    pub fn check(self, place: &str) -> Result<Physiology, BadInput> {
         let wrong = |field: &str, found: String, remedy: &str| {
             Err(BadInput::new(place, format!("physiology.{field}"), found, remedy))
         };
@@ -279,7 +279,7 @@ impl Physiology {
             span_s,
         });
         let stance = bins_s.iter().enumerate().map(|(at, bin)| Window {
-            name: super::values::time_name(at),
+            name: time_name(at),
             from: Event::Stance,
             span_s: bin.start..bin.end.min(bin.start + self.stance_s),
         });

@@ -9,7 +9,7 @@ use plumbline_analysis::sway::ellipse::Ellipse;
 use plumbline_analysis::sway::figure::{ByAxis, ByDirection, ByPlane, Figure};
 use plumbline_analysis::sway::noise::PathNoise;
 
-use super::{Analysis, PointFigures};
+use crate::analysis::{Analysis, PointFigures};
 use crate::grid::{Annotated, Footnotes, Grid, digits};
 
 /// One figure of a diffusion plot.
@@ -19,7 +19,8 @@ type OfPlot = fn(&Plot) -> &Figure;
 type OfEllipse = fn(&Ellipse) -> &Figure;
 
 /// All figures of a trial, for people.
-pub(super) fn text(analysis: &Analysis) -> String {
+#[must_use]
+pub fn text(analysis: &Analysis) -> String {
     let mut text = format!("{}, t = 0: {}\n", analysis.source, analysis.zero);
     for event in &analysis.events {
         // Writing to a String does not fail.

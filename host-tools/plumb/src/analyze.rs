@@ -5,18 +5,13 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::Args;
-use plumbline_analysis::sway::{self, Settings, Sway, density};
-use plumbline_files::BadInput;
+use plumbline_analysis::sway::{Settings, density};
 use plumbline_files::columns::Delimiter;
 use plumbline_files::write_all;
-use plumbline_trial::manifest::{EventSeen, Zero};
+use plumbline_study::analysis::{Analysis, tables};
+use plumbline_trial::manifest::Zero;
+use plumbline_trial::points::Points;
 use plumbline_trial::positions::{Columns, Table, Unit};
-use rayon::prelude::*;
-use serde::Serialize;
-
-pub mod tables;
-
-use plumbline_trial::points::{Point, Points};
 
 /// Window of the paper's filter.
 const FILTER_S: f64 = 0.5;
@@ -147,73 +142,6 @@ impl Method {
     }
 }
 
-/// The figures of one trial, as the JSON has them.
-#[derive(Debug, Clone, Serialize)]
-pub struct Analysis {
-    /// The program that made them.
-    pub program: &'static str,
-    /// Where the positions come from.
-    pub source: String,
-    /// What t = 0 is.
-    pub zero: String,
-    /// The filter's window, seconds.
-    pub filter_s: f64,
-    /// The points of the body.
-    pub points: Vec<PointFigures>,
-    /// On the same clock.
-    pub events: Vec<EventSeen>,
-    /// What a reader should know.
-    pub warnings: Vec<String>,
-}
-
-/// The figures of one point.
-#[derive(Debug, Clone, Serialize)]
-pub struct PointFigures {
-    /// `lower`, `upper`, or `point` of a table.
-    pub point: String,
-    /// Of the filtered positions: the paper's.
-    pub filtered: Sway,
-    /// Of the positions as they were measured.
-    pub unfiltered: Sway,
-}
-
-impl Analysis {
-    /// Of the points of a trial.
-    ///
-    /// # Errors
-    /// When the settings do not suit it.
-    pub fn of(points: &Points, method: &Method) -> Result<Self, BadInput> {
-        let settings = method.settings();
-        let unfiltered = Settings { filter_s: None, ..settings.clone() };
-        let figures = |point: &Point| {
-            let sway = |settings: &Settings| {
-                sway::analyze(&point.series, point.noise.as_ref(), settings).map_err(|error| {
-                    BadInput::new(
-                        &points.place,
-                        &point.name,
-                        error,
-                        "give other settings (--filter, --span, --bins, --radius), or a longer trial",
-                    )
-                })
-            };
-            Ok(PointFigures {
-                point: point.name.clone(),
-                filtered: sway(&settings)?,
-                unfiltered: sway(&unfiltered)?,
-            })
-        };
-        Ok(Self {
-            program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
-            source: points.place.clone(),
-            zero: points.zero.clone(),
-            filter_s: method.filter_s(),
-            points: points.points.par_iter().map(figures).collect::<Result<_, BadInput>>()?,
-            events: points.events.clone(),
-            warnings: points.warnings.clone(),
-        })
-    }
-}
-
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -230,7 +158,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (None, Some(folder)) => Points::of_trial(folder, arguments.zero)?,
         (None, None) => unreachable!("one of both is required"),
     };
-    let analysis = Analysis::of(&points, &arguments.method)?;
+    let analysis =
+        Analysis::of(&points, arguments.method.filter_s(), &arguments.method.settings())?;
     for warning in &analysis.warnings {
         eprintln!("warning: {warning}");
     }

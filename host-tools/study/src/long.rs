@@ -12,8 +12,8 @@ use plumbline_files::counting::counted;
 use plumbline_files::read_text;
 use serde::Serialize;
 
-use super::inference::{COMPARED, comparisons, effects};
 use crate::grid::{Annotated, Footnotes, Grid, digits};
+use crate::inference::{COMPARED, comparisons, effects};
 
 /// Which columns are what.
 #[derive(Debug, Clone, PartialEq, Eq)]

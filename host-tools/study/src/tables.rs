@@ -6,13 +6,13 @@ use plumbline_analysis::physiology::bins::Event;
 use plumbline_analysis::statistics::inference::{Inference, SIGNIFICANT};
 use plumbline_trial::points::point_name;
 
-use super::figures::{PathLength, StudyFigures, TimeWindow};
-use super::sway::DIRECTIONS;
-use super::values::time_name;
+use crate::figures::{PathLength, StudyFigures, TimeWindow};
 use crate::grid::Grid;
+use crate::sway::DIRECTIONS;
+use crate::time::time_name;
 
 #[cfg(test)]
-#[path = "../../../analysis/tests/common/table_2.rs"]
+#[path = "../../analysis/tests/common/table_2.rs"]
 mod paper;
 
 /// What stands where there is nothing; why is said beside the tests.
@@ -284,11 +284,11 @@ fn mean(inference: &Inference, condition: &str, time: &str) -> String {
 mod tests {
     use plumbline_analysis::physiology::bins::Window;
 
-    use super::super::manifest::Study;
-    use super::super::physiology::Quantity;
-    use super::super::sway::Path;
-    use super::super::values::TrialValues;
     use super::*;
+    use crate::manifest::Study;
+    use crate::physiology::Quantity;
+    use crate::sway::Path;
+    use crate::values::TrialValues;
 
     fn study(conditions: [&str; 2]) -> Study {
         Study {

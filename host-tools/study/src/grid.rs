@@ -89,7 +89,7 @@ fn superscript(number: usize) -> String {
 }
 
 /// Four digits, as far as they say something.
-pub(crate) fn digits(value: f64) -> String {
+pub fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
         // What is small is not nothing.

@@ -4,7 +4,7 @@ use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::within::{Incomplete, Observation, WithinDesign};
 use plumbline_files::BadInput;
 
-use super::manifest::Study;
+use crate::manifest::Study;
 
 /// The values of one trial.
 #[derive(Debug, Clone)]
@@ -24,12 +24,6 @@ pub struct Response {
     pub inference: Inference,
     /// Participants without a value in some cell.
     pub left_out: Vec<Incomplete>,
-}
-
-/// A time's name, as in the paper's Table II: T1 is the first.
-#[must_use]
-pub fn time_name(at: usize) -> String {
-    format!("T{}", at + 1)
 }
 
 /// The responses of these trials, in the order in which they first appear.
@@ -125,6 +119,7 @@ fn means<'a, M: PartialEq>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::time_name;
 
     fn study(drop_incomplete: bool) -> Study {
         Study {

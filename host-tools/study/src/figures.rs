@@ -11,10 +11,11 @@ use plumbline_trial::points::Points;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::manifest::{Entry, Source, Study};
-use super::physiology::{self, Quantity};
-use super::sway::{self, Path};
-use super::values::{self, Response, TrialValues, time_name};
+use crate::manifest::{Entry, Source, Study};
+use crate::physiology::{self, Quantity};
+use crate::sway::{self, Path};
+use crate::time::time_name;
+use crate::values::{self, Response, TrialValues};
 
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]

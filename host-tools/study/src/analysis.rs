@@ -1,0 +1,78 @@
+//! The sway figures of one trial.
+
+pub mod tables;
+
+use plumbline_analysis::sway::{self, Settings, Sway};
+use plumbline_files::BadInput;
+use plumbline_trial::manifest::EventSeen;
+use plumbline_trial::points::{Point, Points};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// The figures of one trial, as the JSON has them.
+#[derive(Debug, Clone, Serialize)]
+pub struct Analysis {
+    /// The program that made them.
+    pub program: &'static str,
+    /// Where the positions come from.
+    pub source: String,
+    /// What t = 0 is.
+    pub zero: String,
+    /// The filter's window, seconds.
+    pub filter_s: f64,
+    /// The points of the body.
+    pub points: Vec<PointFigures>,
+    /// On the same clock.
+    pub events: Vec<EventSeen>,
+    /// What a reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// The figures of one point.
+#[derive(Debug, Clone, Serialize)]
+pub struct PointFigures {
+    /// `lower`, `upper`, or `point` of a table.
+    pub point: String,
+    /// Of the filtered positions: the paper's.
+    pub filtered: Sway,
+    /// Of the positions as they were measured.
+    pub unfiltered: Sway,
+}
+
+impl Analysis {
+    /// Of the points of a trial: filtered with a window of `filter_s` seconds, and as they were
+    /// measured.
+    ///
+    /// # Errors
+    /// When the settings do not suit it.
+    pub fn of(points: &Points, filter_s: f64, settings: &Settings) -> Result<Self, BadInput> {
+        let filtered = Settings { filter_s: Some(filter_s), ..settings.clone() };
+        let unfiltered = Settings { filter_s: None, ..settings.clone() };
+        let figures = |point: &Point| {
+            let sway = |settings: &Settings| {
+                sway::analyze(&point.series, point.noise.as_ref(), settings).map_err(|error| {
+                    BadInput::new(
+                        &points.place,
+                        &point.name,
+                        error,
+                        "give other settings (--filter, --span, --bins, --radius), or a longer trial",
+                    )
+                })
+            };
+            Ok(PointFigures {
+                point: point.name.clone(),
+                filtered: sway(&filtered)?,
+                unfiltered: sway(&unfiltered)?,
+            })
+        };
+        Ok(Self {
+            program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
+            source: points.place.clone(),
+            zero: points.zero.clone(),
+            filter_s,
+            points: points.points.par_iter().map(figures).collect::<Result<_, BadInput>>()?,
+            events: points.events.clone(),
+            warnings: points.warnings.clone(),
+        })
+    }
+}
