@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{
+use crate::commands::{
     aim, analyze, calibrate, demo, doctor, export, provision, receive, replay, report, scene, show,
     simulate, study, target, track, validate,
 };

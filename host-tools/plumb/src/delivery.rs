@@ -9,7 +9,7 @@ use plumbline_stream::complaints::Complaints;
 use plumbline_stream::link::{BoxLink, Introduction};
 use plumbline_stream::others;
 
-use crate::waiting::Waiting;
+use crate::ui::waiting::Waiting;
 
 /// The slowest box boots in less, its watchdog's patience included.
 const RESTARTED_WITHIN: Duration = Duration::from_secs(60);

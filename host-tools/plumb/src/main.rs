@@ -1,7 +1,18 @@
-//! `plumb`, the host program.
+//! `plumb`, the host's program: what its subcommands take, what they say, and what they show.
+//!
+//! The work is done by libraries: [`plumbline`] tracks, as it does on the box; what receives,
+//! records, calibrates, renders and analyses are the crates beside this one.
+
+mod arguments;
+mod box_settings;
+mod cli;
+mod commands;
+mod delivery;
+mod setup;
+mod ui;
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    plumb::cli::run()
+    cli::run()
 }

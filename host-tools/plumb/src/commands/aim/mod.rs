@@ -1,0 +1,274 @@
+//! `plumb aim`: what the camera of a box sees, to frame, focus and expose it by, and whole
+//! frames to calibrate it with.
+//!
+//! ```text
+//!  session: set-up mode, views, pictures ─┬▶ live: terminal ◀─ reading: numbers, advice
+//!                                         ├▶ plain: lines, a PNG, stills
+//!                                         └▶ expose ◀─ exposure: the controller
+//! ```
+
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use image::RgbImage;
+use plumbline::packet::LinkKind;
+use plumbline_files::BadInput;
+use plumbline_files::targets;
+
+use crate::arguments::{LinkArguments, seconds};
+use crate::ui::draw;
+use crate::ui::stop::stop_on_signals;
+
+mod ability;
+mod blocks;
+mod expose;
+mod exposure;
+mod live;
+mod plain;
+pub(crate) mod reading;
+mod session;
+mod stills;
+mod terminal;
+
+use reading::{BestFocus, Reading};
+use session::{Session, Taken, silence_words};
+use stills::Stills;
+use terminal::Graphics;
+
+/// Aim, focus and expose the camera of a box, by its picture.
+///
+/// Shows the picture with the targets that are found in it, and for each its focus (100: as
+/// sharp as it gets), contrast, saturation, size and distance, the precision that they promise,
+/// and what to do about it. In a terminal the picture is a sixel or made of half blocks;
+/// elsewhere, or with --png, the numbers come as lines.
+///
+/// The box is in set-up mode meanwhile. Only in it do pictures leave the box. It ends with this
+/// program, or by itself soon after this program is gone.
+///
+/// Keys: q or Ctrl-C ends it, s takes a still: into the current directory without --stills.
+/// Exit code 0: done; 2: an input or the box could not be used, or the box is not heard any more.
+#[derive(Debug, clap::Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Examples:
+  A box that sends to this computer's port 4210:
+    plumb aim
+  Over a serial line, in a terminal without sixels:
+    plumb aim --serial /dev/ttyUSB0 --graphics blocks
+  Exposure and gain, by the targets, into the box's configuration:
+    plumb aim --expose --store
+  Photographs for plumb calibrate:
+    plumb aim --stills photos --count 15 --every 5 --board 9x6
+  A picture for a report:
+    plumb aim --png view.png --reduction 1 --once"
+)]
+pub struct Arguments {
+    /// Where the box sends to.
+    #[command(flatten)]
+    link: LinkArguments,
+
+    /// How the picture is shown in a terminal
+    #[arg(long, value_enum, default_value_t = Graphics::Auto)]
+    graphics: Graphics,
+
+    /// Pixels of the frame per pixel of the picture, either way, 1 to 16 [default: 2; 4 over a
+    /// serial line]
+    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u8).range(1..=16))]
+    reduction: Option<u8>,
+
+    /// Write the picture with what was found drawn in to this file, again and again, and the
+    /// numbers as lines
+    #[arg(long, value_name = "FILE")]
+    png: Option<PathBuf>,
+
+    /// One picture and its numbers, then end
+    #[arg(long, conflicts_with_all = ["stills", "count", "expose"])]
+    once: bool,
+
+    /// Take stills, whole frames without loss, into this directory: still-01.png and so on
+    #[arg(long, value_name = "DIR")]
+    stills: Option<PathBuf>,
+
+    /// Take so many stills by itself, then end
+    #[arg(long, value_name = "NUMBER", requires = "stills", value_parser = clap::value_parser!(u32).range(1..=999))]
+    count: Option<u32>,
+
+    /// From one still to the next: time to move the board
+    #[arg(long, value_name = "SECONDS", requires = "count", default_value = "3", value_parser = seconds)]
+    every: Duration,
+
+    /// Tell after each still whether this board is found in it: columns x rows of INNER corners
+    #[arg(long, value_name = "COLUMNSxROWS", requires = "stills", value_parser = targets::grid_size)]
+    board: Option<[u8; 2]>,
+
+    /// Replace stills that exist
+    #[arg(long, requires = "stills")]
+    force: bool,
+
+    /// Find the exposure and the gain at which the targets are well exposed, and end
+    #[arg(long, conflicts_with_all = ["stills", "png"])]
+    expose: bool,
+
+    /// Put what --expose finds into the box's configuration
+    #[arg(long, requires = "expose")]
+    store: bool,
+
+    /// End after this many seconds; the box allows 1800
+    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = duration)]
+    duration: Duration,
+}
+
+/// The box ends set-up mode after this, so that no terminal left open keeps a ward in view.
+const DURATION_MAX: Duration = Duration::from_secs(30 * 60);
+
+fn duration(text: &str) -> Result<Duration, String> {
+    let duration = seconds(text)?;
+    if duration > DURATION_MAX {
+        return Err(format!("give {} seconds at most", DURATION_MAX.as_secs()));
+    }
+    Ok(duration)
+}
+
+/// Reduction of the pictures over a network, and over a serial line.
+const REDUCTION_UDP: u8 = 2;
+const REDUCTION_SERIAL: u8 = 4;
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When an option, the box or an output cannot be used.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let is_live = !arguments.expose && live::is_possible(arguments);
+    if arguments.stills.is_some() && arguments.count.is_none() && !is_live {
+        let found = "without a terminal there is no key to take stills with";
+        let remedy = "say how many to take with --count";
+        return Err(BadInput::whole("--stills", found, remedy).into());
+    }
+    if let Some(path) = &arguments.png {
+        plain::check(path)?;
+    }
+    let mut stills = Stills::new(arguments)?;
+    let stop = stop_on_signals()?;
+    let mut session = Session::begin(&arguments.link)?;
+    let config = session.config();
+    eprintln!(
+        "the box \"{}\" ({}) is in set-up mode: only in it do pictures leave the box",
+        config.device, config.serial_number
+    );
+    let until = Until { stop: &stop, at: Instant::now() + arguments.duration };
+    let mut watch = Watch::new(arguments, session.kind());
+    let mut exposed = None;
+    let outcome = if arguments.expose {
+        expose::find(&mut session, until).map(|found| exposed = found)
+    } else if is_live {
+        live::run(arguments, &mut session, &mut stills, &mut watch, until)
+    } else {
+        plain::run(arguments, &mut session, &mut stills, &mut watch, until)
+    };
+    let met = session.hello().clone();
+    let ended = session.end();
+    match &ended {
+        Ok(_) => eprintln!("the box has left set-up mode: no picture leaves it any more"),
+        Err(error) => eprintln!("warning: {error}"),
+    }
+    match outcome {
+        // The reader has seen enough, as `head` does.
+        Err(error) if error.is_closed_pipe() => return Ok(()),
+        outcome => outcome?,
+    }
+    match exposed {
+        Some(setting) if arguments.store => Ok(expose::store(&mut ended?, &met, setting)?),
+        _ => Ok(()),
+    }
+}
+
+/// When it ends by itself.
+#[derive(Clone, Copy)]
+struct Until<'a> {
+    stop: &'a std::sync::atomic::AtomicBool,
+    at: Instant,
+}
+
+impl Until<'_> {
+    fn is_over(&self) -> bool {
+        self.stop.load(std::sync::atomic::Ordering::Relaxed) || Instant::now() >= self.at
+    }
+}
+
+/// Lines about a box that is silent: one for each second.
+#[derive(Default)]
+struct SilenceLines {
+    told_s: Option<u64>,
+}
+
+impl SilenceLines {
+    /// What there is to say now.
+    fn next(&mut self, silence: Option<Duration>) -> Option<String> {
+        let told_s = std::mem::replace(&mut self.told_s, silence.map(|it| it.as_secs()));
+        silence.filter(|_| told_s != self.told_s).map(silence_words)
+    }
+}
+
+/// What is seen of the box, and remembered.
+struct Watch {
+    best: BestFocus,
+    /// Of the pictures that are shown.
+    reduction: u8,
+}
+
+impl Watch {
+    fn new(arguments: &Arguments, kind: LinkKind) -> Self {
+        let usual = if kind == LinkKind::Serial { REDUCTION_SERIAL } else { REDUCTION_UDP };
+        Self { best: BestFocus::default(), reduction: arguments.reduction.unwrap_or(usual) }
+    }
+
+    /// The latest numbers, if there are any.
+    fn reading(&mut self, session: &Session) -> Option<Reading> {
+        let view = session.view()?;
+        let pose = session.pose_of(view.sequence).or(session.pose());
+        Some(reading::read(session.config(), view, pose, &mut self.best))
+    }
+}
+
+/// A picture of the box, in grey.
+fn decoded(taken: &Taken, session: &Session) -> Result<image::GrayImage, BadInput> {
+    let picture = image::load_from_memory(&taken.file).map_err(|error| {
+        BadInput::whole(
+            session.place(),
+            format!("the box's picture cannot be decoded ({error})"),
+            "try again; if it happens again, update the older of the two programs",
+        )
+    })?;
+    Ok(picture.into_luma8())
+}
+
+/// A picture with what was found in its frame drawn in.
+fn annotated(picture: RgbImage, taken: &Taken, session: &Session) -> RgbImage {
+    match &taken.pose {
+        Some(pose) => {
+            let config = session.config();
+            draw::annotate(picture, config, draw::drawn(pose, config))
+        }
+        None => picture,
+    }
+}
+
+/// A line on standard output.
+fn say(text: &str) -> Result<(), BadInput> {
+    writeln!(std::io::stdout(), "{text}").map_err(|error| BadInput::io("standard output", &error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn silence_is_told_once_a_second() {
+        let mut lines = SilenceLines::default();
+        let silences = [None, Some(3.0), Some(3.4), Some(4.1), None, Some(4.2)];
+        let told = silences.map(|silence| lines.next(silence.map(Duration::from_secs_f64)));
+        let words = |seconds| Some(format!("nothing heard from the box for {seconds} s"));
+        assert_eq!(told, [None, words(3), None, words(4), None, words(4)]);
+    }
+}

@@ -1,0 +1,560 @@
+//! Set-up mode of a box, held for as long as somebody looks.
+//!
+//! Everything goes on side by side: the mode is renewed, poses and health come by themselves,
+//! numbers are asked for, and a picture is taken and fetched in parts, which over a serial line
+//! takes longer than the mode lasts. [`Session::turn`] does what is due and returns soon.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use plumbline::config::Config;
+use plumbline::packet::{
+    AIM_S_MAX, Action, CameraState, Document, Health, Hello, LinkKind, Message, Picture,
+    PosePacket, Refusal, Reply, ReplyOutcome, View, document_crc,
+};
+use plumbline_files::BadInput;
+use plumbline_stream::link::{BoxLink, Download, SILENT_AFTER, Stopped, is_of_box};
+
+use crate::arguments::LinkArguments;
+use crate::ui::waiting::Waiting;
+
+/// The mode is asked for so long: the box falls out of it soon when this program is gone.
+const MODE_S: u16 = 20;
+const _: () = assert!(MODE_S <= AIM_S_MAX);
+
+/// And renewed this often: four renewals may be lost in a row.
+const RENEW_EVERY: Duration = Duration::from_secs(4);
+
+/// Numbers are asked for this often.
+const VIEW_EVERY: Duration = Duration::from_millis(400);
+
+/// After so much silence the box is not waited for any longer.
+const GONE_AFTER: Duration = Duration::from_secs(10);
+
+/// A question that is waited for is put again after this time.
+const ANSWER_WITHIN: Duration = Duration::from_millis(700);
+
+/// One turn takes about as long as this, so that keys are heard.
+const TURN: Duration = Duration::from_millis(30);
+
+/// Word of a picture comes with the next frame; without it the request was lost. A camera that
+/// was opened anew takes a second for its first frame, and a whole frame some time to become a file.
+const PICTURE_WITHIN: Duration = Duration::from_secs(3);
+
+/// A picture that is refused or damaged so often in a row will not come.
+const FAILURES_MAX: usize = 5;
+
+/// The pose packet of a picture's frame is among so many: at 60 Hz a picture is there four
+/// seconds later, or its pose is found as soon as word of it comes.
+const POSES: usize = 256;
+
+/// The pose of a picture's frame is waited for this long.
+const POSE_WITHIN: Duration = Duration::from_millis(250);
+
+/// A picture larger than this is nobody's.
+const PICTURE_BYTES_MAX: u32 = 64 << 20;
+
+/// A picture that is here.
+pub struct Taken {
+    /// Its file.
+    pub file: Vec<u8>,
+    /// What was found in its frame, if that came.
+    pub pose: Option<PosePacket>,
+}
+
+/// How far a picture has come.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress {
+    /// Bytes that are here.
+    pub there: usize,
+    /// All of its bytes.
+    pub total: usize,
+    /// How long the rest takes, once that can be told.
+    pub left: Option<Duration>,
+}
+
+/// A picture under way.
+enum Taking {
+    Nothing,
+    Asked { reduction: u8, id: u16, at: Instant },
+    Coming(Box<Coming>),
+}
+
+struct Coming {
+    picture: Picture,
+    download: Download,
+    since: Instant,
+    pose: Option<PosePacket>,
+    /// When all of it was there.
+    complete: Option<Instant>,
+}
+
+/// When the box was last heard.
+#[derive(Debug, Clone, Copy)]
+struct Hearing(Instant);
+
+impl Hearing {
+    fn heard(&mut self, now: Instant) {
+        self.0 = now;
+    }
+
+    /// For how long nothing has been heard, once that is longer than usual.
+    fn silence(&self, now: Instant) -> Option<Duration> {
+        let silence = now.saturating_duration_since(self.0);
+        (silence >= SILENT_AFTER).then_some(silence)
+    }
+}
+
+/// That the box is silent, for people.
+pub fn silence_words(silence: Duration) -> String {
+    format!("nothing heard from the box for {} s", silence.as_secs())
+}
+
+/// What came of asking the box to expose in some way.
+pub enum Exposed {
+    /// It will.
+    AsAsked,
+    /// Why not, in the box's own words.
+    Refused(Refusal, String),
+    /// It was not heard meanwhile.
+    Unheard,
+}
+
+/// The way to a box in set-up mode.
+pub struct Session {
+    link: BoxLink,
+    hearing: Hearing,
+    /// As of the last time that was listened: what this program does meanwhile is no silence.
+    silence: Option<Duration>,
+    /// Who the box is, and which of its starts this is.
+    hello: Hello,
+    restarts: u32,
+    config: Config,
+    renewed: Instant,
+    viewed: Instant,
+    view: Option<View>,
+    health: Option<Health>,
+    poses: VecDeque<PosePacket>,
+    taking: Taking,
+    failures: usize,
+}
+
+impl Session {
+    /// Brings a box into set-up mode.
+    ///
+    /// # Errors
+    /// When no box is heard, or it refuses.
+    pub fn begin(arguments: &LinkArguments) -> Result<Self, BadInput> {
+        let mut link = arguments.open()?;
+        let (hello, config) = {
+            let _waiting = Waiting::new(format!("listening at {}", link.place()));
+            (link.hello()?, link.config()?)
+        };
+        link.request(Action::Aim { seconds: MODE_S }, "set-up mode")?;
+        let now = Instant::now();
+        Ok(Self {
+            link,
+            hearing: Hearing(now),
+            silence: None,
+            hello,
+            restarts: 0,
+            config,
+            renewed: now,
+            viewed: now - VIEW_EVERY,
+            view: None,
+            health: None,
+            poses: VecDeque::with_capacity(POSES),
+            taking: Taking::Nothing,
+            failures: 0,
+        })
+    }
+
+    /// Ends the mode; the way to the box.
+    ///
+    /// # Errors
+    /// When the box does not confirm it; one that is silent is told, and not waited for.
+    pub fn end(mut self) -> Result<BoxLink, BadInput> {
+        let action = Action::Aim { seconds: 0 };
+        let why = if self.silence.is_some() {
+            self.link.send(action);
+            None
+        } else {
+            match self.ask(action) {
+                Ok(ReplyOutcome::Refused { refusal, reason }) => {
+                    Some(self.refused("to leave set-up mode", refusal, &reason).found)
+                }
+                Ok(_) => return Ok(self.link),
+                Err(error) => Some(error.found),
+            }
+        };
+        let why = match (self.silence, why) {
+            (Some(silence), _) => silence_words(silence),
+            (None, why) => why.unwrap_or_default(),
+        };
+        Err(BadInput::whole(
+            self.link.place(),
+            format!("the box has not confirmed that set-up mode is over: {why}"),
+            format!("it ends by itself within {MODE_S} s"),
+        ))
+    }
+
+    /// Puts a question until it is answered, and hears what else comes.
+    fn ask(&mut self, action: Action) -> Result<ReplyOutcome, BadInput> {
+        let hearing = &mut self.hearing;
+        let mut hello = None;
+        let outcome = self.link.ask_aside(action, ANSWER_WITHIN, |message| {
+            if is_of_box(message) {
+                hearing.heard(Instant::now());
+            }
+            if let Message::Hello(heard) = message {
+                hello = Some(heard.clone());
+            }
+        });
+        let now = Instant::now();
+        if outcome.is_ok() {
+            self.hearing.heard(now);
+        }
+        self.silence = self.hearing.silence(now);
+        hello.map_or(Ok(()), |hello| self.take_hello(hello))?;
+        outcome
+    }
+
+    /// A box that has started anew is not in set-up mode, and what was seen of it is of before.
+    fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
+        if hello.boot_id == self.hello.boot_id {
+            return Ok(());
+        }
+        self.link.refuse_another(&self.hello, &hello)?;
+        if hello.config_crc != self.hello.config_crc {
+            return Err(BadInput::whole(
+                self.link.place(),
+                "the box has started anew, with another configuration",
+                "start `plumb aim` again",
+            ));
+        }
+        self.hello = hello;
+        self.restarts += 1;
+        self.forget();
+        if let Taking::Coming(coming) = &self.taking {
+            self.take(coming.picture.reduction);
+        }
+        self.renew(Instant::now());
+        Ok(())
+    }
+
+    /// How often the box has started anew meanwhile.
+    pub fn restarts(&self) -> u32 {
+        self.restarts
+    }
+
+    /// Who the box is.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// For how long the box has been silent, if that is longer than usual. It is another thing
+    /// than a camera that gives no frames.
+    pub fn silence(&self) -> Option<Duration> {
+        self.silence
+    }
+
+    /// What the box runs with.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What the way to it goes over.
+    pub fn kind(&self) -> LinkKind {
+        self.link.kind()
+    }
+
+    /// How to call the way to it.
+    pub fn place(&self) -> &str {
+        self.link.place()
+    }
+
+    /// The latest numbers.
+    pub fn view(&self) -> Option<&View> {
+        self.view.as_ref()
+    }
+
+    /// What was found in the latest frame.
+    pub fn pose(&self) -> Option<&PosePacket> {
+        self.poses.back()
+    }
+
+    /// What was found in a frame, if that came and is not long ago.
+    pub fn pose_of(&self, sequence: u32) -> Option<&PosePacket> {
+        self.poses.iter().rev().find(|pose| pose.sequence == sequence)
+    }
+
+    /// Why there are no frames, if so.
+    pub fn without_frames(&self) -> Option<&'static str> {
+        match self.health.as_ref()?.camera {
+            CameraState::Starting => Some("the camera has given no frame yet"),
+            CameraState::Running => None,
+            CameraState::Stalled => Some("the camera gives no frames"),
+            CameraState::Lost => Some("the camera is absent or reports errors"),
+            CameraState::Ended => Some("the recording that the box replays is over"),
+        }
+    }
+
+    /// Nothing is being taken.
+    pub fn is_free(&self) -> bool {
+        matches!(self.taking, Taking::Nothing)
+    }
+
+    /// Lets a picture be taken, in place of one that was under way; [`turn`](Self::turn) gives
+    /// it when it is here.
+    pub fn take(&mut self, reduction: u8) {
+        let id = self.link.send(Action::TakePicture { reduction });
+        self.taking = Taking::Asked { reduction, id, at: Instant::now() };
+    }
+
+    /// How far the picture under way has come.
+    pub fn progress(&self) -> Option<Progress> {
+        let Taking::Coming(coming) = &self.taking else { return None };
+        let (there, total) = (coming.download.there(), coming.download.total());
+        let elapsed = coming.since.elapsed();
+        let left = (there > 0)
+            .then(|| elapsed.mul_f64((total - there) as f64 / there as f64))
+            .filter(|_| elapsed >= Duration::from_secs(1));
+        Some(Progress { there, total, left })
+    }
+
+    /// Asks the box to expose so until the mode ends.
+    ///
+    /// # Errors
+    /// When there is no answer, and the box is heard.
+    pub fn expose(
+        &mut self,
+        exposure_us: Option<u32>,
+        gain: Option<f32>,
+    ) -> Result<Exposed, BadInput> {
+        self.view = None;
+        let mut answer = self.ask(Action::Expose { exposure_us, gain });
+        if let Ok(ReplyOutcome::Refused { refusal: Refusal::NotAiming, .. }) = answer {
+            // It has started anew, or has not heard the renewals.
+            answer = self
+                .ask(Action::Aim { seconds: MODE_S })
+                .and_then(|_| self.ask(Action::Expose { exposure_us, gain }));
+        }
+        match answer {
+            Ok(ReplyOutcome::Refused { refusal, reason }) => {
+                Ok(Exposed::Refused(refusal, reason.to_string()))
+            }
+            Ok(_) => Ok(Exposed::AsAsked),
+            Err(_) if self.silence.is_some() => Ok(Exposed::Unheard),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// What a refusal is to the user.
+    pub fn refused(&self, what: &str, refusal: Refusal, reason: &str) -> BadInput {
+        self.link.refused(what, refusal, reason)
+    }
+
+    /// Does what is due and listens for a moment; a picture that is complete.
+    ///
+    /// # Errors
+    /// When the way cannot be used any more, the box is not heard any more, or it refuses what it
+    /// is asked for.
+    pub fn turn(&mut self) -> Result<Option<Taken>, BadInput> {
+        let now = Instant::now();
+        if now - self.renewed >= RENEW_EVERY {
+            self.renew(now);
+        }
+        if now - self.viewed >= VIEW_EVERY {
+            self.viewed = now;
+            self.link.send(Action::SendView);
+        }
+        if self.silence.is_none() {
+            // What a silent box does not answer is no failure of the picture.
+            self.ask_for_picture(now)?;
+        }
+        let mut messages = Vec::new();
+        // From now: the first turn after a pause listens as well.
+        self.link.messages(Instant::now() + TURN, |message| {
+            messages.push(message.clone());
+            None::<()>
+        })?;
+        self.listened(messages.iter().any(is_of_box), Instant::now())?;
+        for message in messages {
+            self.message(message)?;
+        }
+        self.complete()
+    }
+
+    /// Forgets what was seen when the box falls silent: the old is not shown as new, then or when
+    /// it is heard again.
+    fn listened(&mut self, is_heard: bool, now: Instant) -> Result<(), BadInput> {
+        if is_heard {
+            self.hearing.heard(now);
+        }
+        self.silence = self.hearing.silence(now);
+        let Some(silence) = self.silence else { return Ok(()) };
+        if silence >= GONE_AFTER {
+            return Err(BadInput::whole(
+                self.link.place(),
+                "the box is not heard any more",
+                "check its power and its link; set-up mode ends by itself",
+            ));
+        }
+        self.forget();
+        Ok(())
+    }
+
+    fn forget(&mut self) {
+        self.view = None;
+        self.health = None;
+        self.poses.clear();
+    }
+
+    fn renew(&mut self, now: Instant) {
+        self.renewed = now;
+        self.link.send(Action::Aim { seconds: MODE_S });
+    }
+
+    fn ask_for_picture(&mut self, now: Instant) -> Result<(), BadInput> {
+        match &mut self.taking {
+            Taking::Nothing => {}
+            Taking::Asked { reduction, at, .. } => {
+                let reduction = *reduction;
+                if now - *at >= PICTURE_WITHIN {
+                    self.take(reduction);
+                }
+            }
+            Taking::Coming(coming) => match coming.download.due(now) {
+                Ok(None) => {}
+                Ok(Some(action)) => {
+                    let id = self.link.send(action);
+                    coming.download.asked(id, now);
+                }
+                Err(stopped) => return self.failed(&stopped),
+            },
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, message: Message) -> Result<(), BadInput> {
+        if let Taking::Coming(coming) = &mut self.taking
+            && let Err(stopped) = coming.download.take(&message, Instant::now())
+        {
+            return self.failed(&stopped);
+        }
+        match message {
+            Message::Pose(pose) => {
+                if self.poses.len() == POSES {
+                    self.poses.pop_front();
+                }
+                self.poses.push_back(pose);
+            }
+            Message::View(view) => self.view = Some(view),
+            Message::Health(health) => self.health = Some(health),
+            Message::Picture(picture) => self.word_of(picture)?,
+            Message::Reply(reply) => self.reply(&reply)?,
+            // Of no concern here, or for another program on this computer.
+            Message::Hello(hello) => self.take_hello(hello)?,
+            Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
+        }
+        Ok(())
+    }
+
+    fn word_of(&mut self, picture: Picture) -> Result<(), BadInput> {
+        let Taking::Asked { reduction, .. } = &self.taking else { return Ok(()) };
+        if picture.reduction != *reduction {
+            return Ok(());
+        }
+        if picture.bytes > PICTURE_BYTES_MAX {
+            return Err(BadInput::whole(
+                self.link.place(),
+                format!("the box tells of a picture of {} bytes", picture.bytes),
+                "update the older of the two programs",
+            ));
+        }
+        self.taking = Taking::Coming(Box::new(Coming {
+            picture,
+            download: Download::new(Document::Picture(picture.number), picture.bytes as usize),
+            since: Instant::now(),
+            pose: self.pose_of(picture.sequence).cloned(),
+            complete: None,
+        }));
+        Ok(())
+    }
+
+    fn reply(&mut self, reply: &Reply) -> Result<(), BadInput> {
+        let ReplyOutcome::Refused { refusal, reason } = &reply.outcome else { return Ok(()) };
+        match &mut self.taking {
+            Taking::Asked { id, .. } if *id == reply.id => {
+                self.failed(&Stopped::Refused(*refusal, reason.to_string()))
+            }
+            // What goes on beside is asked for again anyway.
+            _ => Ok(()),
+        }
+    }
+
+    /// The picture under way does not come: it is taken again, unless that is of no use.
+    fn failed(&mut self, stopped: &Stopped) -> Result<(), BadInput> {
+        self.failures += 1;
+        let is_final =
+            matches!(stopped, Stopped::Refused(Refusal::NotSupported, _) | Stopped::Barren);
+        if is_final || self.failures == FAILURES_MAX {
+            return Err(self.link.stopped(stopped));
+        }
+        if matches!(stopped, Stopped::Refused(Refusal::NotAiming, _)) {
+            // It has started anew, or has not heard the renewals.
+            self.renew(Instant::now());
+        }
+        let reduction = match &self.taking {
+            Taking::Nothing => return Ok(()),
+            Taking::Asked { reduction, .. } => *reduction,
+            Taking::Coming(coming) => coming.picture.reduction,
+        };
+        // Asked for again after the usual wait: "busy" passes.
+        self.taking = Taking::Asked { reduction, id: 0, at: Instant::now() };
+        Ok(())
+    }
+
+    /// Hands out the picture under way when it and its pose are here.
+    fn complete(&mut self) -> Result<Option<Taken>, BadInput> {
+        let Taking::Coming(coming) = &mut self.taking else { return Ok(None) };
+        let Some(file) = coming.download.file() else { return Ok(None) };
+        if coming.pose.is_none() {
+            let sequence = coming.picture.sequence;
+            coming.pose = self.poses.iter().find(|pose| pose.sequence == sequence).cloned();
+        }
+        let since = *coming.complete.get_or_insert_with(Instant::now);
+        if coming.pose.is_none() && since.elapsed() < POSE_WITHIN {
+            return Ok(None);
+        }
+        if document_crc(file) != coming.picture.crc {
+            // Two programs that ask the same box for pictures mix them up.
+            let reason = "a picture that does not have the checksum it gave".to_owned();
+            return self.failed(&Stopped::Refused(Refusal::Busy, reason)).map(|()| None);
+        }
+        let taken = Taken { file: file.to_vec(), pose: coming.pose.take() };
+        self.taking = Taking::Nothing;
+        self.failures = 0;
+        Ok(Some(taken))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn silence_counts_from_the_last_message() {
+        let start = Instant::now();
+        let after = |seconds: f64| start + Duration::from_secs_f64(seconds);
+        let mut hearing = Hearing(start);
+        assert_eq!(hearing.silence(after(2.9)), None);
+        assert_eq!(hearing.silence(after(3.0)), Some(SILENT_AFTER));
+        hearing.heard(after(3.5));
+        assert_eq!(hearing.silence(after(6.4)), None, "it is heard again");
+        let silence = hearing.silence(after(9.5)).unwrap();
+        assert_eq!(silence, Duration::from_secs(6));
+        assert_eq!(silence_words(silence), "nothing heard from the box for 6 s");
+        assert_eq!(hearing.silence(start), None, "time that is older than the message");
+    }
+}

@@ -1,0 +1,101 @@
+//! Watching a box: it is listened to, asked for the time, for its state and for views.
+
+use std::time::{Duration, Instant};
+
+use plumbline::packet::{Action, LinkKind};
+use plumbline_files::BadInput;
+use plumbline_stream::link::{BoxLink, HEARD_WITHIN, Introduction};
+
+use super::findings::{Expected, Findings};
+use crate::ui::waiting::Waiting;
+
+/// Ten questions for the time a second, out of step with the frames of every usual camera: a
+/// box looks for questions between frames, and the soonest answer counts.
+const PING_EVERY: Duration = Duration::from_millis(97);
+
+/// A view costs the box less than a search, and the light changes slowly.
+const VIEW_EVERY: Duration = Duration::from_millis(480);
+
+/// What was asked last is answered by then.
+const LAST_ANSWERS: Duration = Duration::from_millis(300);
+
+/// Finds out about the box whatever can be found out in this time.
+///
+/// # Errors
+/// When the link cannot be used any more; a box that is not heard is a finding.
+pub fn watch(
+    link: &mut BoxLink,
+    duration: Duration,
+    expected: Option<Expected>,
+) -> Result<Findings, BadInput> {
+    let started = Instant::now();
+    let mut findings = Findings {
+        place: link.place().to_owned(),
+        is_serial: link.kind() == LinkKind::Serial,
+        expected,
+        ..Findings::default()
+    };
+    {
+        let _waiting = Waiting::new(format!("listening at {}", link.place()));
+        link.listen(started + HEARD_WITHIN, |event| {
+            findings.hear(event);
+            (findings.packets > 0).then_some(())
+        })?;
+    }
+    if findings.packets == 0 {
+        return Ok(findings);
+    }
+    {
+        let _waiting = Waiting::new("asking it who it is, and for its configuration");
+        match link.introduction() {
+            Ok(Introduction::Hello(hello)) => findings.hello = Some(hello),
+            Ok(Introduction::Refusing(text)) => {
+                findings.refusing = Some(text);
+                return Ok(findings);
+            }
+            // It may still tell by itself.
+            Err(_) => (),
+        }
+        findings.config = Some(link.config());
+    }
+    let _waiting = Waiting::new(format!("watching it for {} s", duration.as_secs_f64()));
+    look(link, duration, started, &mut findings)?;
+    Ok(findings)
+}
+
+fn look(
+    link: &mut BoxLink,
+    duration: Duration,
+    started: Instant,
+    findings: &mut Findings,
+) -> Result<(), BadInput> {
+    let now_ns = || started.elapsed().as_nanos() as u64;
+    let begun = Instant::now();
+    let end = begun + duration;
+    let (mut ping_at, mut view_at) = (begun, begun);
+    link.send(Action::SendHealth);
+    while Instant::now() < end {
+        let now = Instant::now();
+        if now >= ping_at {
+            link.send(Action::Ping { host_sent_ns: now_ns() });
+            findings.pings += 1;
+            ping_at = now + PING_EVERY;
+        }
+        if now >= view_at {
+            link.send(Action::SendView);
+            view_at = now + VIEW_EVERY;
+        }
+        let until = ping_at.min(view_at).min(end);
+        link.listen(until, |event| -> Option<()> {
+            findings.take(event, now_ns());
+            None
+        })?;
+    }
+    link.send(Action::SendHealth);
+    link.listen(Instant::now() + LAST_ANSWERS, |event| -> Option<()> {
+        findings.take(event, now_ns());
+        None
+    })?;
+    findings.silence_s = now_ns().saturating_sub(findings.heard_ns) as f64 * 1e-9;
+    Ok(())
+}

@@ -1,0 +1,287 @@
+//! `plumb provision`: the configuration of a box, as a file, on a card, or sent to the box.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline_files::BadInput;
+use plumbline_files::refuse_overwriting;
+
+use crate::arguments::LinkArguments;
+use crate::box_settings::{self, BoxSettings};
+use crate::delivery;
+use crate::setup::{self, Descriptions, Places};
+
+mod card;
+mod identity;
+
+/// A box file that explains itself.
+const NEW_BOX: &str = include_str!("box.toml");
+
+/// Give a box what it needs to know: as a file, on its card, or sent to it while it runs.
+///
+/// Camera, targets, scene and the box's own settings become one checked blob with a version
+/// and a checksum, which the box's program takes at its start.
+///
+/// --udp and --serial say where the BOX sends its packets to. Where THIS computer hears the
+/// box, for --send, is said by --via-udp or --via-serial. The box keeps what is sent, whatever
+/// happens to its power, and starts anew with it.
+#[derive(clap::Args)]
+#[command(
+    group(
+        clap::ArgGroup::new("outputs")
+            .args(["out", "card", "send", "new_box"])
+            .required(true)
+            .multiple(true)
+    ),
+    after_help = concat!("\
+Examples:
+  What is the box's own, to be edited:
+    plumb provision --new-box box.toml
+  For a box whose camera is yet to be calibrated, with photographs that it takes (`plumb aim`):
+    plumb provision --uncalibrated 1456x1088 --targets targets.toml --box box.toml --send
+  For a box with a camera, as a file:
+    plumb provision --camera camera.toml --targets targets.toml --scene scene.toml \\
+        --box box.toml --out config.plb
+  To the box that sends to this computer, over the network or a serial line:
+    plumb provision --camera camera.toml --targets targets.toml --box box.toml --send
+    plumb provision --camera camera.toml --targets targets.toml --box box.toml --send \\
+        --via-serial /dev/ttyUSB0
+  Into a card's image; onto a card (lsblk shows its name); onto a card that is mounted:
+    plumb provision ... --box box.toml --card plumbline-rpi4.img
+    sudo plumb provision ... --box box.toml --card /dev/sdX
+    plumb provision ... --box box.toml --out /media/PLUMBLINE/config.plb --force
+  For a replay on this machine:
+    plumb provision --camera camera.toml --targets targets.toml --udp 127.0.0.1:4210 --out config.plb
+
+A box file, as --new-box writes it (only driver, pixel_format and rate_hz of a capture must be
+given):
+
+",
+    include_str!("box.toml")
+)
+)]
+pub struct Arguments {
+    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["uncalibrated", "new_box"])]
+    camera: Option<PathBuf>,
+    /// Instead of a camera file: the size of the frames of a camera that is not calibrated.
+    /// Such a box looks for the scene board alone, and is for aiming and taking photographs.
+    #[arg(
+        long,
+        value_name = "WIDTHxHEIGHT",
+        value_parser = frame_size,
+        conflicts_with_all = ["camera", "scene"]
+    )]
+    uncalibrated: Option<[u16; 2]>,
+    /// Targets file: each printed target's name, role, inner corners and pitch.
+    #[arg(long, value_name = "FILE", required_unless_present = "new_box")]
+    targets: Option<PathBuf>,
+    /// Scene file: where the scene board stands; without it there are no trunk points.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Write a box file with every setting explained, to be edited, and end.
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = [
+            "camera", "uncalibrated", "targets", "scene", "settings", "udp", "serial", "out",
+            "card", "send"
+        ]
+    )]
+    new_box: Option<PathBuf>,
+    /// Box file: name, camera settings, links, network, watchdog; without it the
+    /// box can only replay recordings.
+    #[arg(long = "box", value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Where the box sends its packets, instead of the box file's.
+    #[arg(long, value_name = "HOST:PORT")]
+    udp: Option<String>,
+    /// A serial device of the BOX that it sends its packets on, such as
+    /// /dev/ttyS0:115200, instead of the box file's.
+    #[arg(long, value_name = "DEVICE:BAUD")]
+    serial: Option<String>,
+    /// Write it to this file.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Put it on this card, in the place of the one there: an image of `cargo xtask image`, or
+    /// a card's device.
+    #[arg(long, value_name = "IMAGE|DEVICE")]
+    card: Option<PathBuf>,
+    /// Send it to the box that this computer hears, which then starts anew with it.
+    #[arg(long)]
+    send: bool,
+    /// With --send: hear the box at this address and port of this computer [default:
+    /// 0.0.0.0:4210]
+    #[arg(
+        long,
+        value_name = "ADDRESS:PORT",
+        value_parser = crate::arguments::address,
+        requires = "send",
+        conflicts_with = "via_serial"
+    )]
+    via_udp: Option<SocketAddr>,
+    /// With --send: hear the box on this serial device of this computer.
+    #[arg(long, value_name = "DEVICE", requires = "send")]
+    via_serial: Option<String>,
+    /// Bits per second of --via-serial.
+    #[arg(long, value_name = "RATE", default_value_t = plumbline_stream::link::BAUD, requires = "via_serial")]
+    via_baud: u32,
+    /// With --send: do not restart the box; it takes effect at its next start.
+    #[arg(long, requires = "send")]
+    no_restart: bool,
+    /// Replace the file of --out if it exists, and the configuration of a box of another name
+    /// or of one that would not be heard here any more.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When an input cannot be used, an output cannot be written, or the box does not take it.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(path) = &arguments.new_box {
+        plumbline_files::write_all(&[(path.clone(), NEW_BOX.into())], arguments.force)?;
+        eprintln!("written to {}; edit its links and its camera", path.display());
+        return Ok(());
+    }
+    if let Some(out) = &arguments.out {
+        let inputs = [&arguments.camera, &arguments.targets, &arguments.scene, &arguments.settings];
+        refuse_overwriting(out, inputs.into_iter().flatten())?;
+    }
+    let (config, places) = config(arguments)?;
+    let mut buffer = vec![0; BLOB_BYTES_MAX];
+    let blob = config.encode(&mut buffer).map_err(|error| setup::bad_config(&error, &places))?;
+    assert_eq!(Config::decode(blob).as_ref(), Ok(&config), "a blob reads back as it was written");
+    if arguments.card.is_some() {
+        setup::check_for_box(&config, &places)?;
+    } else if config.capture.is_some() {
+        // A replay can be given a link when it is started.
+        setup::check_links(&config, &places)?;
+    }
+    eprintln!(
+        "configuration {:08x}: {} bytes, targets: {}; {}",
+        config.crc(),
+        blob.len(),
+        config.targets.iter().map(|target| target.name.as_str()).collect::<Vec<_>>().join(", "),
+        if config.capture.is_some() { "a camera" } else { "no camera (replays only)" }
+    );
+    if let Some(out) = &arguments.out {
+        plumbline_files::write_all(&[(out.clone(), blob.to_vec())], arguments.force)?;
+        eprintln!("written to {}", out.display());
+    }
+    if let Some(card) = &arguments.card {
+        card::write(card, &config, blob, arguments.force)?;
+    }
+    if arguments.send {
+        send(arguments, &config, &places)?;
+    }
+    Ok(())
+}
+
+/// The configuration that the files and options make, once it has been checked as a box will.
+fn config(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
+    let (mut config, mut places) = described(arguments)?;
+    if let Some(path) = &arguments.settings {
+        places.settings = path.display().to_string();
+        places.udp.clone_from(&places.settings);
+        places.serial.clone_from(&places.settings);
+        box_settings::read(path)?.apply(&mut config, &places.settings)?;
+    } else {
+        places.settings = "--box".into();
+        BoxSettings::default().apply(&mut config, "")?;
+    }
+    if let Some(value) = &arguments.udp {
+        places.udp = "--udp".into();
+        config.links.udp = Some(box_settings::udp("--udp", "", value)?);
+    }
+    if let Some(value) = &arguments.serial {
+        places.serial = "--serial".into();
+        config.links.serial = Some(box_settings::serial("--serial", "", value)?);
+    }
+    // A box would come to this at its start.
+    setup::configured(&config, &places)?;
+    Ok((config, places))
+}
+
+/// What the camera, the targets and the scene make of it.
+fn described(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
+    // The command line has been seen to that one of each is there.
+    let targets = arguments.targets.as_deref().unwrap_or_else(|| Path::new(""));
+    let camera = arguments.camera.as_deref().unwrap_or_else(|| Path::new(""));
+    let descriptions = Descriptions::of(camera, targets, arguments.scene.as_deref());
+    let mut places = descriptions.places();
+    if let Some([width, height]) = arguments.uncalibrated {
+        places.camera = "--uncalibrated".into();
+        let config = setup::uncalibrated(width, height, descriptions.read_targets()?, &places)?;
+        return Ok((config, places));
+    }
+    let (camera, targets, scene) = descriptions.read()?;
+    Ok((setup::config(&camera, &targets, scene.as_ref(), &places)?, places))
+}
+
+/// A frame's size, as an option has it.
+fn frame_size(text: &str) -> Result<[u16; 2], String> {
+    let sides = text.split_once('x').map(|(width, height)| (width.parse(), height.parse()));
+    match sides {
+        Some((Ok(width), Ok(height))) => Ok([width, height]),
+        _ => Err("give the frames' size as WIDTHxHEIGHT, such as 1456x1088".to_owned()),
+    }
+}
+
+fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), BadInput> {
+    let reached_by = LinkArguments {
+        udp: arguments.via_udp,
+        serial: arguments.via_serial.clone(),
+        baud: arguments.via_baud,
+    };
+    let mut link = reached_by.open()?;
+    let before = delivery::meet(&mut link)?;
+    if let Some(hello) = &before.hello {
+        identity::refuse_another_box(
+            link.place(),
+            (&hello.device, &hello.serial_number),
+            (&config.device, &config.serial_number),
+            arguments.force,
+        )?;
+    }
+    // One that replays a recording may do so without a camera.
+    if before.config.as_ref().is_none_or(|old| old.capture.is_some()) {
+        setup::check_for_box(config, places)?;
+    }
+    if !arguments.force {
+        delivery::refuse_losing(&link, &before, config)?;
+    }
+    delivery::deliver(&mut link, &before, config, !arguments.no_restart)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::box_settings;
+
+    const README: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md"));
+
+    #[test]
+    fn a_new_box_file_is_read_as_it_is_and_with_every_setting() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("box.toml");
+        std::fs::write(&path, NEW_BOX).unwrap();
+        box_settings::read(&path).unwrap();
+        // What is left out begins with # and no space; what explains, with a space.
+        let all: String = NEW_BOX
+            .lines()
+            .map(|line| line.strip_prefix('#').filter(|it| !it.starts_with(' ')).unwrap_or(line))
+            .map(|line| format!("{line}\n"))
+            .collect();
+        assert!(!all.lines().any(|line| line.starts_with('#')), "{all}");
+        std::fs::write(&path, all).unwrap();
+        box_settings::read(&path).unwrap();
+    }
+
+    #[test]
+    fn the_readme_shows_the_box_file_that_is_written() {
+        assert!(README.contains(&format!("```toml\n{NEW_BOX}```")));
+    }
+}

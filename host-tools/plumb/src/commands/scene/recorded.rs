@@ -1,0 +1,41 @@
+//! The scene board's poses in recorded frames.
+
+use std::path::PathBuf;
+
+use plumbline::target::Role;
+use plumbline_files::BadInput;
+use plumbline_files::frames::FrameSource;
+
+use super::Seen;
+use crate::commands::track;
+use crate::setup::{self, Descriptions};
+
+/// Tracks the scene board, and nothing else, through the frames.
+pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::Result<Seen> {
+    let places = descriptions.places();
+    let (camera, mut targets, _) = descriptions.read()?;
+    targets.targets.retain(|target| target.geometry.role() == Role::Scene);
+    if targets.targets.is_empty() {
+        return Err(BadInput::new(
+            &places.targets,
+            "role",
+            "no target has the role \"scene\"",
+            "add the board: name, role = \"scene\", columns, rows, pitch_mm",
+        )
+        .into());
+    }
+    let mut source = FrameSource::open(inputs, None)?;
+    let (_, mut pipeline) = setup::pipeline(&camera, &targets, None, &source, &places)?;
+    let mut seen = Seen {
+        place: inputs[0].display().to_string(),
+        frames: 0,
+        poses: Vec::new(),
+        remedy: "check its columns, rows and light; `plumb track --draw` shows the frames".into(),
+    };
+    while let Some(frame) = source.next_frame()? {
+        seen.frames += 1;
+        let report = track::step(&mut pipeline, &frame);
+        seen.poses.extend(report.targets[0].measurement.iter().map(|found| found.cam_from_target));
+    }
+    Ok(seen)
+}

@@ -1,0 +1,346 @@
+//! `plumb track`: the box's pipeline over recorded frames.
+
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use plumbline::config::Config;
+use plumbline::grid::GridRejection;
+use plumbline::image::GreyImage;
+use plumbline::pipeline::Pipeline;
+use plumbline::report::{NoPose, Report};
+use plumbline::target::Role;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_files::frames::{Frame, FrameSource, Pixels};
+use plumbline_files::poses::{PoseRow, Writer};
+use plumbline_files::{camera, refuse_overwriting};
+
+use crate::setup::{self, Descriptions};
+use crate::ui::draw;
+
+/// Track the targets in recorded frames and write their poses.
+///
+/// Runs the very pipeline of the box over files. INPUT is one or more Y4M
+/// videos, or images (PNG, JPEG, PGM) in the order given, or - for a Y4M on
+/// standard input. The poses come out as CSV, one row per frame and target:
+/// Euler angles (radians) and position (millimetres) in the camera frame, their
+/// standard deviations, the reprojection error, the corners used. Without a pose
+/// the numbers are empty and the column `state` says why. With --scene, ap_mm,
+/// ml_mm, si_mm hold the trunk point that the target carries.
+///
+/// A summary goes to standard error. Exit code 0: done; 2: an input could not be
+/// used (rows written before that stay).
+#[derive(clap::Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Examples:
+  plumb track --camera camera.toml --targets targets.toml --out poses.csv trial.y4m
+  plumb track --camera left_intrinsics.yml --targets board.toml --independent photos/*.jpg
+  ffmpeg -i trial.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe - | plumb track --camera camera.toml --targets targets.toml -"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    descriptions: Descriptions,
+    /// Search every image afresh, for photographs that do not follow each other.
+    #[arg(long)]
+    independent: bool,
+    /// Frames per second; otherwise from the Y4M header, and 30 for images.
+    #[arg(long, value_name = "RATE")]
+    fps: Option<f64>,
+    /// Use a calibration made at another size: the frames are the same picture resampled.
+    #[arg(long)]
+    scale_camera: bool,
+    /// Print the median and the worst time of the pipeline per frame.
+    #[arg(long)]
+    timing: bool,
+    /// Write the CSV here instead of to standard output.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Replace the file of --out if it exists.
+    #[arg(long, requires = "out")]
+    force: bool,
+    /// Write each frame as PNG into this directory, with what was found drawn in.
+    #[arg(long, value_name = "DIR")]
+    draw: Option<PathBuf>,
+    /// Y4M videos or images, in order; - is standard input.
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+}
+
+/// A run shorter than this needs no progress bar.
+const PROGRESS_AFTER: Duration = Duration::from_millis(700);
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// When an input cannot be used or an output cannot be written; the rows of all
+/// frames before that have been written.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let places = arguments.descriptions.places();
+    let (mut camera, targets, scene) = arguments.descriptions.read()?;
+    let mut source = FrameSource::open(&arguments.inputs, arguments.fps)?;
+    if arguments.scale_camera {
+        camera = camera::scaled(&camera, source.width(), source.height(), &places.camera)?;
+    }
+    // Only here can it be scaled.
+    let size = [source.width(), source.height()];
+    camera::check_frame_size(&camera.lens, &places.camera, size[0], size[1], source.place())
+        .map_err(|mut error| {
+            error.remedy += ", or --scale-camera if these frames are the same picture resampled";
+            error
+        })?;
+    let (config, mut pipeline) =
+        setup::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
+
+    let mut rows = poses_writer(arguments)?;
+    if let Some(directory) = &arguments.draw {
+        std::fs::create_dir_all(directory)
+            .map_err(|error| BadInput::io(directory.display(), &error))?;
+    }
+    let mut summary = Summary::new(&config);
+    let progress = Progress::new(source.count_hint(), arguments.out.is_some());
+    let outcome =
+        track(arguments, &config, &mut source, &mut pipeline, &mut rows, &mut |report, time| {
+            summary.add(report, time);
+            progress.advance();
+        });
+    progress.finish();
+    if let Err(error) = &outcome
+        && error.downcast_ref::<BadInput>().is_some_and(BadInput::is_closed_pipe)
+    {
+        // The reader has seen enough, as `head` does.
+        return Ok(());
+    }
+    let other_dimensions = summary.other_dimensions(&config, &places.targets);
+    summary.print(&source, arguments.timing);
+    outcome?;
+    match other_dimensions {
+        Some(error) => Err(error.into()),
+        None => Ok(()),
+    }
+}
+
+fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInput> {
+    let Some(path) = &arguments.out else {
+        return Ok(Writer::new(Box::new(std::io::stdout()), "standard output"));
+    };
+    let place = path.display().to_string();
+    refuse_overwriting(path, arguments.descriptions.paths().chain(&arguments.inputs))?;
+    let file = plumbline_files::create(path, arguments.force)?;
+    Ok(Writer::new(Box::new(file), place))
+}
+
+/// Every frame through the pipeline, its rows to the file, its report and the
+/// time of the step to `seen`.
+fn track(
+    arguments: &Arguments,
+    config: &Config,
+    source: &mut FrameSource,
+    pipeline: &mut Pipeline,
+    rows: &mut Writer<Box<dyn Write>>,
+    seen: &mut dyn FnMut(&Report, Duration),
+) -> anyhow::Result<()> {
+    while let Some(frame) = source.next_frame()? {
+        if arguments.independent {
+            pipeline.forget();
+        }
+        let started = Instant::now();
+        let report = step(pipeline, &frame);
+        seen(&report, started.elapsed());
+        for row in pose_rows(config, frame.index, &report) {
+            rows.write(&row)?;
+        }
+        rows.flush()?;
+        if let Some(directory) = &arguments.draw {
+            let path = directory.join(format!("frame_{:06}.png", frame.index));
+            draw::annotated(&frame, config, &report)
+                .save(&path)
+                .with_context(|| format!("{}: cannot write the drawing", path.display()))?;
+        }
+    }
+    Ok(())
+}
+
+/// One frame of a source through the pipeline.
+pub fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
+    let &Frame { width, height, white_level, capture_time_ns, .. } = frame;
+    // The source has checked the size, and gives as many samples as it says.
+    const GOOD: &str = "a frame within the limits";
+    match frame.pixels {
+        Pixels::Grey8(samples) => {
+            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
+            pipeline.step(&image.expect(GOOD), capture_time_ns)
+        }
+        Pixels::Grey16(samples) => {
+            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
+            pipeline.step(&image.expect(GOOD), capture_time_ns)
+        }
+    }
+}
+
+/// The rows of one report, one per target, in the order of the configuration.
+pub fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
+    let time_s = report.capture_time_ns as f64 / 1e9;
+    config.targets.iter().zip(&report.targets).map(move |(target, found)| {
+        let state = found.state.word();
+        let measured = match &found.measurement {
+            Ok(measured) => measured,
+            Err(reason) => {
+                let state = format!("{state}: {}", reason.words());
+                return PoseRow::without_pose(frame, time_s, &target.name, &state);
+            }
+        };
+        let covariance_mm2 = measured.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        let row = PoseRow::without_pose(frame, time_s, &target.name, state)
+            .with_pose(&measured.cam_from_target)
+            .with_quality(&covariance_mm2, measured.rms_px, u32::from(measured.corners));
+        let trunk = match found.role {
+            Role::Upper => report.upper_trunk,
+            Role::Lower => report.lower_trunk,
+            Role::Scene => None,
+        };
+        match trunk {
+            Some(point) => row.with_trunk(&point),
+            None => row,
+        }
+    })
+}
+
+/// Shown on a terminal only, and only when the work takes long.
+struct Progress {
+    bar: ProgressBar,
+    started: Instant,
+}
+
+impl Progress {
+    fn new(frames: Option<u64>, to_file: bool) -> Self {
+        let bar = match frames {
+            Some(frames) => ProgressBar::new(frames)
+                .with_style(style("tracking {wide_bar} {pos}/{len} frames, {eta} left")),
+            None => ProgressBar::no_length()
+                .with_style(style("tracking {spinner} {pos} frames, {per_sec}")),
+        };
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+        let progress = Self { bar, started: Instant::now() };
+        // Rows on the same terminal would tear the bar apart.
+        if !to_file && std::io::stdout().is_terminal() {
+            progress.bar.finish();
+        }
+        progress
+    }
+
+    fn advance(&self) {
+        self.bar.inc(1);
+        if self.bar.is_hidden()
+            && !self.bar.is_finished()
+            && self.started.elapsed() > PROGRESS_AFTER
+        {
+            // Hides itself when standard error is no terminal.
+            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+        }
+    }
+
+    fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("a template that is right")
+}
+
+/// Why there is no pose when a target's columns or rows are wrong.
+const OTHER_DIMENSIONS: NoPose = NoPose::NotFound(GridRejection::OtherDimensions);
+
+/// What is told at the end.
+struct Summary {
+    frames: u64,
+    step_times: Vec<Duration>,
+    targets: Vec<TargetSummary>,
+}
+
+struct TargetSummary {
+    name: String,
+    rms_px: Vec<f64>,
+    /// Frames without a pose, by reason.
+    missing: BTreeMap<&'static str, u64>,
+}
+
+impl Summary {
+    fn new(config: &Config) -> Self {
+        let targets = config.targets.iter().map(|target| TargetSummary {
+            name: target.name.to_string(),
+            rms_px: Vec::new(),
+            missing: BTreeMap::new(),
+        });
+        Self { frames: 0, step_times: Vec::new(), targets: targets.collect() }
+    }
+
+    fn add(&mut self, report: &Report, time: Duration) {
+        self.frames += 1;
+        self.step_times.push(time);
+        for (target, found) in self.targets.iter_mut().zip(&report.targets) {
+            match &found.measurement {
+                Ok(measured) => target.rms_px.push(measured.rms_px),
+                Err(reason) => *target.missing.entry(reason.words()).or_default() += 1,
+            }
+        }
+    }
+
+    /// A target that no frame holds, although checkerboards of other sizes are there: its
+    /// columns and rows are wrong.
+    fn other_dimensions(&self, config: &Config, targets_file: &str) -> Option<BadInput> {
+        let wrong = |target: &TargetSummary| {
+            let most = target.missing.iter().max_by_key(|(_, count)| **count);
+            target.rms_px.is_empty()
+                && most.is_some_and(|(reason, _)| *reason == OTHER_DIMENSIONS.words())
+        };
+        let (target, configured) =
+            self.targets.iter().zip(&config.targets).find(|(target, _)| wrong(target))?;
+        let shape = configured.geometry.shape();
+        Some(BadInput::new(
+            targets_file,
+            format!("columns, rows of target \"{}\"", target.name),
+            format!(
+                "no frame holds {} x {} inner corners; the checkerboards that are seen have other columns and rows",
+                shape.columns, shape.rows
+            ),
+            "count the INNER corners, where four squares meet; --draw DIR shows the frames as the tracker sees them",
+        ))
+    }
+
+    fn print(mut self, source: &FrameSource, timing: bool) {
+        let frames = counted(self.frames, "frame");
+        eprintln!("{frames} of {} x {} px", source.width(), source.height());
+        for target in &mut self.targets {
+            let found = target.rms_px.len();
+            let mut line = format!("{}: found in {found} of {frames}", target.name);
+            if let Some(rms_px) = median(&mut target.rms_px, f64::total_cmp) {
+                line += &format!(", median reprojection RMS {rms_px:.3} px");
+            }
+            let reasons: Vec<String> =
+                target.missing.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
+            if !reasons.is_empty() {
+                line += &format!("; not found: {}", reasons.join(", "));
+            }
+            eprintln!("{line}");
+        }
+        let worst = self.step_times.iter().max().copied();
+        if let Some((median, worst)) = median(&mut self.step_times, Ord::cmp).zip(worst)
+            && timing
+        {
+            let ms = |time: Duration| time.as_secs_f64() * 1e3;
+            eprintln!("step: median {:.3} ms, worst {:.3} ms per frame", ms(median), ms(worst));
+        }
+    }
+}
+
+/// The upper median.
+fn median<T: Copy>(values: &mut [T], order: fn(&T, &T) -> std::cmp::Ordering) -> Option<T> {
+    values.sort_unstable_by(order);
+    values.get(values.len() / 2).copied()
+}

@@ -1,0 +1,9 @@
+//! What several subcommands show: charts and their colours, annotated frames, a spinner, the
+//! words for a target that is not found; and how a long run ends.
+
+pub mod draw;
+pub mod drawing;
+pub mod missing;
+pub mod palette;
+pub mod stop;
+pub mod waiting;
