@@ -259,7 +259,7 @@ mod tests {
             {
                 let file = open(card).unwrap();
                 let (fat, _) = file_system(&file, "").unwrap();
-                for (name, bytes) in [("vmlinuz", 70_000), (&*NEW_FILE_NAME, 900), ("notes", 5)] {
+                for (name, bytes) in [("vmlinuz", 70_000), (NEW_FILE_NAME, 900), ("notes", 5)] {
                     let mut file = fat.root_dir().create_file(name).unwrap();
                     file.write_all(&vec![7; bytes]).unwrap();
                 }
