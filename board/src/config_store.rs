@@ -23,9 +23,6 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 
 use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
 
-/// The configuration's name on a box's card.
-pub const CONFIG_NAME: &str = "config.plb";
-
 /// The file of its own beside a configuration.
 #[must_use]
 pub fn journal_of(config: &Path) -> PathBuf {

@@ -25,6 +25,7 @@ pub mod session;
 pub mod source;
 pub mod status;
 pub mod temperature;
+pub mod usable;
 pub mod watchdog;
 
 #[cfg(test)]

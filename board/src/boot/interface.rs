@@ -12,7 +12,7 @@ use std::os::fd::AsRawFd;
 
 use anyhow::{Context, Result};
 
-use super::network::Address;
+use super::address::Address;
 
 /// Brings an interface up.
 ///

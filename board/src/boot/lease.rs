@@ -9,8 +9,8 @@ use std::net::Ipv4Addr;
 
 use anyhow::{Context, Result};
 
+use super::address::Address;
 use super::interface;
-use super::network::Address;
 
 /// The client calls the program by this name.
 pub const NAME: &str = "network-lease";

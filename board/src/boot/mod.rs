@@ -24,6 +24,7 @@
 //! The same program plays three small parts beside that one, told apart by the
 //! name that it is called by: see [`Role`].
 
+mod address;
 mod announce;
 mod children;
 mod failure;
@@ -44,13 +45,14 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result, bail};
-use plumbline::config::{Config, Network};
+use plumbline::config::{Config, FILE_NAME, Network};
 use plumbline::pipeline::Pipeline;
 
-use crate::config_store::{CONFIG_NAME, ConfigStore};
-use crate::link::{Link, NO_LINK, SerialLink, UdpLink};
-use crate::session::{self, Links, Setup};
+use crate::config_store::ConfigStore;
+use crate::link::Links;
+use crate::session::{self, Setup};
 use crate::source::chosen::Source;
+use crate::usable::usable;
 use crate::watchdog::Watchdog;
 use crate::{clock, logger, realtime};
 use gate::Gate;
@@ -100,7 +102,7 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
     step(&modules.to_string());
 
     let partition::Found { partition, config } = partition::find();
-    let store = partition.as_ref().map(|it| ConfigStore::on_partition(it, CONFIG_NAME));
+    let store = partition.as_ref().map(|it| ConfigStore::on_partition(it, FILE_NAME));
     let marked = partition.as_ref().is_some_and(restart::take_mark);
     if let Some(store) = &store
         && let Err(error) = store.complete()
@@ -135,30 +137,8 @@ fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Links, So
     Ok((config, links, source))
 }
 
-/// The links and the camera of a configuration, once this program has been found able to use
-/// it. Neither need be there yet.
-///
-/// # Errors
-/// What a box would refuse it for.
-pub fn usable(config: &Config) -> Result<(Links, Source)> {
-    config.check()?;
-    Ok((links(config)?, Source::camera(config)?))
-}
-
 fn in_config(device: &str) -> String {
-    format!("{CONFIG_NAME} on {device}")
-}
-
-/// The links of the configuration; what they need may come later.
-fn links(config: &Config) -> Result<Links> {
-    let udp = config.links.udp.map(|host| UdpLink::to(host).map(Link::Udp));
-    let serial = config.links.serial.as_ref();
-    let serial = serial.map(|line| SerialLink::absent(&line.path, line.baud).map(Link::Serial));
-    let links: Links = udp.into_iter().chain(serial).collect::<Result<_>>()?;
-    if links.is_empty() {
-        bail!("links: {NO_LINK}");
-    }
-    Ok(links)
+    format!("{FILE_NAME} on {device}")
 }
 
 /// The measurement; ends when the host asks for a restart.

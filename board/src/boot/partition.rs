@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount, umount};
+use plumbline::config::FILE_NAME;
 
-use crate::config_store::{CONFIG_NAME, ConfigStore, is_absent};
+use crate::config_store::{ConfigStore, is_absent};
 use crate::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
 
 /// Where the partition is mounted.
@@ -47,7 +48,7 @@ impl std::fmt::Display for Absent {
             if self.devices.is_empty() { "no disk".into() } else { self.devices.join(" ") };
         write!(
             formatter,
-            "no {CONFIG_NAME} in {seconds} s on a FAT partition ({looked}): send one with `plumb \
+            "no {FILE_NAME} in {seconds} s on a FAT partition ({looked}): send one with `plumb \
              provision`, or copy it to the boot partition"
         )
     }
@@ -108,13 +109,13 @@ fn config_of(device: &str) -> Result<Option<Vec<u8>>> {
     if !mount_at(device) {
         return Ok(None);
     }
-    match ConfigStore::on_partition(&partition(), CONFIG_NAME).read() {
+    match ConfigStore::on_partition(&partition(), FILE_NAME).read() {
         Ok(blob) => Ok(Some(blob)),
         Err(error) if is_absent(&error) => {
             umount(PLACE).with_context(|| format!("{device} cannot be unmounted"))?;
             Ok(None)
         }
-        Err(error) => Err(error).with_context(|| format!("{device}: {CONFIG_NAME} cannot be read")),
+        Err(error) => Err(error).with_context(|| format!("{device}: {FILE_NAME} cannot be read")),
     }
 }
 

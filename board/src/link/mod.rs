@@ -10,14 +10,14 @@ pub mod udp;
 
 use std::time::Duration;
 
-use plumbline::packet::{LinkKind, Message};
+use plumbline::packet::{LINKS_MAX, LinkKind, Message};
 
 pub use file::FileLink;
 pub use serial::SerialLink;
 pub use udp::UdpLink;
 
-/// What is wrong with a configuration without a link.
-pub const NO_LINK: &str = "neither udp nor serial is given, and packets would have nowhere to go";
+/// The links in use, one of each kind at most.
+pub type Links = heapless::Vec<Link, LINKS_MAX>;
 
 /// Datagrams, or reads of a line, that are looked at before the next frame.
 pub(crate) const RECEIVED_PER_TURN_MAX: usize = 4;
