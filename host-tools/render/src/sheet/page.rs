@@ -1,5 +1,8 @@
 //! A page as shapes, in millimetres from its top left corner, x right, y down.
 
+/// The margin of a sheet on which printers cannot print, mm.
+pub const EDGE_MM: f64 = 8.0;
+
 /// A paper size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -28,6 +31,13 @@ impl Paper {
             Self::A4 => "A4",
             Self::Letter => "Letter",
         }
+    }
+
+    /// The size of a sheet in its two positions.
+    #[must_use]
+    pub fn upright_and_across_mm(self) -> [[f64; 2]; 2] {
+        let [width, height] = self.size_mm();
+        [[width, height], [height, width]]
     }
 }
 
