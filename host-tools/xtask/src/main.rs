@@ -25,6 +25,7 @@ mod instructions;
 mod python;
 mod setup;
 mod stack;
+mod suite;
 mod tests;
 
 use std::process::ExitCode;

@@ -23,7 +23,9 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-pub use recordings::{CONFIG_FILE, FRAMES_FILE, RECORDINGS, STANDARD, TRUTH_FILE, VGA};
+pub use recordings::{
+    CONFIG_FILE, FRAMES_FILE, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
+};
 pub use recordings::{build, make_recordings, recording};
 pub use skips::{Absent, SKIPS, Skip, read_skips, skip};
 

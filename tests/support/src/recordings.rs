@@ -12,7 +12,10 @@ use crate::root;
 /// Names the directory with the recordings; without it they are made where they are missing.
 pub const RECORDINGS: &str = "PLUMBLINE_RECORDINGS";
 
-/// 130 frames of the standard scene at 60 Hz. From frame 43 to 116 an arm hides the lower target
+/// Frames of the standard recording.
+pub const STANDARD_FRAMES: usize = 130;
+
+/// [`STANDARD_FRAMES`] of the standard scene at 60 Hz. From frame 43 to 116 an arm hides the lower target
 /// wholly, for longer than a target coasts.
 pub const STANDARD: &str = "standard";
 
