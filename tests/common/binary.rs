@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-use plumbline_test_support::{build, command};
+use plumbline_test_support::{command, program};
 
 /// The program, built once per test process, wherever cargo puts it.
 pub fn plumb() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
-    let built = PROGRAM.get_or_init(|| build("plumb").expect("plumb builds"));
+    let built = PROGRAM.get_or_init(|| program("plumb").expect("plumb builds"));
     let mut command = command(built);
     // An error is one line, whatever the environment asks for.
     command.env("RUST_BACKTRACE", "1");

@@ -26,15 +26,18 @@ const NUMBERS: [&str; 9] =
 /// What must be the very same: what was seen, and how.
 const IDENTICAL: [&str; 4] = ["frame", "target", "state", "points"];
 
-/// Tracks the recording twice and compares every pose.
-pub fn check(toolchain: &Toolchain, recordings: &Path) -> Result<()> {
-    let poses = |cargo: Task| {
-        cargo
-            .env(RECORDINGS, &recordings.display().to_string())
-            .args(["run", "--quiet", "--package", "plumbline-core-tests", "--bin", "poses"])
-            .output()
+/// Tracks the recording twice and compares every pose: by the program in `native`, built first
+/// where it is not, and by the one that was built with the tests for the other processor.
+pub fn check(native: Option<&Path>, toolchain: &Toolchain, recordings: &Path) -> Result<()> {
+    let name = "poses";
+    let native = match native {
+        Some(programs) => Task::new(programs.join(name)),
+        None => Task::cargo().args(["run", "--package", "plumbline-core-tests", "--bin", name]),
     };
-    let (native, emulated) = (poses(Task::cargo())?, poses(toolchain.cargo(Linking::Static))?);
+    let emulated = toolchain.programs(Linking::Static, "debug").join(name);
+    let emulated = Task::new(toolchain.emulator()).args([emulated]);
+    let poses = |task: Task| task.env(RECORDINGS, &recordings.display().to_string()).output();
+    let (native, emulated) = (poses(native)?, poses(emulated)?);
     let compared = compare_rows(&native, &emulated)?;
     println!("{compared}");
     // The other target is seen in every frame, the hidden one before and after.

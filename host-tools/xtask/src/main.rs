@@ -17,6 +17,8 @@ mod bare_metal;
 mod bench;
 mod beside;
 mod command;
+#[cfg(test)]
+mod crates;
 mod cross;
 mod demo;
 mod generated;

@@ -6,12 +6,14 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::ValueEnum;
 use plumbline_test_support::{
-    Absent, DATA, RECORDINGS, SKIPS, Skip, data_directory, make_recordings, read_skips,
+    Absent, DATA, PROGRAMS, RECORDINGS, SKIPS, Skip, data_directory, make_recordings, program,
+    read_skips,
 };
 
 use crate::bare_metal::Document;
@@ -176,17 +178,26 @@ fn format_and_lint(journal: &mut Journal) {
 /// Renders the recordings that tests read, on this machine; where they are.
 fn recordings(journal: &mut Journal) -> Option<PathBuf> {
     let mut directory = None;
+    let built = journal.programs.as_ref().map(|programs| programs.join("plumb"));
     journal.check("recordings", || {
-        directory = Some(make_recordings(&target_directory()).map_err(|error| anyhow!(error))?);
+        let plumb = built.map_or_else(|| program("plumb"), Ok).map_err(|error| anyhow!(error))?;
+        let made = make_recordings(&target_directory(), &plumb);
+        directory = Some(made.map_err(|error| anyhow!(error))?);
         Ok(())
     });
     directory
 }
 
 fn native(journal: &mut Journal) {
+    // A download, beside what compiles.
+    let python = thread::spawn(python::prepare);
     format_and_lint(journal);
-    // The tests start the programs, which `cargo test` alone builds only for their own packages.
-    let built = journal.check("build", || Task::cargo().args(["build", "--workspace"]).run());
+    // With all targets, although the tests come later: what is built without them is built anew
+    // for them, with the features that they ask of others.
+    let build = ["build", "--workspace", "--all-targets"];
+    let built = journal.check("build", || Task::cargo().args(build).run());
+    let programs = target_directory().join("debug");
+    journal.programs = built.then(|| programs.clone());
     if built && let Some(recordings) = recordings(journal) {
         say_where_the_data_are();
         // Ubuntu has it as a snap alone, which apt does not install.
@@ -194,12 +205,14 @@ fn native(journal: &mut Journal) {
             journal.cannot_be_had("a browser", &error);
         }
         // A second opinion: where its index of packages cannot be reached, all else still counts.
-        let python = python::prepare();
+        let python = python.join().expect("it does not panic");
         if let Err(error) = &python {
             journal.cannot_be_had("other people's readers", error);
         }
         let cargo = || {
-            let task = Task::cargo().env(RECORDINGS, &recordings.to_string_lossy());
+            let task = Task::cargo()
+                .env(PROGRAMS, &programs.to_string_lossy())
+                .env(RECORDINGS, &recordings.to_string_lossy());
             match python {
                 Ok(()) => task.env(python::VARIABLE, &python::program().to_string_lossy()),
                 Err(_) => task,
@@ -234,11 +247,18 @@ const SHIPPED: &[&str] = &[
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
-    let cargo = || toolchain.cargo(Linking::Static).env(RECORDINGS, &recordings.to_string_lossy());
+    let programs = toolchain.programs(Linking::Static, "debug");
+    let cargo = || {
+        toolchain
+            .cargo(Linking::Static)
+            .env(PROGRAMS, &programs.to_string_lossy())
+            .env(RECORDINGS, &recordings.to_string_lossy())
+    };
     let selection = if all { &["--workspace"] } else { SHIPPED };
     if all {
         say_where_the_data_are();
-        if !journal.check("build", || cargo().args(["build", "--workspace"]).run()) {
+        let build = ["build", "--workspace", "--all-targets"];
+        if !journal.check("build", || cargo().args(build).run()) {
             return Ok(());
         }
     }
@@ -249,7 +269,8 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
         with_documentation: all,
     };
     journal.suite("tests", &suite);
-    journal.check("agreement", || agreement::check(&toolchain, &recordings));
+    let native = journal.programs.clone();
+    journal.check("agreement", || agreement::check(native.as_deref(), &toolchain, &recordings));
     Ok(())
 }
 
@@ -276,7 +297,7 @@ fn bare_metal(journal: &mut Journal, document: Document) {
 
 /// The boot of a box with a camera, which prints its figures as the bench's programs do.
 pub fn boot_with_camera() -> Result<Task> {
-    let images = image::make_for_tests()?;
+    let images = image::make_for_tests(image::Profile::Release)?;
     let name = "poses::a_camera_is_tracked_over_both_links_as_well_as_here";
     let test = [
         "test",
@@ -297,7 +318,7 @@ pub fn boot_with_camera() -> Result<Task> {
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
-        images = image::make_for_tests()?;
+        images = image::make_for_tests(image::Profile::ImageTests)?;
         Ok(())
     });
     if made {
@@ -341,6 +362,8 @@ struct Journal {
     summaries: Vec<String>,
     /// The file that tests write into when they skip.
     skips: PathBuf,
+    /// Where this machine's programs are, once they are built.
+    programs: Option<PathBuf>,
     /// What tests want of other people and this machine cannot have, with the reason.
     lacking: Vec<String>,
 }

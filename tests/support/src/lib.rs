@@ -3,7 +3,7 @@
 //! - [`data`]: photographs and other people's recordings, which are not in the repository.
 //! - [`skip`]: how a test says that it cannot run here. A test that returns early counts as
 //!   passed; what it says through this function is listed at the end of the run.
-//! - [`command`], [`serial_lines`], [`board_beside`]: this project's programs, also in an emulator.
+//! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, also in an emulator.
 //! - [`recording`]: rendered frames with known poses, in files.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
@@ -13,6 +13,7 @@
 //! | [`DATA`] | where the data are; relative to the root of the checkout |
 //! | [`RUNNER`] | the emulator that runs programs of another processor |
 //! | [`SKIPS`] | the file that skips are appended to |
+//! | [`PROGRAMS`] | where this project's programs are built |
 //! | [`RECORDINGS`] | where the rendered recordings are |
 
 mod recordings;
@@ -24,9 +25,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 pub use recordings::{
-    CONFIG_FILE, FRAMES_FILE, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
+    CONFIG_FILE, FRAMES_FILE, PROGRAMS, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
 };
-pub use recordings::{build, make_recordings, recording};
+pub use recordings::{make_recordings, program, recording};
 pub use skips::{Absent, SKIPS, Skip, read_skips, skip};
 
 /// Names the directory with photographs and recordings by others.

@@ -12,6 +12,10 @@ use crate::root;
 /// Names the directory with the recordings; without it they are made where they are missing.
 pub const RECORDINGS: &str = "PLUMBLINE_RECORDINGS";
 
+/// Names the directory with this project's programs, where they are built; without it they are
+/// built when a test starts one. Cargo builds them anew for each choice of packages.
+pub const PROGRAMS: &str = "PLUMBLINE_PROGRAMS";
+
 /// Frames of the standard recording.
 pub const STANDARD_FRAMES: usize = 130;
 
@@ -42,26 +46,26 @@ pub fn recording(name: &str) -> PathBuf {
     static MADE: OnceLock<PathBuf> = OnceLock::new();
     let make = || {
         let target = env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-        make_recordings(&root().join(target)).expect("the recordings can be made")
+        let plumb = program("plumb").expect("plumb builds");
+        make_recordings(&root().join(target), &plumb).expect("the recordings can be made")
     };
     let directory = || env::var_os(RECORDINGS).map_or_else(make, PathBuf::from);
     MADE.get_or_init(directory).join(name)
 }
 
-/// Makes the recordings below the target directory, where they are missing or older than the
-/// program that renders them; where they are.
+/// Makes the recordings below the target directory, where they are missing or older than `plumb`,
+/// which renders them; where they are.
 ///
 /// # Errors
-/// When `plumb` cannot be built or a recording not be written.
-pub fn make_recordings(target: &Path) -> Result<PathBuf, String> {
+/// When a recording cannot be written.
+pub fn make_recordings(target: &Path, plumb: &Path) -> Result<PathBuf, String> {
     let directory = target.join("recordings");
     let named = |error| format!("{}: {error}", directory.display());
     fs::create_dir_all(&directory).map_err(named)?;
     // Several test programs may want them at the same time.
     let lock = File::create(directory.join("lock")).map_err(named)?;
     lock.lock().map_err(named)?;
-    let plumb = build("plumb")?;
-    let built = fs::metadata(&plumb).and_then(|about| about.modified()).map_err(named)?;
+    let built = fs::metadata(plumb).and_then(|about| about.modified()).map_err(named)?;
     for (name, settings) in SETTINGS {
         let folder = directory.join(name);
         // It is written last.
@@ -69,7 +73,7 @@ pub fn make_recordings(target: &Path) -> Result<PathBuf, String> {
         if made.is_ok_and(|made| made > built) {
             continue;
         }
-        make(&plumb, &folder, settings)?;
+        make(plumb, &folder, settings)?;
     }
     Ok(directory)
 }
@@ -87,11 +91,14 @@ fn make(plumb: &Path, folder: &Path, settings: &[&str]) -> Result<(), String> {
     run(provision).map(drop)
 }
 
-/// Builds the program of the package of the same name; where it is.
+/// The program of the package of the same name: where [`PROGRAMS`] says, or else built.
 ///
 /// # Errors
 /// When it does not build.
-pub fn build(name: &str) -> Result<PathBuf, String> {
+pub fn program(name: &str) -> Result<PathBuf, String> {
+    if let Some(directory) = env::var_os(PROGRAMS) {
+        return Ok(Path::new(&directory).join(name));
+    }
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo.args(["build", "--quiet", "--package", name, "--bin", name]);
     cargo.arg("--message-format=json-render-diagnostics");
