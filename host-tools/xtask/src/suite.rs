@@ -5,6 +5,7 @@
 //! time as there are processor cores. What a program prints is shown when it ends, whole and in
 //! cargo's own form. Documentation tests have no program; cargo runs them.
 
+use std::cmp::Reverse;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, mpsc};
@@ -81,8 +82,8 @@ impl Suite<'_> {
     }
 }
 
-/// The test programs in what `cargo test --message-format=json` prints: those that start other
-/// programs first, because they take longest.
+/// The test programs in what `cargo test --message-format=json` prints. The largest come first:
+/// they have the most of the project in them, and take longest.
 fn programs(messages: &str) -> Result<Vec<Program>> {
     let mut programs = Vec::new();
     for line in messages.lines() {
@@ -99,7 +100,8 @@ fn programs(messages: &str) -> Result<Vec<Program>> {
             is_unit: message["target"]["kind"] != serde_json::json!(["test"]),
         });
     }
-    programs.sort_by(|one, other| (one.is_unit, &one.source).cmp(&(other.is_unit, &other.source)));
+    let bytes = |program: &Program| fs::metadata(&program.path).map_or(0, |about| about.len());
+    programs.sort_by_cached_key(|program| (Reverse(bytes(program)), program.source.clone()));
     Ok(programs)
 }
 
@@ -162,7 +164,11 @@ mod tests {
     }
 
     #[test]
-    fn only_test_programs_are_run_and_those_that_start_others_first() {
+    fn only_test_programs_are_run_and_the_largest_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let [small, large] = ["a-1", "main-2"].map(|name| folder.path().join(name));
+        fs::write(&small, "1").unwrap();
+        fs::write(&large, "12").unwrap();
         let message = |kind: &str, source: &str, is_test: bool, executable: &str| {
             format!(
                 "{{\"reason\":\"compiler-artifact\",\"manifest_path\":\"/a/Cargo.toml\",\
@@ -170,15 +176,14 @@ mod tests {
                  \"profile\":{{\"test\":{is_test}}},\"executable\":{executable}}}\n"
             )
         };
-        let messages = message("lib", "/a/src/lib.rs", true, "\"/t/a-1\"")
+        let messages = message("lib", "/a/src/lib.rs", true, &format!("{small:?}"))
             + &message("lib", "/a/src/lib.rs", false, "null")
             + &message("bin", "/a/src/main.rs", false, "\"/t/a\"")
             + "{\"reason\":\"build-finished\",\"success\":true}\n"
-            + &message("test", "/a/tests/main.rs", true, "\"/t/main-2\"");
+            + &message("test", "/a/tests/main.rs", true, &format!("{large:?}"));
         let found = programs(&messages).unwrap();
-        let names: Vec<_> =
-            found.iter().map(|it| (it.path.to_str().unwrap(), it.is_unit)).collect();
-        assert_eq!(names, [("/t/main-2", false), ("/t/a-1", true)]);
+        let found_at: Vec<_> = found.iter().map(|it| (&it.path, it.is_unit)).collect();
+        assert_eq!(found_at, [(&large, false), (&small, true)]);
         assert!(found.iter().all(|it| it.package == Path::new("/a")));
         assert!(programs("no JSON").is_err());
     }
