@@ -4,11 +4,11 @@ use std::process::Output;
 
 use common::binary;
 use common::photographer::{photographs, posed, save};
-use common::repetitions::repetitions;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_calibration::{Calibration, Picture, calibrate};
+use plumbline_test_support::data;
 use rayon::prelude::*;
 
 const PITCH_MM: f64 = 20.0;
@@ -48,8 +48,7 @@ fn calibrated(lens: &Lens, photographs: &[Picture]) -> Calibration {
 /// The errors of 100 calibrations, in the standard deviations that each states.
 #[test]
 fn errors_are_as_large_as_they_are_said_to_be() {
-    let seeds = repetitions(100) as u64;
-    let errors: Vec<[f64; 3]> = (0..seeds)
+    let errors: Vec<[f64; 3]> = (0..100)
         .into_par_iter()
         .map(|seed| {
             let truth = lenses()[(seed % 3) as usize];
@@ -66,9 +65,8 @@ fn errors_are_as_large_as_they_are_said_to_be() {
         let squares: f64 = errors.iter().map(|error| error[place] * error[place]).sum();
         let sd = (squares / errors.len() as f64).sqrt();
         println!("{name}: normalised errors' SD {sd:.3} of {}", errors.len());
-        // 100 of them know it to 7 %; in an emulator there are 10.
-        let off = if errors.len() < 100 { 0.6 } else { 0.2 };
-        assert!((sd - 1.0).abs() < off, "{name}: {sd}");
+        // 100 of them know it to 7 %.
+        assert!((sd - 1.0).abs() < 0.2, "{name}: {sd}");
     }
 }
 
@@ -290,7 +288,7 @@ fn more_photographs_than_there_is_room_for_are_refused() {
 /// OpenCV's own sample, whose print was not glued to anything.
 #[test]
 fn a_bent_board_is_said_to_be_bent() {
-    let Some(directory) = binary::data("opencv_left") else { return };
+    let Some(directory) = data("opencv_left") else { return };
     let out = tempfile::tempdir().unwrap();
     let photographs = std::fs::read_dir(&directory).unwrap().map(|entry| entry.unwrap().path());
     let output = binary::plumb()
@@ -325,7 +323,7 @@ fn real_photographs_make_a_camera_no_worse_than_opencvs() {
         ("ur3a_cam1", "intrinsic", [9, 7], 20.0, [0.3302, 1576.14, 2.07]),
     ];
     for (name, folder, [columns, rows], pitch_mm, [rms_px, fx_px, sd_px]) in sets {
-        let Some(directory) = binary::data(name) else { return };
+        let Some(directory) = data(name) else { return };
         let mut paths: Vec<_> = std::fs::read_dir(directory.join(folder))
             .unwrap()
             .map(|entry| entry.unwrap().path())

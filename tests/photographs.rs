@@ -6,9 +6,9 @@
 use std::path::{Path, PathBuf};
 
 use common::binary;
-use common::repetitions::repetitions;
 use plumbline_files::frames::{FrameSource, Pixels};
 use plumbline_files::poses::{self, PoseRow};
+use plumbline_test_support::data;
 
 /// The robot's camera, as its makers calibrated it at 1920 x 1080.
 const ROBOT_CAMERA: &str = "width_px = 1920
@@ -119,7 +119,7 @@ fn rms_px(rows: &[PoseRow]) -> Vec<f64> {
 
 #[test]
 fn the_robots_board_is_found_in_all_forty_photographs() {
-    let Some(folder) = binary::data("ur3a_cam1") else { return };
+    let Some(folder) = data("ur3a_cam1") else { return };
     let run = Run::new();
     let camera = run.write("camera.toml", ROBOT_CAMERA);
     let rows = run.track(&camera, (9, 7, 20.0), &robot_images(&folder));
@@ -131,7 +131,7 @@ fn the_robots_board_is_found_in_all_forty_photographs() {
 
 #[test]
 fn opencvs_own_board_is_found_in_all_thirteen_photographs() {
-    let Some(folder) = binary::data("opencv_left") else { return };
+    let Some(folder) = data("opencv_left") else { return };
     let run = Run::new();
     let rows = run.track(&folder.join("left_intrinsics.yml"), (9, 6, 25.0), &left_images(&folder));
     assert_poses(&rows, &LEFT_BY_OPENCV);
@@ -139,7 +139,7 @@ fn opencvs_own_board_is_found_in_all_thirteen_photographs() {
 
 #[test]
 fn the_noise_floor_is_no_worse_than_opencvs() {
-    let Some(folder) = binary::data("ur3a_repeatability") else { return };
+    let Some(folder) = data("ur3a_repeatability") else { return };
     let run = Run::new();
     let camera = run.write("camera.toml", ROBOT_CAMERA);
     let paths = images(&folder, |number| format!("rep_{number:03}.jpg"), &Vec::from_iter(1..=10));
@@ -172,26 +172,26 @@ fn boards_of_other_dimensions_give_no_pose() {
             assert_eq!(row.cam_from_target(), None, "{grid:?} in image {}", row.frame);
         }
     };
-    if let Some(folder) = binary::data("ur3a_cam1") {
+    if let Some(folder) = data("ur3a_cam1") {
         // Larger, smaller, and the standard pair, which this board is not.
         for grid in [(9, 6, 20.0), (10, 7, 20.0), (6, 5, 12.0), (5, 4, 12.0)] {
-            assert_none(&camera, grid, &robot_images(&folder)[..repetitions(40)]);
+            assert_none(&camera, grid, &robot_images(&folder));
         }
     }
-    if let Some(folder) = binary::data("opencv_left") {
+    if let Some(folder) = data("opencv_left") {
         let camera = folder.join("left_intrinsics.yml");
         for grid in [(9, 7, 25.0), (8, 6, 25.0), (6, 5, 12.0)] {
-            assert_none(&camera, grid, &left_images(&folder)[..repetitions(13)]);
+            assert_none(&camera, grid, &left_images(&folder));
         }
     }
 }
 
 #[test]
 fn photographs_without_the_board_give_no_pose() {
-    let Some(folder) = binary::data("ur3a_cam1") else { return };
+    let Some(folder) = data("ur3a_cam1") else { return };
     let run = Run::new();
     let camera = run.write("camera.toml", ROBOT_CAMERA);
-    let paths = &robot_images(&folder)[..repetitions(40)];
+    let paths = &robot_images(&folder);
     // The way of cropping does not hide a board by itself.
     let whole = run.directory.path().join("whole.pgm");
     std::fs::write(&whole, crop(&paths[0], 0..1280)).expect("a copy");

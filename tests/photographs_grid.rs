@@ -1,24 +1,14 @@
 //! Grids on real photographs: each board is found, and no other shape is seen in it.
 
+use plumbline_test_support::data;
 use std::path::{Path, PathBuf};
 
-use common::repetitions::repetitions;
 use plumbline::corner::{Corner, CornerList, Detector};
 use plumbline::grid::{Grid, GridFinder, GridRejection, GridShape};
 use plumbline::image::GreyImage;
 
 /// Shapes that none of the boards has.
 const OTHER_SHAPES: [(u8, u8); 7] = [(8, 6), (9, 5), (6, 5), (5, 4), (8, 5), (7, 6), (10, 7)];
-
-fn data() -> Option<PathBuf> {
-    let set = std::env::var_os("PLUMBLINE_DATA").map(PathBuf::from);
-    let path = set.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"));
-    if !path.is_dir() {
-        eprintln!("skipped: no photographs at {} (set PLUMBLINE_DATA)", path.display());
-        return None;
-    }
-    Some(path)
-}
 
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<_> = std::fs::read_dir(folder)
@@ -82,12 +72,13 @@ impl Finder {
     }
 }
 
-/// Finds the board in each photograph of a folder, whole and with no other shape, and returns their number.
-fn find_all(folder: &str, shape: (u8, u8)) -> usize {
-    let Some(data) = data() else { return 0 };
+/// Finds the board in each photograph of a folder, whole and with no other shape.
+#[track_caller]
+fn find_all(folder: &str, count: usize, shape: (u8, u8)) {
+    let Some(folder) = data(folder) else { return };
     let mut finder = Finder::new();
-    let mut paths = photographs(&data.join(folder));
-    paths.truncate(repetitions(paths.len()));
+    let paths = photographs(&folder);
+    assert_eq!(paths.len(), count, "photographs in {}", folder.display());
     for path in &paths {
         let picture = Picture::read(path);
         let mut shapes = vec![shape, (shape.1, shape.0)];
@@ -130,20 +121,19 @@ fn find_all(folder: &str, shape: (u8, u8)) -> usize {
             }
         }
     }
-    paths.len()
 }
 
 #[test]
 fn all_boards_of_the_robot_are_found() {
-    assert!([0, repetitions(40)].contains(&find_all("ur3a_cam1", (9, 7))));
+    find_all("ur3a_cam1", 40, (9, 7));
 }
 
 #[test]
 fn all_boards_of_the_repeated_pose_are_found() {
-    assert!([0, repetitions(10)].contains(&find_all("ur3a_repeatability", (9, 7))));
+    find_all("ur3a_repeatability", 10, (9, 7));
 }
 
 #[test]
 fn all_boards_held_by_hand_are_found() {
-    assert!([0, repetitions(13)].contains(&find_all("opencv_left", (9, 6))));
+    find_all("opencv_left", 13, (9, 6));
 }

@@ -1,7 +1,6 @@
 //! How good a pose is, and whether it knows: one target at many poses, in all kinds of light.
 
 use common::booth::{Booth, Shot};
-use common::repetitions::repetitions;
 use nalgebra::{Vector3, Vector6};
 use plumbline::pose::{Cam, Pose, Target};
 use rand::{RngExt, SeedableRng};
@@ -32,7 +31,7 @@ fn poses_are_as_good_as_they_say() {
         let tilt_deg = [(); 2].map(|()| sign * random.random_range(5.0..25.0));
         let mut place_mm = |side_mm: f64| random.random_range(-side_mm..side_mm) * z_mm / 1000.0;
         let middle = pose(tilt_deg, [place_mm(20.0), place_mm(15.0), z_mm]);
-        for frame in 0..=repetitions(25) {
+        for frame in 0..=25 {
             let sway = Vector6::new(1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3)
                 .map(|reach| reach * random.random_range(-1.0..1.0));
             let (error_mm, found) =
@@ -47,9 +46,7 @@ fn poses_are_as_good_as_they_say() {
         let squares: f64 = normalised.iter().map(|error| error[axis] * error[axis]).sum();
         let sd = (squares / normalised.len() as f64).sqrt();
         println!("axis {axis}: SD {sd:.3} of {}", normalised.len());
-        // A tenth of the repetitions, in an emulator, know it three times less well.
-        let off = if normalised.len() < 1000 { 0.25 } else { 0.1 };
-        assert!((sd - 1.0).abs() < off, "axis {axis}: {sd}");
+        assert!((sd - 1.0).abs() < 0.1, "axis {axis}: {sd}");
     }
 }
 

@@ -1,10 +1,8 @@
 //! What is said, and with which exit code, when something outside is wrong.
 
-mod common;
-
 use plumbline::config::{BLOB_BYTES_MAX, CaptureDriver, Config};
 
-use common::{
+use crate::common::{
     Board, Finished, config, config_with_camera, folder, messages, poses, write_config,
     write_recording,
 };
@@ -91,7 +89,7 @@ fn bad_input_is_named_with_a_remedy() {
 
     let mut other = config();
     other.lens.width_px = 320;
-    let other_folder = common::folder();
+    let other_folder = crate::common::folder();
     let other = write_config(&other_folder, &other);
     let size = [&["--replay", trial][..], &udp].concat();
     assert_refused(&run(&other, &size), &["80x64", "320x64", "trial.y4m"]);

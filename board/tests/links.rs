@@ -1,14 +1,10 @@
 //! The real program, and what arrives at the other end of its links.
 
-mod common;
-#[path = "../../tests/common/serial_lines.rs"]
-mod serial_lines;
-
 use std::io::{Read, Write};
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-use common::{
+use crate::common::{
     Board, PATIENCE, assert_whole, config, folder, messages, poses, recording, write_config,
     write_recording,
 };
@@ -16,6 +12,7 @@ use plumbline::packet::{
     Action, CameraState, Command, MarkedInstant, Message, PACKET_BYTES_MAX, ReplyOutcome,
     decode_datagram, encode_datagram,
 };
+use plumbline_test_support::serial_lines;
 use serialport::{SerialPort, TTYPort};
 
 fn receiver() -> (UdpSocket, String) {
@@ -93,7 +90,7 @@ fn every_frame_becomes_a_packet_over_udp() {
 
 #[test]
 fn the_same_packets_go_to_all_links_at_once() {
-    if !serial_lines::can_be_opened() {
+    if !serial_lines() {
         return;
     }
     let folder = folder();
@@ -150,7 +147,7 @@ fn a_file_is_appended_to() {
 
 #[test]
 fn a_line_that_takes_nothing_costs_whole_packets_and_no_time() {
-    if !serial_lines::can_be_opened() {
+    if !serial_lines() {
         return;
     }
     let folder = folder();

@@ -1,12 +1,10 @@
 //! Setting a box up over its link: a configuration that comes in parts, and set-up mode.
 
-mod common;
-
 use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use common::{
+use crate::common::{
     Board, PATIENCE, SIZE_PX, config, config_with_camera, folder, recording, write_config,
 };
 use plumbline::config::{BLOB_BYTES_MAX, Config};

@@ -12,7 +12,7 @@ fn assert_refused(blob: &[u8], words: &str) {
     let directory = tempfile::tempdir().unwrap();
     let disk = scene::boot_disk(directory.path(), blob);
     let options = format!("plumbline.udp={} plumbline.serial=/dev/ttyS0:115200", host.address());
-    let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", &options);
+    let machine = crate::boot_with_camera(&host, &disk, &options);
     // It goes on saying so.
     let twice = |text: &str| text.matches("configuration refused").count() >= 2;
     machine.wait_for("the refusal on both links", |seen| {

@@ -1,7 +1,8 @@
 //! The box's image, booted under QEMU, seen from outside as a host and a
 //! technician see it.
 //!
-//! The kernel and the initramfs are the ones that ship. A second archive adds
+//! The kernel and the initramfs are the ones that ship, but for the program's optimisation and two
+//! words on the kernel's command line that make it hang or panic. A second archive adds
 //! `/test/start` (package `tests/guest`), which makes the kernel's own test driver
 //! vivid a camera that sees a rendered scene, and then starts the box's program.
 //!
@@ -28,10 +29,10 @@ use machine::{Host, Machine, Parts, image};
 use scene::SCENE;
 
 /// Boots with vivid playing the scene; `more` goes to the kernel's command line.
-fn boot_with_camera(host: &Host, boot_disk: &Path, overlay: &str, more: &str) -> Machine {
+fn boot_with_camera(host: &Host, boot_disk: &Path, more: &str) -> Machine {
     let parts = Parts {
         kernel: image("vmlinuz"),
-        initramfs: vec![image("initramfs"), image(overlay)],
+        initramfs: vec![image("initramfs"), image("overlay.cpio")],
         command_line: &format!("rdinit=/test/start {more}"),
         boot_disk,
         frames_disk: Some(&SCENE.frames_disk),

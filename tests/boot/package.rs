@@ -1,5 +1,7 @@
 //! The Debian package, with Debian's own tools.
 
+use plumbline_test_support::{Absent, skip};
+
 use crate::machine::image;
 use crate::scene::run;
 
@@ -41,6 +43,6 @@ fn the_package_has_the_program_the_unit_and_their_needs() {
         let unit = unit.to_str().unwrap();
         run("systemd-analyze", &["security", "--offline=true", "--threshold=30", unit]);
     } else {
-        println!("skipped: no systemd-analyze to judge the unit");
+        skip(Absent::Tool, "there is no systemd-analyze to judge the unit");
     }
 }

@@ -42,7 +42,7 @@ fn a_camera_is_tracked_over_both_links_as_well_as_here() {
     let directory = tempfile::tempdir().unwrap();
     let config = scene::config(host.address());
     let disk = scene::boot_disk(directory.path(), &scene::blob(&config));
-    let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", "");
+    let machine = crate::boot_with_camera(&host, &disk, "");
     machine.wait_for("a run of poses", |seen| {
         let enough = |messages: &[Message]| {
             poses(messages).skip_while(|pose| !is_measured(pose)).count() >= POSES

@@ -119,7 +119,7 @@ struct Virt {
 
 impl Computer for Virt {
     fn switch_on(&mut self) {
-        self.machine = Some(crate::boot_with_camera(&self.host, &self.disk, "overlay.cpio", ""));
+        self.machine = Some(crate::boot_with_camera(&self.host, &self.disk, ""));
     }
 
     fn cut_power(&mut self) {
@@ -151,7 +151,7 @@ fn a_refused_box_takes_a_better_configuration_and_starts_with_it() {
     let disk = scene::boot_disk(directory.path(), &damaged);
     let options = format!("plumbline.udp={address}");
     let host = Host::new();
-    let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", &options);
+    let machine = crate::boot_with_camera(&host, &disk, &options);
     let heard = link.wait_until_heard_within(PATIENCE).unwrap();
     println!("{heard:?}");
     assert_eq!(link.store_config(None, &config).unwrap().1, config.crc());

@@ -28,12 +28,12 @@ fn after_a_power_cut_at_any_moment_the_next_boot_tracks() {
         // From the kernel's first steps until well into the tracking, on a quiet machine. The
         // boots that are to track are cut off as well, while they do.
         let moment = Duration::from_millis(random.random_range(0..25_000));
-        let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", "");
+        let machine = crate::boot_with_camera(&host, &disk, "");
         sleep(moment);
         let tracked = machine.look(|seen| first_pose(seen).is_some());
         drop(machine);
         println!("cut {cut} after {moment:?}, tracking: {tracked}");
-        let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", "");
+        let machine = crate::boot_with_camera(&host, &disk, "");
         machine.wait_for("a pose after the power cut", first_pose);
     }
     assert!(read(&disk) == before, "the boot partition was written to");
@@ -51,7 +51,7 @@ fn a_camera_whose_plug_is_pulled_is_reported_within_a_second_and_tracked_again()
     let directory = tempfile::tempdir().unwrap();
     let disk = scene::boot_disk(directory.path(), &scene::blob(&scene::config(host.address())));
     let options = "test.disconnect_after=5 test.disconnect_for=4";
-    let machine = crate::boot_with_camera(&host, &disk, "overlay.cpio", options);
+    let machine = crate::boot_with_camera(&host, &disk, options);
     machine.wait_for("a Health that says the camera is lost", |seen| {
         healths(&seen.udp).any(|health| health.camera == CameraState::Lost).then_some(())
     });
@@ -86,7 +86,7 @@ fn a_loop_that_hangs_is_restarted_by_the_watchdog_which_the_next_hello_says() {
     let directory = tempfile::tempdir().unwrap();
     let disk = scene::boot_disk(directory.path(), &scene::blob(&scene::config(host.address())));
     let options = "plumbline.hang_after=60";
-    let machine = crate::boot_with_camera(&host, &disk, "overlay-fault.cpio", options);
+    let machine = crate::boot_with_camera(&host, &disk, options);
     let hellos = |seen: &Seen| -> Vec<Hello> {
         let hello = |message: &Message| match message {
             Message::Hello(hello) => Some(hello.clone()),

@@ -3,6 +3,4 @@
 pub mod binary;
 pub mod booth;
 pub mod photographer;
-pub mod repetitions;
-pub mod runner;
 pub mod scene;

@@ -214,20 +214,17 @@ impl std::fmt::Display for SerialLink {
 }
 
 #[cfg(test)]
-#[path = "../../../tests/common/serial_lines.rs"]
-mod serial_lines;
-
-#[cfg(test)]
 mod tests {
     use std::os::unix::fs::symlink;
 
+    use plumbline_test_support::serial_lines;
     use serialport::SerialPort;
 
     use super::*;
 
     #[test]
     fn a_line_that_broke_is_used_again_when_it_is_back() {
-        if !serial_lines::can_be_opened() {
+        if !serial_lines() {
             return;
         }
         let folder = tempfile::tempdir().unwrap();

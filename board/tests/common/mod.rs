@@ -1,10 +1,4 @@
 //! The real program, its inputs, and bounded waits.
-// Each test program uses a part of this.
-#![allow(dead_code)]
-
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -16,6 +10,7 @@ use plumbline::config::{
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{Deframer, Message, PosePacket};
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_test_support::command;
 use tempfile::TempDir;
 
 /// A test that waits this long has failed.
@@ -112,7 +107,7 @@ pub struct Finished {
 
 impl Board {
     pub fn start(config: &Path, arguments: &[&str]) -> Self {
-        let child = runner::command(env!("CARGO_BIN_EXE_plumbline-board"))
+        let child = command(env!("CARGO_BIN_EXE_plumbline-board"))
             .arg("--config")
             .arg(config)
             .args(arguments)

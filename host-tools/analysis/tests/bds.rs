@@ -1,23 +1,12 @@
 //! Published figures of published trials: the data set BDS (Santos & Duarte 2016, PeerJ 4:e2648).
 
+use plumbline_test_support::data;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use flate2::read::GzDecoder;
 use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::{Settings, Sway, analyze};
-
-/// Its folder, or `None` (said on standard error) where it is absent.
-fn folder() -> Option<PathBuf> {
-    let data = std::env::var("PLUMBLINE_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let path = workspace.join(data).join("sway");
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: there is no {}; set PLUMBLINE_DATA", path.display());
-    None
-}
 
 /// Of one trial, in cm as its reference is.
 fn sway(folder: &Path, trial: &str) -> Sway {
@@ -40,7 +29,7 @@ fn sway(folder: &Path, trial: &str) -> Sway {
 
 #[test]
 fn velocity_and_area_are_the_data_sets_own() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = data("sway") else { return };
     let reference = std::fs::read_to_string(folder.join("BDS_reference.tsv")).unwrap();
     let mut trials = 0;
     for line in reference.lines().skip(1) {

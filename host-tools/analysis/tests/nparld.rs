@@ -2,26 +2,14 @@
 //! the GPL and not in this repository: the tests look for them where `PLUMBLINE_DATA` points, and
 //! skip where they are absent.
 
-mod common;
+use plumbline_test_support::data;
+use std::path::Path;
 
-use std::path::{Path, PathBuf};
-
-use common::{assert_close, columns, design};
+use crate::common::{assert_close, columns, design};
 use plumbline_analysis::statistics::ranks::{RankAnalysis, RankTest, rank_analysis};
 
 /// What the package prints has 15 digits, the tails have 13.
 const RELATIVE: f64 = 5e-13;
-
-fn data() -> Option<PathBuf> {
-    let data = std::env::var("PLUMBLINE_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let path = workspace.join(data).join("nparld");
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: there is no {}; set PLUMBLINE_DATA", path.display());
-    None
-}
 
 fn assert_agrees(found: &RankAnalysis, folder: &Path, prefix: &str) {
     let reference = |table: &str, headers: &[&str]| -> Vec<Vec<f64>> {
@@ -53,14 +41,14 @@ fn assert_agrees(found: &RankAnalysis, folder: &Path, prefix: &str) {
 
 #[test]
 fn two_factors_ld_f2_amylase() {
-    let Some(folder) = data() else { return };
+    let Some(folder) = data("nparld") else { return };
     let table = design(&folder.join("amylase.csv"), "subject", &["time1", "time2"], "resp");
     assert_agrees(&rank_analysis(&table).unwrap(), &folder, "amylase_LDF2");
 }
 
 #[test]
 fn one_factor_ld_f1_dental() {
-    let Some(folder) = data() else { return };
+    let Some(folder) = data("nparld") else { return };
     let table = design(&folder.join("dental.csv"), "subject", &["time"], "resp");
     assert_agrees(&rank_analysis(&table).unwrap(), &folder, "dental_LDF1");
 }

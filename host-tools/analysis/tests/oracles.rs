@@ -1,11 +1,9 @@
 //! The statistics agree with those of statsmodels, pingouin, scipy and mpmath on the same data:
 //! `tests/oracles/`. Every bound is a few times what is reached, and says what limits it.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::{assert_close, columns, design, design_of};
+use crate::common::{assert_close, columns, design, design_of};
 use plumbline_analysis::statistics::anova::{AnovaEffect, anova, residuals};
 use plumbline_analysis::statistics::bland_altman::bland_altman;
 use plumbline_analysis::statistics::describe::{Description, cohens_d, cousineau_morey};

@@ -1,16 +1,12 @@
 //! Published tables come out again.
 
-mod common;
-#[path = "common/table_2.rs"]
-mod table_2;
-
-use common::design_of;
+use crate::common::design_of;
+use crate::common::table_2::CONDITIONS;
 use nalgebra::DMatrix;
 use plumbline_analysis::statistics::anova::anova;
 use plumbline_analysis::statistics::bland_altman::bland_altman;
 use plumbline_analysis::statistics::describe::{cohens_d, cousineau_morey};
 use plumbline_analysis::statistics::within::WithinDesign;
-use table_2::CONDITIONS;
 
 const TIMES: [&str; 3] = ["T1", "T2", "T3"];
 
@@ -28,7 +24,8 @@ fn table(factors: &[&str], levels: &[Vec<&str>], values: &DMatrix<f64>) -> Withi
 
 #[test]
 fn the_papers_table_2_comes_out_of_a_study_with_its_means_and_errors() {
-    let rows: Vec<Vec<f64>> = table_2::rows().into_iter().map(|(_, row)| row).collect();
+    let rows: Vec<Vec<f64>> =
+        crate::common::table_2::rows().into_iter().map(|(_, row)| row).collect();
     let levels: Vec<Vec<&str>> = CONDITIONS
         .iter()
         .flat_map(|&condition| TIMES.iter().map(move |&time| vec![condition, time]))
@@ -40,7 +37,11 @@ fn the_papers_table_2_comes_out_of_a_study_with_its_means_and_errors() {
                 |at: usize| times.iter().map(move |row| row[part + at]).collect::<Vec<_>>();
             let means = [column(0), column(2)].concat();
             let sems = [column(1), column(3)].concat();
-            let table = table(&["condition", "time"], &levels, &table_2::study(&means, &sems));
+            let table = table(
+                &["condition", "time"],
+                &levels,
+                &crate::common::table_2::study(&means, &sems),
+            );
             let cells = cousineau_morey(&table).unwrap();
             for (cell, (mean, sem)) in cells.iter().zip(means.iter().zip(&sems)) {
                 assert!((cell.mean - mean).abs() < 1e-12 * mean, "{cell:?} {mean}");

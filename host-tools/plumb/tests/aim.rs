@@ -1,17 +1,14 @@
 //! `plumb aim` and the box's real program, which replays a rendered recording without end.
 
-#[path = "common/finished.rs"]
-mod finished;
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
+use crate::common::finished;
+use plumbline_test_support::{board_beside, command};
 use std::io::Write;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use finished::{Finished, plumb};
+use crate::common::finished::{Finished, plumb};
 use image::Rgb;
 use plumbline::packet::{Message, decode_datagram};
 use plumbline_files::{camera, poses};
@@ -34,11 +31,7 @@ struct TheBox {
 impl TheBox {
     /// `None` where the program is not built.
     fn start() -> Option<Self> {
-        let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
-        if !board.exists() {
-            println!("skipped: {} is not built; test the whole workspace", board.display());
-            return None;
-        }
+        let board = board_beside(env!("CARGO_BIN_EXE_plumb"))?;
         let folder = tempfile::tempdir().unwrap();
         let frames = FRAMES.to_string();
         done(folder.path(), &["simulate", "--frames", &frames, "--out", "trial"]);
@@ -50,7 +43,7 @@ impl TheBox {
         let mut provision = vec!["provision", "--box", "box.toml", "--out", "box.plb"];
         provision.extend(["--camera", "trial/camera.toml", "--targets", "trial/targets.toml"]);
         done(folder.path(), &[&provision[..], &["--udp", &udp]].concat());
-        let mut child = runner::command(board)
+        let mut child = command(board)
             .args(["--config", "box.plb", "--replay", "-", "--fps", "10", "--udp", &udp])
             .current_dir(folder.path())
             .stdin(Stdio::piped())
@@ -177,7 +170,7 @@ fn what_the_camera_sees_is_shown_and_kept() {
 fn a_box_that_falls_silent_is_given_up() {
     let Some(mut the_box) = TheBox::start() else { return };
     let udp = format!("127.0.0.1:{}", the_box.port);
-    let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = command(env!("CARGO_BIN_EXE_plumb"));
     command.args(["aim", "--udp", &udp, "--png", "view.png"]);
     command.args(["--stills", "photos", "--count", "900", "--every", "0.5"]);
     command.current_dir(the_box.folder.path()).stdin(Stdio::null());

@@ -1,17 +1,12 @@
 //! Trials, tables and settings that cannot be used: every command says what is wrong with what,
 //! and what to do, in one line, with exit code 2; and writes nothing.
 
-#[path = "common/finished.rs"]
-mod finished;
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-#[path = "common/trial.rs"]
-mod trial;
-
+use crate::common::finished;
+use crate::common::trial;
 use std::path::Path;
 
+use crate::common::trial::Frame;
 use tempfile::TempDir;
-use trial::Frame;
 
 const FRAMES: u32 = 600;
 

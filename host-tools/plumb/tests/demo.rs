@@ -1,16 +1,13 @@
 //! `plumb demo`, with the box's real program and with programs that fail.
 
-#[path = "common/finished.rs"]
-mod finished;
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
+use crate::common::finished;
+use plumbline_test_support::{RUNNER, board_beside, command};
 use std::path::{Path, PathBuf};
 
-use finished::Finished;
+use crate::common::finished::Finished;
 
 fn demo(board: Option<&Path>, out: &Path) -> Finished {
-    let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = command(env!("CARGO_BIN_EXE_plumb"));
     command.args(["demo", "--frames", "60", "--out"]).arg(out);
     match board {
         Some(board) => command.env("PLUMBLINE_BOARD", board),
@@ -21,7 +18,7 @@ fn demo(board: Option<&Path>, out: &Path) -> Finished {
 
 /// The box's program for `plumb` to start: beside it, or through what runs both.
 fn real_box(board: &Path, folder: &Path) -> Option<PathBuf> {
-    let runner = std::env::var(runner::RUNNER).ok()?;
+    let runner = std::env::var(RUNNER).ok()?;
     Some(impostor(folder, &format!("exec {runner} '{}' \"$@\"", board.display())))
 }
 
@@ -36,11 +33,7 @@ fn impostor(folder: &Path, script: &str) -> PathBuf {
 
 #[test]
 fn the_real_box_measures_the_simulated_person() {
-    let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
-    if !board.exists() {
-        println!("skipped: {} is not built; test the whole workspace", board.display());
-        return;
-    }
+    let Some(board) = board_beside(env!("CARGO_BIN_EXE_plumb")) else { return };
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("new/demo");
     let finished = demo(real_box(&board, folder.path()).as_deref(), &out);

@@ -1,16 +1,11 @@
 //! `plumb aim --expose` and a box that is played here: its camera is linear, with a black level,
 //! and its lamp is known.
 
-#[path = "common/finished.rs"]
-mod finished;
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
 use std::net::UdpSocket;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use finished::{Finished, plumb};
+use crate::common::finished::{Finished, plumb};
 use plumbline::config::{
     BLOB_BYTES_MAX, Capture, CaptureDriver, Config, Links, Machine, PixelFormat, TargetConfig,
 };

@@ -1,28 +1,13 @@
 //! Figures and statistics by the program itself, against results that others have published.
 
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
-use std::path::{Path, PathBuf};
+use plumbline_test_support::{command, data};
 use std::process::Output;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Recordings by others, if they are there.
-fn data(name: &str) -> Option<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let data = std::env::var_os("PLUMBLINE_DATA").unwrap_or_else(|| "../shared/data".into());
-    let path = root.join(data).join(name);
-    if !path.exists() {
-        println!("skipped: there is no {} (PLUMBLINE_DATA names another place)", path.display());
-        return None;
-    }
-    Some(path.canonicalize().unwrap())
-}
-
 fn plumb(folder: &TempDir, arguments: &[&str]) -> Output {
-    let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = command(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).current_dir(folder.path()).output().unwrap()
 }
 

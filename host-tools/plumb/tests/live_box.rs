@@ -1,9 +1,7 @@
 //! What a technician reads while setting up a live box: the box's real program looks at a
 //! rendered scene, and one that refuses its configuration is played.
 
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
+use plumbline_test_support::{board_beside, command};
 use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -115,12 +113,7 @@ fn recording() -> Vec<u8> {
 
 /// The box's program, if it is built.
 fn board() -> Option<PathBuf> {
-    let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
-    if !board.exists() {
-        println!("skipped: {} is not built; test the whole workspace", board.display());
-        return None;
-    }
-    Some(board)
+    board_beside(env!("CARGO_BIN_EXE_plumb"))
 }
 
 /// A port of this computer that nobody listens at.
@@ -166,7 +159,7 @@ impl Bench {
     /// `plumb`, from the files of this directory; UDP stands for the address.
     fn plumb(&self, arguments: &str) -> Said {
         let udp = self.udp.to_string();
-        let output = runner::command(env!("CARGO_BIN_EXE_plumb"))
+        let output = command(env!("CARGO_BIN_EXE_plumb"))
             .args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }))
             .current_dir(self.folder.path())
             .output()
@@ -224,7 +217,7 @@ struct Running {
 impl Running {
     fn start(board: &Path, directory: &Path, is_supervised: bool) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
-        let mut command: Command = runner::command(board);
+        let mut command: Command = command(board);
         command
             .args(["--config", "box.plb", "--replay", "trial.y4m"])
             .args(is_supervised.then_some("--supervised"))

@@ -1,19 +1,16 @@
 //! A study with ECGs, pressures and the like, of which every value is known, by the program
 //! itself.
 
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-#[path = "common/trial.rs"]
-mod trial;
-
+use crate::common::trial;
+use plumbline_test_support::command;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::process::Output;
 
+use crate::common::trial::Frame;
 use plumbline_trial::Trial;
 use serde_json::Value;
 use tempfile::TempDir;
-use trial::Frame;
 
 /// When the trials' t = 0 is on the monitor's clock.
 const ZERO_S: f64 = 60.0;
@@ -193,7 +190,7 @@ fn study(folder: &TempDir) -> String {
 }
 
 fn plumb(folder: &TempDir, arguments: &[&str]) -> Output {
-    let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = command(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).current_dir(folder.path()).output().unwrap()
 }
 

@@ -1,9 +1,7 @@
 //! A rendered person is recorded from the box's real program: whole, cut off by `kill -9`, on a
 //! disk that is full, and once more from its packets.
 
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-
+use plumbline_test_support::{Absent, board_beside, command, is_emulated, skip};
 use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -36,15 +34,12 @@ struct Bench {
 impl Bench {
     /// `None` where the box's program is not built, or does not keep pace.
     fn new() -> Option<Self> {
-        if std::env::var_os(runner::RUNNER).is_some() {
-            println!("skipped: a box in an emulator does not track 60 frames in a second");
+        if is_emulated() {
+            let reason = "a box in an emulator does not track 60 frames in a second";
+            skip(Absent::Emulator, reason);
             return None;
         }
-        let board = Path::new(env!("CARGO_BIN_EXE_plumb")).with_file_name("plumbline-board");
-        if !board.exists() {
-            println!("skipped: {} is not built; test the whole workspace", board.display());
-            return None;
-        }
+        let board = board_beside(env!("CARGO_BIN_EXE_plumb"))?;
         let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let bench = Self { folder: tempfile::tempdir().unwrap(), udp, board };
         let settings =
@@ -63,7 +58,7 @@ impl Bench {
     }
 
     fn command(&self, arguments: &str) -> Command {
-        let mut command = runner::command(env!("CARGO_BIN_EXE_plumb"));
+        let mut command = command(env!("CARGO_BIN_EXE_plumb"));
         let udp = self.udp.to_string();
         command.args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }));
         command.current_dir(self.folder.path());
@@ -93,7 +88,7 @@ impl Bench {
 
     /// Starts the box, which also writes down what it sends.
     fn start(&self, sent: &str) -> Running {
-        let mut command = runner::command(&self.board);
+        let mut command = command(&self.board);
         command.current_dir(self.folder.path());
         command.args(["--config", "box.plb", "--replay", "person/frames.y4m", "--record", sent]);
         Running::start(command.stdout(Stdio::null()).stderr(Stdio::null()))

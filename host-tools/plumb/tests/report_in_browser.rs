@@ -1,24 +1,17 @@
 //! Reports as a real browser shows them: whole, by themselves, on wide and narrow screens, by day
 //! and by night, and on paper.
 
-#[path = "common/browser.rs"]
-mod browser;
-#[path = "common/finished.rs"]
-mod finished;
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-#[path = "common/trial.rs"]
-mod trial;
-
+use crate::common::trial;
+use plumbline_test_support::{Absent, is_emulated, skip};
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use browser::{Browser, WIDTHS_PX};
-use finished::plumb;
-use trial::Frame;
+use crate::common::browser::{Browser, WIDTHS_PX};
+use crate::common::finished::plumb;
+use crate::common::trial::Frame;
 
 const RATE_HZ: f64 = 30.0;
 
@@ -91,8 +84,8 @@ fn study_page(folder: &Path) -> PathBuf {
 
 /// The browser, where the page is made on its processor: no page depends on that.
 fn native_browser() -> Option<Browser> {
-    if std::env::var_os(runner::RUNNER).is_some() {
-        println!("skipped: the pages are the same on every processor");
+    if is_emulated() {
+        skip(Absent::Emulator, "the pages are the same on every processor");
         return None;
     }
     Browser::new()

@@ -1,25 +1,20 @@
 //! What `plumb validate` finds in recordings whose differences are known, and what it says of
 //! those that do not belong together.
 
-#[path = "common/finished.rs"]
-mod finished;
-#[path = "../../../tests/common/runner.rs"]
-mod runner;
-#[path = "common/trial.rs"]
-mod trial;
-
+use crate::common::trial;
+use plumbline_test_support::data;
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use finished::{Finished, plumb};
+use crate::common::finished::{Finished, plumb};
+use crate::common::trial::Frame;
 use plumbline_trial::markers::Markers;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use serde_json::Value;
-use trial::Frame;
 
 const RATE_HZ: f64 = 60.0;
 const SECONDS: f64 = 60.0;
@@ -408,21 +403,10 @@ fn a_c3d_that_is_damaged_is_refused_or_read_and_never_panics() {
     assert!(refused > 40, "{refused}");
 }
 
-fn real() -> Option<PathBuf> {
-    let data = std::env::var("PLUMBLINE_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2)?;
-    let path = root.join(data).join("sway/static_run.trc.gz");
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: there is no {}; set PLUMBLINE_DATA", path.display());
-    None
-}
-
 /// A real recording; the numbers are those of its text.
 #[test]
 fn a_recording_of_motion_capture_is_read() {
-    let Some(path) = real() else { return };
+    let Some(path) = data("sway/static_run.trc.gz") else { return };
     let markers = Markers::read(&path).unwrap();
     assert_eq!((markers.markers.len(), markers.rate_hz, markers.first_s), (78, 150.0, 0.0));
     assert!(markers.markers.iter().all(|it| it.position.len() == 1500));

@@ -1,26 +1,20 @@
-//! The same poses on every processor: one recording is tracked by this
-//! machine's `plumb` and by the one that runs under QEMU.
+//! The same poses on every processor: the standard recording is tracked on this machine and
+//! under QEMU.
 //!
 //! Rust neither reorders nor fuses floating-point operations, and the core takes
 //! its functions from one library, so that the two should give the same bits.
 //! What is asked of them is [`DIFFERENCE_MAX`]; what they reach is printed.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use plumbline_test_support::{RECORDINGS, STANDARD_FRAMES};
 
-use crate::command::{Task, target_directory};
+use crate::command::Task;
 use crate::cross::{Linking, Toolchain};
 
 /// Farthest that a number may be from the other processor's, mm or rad.
 pub const DIFFERENCE_MAX: f64 = 1e-6;
-
-/// The recording lasts two seconds. For more than one of them an arm hides a target
-/// wholly, so that losing it, coasting, searching and finding are in it as well.
-const FRAMES: usize = 60;
-const RATE_HZ: &str = "30";
-const ARM_IN_THE_WAY: &str = "lumbar:0.1:1.6:1";
 
 /// The standard scene has two.
 const TARGETS: usize = 2;
@@ -32,34 +26,24 @@ const NUMBERS: [&str; 9] =
 /// What must be the very same: what was seen, and how.
 const IDENTICAL: [&str; 4] = ["frame", "target", "state", "points"];
 
-/// Tracks the recording twice and compares every pose.
-pub fn check(toolchain: &Toolchain) -> Result<()> {
-    let directory = target_directory().join("agreement");
-    let place = |name: &str| directory.join(name).display().to_string();
-    Task::cargo().args(["build", "--package", "plumb"]).run()?;
-    let native = || Task::new(target_directory().join("debug/plumb"));
-    native()
-        .args(["simulate", "--force", "--frames", &FRAMES.to_string()])
-        .args(["--fps", RATE_HZ, "--occlude", ARM_IN_THE_WAY, "--out", &place("")])
-        .run()?;
-    let track = |plumb: Task, out: &str| {
-        plumb
-            .args(["track", "--camera", &place("camera.toml"), "--targets", &place("targets.toml")])
-            .args(["--scene", &place("scene.toml"), "--force", "--out", &place(out)])
-            .args([&place("frames.y4m")])
-            .run()
+/// Tracks the recording twice and compares every pose: by the program in `native`, built first
+/// where it is not, and by the one that was built with the tests for the other processor.
+pub fn check(native: Option<&Path>, toolchain: &Toolchain, recordings: &Path) -> Result<()> {
+    let name = "poses";
+    let native = match native {
+        Some(programs) => Task::new(programs.join(name)),
+        None => Task::cargo().args(["run", "--package", "plumbline-core-tests", "--bin", name]),
     };
-    track(native(), "native.csv")?;
-    let emulated = toolchain.programs(Linking::Static, "debug").join("plumb");
-    track(Task::new(toolchain.emulator()).args([emulated]), "arm.csv")?;
-    // A hundred megabytes that nobody wants to find again; the poses stay.
-    fs::remove_file(directory.join("frames.y4m")).context("frames.y4m")?;
-    let compared = compare(&directory.join("native.csv"), &directory.join("arm.csv"))?;
+    let emulated = toolchain.programs(Linking::Static, "debug").join(name);
+    let emulated = Task::new(toolchain.emulator()).args([emulated]);
+    let poses = |task: Task| task.env(RECORDINGS, &recordings.display().to_string()).output();
+    let (native, emulated) = (poses(native)?, poses(emulated)?);
+    let compared = compare_rows(&native, &emulated)?;
     println!("{compared}");
     // The other target is seen in every frame, the hidden one before and after.
     ensure!(
-        compared.rows == FRAMES * TARGETS && compared.poses > FRAMES,
-        "that is too little for {FRAMES} frames of {TARGETS} targets"
+        compared.rows == STANDARD_FRAMES * TARGETS && compared.poses > STANDARD_FRAMES,
+        "that is too little for {STANDARD_FRAMES} frames of {TARGETS} targets"
     );
     ensure!(
         compared.largest <= DIFFERENCE_MAX,
@@ -88,12 +72,6 @@ impl std::fmt::Display for Compared {
             self.poses, self.rows, self.largest
         )
     }
-}
-
-fn compare(one: &Path, other: &Path) -> Result<Compared> {
-    let read = |path: &Path| fs::read_to_string(path).with_context(|| path.display().to_string());
-    compare_rows(&read(one)?, &read(other)?)
-        .with_context(|| format!("{} and {}", one.display(), other.display()))
 }
 
 /// Compares the rows of two tables in pairs; an error where they tell of different things.

@@ -8,11 +8,13 @@
 //! How deep `Pipeline::step` takes the stack is measured there, and on this machine, by painting
 //! it; and from the very same programs it is told by the compiler. memory.md holds both.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use plumbline_test_support::{CONFIG_FILE, FRAMES_FILE, STANDARD, VGA};
 
 use crate::agreement::{DIFFERENCE_MAX, compare_rows};
 use crate::command::{Task, root, target_directory};
@@ -67,8 +69,8 @@ pub struct Board {
     emulator: &'static [&'static str],
     needs: &'static [Need],
     emulator_needs: &'static [Need],
-    /// The lens of `plumb simulate`, which has the frame's size.
-    lens: &'static str,
+    /// The recording whose first frame is measured.
+    recording: &'static str,
 }
 
 /// All of them that this machine can have.
@@ -100,7 +102,7 @@ const VIRT: Board = Board {
         why: "links firmware for 64-bit ARM",
     }],
     emulator_needs: setup::QEMU_SYSTEM,
-    lens: "mild",
+    recording: STANDARD,
 };
 
 /// A Cortex-M7, with a smaller frame and the smaller limits.
@@ -119,7 +121,7 @@ const MPS2_AN500: Board = Board {
         why: "links firmware for 32-bit ARM",
     }],
     emulator_needs: setup::QEMU_MICROCONTROLLER,
-    lens: "vga",
+    recording: VGA,
 };
 
 /// This machine: the same program under its operating system.
@@ -134,7 +136,7 @@ const HERE: Board = Board {
     emulator: &[],
     needs: setup::BINUTILS,
     emulator_needs: &[],
-    lens: "mild",
+    recording: STANDARD,
 };
 
 /// Installs what all boards need.
@@ -149,9 +151,9 @@ pub fn prepare() -> Result<()> {
 impl Board {
     /// Builds the program, runs it on the board, and compares its poses with this machine's
     /// and its stack with memory.md.
-    pub fn check(&self, document: Document) -> Result<()> {
+    pub fn check(&self, recordings: &Path, document: Document) -> Result<()> {
         let stored = target_directory().join("bare-metal").join(self.name);
-        self.store(&stored)?;
+        self.store(recordings, &stored)?;
         let expected = Task::cargo()
             .args(["run", "--quiet", "--package", PACKAGE])
             .args(self.features)
@@ -232,20 +234,15 @@ impl Board {
         Compiler::of(self.triple, BUILT_LIBRARY)
     }
 
-    /// Renders the frame and writes the configuration.
-    fn store(&self, directory: &Path) -> Result<()> {
-        Task::cargo().args(["build", "--package", "plumb"]).run()?;
-        let plumb = || Task::new(target_directory().join("debug/plumb"));
-        plumb()
-            .args(["simulate", "--force", "--frames", "1", "--lens", self.lens, "--out"])
-            .args([directory])
-            .run()?;
-        let place = |name: &str| directory.join(name).display().to_string();
-        plumb()
-            .args(["provision", "--force", "--camera", &place("camera.toml")])
-            .args(["--targets", &place("targets.toml"), "--scene", &place("scene.toml")])
-            .args(["--out", &place("box.plb")])
-            .run()
+    /// Puts the recording's first frame and its configuration into a directory.
+    fn store(&self, recordings: &Path, directory: &Path) -> Result<()> {
+        let from = recordings.join(self.recording);
+        fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
+        fs::copy(from.join(CONFIG_FILE), directory.join(CONFIG_FILE)).context(CONFIG_FILE)?;
+        let place = from.join(FRAMES_FILE);
+        let frame = first_frame(&place).with_context(|| place.display().to_string())?;
+        let stored = directory.join(FRAMES_FILE);
+        fs::write(&stored, frame).with_context(|| stored.display().to_string())
     }
 
     /// What the program prints.
@@ -293,6 +290,21 @@ impl Board {
     }
 }
 
+/// The beginning of a grey Y4M file, up to the end of its first frame.
+fn first_frame(place: &Path) -> Result<Vec<u8>> {
+    let mut file = BufReader::new(File::open(place)?);
+    let mut beginning = Vec::new();
+    file.read_until(b'\n', &mut beginning)?;
+    let header = String::from_utf8_lossy(&beginning).into_owned();
+    let number =
+        |key| header.split([' ', '\n']).find_map(|word| word.strip_prefix(key)?.parse().ok());
+    let size: [Option<u64>; 2] = ['W', 'H'].map(number);
+    let [Some(width), Some(height)] = size else { bail!("no size in {header}") };
+    file.read_until(b'\n', &mut beginning)?;
+    file.take(width * height).read_to_end(&mut beginning)?;
+    Ok(beginning)
+}
+
 /// The core's statics of more than [`STATIC_BYTES_MAX`], from the lines `address size kind name`
 /// of a program's symbols.
 fn statics(symbols: &str) -> Vec<&str> {
@@ -337,6 +349,16 @@ impl Printed {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_recording_is_cut_after_its_first_frame() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let one = "YUV4MPEG2 W3 H2 F60:1 Cmono\nFRAME\nabcdef";
+        fs::write(file.path(), format!("{one}FRAME\nghijkl")).unwrap();
+        assert_eq!(first_frame(file.path()).unwrap(), one.as_bytes());
+        fs::write(file.path(), "YUV4MPEG2 W3\n").unwrap();
+        assert!(first_frame(file.path()).is_err());
+    }
 
     #[test]
     fn only_large_statics_of_the_core_are_listed() {

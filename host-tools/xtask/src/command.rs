@@ -7,7 +7,7 @@
 use std::env;
 use std::ffi::{OsStr, OsString};
 use std::fmt::{self, Write as _};
-use std::io::{self, BufRead, BufReader, Write as _};
+use std::io::{self, BufRead, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::thread;
@@ -85,6 +85,19 @@ impl Task {
         self
     }
 
+    /// With the variables that another task's program is given, unless it has its own, and with
+    /// its program as cargo. They are not shown.
+    pub fn with_environment_of(mut self, cargo: &Self) -> Self {
+        let own: Vec<OsString> = self.command.get_envs().map(|(name, _)| name.to_owned()).collect();
+        for (name, value) in cargo.command.get_envs() {
+            if let Some(value) = value.filter(|_| !own.iter().any(|own| own == name)) {
+                self.command.env(name, value);
+            }
+        }
+        self.command.env("CARGO", cargo.command.get_program());
+        self
+    }
+
     /// In another directory than the root of the checkout.
     pub fn current_dir(mut self, directory: &Path) -> Self {
         self.command.current_dir(directory);
@@ -141,6 +154,28 @@ impl Task {
             each_line(&line);
         }
         self.judge(child.wait())
+    }
+
+    /// Prints the line, and takes the standard output; the error output is this program's own.
+    pub fn run_and_take(mut self) -> Result<String> {
+        self.announce();
+        let output = self.command.stderr(Stdio::inherit()).output();
+        let output = output.with_context(|| format!("cannot start `{}`", self.line))?;
+        self.judge(Ok(output.status))?;
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// Output and error output in the order of writing, in silence, and whether it succeeded.
+    pub fn capture(mut self) -> io::Result<(String, bool)> {
+        let (mut reader, writer) = io::pipe()?;
+        self.command.stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
+        let child = self.command.spawn();
+        // As in `run_and_read`.
+        self.command.stdout(Stdio::null()).stderr(Stdio::null());
+        let mut child = child?;
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes)?;
+        Ok((String::from_utf8_lossy(&bytes).into_owned(), child.wait()?.success()))
     }
 
     /// The standard output, in silence.

@@ -13,13 +13,10 @@ use std::env;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use plumbline_test_support::RUNNER;
 
 use crate::command::{Task, target_directory};
 use crate::setup::{self, Need, Probe};
-
-/// The variable that tells the tests what to start this project's programs with,
-/// where these are of another processor than the machine; see `tests/common/runner.rs`.
-pub const RUNNER: &str = "PLUMBLINE_RUNNER";
 
 /// An ARM processor's way of running Linux programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -17,6 +17,8 @@ mod bare_metal;
 mod bench;
 mod beside;
 mod command;
+#[cfg(test)]
+mod crates;
 mod cross;
 mod demo;
 mod generated;
@@ -25,6 +27,7 @@ mod instructions;
 mod python;
 mod setup;
 mod stack;
+mod suite;
 mod tests;
 
 use std::process::ExitCode;

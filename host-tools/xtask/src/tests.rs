@@ -4,24 +4,34 @@
 //! A part consists of steps. A step that fails does not stop those that can
 //! still tell something; the run as a whole fails at the end.
 
-use std::env;
+use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::ValueEnum;
+use plumbline_test_support::{
+    Absent, DATA, PROGRAMS, RECORDINGS, SKIPS, Skip, data_directory, make_recordings, program,
+    read_skips,
+};
 
 use crate::bare_metal::Document;
-use crate::command::{BadInput, Task, root, target_directory};
+use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{Linking, Target};
+use crate::suite::{self, Suite};
 use crate::{agreement, bare, bare_metal, image, python, setup};
 
 /// What `cargo xtask test` takes.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// What to check; everything when left out.
+    /// What to check; everything (which contains `quick`) when left out.
     #[arg(value_enum)]
     parts: Vec<Part>,
+    /// In `arm`: all tests of the workspace, not only those of what ships on ARM. Takes an hour or
+    /// more, most of it to render pictures in the emulator.
+    #[arg(long)]
+    all: bool,
     /// Put the depths of the stack that `bare-metal` measures into memory.md, instead of
     /// comparing them with what it says.
     #[arg(long)]
@@ -34,11 +44,15 @@ const IMAGES: &str = "PLUMBLINE_IMAGES";
 /// One way to run the checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
+    /// For daily work: rustfmt, clippy, and the tests on this machine, without those that render
+    /// or photograph many pictures, start the box's program, or open a browser; without the tests
+    /// in the documentation, other processors and images.
+    Quick,
     /// On this machine: rustfmt, clippy, build, all tests, and the core linked
     /// without an allocator.
     Native,
-    /// All tests, built for 64-bit ARM and run under QEMU, and one recording
-    /// whose poses agree with this machine's.
+    /// The tests of what ships on 64-bit ARM, the core and the box's program, built for it and run
+    /// under QEMU; and one recording whose poses agree with this machine's.
     Arm,
     /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
     Armhf,
@@ -51,16 +65,25 @@ enum Part {
 }
 
 impl Part {
+    /// What is checked when nothing is named.
+    const EVERYTHING: [Self; 5] =
+        [Self::Native, Self::Arm, Self::Armhf, Self::BareMetal, Self::Boot];
+
+    /// Its word on the command line.
+    fn word(self) -> String {
+        self.to_possible_value().expect("no part is hidden").get_name().to_owned()
+    }
+
     /// Installs what the part needs.
     fn prepare(self) -> Result<()> {
         match self {
+            Self::Quick => {
+                setup::ensure(&[setup::LINKER, setup::VIDEO])?;
+                setup::ensure_components()
+            }
             Self::Native => {
                 let build = [setup::LINKER, setup::VIDEO, setup::BINUTILS];
                 setup::ensure(&[&build[..], &[setup::RENDERERS, setup::PYTHON]].concat())?;
-                // Ubuntu has it as a snap alone, which apt does not install.
-                if let Err(error) = setup::ensure(&[setup::BROWSER]) {
-                    println!("{error:#}\nThe tests that show pages in a browser skip");
-                }
                 setup::ensure_components()
             }
             Self::Arm => {
@@ -76,7 +99,7 @@ impl Part {
     /// What the part writes below the target directory, megabytes: as seen, and a fifth more.
     fn disk_mb(self) -> u64 {
         match self {
-            Self::Native => 3500,
+            Self::Quick | Self::Native => 3500,
             Self::Arm => 3000,
             Self::Armhf => 1000,
             Self::BareMetal => 1500,
@@ -84,39 +107,64 @@ impl Part {
         }
     }
 
-    fn run(self, journal: &mut Journal, document: Document) -> Result<()> {
+    fn run(self, journal: &mut Journal, arguments: &Arguments) -> Result<()> {
         match self {
+            Self::Quick => quick(journal),
             Self::Native => native(journal),
-            Self::Arm => arm(journal)?,
+            Self::Arm => arm(journal, arguments.all)?,
             Self::Armhf => armhf(journal)?,
-            Self::BareMetal => bare_metal(journal, document),
+            Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
         }
         Ok(())
     }
 }
 
+impl Arguments {
+    const fn document(&self) -> Document {
+        if self.write_memory { Document::Write } else { Document::Compare }
+    }
+}
+
 /// Runs the parts and sums up.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let parts =
-        if arguments.parts.is_empty() { Part::value_variants() } else { &arguments.parts[..] };
+        if arguments.parts.is_empty() { &Part::EVERYTHING[..] } else { &arguments.parts[..] };
+    for (is_given, option, part, why) in [
+        (arguments.write_memory, "--write-memory", Part::BareMetal, "measures the stack"),
+        (arguments.all, "--all", Part::Arm, "leaves tests out"),
+    ] {
+        if is_given && !parts.contains(&part) {
+            let part = part.word();
+            bail!(BadInput(format!("{option}: only the part `{part}` {why}")));
+        }
+    }
     // What a later part lacks is known before an earlier one takes its minutes.
     setup::ensure_disk(&target_directory(), parts.iter().map(|part| part.disk_mb()).sum())?;
     for part in parts {
         part.prepare()?;
     }
-    let document = if arguments.write_memory { Document::Write } else { Document::Compare };
-    if document == Document::Write && !parts.contains(&Part::BareMetal) {
-        bail!(BadInput("--write-memory: only the part `bare-metal` measures the stack".into()));
-    }
-    let mut journal = Journal::default();
+    let mut journal = Journal::begin()?;
     for part in parts {
-        part.run(&mut journal, document)?;
+        journal.part = part.word();
+        part.run(&mut journal, arguments)?;
     }
     journal.close()
 }
 
-fn native(journal: &mut Journal) {
+/// What `quick` runs of the tests that start programs, and every crate's own tests.
+const QUICK: &[&str] = &["--workspace", "--lib", "--bins", "--test", "published", "--test", "core"];
+
+fn quick(journal: &mut Journal) {
+    format_and_lint(journal);
+    let Some(recordings) = recordings(journal) else { return };
+    let cargo = || Task::cargo().env(RECORDINGS, &recordings.to_string_lossy());
+    let suite =
+        Suite { cargo: &cargo, selection: QUICK, emulator: None, with_documentation: false };
+    journal.suite("tests", &suite);
+}
+
+fn format_and_lint(journal: &mut Journal) {
     journal.check("format", || Task::cargo().args(["fmt", "--all", "--check"]).run());
     journal.check("lint", || {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
@@ -125,56 +173,131 @@ fn native(journal: &mut Journal) {
         let lint = ["clippy", "--package", "plumbline-tests", "--test", "boot", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
-    // The tests start the programs, which `cargo test` alone builds only for their own packages.
-    let built = journal.check("build", || Task::cargo().args(["build", "--workspace"]).run());
-    if built {
+}
+
+/// Renders the recordings that tests read, on this machine; where they are.
+fn recordings(journal: &mut Journal) -> Option<PathBuf> {
+    let mut directory = None;
+    let built = journal.programs.as_ref().map(|programs| programs.join("plumb"));
+    journal.check("recordings", || {
+        let plumb = built.map_or_else(|| program("plumb"), Ok).map_err(|error| anyhow!(error))?;
+        let made = make_recordings(&target_directory(), &plumb);
+        directory = Some(made.map_err(|error| anyhow!(error))?);
+        Ok(())
+    });
+    directory
+}
+
+fn native(journal: &mut Journal) {
+    // A download, beside what compiles.
+    let python = thread::spawn(python::prepare);
+    format_and_lint(journal);
+    // With all targets, although the tests come later: what is built without them is built anew
+    // for them, with the features that they ask of others.
+    let build = ["build", "--workspace", "--all-targets"];
+    let built = journal.check("build", || Task::cargo().args(build).run());
+    let programs = target_directory().join("debug");
+    journal.programs = built.then(|| programs.clone());
+    if built && let Some(recordings) = recordings(journal) {
         say_where_the_data_are();
-        let test = Task::cargo().args(["test", "--workspace", "--no-fail-fast"]);
+        // Ubuntu has it as a snap alone, which apt does not install.
+        if let Err(error) = setup::ensure(&[setup::BROWSER]) {
+            journal.cannot_be_had("a browser", &error);
+        }
         // A second opinion: where its index of packages cannot be reached, all else still counts.
-        let test = match python::prepare() {
-            Ok(()) => test.env(python::VARIABLE, &python::program().to_string_lossy()),
-            Err(error) => {
-                println!("Other people's readers: {error:#}; the tests that ask them skip");
-                test
+        let python = python.join().expect("it does not panic");
+        if let Err(error) = &python {
+            journal.cannot_be_had("other people's readers", error);
+        }
+        let cargo = || {
+            let task = Task::cargo()
+                .env(PROGRAMS, &programs.to_string_lossy())
+                .env(RECORDINGS, &recordings.to_string_lossy());
+            match python {
+                Ok(()) => task.env(python::VARIABLE, &python::program().to_string_lossy()),
+                Err(_) => task,
             }
         };
-        journal.tests("tests", test);
+        let suite = Suite {
+            cargo: &cargo,
+            selection: &["--workspace"],
+            emulator: None,
+            with_documentation: true,
+        };
+        journal.suite("tests", &suite);
     }
     journal.check("bare", bare::check);
 }
 
-/// The same tests on the box's processor. They start the programs through QEMU as well,
-/// and those that would take too long there do less of the same, and say so.
-fn arm(journal: &mut Journal) -> Result<()> {
+/// What ships on ARM; its tests in `tests/core` read rendered frames.
+const SHIPPED: &[&str] = &[
+    "--package",
+    "plumbline",
+    "--package",
+    "plumbline-board",
+    "--package",
+    "plumbline-core-tests",
+    "--lib",
+    "--bins",
+    "--tests",
+];
+
+/// The tests of what ships on the box's processor, or all. They start the programs through QEMU
+/// as well.
+fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
-    let cargo = || toolchain.cargo(Linking::Static);
-    let built = journal.check("arm build", || cargo().args(["build", "--workspace"]).run());
-    if built {
+    let Some(recordings) = recordings(journal) else { return Ok(()) };
+    let programs = toolchain.programs(Linking::Static, "debug");
+    let cargo = || {
+        toolchain
+            .cargo(Linking::Static)
+            .env(PROGRAMS, &programs.to_string_lossy())
+            .env(RECORDINGS, &recordings.to_string_lossy())
+    };
+    let selection = if all { &["--workspace"] } else { SHIPPED };
+    if all {
         say_where_the_data_are();
-        journal.tests("arm tests", cargo().args(["test", "--workspace", "--no-fail-fast"]));
-        journal.check("agreement", || agreement::check(&toolchain));
+        let build = ["build", "--workspace", "--all-targets"];
+        if !journal.check("build", || cargo().args(build).run()) {
+            return Ok(());
+        }
     }
+    let suite = Suite {
+        cargo: &cargo,
+        selection,
+        emulator: Some(toolchain.emulator()),
+        with_documentation: all,
+    };
+    journal.suite("tests", &suite);
+    let native = journal.programs.clone();
+    journal.check("agreement", || agreement::check(native.as_deref(), &toolchain, &recordings));
     Ok(())
 }
 
 /// The core on a smaller processor: its own tests.
 fn armhf(journal: &mut Journal) -> Result<()> {
-    let cargo = Target::Armv7.toolchain()?.cargo(Linking::Static);
-    let core = ["test", "--package", "plumbline", "--lib", "--no-fail-fast"];
-    journal.tests("armhf tests", cargo.args(core));
+    let toolchain = Target::Armv7.toolchain()?;
+    let suite = Suite {
+        cargo: &|| toolchain.cargo(Linking::Static),
+        selection: &["--package", "plumbline", "--lib"],
+        emulator: Some(toolchain.emulator()),
+        with_documentation: false,
+    };
+    journal.suite("tests", &suite);
     Ok(())
 }
 
 /// The core on computers with nothing else on them, and as the same program here.
 fn bare_metal(journal: &mut Journal, document: Document) {
+    let Some(recordings) = recordings(journal) else { return };
     for board in bare_metal::BOARDS {
-        journal.check(board.name, || board.check(document));
+        journal.check(board.name, || board.check(&recordings, document));
     }
 }
 
 /// The boot of a box with a camera, which prints its figures as the bench's programs do.
 pub fn boot_with_camera() -> Result<Task> {
-    let images = image::make_for_tests()?;
+    let images = image::make_for_tests(image::Profile::Release)?;
     let name = "poses::a_camera_is_tracked_over_both_links_as_well_as_here";
     let test = [
         "test",
@@ -195,28 +318,26 @@ pub fn boot_with_camera() -> Result<Task> {
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
-        images = image::make_for_tests()?;
+        images = image::make_for_tests(image::Profile::ImageTests)?;
         Ok(())
     });
     if made {
         let boot = ["test", "--package", "plumbline-tests", "--test", "boot", "--"];
         let test = [&boot[..], &["--test-threads=2", "--nocapture"]].concat();
         let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
-        journal.tests("boot tests", task);
+        let task = task.env(SKIPS, &journal.skips.to_string_lossy());
+        journal.tests("tests", |each_line| task.run_and_read(each_line));
     }
 }
 
-/// Tests on photographs pass where there are none, so the log has to tell.
+/// Tests on photographs skip where there are none: what to do is said before they run.
 fn say_where_the_data_are() {
-    let data = env::var_os("PLUMBLINE_DATA")
-        .map_or_else(|| root().join("../shared/data"), |path| root().join(PathBuf::from(path)));
+    let data = data_directory();
+    let place = data.display();
     if data.is_dir() {
-        println!("Photographs: {}", data.display());
+        println!("Photographs: {place}");
     } else {
-        println!(
-            "Photographs: none at {} (PLUMBLINE_DATA names another place); the tests on them skip",
-            data.display()
-        );
+        println!("Photographs: none at {place} ({DATA} names another place)");
     }
 }
 
@@ -235,40 +356,78 @@ impl std::error::Error for Told {}
 /// What has been run so far.
 #[derive(Default)]
 struct Journal {
+    /// The part that is being run.
+    part: String,
     steps: Vec<Step>,
     summaries: Vec<String>,
+    /// The file that tests write into when they skip.
+    skips: PathBuf,
+    /// Where this machine's programs are, once they are built.
+    programs: Option<PathBuf>,
+    /// What tests want of other people and this machine cannot have, with the reason.
+    lacking: Vec<String>,
 }
 
 struct Step {
+    part: String,
     name: &'static str,
     took: Duration,
     failure: Option<String>,
     /// Where the step is a run of tests: their counts.
     tests: Option<Tally>,
+    skips: Vec<Skip>,
 }
 
 impl Journal {
+    fn begin() -> Result<Self> {
+        let skips = target_directory().join("skips");
+        suite::remove(&skips)?;
+        Ok(Self { skips, ..Self::default() })
+    }
+
+    /// Notes what could not be installed: tests that skip for want of it are excused.
+    fn cannot_be_had(&mut self, what: &str, error: &anyhow::Error) {
+        let lacking = format!("{what}: {error:#}");
+        println!("{lacking}\nThe tests that need this skip");
+        self.lacking.push(lacking);
+    }
+
     /// Runs one check; true when it passed.
     fn check(&mut self, name: &'static str, run: impl FnOnce() -> Result<()>) -> bool {
-        println!("\n== {name}");
+        println!("\n== {}: {name}", self.part);
         let start = Instant::now();
         let failure = run().err().map(|error| format!("{error:#}"));
         if let Some(failure) = &failure {
             println!("{name}: {failure}");
         }
         let passed = failure.is_none();
-        self.steps.push(Step { name, took: start.elapsed(), failure, tests: None });
+        self.steps.push(Step {
+            part: self.part.clone(),
+            name,
+            took: start.elapsed(),
+            failure,
+            tests: None,
+            skips: Vec::new(),
+        });
         passed
     }
 
-    /// Runs cargo's tests and collects their summaries.
-    fn tests(&mut self, name: &'static str, cargo_test: Task) {
+    /// Builds and runs tests, and collects their summaries.
+    fn suite(&mut self, name: &'static str, suite: &Suite) {
+        let skips = self.skips.to_string_lossy().into_owned();
+        let cargo = || (suite.cargo)().env(SKIPS, &skips);
+        let suite = Suite { cargo: &cargo, ..*suite };
+        self.tests(name, |each_line| suite.run(each_line));
+    }
+
+    /// Runs tests, whose lines `run` hands on, and collects their summaries.
+    fn tests(&mut self, name: &'static str, run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>) {
         let mut tally = Tally::default();
         let mut summaries = Vec::new();
         let mut failed = Vec::new();
         self.check(name, || {
             let mut running = String::new();
-            let done = cargo_test.run_and_read(|line| {
+            let done = run(&mut |line| {
                 let words = line.trim_start();
                 if words.starts_with("Running ") || words.starts_with("Doc-tests ") {
                     running = line.to_owned();
@@ -290,7 +449,16 @@ impl Journal {
                 Ok(()) => Ok(()),
             }
         });
-        self.steps.last_mut().expect("check adds a step").tests = Some(tally);
+        let skips = read_skips(&self.skips).map_err(|error| {
+            println!("{}: {error}", self.skips.display());
+        });
+        let _ = suite::remove(&self.skips);
+        let step = self.steps.last_mut().expect("check adds a step");
+        step.tests = Some(tally);
+        match skips {
+            Ok(skips) => step.skips = skips,
+            Err(()) => step.failure = step.failure.take().or(Some("the skips are unknown".into())),
+        }
         self.summaries.append(&mut summaries);
     }
 
@@ -300,18 +468,10 @@ impl Journal {
         for summary in &self.summaries {
             println!("{summary}");
         }
-        let overview: Vec<String> = self
-            .steps
-            .iter()
-            .map(|step| {
-                let verdict = if step.failure.is_some() { " FAILED" } else { "" };
-                format!("{} {:.0} s{verdict}", step.name, step.took.as_secs_f64())
-            })
-            .collect();
-        println!("\n{}", overview.join(", "));
+        print!("\n{}\n{}", self.skipped(), self.table());
         for step in &self.steps {
             if let Some(failure) = &step.failure {
-                println!("{}: {failure}", step.name);
+                println!("{} {}: {failure}", step.part, step.name);
             }
         }
         let total = self.total();
@@ -322,8 +482,46 @@ impl Journal {
         Ok(())
     }
 
+    /// Whether a test may skip for want of this. What the run builds itself is never absent, and
+    /// what it installs only where it could not.
+    fn is_excused(&self, absent: Absent) -> bool {
+        match absent {
+            Absent::Data | Absent::Hardware | Absent::Emulator => true,
+            Absent::Tool => !self.lacking.is_empty(),
+            Absent::Build => false,
+        }
+    }
+
+    /// The tests that were skipped, each with its reason.
+    fn skipped(&self) -> String {
+        let mut text = String::new();
+        for step in &self.steps {
+            for Skip { absent, test, reason } in &step.skips {
+                let verdict = if self.is_excused(*absent) { "skipped" } else { "FAILED by a skip" };
+                let _ = writeln!(text, "{verdict}: {} {test}: {reason}", step.part);
+            }
+        }
+        text
+    }
+
+    /// What took how long.
+    fn table(&self) -> String {
+        let mut text = String::from("part        step             seconds\n");
+        let mut row = |part: &str, step: &str, took: Duration, verdict| {
+            let seconds = took.as_secs_f64();
+            let _ = writeln!(text, "{part:<11} {step:<16} {seconds:>7.0}{verdict}");
+        };
+        for step in &self.steps {
+            let verdict = if step.failure.is_some() { " FAILED" } else { "" };
+            row(&step.part, step.name, step.took, verdict);
+        }
+        row("all", "", self.steps.iter().map(|step| step.took).sum(), "");
+        text
+    }
+
     /// The tests, and each step that is not a run of tests as one more; a run
-    /// that broke off without a failed test counts as one failure.
+    /// that broke off without a failed test counts as one failure. A test that was skipped has
+    /// not passed, and has failed where there is no excuse.
     fn total(&self) -> Tally {
         let mut total = Tally::default();
         for step in &self.steps {
@@ -332,8 +530,11 @@ impl Journal {
                 Some(tests) => Tally { failed: tests.failed.max(failed), ..tests },
                 None => Tally { passed: 1 - failed, failed },
             };
-            total.passed += own.passed;
-            total.failed += own.failed;
+            let mut skipped: Vec<_> = step.skips.iter().collect();
+            skipped.dedup_by_key(|skip| &skip.test);
+            let unexcused = skipped.iter().filter(|skip| !self.is_excused(skip.absent)).count();
+            total.passed += own.passed.saturating_sub(skipped.len());
+            total.failed += own.failed + unexcused;
         }
         total
     }
@@ -370,18 +571,23 @@ mod checks {
         assert_eq!(Tally::of_summary("test result: gone"), None);
     }
 
+    fn step(name: &'static str, failure: Option<&str>, tests: Option<Tally>) -> Step {
+        Step {
+            part: "native".into(),
+            name,
+            took: Duration::from_secs(2),
+            failure: failure.map(str::to_owned),
+            tests,
+            skips: Vec::new(),
+        }
+    }
+
     #[test]
     fn checks_and_broken_runs_are_in_the_total() {
         let journal = |format: Option<&str>, tests: Option<&str>, passed, failed| {
-            let step = |name, failure: Option<&str>, tests| Step {
-                name,
-                took: Duration::ZERO,
-                failure: failure.map(str::to_owned),
-                tests,
-            };
             let tally = Tally { passed, failed };
             let steps = vec![step("format", format, None), step("tests", tests, Some(tally))];
-            Journal { steps, summaries: Vec::new() }
+            Journal { steps, ..Journal::default() }
         };
         let total = |passed, failed| Tally { passed, failed };
         let good = journal(None, None, 10, 0);
@@ -394,5 +600,45 @@ mod checks {
         let crashed = journal(None, Some("x"), 10, 0);
         assert_eq!(crashed.total(), total(11, 1));
         assert!(crashed.close().is_err());
+    }
+
+    #[test]
+    fn a_skip_is_no_pass_and_without_an_excuse_a_failure() {
+        let journal = |absent, lacking: &[&str]| {
+            let skip = Skip { absent, test: "main: it_shows".into(), reason: "no such".into() };
+            // Once for each thing that the same test lacks.
+            let again = Skip { reason: "nor such".into(), ..skip.clone() };
+            let mut step = step("tests", None, Some(Tally { passed: 10, failed: 0 }));
+            step.skips = vec![skip, again];
+            let lacking = lacking.iter().map(|&it| it.to_owned()).collect();
+            Journal { steps: vec![step], lacking, ..Journal::default() }
+        };
+        for (absent, lacking, failed) in [
+            (Absent::Data, &[][..], 0),
+            (Absent::Hardware, &[], 0),
+            (Absent::Emulator, &[], 0),
+            (Absent::Tool, &[], 1),
+            (Absent::Tool, &["a browser: it cannot be installed"], 0),
+            (Absent::Build, &["a browser: it cannot be installed"], 1),
+        ] {
+            let journal = journal(absent, lacking);
+            assert_eq!(journal.total(), Tally { passed: 9, failed }, "{absent:?} {lacking:?}");
+            let verdict = if failed == 0 { "skipped" } else { "FAILED by a skip" };
+            let line = format!("{verdict}: native main: it_shows: no such\n");
+            assert!(journal.skipped().starts_with(&line), "{}", journal.skipped());
+        }
+    }
+
+    #[test]
+    fn the_table_has_a_row_per_step_and_the_sum() {
+        let steps = vec![step("format", None, None), step("tests", Some("x"), None)];
+        let table = Journal { steps, ..Journal::default() }.table();
+        assert_eq!(
+            table,
+            "part        step             seconds\n\
+             native      format                 2\n\
+             native      tests                  2 FAILED\n\
+             all                                4\n"
+        );
     }
 }

@@ -73,7 +73,7 @@ pub fn measure(
     let start = recording.len().checked_sub(width * height).ok_or(NoTable::Recording)?;
     let frame = GreyImage::new(&recording[start..], width, height, width)
         .map_err(|_| NoTable::Recording)?;
-    writeln!(out, "{COLUMNS}")?;
+    write_header(out)?;
     for number in 0..STEPS {
         let report = step(pipeline, &frame, u64::from(number) * STEP_NS);
         write_rows(out, number, config, &report)?;
@@ -88,8 +88,24 @@ pub fn step(pipeline: &mut Pipeline, frame: &GreyImage<'_>, time_ns: u64) -> Rep
     pipeline.step(frame, time_ns)
 }
 
+/// The names of the columns.
+///
+/// # Errors
+/// What cannot be written.
+pub fn write_header(out: &mut impl Write) -> fmt::Result {
+    writeln!(out, "{COLUMNS}")
+}
+
 /// One row per target, with the columns of `poses.csv`.
-fn write_rows(out: &mut impl Write, number: u32, config: &Config, report: &Report) -> fmt::Result {
+///
+/// # Errors
+/// What cannot be written.
+pub fn write_rows(
+    out: &mut impl Write,
+    number: u32,
+    config: &Config,
+    report: &Report,
+) -> fmt::Result {
     for (target, seen) in config.targets.iter().zip(&report.targets) {
         write!(out, "{number},{},{}", target.name, seen.state.word())?;
         let Ok(measured) = &seen.measurement else {

@@ -48,7 +48,6 @@ pub struct Pi {
     card: PathBuf,
     line: Line,
     /// What the box is told beside the card, for tests.
-    overlay: &'static str,
     options: String,
     running: Option<Running>,
 }
@@ -62,9 +61,9 @@ struct Running {
 }
 
 impl Pi {
-    /// A new card with this configuration, or none. `overlay` is a second archive over the card's
-    /// initramfs, `options` are added to its command line.
-    pub fn new(blob: Option<&[u8]>, overlay: &'static str, options: &str) -> Self {
+    /// A new card with this configuration, or none. `options` are added to its
+    /// command line.
+    pub fn new(blob: Option<&[u8]>, options: &str) -> Self {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let card = directory.path().join("card.img");
         let names = [image("rpi4.img"), card.clone()];
@@ -78,7 +77,7 @@ impl Pi {
         let file = std::fs::OpenOptions::new().write(true).open(&card).expect("it was copied");
         file.set_len(size).expect("there is room");
         let line = Line::new();
-        Self { directory, card, line, overlay, options: options.to_owned(), running: None }
+        Self { directory, card, line, options: options.to_owned(), running: None }
     }
 
     /// The card's image.
@@ -182,7 +181,6 @@ fn keep(start: &Starter, child: &Mutex<Child>, qmp: &Mutex<Qmp>, off: &AtomicBoo
 struct Starter {
     directory: PathBuf,
     card: PathBuf,
-    overlay: &'static str,
     options: String,
     memory: PathBuf,
 }
@@ -191,8 +189,7 @@ impl Starter {
     fn new(pi: &Pi) -> Self {
         let directory = pi.directory.path().to_owned();
         let memory = directory.join("memory");
-        let (overlay, options) = (pi.overlay, pi.options.clone());
-        Self { card: pi.card.clone(), overlay, options, memory, directory }
+        Self { card: pi.card.clone(), options: pi.options.clone(), memory, directory }
     }
 
     /// Plays the firmware: takes from the card what its rules say, and starts that.
@@ -203,7 +200,7 @@ impl Starter {
         let path = |name: &str| self.directory.join(name);
         let file = |name: &str| card.file(name).expect("the firmware has found it");
         std::fs::write(path("kernel"), file(&start.kernel)).expect("there is room");
-        let archives = [file(&start.initramfs), &read(&image(self.overlay)), &SCENE.archive()];
+        let archives = [file(&start.initramfs), &read(&image("overlay.cpio")), &SCENE.archive()];
         std::fs::write(path("initramfs"), archives.concat()).expect("there is room");
         // The tree is the card's own, fitted to what QEMU emulates.
         std::fs::copy(image("rpi4.dtb"), path("tree.dtb")).expect("there is room");

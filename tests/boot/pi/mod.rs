@@ -129,7 +129,7 @@ fn green_led(pi: &Pi, seconds: f64) -> (usize, f64) {
 
 #[test]
 fn a_card_records_a_trial_over_the_serial_line() {
-    let mut pi = Pi::new(Some(&scene::blob(&config())), "overlay.cpio", "");
+    let mut pi = Pi::new(Some(&scene::blob(&config())), "");
     pi.switch_on();
     let hello = start_number(&pi, 1);
     assert_eq!((hello.device.as_str(), hello.config_crc), ("boot test", config().crc()));
@@ -162,7 +162,7 @@ fn a_card_records_a_trial_over_the_serial_line() {
 #[test]
 fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
     let options = format!("plumbline.serial={LINE}:115200");
-    let mut pi = Pi::new(None, "overlay.cpio", &options);
+    let mut pi = Pi::new(None, &options);
     pi.switch_on();
     let lacks = "no configuration: no config.plb in 10 s on a FAT partition (mmcblk0 mmcblk0p1): \
                  send one with `plumb provision`, or copy it to the boot partition";
@@ -182,7 +182,7 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
 #[test]
 fn a_program_that_hangs_is_reset_by_the_pis_watchdog_which_the_next_hello_says() {
     let hang = "plumbline.hang_after=60";
-    let mut pi = Pi::new(Some(&scene::blob(&config())), "overlay-fault.cpio", hang);
+    let mut pi = Pi::new(Some(&scene::blob(&config())), hang);
     pi.switch_on();
     assert_eq!(start_number(&pi, 1).reset_reason, ResetReason::PowerOn);
     // Reset in the middle of its work, the box says so.
@@ -208,7 +208,7 @@ impl Computer for Pi {
 #[test]
 fn a_power_cut_while_the_card_is_written_to_leaves_the_old_or_the_new_configuration() {
     let configs = two_of(&config());
-    let mut pi = Pi::new(Some(&scene::blob(&configs[0])), "overlay.cpio", "");
+    let mut pi = Pi::new(Some(&scene::blob(&configs[0])), "");
     let mut link = link(&pi);
     assert_power_cuts_leave_one(&mut pi, &mut link, &configs, 2);
 }

@@ -1,5 +1,7 @@
 //! What the tests against other people's numbers share.
 
+pub mod table_2;
+
 use std::path::Path;
 
 use plumbline_analysis::statistics::within::{Observation, WithinDesign};
@@ -15,7 +17,6 @@ pub fn columns(path: &Path, headers: &[&str]) -> Vec<Vec<String>> {
 }
 
 /// The within-subject table of a long CSV file.
-#[allow(dead_code, reason = "not every test has studies")]
 pub fn design(path: &Path, subject: &str, factors: &[&str], value: &str) -> WithinDesign {
     let headers: Vec<&str> = [subject, value].iter().chain(factors).copied().collect();
     design_of(factors, &columns(path, &headers))
@@ -35,7 +36,6 @@ pub fn design_of(factors: &[&str], rows: &[Vec<String>]) -> WithinDesign {
 }
 
 /// Asserts that two numbers differ by no more than this part of the second.
-#[allow(dead_code, reason = "published tables are rounded")]
 #[track_caller]
 pub fn assert_close(found: f64, expected: f64, relative: f64, what: &str) {
     let error = (found - expected).abs();

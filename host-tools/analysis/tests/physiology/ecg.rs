@@ -4,7 +4,7 @@ use plumbline_analysis::physiology::cycles::{Cycle, Verdict};
 use plumbline_analysis::physiology::ecg::r_waves;
 use plumbline_analysis::physiology::signal::{SamplingError, Signal};
 
-use crate::heart::{Recording, beats, compare};
+use super::heart::{Recording, beats, compare};
 
 /// The worst error of R waves, seconds, when all and only they were found.
 fn worst_s(recording: &Recording, beats_s: &[f64]) -> f64 {

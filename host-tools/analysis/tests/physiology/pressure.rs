@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use crate::heart::{Recording, beats, compare};
+use super::heart::{Recording, beats, compare};
 
 /// A pulse: from its foot, at this time, up to the systolic within 0.15 s, and down to the next
 /// foot's diastolic, with a dicrotic wave.

@@ -6,7 +6,7 @@ use plumbline_analysis::physiology::cycles::Verdict;
 use plumbline_analysis::physiology::ecg::r_waves;
 use plumbline_analysis::physiology::signal::Signal;
 
-use crate::heart::Recording;
+use super::heart::Recording;
 
 /// Baseline, and the first 10 s of early, mid and late stance.
 fn windows_of_the_paper() -> [Window; 4] {

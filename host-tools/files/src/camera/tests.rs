@@ -1,3 +1,5 @@
+use plumbline_test_support::data;
+
 use super::*;
 
 const GOOD: &str = "width_px = 1456\nheight_px = 1088\nfx_px = 1740\nfy_px = 1741.5\ncx_px = 727.5\ncy_px = 543.5\nmodel = \"radial2\"\ndistortion = [-0.1, 0.02]\n";
@@ -192,13 +194,7 @@ fn scaling_keeps_rays_of_the_frame_edges() {
 
 #[test]
 fn opencvs_own_calibration_is_read() {
-    let data = std::env::var("PLUMBLINE_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let path = workspace.join(data).join("opencv_left/left_intrinsics.yml");
-    if !path.exists() {
-        eprintln!("skipped: no {}", path.display());
-        return;
-    }
+    let Some(path) = data("opencv_left/left_intrinsics.yml") else { return };
     let camera = read(&path).unwrap();
     assert_eq!((camera.lens.width_px, camera.lens.height_px), (640, 480));
     assert_eq!(camera.lens.fx_px, 535.915_733_961_632);

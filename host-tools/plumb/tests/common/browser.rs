@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use image::GrayImage;
+use plumbline_test_support::{Absent, skip};
 use serde::Deserialize;
 
 /// A browser that takes longer hangs; it usually takes two seconds.
@@ -43,7 +44,7 @@ impl Browser {
         match program.into_iter().find(|it| it.is_file()) {
             Some(program) => Some(Self { program, folder: tempfile::tempdir().unwrap() }),
             None => {
-                println!("skipped: there is no chromium; `cargo xtask test` installs it");
+                skip(Absent::Tool, "there is no chromium; `cargo xtask test` installs it");
                 None
             }
         }

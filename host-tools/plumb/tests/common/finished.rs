@@ -16,9 +16,8 @@ pub struct Finished {
 }
 
 /// Runs `plumb` in a directory, with no terminal.
-#[allow(dead_code, reason = "not every test runs it so")]
 pub fn plumb(directory: &Path, arguments: &[&str]) -> Finished {
-    let mut command = super::runner::command(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = plumbline_test_support::command(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).current_dir(directory).stdin(Stdio::null());
     ended(command)
 }

@@ -7,6 +7,8 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 
 use super::{Figures, figures_of, get, python_has};
+use plumbline_test_support::data_directory;
+
 use crate::command::{Task, root, target_directory};
 
 /// A set of photographs, where the data are there.
@@ -24,7 +26,7 @@ const SETS: [Set; 2] = [
 
 /// One table; empty where there are no photographs.
 pub fn table() -> Result<String> {
-    let data = std::env::var_os("PLUMBLINE_DATA").map_or(root().join("../shared/data"), Into::into);
+    let data = data_directory();
     let mut rows = String::new();
     for set in &SETS {
         let folder = data.join(set.folder);

@@ -107,7 +107,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         What::Rpi4 => rpi4::make(&Parts::make()?, config, &out),
         What::Deb => {
             prepare()?;
-            deb::make(&built_with_libcamera(&DebianRoot::fetch()?)?, &out)
+            let program = built_with_libcamera(&DebianRoot::fetch()?, Profile::Release)?;
+            deb::make(&program, &out)
         }
     }
 }
@@ -126,38 +127,64 @@ pub fn prepare_for_tests() -> Result<()> {
     prepare()
 }
 
+/// How the programs in an image are built: a profile of the root's Cargo.toml.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Profile {
+    /// As they ship.
+    Release,
+    /// The same code, optimised less and compiled in a third of the time.
+    ImageTests,
+}
+
+impl Profile {
+    /// Its name, which is also that of cargo's directory.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Release => "release",
+            Self::ImageTests => "image-tests",
+        }
+    }
+}
+
 /// Makes what the tests boot, and the SD card that they look into; the directory with it.
+///
+/// The box's program is one that the kernel's command line can tell to hang or to panic; without
+/// these words it is the one that ships.
 ///
 /// | file | is |
 /// |---|---|
-/// | `vmlinuz`, `initramfs` | as they ship |
+/// | `vmlinuz`, `initramfs` | as they ship, but for the program |
 /// | `overlay.cpio` | [`test_overlay`] |
-/// | `overlay-fault.cpio` | the same, and an `/init` that can be told to hang |
 /// | `rpi4.img` | the SD card, without a configuration |
 /// | `rpi4.dtb`, `qemu-raspi4b` | [`emulated_pi`] |
 /// | `kernel-config` | what the kernel was built with |
 /// | `plumbline-board.deb` | the Debian package |
 /// | `overlay-libcamera.cpio` | its program as `/init`, and its libraries |
-pub fn make_for_tests() -> Result<PathBuf> {
+pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
+    prepare()?;
     let directory = directory().join("tests");
     fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
-    let guest = built("plumbline-test-guest", &[])?;
-    // First this, so that afterwards the program without the fault is there again.
-    let faulty = built("plumbline-board", &["--features", "plumbline-board/fault-injection"])?;
+    let programs = Target::Aarch64.toolchain()?.programs(Linking::Static, profile.name());
+    build(
+        profile,
+        &["--package", "plumbline-board", "--package", "plumbline-test-guest"],
+        &["--features", "plumbline-board/fault-injection"],
+    )?;
     let debian = DebianRoot::fetch()?;
-    let overlay = test_overlay::make(&debian, &guest, Some(&faulty))?;
-    fs::write(directory.join("overlay-fault.cpio"), overlay)?;
-    fs::write(directory.join("overlay.cpio"), test_overlay::make(&debian, &guest, None)?)?;
-    let parts = Parts::make()?;
+    let overlay = test_overlay::make(&debian, &programs.join("plumbline-test-guest"))?;
+    fs::write(directory.join("overlay.cpio"), overlay)?;
+    let initramfs = initramfs::make(&debian, &programs.join("plumbline-board"))?;
+    let parts = Parts { debian, initramfs };
     parts.write_to(&directory)?;
+    let debian = &parts.debian;
     rpi4::make(&parts, None, &directory.join("rpi4.img"))?;
     let tree = debian.device_trees()?.join(rpi4::DEVICE_TREES[0]);
     emulated_pi::make_tree(&tree, &directory.join("rpi4.dtb"))?;
     emulated_pi::make_emulator(&directory.join("qemu-raspi4b"))?;
     fs::copy(debian.kernel_config_path()?, directory.join("kernel-config"))?;
-    let program = built_with_libcamera(&debian)?;
+    let program = built_with_libcamera(debian, profile)?;
     deb::make(&program, &directory.join("plumbline-board.deb"))?;
-    let overlay = test_overlay::make_with_libcamera(&debian, &program)?;
+    let overlay = test_overlay::make_with_libcamera(debian, &program)?;
     fs::write(directory.join("overlay-libcamera.cpio"), overlay)?;
     Ok(directory)
 }
@@ -183,7 +210,9 @@ impl Parts {
     fn make() -> Result<Self> {
         prepare()?;
         let debian = DebianRoot::fetch()?;
-        let initramfs = initramfs::make(&debian, &built("plumbline-board", &[])?)?;
+        build(Profile::Release, &["--package", "plumbline-board"], &[])?;
+        let programs = Target::Aarch64.toolchain()?.programs(Linking::Static, "release");
+        let initramfs = initramfs::make(&debian, &programs.join("plumbline-board"))?;
         Ok(Self { debian, initramfs })
     }
 
@@ -195,27 +224,28 @@ impl Parts {
     }
 }
 
-/// Builds the program of a package for the box; where it is.
-fn built(package: &str, options: &[&str]) -> Result<PathBuf> {
-    let toolchain = Target::Aarch64.toolchain()?;
-    toolchain
+/// Builds the programs of packages for the box.
+fn build(profile: Profile, packages: &[&str], options: &[&str]) -> Result<()> {
+    Target::Aarch64
+        .toolchain()?
         .cargo(Linking::Static)
-        .args(["build", "--release", "--package", package])
+        .args(["build", "--profile", profile.name()])
+        .args(packages)
         .args(options)
-        .run()?;
-    Ok(toolchain.programs(Linking::Static, "release").join(package))
+        .run()
 }
 
 /// Builds the box's program with libcamera, against Debian's libraries; where it is.
-fn built_with_libcamera(debian: &DebianRoot) -> Result<PathBuf> {
+fn built_with_libcamera(debian: &DebianRoot, profile: Profile) -> Result<PathBuf> {
     setup::ensure(&[LIBCAMERA_NEEDS])?;
     let toolchain = Target::Aarch64.toolchain()?;
     let linking = Linking::Root(debian.path());
     toolchain
         .cargo(linking)
-        .args(["build", "--release", "--package", "plumbline-board", "--features", "libcamera"])
+        .args(["build", "--profile", profile.name()])
+        .args(["--package", "plumbline-board", "--features", "libcamera"])
         .run()?;
-    Ok(toolchain.programs(linking, "release").join("plumbline-board"))
+    Ok(toolchain.programs(linking, profile.name()).join("plumbline-board"))
 }
 
 const LIBCAMERA_NEEDS: &[setup::Need] = &[

@@ -24,17 +24,13 @@ use crate::command::Task;
 const VIVID_OPTIONS: &str =
     "n_devs=1 node_types=0x101 num_outputs=1 output_types=1 num_inputs=1 input_types=3";
 
-/// Makes the overlay with `guest` as the first process, and `init`, where it is
-/// given, in place of the box's own program.
-pub fn make(debian: &DebianRoot, guest: &Path, init: Option<&Path>) -> Result<Vec<u8>> {
+/// Makes the overlay with `guest` as the first process.
+pub fn make(debian: &DebianRoot, guest: &Path) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("test/start", initramfs::stripped(guest)?);
     let list = modules::add(&mut root, debian, &["vivid".to_owned()], "test/modules.d")?;
     // What vivid needs comes before it, and so its options end the list.
     root.file("test/modules", format!("{} {VIVID_OPTIONS}\n", list.join("\n")).into_bytes());
-    if let Some(init) = init {
-        root.program("init", initramfs::stripped(init)?);
-    }
     root.to_bytes()
 }
 

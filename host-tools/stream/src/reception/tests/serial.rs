@@ -1,14 +1,12 @@
 //! The serial line: what comes of it, what is kept of it, and what becomes of one that vanishes.
 
-#[path = "../../../../../tests/common/serial_lines.rs"]
-mod serial_lines;
-
 use std::collections::VecDeque;
 use std::io::Read;
 use std::sync::mpsc;
 use std::thread;
 
 use plumbline::packet::{Deframer, PacketError};
+use plumbline_test_support::serial_lines;
 
 use super::*;
 use crate::transport::{self, Raw, Serial};
@@ -16,7 +14,7 @@ use crate::transport::{self, Raw, Serial};
 #[cfg(unix)]
 #[test]
 fn frames_come_through_a_serial_line() {
-    if !serial_lines::can_be_opened() {
+    if !serial_lines() {
         return;
     }
     use serialport::SerialPort;

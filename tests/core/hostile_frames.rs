@@ -1,17 +1,13 @@
 //! Frames and times that no camera should deliver: a reason, never a panic, never a pose.
 
-use common::scene;
 use plumbline::image::{GreyImage, ImageError};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::NoPose;
-use plumbline_render::simulate::{Simulation, SimulationSettings};
 use rand::{Rng, SeedableRng};
+use recorded::{FRAME_NS, Recorded};
 
 fn pipeline() -> Box<Pipeline> {
-    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&simulation.config()).unwrap();
-    pipeline
+    Recorded::read(0).pipeline()
 }
 
 const SIZE: [usize; 2] = [1456, 1088];
@@ -91,21 +87,21 @@ fn frames_of_another_size_are_named() {
 
 #[test]
 fn a_stride_wider_than_the_frame_gives_the_same_poses() {
-    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+    let recorded = Recorded::read(3);
     let [width, height] = SIZE;
     let stride = width + 37;
     let mut packed_pipeline = pipeline();
     let mut padded_pipeline = pipeline();
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-    for (frame, packed) in scene::render(&simulation, 3).iter().enumerate() {
+    for (frame, packed) in recorded.frames.iter().enumerate() {
         // The padding holds noise: nothing may look at it.
         let mut padded = vec![0_u8; stride * height];
         random.fill_bytes(&mut padded);
         for (row, from) in packed.chunks(width).enumerate() {
             padded[row * stride..][..width].copy_from_slice(from);
         }
-        let time_ns = frame as u64 * 16_666_667;
-        let one = packed_pipeline.step(&scene::view(&simulation, packed), time_ns);
+        let time_ns = frame as u64 * FRAME_NS;
+        let one = packed_pipeline.step(&recorded.view(packed), time_ns);
         let view = GreyImage::new(&padded, width, height, stride).unwrap();
         let other = padded_pipeline.step(&view, time_ns);
         assert!(one.targets.iter().all(|target| target.measurement.is_ok()));
@@ -115,13 +111,12 @@ fn a_stride_wider_than_the_frame_gives_the_same_poses() {
 
 #[test]
 fn time_that_stands_still_jumps_or_runs_back_does_no_harm() {
-    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let rendered = scene::render(&simulation, 2);
+    let recorded = Recorded::read(2);
     let mut pipeline = pipeline();
     for (step, time_ns) in
         [0, 0, 16_666_667, 5, u64::MAX, u64::MAX, 0, 1 << 63, 3].into_iter().enumerate()
     {
-        let report = pipeline.step(&scene::view(&simulation, &rendered[step % 2]), time_ns);
+        let report = pipeline.step(&recorded.view(&recorded.frames[step % 2]), time_ns);
         for target in &report.targets {
             assert!(target.measurement.is_ok(), "{time_ns}: {:?}", target.measurement);
         }

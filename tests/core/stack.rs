@@ -7,10 +7,9 @@ use std::env;
 use std::process::Stdio;
 use std::thread;
 
-use common::runner;
-use common::scene;
 use plumbline::pipeline::Pipeline;
-use plumbline_render::simulate::{Simulation, SimulationSettings};
+use plumbline_test_support::command;
+use recorded::{FRAME_NS, Recorded};
 use static_cell::ConstStaticCell;
 
 /// The bound of the frame path.
@@ -29,17 +28,15 @@ static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new(
 
 /// Search, tracking and loss of both targets on a thread with this stack.
 fn track_with(stack_bytes: usize) {
-    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let mut frames = scene::render(&simulation, 3);
-    frames.push(vec![3; frames[0].len()]);
+    let recorded = Recorded::read(3);
+    let dark = vec![3; recorded.frames[0].len()];
     let pipeline = PIPELINE.take();
-    pipeline.configure(&simulation.config()).unwrap();
+    pipeline.configure(&recorded.config).unwrap();
     let found = thread::scope(|scope| {
         let body = || {
             let mut found = [0; 4];
-            for (place, pixels) in frames.iter().enumerate() {
-                let view = scene::view(&simulation, pixels);
-                let report = pipeline.step(&view, place as u64 * 16_666_667);
+            for (place, pixels) in recorded.frames.iter().chain([&dark]).enumerate() {
+                let report = pipeline.step(&recorded.view(pixels), place as u64 * FRAME_NS);
                 for target in &report.targets {
                     found[place] += usize::from(target.measurement.is_ok());
                 }
@@ -59,8 +56,8 @@ fn step_stays_within_its_stack() {
         return;
     }
     let survives = |bytes: usize| {
-        runner::command(env::current_exe().expect("the test's own program"))
-            .args(["--exact", "step_stays_within_its_stack", "--nocapture"])
+        command(env::current_exe().expect("the test's own program"))
+            .args(["--exact", "stack::step_stays_within_its_stack", "--nocapture"])
             .env(CHILD, bytes.to_string())
             .stdout(Stdio::null())
             .stderr(Stdio::null())

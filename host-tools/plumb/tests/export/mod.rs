@@ -3,19 +3,15 @@
 //! They are Python packages. `cargo xtask test` installs them and says where in
 //! `PLUMBLINE_PYTHON`; without it these tests do nothing, and say so.
 
-#[path = "../common/finished.rs"]
-mod finished;
-#[path = "../../../../tests/common/runner.rs"]
-mod runner;
-#[path = "../common/trial.rs"]
-mod trial;
-
+use crate::common::finished;
+use crate::common::trial;
+use plumbline_test_support::{Absent, command, skip};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use finished::plumb;
+use crate::common::finished::plumb;
+use crate::common::trial::Frame;
 use serde_json::Value;
-use trial::Frame;
 
 const RATE_HZ: f64 = 60.0;
 const FRAMES: usize = 180;
@@ -56,7 +52,7 @@ fn bench() -> tempfile::TempDir {
 fn python() -> Option<PathBuf> {
     let python = std::env::var_os("PLUMBLINE_PYTHON").map(PathBuf::from);
     if python.is_none() {
-        eprintln!("skipped: PLUMBLINE_PYTHON does not say which Python has the readers");
+        skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has the readers");
     }
     python
 }
@@ -226,7 +222,7 @@ fn a_bids_folder_passes_its_validator() {
 fn a_data_set_that_cannot_be_written_whole_leaves_nothing() {
     let folder = bench();
     // A file may have 4 KiB: the error is another one than that of a full disk, its way the same.
-    let plumb = runner::command(env!("CARGO_BIN_EXE_plumb"));
+    let plumb = command(env!("CARGO_BIN_EXE_plumb"));
     let mut shell = Command::new("sh");
     shell.args(["-c", "ulimit -f 8; trap '' XFSZ; exec \"$@\"", "sh"]).arg(plumb.get_program());
     shell.args(plumb.get_args()).args(["export", "trial", "--format", "bids", "--out", "dataset"]);

@@ -3,11 +3,10 @@
 //! One test only: the counter covers the whole process, and a second test
 //! running beside it would be counted too.
 
-use common::scene;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::TargetState;
 use plumbline_board::allocation::{CountingAllocator, allocations};
-use plumbline_render::simulate::{Simulation, SimulationSettings};
+use recorded::{FRAME_NS, Recorded, place};
 use static_cell::ConstStaticCell;
 
 #[global_allocator]
@@ -20,8 +19,6 @@ const FRAMES: usize = 1_000;
 /// Rendered frames, played forwards and backwards so that the motion has no jump.
 const DISTINCT: usize = 12;
 
-const FRAME_NS: u64 = 16_666_667;
-
 /// What is done to a frame before the pipeline sees it.
 #[derive(Clone, Copy, PartialEq)]
 enum Spoilt {
@@ -30,7 +27,7 @@ enum Spoilt {
     Dark,
     /// One target is painted over.
     Without(usize),
-    /// Every second column of one target is painted over.
+    /// The left half of one target is painted over.
     Half(usize),
 }
 
@@ -45,26 +42,6 @@ fn spoilt(frame: usize) -> Spoilt {
     }
 }
 
-/// A grey patch over the target, or over its left half.
-fn paint_over(simulation: &Simulation, frame: u64, target: usize, half: bool, pixels: &mut [u8]) {
-    let pose = simulation.truth(frame).targets[target].cam_from_target;
-    let geometry = &simulation.targets()[target].geometry;
-    let width = usize::from(simulation.camera().width_px);
-    let corner = |index| {
-        let point_mm = pose.transform(&geometry.corner_mm(index));
-        simulation.camera().project(&point_mm).expect("in front of the camera")
-    };
-    let (first, last) = (corner(0), corner(geometry.corner_count() - 1));
-    // Beyond the outermost corners lie one square and a paper margin as wide.
-    let square_px = (last.x - first.x) / (geometry.columns() - 1) as f64;
-    let margin_px = 2.5 * square_px;
-    let right = if half { (first.x + last.x) / 2.0 } else { last.x + margin_px };
-    for y in (first.y - margin_px) as usize..(last.y + margin_px) as usize {
-        let row = &mut pixels[y * width..][..width];
-        row[(first.x - margin_px) as usize..right as usize].fill(110);
-    }
-}
-
 #[test]
 fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
     let before = allocations();
@@ -72,30 +49,24 @@ fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
     // The test's runner may still be allocating beside its beginning.
     assert!(allocations() > before, "the counter does not count");
 
-    let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
-    let clean = scene::render(&simulation, DISTINCT as u64);
+    let recorded = Recorded::read(DISTINCT);
     let pipeline = PIPELINE.take();
-    pipeline.configure(&simulation.config()).unwrap();
-    let mut pixels = clean[0].clone();
+    pipeline.configure(&recorded.config).unwrap();
+    let mut pixels = recorded.frames[0].clone();
 
     let mut allocated = 0;
     let (mut both, mut none, mut coasting, mut partly, mut found_again) = (0, 0, 0, 0, 0);
     let mut had = [false; 2];
     for frame in 0..FRAMES {
-        let turn = frame % (2 * DISTINCT - 2);
-        let place = turn.min(2 * DISTINCT - 2 - turn);
-        pixels.copy_from_slice(&clean[place]);
+        let place = place(frame, DISTINCT);
+        pixels.copy_from_slice(&recorded.frames[place]);
         match spoilt(frame) {
             Spoilt::No => {}
             Spoilt::Dark => pixels.fill(3),
-            Spoilt::Without(target) => {
-                paint_over(&simulation, place as u64, target, false, &mut pixels);
-            }
-            Spoilt::Half(target) => {
-                paint_over(&simulation, place as u64, target, true, &mut pixels);
-            }
+            Spoilt::Without(target) => recorded.cover(place, target, false, &mut pixels),
+            Spoilt::Half(target) => recorded.cover(place, target, true, &mut pixels),
         }
-        let view = scene::view(&simulation, &pixels);
+        let view = recorded.view(&pixels);
         let before = allocations();
         let report = pipeline.step(&view, frame as u64 * FRAME_NS);
         allocated += allocations() - before;

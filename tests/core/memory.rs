@@ -100,7 +100,7 @@ fn faults(rows: &[Row], sizes: &BTreeMap<&str, usize>) -> Vec<String> {
 
 #[test]
 fn memory_md_is_true_to_the_byte() {
-    let rows = rows(include_str!("../memory.md"));
+    let rows = rows(include_str!("../../memory.md"));
     let faults = faults(&rows, &sizes());
     assert!(faults.is_empty(), "memory.md differs from the build:\n{}", faults.join("\n"));
 }

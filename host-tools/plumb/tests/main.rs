@@ -1,0 +1,15 @@
+//! The real `plumb`, as its users start it. One program: linking one for each file takes longer
+//! than the tests in most of them.
+
+mod aim;
+mod bad_trials;
+mod common;
+mod demo;
+mod export;
+mod expose;
+mod figures;
+mod live_box;
+mod physiology;
+mod recording;
+mod report_in_browser;
+mod validate;

@@ -1,0 +1,207 @@
+//! The test programs of the workspace, several at a time.
+//!
+//! `cargo test` runs one program after the other, and many of ours wait: for sockets, for frames
+//! of a paced recording. Here cargo builds them all and says where they are; they run as many at a
+//! time as there are processor cores. What a program prints is shown when it ends, whole and in
+//! cargo's own form. Documentation tests have no program; cargo runs them.
+
+use std::cmp::Reverse;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, mpsc};
+use std::{fs, thread};
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+
+use crate::command::{Task, root};
+
+/// Which tests to build and run.
+pub struct Suite<'a> {
+    /// The cargo that builds them, with its environment and that of the tests.
+    pub cargo: &'a (dyn Fn() -> Task + Sync),
+    /// What chooses packages, targets and features, as `cargo test` takes it.
+    pub selection: &'a [&'a str],
+    /// What runs the programs, where they are of another processor.
+    pub emulator: Option<&'a str>,
+    /// Whether documentation tests belong to it.
+    pub with_documentation: bool,
+}
+
+/// A test program that was built.
+#[derive(Debug, PartialEq, Eq)]
+struct Program {
+    path: PathBuf,
+    /// The directory of its package, in which it runs.
+    package: PathBuf,
+    /// Its source, from the root of the checkout.
+    source: PathBuf,
+    /// Whether it is a crate's own tests, and not one of those that start programs.
+    is_unit: bool,
+}
+
+impl Suite<'_> {
+    /// Builds and runs them; each line that they print goes to `each_line` as well. An error when
+    /// something does not build or a program fails.
+    pub fn run(&self, mut each_line: impl FnMut(&str)) -> Result<()> {
+        let build = ["test", "--no-run", "--message-format=json-render-diagnostics"];
+        let messages = (self.cargo)().args(build).args(self.selection).run_and_take()?;
+        let programs = programs(&messages)?;
+        let mut failed = run_programs(
+            programs,
+            |program| self.task(program),
+            |text| {
+                for line in text.lines() {
+                    println!("{line}");
+                    each_line(line);
+                }
+            },
+        )?;
+        if self.with_documentation {
+            let task = (self.cargo)().args(["test", "--doc", "--no-fail-fast"]);
+            let done = task.args(self.selection).run_and_read(&mut each_line);
+            failed.extend(done.err().map(|error| format!("{error:#}")));
+        }
+        if !failed.is_empty() {
+            bail!("{}", failed.join("\n"));
+        }
+        Ok(())
+    }
+
+    /// As `cargo test` starts it.
+    fn task(&self, program: &Program) -> Task {
+        let cargo = (self.cargo)();
+        let task = match self.emulator {
+            Some(emulator) => Task::new(emulator).args([&program.path]),
+            None => Task::new(&program.path),
+        };
+        let package = program.package.display().to_string();
+        let task = task.current_dir(&program.package).env("CARGO_MANIFEST_DIR", &package);
+        // Some tests build programs of the same processor.
+        task.with_environment_of(&cargo)
+    }
+}
+
+/// The test programs in what `cargo test --message-format=json` prints. The largest come first:
+/// they have the most of the project in them, and take longest.
+fn programs(messages: &str) -> Result<Vec<Program>> {
+    let mut programs = Vec::new();
+    for line in messages.lines() {
+        let message: Value = serde_json::from_str(line).context("a message of cargo")?;
+        let is_test = message["profile"]["test"] == true;
+        let Some(path) = message["executable"].as_str().filter(|_| is_test) else { continue };
+        let text = |value: &Value| value.as_str().map(PathBuf::from).context("cargo's message");
+        let manifest = text(&message["manifest_path"])?;
+        let source = text(&message["target"]["src_path"])?;
+        programs.push(Program {
+            path: path.into(),
+            package: manifest.parent().context("a manifest without a directory")?.to_owned(),
+            source: source.strip_prefix(root()).unwrap_or(&source).to_owned(),
+            is_unit: message["target"]["kind"] != serde_json::json!(["test"]),
+        });
+    }
+    let bytes = |program: &Program| fs::metadata(&program.path).map_or(0, |about| about.len());
+    programs.sort_by_cached_key(|program| (Reverse(bytes(program)), program.source.clone()));
+    Ok(programs)
+}
+
+/// Runs them and shows what each has printed, as soon as it has ended; which of them failed.
+fn run_programs(
+    programs: Vec<Program>,
+    task: impl Fn(&Program) -> Task + Sync,
+    mut show: impl FnMut(&str),
+) -> Result<Vec<String>> {
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let queue = Mutex::new(programs.into_iter());
+    let next = || queue.lock().expect("nobody panics with it").next();
+    let (sender, ended) = mpsc::channel();
+    let mut failed = Vec::new();
+    thread::scope(|scope| {
+        for _ in 0..cores {
+            let (sender, task, next) = (sender.clone(), &task, &next);
+            scope.spawn(move || {
+                while let Some(program) = next() {
+                    let done = task(&program).capture();
+                    // Nobody listens after an error.
+                    let _ = sender.send((program, done));
+                }
+            });
+        }
+        drop(sender);
+        for (program, done) in ended {
+            let (text, success) = done?;
+            let kind = if program.is_unit { "unittests " } else { "" };
+            let (source, path) = (program.source.display(), shortened(&program.path));
+            show(&format!("     Running {kind}{source} ({})\n{text}", path.display()));
+            if !success {
+                failed.push(format!("{source} failed"));
+            }
+        }
+        io::Result::Ok(())
+    })?;
+    Ok(failed)
+}
+
+/// From the root of the checkout where it is below it.
+fn shortened(path: &Path) -> &Path {
+    path.strip_prefix(root()).unwrap_or(path)
+}
+
+/// Removes a file that an earlier run may have left.
+pub fn remove(file: &Path) -> Result<()> {
+    match fs::remove_file(file) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        done => done.with_context(|| file.display().to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn program(source: &str, is_unit: bool) -> Program {
+        Program { path: source.into(), package: root().into(), source: source.into(), is_unit }
+    }
+
+    #[test]
+    fn only_test_programs_are_run_and_the_largest_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let [small, large] = ["a-1", "main-2"].map(|name| folder.path().join(name));
+        fs::write(&small, "1").unwrap();
+        fs::write(&large, "12").unwrap();
+        let message = |kind: &str, source: &str, is_test: bool, executable: &str| {
+            format!(
+                "{{\"reason\":\"compiler-artifact\",\"manifest_path\":\"/a/Cargo.toml\",\
+                 \"target\":{{\"kind\":[\"{kind}\"],\"src_path\":\"{source}\"}},\
+                 \"profile\":{{\"test\":{is_test}}},\"executable\":{executable}}}\n"
+            )
+        };
+        let messages = message("lib", "/a/src/lib.rs", true, &format!("{small:?}"))
+            + &message("lib", "/a/src/lib.rs", false, "null")
+            + &message("bin", "/a/src/main.rs", false, "\"/t/a\"")
+            + "{\"reason\":\"build-finished\",\"success\":true}\n"
+            + &message("test", "/a/tests/main.rs", true, &format!("{large:?}"));
+        let found = programs(&messages).unwrap();
+        let found_at: Vec<_> = found.iter().map(|it| (&it.path, it.is_unit)).collect();
+        assert_eq!(found_at, [(&large, false), (&small, true)]);
+        assert!(found.iter().all(|it| it.package == Path::new("/a")));
+        assert!(programs("no JSON").is_err());
+    }
+
+    #[test]
+    fn output_is_shown_whole_and_failures_are_named() {
+        let programs = (0..6).map(|at| program(&at.to_string(), at % 2 == 0)).collect();
+        let script = |program: &Program| {
+            let at = program.path.display();
+            let script = format!("echo {at} begins; sleep 0.1; echo {at} ends >&2; test {at} != 3");
+            Task::new("sh").args(["-c", &script])
+        };
+        let mut shown = Vec::new();
+        let failed = run_programs(programs, script, |text| shown.push(text.to_owned())).unwrap();
+        shown.sort();
+        assert_eq!(shown.len(), 6);
+        assert!(shown.contains(&"     Running 1 (1)\n1 begins\n1 ends\n".to_owned()), "{shown:?}");
+        assert!(shown.contains(&"     Running unittests 2 (2)\n2 begins\n2 ends\n".to_owned()));
+        assert_eq!(failed, ["3 failed"]);
+    }
+}

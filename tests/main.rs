@@ -1,0 +1,10 @@
+//! The tests of the whole. One program: linking one for each file takes longer than most of them.
+
+mod bad_input;
+mod calibration;
+mod first_trial;
+mod photographs;
+mod photographs_grid;
+mod precision;
+mod printed_targets;
+mod rendered_person;

@@ -1,0 +1,98 @@
+//! What the tests of several packages share, and `cargo xtask test` with them.
+//!
+//! - [`data`]: photographs and other people's recordings, which are not in the repository.
+//! - [`skip`]: how a test says that it cannot run here. A test that returns early counts as
+//!   passed; what it says through this function is listed at the end of the run.
+//! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, also in an emulator.
+//! - [`recording`]: rendered frames with known poses, in files.
+//!
+//! Variables of the environment, which `cargo xtask test` sets and anyone may set:
+//!
+//! | variable | is |
+//! |---|---|
+//! | [`DATA`] | where the data are; relative to the root of the checkout |
+//! | [`RUNNER`] | the emulator that runs programs of another processor |
+//! | [`SKIPS`] | the file that skips are appended to |
+//! | [`PROGRAMS`] | where this project's programs are built |
+//! | [`RECORDINGS`] | where the rendered recordings are |
+
+mod recordings;
+mod skips;
+
+use std::env;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+pub use recordings::{
+    CONFIG_FILE, FRAMES_FILE, PROGRAMS, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
+};
+pub use recordings::{make_recordings, program, recording};
+pub use skips::{Absent, SKIPS, Skip, read_skips, skip};
+
+/// Names the directory with photographs and recordings by others.
+pub const DATA: &str = "PLUMBLINE_DATA";
+
+/// Names what runs this project's programs where they are of another processor than the
+/// machine: the tests run in an emulator then, and cannot start a program without it.
+pub const RUNNER: &str = "PLUMBLINE_RUNNER";
+
+/// The root of the checkout.
+pub fn root() -> &'static Path {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    own.ancestors().nth(2).expect("the package lies two directories deep")
+}
+
+/// The directory with the data, which need not exist.
+pub fn data_directory() -> PathBuf {
+    root().join(env::var_os(DATA).unwrap_or_else(|| "../shared/data".into()))
+}
+
+/// A file or folder of the data. `None`, and skipped, where it is absent.
+pub fn data(name: &str) -> Option<PathBuf> {
+    let path = data_directory().join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    skip(Absent::Data, &format!("there is no {} ({DATA} names another place)", path.display()));
+    None
+}
+
+/// Whether the tests run in an emulator of another processor.
+pub fn is_emulated() -> bool {
+    env::var_os(RUNNER).is_some()
+}
+
+/// `program`, to be given its arguments and started: on any processor.
+pub fn command(program: impl AsRef<OsStr>) -> Command {
+    match env::var_os(RUNNER) {
+        Some(runner) => {
+            let mut command = Command::new(runner);
+            command.arg(program);
+            command
+        }
+        None => Command::new(program),
+    }
+}
+
+/// Whether a serial line can be opened; skipped where it cannot. The emulator does not know the
+/// request that sets a line's rate (TCSETS2). The tests that boot the box have a line on that
+/// processor.
+pub fn serial_lines() -> bool {
+    if is_emulated() {
+        skip(Absent::Emulator, "the emulator cannot set a serial line's rate");
+    }
+    !is_emulated()
+}
+
+/// The box's program, which lies beside `plumb`. `None`, and skipped, where it is not built: a
+/// package's own tests do not build another's programs.
+pub fn board_beside(plumb: &str) -> Option<PathBuf> {
+    let board = Path::new(plumb).with_file_name("plumbline-board");
+    if board.exists() {
+        return Some(board);
+    }
+    let reason = format!("{} is not built: test the whole workspace", board.display());
+    skip(Absent::Build, &reason);
+    None
+}
