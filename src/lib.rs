@@ -9,11 +9,53 @@
 //!
 //! # Data flow
 //!
+//! [`pipeline::Pipeline::step`] takes a frame and its time, and returns a report. On the left are
+//! the folders of `src/`, each with a front page in its `mod.rs`; to the right of each, its
+//! modules in the order of the work.
+//!
 //! ```text
-//! frame ─▶ the grid's edges near where the last frames expect them: located, then fitted
-//!          to all pixels beside them ─▶ warm-started Levenberg-Marquardt
-//!       ─▶ pose and covariance ─▶ anatomical axes ─▶ packet
+//!  model     image, lens, target, pose, scene, config: what is given
+//!
+//!                        frame, time
+//!                             │
+//!                             ▼
+//!                   is the target tracked?
+//!                no │                    │ yes
+//!                   ▼                    │
+//!  find      search: slice by slice      │
+//!            corner: its corners         │
+//!            grid: numbered grids        │
+//!                   │                    ▼
+//!  follow           │            track: the pose expected at this time
+//!                   ▼                    │
+//!  fit       measure::rough, planar:     │
+//!            a first pose                │
+//!                   └─────────┬──────────┘
+//!                             ▼
+//!            measure::workspace: from that pose to an accepted one, by
+//!              nodes          where it puts the grid's lines in the frame
+//!              edge::locate   each edge, coarsely, where the target may have moved far
+//!              edge::fit      each edge, fitted to all pixels beside it
+//!              solve          the pose and its covariance, fitted to all edges
+//!                             │
+//!                             ▼ the pose, or why there is none
+//!                   ┌─────────┴──────────┐
+//!                   ▼                    ▼
+//!  follow    track: where to     scene (of model): along the body's axes
+//!            look next                   │
+//!                                        ▼
+//!  tell                          report, and packet: the same as bytes
 //! ```
+//!
+//! The line that fits one edge is in `src/fit/edge/fit/mod.rs`: `fit_edge`. Each folder uses only
+//! those before it in the list `common`, `model`, `find`, `fit`, `follow`, `tell`; all of them use
+//! [`limits`], and only [`pipeline`] knows them all.
+//!
+//! # What is public
+//!
+//! The modules listed below, under these names only: `plumbline::lens::Lens` is in
+//! `src/model/lens.rs`. A program that measures frames needs none of [`parts`], which are for
+//! calibration, benchmarks and tests.
 //!
 //! # Example
 //!
@@ -92,27 +134,18 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-mod checksum;
-pub mod config;
-pub mod corner;
-pub mod edge;
-pub mod grid;
-pub mod image;
-pub mod lens;
+mod common;
+mod find;
+mod fit;
+mod follow;
 pub mod limits;
-pub mod measure;
-pub mod nodes;
-pub mod packet;
+mod model;
+pub mod parts;
 pub mod pipeline;
-pub mod planar;
-pub mod pose;
-pub mod report;
-pub mod scene;
-pub mod search;
-pub mod solve;
-pub mod target;
-pub mod track;
-pub mod view;
+mod tell;
+
+pub use model::{config, image, lens, pose, scene, target};
+pub use tell::{packet, report, view};
 
 #[cfg(test)]
 mod test_support;

@@ -7,20 +7,20 @@
 
 use heapless::Vec;
 
-use crate::config::{Config, ConfigError};
-use crate::edge::Appearance;
-use crate::grid::GridShape;
-use crate::image::{GreyImage, Pixel};
-use crate::lens::{Distortion, Lens};
+use crate::find::search::{Area, Goal, Search};
+use crate::fit::edge::Appearance;
+use crate::fit::measure::{Measurement, View, Workspace, extent_is_certain};
+use crate::follow::region::region;
+use crate::follow::track::State;
 use crate::limits::TARGETS_MAX;
-use crate::measure::{Measurement, View, Workspace, extent_is_certain};
-use crate::pose::{Cam, Pose, Target};
-use crate::report::{NoPose, Report, TargetReport, TargetState};
-use crate::scene::SceneFrame;
-use crate::search::{Area, Goal, Search};
-use crate::target::{Role, TargetGeometry};
-use crate::track::State;
-use crate::view::{FrameView, TargetView, frame_view};
+use crate::model::config::{Config, ConfigError};
+use crate::model::image::{GreyImage, Pixel};
+use crate::model::lens::{Distortion, Lens};
+use crate::model::scene::SceneFrame;
+use crate::model::target::GridShape;
+use crate::model::target::{Role, TargetGeometry};
+use crate::tell::report::{NoPose, Report, TargetReport, TargetState};
+use crate::tell::view::{FrameView, TargetView, frame_view, squares};
 
 /// One configured target and its track.
 struct Track {
@@ -141,7 +141,8 @@ impl Pipeline {
                 target: &track.geometry,
                 first_square_dark: track.first_square_dark,
             };
-            let squares = self.workspace.squares(&view, &measured.cam_from_target)?;
+            let nodes = self.workspace.nodes(&view, &measured.cam_from_target)?;
+            let squares = squares(frame, nodes, view.first_square_dark)?;
             Some(TargetView {
                 role: track.geometry.role(),
                 light: squares.light,
@@ -168,7 +169,7 @@ impl Pipeline {
                 first_square_dark: track.first_square_dark,
             };
             let fitted = self.workspace.track(&view, &motion.predict(time_ns), track.appearance);
-            track.outcome = fitted.and_then(|fitted| {
+            track.outcome = fitted.map_err(NoPose::from).and_then(|fitted| {
                 let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
                     || extent_is_certain(&track.geometry, fitted.used);
                 if !identified {
@@ -221,7 +222,8 @@ impl Pipeline {
                     let first_square_dark = grid.first_square_dark;
                     let view =
                         View { image: frame, lens, target: &track.geometry, first_square_dark };
-                    track.outcome = self.workspace.acquire(&view, grid, corners).map(|fitted| {
+                    let fitted = self.workspace.acquire(&view, grid, corners);
+                    track.outcome = fitted.map_err(NoPose::from).map(|fitted| {
                         // A grid that was refused must not mislead a coasting target.
                         track.first_square_dark = first_square_dark;
                         track.appearance = fitted.appearance;
@@ -320,31 +322,4 @@ const NO_LENS: Lens = Lens {
 /// Whether a frame has the size that the camera was calibrated for.
 fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {
     usize::from(lens.width_px) == frame.width() && usize::from(lens.height_px) == frame.height()
-}
-
-/// The part of the frame in which a target may be: its outline where it is
-/// expected, and at least three squares more on every side. `None` when it is outside.
-fn region(
-    lens: &Lens,
-    target: &TargetGeometry,
-    cam_from_target: &Pose<Cam, Target>,
-) -> Option<Area> {
-    const MARGIN_SQUARES: f64 = 3.0;
-    let mut low = [f64::INFINITY; 2];
-    let mut high = [f64::NEG_INFINITY; 2];
-    for index in 0..target.corner_count() {
-        let raw_px = lens.project(&cam_from_target.transform(&target.corner_mm(index)))?;
-        for axis in 0..2 {
-            low[axis] = low[axis].min(raw_px[axis]);
-            high[axis] = high[axis].max(raw_px[axis]);
-        }
-    }
-    let squares = target.columns().min(target.rows()) as f64 - 1.0;
-    let side = |axis: usize, length: u16| {
-        let margin_px = MARGIN_SQUARES * (high[axis] - low[axis]) / squares;
-        let start = (low[axis] - margin_px).max(0.0) as usize;
-        let end = ((high[axis] + margin_px).max(0.0) as usize).min(usize::from(length));
-        (start < end).then_some(start..end)
-    };
-    Some(Area { columns: side(0, lens.width_px)?, rows: side(1, lens.height_px)? })
 }

@@ -5,10 +5,10 @@ extern crate std;
 
 use nalgebra::{Vector2, Vector3};
 
-use crate::lens::{Distortion, Lens};
+use crate::fit::planar::SeenCorner;
 use crate::limits::TARGET_CORNERS_MAX;
-use crate::planar::SeenCorner;
-use crate::pose::{Cam, Pose, Target};
+use crate::model::lens::{Distortion, Lens};
+use crate::model::pose::{Cam, Pose, Target};
 
 /// The corners of one target, as a tracker would see them.
 pub type SeenCorners = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;
@@ -89,7 +89,7 @@ pub fn observe(
         let seen_px = true_px + random.normal2() * sigma_px;
         // Exact corners still need a sigma to be weighed by.
         let sigma_px = if sigma_px > 0.0 { sigma_px } else { 0.01 };
-        let seen = SeenCorner::new(index, point_target_mm, lens, &seen_px, sigma_px).unwrap();
+        let seen = SeenCorner::new(point_target_mm, lens, &seen_px, sigma_px).unwrap();
         observations.push(seen).unwrap();
     }
     observations

@@ -1,0 +1,63 @@
+//! Means and medians.
+
+use core::cmp::Ordering;
+
+/// The middle value, or the upper one of the two in the middle; `None` of no values. The median
+/// is right as long as fewer than half of the values are wrong.
+///
+/// Leaves the values in another order. Takes time in proportion to their number.
+pub(crate) fn median<T: Copy>(values: &mut [T], order: fn(&T, &T) -> Ordering) -> Option<T> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, order).1)
+}
+
+/// A weighted mean.
+#[derive(Default, Clone, Copy)]
+pub(crate) struct Mean {
+    sum: f64,
+    weights: f64,
+}
+
+impl Mean {
+    /// Adds a value of a weight that is not negative.
+    pub(crate) fn add(&mut self, value: f64, weight: f64) {
+        self.sum += weight * value;
+        self.weights += weight;
+    }
+
+    /// True while nothing of any weight was added.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.weights <= 0.0
+    }
+
+    /// The mean; 0 of no values.
+    pub(crate) fn value(&self) -> f64 {
+        if self.is_empty() { 0.0 } else { self.sum / self.weights }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_middle_value_and_the_upper_one_of_two() {
+        assert_eq!(median(&mut [3.0, 1.0, 2.0], f64::total_cmp), Some(2.0));
+        assert_eq!(median(&mut [4.0, 1.0, 3.0, 2.0], f32::total_cmp), Some(3.0));
+        assert_eq!(median(&mut [], f32::total_cmp), None);
+    }
+
+    #[test]
+    fn the_mean_weighs_its_values() {
+        let mut mean = Mean::default();
+        assert!(mean.is_empty());
+        assert_eq!(mean.value(), 0.0);
+        mean.add(1.0, 3.0);
+        mean.add(5.0, 1.0);
+        assert!(!mean.is_empty());
+        assert_eq!(mean.value(), 2.0);
+    }
+}

@@ -1,0 +1,146 @@
+//! The search of a picture, or of a part of it.
+
+use core::ops::Range;
+
+use super::direction::describe;
+use super::kernel::{Kernels, RADII_PX};
+use super::list::{Corner, CornerList};
+use super::ring::{Candidate, TILE_HEIGHT, TILE_WIDTH, Tile};
+use crate::model::image::{GreyImage, Pixel};
+
+/// The frame is searched at its own size and at half of it.
+const LEVELS: usize = 2;
+/// Smallest likelihood, relative to white: a contrast of 2 %, where Geiger's default is 1 %
+/// of the likelihood too.
+const LIKELIHOOD_MIN: f32 = 0.01;
+/// Steps from the pixel of the best ring response to that of the best likelihood.
+const CLIMB_STEPS_MAX: usize = 4;
+/// How far beyond the ranges candidates are looked for. A corner is seldom farther from its
+/// candidate, and without it the corners between two bands would belong to neither.
+const REACH_PX: usize = CLIMB_STEPS_MAX;
+
+/// Finds checkerboard corners. Holds one tile of the frame; its size does not depend on the frame's.
+#[derive(Debug)]
+pub struct Detector {
+    tile: Tile,
+}
+
+impl Default for Detector {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Detector {
+    /// A detector, ready for use.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { tile: Tile::new() }
+    }
+
+    /// Appends the corners within `columns` and `rows` of the picture to
+    /// `corners`, each once: its score, directions and position to about a
+    /// quarter of a pixel. Nothing is found within 5 px of the frame's border.
+    ///
+    /// Parts of the ranges that are outside of the picture are ignored.
+    pub fn detect<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        columns: Range<usize>,
+        rows: Range<usize>,
+        corners: &mut CornerList,
+    ) {
+        let kernels = Kernels::new();
+        for level in 0..LEVELS {
+            // Pixels of the level whose candidates may become corners in the ranges.
+            let scaled = |range: &Range<usize>, side: usize| {
+                if range.is_empty() || range.start >= side {
+                    return 0..0;
+                }
+                let end = range.end.min(side) + REACH_PX;
+                range.start.saturating_sub(REACH_PX) >> level
+                    ..end.div_ceil(1 << level).min(side >> level)
+            };
+            let (columns_level, rows_level) =
+                (scaled(&columns, image.width()), scaled(&rows, image.height()));
+            for y0 in rows_level.clone().step_by(TILE_HEIGHT) {
+                let height = TILE_HEIGHT.min(rows_level.end - y0);
+                for x0 in columns_level.clone().step_by(TILE_WIDTH) {
+                    let width = TILE_WIDTH.min(columns_level.end - x0);
+                    let (candidates, dropped) =
+                        self.tile.search(image, level, [x0, y0], [width, height]);
+                    corners.count_dropped(dropped);
+                    for candidate in candidates {
+                        // Most corners of the half size are known from the whole.
+                        let place = [candidate.x, candidate.y]
+                            .map(|value| f32::from(value << level) + 0.5 * level as f32);
+                        if level > 0 && corners.has_near(place) {
+                            continue;
+                        }
+                        let corner = examine(image, &kernels, level, *candidate);
+                        if let Some(corner) = corner.filter(|corner| {
+                            is_within(corner.position_px[0], &columns)
+                                && is_within(corner.position_px[1], &rows)
+                        }) {
+                            corners.push(corner);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Whether the pixel of a coordinate is in the range.
+fn is_within(value_px: f32, range: &Range<usize>) -> bool {
+    value_px >= range.start as f32 - 0.5 && value_px < range.end as f32 - 0.5
+}
+
+/// From a candidate to the corner near it, if there is one.
+fn examine<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    kernels: &Kernels,
+    level: usize,
+    candidate: Candidate,
+) -> Option<Corner> {
+    let white = f32::from(image.white_level());
+    let least = LIKELIHOOD_MIN * white;
+    let mut x = usize::from(candidate.x) << level;
+    let mut y = usize::from(candidate.y) << level;
+    // A pixel or two beside the corner the likelihood is still half of its maximum.
+    if !kernels.reaches(image, x, y, 0.5 * least) {
+        return None;
+    }
+    // The way up by the smallest kernels that are not lost in the blur: their peak is the sharpest.
+    let size = level;
+    let mut likelihood = kernels.of_size(image, x, y, size)?;
+    for _ in 0..CLIMB_STEPS_MAX << level {
+        let mut next = (x, y);
+        for neighbour in [
+            (x - 1, y - 1),
+            (x, y - 1),
+            (x + 1, y - 1),
+            (x - 1, y),
+            (x + 1, y),
+            (x - 1, y + 1),
+            (x, y + 1),
+            (x + 1, y + 1),
+        ] {
+            if let Some(value) = kernels.of_size(image, neighbour.0, neighbour.1, size)
+                && value > likelihood
+            {
+                likelihood = value;
+                next = neighbour;
+            }
+        }
+        if next == (x, y) {
+            break;
+        }
+        (x, y) = next;
+    }
+    let (likelihood, size) = kernels.best(image, x, y)?;
+    if likelihood < least {
+        return None;
+    }
+    describe(image, [x, y], RADII_PX[size])
+}

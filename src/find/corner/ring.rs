@@ -1,0 +1,341 @@
+//! The ring test: which pixels are worth the kernels.
+//!
+//! Sixteen samples on a ring of 4 px around a pixel, and the pixel's four
+//! neighbours. At a checkerboard corner opposite samples are equal, samples a
+//! quarter turn apart differ, and the middle is as bright as the ring on
+//! average (the idea of Bennett and Lasenby's ChESS detector, 2014). All in
+//! bytes, so that a compiler makes vector code of it: rounded means and
+//! absolute differences of bytes are single instructions on x86 and ARM.
+//!
+//! The response at a corner whose contrast is c is about c for right angles
+//! and c / 2 for the sharpest wedges of a board tilted by 60 degrees. Noise
+//! makes it smaller, not larger: the noise of the differences of opposite
+//! samples is subtracted, and outweighs that of the signal. The disorder (differences
+//! of opposite samples, and of the middle) must stay below half of the signal: at
+//! corners tilted by 60 degrees, half a pixel aside, it is at most 0.4 of it,
+//! in clutter mostly more.
+//!
+//! The frame is worked through in tiles, once as it is and once at half its
+//! size, where squares are blurred by more than a pixel or so.
+
+use heapless::Vec;
+
+use crate::model::image::{GreyImage, Pixel};
+
+/// Tile size, pixels of the level: small enough for the second-level cache, and wide
+/// enough that the border costs little.
+pub(super) const TILE_WIDTH: usize = 512;
+pub(super) const TILE_HEIGHT: usize = 64;
+
+/// Reach of the ring.
+const RING: usize = 4;
+/// A maximum is the largest of (2 MAXIMUM + 1)^2 responses.
+const MAXIMUM: usize = 2;
+const HALO: usize = RING + MAXIMUM;
+
+/// A row of responses in whole [`Lanes`], and the pixels that these need.
+const RESPONSE_BLOCKS: usize = (TILE_WIDTH + 2 * MAXIMUM).div_ceil(LANES);
+const PIXELS_WIDTH: usize = RESPONSE_BLOCKS * LANES + 2 * RING;
+
+/// Smallest response, grey levels of 255. Rounding alone makes 2.
+const RESPONSE_MIN: u8 = 5;
+
+/// What the rounded means add to twice the disorder, at most.
+const ROUNDING: u8 = 4;
+
+/// Candidates of one tile: one per 64 pixels, many times what a checkerboard of
+/// the smallest squares has.
+const CANDIDATES_MAX: usize = TILE_WIDTH * TILE_HEIGHT / 64;
+
+/// A maximum of the ring response, in pixels of the level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Candidate {
+    pub(super) x: u16,
+    pub(super) y: u16,
+}
+
+/// One tile: bytes, ring responses, and their maxima.
+#[derive(Debug)]
+pub(super) struct Tile {
+    pixels: [[u8; PIXELS_WIDTH]; TILE_HEIGHT + 2 * HALO],
+    responses: [[Lanes; RESPONSE_BLOCKS]; TILE_HEIGHT + 2 * MAXIMUM],
+    candidates: Vec<Candidate, CANDIDATES_MAX>,
+}
+
+impl Tile {
+    pub(super) const fn new() -> Self {
+        Self {
+            pixels: [[0; PIXELS_WIDTH]; TILE_HEIGHT + 2 * HALO],
+            responses: [[[0; LANES]; RESPONSE_BLOCKS]; TILE_HEIGHT + 2 * MAXIMUM],
+            candidates: Vec::new(),
+        }
+    }
+
+    /// Finds the candidates of the tile at (`x0`, `y0`) of `width x height`
+    /// pixels, all in pixels of the level, and returns them with the number
+    /// that did not fit. Beyond the frame its border pixels are repeated.
+    pub(super) fn search<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        level: usize,
+        [x0, y0]: [usize; 2],
+        [width, height]: [usize; 2],
+    ) -> (&[Candidate], u32) {
+        let (level_width, level_height) = (image.width() >> level, image.height() >> level);
+        let shift = shift_to_bytes(image.white_level());
+        for (row, pixels) in self.pixels[..height + 2 * HALO].iter_mut().enumerate() {
+            let y = (y0 + row).saturating_sub(HALO).min(level_height - 1);
+            // Columns of the tile that lie inside the frame.
+            let first = HALO.saturating_sub(x0);
+            let last = (level_width + HALO - x0).min(width + 2 * HALO);
+            let inside = &mut pixels[first..last];
+            let x = x0 + first - HALO;
+            if level == 0 {
+                fill_whole(inside, &image.row(y)[x..], shift);
+            } else {
+                fill_half(
+                    inside,
+                    &image.row(2 * y)[2 * x..],
+                    &image.row(2 * y + 1)[2 * x..],
+                    shift,
+                );
+            }
+            let (left, right) = (pixels[first], pixels[last - 1]);
+            pixels[..first].fill(left);
+            pixels[last..].fill(right);
+        }
+        let blocks = (width + 2 * MAXIMUM).div_ceil(LANES);
+        for y in 0..height + 2 * MAXIMUM {
+            let rows: &[_; 2 * RING + 1] = self.pixels[y..][..2 * RING + 1]
+                .try_into()
+                .expect("the tile has a halo of RING rows");
+            respond(rows, &mut self.responses[y][..blocks]);
+        }
+        self.candidates.clear();
+        let mut dropped = 0;
+        for y in 0..height {
+            let row = &self.responses[y + MAXIMUM].as_flattened()[MAXIMUM..][..width];
+            for (block, responses) in row.chunks(32).enumerate() {
+                if responses.iter().fold(0, |all, response| all | response) == 0 {
+                    continue;
+                }
+                for (column, &response) in responses.iter().enumerate() {
+                    let x = block * 32 + column;
+                    if response > 0 && is_maximum(&self.responses, x, y, response) {
+                        let candidate = Candidate { x: (x0 + x) as u16, y: (y0 + y) as u16 };
+                        dropped += u32::from(self.candidates.push(candidate).is_err());
+                    }
+                }
+            }
+        }
+        (&self.candidates, dropped)
+    }
+}
+
+/// Bits to drop so that white fits a byte.
+fn shift_to_bytes(white_level: u16) -> u32 {
+    (u16::BITS - white_level.leading_zeros()).saturating_sub(8)
+}
+
+/// A sample as a byte, white and above as 255.
+#[inline(always)]
+fn to_byte<P: Pixel>(pixel: P, shift: u32) -> u8 {
+    let value: u32 = pixel.into();
+    (value >> shift).min(255) as u8
+}
+
+fn fill_whole<P: Pixel>(bytes: &mut [u8], row: &[P], shift: u32) {
+    for (byte, &pixel) in bytes.iter_mut().zip(row) {
+        *byte = to_byte(pixel, shift);
+    }
+}
+
+/// Means of 2 x 2 pixels, rounded twice.
+fn fill_half<P: Pixel>(bytes: &mut [u8], upper: &[P], lower: &[P], shift: u32) {
+    // Whole blocks and the rest; `upper` and `lower` are at least twice as long as `bytes`.
+    let (blocks, rest) = bytes.as_chunks_mut::<LANES>();
+    let whole = 2 * LANES * blocks.len();
+    let uppers = upper[..whole].as_chunks::<{ 2 * LANES }>().0;
+    let lowers = lower[..whole].as_chunks::<{ 2 * LANES }>().0;
+    for ((block, upper), lower) in blocks.iter_mut().zip(uppers).zip(lowers) {
+        let columns: [u8; 2 * LANES] =
+            core::array::from_fn(|n| mean_of_2(to_byte(upper[n], shift), to_byte(lower[n], shift)));
+        // Two neighbours in one word: even and odd pixels without moving any byte.
+        for (byte, pair) in block.iter_mut().zip(columns.as_chunks::<2>().0) {
+            let pair = u16::from_le_bytes(*pair);
+            *byte = (((pair & 255) + (pair >> 8) + 1) >> 1) as u8;
+        }
+    }
+    let (uppers, lowers) = (upper[whole..].chunks_exact(2), lower[whole..].chunks_exact(2));
+    for ((byte, upper), lower) in rest.iter_mut().zip(uppers).zip(lowers) {
+        let column = |n: usize| mean_of_2(to_byte(upper[n], shift), to_byte(lower[n], shift));
+        *byte = mean_of_2(column(0), column(1));
+    }
+}
+
+#[inline(always)]
+fn mean_of_2(a: u8, b: u8) -> u8 {
+    ((u16::from(a) + u16::from(b) + 1) >> 1) as u8
+}
+
+/// Strictly larger than what comes before in reading order, at least as large as what follows.
+fn is_maximum(responses: &[[Lanes; RESPONSE_BLOCKS]], x: usize, y: usize, response: u8) -> bool {
+    let side = 2 * MAXIMUM + 1;
+    for (dy, row) in responses[y..y + side].iter().enumerate() {
+        for (dx, &other) in row.as_flattened()[x..x + side].iter().enumerate() {
+            let before = (dy, dx) < (MAXIMUM, MAXIMUM);
+            if other > response || (before && other == response) {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+/// Neighbouring pixels that are worked on together: one vector register of x86 or ARM.
+const LANES: usize = 16;
+type Lanes = [u8; LANES];
+
+/// Rounded means, one instruction.
+#[inline(always)]
+fn mean(a: Lanes, b: Lanes) -> Lanes {
+    core::array::from_fn(|n| mean_of_2(a[n], b[n]))
+}
+
+#[inline(always)]
+fn difference(a: Lanes, b: Lanes) -> Lanes {
+    core::array::from_fn(|n| a[n].max(b[n]) - a[n].min(b[n]))
+}
+
+/// a + b, not above 255.
+#[inline(always)]
+fn sum(a: Lanes, b: Lanes) -> Lanes {
+    core::array::from_fn(|n| a[n].saturating_add(b[n]))
+}
+
+/// a - b, not below 0.
+#[inline(always)]
+fn less(a: Lanes, b: Lanes) -> Lanes {
+    core::array::from_fn(|n| a[n].saturating_sub(b[n]))
+}
+
+#[inline(always)]
+fn mean_of_8([a, b, c, d, e, f, g, h]: [Lanes; 8]) -> Lanes {
+    mean(mean(mean(a, b), mean(c, d)), mean(mean(e, f), mean(g, h)))
+}
+
+/// Ring responses of one row, `responses.len()` rounded up to whole [`Lanes`];
+/// `rows[RING]` is its own row of pixels.
+fn respond(rows: &[[u8; PIXELS_WIDTH]; 2 * RING + 1], responses: &mut [Lanes]) {
+    for (block, response) in responses.iter_mut().enumerate() {
+        let at = |dx: isize, dy: isize| -> Lanes {
+            let row = &rows[RING.wrapping_add_signed(dy)];
+            let start = (block * LANES + RING).wrapping_add_signed(dx);
+            row[start..start + LANES].try_into().expect("LANES pixels")
+        };
+        // Half a turn in steps of about 22.5 degrees, and the opposite samples.
+        let ring = [(4, 0), (4, 2), (3, 3), (2, 4), (0, 4), (-2, 4), (-3, 3), (-4, 2)]
+            .map(|(dx, dy)| [at(dx, dy), at(-dx, -dy)]);
+        let pair = ring.map(|[one, opposite]| mean(one, opposite));
+        let odd = ring.map(|[one, opposite]| difference(one, opposite));
+        let quarter = |n: usize| difference(pair[n], pair[n + 4]);
+        let signal = mean(mean(quarter(0), quarter(1)), mean(quarter(2), quarter(3)));
+        let centre = mean(mean(at(-1, 0), at(1, 0)), mean(at(0, -1), at(0, 1)));
+        let offset = difference(mean_of_8(pair), centre);
+        let disorder = sum(mean_of_8(odd), offset);
+        let over = less(sum(disorder, disorder), sum(signal, [ROUNDING; LANES]));
+        let rest = less(less(signal, disorder), [RESPONSE_MIN - 1; LANES]);
+        *response = core::array::from_fn(|n| if over[n] == 0 { rest[n] } else { 0 });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// The response at one pixel of a picture of bytes, by the definition.
+    fn plain(bytes: &[u8], width: usize, height: usize, x: usize, y: usize) -> u8 {
+        let at = |dx: i32, dy: i32| {
+            let column = (x as i32 + dx).clamp(0, width as i32 - 1) as usize;
+            let row = (y as i32 + dy).clamp(0, height as i32 - 1) as usize;
+            i32::from(bytes[row * width + column])
+        };
+        let mean = |values: &[i32]| {
+            let mut values = values.to_vec();
+            while values.len() > 1 {
+                values = values.chunks(2).map(|pair| (pair[0] + pair[1] + 1) / 2).collect();
+            }
+            values[0]
+        };
+        let half = [(4, 0), (4, 2), (3, 3), (2, 4), (0, 4), (-2, 4), (-3, 3), (-4, 2)];
+        let pairs: Vec<_> = half.iter().map(|&(x, y)| mean(&[at(x, y), at(-x, -y)])).collect();
+        let odd: Vec<_> = half.iter().map(|&(x, y)| (at(x, y) - at(-x, -y)).abs()).collect();
+        let quarters: Vec<_> = (0..4).map(|n| (pairs[n] - pairs[n + 4]).abs()).collect();
+        let signal = mean(&quarters);
+        let centre = mean(&[at(-1, 0), at(1, 0), at(0, -1), at(0, 1)]);
+        let disorder = mean(&odd) + (mean(&pairs) - centre).abs();
+        if (2 * disorder).min(255) > (signal + 4).min(255) {
+            return 0;
+        }
+        (signal - disorder - 4).max(0) as u8
+    }
+
+    #[test]
+    fn the_ring_is_its_definition_at_every_pixel_of_odd_tiles() {
+        let (width, height) = (97, 83);
+        let mut random = crate::find::corner::tests::Random(3);
+        // Coarse blocks, so that corners occur; the first rows are of two values only.
+        let bytes: Vec<u8> = (0..width * height)
+            .map(|n| {
+                let block = (n % width / 7 + n / width / 6) % 2;
+                (200.0 * block as f64 + 40.0 * random.next()) as u8
+            })
+            .collect();
+        let image = GreyImage::new(&bytes, width, height, width).unwrap();
+        let mut tile = Box::new(Tile::new());
+        let mut positive = 0;
+        for (x0, y0, w, h) in [(0, 0, 50, 41), (50, 0, 47, 41), (0, 41, 97, 42), (13, 29, 17, 1)] {
+            let (candidates, _) = tile.search(&image, 0, [x0, y0], [w, h]);
+            let candidates = candidates.to_vec();
+            let response = |x: usize, y: usize| plain(&bytes, width, height, x, y);
+            for y in y0..y0 + h {
+                for x in x0..x0 + w {
+                    let fast = tile.responses[y - y0 + MAXIMUM].as_flattened()[x - x0 + MAXIMUM];
+                    assert_eq!(fast, response(x, y), "{x} {y}");
+                    positive += usize::from(fast > 0);
+                    let mut highest = fast > 0;
+                    for dy in 0..=2 * MAXIMUM {
+                        for dx in 0..=2 * MAXIMUM {
+                            let row = tile.responses[y - y0 + dy].as_flattened();
+                            highest &= row[x - x0 + dx] <= fast;
+                        }
+                    }
+                    let candidate = Candidate { x: x as u16, y: y as u16 };
+                    // Of equal neighbours the first is the candidate.
+                    assert!(highest || !candidates.contains(&candidate), "{x} {y}");
+                }
+            }
+        }
+        assert!(positive > 100, "{positive}");
+    }
+
+    #[test]
+    fn the_half_size_is_the_mean_of_four() {
+        let mut random = crate::find::corner::tests::Random(4);
+        let rows: [Vec<u16>; 2] =
+            [0, 1].map(|_| (0..2 * 41).map(|_| (random.next() * 1023.0) as u16).collect());
+        let mut bytes = [0; 41];
+        fill_half(&mut bytes, &rows[0], &rows[1], shift_to_bytes(1023));
+        for (n, byte) in bytes.iter().enumerate() {
+            let four = [rows[0][2 * n], rows[0][2 * n + 1], rows[1][2 * n], rows[1][2 * n + 1]];
+            let mean = four.iter().map(|&value| f64::from(value)).sum::<f64>() / 16.0;
+            // Cut to 8 bits, then rounded up at most twice.
+            assert!((f64::from(*byte) - mean).abs() <= 1.0, "{n}: {byte} {mean}");
+        }
+    }
+}

@@ -1,0 +1,380 @@
+//! Growing one lattice of corners.
+
+use crate::find::corner::Corner;
+use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
+
+/// Side of the map: the longest target, 3 rows of corners, may lie on any side of the seed.
+const SIDE: usize = 2 * (TARGET_CORNERS_MAX / 3) + 16;
+const CENTRE: i32 = SIDE as i32 / 2;
+const _: () = assert!(CORNERS_MAX < u16::MAX as usize);
+
+/// Rounds of growing: the first finds nearly all, the others what lies behind gaps.
+const ROUNDS_MAX: usize = 4;
+/// Fewest corners of a lattice: 3 x 3.
+const LATTICE_MIN: usize = 9;
+/// An edge and the line to the neighbour, sine: 15 degrees. Over one square even a fisheye bends a line by less.
+const LINE_SINE_MAX: f32 = 0.26;
+/// Edges of neighbours, sine: 25 degrees. Directions of 8 px squares are good to about 5.
+const EDGE_SINE_MAX: f32 = 0.42;
+/// Opposite sides of the first cell, ratio. Tilted by 60 degrees at 10 squares' distance: 1.2.
+const SIDES_RATIO_MAX: f32 = 1.4;
+/// Neighbouring sides of the first cell, ratio: a square seen at 70 degrees is 1 : 2.9.
+const ASPECT_MAX: f32 = 3.0;
+/// Distance of a corner from its prediction, in steps. Half of it is perspective in the worst case.
+const PREDICTION_ERROR_MAX: f32 = 0.25;
+
+/// Extent of a lattice in its own coordinates, both ends included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Bounds {
+    pub(super) first: [i32; 2],
+    pub(super) last: [i32; 2],
+}
+
+/// One border line of [`Bounds`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Line {
+    start: [i32; 2],
+    step: [i32; 2],
+    length: usize,
+    /// The lattice step out of the bounds.
+    pub(super) outwards: [i32; 2],
+}
+
+impl Line {
+    pub(super) fn length(&self) -> usize {
+        self.length
+    }
+
+    pub(super) fn cells(&self) -> impl Iterator<Item = [i32; 2]> + use<> {
+        let Self { start, step, length, .. } = *self;
+        (0..length as i32).map(move |n| [start[0] + n * step[0], start[1] + n * step[1]])
+    }
+}
+
+impl Bounds {
+    pub(super) fn columns(&self) -> usize {
+        (self.last[0] - self.first[0] + 1) as usize
+    }
+
+    pub(super) fn rows(&self) -> usize {
+        (self.last[1] - self.first[1] + 1) as usize
+    }
+
+    pub(super) fn cells(&self) -> impl Iterator<Item = [i32; 2]> + use<> {
+        let Self { first, last } = *self;
+        (first[1]..=last[1]).flat_map(move |j| (first[0]..=last[0]).map(move |i| [i, j]))
+    }
+
+    pub(super) fn borders(&self) -> [Line; 4] {
+        let (columns, rows) = (self.columns(), self.rows());
+        let line = |start, step, length, outwards| Line { start, step, length, outwards };
+        [
+            line(self.first, [1, 0], columns, [0, -1]),
+            line([self.first[0], self.last[1]], [1, 0], columns, [0, 1]),
+            line(self.first, [0, 1], rows, [-1, 0]),
+            line([self.last[0], self.first[1]], [0, 1], rows, [1, 0]),
+        ]
+    }
+
+    /// Without one of its border lines; `None` when nothing would be left.
+    pub(super) fn without(&self, line: &Line) -> Option<Self> {
+        let mut smaller = *self;
+        for axis in 0..2 {
+            match line.outwards[axis] {
+                -1 => smaller.first[axis] += 1,
+                1 => smaller.last[axis] -= 1,
+                _ => {}
+            }
+        }
+        (0..2).all(|axis| smaller.first[axis] <= smaller.last[axis]).then_some(smaller)
+    }
+}
+
+/// A lattice: axis u along one family of lines, v along the other, right-handed with y down.
+#[derive(Debug)]
+pub(super) struct Lattice {
+    /// The corner at each place, by v and u, the seed at the centre: its index + 1, and 0
+    /// where there is none, so that an empty map takes no place in a program's file.
+    map: [[u16; SIDE]; SIDE],
+    /// Which edge of the seed lies along u.
+    seed_edge: usize,
+    /// Corners of lattices that are done.
+    used: [bool; CORNERS_MAX],
+    /// Unit vectors of both edges of each corner.
+    edges: [[[f32; 2]; 2]; CORNERS_MAX],
+    /// Places of the lattice's corners in the order they were found.
+    queue: [[i8; 2]; CORNERS_MAX],
+    count: usize,
+}
+
+const _: () = assert!(SIDE / 2 < 127);
+
+impl Lattice {
+    pub(super) const fn new() -> Self {
+        Self {
+            map: [[0; SIDE]; SIDE],
+            seed_edge: 0,
+            used: [false; CORNERS_MAX],
+            edges: [[[0.0; 2]; 2]; CORNERS_MAX],
+            queue: [[0; 2]; CORNERS_MAX],
+            count: 0,
+        }
+    }
+
+    /// Prepares for a new set of corners.
+    pub(super) fn start(&mut self, corners: &[Corner]) {
+        self.used.fill(false);
+        for (edges, corner) in self.edges.iter_mut().zip(corners) {
+            *edges =
+                corner.edges_rad.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
+        }
+        self.clear();
+    }
+
+    fn clear(&mut self) {
+        for row in &mut self.map {
+            row.fill(0);
+        }
+        self.count = 0;
+    }
+
+    /// The corner at a place of the lattice.
+    pub(super) fn corner(&self, [i, j]: [i32; 2]) -> Option<u16> {
+        let row = self.map.get(usize::try_from(j + CENTRE).ok()?)?;
+        row.get(usize::try_from(i + CENTRE).ok()?)?.checked_sub(1)
+    }
+
+    /// Forgets the corner at a place. It stays used.
+    pub(super) fn remove(&mut self, cell: [i32; 2]) {
+        if self.corner(cell).is_some() {
+            self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = 0;
+        }
+    }
+
+    /// Which of its edges, 0 or 1, the corner at a place has along u. From u to v is dark when it is 0.
+    pub(super) fn edge_along_u(&self, [i, j]: [i32; 2]) -> usize {
+        (self.seed_edge + (i + j).rem_euclid(2) as usize) % 2
+    }
+
+    /// Where the next corner would be, one step from a corner away from the one behind it.
+    pub(super) fn beyond(
+        &self,
+        corners: &[Corner],
+        cell: [i32; 2],
+        step: [i32; 2],
+    ) -> Option<[f32; 2]> {
+        let here = corners[usize::from(self.corner(cell)?)].position_px;
+        let behind = corners[usize::from(self.corner(minus(cell, step))?)].position_px;
+        Some([2.0 * here[0] - behind[0], 2.0 * here[1] - behind[1]])
+    }
+
+    /// Grows a lattice from a corner that belongs to none; `None` when fewer than 3 x 3 come together.
+    pub(super) fn grow(&mut self, corners: &[Corner], seed: u16) -> Option<Bounds> {
+        if self.used[usize::from(seed)] {
+            return None;
+        }
+        self.clear();
+        let bounds = self.place_first_cell(corners, seed).and_then(|()| {
+            // Beside a gap a corner can often be predicted only once its other
+            // neighbours are there, so the rounds go on while they add something.
+            for _ in 0..ROUNDS_MAX {
+                let before = self.count;
+                let mut next = 0;
+                while next < self.count {
+                    let cell = self.queue[next].map(i32::from);
+                    next += 1;
+                    for step in [[1, 0], [0, 1], [-1, 0], [0, -1]] {
+                        self.grow_step(corners, cell, step);
+                    }
+                }
+                if self.count == before {
+                    break;
+                }
+            }
+            let bounds = self.bounds();
+            let large = self.count >= LATTICE_MIN && bounds.columns() >= 3 && bounds.rows() >= 3;
+            large.then_some(bounds)
+        });
+        if bounds.is_none() {
+            // Its corners may belong to another lattice.
+            for n in 0..self.count {
+                if let Some(index) = self.corner(self.queue[n].map(i32::from)) {
+                    self.used[usize::from(index)] = false;
+                }
+            }
+        }
+        bounds
+    }
+
+    fn bounds(&self) -> Bounds {
+        let mut bounds = Bounds { first: [0; 2], last: [0; 2] };
+        for cell in &self.queue[..self.count] {
+            for (axis, value) in cell.map(i32::from).into_iter().enumerate() {
+                bounds.first[axis] = bounds.first[axis].min(value);
+                bounds.last[axis] = bounds.last[axis].max(value);
+            }
+        }
+        bounds
+    }
+
+    fn place(&mut self, cell: [i32; 2], index: u16) {
+        self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = index + 1;
+        self.used[usize::from(index)] = true;
+        self.queue[self.count] = cell.map(|value| value as i8);
+        self.count += 1;
+    }
+
+    /// The seed and three neighbours around one square, so that both ways to the far one agree.
+    /// Of the squares around the seed the smallest: at a board's border the others reach out
+    /// to whatever lies beyond.
+    fn place_first_cell(&mut self, corners: &[Corner], seed: u16) -> Option<()> {
+        let [edge0, mut edge1] = self.edges[usize::from(seed)];
+        if cross(edge0, edge1) < 0.0 {
+            edge1 = edge1.map(|value| -value);
+        }
+        let opposite = |edge: [f32; 2]| edge.map(|value| -value);
+        let turns = [edge0, edge1, opposite(edge0), opposite(edge1)];
+        let mut smallest: Option<(f32, usize, [u16; 3])> = None;
+        for turn in 0..4 {
+            let (along_u, along_v) = (turns[turn], turns[(turn + 1) % 4]);
+            let edge_u = turn % 2;
+            let square = self.neighbour(corners, seed, along_u, edge_u).and_then(|right| {
+                let below = self.neighbour(corners, seed, along_v, 1 - edge_u)?;
+                // At a neighbour the roles are exchanged.
+                let far = self.neighbour(corners, right, along_v, edge_u)?;
+                let also_far = self.neighbour(corners, below, along_u, 1 - edge_u)?;
+                (far == also_far).then_some([right, below, far])
+            });
+            let Some([right, below, far]) = square else { continue };
+            let side = |from: u16, to: u16| length(between(corners, from, to));
+            let [u, v] = [side(seed, right), side(seed, below)];
+            let [far_u, far_v] = [side(below, far), side(right, far)];
+            let within = |ratio: f32, a: f32, b: f32| a < ratio * b && b < ratio * a;
+            if within(SIDES_RATIO_MAX, u, far_u)
+                && within(SIDES_RATIO_MAX, v, far_v)
+                && within(ASPECT_MAX, u, v)
+                && smallest.is_none_or(|(least, ..)| u + v < least)
+            {
+                smallest = Some((u + v, edge_u, [right, below, far]));
+            }
+        }
+        let (_, edge_u, [right, below, far]) = smallest?;
+        self.seed_edge = edge_u;
+        self.place([0, 0], seed);
+        self.place([1, 0], right);
+        self.place([0, 1], below);
+        self.place([1, 1], far);
+        Some(())
+    }
+
+    /// The nearest unused corner in a direction, along edge `edge` of corner `from`.
+    fn neighbour(
+        &self,
+        corners: &[Corner],
+        from: u16,
+        direction: [f32; 2],
+        edge: usize,
+    ) -> Option<u16> {
+        let own = self.edges[usize::from(from)];
+        // The edge itself, on the side of the direction.
+        let sign = if dot(own[edge], direction) < 0.0 { -1.0 } else { 1.0 };
+        let line = own[edge].map(|value| sign * value);
+        let mut nearest: Option<(f32, u16)> = None;
+        for index in 0..corners.len() {
+            let offset = between(corners, from, index as u16);
+            let ahead = dot(line, offset);
+            if ahead <= 0.0 || nearest.is_some_and(|(least, _)| ahead >= least) {
+                continue;
+            }
+            let reach = LINE_SINE_MAX * length(offset);
+            let other = self.edges[index];
+            if cross(line, offset).abs() < reach
+                && cross(other[1 - edge], offset).abs() < reach
+                && cross(other[edge], own[1 - edge]).abs() < EDGE_SINE_MAX
+                && !self.used[index]
+            {
+                nearest = Some((ahead, index as u16));
+            }
+        }
+        nearest.map(|(_, index)| index)
+    }
+
+    /// Looks for the corner one step from a corner of the lattice.
+    fn grow_step(&mut self, corners: &[Corner], cell: [i32; 2], step: [i32; 2]) {
+        let target = plus(cell, step);
+        let on_map = target.iter().all(|&value| (-CENTRE..CENTRE).contains(&value));
+        if !on_map || self.corner(target).is_some() {
+            return;
+        }
+        let Some(from) = self.corner(cell) else { return };
+        // Predicted by the step behind, and by the parallel steps on both sides.
+        let across = [step[1], step[0]];
+        let sides = [plus(cell, across), minus(cell, across)];
+        let steps = [
+            (self.corner(minus(cell, step)), Some(from)),
+            (self.corner(sides[0]), self.corner(plus(sides[0], step))),
+            (self.corner(sides[1]), self.corner(plus(sides[1], step))),
+        ];
+        let (mut sum, mut known) = ([0.0_f32; 2], 0.0_f32);
+        for (start, end) in steps {
+            if let (Some(start), Some(end)) = (start, end) {
+                sum = plus_px(sum, between(corners, start, end));
+                known += 1.0;
+            }
+        }
+        if known == 0.0 {
+            return;
+        }
+        let predicted = sum.map(|value| value / known);
+        let tolerance = PREDICTION_ERROR_MAX * length(predicted);
+        let own = self.edges[usize::from(from)];
+        let mut nearest: Option<(f32, u16)> = None;
+        for index in 0..corners.len() {
+            let offset = between(corners, from, index as u16);
+            let error = length([offset[0] - predicted[0], offset[1] - predicted[1]]);
+            if error > tolerance || nearest.is_some_and(|(least, _)| error >= least) {
+                continue;
+            }
+            let other = self.edges[index];
+            if !self.used[index]
+                && cross(own[0], other[1]).abs() < EDGE_SINE_MAX
+                && cross(own[1], other[0]).abs() < EDGE_SINE_MAX
+            {
+                nearest = Some((error, index as u16));
+            }
+        }
+        if let Some((_, index)) = nearest {
+            self.place(target, index);
+        }
+    }
+}
+
+fn plus(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+fn minus(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+fn plus_px(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+fn between(corners: &[Corner], from: u16, to: u16) -> [f32; 2] {
+    let (from, to) =
+        (&corners[usize::from(from)].position_px, &corners[usize::from(to)].position_px);
+    [to[0] - from[0], to[1] - from[1]]
+}
+
+fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+fn dot(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+fn length(a: [f32; 2]) -> f32 {
+    libm::sqrtf(dot(a, a))
+}

@@ -1,0 +1,334 @@
+//! Corners -> indexed grids, in a cluttered room.
+//!
+//! Corners are joined to lattices: from a cell of four corners that close,
+//! breadth first, each next corner near the place that its neighbours predict,
+//! with the roles of its two edges exchanged. A lattice becomes the grid of a
+//! wanted shape only when it has exactly its columns and rows, its four border
+//! lines are seen, nothing goes on beyond them, and every corner agrees with
+//! its neighbours; else there is a reason, never a guess.
+//!
+//! What it cannot know: a board with a whole border line, and the squares beyond
+//! it, hidden by something is a smaller board. What the frame's own border cuts
+//! off is known, and is refused; so is a line too blurred to be detected, because
+//! the squares beyond it are still seen to alternate.
+//!
+//! The work is bounded by the square of [`CORNERS_MAX`]; with the one or two
+//! hundred corners of a room it is a fraction of a millisecond.
+
+use heapless::Vec;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::common::statistics::median;
+use crate::find::corner::Corner;
+use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
+use crate::model::image::{GreyImage, Pixel};
+use crate::model::target::GridShape;
+
+mod agreement;
+mod beyond;
+mod lattice;
+#[cfg(test)]
+mod tests;
+
+use lattice::{Bounds, Lattice};
+
+/// One target's grid as seen in the picture.
+///
+/// Right-handed as seen (x to y turns from the picture's right to its bottom).
+/// The square up and left of corner 0 is dark if one of the possible
+/// numberings makes it so; of the numberings that are left (two when columns +
+/// rows is even) it is the one whose x axis points most to the picture's right.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Grid {
+    /// Columns and rows, as wanted.
+    pub shape: GridShape,
+    /// Index into the slice of corners for each corner of the grid, row by row;
+    /// `None` where it was not detected, or did not agree with its neighbours.
+    pub corners: Vec<Option<u16>, TARGET_CORNERS_MAX>,
+    /// Whether the square up and left of corner 0 is dark. A grid that looks the same
+    /// after half a turn may be printed either way.
+    pub first_square_dark: bool,
+}
+
+/// Why there is no grid of a wanted shape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+pub enum GridRejection {
+    /// Fewer than 3 x 3 corners make a lattice anywhere.
+    NoLattice,
+    /// There are lattices, none with these columns and rows.
+    OtherDimensions,
+    /// A lattice of this shape is cut by the border of the picture: it may be a part of a larger one.
+    Cut,
+    /// A lattice of this shape lacks too many corners, or border corners, for its extent to be certain.
+    Incomplete,
+    /// There are corners beyond the border of a lattice of this shape.
+    GoesOn,
+    /// Two lattices have this shape.
+    Ambiguous,
+}
+
+impl core::fmt::Display for GridRejection {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        formatter.write_str(match self {
+            Self::NoLattice => "no checkerboard is seen",
+            Self::OtherDimensions => "only checkerboards with other columns and rows are seen",
+            Self::Cut => "the checkerboard touches the border of the picture",
+            Self::Incomplete => "too many of the checkerboard's corners are hidden or blurred",
+            Self::GoesOn => "the checkerboard seems to go on beyond the wanted columns and rows",
+            Self::Ambiguous => "two checkerboards of the same shape are seen",
+        })
+    }
+}
+
+impl core::error::Error for GridRejection {}
+
+/// Corners of a border line that must be seen: all but one.
+const fn border_corners_min(length: usize) -> usize {
+    length - 1
+}
+
+/// Part of all corners that must be seen: five sixths.
+const fn corners_min(count: usize) -> usize {
+    (5 * count).div_ceil(6)
+}
+
+/// A corner beyond the border counts as a part of the board from this fraction of the
+/// board's median score. The corners of one board differ by less than that unless a
+/// shadow's edge lies between them.
+const BEYOND_SCORE_MIN: f32 = 0.3;
+
+/// How near to the frame's border a corner can be detected, with one pixel to spare.
+const DETECTABLE_PX: f32 = 7.0;
+
+/// Finds grids. Holds the lattice under work.
+#[derive(Debug)]
+pub struct GridFinder {
+    lattice: Lattice,
+    order: [u16; CORNERS_MAX],
+}
+
+impl Default for GridFinder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl GridFinder {
+    /// A finder, ready for use.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { lattice: Lattice::new(), order: [0; CORNERS_MAX] }
+    }
+
+    /// Writes one entry of `found` per wanted shape, from the corners of a search
+    /// of the picture, or of a part of it. The picture is asked whether a grid goes
+    /// on beyond its border. Corners past [`CORNERS_MAX`] are ignored.
+    ///
+    /// # Panics
+    /// When `found` is shorter than `wanted`: a caller's bug.
+    pub fn find<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        corners: &[Corner],
+        wanted: &[GridShape],
+        found: &mut [Result<Grid, GridRejection>],
+    ) {
+        assert!(found.len() >= wanted.len(), "one entry per wanted shape");
+        let corners = &corners[..corners.len().min(CORNERS_MAX)];
+        let found = &mut found[..wanted.len()];
+        found.fill(Err(GridRejection::NoLattice));
+        // The strongest corners first: what grows from them is what they belong to.
+        let order = &mut self.order[..corners.len()];
+        for (index, entry) in order.iter_mut().enumerate() {
+            *entry = index as u16;
+        }
+        order.sort_unstable_by(|&a, &b| {
+            corners[usize::from(b)].score.total_cmp(&corners[usize::from(a)].score)
+        });
+        self.lattice.start(corners);
+        for &seed in &*order {
+            let Some(bounds) = self.lattice.grow(corners, seed) else { continue };
+            for (shape, entry) in wanted.iter().zip(&mut *found) {
+                if entry == &Err(GridRejection::Ambiguous) || !may_be(bounds, *shape) {
+                    note(entry, GridRejection::OtherDimensions);
+                    continue;
+                }
+                match judge(image, &mut self.lattice, corners, bounds, *shape) {
+                    Ok(grid) if entry.is_err() => *entry = Ok(grid),
+                    Ok(_) => *entry = Err(GridRejection::Ambiguous),
+                    Err(rejection) => note(entry, rejection),
+                }
+            }
+        }
+    }
+}
+
+/// Keeps the reason that came nearest to a grid.
+fn note(entry: &mut Result<Grid, GridRejection>, rejection: GridRejection) {
+    if let Err(known) = entry {
+        *known = (*known).max(rejection);
+    }
+}
+
+/// Whether a lattice of these bounds could have this shape once its weak border lines are cut.
+fn may_be(bounds: Bounds, shape: GridShape) -> bool {
+    /// Lines that clutter may add, both sides together.
+    const EXTRA_MAX: usize = 2;
+    let (columns, rows) = (usize::from(shape.columns), usize::from(shape.rows));
+    let fits = |columns: usize, rows: usize| {
+        (columns..=columns + EXTRA_MAX).contains(&bounds.columns())
+            && (rows..=rows + EXTRA_MAX).contains(&bounds.rows())
+    };
+    columns * rows <= TARGET_CORNERS_MAX && (fits(columns, rows) || fits(rows, columns))
+}
+
+/// The grid of this shape, if the lattice is one.
+fn judge<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    lattice: &mut Lattice,
+    corners: &[Corner],
+    bounds: Bounds,
+    shape: GridShape,
+) -> Result<Grid, GridRejection> {
+    agreement::remove_disagreeing(lattice, corners, bounds);
+    let median = median_score(lattice, corners, bounds);
+    // Border lines with few and weak corners are clutter beside the board; with few
+    // strong ones the board goes on there, mostly hidden.
+    let mut bounds = bounds;
+    let mut goes_on = false;
+    for _ in 0..8 {
+        let Some(line) = bounds.borders().into_iter().find(|line| {
+            3 * line.cells().filter(|&cell| lattice.corner(cell).is_some()).count() < line.length()
+        }) else {
+            break;
+        };
+        goes_on |= line
+            .cells()
+            .filter_map(|cell| lattice.corner(cell))
+            .any(|index| corners[usize::from(index)].score >= BEYOND_SCORE_MIN * median);
+        match bounds.without(&line) {
+            Some(smaller) => bounds = smaller,
+            None => return Err(GridRejection::OtherDimensions),
+        }
+    }
+    let (numbering, first_square_dark) = numbering(lattice, corners, bounds, shape)?;
+    if goes_on {
+        return Err(GridRejection::GoesOn);
+    }
+    for line in bounds.borders() {
+        let seen = line.cells().filter(|&cell| lattice.corner(cell).is_some()).count();
+        if seen < border_corners_min(line.length()) {
+            return Err(GridRejection::Incomplete);
+        }
+        // The next line, were there one, would have to be visible.
+        let (mut next, mut next_visible) = (0, 0);
+        for cell in line.cells() {
+            if let Some(place) = lattice.beyond(corners, cell, line.outwards) {
+                next += 1;
+                next_visible += usize::from(is_detectable(image, place));
+            }
+        }
+        if 2 * next_visible < next {
+            return Err(GridRejection::Cut);
+        }
+        if beyond::squares_go_on(image, lattice, corners, &line) {
+            return Err(GridRejection::GoesOn);
+        }
+    }
+    let mut grid = Grid { shape, corners: Vec::new(), first_square_dark };
+    for row in 0..i32::from(shape.rows) {
+        for column in 0..i32::from(shape.columns) {
+            let cell = numbering.cell(column, row);
+            // The shape was checked to fit.
+            let _ = grid.corners.push(lattice.corner(cell));
+        }
+    }
+    let seen = grid.corners.iter().flatten().count();
+    if seen < corners_min(grid.corners.len()) {
+        return Err(GridRejection::Incomplete);
+    }
+    Ok(grid)
+}
+
+fn is_detectable<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [f32; 2]) -> bool {
+    let inside = |value: f32, side: usize| {
+        value >= DETECTABLE_PX && value <= (side - 1) as f32 - DETECTABLE_PX
+    };
+    inside(x, image.width()) && inside(y, image.height())
+}
+
+fn median_score(lattice: &Lattice, corners: &[Corner], bounds: Bounds) -> f32 {
+    // At most the shape and the extra lines that `may_be` allows: 3 x 40 corners and 2 lines each.
+    let mut scores = Vec::<f32, { 5 * (TARGET_CORNERS_MAX / 3 + 2) }>::new();
+    for cell in bounds.cells() {
+        if let Some(index) = lattice.corner(cell)
+            && scores.push(corners[usize::from(index)].score).is_err()
+        {
+            break;
+        }
+    }
+    median(&mut scores, f32::total_cmp).unwrap_or(0.0)
+}
+
+/// Where corner 0 lies in the lattice, and along which steps columns and rows are counted.
+#[derive(Debug, Clone, Copy)]
+struct Numbering {
+    first: [i32; 2],
+    x: [i32; 2],
+    y: [i32; 2],
+}
+
+impl Numbering {
+    fn cell(&self, column: i32, row: i32) -> [i32; 2] {
+        [0, 1].map(|axis| self.first[axis] + column * self.x[axis] + row * self.y[axis])
+    }
+}
+
+/// The numbering by the rule of [`Grid`], and whether its first square is dark.
+fn numbering(
+    lattice: &Lattice,
+    corners: &[Corner],
+    bounds: Bounds,
+    shape: GridShape,
+) -> Result<(Numbering, bool), GridRejection> {
+    let mut best: Option<(Numbering, bool, f32)> = None;
+    // The four right-handed pairs of axes.
+    for (x, y) in [([1, 0], [0, 1]), ([0, 1], [-1, 0]), ([-1, 0], [0, -1]), ([0, -1], [1, 0])] {
+        let along_u = x[0] != 0;
+        let (columns, rows) = if along_u {
+            (bounds.columns(), bounds.rows())
+        } else {
+            (bounds.rows(), bounds.columns())
+        };
+        if (columns, rows) != (usize::from(shape.columns), usize::from(shape.rows)) {
+            continue;
+        }
+        let first = [0, 1]
+            .map(|axis| if x[axis] + y[axis] > 0 { bounds.first[axis] } else { bounds.last[axis] });
+        let numbering = Numbering { first, x, y };
+        let edge_along_u = lattice.edge_along_u(first);
+        let dark = if along_u { edge_along_u == 0 } else { edge_along_u == 1 };
+        let rightwards = rightwards(lattice, corners, bounds, x);
+        if best.is_none_or(|(_, best_dark, best_rightwards)| {
+            (dark, rightwards) > (best_dark, best_rightwards)
+        }) {
+            best = Some((numbering, dark, rightwards));
+        }
+    }
+    best.map(|(numbering, dark, _)| (numbering, dark)).ok_or(GridRejection::OtherDimensions)
+}
+
+/// Cosine between the mean direction of lattice steps `step` and the picture's x axis.
+fn rightwards(lattice: &Lattice, corners: &[Corner], bounds: Bounds, step: [i32; 2]) -> f32 {
+    let (mut dx, mut dy) = (0.0, 0.0);
+    for cell in bounds.cells() {
+        let next = [cell[0] + step[0], cell[1] + step[1]];
+        if let (Some(from), Some(to)) = (lattice.corner(cell), lattice.corner(next)) {
+            let (from, to) = (corners[usize::from(from)], corners[usize::from(to)]);
+            dx += to.position_px[0] - from.position_px[0];
+            dy += to.position_px[1] - from.position_px[1];
+        }
+    }
+    dx / libm::hypotf(dx, dy).max(f32::MIN_POSITIVE)
+}

@@ -1,0 +1,213 @@
+//! Grids of rendered boards, and of corners that were taken away or moved.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use super::*;
+use crate::find::corner::tests::{Board, detect, render, samples};
+use crate::test_support::repetitions;
+
+const SIZE: [usize; 2] = [420, 300];
+const SHAPES: [GridShape; 2] =
+    [GridShape { columns: 6, rows: 5 }, GridShape { columns: 5, rows: 4 }];
+
+fn lumbar(turn_rad: f64, tilt_rad: f64) -> Board {
+    Board::new([6, 5], [130.0, 150.0], 22.0, turn_rad, tilt_rad, 0.02)
+}
+
+fn shoulder(turn_rad: f64, tilt_rad: f64) -> Board {
+    Board::new([5, 4], [310.0, 140.0], 20.0, turn_rad, tilt_rad, 0.02)
+}
+
+struct Scene {
+    bytes: Vec<u8>,
+    corners: Vec<Corner>,
+}
+
+impl Scene {
+    fn new(boards: &[Board], seed: u64) -> Self {
+        let bytes: Vec<u8> = samples(&render(SIZE, boards, 0.5, 0.008, seed), SIZE[0], 0, 255);
+        let corners = detect(&GreyImage::new(&bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap());
+        Self { bytes, corners: corners.as_slice().to_vec() }
+    }
+
+    fn find(&self, wanted: &[GridShape]) -> Vec<Result<Grid, GridRejection>> {
+        let image = GreyImage::new(&self.bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap();
+        let mut found = std::vec![Err(GridRejection::NoLattice); wanted.len()];
+        let mut finder = Box::new(GridFinder::new());
+        finder.find(&image, &self.corners, wanted, &mut found);
+        found
+    }
+
+    fn index_at(&self, [x, y]: [f64; 2]) -> usize {
+        let distance = |corner: &Corner| {
+            let [cx, cy] = corner.position_px.map(f64::from);
+            (cx - x).hypot(cy - y)
+        };
+        (0..self.corners.len())
+            .min_by(|&a, &b| distance(&self.corners[a]).total_cmp(&distance(&self.corners[b])))
+            .unwrap()
+    }
+
+    fn hide(&mut self, board: &Board, cells: &[[i32; 2]]) {
+        for &[column, row] in cells {
+            let index = self.index_at(board.corner_px(column, row));
+            self.corners.remove(index);
+        }
+    }
+
+    fn assert_is(&self, grid: &Result<Grid, GridRejection>, board: &Board) {
+        let grid = grid.as_ref().unwrap();
+        for row in 0..board.rows {
+            for column in 0..board.columns {
+                let place = (row * board.columns + column) as usize;
+                let expected = self.index_at(board.corner_px(column, row));
+                assert_eq!(grid.corners[place], Some(expected as u16), "{column} {row}");
+            }
+        }
+    }
+}
+
+#[test]
+fn both_targets_are_told_apart_and_numbered_in_any_attitude() {
+    for (seed, turn_deg) in (0..360_u32).step_by(30).enumerate() {
+        let turn_rad = f64::from(turn_deg).to_radians();
+        let tilt_rad = [0.0, 0.5, 0.9][seed % 3];
+        let boards = [lumbar(turn_rad, tilt_rad), shoulder(turn_rad + 1.0, -tilt_rad)];
+        let scene = Scene::new(&boards, seed as u64);
+        let found = scene.find(&SHAPES);
+        scene.assert_is(&found[0], &boards[0]);
+        scene.assert_is(&found[1], &boards[1]);
+    }
+}
+
+#[test]
+fn other_dimensions_are_refused() {
+    let scene = Scene::new(&[lumbar(0.2, 0.4)], 1);
+    for columns in 3..10 {
+        for rows in 3..10 {
+            let found = &scene.find(&[GridShape { columns, rows }])[0];
+            let same = [[6, 5], [5, 6]].contains(&[columns, rows]);
+            assert_eq!(found.is_ok(), same, "{columns} x {rows}: {found:?}");
+        }
+    }
+    let nothing = Scene::new(&[], 1);
+    assert_eq!(nothing.find(&SHAPES)[0], Err(GridRejection::NoLattice));
+}
+
+#[test]
+fn a_symmetric_grid_points_to_the_right() {
+    for turn_rad in [0.4, 0.4 + core::f64::consts::PI] {
+        let board = Board::new([6, 4], [210.0, 150.0], 22.0, turn_rad, 0.0, 0.0);
+        let scene = Scene::new(core::slice::from_ref(&board), 2);
+        let grid = scene.find(&[GridShape { columns: 6, rows: 4 }])[0].clone().unwrap();
+        let position =
+            |place: usize| scene.corners[usize::from(grid.corners[place].unwrap())].position_px;
+        assert!(position(5)[0] > position(0)[0], "{turn_rad}");
+        assert!(position(18)[1] > position(0)[1], "{turn_rad}");
+    }
+}
+
+#[test]
+fn a_missing_corner_is_a_gap_and_a_missing_line_is_not_a_smaller_board() {
+    let board = lumbar(0.3, 0.5);
+    let whole = Scene::new(&[lumbar(0.3, 0.5)], 3);
+    let with_hidden = |cells: &[[i32; 2]], wanted: GridShape| {
+        let mut scene = Scene { bytes: whole.bytes.clone(), corners: whole.corners.clone() };
+        scene.hide(&board, cells);
+        scene.find(&[wanted])[0].clone()
+    };
+    let inner = with_hidden(&[[2, 2], [4, 3]], SHAPES[0]).unwrap();
+    let gaps: Vec<_> = (0..30).filter(|&place| inner.corners[place].is_none()).collect();
+    assert_eq!(gaps, [14, 22]);
+    // A border line may lack one corner, not two.
+    assert!(with_hidden(&[[0, 0]], SHAPES[0]).is_ok());
+    assert_eq!(with_hidden(&[[1, 0], [3, 0]], SHAPES[0]), Err(GridRejection::Incomplete));
+    // A line that was not detected: the squares beyond it are seen.
+    let last_row: Vec<_> = (0..6).map(|column| [column, 4]).collect();
+    let shorter = GridShape { columns: 6, rows: 4 };
+    assert_eq!(with_hidden(&last_row, shorter), Err(GridRejection::GoesOn));
+    // Nor when some of it is seen.
+    assert!(with_hidden(&last_row[1..], shorter).is_err());
+    assert!(with_hidden(&last_row[..4], shorter).is_err());
+}
+
+#[test]
+fn a_corner_out_of_place_is_left_out() {
+    let board = lumbar(0.3, 0.5);
+    let mut scene = Scene::new(&[lumbar(0.3, 0.5)], 4);
+    let index = scene.index_at(board.corner_px(3, 2));
+    // Near enough to be taken for the lattice's, too far to be right.
+    scene.corners[index].position_px[0] += 4.5;
+    let grid = scene.find(&SHAPES)[0].clone().unwrap();
+    assert_eq!(grid.corners[2 * 6 + 3], None);
+    assert_eq!(grid.corners.iter().flatten().count(), 29);
+}
+
+#[test]
+fn a_lattice_grows_from_any_corner_and_never_into_another_board() {
+    // Upright and in line, so that a border corner looks straight at the other board.
+    let boards = [lumbar(0.0, 0.0), shoulder(0.0, 0.0)];
+    let mut scene = Scene::new(&boards, 5);
+    for strongest in 0..scene.corners.len() {
+        let score = scene.corners[strongest].score;
+        scene.corners[strongest].score = 1.0;
+        let found = scene.find(&SHAPES);
+        scene.assert_is(&found[0], &boards[0]);
+        scene.assert_is(&found[1], &boards[1]);
+        scene.corners[strongest].score = score;
+    }
+}
+
+#[test]
+fn two_boards_of_one_shape_are_ambiguous() {
+    let boards = [shoulder(0.1, 0.0), Board::new([5, 4], [120.0, 140.0], 20.0, 0.4, 0.3, 0.0)];
+    let scene = Scene::new(&boards, 5);
+    assert_eq!(scene.find(&SHAPES)[1], Err(GridRejection::Ambiguous));
+    assert_eq!(scene.find(&SHAPES)[0], Err(GridRejection::OtherDimensions));
+}
+
+#[test]
+fn a_board_cut_by_the_frame_is_never_a_smaller_one() {
+    // A 6 x 5 board slides out over the corner: at some place 5 x 4 corners are left.
+    for step in (0..14).step_by(14 / repetitions(14)) {
+        let middle = [60.0 - 4.0 * f64::from(step), 50.0 - 4.0 * f64::from(step)];
+        let board = Board::new([6, 5], middle, 22.0, 0.02, 0.0, 0.0);
+        let scene = Scene::new(&[board], 6);
+        for found in scene.find(&[
+            SHAPES[1],
+            GridShape { columns: 5, rows: 5 },
+            GridShape { columns: 6, rows: 4 },
+        ]) {
+            assert!(found.is_err(), "{step}");
+        }
+    }
+}
+
+#[test]
+fn hostile_corners_are_survived() {
+    let scene = Scene::new(&[], 7);
+    let image = GreyImage::new(&scene.bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap();
+    let mut random = crate::find::corner::tests::Random(8);
+    let mut finder = Box::new(GridFinder::new());
+    let corner = |position_px, angle: f32| Corner {
+        position_px,
+        score: 0.1,
+        edges_rad: [angle, angle + 1.0],
+    };
+    let same: Vec<_> = (0..CORNERS_MAX + 10).map(|_| corner([50.0, 50.0], 0.5)).collect();
+    let nan: Vec<_> = (0..40).map(|_| corner([f32::NAN, f32::INFINITY], f32::NAN)).collect();
+    let scattered: Vec<_> = (0..CORNERS_MAX)
+        .map(|_| {
+            let position = [random.next() * 400.0, random.next() * 300.0].map(|value| value as f32);
+            corner(position, random.next() as f32 * 2.0)
+        })
+        .collect();
+    for corners in [&same[..], &nan, &scattered, &[]] {
+        let mut found = [const { Err(GridRejection::NoLattice) }; 2];
+        finder.find(&image, corners, &SHAPES, &mut found);
+        assert!(found.iter().all(Result::is_err));
+    }
+}

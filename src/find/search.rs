@@ -1,0 +1,208 @@
+//! The search for targets that are not being tracked, in slices.
+//!
+//! A sweep works through an area of the frame in bands from top to bottom, as
+//! many rows in one step as the step's share of pixels allows, and gathers
+//! corners. When it has reached the bottom, the corners are turned into grids.
+//! While other targets are tracked a step's share is small, so that a lost
+//! target does not slow them; the bands then come from consecutive frames, and
+//! what the sweep finds is measured afresh in the frame in which it ends.
+
+use core::ops::Range;
+
+use heapless::Vec;
+
+use crate::find::corner::{CornerList, Detector};
+use crate::find::grid::{Grid, GridFinder, GridRejection};
+use crate::limits::{SEARCH_PIXELS_PER_STEP, TARGETS_MAX};
+use crate::model::image::{GreyImage, Pixel};
+use crate::model::target::GridShape;
+
+/// What a sweep is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Goal {
+    /// Any missing target, anywhere.
+    WholeFrame,
+    /// One target, near where it was.
+    Region {
+        /// Index of the target.
+        target: usize,
+    },
+}
+
+/// A part of the frame, in pixels.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Area {
+    /// Columns.
+    pub columns: Range<usize>,
+    /// Rows.
+    pub rows: Range<usize>,
+}
+
+/// The searcher: the detector, the grid finder, and the sweep under way.
+pub struct Search {
+    detector: Detector,
+    finder: GridFinder,
+    corners: CornerList,
+    /// Whether a sweep is under way; the rest is then its own, else the last one's. (No
+    /// `Option`: an idle search is all zero, and takes no place in a program's file.)
+    under_way: bool,
+    goal: Goal,
+    area: Area,
+    /// The row with which the next band begins.
+    next_row: usize,
+}
+
+/// One result per wanted shape.
+pub type Grids = Vec<Result<Grid, GridRejection>, TARGETS_MAX>;
+
+impl Search {
+    /// A searcher at rest.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            detector: Detector::new(),
+            finder: GridFinder::new(),
+            corners: CornerList::new(),
+            under_way: false,
+            goal: Goal::WholeFrame,
+            area: Area { columns: 0..0, rows: 0..0 },
+            next_row: 0,
+        }
+    }
+
+    /// What is being searched for.
+    #[must_use]
+    pub fn goal(&self) -> Option<Goal> {
+        self.under_way.then_some(self.goal)
+    }
+
+    /// Drops the sweep under way.
+    pub fn stop(&mut self) {
+        self.under_way = false;
+    }
+
+    /// Begins a sweep of an area. What of it lies beyond the frames to come is
+    /// passed over.
+    pub fn begin(&mut self, goal: Goal, area: Area) {
+        self.corners.clear();
+        self.under_way = true;
+        self.goal = goal;
+        self.next_row = area.rows.start;
+        self.area = area;
+    }
+
+    /// Works on the sweep: all of it, or one step's share of it. True when it
+    /// has come to its end; the corners are then complete.
+    pub fn advance<P: Pixel>(&mut self, image: &GreyImage<'_, P>, all_at_once: bool) -> bool {
+        if !self.under_way {
+            return false;
+        }
+        let Area { columns, rows } = &self.area;
+        let share = if all_at_once {
+            rows.len()
+        } else {
+            (SEARCH_PIXELS_PER_STEP / columns.len().max(1)).max(1)
+        };
+        let end = rows.end.min(self.next_row + share);
+        self.detector.detect(image, columns.clone(), self.next_row..end, &mut self.corners);
+        self.next_row = end;
+        self.under_way = end != rows.end;
+        !self.under_way
+    }
+
+    /// The corners gathered by the last sweep.
+    #[must_use]
+    pub fn corners(&self) -> &CornerList {
+        &self.corners
+    }
+
+    /// The grids of these shapes among the gathered corners. `image` is the frame in
+    /// which the sweep came to its end.
+    pub fn grids<P: Pixel>(&mut self, image: &GreyImage<'_, P>, wanted: &[GridShape]) -> Grids {
+        let mut grids = Grids::new();
+        for _ in wanted.iter().take(TARGETS_MAX) {
+            let _ = grids.push(Err(GridRejection::NoLattice));
+        }
+        let wanted = &wanted[..grids.len()];
+        self.finder.find(image, self.corners.as_slice(), wanted, &mut grids);
+        grids
+    }
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+    use std::vec;
+
+    use super::*;
+
+    /// Rows that each step of a sweep worked on, to its end.
+    fn bands(image: &GreyImage<'_, u8>, area: &Area, all_at_once: bool) -> vec::Vec<usize> {
+        let mut search = Box::new(Search::new());
+        search.begin(Goal::WholeFrame, area.clone());
+        let mut bands = vec::Vec::new();
+        loop {
+            let before = search.next_row;
+            let complete = search.advance(image, all_at_once);
+            let after = search.next_row;
+            bands.push(after - before);
+            if complete {
+                assert_eq!(search.goal(), None);
+                return bands;
+            }
+            assert!(after > before, "a step without progress");
+        }
+    }
+
+    #[test]
+    fn a_step_beside_a_tracked_target_is_bounded_and_the_sweep_ends() {
+        let pixels = vec![90_u8; 4096 * 1088];
+        for (width, height) in [(1456, 1088), (4096, 1088), (64, 64), (64, 1088)] {
+            let image = GreyImage::new(&pixels, width, height, width).unwrap();
+            for area in [
+                Area { columns: 0..width, rows: 0..height },
+                Area { columns: 7..width - 1, rows: height / 2..height },
+                Area { columns: 20..21, rows: 63..64 },
+            ] {
+                let rows_at_once = bands(&image, &area, true);
+                let bands = bands(&image, &area, false);
+                assert_eq!(bands.iter().sum::<usize>(), area.rows.len(), "{area:?}");
+                for &rows in &bands {
+                    assert!(
+                        rows * area.columns.len() <= SEARCH_PIXELS_PER_STEP || rows == 1,
+                        "{rows} rows of {area:?}"
+                    );
+                }
+                assert_eq!(rows_at_once, [area.rows.len()]);
+            }
+        }
+        // What `SEARCH_PIXELS_PER_STEP` says: a quarter of a second at 60 Hz.
+        let image = GreyImage::new(&pixels, 1456, 1088, 1456).unwrap();
+        let steps = bands(&image, &Area { columns: 0..1456, rows: 0..1088 }, false).len();
+        assert!(steps <= 15, "{steps} steps");
+    }
+
+    #[test]
+    fn an_area_beyond_the_frame_ends_too() {
+        let pixels = [90_u8; 64 * 64];
+        let image = GreyImage::new(&pixels, 64, 64, 64).unwrap();
+        for area in [
+            Area { columns: 0..200, rows: 0..200 },
+            Area { columns: 100..200, rows: 100..200 },
+            Area { columns: 5..5, rows: 9..9 },
+        ] {
+            for all_at_once in [false, true] {
+                let bands = bands(&image, &area, all_at_once);
+                assert_eq!(bands.iter().sum::<usize>(), area.rows.len());
+            }
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Pixels of an edge, the columns of its model, and their inner products.
+
+use core::array;
+use core::hint::black_box;
+
+use super::crossing::Crossings;
+use super::lanes::{LANES, Lanes};
+use super::region::Region;
+use super::regression::{ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
+use crate::fit::edge::light::Levels;
+use crate::fit::edge::profile::blurred_step;
+use crate::model::image::{GreyImage, Pixel};
+
+/// What varies linearly about an edge's middle, one lane each.
+struct Field {
+    middle: Lanes,
+    by_x: Lanes,
+    by_y: Lanes,
+}
+
+/// Mean of both sides' levels.
+const MEAN: usize = 0;
+/// What a pixel's distance from the mean is multiplied by.
+const GAIN: usize = 1;
+/// Distance from the top of the lens's arc, to the right of the edge, in blurs.
+const ACROSS: usize = 2;
+/// Place along the edge, in its lengths from the middle.
+const PLACE: usize = 3;
+
+impl Field {
+    #[inline(always)]
+    fn at(&self, x: f32, y: f32) -> Lanes {
+        array::from_fn(|lane| self.middle[lane] + self.by_x[lane] * x + self.by_y[lane] * y)
+    }
+}
+
+/// Pixels handled at once, more than an ordinary edge has.
+pub(super) const BATCH_PX: usize = 256;
+
+/// Pixels of a row that are written together: about as many as a row has.
+const SPAN: usize = 8;
+
+/// One number per pixel. A row's last span may reach beyond its end, to be overwritten by
+/// the next row.
+type Column = [f32; BATCH_PX + SPAN];
+
+/// Pixels of one edge, row after row without gaps, so that no lane is idle; a buffer that is
+/// kept only because clearing it would cost as much as using it.
+pub struct Batch {
+    count: usize,
+    grey: Column,
+    across: Column,
+    place: Column,
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Batch {
+    /// An empty one.
+    #[must_use]
+    pub const fn new() -> Self {
+        const EMPTY: Column = [0.0; BATCH_PX + SPAN];
+        Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY }
+    }
+
+    /// Inner products over all pixels of a region inside the frame, the slope of the light
+    /// taken out of them; `None` where its middle is outside.
+    pub(super) fn sums<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        region: &Region,
+        levels: Option<&Levels>,
+    ) -> Option<Sums> {
+        let [origin_x, origin_y] = region.origin;
+        if origin_x >= image.width() || origin_y >= image.height() {
+            return None;
+        }
+        let [mean_by_x, mean_by_y, gain_by_x, gain_by_y] = levels.map_or([0.0; 4], |levels| {
+            // To first order: what is left is the square, 0.1 % of the contrast in the
+            // farthest pixels of an edge of 20 px when it varies by 30 % in 140 px.
+            let (mean, gain) = (levels.mean_per_px, -levels.contrast_per_px);
+            [mean.x, mean.y, gain.x, gain.y].map(|slope| slope as f32)
+        });
+        let base: f32 = match levels {
+            Some(levels) => (0.5 * (levels.light + levels.dark)) as f32,
+            None => image.row(origin_y)[origin_x].into(),
+        };
+        let mut products = Products::new();
+        self.count = 0;
+        let [middle_x, middle_y] = region.middle;
+        let [along_x, along_y] = region.along;
+        let (per_blur, per_length) = (region.per_blur, region.per_length);
+        // An arc's height in its middle, and nothing at its ends.
+        let height = region.bend_px * per_blur;
+        let bend = 4.0 * height;
+        let field = Field {
+            middle: [base, 1.0, -height, 0.0],
+            by_x: [mean_by_x, gain_by_x, -along_y * per_blur, along_x * per_length],
+            by_y: [mean_by_y, gain_by_y, along_x * per_blur, along_y * per_length],
+        };
+        region.each_row([image.width(), image.height()], |row, columns| {
+            let pixels = &image.row((origin_y as i32 + row) as usize)[columns.start..];
+            let count = columns.len().min(BATCH_PX);
+            if self.count + count > BATCH_PX {
+                products.add(self, bend, &region.crossings);
+            }
+            let x = (columns.start as i32 - origin_x as i32) as f32 - middle_x;
+            self.push(pixels, count, &field, [x, row as f32 - middle_y]);
+        });
+        products.add(self, bend, &region.crossings);
+        let products = products.total(&region.crossings);
+        Some(Sums { count: products[0], products, base: base.into() })
+    }
+
+    /// Appends the first `count` pixels of a row, which begins at a place about the edge's
+    /// middle; there must be room for them.
+    #[inline]
+    fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, field: &Field, [x, y]: [f32; 2]) {
+        for done in (0..count).step_by(SPAN) {
+            let start = field.at(x + done as f32, y);
+            let pixels = &pixels[done..];
+            match pixels.first_chunk() {
+                Some(span) => self.write(span, self.count + done, &start, &field.by_x),
+                None => {
+                    // At the frame's right border.
+                    let mut span = [pixels[0]; SPAN];
+                    span[..pixels.len()].copy_from_slice(pixels);
+                    self.write(&span, self.count + done, &start, &field.by_x);
+                }
+            }
+        }
+        self.count += count;
+    }
+
+    /// Writes a span of a row to a place in the batch; of the field, its `start` and `step`
+    /// from pixel to pixel.
+    #[inline(never)]
+    fn write<P: Pixel>(&mut self, pixels: &[P; SPAN], place: usize, start: &Lanes, step: &Lanes) {
+        const ROOM: &str = "a batch has room for its last span";
+        let grey: &mut [f32; SPAN] = self.grey[place..].first_chunk_mut().expect(ROOM);
+        let across: &mut [f32; SPAN] = self.across[place..].first_chunk_mut().expect(ROOM);
+        let places: &mut [f32; SPAN] = self.place[place..].first_chunk_mut().expect(ROOM);
+        for pixel in 0..SPAN {
+            let value: f32 = pixels[pixel].into();
+            let at = |lane: usize| start[lane] + step[lane] * pixel as f32;
+            grey[pixel] = (value - at(MEAN)) * at(GAIN);
+            across[pixel] = at(ACROSS);
+            places[pixel] = at(PLACE);
+        }
+    }
+}
+
+/// The inner products, in lanes; but for the first, the count.
+struct Products {
+    sums: [Lanes; PRODUCTS - 1],
+    count: usize,
+    /// How many of the lanes were none of the region's pixels.
+    padding: usize,
+}
+
+impl Products {
+    fn new() -> Self {
+        Self { sums: [[0.0; LANES]; PRODUCTS - 1], count: 0, padding: 0 }
+    }
+
+    /// Adds a batch and empties it; `bend`: what is to be added at either end, in blurs, times 4.
+    ///
+    /// One loop without branches, whose four lanes become a vector each. A compiler may also
+    /// see pixels of several iterations as one, which costs two to three times as much, because
+    /// they have to be gathered and the sums to be kept in order: [`black_box`] is opaque to it
+    /// and no instruction.
+    #[inline(never)]
+    fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
+        let count = batch.count;
+        batch.count = 0;
+        let chunks = count.div_ceil(LANES);
+        let padding = count..chunks * LANES;
+        let Batch { grey, across, place, .. } = batch;
+        // Black pixels on the edge, in its middle: all that they add is their slope.
+        grey[padding.clone()].fill(0.0);
+        across[padding.clone()].fill(0.0);
+        place[padding.clone()].fill(0.0);
+        self.padding += padding.len();
+        self.count += count;
+        let mut sums = self.sums;
+        let [s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] = &mut sums;
+        let pixels = chunk(across, chunks).iter().zip(chunk(place, chunks));
+        for ((across, place), grey) in pixels.zip(chunk(grey, chunks)) {
+            black_box(());
+            let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
+            for lane in 0..LANES {
+                let w = place[lane];
+                let v = across[lane] + bend * w * w;
+                (step[lane], slope[lane]) = profile(v, w, crossings);
+                blur[lane] = v * slope[lane];
+                turn[lane] = w * slope[lane];
+            }
+            add(s, &step);
+            add(b, &blur);
+            add(p, &slope);
+            add(t, &turn);
+            add(g, grey);
+            add_product(ss, &step, &step);
+            add_product(sb, &step, &blur);
+            add_product(sp, &step, &slope);
+            add_product(st, &step, &turn);
+            add_product(sg, &step, grey);
+            add_product(bb, &blur, &blur);
+            add_product(bp, &blur, &slope);
+            add_product(bt, &blur, &turn);
+            add_product(bg, &blur, grey);
+            add_product(pp, &slope, &slope);
+            add_product(pt, &slope, &turn);
+            add_product(pg, &slope, grey);
+            add_product(tt, &turn, &turn);
+            add_product(tg, &turn, grey);
+            add_product(gg, grey, grey);
+        }
+        self.sums = sums;
+    }
+
+    fn total(&self, crossings: &Crossings) -> [f64; PRODUCTS] {
+        let mut products = [0.0; PRODUCTS];
+        products[0] = self.count as f64;
+        for (product, [a, b, c, d]) in products[1..].iter_mut().zip(self.sums) {
+            *product = f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d));
+        }
+        let (_, slope) = profile(0.0, 0.0, crossings);
+        let (padding, slope) = (self.padding as f64, f64::from(slope));
+        products[ONE_SLOPE] -= padding * slope;
+        products[SLOPE_SLOPE] -= padding * slope * slope;
+        products
+    }
+}
+
+/// The step at `v` blurs across the edge and `w` along it, and its slope.
+#[inline(always)]
+fn profile(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
+    let (step, slope) = blurred_step(v);
+    let (height, turn) = crossings.at(v, w);
+    (height * step + turn * slope, height * slope)
+}
+
+fn chunk(column: &Column, count: usize) -> &[Lanes] {
+    &column.as_chunks().0[..count]
+}
+
+#[inline(always)]
+fn add(sum: &mut Lanes, values: &Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += values[lane];
+    }
+}
+
+#[inline(always)]
+fn add_product(sum: &mut Lanes, a: &Lanes, b: &Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += a[lane] * b[lane];
+    }
+}

@@ -1,0 +1,113 @@
+//! The linear regression of an edge's pixels on its model.
+//!
+//! The columns are in such an order that the last two of the Cholesky factor of their
+//! normal equations are those of shift and turn with the others eliminated: a whitener for
+//! [`crate::fit::solve`].
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::fit::edge::light::Levels;
+
+/// Fewest pixels of an edge: five numbers are fitted.
+const PIXELS_MIN: f64 = 20.0;
+
+/// Smallest pivot over its own column's square: below, the pixels do not tell two of the
+/// model's columns apart.
+const PIVOT_RATIO_MIN: f64 = 1e-3;
+
+/// Columns of the regression.
+pub(super) const COLUMNS: usize = 5;
+pub(super) const STEP: usize = 1;
+pub(super) const BLUR: usize = 2;
+pub(super) const SLOPE: usize = 3;
+pub(super) const TURN: usize = 4;
+
+/// Inner products of the columns and the pixels, the upper triangle row by row, the
+/// pixels last. The column of ones makes the first row plain sums.
+pub(super) const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
+const ONE_ONE: usize = 0;
+const ONE_STEP: usize = 1;
+pub(super) const ONE_SLOPE: usize = 3;
+const ONE_PIXEL: usize = 5;
+const STEP_STEP: usize = 6;
+const STEP_PIXEL: usize = 10;
+pub(super) const SLOPE_SLOPE: usize = 15;
+const PIXEL_PIXEL: usize = 20;
+
+pub(super) struct Sums {
+    /// Of what tells of the noise: pixels, and levels known beforehand.
+    pub(super) count: f64,
+    pub(super) products: [f64; PRODUCTS],
+    /// Taken out of all pixels, so that the sums keep their digits.
+    pub(super) base: f64,
+}
+
+impl Sums {
+    /// Adds what is known of both sides: so many pixels of the right one's level, where E
+    /// is 1, and so many of the left one's, where it is -1. However much they weigh, of the
+    /// noise they tell as two pixels do.
+    pub(super) fn add_levels(&mut self, levels: &Levels, sign: f64) {
+        self.count += 2.0;
+        let light = (levels.light - self.base, levels.light_weight, sign);
+        let dark = (levels.dark - self.base, levels.dark_weight, -sign);
+        for (level, weight, step) in [light, dark] {
+            self.products[ONE_ONE] += weight;
+            self.products[ONE_STEP] += weight * step;
+            self.products[ONE_PIXEL] += weight * level;
+            self.products[STEP_STEP] += weight;
+            self.products[STEP_PIXEL] += weight * step * level;
+            self.products[PIXEL_PIXEL] += weight * level * level;
+        }
+    }
+}
+
+/// The regression's answer.
+pub(super) struct Regression {
+    pub(super) coefficients: [f64; COLUMNS],
+    /// Upper triangle of the factor of shift and turn: 00, 01, 11.
+    pub(super) factor: [f64; 3],
+    /// That factor times their coefficients.
+    pub(super) seen: [f64; 2],
+    /// Square of the blur's pivot.
+    pub(super) blur_pivot: f64,
+    pub(super) noise_variance: f64,
+}
+
+impl Regression {
+    /// `None` when the pixels are too few, or do not tell the columns apart.
+    pub(super) fn new(&Sums { products: ref sums, count, .. }: &Sums) -> Option<Self> {
+        let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
+        let mut right = SVector::<f64, COLUMNS>::zeros();
+        let mut index = 0;
+        for row in 0..COLUMNS {
+            for column in row..COLUMNS {
+                normal[(row, column)] = sums[index];
+                normal[(column, row)] = sums[index];
+                index += 1;
+            }
+            right[row] = sums[index];
+            index += 1;
+        }
+        let squares = sums[index];
+        if count < PIXELS_MIN {
+            return None;
+        }
+        let factor = normal.cholesky()?.unpack();
+        for column in 0..COLUMNS {
+            let pivot = factor[(column, column)] * factor[(column, column)];
+            if pivot < PIVOT_RATIO_MIN * normal[(column, column)] {
+                return None;
+            }
+        }
+        let whitened = factor.solve_lower_triangular(&right)?;
+        let coefficients = factor.tr_solve_lower_triangular(&whitened)?;
+        let residual = (squares - whitened.norm_squared()).max(0.0);
+        Some(Self {
+            coefficients: coefficients.into(),
+            factor: [factor[(SLOPE, SLOPE)], factor[(TURN, SLOPE)], factor[(TURN, TURN)]],
+            seen: [whitened[SLOPE], whitened[TURN]],
+            blur_pivot: factor[(BLUR, BLUR)] * factor[(BLUR, BLUR)],
+            noise_variance: residual / (count - COLUMNS as f64),
+        })
+    }
+}

@@ -1,0 +1,156 @@
+extern crate std;
+use std::vec;
+
+use nalgebra::Vector2;
+
+use super::batch::BATCH_PX;
+use super::region::{CLEAR_OF_BORDER, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
+use super::*;
+use crate::fit::edge::rendered::{HEIGHT, Scene, WIDTH};
+use crate::fit::nodes::Chord;
+
+/// How many edges look at each pixel of a frame, row by row.
+fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
+    let nodes = scene.nodes(&scene.cam_from_target);
+    let [width, height] = [WIDTH, HEIGHT].map(usize::from);
+    let mut looks = vec![0; width * height];
+    for edge in nodes.edges(scene.first_square_dark) {
+        let chord = nodes.chord(&edge);
+        let are_corners = edge.nodes.map(|node| nodes.corner(node).is_some());
+        let Some(region) = Region::new(&chord, [blur_px; 2], are_corners) else { continue };
+        let [origin_x, origin_y] = region.origin;
+        if origin_x >= width || origin_y >= height {
+            continue;
+        }
+        region.each_row([width, height], |row, columns| {
+            let y = (origin_y as i32 + row) as usize;
+            looks[y * width..][columns].iter_mut().for_each(|looks| *looks += 1);
+        });
+    }
+    looks
+}
+
+#[test]
+fn no_pixel_speaks_about_two_edges() {
+    // Squares so small that the blur fills them, where regions touch.
+    for (pitch_px, blur_px) in [(21.0, 0.75), (21.0, 1.5), (10.0, 0.6), (9.0, 0.5), (14.0, 1.0)] {
+        for [tilt, turn] in [[0.0, 0.013], [0.2, 0.3], [0.5, 0.7], [-0.6, 0.4], [0.7, 2.0]] {
+            let scene = Scene::new(pitch_px, tilt, turn);
+            let looks = looks(&scene, blur_px);
+            let used = looks.iter().filter(|&&count| count == 1).count();
+            let shared = looks.iter().filter(|&&count| count > 1).count();
+            // But for one or two on the line between both, bent by the perspective.
+            assert!(used > 500 && 500 * shared <= used, "{pitch_px} {tilt} {turn}: {shared}");
+        }
+    }
+}
+
+/// A chord of a target upright in the picture.
+fn chord(start_px: [f64; 2], end_px: [f64; 2], across_px: [f64; 2]) -> Chord {
+    straight(start_px.into(), end_px.into(), across_px.into())
+}
+
+fn straight(start_px: Vector2<f64>, end_px: Vector2<f64>, across_px: Vector2<f64>) -> Chord {
+    let along = (end_px - start_px).normalize();
+    let right = Vector2::new(-along.y, along.x);
+    Chord { start_px, end_px, across_px, right, bend_px: 0.0 }
+}
+
+fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f64> {
+    let pixels = vec![100_u8; width * height];
+    let image = GreyImage::new(&pixels, width, height, width).unwrap();
+    let region = Region::new(chord, [blur_px; 2], [false; 2])?;
+    Batch::new().sums(&image, &region, None).map(|sums| sums.products[0])
+}
+
+#[test]
+fn a_region_ends_where_the_frame_does() {
+    // The whole region, and one whose line is the middle of the first or last row or column:
+    // half of it and that row or column.
+    let whole = sums_of(&chord([22.0, 32.0], [42.0, 32.0], [0.0, 20.0]), 0.75, 64, 64).unwrap();
+    let line = 2.0 * (10.0 - CLEAR_OF_BORDER * 0.75).floor() + 1.0;
+    let half = 0.5 * (whole - line) + line;
+    for (start, end, across) in [
+        ([22.0, 0.0], [42.0, 0.0], [0.0, 20.0]),
+        ([22.0, 63.0], [42.0, 63.0], [0.0, 20.0]),
+        ([0.0, 22.0], [0.0, 42.0], [20.0, 0.0]),
+        ([63.0, 22.0], [63.0, 42.0], [20.0, 0.0]),
+    ] {
+        assert_eq!(sums_of(&chord(start, end, across), 0.75, 64, 64), Some(half), "{start:?}");
+    }
+    // A middle outside the frame is that of an edge of which less than half is to be seen.
+    for middle in [[-0.1, 30.0], [64.0, 30.0], [30.0, -0.1], [30.0, 64.0], [4e9, 30.0]] {
+        let [x, y] = middle;
+        let beyond = chord([x - 10.0, y], [x + 10.0, y], [0.0, 20.0]);
+        assert_eq!(sums_of(&beyond, 0.75, 64, 64), None, "{middle:?}");
+    }
+}
+
+#[test]
+fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
+    for angle in 0..16 {
+        let (sine, cosine) = libm::sincos(f64::from(angle) * 0.2);
+        let middle = Vector2::new(2000.0, 60.0);
+        let half = Vector2::new(cosine, sine) * 1000.0;
+        let across = Vector2::new(-sine, cosine) * 2000.0;
+        let near = straight(middle - half, middle + half, across);
+        let region = Region::new(&near, [BLUR_PX_MAX; 2], [true; 2]).unwrap();
+        region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
+        let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
+        let area = 4.0 * HALF_LENGTH_PX_MAX * (WIDTH_IN_BLURS * BLUR_PX_MAX + WIDTH_PX);
+        // As many as its area, to half a pixel along two sides.
+        assert!((count / area - 1.0).abs() < 0.03, "{angle}: {count} of {area}");
+    }
+}
+
+#[test]
+fn what_is_no_chord_has_no_region() {
+    let (zero, nan, far) = ([0.0; 2], [f64::NAN; 2], [f64::INFINITY; 2]);
+    let (start, end, across) = ([22.0, 32.0], [42.0, 32.0], [0.0, 20.0]);
+    for (start, end, across) in [
+        (start, start, across),
+        (start, end, zero),
+        (start, end, [20.0, 0.0]),
+        (nan, end, across),
+        (start, nan, across),
+        (start, end, nan),
+        (far, end, across),
+        (start, far, across),
+        (start, end, far),
+        (start, start.map(|value| value + 1.0), [-1.0, 1.0]),
+    ] {
+        let found = sums_of(&chord(start, end, across), 0.75, 64, 64);
+        assert_eq!(found, None, "{start:?} {end:?} {across:?}");
+    }
+    for blur_px in [f64::NAN, f64::INFINITY] {
+        assert_eq!(sums_of(&chord(start, end, across), blur_px, 64, 64), None, "{blur_px}");
+    }
+}
+
+#[test]
+fn an_appearance_moves_in_bounded_steps_and_nothing_moves_it_astray() {
+    let start = Appearance::START;
+    let mut plain = start;
+    let change = plain.correct([0.1, -0.05], 0.02);
+    assert!((plain.x_blur_px / start.x_blur_px - libm::exp(0.1)).abs() < 1e-12);
+    assert!((plain.y_blur_px / start.y_blur_px - libm::exp(-0.05)).abs() < 1e-12);
+    assert!((change - (libm::exp(0.1) - 1.0)).abs() < 1e-12 && plain.growth_px == 0.02);
+
+    let mut stepped = start;
+    stepped.correct([5.0, -5.0], 0.0);
+    assert!((stepped.x_blur_px / start.x_blur_px - libm::exp(LN_BLUR_STEP_MAX)).abs() < 1e-12);
+    assert!((stepped.y_blur_px / start.y_blur_px - libm::exp(-LN_BLUR_STEP_MAX)).abs() < 1e-12);
+
+    let mut far = start;
+    for _ in 0..20 {
+        far.correct([1.0, -1.0], 0.3);
+    }
+    assert_eq!((far.x_blur_px, far.y_blur_px), (BLUR_PX_MAX, BLUR_PX_MIN));
+    assert!(far.growth_px > 0.6 && far.growth_px <= GROWTH_PX_MAX);
+
+    let mut odd = plain;
+    assert_eq!(odd.correct([f64::NAN; 2], f64::NAN), 0.0);
+    assert_eq!(odd, plain);
+    odd.correct([f64::NAN, 0.0], f64::INFINITY);
+    assert_eq!(odd, plain);
+}

@@ -1,0 +1,357 @@
+//! How bright the light and the dark squares are, across one target.
+//!
+//! An edge knows its two grey levels from its own pixels, but their uncertainty costs it a
+//! fifth of its precision. Where the light falls evenly the whole target knows them far
+//! better. So the middle of each square is looked at first, a plane is fitted to the light
+//! ones and one to the dark ones, and each edge gets their levels as prior knowledge, to
+//! be believed as far as the squares agree with the planes, and not at all beside a square
+//! that does not: under a shadow, or behind something. Where the squares bear the planes out,
+//! their slopes are taken out of the edges' pixels, too: a slope of the light along an edge
+//! looks like a turn of it.
+
+use heapless::Vec;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::common::statistics::median;
+use crate::fit::nodes::{Edge, Nodes};
+use crate::limits::{TARGET_NODES_MAX, TARGET_SQUARES_MAX};
+use crate::model::image::{GreyImage, Pixel};
+
+/// Half width of the window in a square's middle: a share of the square, and at most.
+const REACH_SHARE: f64 = 0.2;
+const REACH_PX_MAX: usize = 3;
+
+/// Fewest squares of a colour that make a plane.
+const SQUARES_MIN: usize = 5;
+
+/// Squared deviations within which a square agrees with its plane.
+const AGREEMENT_SQUARE: f64 = 16.0;
+
+/// Reweightings of a plane.
+const ITERATIONS: usize = 4;
+
+/// Variance about a plane, as a share of its own over the squares, above which it is not
+/// what the light is like.
+const SLOPELESS_SHARE: f64 = 1.0 / 16.0;
+
+/// The planes are never believed beyond this share of the pixels' own noise: squares are
+/// not so even, nor the light so plane.
+const DEVIATION_IN_NOISE_MIN: f64 = 0.05;
+
+/// Grey levels of one colour: a plane over the picture, and how far squares are from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Plane {
+    /// At the origin, and per 100 px to the right and down.
+    coefficients: Vector3<f64>,
+    /// Variance of the squares' levels about it, the pixels' noise taken out.
+    variance: f64,
+    /// Variance of its own levels over the squares.
+    spread: f64,
+}
+
+/// The light on one target in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    origin_px: Vector2<f64>,
+    light: Plane,
+    dark: Plane,
+    /// Of the pixels within squares, grey levels squared.
+    noise_variance: f64,
+    /// Whether the squares bear both slopes out.
+    is_even: bool,
+    /// The squares, by their nodes, that agree with their colour's plane.
+    agree: [bool; TARGET_NODES_MAX],
+}
+
+/// What is known of the levels at an edge beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Levels {
+    pub(super) light: f64,
+    pub(super) dark: f64,
+    /// What each counts, in pixels.
+    pub(super) light_weight: f64,
+    pub(super) dark_weight: f64,
+    /// Slope of their mean in the picture, per px.
+    pub(super) mean_per_px: Vector2<f64>,
+    /// Slope of their difference, as a part of it, per px.
+    pub(super) contrast_per_px: Vector2<f64>,
+}
+
+/// One square's middle.
+#[derive(Clone, Copy)]
+struct Square {
+    node: u8,
+    place: Vector3<f64>,
+    level: f64,
+}
+
+impl Light {
+    /// Looks at the middle of each square. `None` where too few are inside the frame or
+    /// none too small; edges then know only what their own pixels say.
+    #[must_use]
+    pub fn measure<P: Pixel>(
+        image: &GreyImage<'_, P>,
+        nodes: &Nodes,
+        first_square_dark: bool,
+    ) -> Option<Self> {
+        let origin_px = nodes.as_slice().get(nodes.as_slice().len() / 2)?.raw_px;
+        let mut squares: [Vec<Square, TARGET_SQUARES_MAX>; 2] = [Vec::new(), Vec::new()];
+        let (mut noise, mut pixels_per_square) = (0.0, 0.0);
+        let mut noise_count = 0.0;
+        for square in nodes.squares(first_square_dark) {
+            let reach = ((REACH_SHARE * square.width_px) as usize).min(REACH_PX_MAX);
+            let middle_px = square.middle_px;
+            let Some((x, y)) = image.window_centre(middle_px.into(), reach) else { continue };
+            if reach == 0 {
+                continue;
+            }
+            let (mut sum, mut sum_squares) = (0.0_f32, 0.0_f32);
+            let base: f32 = image.row(y)[x].into();
+            for row in y - reach..=y + reach {
+                for &pixel in &image.row(row)[x - reach..=x + reach] {
+                    let value: f32 = pixel.into();
+                    sum += value - base;
+                    sum_squares += (value - base) * (value - base);
+                }
+            }
+            let count = (2 * reach + 1).pow(2) as f64;
+            let mean = f64::from(sum) / count;
+            noise += f64::from(sum_squares) - mean * mean * count;
+            noise_count += count - 1.0;
+            pixels_per_square = count;
+            // Of the window, not the square: up to half a pixel is between their middles.
+            let offset = (Vector2::new(x as f64, y as f64) - origin_px) / 100.0;
+            let level = f64::from(base) + mean;
+            let _ = squares[usize::from(square.is_dark)].push(Square {
+                node: square.node,
+                place: Vector3::new(1.0, offset.x, offset.y),
+                level,
+            });
+        }
+        let noise_variance = noise / noise_count;
+        let of_mean = noise_variance / pixels_per_square;
+        let floor = DEVIATION_IN_NOISE_MIN * DEVIATION_IN_NOISE_MIN * noise_variance;
+        let plane = |squares: &[Square]| Plane::fit(squares, of_mean, floor);
+        let (light, dark) = (plane(&squares[0])?, plane(&squares[1])?);
+        let mut agree = [false; TARGET_NODES_MAX];
+        for (plane, squares) in [light, dark].iter().zip(&squares) {
+            for square in squares {
+                let off = square.level - plane.coefficients.dot(&square.place);
+                let is_near = off * off < AGREEMENT_SQUARE * (plane.variance + of_mean);
+                agree[usize::from(square.node)] = is_near;
+            }
+        }
+        let sum = light.coefficients.sum() + dark.coefficients.sum() + noise_variance;
+        (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0).then_some(Self {
+            origin_px,
+            light,
+            dark,
+            noise_variance,
+            is_even: light.is_borne_out(noise_variance) && dark.is_borne_out(noise_variance),
+            agree,
+        })
+    }
+
+    /// The levels at an edge whose middle is at a place in the picture; `None` where one of its
+    /// squares does not agree with them.
+    pub(super) fn beside(
+        &self,
+        nodes: &Nodes,
+        edge: &Edge,
+        raw_px: &Vector2<f64>,
+    ) -> Option<Levels> {
+        if nodes.squares_beside(edge).any(|square| !self.agree[usize::from(square)]) {
+            return None;
+        }
+        Some(self.at(raw_px))
+    }
+
+    /// The planes' levels at a place in the picture.
+    fn at(&self, raw_px: &Vector2<f64>) -> Levels {
+        let offset = (raw_px - self.origin_px) / 100.0;
+        let place = Vector3::new(1.0, offset.x, offset.y);
+        let [light, dark] = [self.light, self.dark].map(|plane| plane.coefficients.dot(&place));
+        let (mean_per_px, contrast_per_px) = if self.is_even && light > dark {
+            let [light_per_px, dark_per_px] = [self.light, self.dark].map(|plane| plane.per_px());
+            ((light_per_px + dark_per_px) * 0.5, (light_per_px - dark_per_px) / (light - dark))
+        } else {
+            (Vector2::zeros(), Vector2::zeros())
+        };
+        Levels {
+            light,
+            dark,
+            light_weight: self.noise_variance / self.light.variance,
+            dark_weight: self.noise_variance / self.dark.variance,
+            mean_per_px,
+            contrast_per_px,
+        }
+    }
+}
+
+impl Plane {
+    /// Robust: squares that something covers do not count. `of_mean` is the variance that the
+    /// pixels' noise gives each level, `floor` the least that is left of the scatter.
+    fn fit(squares: &[Square], of_mean: f64, floor: f64) -> Option<Self> {
+        if squares.len() < SQUARES_MIN {
+            return None;
+        }
+        let mut levels: Vec<f64, TARGET_SQUARES_MAX> =
+            squares.iter().map(|square| square.level).collect();
+        let mut coefficients = Vector3::new(median(&mut levels, f64::total_cmp)?, 0.0, 0.0);
+        let mut variance = 0.0;
+        for _ in 0..ITERATIONS {
+            let mut scatter: Vec<f64, TARGET_SQUARES_MAX> = squares
+                .iter()
+                .map(|square| {
+                    let off = square.level - coefficients.dot(&square.place);
+                    off * off
+                })
+                .collect();
+            // The median of a squared normal is 0.455 of its variance.
+            variance = (median(&mut scatter, f64::total_cmp)? / 0.455).max(of_mean);
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            for square in squares {
+                let off = square.level - coefficients.dot(&square.place);
+                // Tukey's biweight, gone at 5 deviations.
+                let left = (1.0 - off * off / (25.0 * variance)).max(0.0);
+                let weight = left * left;
+                normal += square.place * square.place.transpose() * weight;
+                right += square.place * (square.level * weight);
+            }
+            coefficients = normal.cholesky()?.solve(&right);
+        }
+        let levels = || squares.iter().map(|square| coefficients.dot(&square.place));
+        let mean = levels().sum::<f64>() / squares.len() as f64;
+        let spread = levels().map(|level| (level - mean) * (level - mean)).sum::<f64>();
+        Some(Self {
+            coefficients,
+            variance: (variance - of_mean).max(floor),
+            spread: spread / squares.len() as f64,
+        })
+    }
+
+    /// Whether the squares are as near to it as pixels are to their square, or much nearer than
+    /// if there were no slope. A shadow's edge through the middle leaves a quarter of the
+    /// squares' variance to the plane that fits it best.
+    fn is_borne_out(&self, noise_variance: f64) -> bool {
+        self.variance < noise_variance + SLOPELESS_SHARE * self.spread
+    }
+
+    fn per_px(&self) -> Vector2<f64> {
+        self.coefficients.yz() / 100.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec::Vec as Pixels;
+
+    use super::*;
+    use crate::fit::edge::rendered::{HEIGHT, Scene, WHITE, WIDTH, image};
+    use crate::test_support::Random;
+
+    const NOISE: f64 = 0.01;
+
+    fn lit() -> Scene {
+        Scene { light_gain: 0.2, dark_gain: -0.05, ..Scene::new(21.0, 0.2, 0.15) }
+    }
+
+    fn measured(scene: &Scene, pixels: &[u16]) -> Option<Light> {
+        Light::measure(&image(pixels), &scene.nodes(&scene.cam_from_target), true)
+    }
+
+    /// Largest errors of the light and the dark level at the target's corners, parts of white.
+    fn errors(scene: &Scene, light: &Light) -> [f64; 2] {
+        let mut worst = [0.0_f64; 2];
+        for node in scene.nodes(&scene.cam_from_target).as_slice() {
+            let part = node.raw_px.x / f64::from(WIDTH) - 0.5;
+            let levels = light.at(&node.raw_px);
+            let true_light = scene.light + scene.light_gain * part;
+            let true_dark = scene.dark + scene.dark_gain * part;
+            let white = f64::from(WHITE);
+            worst[0] = worst[0].max((levels.light / white - true_light).abs());
+            worst[1] = worst[1].max((levels.dark / white - true_dark).abs());
+        }
+        worst
+    }
+
+    #[test]
+    fn planes_follow_light_and_dark_separately() {
+        let scene = lit();
+        let picture = scene.render();
+        let exact = measured(&scene, &picture.noise_free()).unwrap();
+        let mut random = Random::new(3);
+        let mut squares = [0.0; 2];
+        for _ in 0..100 {
+            let light = measured(&scene, &picture.sampled(NOISE, &mut random)).unwrap();
+            for (square, error) in squares.iter_mut().zip(errors(&scene, &light)) {
+                *square += error * error / 100.0;
+            }
+        }
+        let rms = squares.map(|square| libm::sqrt(square) / NOISE);
+        assert!(errors(&scene, &exact).iter().all(|error| *error < 2e-3));
+        // Ten squares of 49 pixels each: 1 / sqrt(490) = 0.045 of the noise in their middle,
+        // and some four times as much at the worst node, beyond the squares' middles.
+        assert!(rms.iter().all(|rms| *rms < 0.2), "{rms:?}");
+    }
+
+    #[test]
+    fn what_covers_a_third_of_the_squares_changes_nothing() {
+        let scene = lit();
+        let picture = scene.render();
+        let mut pixels = picture.sampled(NOISE, &mut Random::new(4));
+        // A grey hand over the left column and some of the last row.
+        let width = usize::from(WIDTH);
+        for (place, pixel) in pixels.iter_mut().enumerate() {
+            let (x, y) = (place % width, place / width);
+            if x < 70 || (y > 100 && x < 92) {
+                *pixel = WHITE / 2;
+            }
+        }
+        let after = measured(&scene, &pixels).unwrap();
+        // At the worst node, in the noise of one pixel: see above.
+        let worst = errors(&scene, &after).map(|error| error / NOISE);
+        assert!(worst.iter().all(|worst| *worst < 0.7), "{worst:?}");
+    }
+
+    #[test]
+    fn a_plane_is_hardly_believed_where_half_of_its_squares_are_in_the_shade() {
+        let scene = lit();
+        let pixels = scene.render().sampled(NOISE, &mut Random::new(5));
+        let open = measured(&scene, &pixels).unwrap().at(&Vector2::new(100.0, 80.0));
+        let width = usize::from(WIDTH);
+        let shaded: Pixels<u16> = pixels
+            .iter()
+            .enumerate()
+            .map(
+                |(place, &pixel)| {
+                    if place % width + place / width < 180 { pixel / 2 } else { pixel }
+                },
+            )
+            .collect();
+        let levels = measured(&scene, &shaded).unwrap().at(&Vector2::new(100.0, 80.0));
+        assert!(open.light_weight > 20.0 && open.dark_weight > 20.0, "{open:?}");
+        assert!(levels.light_weight < 3.0, "{levels:?}");
+        // Nor are its slopes, which are no slopes of the light.
+        assert_eq!(
+            (levels.mean_per_px, levels.contrast_per_px),
+            (Vector2::zeros(), Vector2::zeros())
+        );
+    }
+
+    #[test]
+    fn too_few_squares_are_none() {
+        let scene = lit();
+        let pixels = scene.render().noise_free();
+        // Two columns of squares inside the frame: four of each colour.
+        let moved = Scene { cam_from_target: scene.moved_px([116.0, 0.0]), ..scene.clone() };
+        assert!(measured(&moved, &pixels).is_none());
+        let outside = scene.moved_px([0.0, f64::from(HEIGHT) * 2.0]);
+        assert!(measured(&Scene { cam_from_target: outside, ..scene.clone() }, &pixels).is_none());
+        // Squares whose middle is a single pixel.
+        let tiny = Scene::new(4.5, 0.0, 0.0);
+        assert!(measured(&tiny, &tiny.render().noise_free()).is_none());
+        assert!(Light::measure(&image(&pixels), &Nodes::new(), true).is_none());
+    }
+}

@@ -1,0 +1,38 @@
+//! The edges of a target's grid: where their pixels put them.
+//!
+//! A checkerboard is made of edges, and nearly all that a picture says of its pose
+//! stands in the pixels beside them. Each edge between two nodes of the grid is seen
+//! twice, by different means:
+//!
+//! 1. [`locate_edge`] finds it up to a third of a square away, in two lines of pixels
+//!    across it, to a quarter of a pixel.
+//! 2. [`fit_edge`] fits a blurred step to every pixel that is nearer to this edge than to any
+//!    other, from a place known to a few tenths of a pixel.
+//!
+//! What an edge can say is a [`SeenEdge`]: how far it is from where it was expected, and
+//! how much it is turned. It keeps the whole of the pixels' information on these two
+//! numbers (their 2 x 2 normal matrix, after offset, contrast and blur were eliminated), so
+//! that [`crate::fit::solve`] on all edges of a target is a fit of the pose to all of its
+//! pixels, though it never looks at one.
+//!
+//! Each edge has an offset and a contrast of its own, so that neither slow nor abrupt
+//! changes of the light matter beyond the edges that they touch, and something that
+//! covers a part of the target spoils the edges it covers, and is found out by their
+//! residuals.
+
+mod appearance;
+mod fit;
+mod light;
+mod locate;
+mod profile;
+#[cfg(test)]
+mod rendered;
+mod seen;
+#[cfg(test)]
+mod tests;
+
+pub use appearance::Appearance;
+pub use fit::{Batch, PixelFit, fit_edge};
+pub use light::Light;
+pub use locate::locate_edge;
+pub use seen::{SeenEdge, SeenEdges};

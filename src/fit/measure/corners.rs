@@ -1,0 +1,68 @@
+//! What the edges that were used say of the corners between them.
+
+use crate::fit::nodes::Direction;
+use crate::model::target::TargetGeometry;
+
+/// Edges that a corner has to have of its four.
+pub(super) const EDGES_OF_CORNER_MIN: u8 = 3;
+
+/// The edges that meet at a corner, two of each direction where all were used. Each lies across
+/// one direction, and the mean of the two on both sides of a corner is how far the corner is off.
+#[derive(Default, Clone, Copy)]
+pub(super) struct Crossing {
+    distances_px: [f64; 2],
+    counts: [u8; 2],
+}
+
+impl Crossing {
+    pub(super) fn add(&mut self, direction: Direction, distance_px: f64) {
+        self.distances_px[direction as usize] += distance_px;
+        self.counts[direction as usize] += 1;
+    }
+
+    pub(super) fn edges(&self) -> u8 {
+        self.counts.iter().sum()
+    }
+
+    /// With at least one edge of each direction.
+    pub(super) fn square_px2(&self) -> f64 {
+        let [x, y] = [0, 1].map(|place| self.distances_px[place] / f64::from(self.counts[place]));
+        x * x + y * y
+    }
+}
+
+/// True when at least half of the corners of each of the grid's four border
+/// lines were used: the grid's extent then proves that it was not shifted by a
+/// square, whatever was expected.
+#[must_use]
+pub fn extent_is_certain(target: &TargetGeometry, used: u128) -> bool {
+    let (columns, rows) = (target.columns(), target.rows());
+    let seen = |row: usize, column: usize| used >> (row * columns + column) & 1 == 1;
+    let line = |count: usize, length: usize| 2 * count >= length;
+    [0, rows - 1]
+        .into_iter()
+        .all(|row| line((0..columns).filter(|&column| seen(row, column)).count(), columns))
+        && [0, columns - 1]
+            .into_iter()
+            .all(|column| line((0..rows).filter(|&row| seen(row, column)).count(), rows))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::target::{Origin, Role};
+
+    #[test]
+    fn an_extent_is_certain_only_with_all_four_borders() {
+        let target =
+            TargetGeometry::checker(5, 4, 12.0, Origin::Center, Role::Upper, [0.0; 3]).unwrap();
+        let all = (1_u128 << 20) - 1;
+        assert!(extent_is_certain(&target, all));
+        // Without the left column, without the bottom row but one corner.
+        let left = 1 | 1 << 5 | 1 << 10 | 1 << 15;
+        assert!(!extent_is_certain(&target, all & !left));
+        assert!(!extent_is_certain(&target, all & !(0b11110 << 15)));
+        // A hole in the middle does not matter.
+        assert!(extent_is_certain(&target, all & !(0b01110 << 5)));
+    }
+}

@@ -1,0 +1,84 @@
+//! The two poses that explain a plane seen from afar, and the choice between them.
+
+use nalgebra::Matrix3;
+
+use super::measurement::MeasureFailure;
+use crate::fit::edge::SeenEdges;
+use crate::fit::solve::{Observations, Solution, robust_cost, robust_cost_after_step, solve};
+use crate::model::pose::{Cam, Pose, Target};
+
+/// The pose that explains the edges, from a pose near it.
+///
+/// A plane seen from afar has two poses that explain it nearly equally well, one
+/// the other's mirror image (Schweighofer and Pinz 2006). Both are looked at in every
+/// frame, and the mirrored one is taken when it is better beyond doubt: a warm
+/// start alone would stay in the wrong one for ever once noise had led it there
+/// while the target passed through frontal. Of a mirrored pose that is not better after
+/// one step, more steps make none that is beyond doubt.
+pub(super) fn both_minima(
+    near_cam_from_target: &Pose<Cam, Target>,
+    seen: &SeenEdges<'_>,
+    iterations: usize,
+    doubt: f64,
+) -> Result<Solution, MeasureFailure> {
+    let kept = solve(near_cam_from_target, seen, iterations).ok();
+    let near = kept.as_ref().map_or(near_cam_from_target, |kept| &kept.cam_from_target);
+    let other = mirror_image(near);
+    if let Some(kept) = kept
+        && robust_cost_after_step(&other, seen, kept.scale).is_none_or(|cost| cost > kept.cost)
+    {
+        return Ok(kept);
+    }
+    let mirrored = solve(&other, seen, iterations).ok();
+    better(kept, mirrored, seen, doubt).ok_or(MeasureFailure::PoorFit)
+}
+
+/// The other pose that explains a plane nearly as well: its mirror image in the
+/// plane at right angles to the line of sight.
+///
+/// Seen along the line of sight v the target's outline stays and its depths
+/// change sign: R' = (I - 2 v v^T) R diag(1, 1, -1).
+#[must_use]
+pub fn mirror_image(cam_from_target: &Pose<Cam, Target>) -> Pose<Cam, Target> {
+    let sight = cam_from_target.translation_mm.normalize();
+    let reflection = Matrix3::identity() - sight * sight.transpose() * 2.0;
+    let mut rotation = reflection * cam_from_target.rotation;
+    rotation.column_mut(2).neg_mut();
+    Pose::new(rotation, cam_from_target.translation_mm)
+}
+
+/// The second solution when its cost is lower by more than `margin`, else the first.
+pub(super) fn better<O: Observations + ?Sized>(
+    first: Option<Solution>,
+    second: Option<Solution>,
+    observations: &O,
+    margin: f64,
+) -> Option<Solution> {
+    let (Some(one), Some(two)) = (first, second) else { return first.or(second) };
+    // One scale for both: that of the better one, which is nearer the noise.
+    let scale = one.scale.min(two.scale);
+    let cost = |solution: &Solution| {
+        robust_cost(&solution.cam_from_target, observations, scale).unwrap_or(f64::INFINITY)
+    };
+    Some(if cost(&two) + margin < cost(&one) { two } else { one })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mirror_image_keeps_the_outline_and_turns_the_tilt() {
+        let pose = Pose::<Cam, Target>::from_theta([0.2, 0.3, -0.1, 80.0, -60.0, 1000.0]);
+        let mirrored = mirror_image(&pose);
+        assert!((mirrored.rotation.determinant() - 1.0).abs() < 1e-12);
+        let sight = pose.translation_mm.normalize();
+        for axis in 0..2 {
+            let (was, is) = (pose.rotation.column(axis), mirrored.rotation.column(axis));
+            // Depth changes sign, and what is seen at right angles to it stays.
+            assert!((was.dot(&sight) + is.dot(&sight)).abs() < 1e-12);
+            assert!((was - sight * was.dot(&sight) - is + sight * is.dot(&sight)).norm() < 1e-12);
+        }
+        assert!((mirror_image(&mirrored).rotation - pose.rotation).norm() < 1e-12);
+    }
+}

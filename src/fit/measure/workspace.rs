@@ -1,0 +1,396 @@
+//! One target in one frame: from an expected pose, or a found grid, to an accepted pose.
+
+use heapless::Vec;
+
+use super::corners::{Crossing, EDGES_OF_CORNER_MIN};
+use super::measurement::{CORNERS_MIN, Fitted, MeasureFailure, Measurement, View};
+use super::minima::both_minima;
+use super::rough::{ITERATIONS_FOUND, rough_pose};
+use crate::common::statistics::{Mean, median};
+use crate::find::corner::Corner;
+use crate::find::grid::Grid;
+use crate::fit::edge::{
+    Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,
+};
+use crate::fit::nodes::{Direction, Nodes};
+use crate::fit::solve::{Inliers, Observations, Solution, solve};
+use crate::limits::{TARGET_CORNERS_MAX, TARGET_EDGES_MAX};
+use crate::model::image::Pixel;
+use crate::model::pose::{Cam, Pose, Target};
+use crate::model::target::TargetGeometry;
+
+/// What one pass of the fit found.
+struct Pass {
+    solution: Solution,
+    appearance: Appearance,
+    /// Whether the start was so near that another pass would change nothing.
+    is_settled: bool,
+}
+
+/// The buffers of a measurement; nothing in them outlives it.
+pub struct Workspace {
+    nodes: Nodes,
+    edges: Vec<SeenEdge, TARGET_EDGES_MAX>,
+    /// Of each edge, while they are fitted.
+    pixels: Vec<PixelFit, TARGET_EDGES_MAX>,
+    batch: Batch,
+    /// The edges that the last pass believed.
+    inliers: Inliers,
+}
+
+/// Largest residual of an accepted pose. A good print and calibration give 0.02
+/// to 0.3 px; a wrongly indexed grid several pixels.
+const RMS_PX_MAX: f64 = 1.0;
+
+/// Worst accepted standard deviation of any axis of the translation: a handful
+/// of edges in one place can fix a pose formally and still say nothing.
+const SD_MM_MAX: f64 = 5.0;
+
+/// A mirrored pose replaces the expected one when its robust cost, in variances,
+/// is lower by this: five standard deviations of a likelihood ratio.
+const DOUBT_COST: f64 = 25.0;
+
+/// Levenberg-Marquardt iterations on located edges, from a prediction.
+const ITERATIONS_LOCATED: usize = 2;
+
+/// Edges that are located at least, where a target has as many: so many that the start is good
+/// enough for a single pass of the fit in nearly every frame.
+const LOCATED_EDGES: usize = 120;
+
+/// On fitted edges, from the pose of the located ones, and from its mirror image.
+const ITERATIONS_FITTED: usize = 2;
+
+/// Passes of the fit at most. One is enough when the start is good.
+const PASSES_MAX: usize = 3;
+
+/// The fit is repeated where a pass moves a node by more than this, because it is
+/// linear: what it neglects falls with the cube, and is 0.001 px here.
+const MOVED_PX_MAX: f64 = 0.15;
+
+/// And where it changes a blur by more than this part.
+const BLUR_CHANGE_MAX: f64 = 0.1;
+
+/// Growth other than that of the frames before is taken out of the edges at once where it is
+/// more than this.
+const GROWN_PX_MAX: f64 = 0.01;
+
+/// A border farther than this from where the inner edges have it is not the target's: a
+/// thousandth of the size of a small one.
+const BORDER_OFF_PX_MAX: f64 = 0.1;
+
+/// An edge whose pixels scatter by more than this many times what those of the middle one
+/// do (as a variance) is covered by something, or is none.
+const NOISE_RATIO_MAX: f32 = 4.0;
+
+/// But for scatter below this share of the white level, two of 255 levels, no edge is
+/// refused: uneven light and a lens's true blur are never quite as the model has them.
+const MISFIT_OF_WHITE: f32 = 0.008;
+
+/// Rounding to whole grey levels: pixels are never better known than that.
+const ROUNDING_VARIANCE: f32 = 1.0 / 12.0;
+
+impl Workspace {
+    /// Empty buffers.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            nodes: Nodes::new(),
+            edges: Vec::new(),
+            pixels: Vec::new(),
+            batch: Batch::new(),
+            inliers: Inliers::new(),
+        }
+    }
+
+    /// The nodes of a target's grid at a pose; `None` where they cannot be seen.
+    pub(crate) fn nodes<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<&Nodes> {
+        self.nodes.project(view.lens, view.target, cam_from_target).then_some(&self.nodes)
+    }
+
+    /// Measures a target near an expected pose.
+    ///
+    /// # Errors
+    /// [`MeasureFailure::TooFewCorners`] and [`MeasureFailure::PoorFit`].
+    pub fn track<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        expected_cam_from_target: &Pose<Cam, Target>,
+        appearance: Appearance,
+    ) -> Result<Fitted, MeasureFailure> {
+        let pass = self.pass(view, expected_cam_from_target, appearance, DOUBT_COST);
+        if let Ok(pass) = pass
+            && pass.is_settled
+            && let Ok(fitted) = self.judge(view.target, &pass)
+        {
+            return Ok(fitted);
+        }
+        self.locate(view, expected_cam_from_target)?;
+        let rough = solve(expected_cam_from_target, &self.seen(), ITERATIONS_LOCATED)
+            .map_err(|_| MeasureFailure::PoorFit)?;
+        self.fit(view, &rough.cam_from_target, appearance, DOUBT_COST)
+    }
+
+    /// Measures a target whose grid a search has found. Should both minima be equally
+    /// good, the frames to come will tell.
+    ///
+    /// # Errors
+    /// [`MeasureFailure::TooFewCorners`] and [`MeasureFailure::PoorFit`].
+    pub fn acquire<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        grid: &Grid,
+        corners: &[Corner],
+    ) -> Result<Fitted, MeasureFailure> {
+        let rough_cam_from_target = rough_pose(view, grid, corners)?;
+        self.locate(view, &rough_cam_from_target)?;
+        let located = both_minima(&rough_cam_from_target, &self.seen(), ITERATIONS_FOUND, 0.0)?;
+        let mut fitted = self.fit(view, &located.cam_from_target, Appearance::START, 0.0)?;
+        fitted.appearance.has_border = self.border_agrees(view, &fitted);
+        Ok(fitted)
+    }
+
+    /// Whether the border is where a pose found without it has it, so that the next frames
+    /// can use it.
+    fn border_agrees<P: Pixel>(&mut self, view: &View<'_, P>, fitted: &Fitted) -> bool {
+        let pose = &fitted.measurement.cam_from_target;
+        let appearance = Appearance { has_border: true, ..fitted.appearance };
+        if self.fit_edges(view, pose, &appearance).is_err() {
+            return false;
+        }
+        let mut outwards = Mean::default();
+        let seen = self.seen().residuals(pose, |place, residual| {
+            let seen = &self.edges[place];
+            if seen.edge.is_border {
+                let (growth_px, precision) = seen.growth_px(&residual);
+                outwards.add(growth_px, precision);
+            }
+        });
+        seen.is_some() && !outwards.is_empty() && outwards.value().abs() < BORDER_OFF_PX_MAX
+    }
+
+    /// Locates edges near an expected pose: every one of a usual target.
+    fn locate<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Result<(), MeasureFailure> {
+        self.edges.clear();
+        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+            return Err(MeasureFailure::PoorFit);
+        }
+        let edges = self.nodes.edges(view.first_square_dark);
+        // A part of a large target is plenty.
+        let stride = (edges.count() / LOCATED_EDGES).max(1);
+        for edge in self.nodes.edges(view.first_square_dark).step_by(stride) {
+            if let Some(seen) = locate_edge(view.image, &self.nodes, &edge) {
+                // One per edge of the target: the capacity is never reached.
+                let _ = self.edges.push(seen);
+            }
+        }
+        self.enough_edges()
+    }
+
+    /// Fits the pose to all edges near a start good to a few tenths of a pixel; `doubt`: by
+    /// how much the mirrored pose must be better to replace it.
+    fn fit<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        start_cam_from_target: &Pose<Cam, Target>,
+        appearance: Appearance,
+        doubt: f64,
+    ) -> Result<Fitted, MeasureFailure> {
+        let mut pass = self.pass(view, start_cam_from_target, appearance, doubt)?;
+        for _ in 1..PASSES_MAX {
+            if pass.is_settled {
+                break;
+            }
+            let start = pass.solution.cam_from_target;
+            pass = self.pass(view, &start, pass.appearance, doubt)?;
+        }
+        self.judge(view.target, &pass)
+    }
+
+    /// Fits every edge once, and the pose to the edges.
+    fn pass<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        start_cam_from_target: &Pose<Cam, Target>,
+        mut appearance: Appearance,
+        doubt: f64,
+    ) -> Result<Pass, MeasureFailure> {
+        self.fit_edges(view, start_cam_from_target, &appearance)?;
+        let mut solution =
+            both_minima(start_cam_from_target, &self.seen(), ITERATIONS_FITTED, doubt)?;
+        let growth_px = appearance.growth_px;
+        let blur_change = self.correct(&mut appearance, &solution);
+        let grown_px = appearance.growth_px - growth_px;
+        if grown_px.abs() > GROWN_PX_MAX {
+            self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
+            solution = solve(&solution.cam_from_target, &self.seen(), ITERATIONS_FITTED)
+                .map_err(|_| MeasureFailure::PoorFit)?;
+        }
+        let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
+        let is_settled = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
+            && blur_change < BLUR_CHANGE_MAX;
+        self.inliers = solution.inliers;
+        Ok(Pass { solution, appearance, is_settled })
+    }
+
+    /// The edges that a pose of [`Workspace::track`] rests on, and the nodes where they were
+    /// expected, for callers that fit more than a pose to them.
+    pub fn used_edges(&self) -> (&Nodes, impl Iterator<Item = &SeenEdge>) {
+        let used = self.edges.iter().enumerate().filter(|(place, _)| self.inliers.contains(*place));
+        (&self.nodes, used.map(|(_, seen)| seen))
+    }
+
+    /// Fits every edge expected at a pose, with the noise that the middle one has.
+    fn fit_edges<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+        appearance: &Appearance,
+    ) -> Result<(), MeasureFailure> {
+        self.edges.clear();
+        self.pixels.clear();
+        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+            return Err(MeasureFailure::PoorFit);
+        }
+        let light = Light::measure(view.image, &self.nodes, view.first_square_dark);
+        for edge in self.nodes.edges(view.first_square_dark) {
+            if edge.is_border && !appearance.has_border {
+                continue;
+            }
+            let fitted = fit_edge(
+                view.image,
+                &self.nodes,
+                &edge,
+                appearance,
+                light.as_ref(),
+                &mut self.batch,
+            );
+            if let Some((seen, pixels)) = fitted {
+                let _ = self.edges.push(seen);
+                let _ = self.pixels.push(pixels);
+            }
+        }
+        self.enough_edges()?;
+        let mut variances: Vec<f32, TARGET_EDGES_MAX> =
+            self.pixels.iter().map(|pixels| pixels.noise_variance).collect();
+        let median = median(&mut variances, f32::total_cmp).unwrap_or(0.0);
+        let variance = median.max(ROUNDING_VARIANCE);
+        let noise = libm::sqrt(f64::from(variance));
+        let misfit = MISFIT_OF_WHITE * f32::from(view.image.white_level());
+        let variance_max = NOISE_RATIO_MAX * variance.max(misfit * misfit);
+        let mut kept = 0;
+        for place in 0..self.edges.len() {
+            if self.pixels[place].noise_variance <= variance_max {
+                self.edges.swap(kept, place);
+                self.pixels.swap(kept, place);
+                self.edges[kept].scale_uncertainty(noise);
+                kept += 1;
+            }
+        }
+        self.edges.truncate(kept);
+        self.pixels.truncate(kept);
+        self.enough_edges()
+    }
+
+    fn enough_edges(&self) -> Result<(), MeasureFailure> {
+        // As many as six corners in two rows have: seven between them.
+        if self.edges.len() < CORNERS_MIN + 1 { Err(MeasureFailure::TooFewCorners) } else { Ok(()) }
+    }
+
+    /// What was seen of the target.
+    fn seen(&self) -> SeenEdges<'_> {
+        SeenEdges { nodes: &self.nodes, edges: &self.edges }
+    }
+
+    /// Corrects the appearance by what the edges used say; returns the larger relative
+    /// change of a blur.
+    fn correct(&self, appearance: &mut Appearance, solution: &Solution) -> f64 {
+        let [mut x_blur, mut y_blur, mut growth] = [Mean::default(); 3];
+        let visited = self.seen().residuals(&solution.cam_from_target, |place, residual| {
+            if !solution.inliers.contains(place) {
+                return;
+            }
+            let (seen, pixels) = (&self.edges[place], &self.pixels[place]);
+            let blur = match seen.edge.direction {
+                Direction::X => &mut x_blur,
+                Direction::Y => &mut y_blur,
+            };
+            blur.add(pixels.ln_blur.into(), pixels.ln_blur_weight.into());
+            // The border's edges have it all in one direction, like a nearer target.
+            if !seen.edge.is_border {
+                let (growth_px, precision) = seen.growth_px(&residual);
+                growth.add(growth_px, precision);
+            }
+        });
+        debug_assert!(visited.is_some(), "a solution is in front of the camera");
+        appearance.correct([x_blur.value(), y_blur.value()], growth.value())
+    }
+
+    /// Refuses what the edges do not really support.
+    fn judge(
+        &self,
+        target: &TargetGeometry,
+        &Pass { ref solution, appearance, .. }: &Pass,
+    ) -> Result<Fitted, MeasureFailure> {
+        let (used, rms_px) = self.corners(solution).ok_or(MeasureFailure::PoorFit)?;
+        let corners = used.count_ones() as usize;
+        if corners < CORNERS_MIN {
+            return Err(MeasureFailure::TooFewCorners);
+        }
+        let measurement = Measurement {
+            cam_from_target: solution.cam_from_target,
+            covariance: solution.covariance,
+            rms_px,
+            corners: corners as u8,
+            corners_total: target.corner_count() as u8,
+        };
+        let is_plausible = measurement.rms_px <= RMS_PX_MAX
+            && 2 * solution.inliers.count() >= self.edges.len()
+            && measurement.sd_mm().max() <= SD_MM_MAX;
+        if is_plausible {
+            Ok(Fitted { measurement, appearance, used })
+        } else {
+            Err(MeasureFailure::PoorFit)
+        }
+    }
+
+    /// The corners at which at least three edges end that were used, and the root mean square
+    /// of their distances, raw pixels, from where the pose has them; `None` when it has a node
+    /// behind the camera.
+    ///
+    /// Two edges would not do: where a dark square at the border ends, an edge of each
+    /// direction ends too, and a grid shifted by a square would look whole.
+    fn corners(&self, solution: &Solution) -> Option<(u128, f64)> {
+        let mut met = [Crossing::default(); TARGET_CORNERS_MAX];
+        self.seen().residuals(&solution.cam_from_target, |place, residual| {
+            if solution.inliers.contains(place) {
+                let seen = &self.edges[place];
+                for corner in seen.edge.nodes.iter().filter_map(|&node| self.nodes.corner(node)) {
+                    met[corner].add(seen.edge.direction, seen.distance_px(&residual));
+                }
+            }
+        })?;
+        let mut used = 0;
+        let mut squares = Mean::default();
+        for (corner, met) in met.iter().enumerate() {
+            if met.edges() >= EDGES_OF_CORNER_MIN {
+                used |= 1 << corner;
+                squares.add(met.square_px2(), 1.0);
+            }
+        }
+        Some((used, libm::sqrt(squares.value())))
+    }
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self::new()
+    }
+}

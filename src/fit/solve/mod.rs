@@ -1,0 +1,476 @@
+//! The pose of a target from what was seen of it: robust Levenberg-Marquardt on (t, R).
+//!
+//! In: a pose to start from and the [`Observations`]: edges
+//! ([`crate::fit::edge::SeenEdges`]) or corners ([`crate::fit::planar::SeenCorner`]). Out: the pose
+//! that minimises the paper's sum of squared reprojection errors (section "Kinematic
+//! Model Fitting"), each weighted by its precision, with a covariance and the
+//! observations that were believed.
+//!
+//! *Steps* turn the target about its own origin and move that origin, see
+//! [`Pose::moved_by`]. A step that does not lower the cost is undone and its
+//! damping raised. A step too short to matter is the last one. The caller bounds their
+//! number, and so the time.
+//!
+//! *Robust weights* are Tukey's biweight with a flat top: 1 for residuals
+//! up to 2.4 scales, 0 beyond 5, so that a wrong observation has no influence at all,
+//! and right ones almost always have all of theirs (which keeps the covariance
+//! honest). The scale is the residuals' median, or what they promise where that is more;
+//! it is found again after every accepted step, so that a far start, which makes all
+//! residuals large, rejects nothing. Fewer than half of the observations may be wrong.
+//!
+//! *Covariance* is the inverse of the weighted normal equations, times the
+//! observed variance of the residuals where that is more than predicted: what the
+//! observations do not know (a bent target, a poor calibration) makes the answer less
+//! certain, and luck never makes it more so.
+
+use heapless::Vec;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+
+use crate::common::statistics::median;
+use crate::limits::OBSERVATIONS_MAX;
+use crate::model::pose::{Cam, Pose, Target};
+
+/// 3 observations of two numbers each fix a pose but leave nothing to tell a wrong one by.
+pub const OBSERVATIONS_MIN: usize = 4;
+
+/// Square of the residual, in scales, up to which an observation has full weight: 95 %
+/// of right ones lie below (the square of a 2-D normal's length is exponential
+/// with mean 2).
+const FULL_WEIGHT_SQUARE: f64 = 6.0;
+
+/// Square of the residual, in scales, from which an observation has no weight: 4 right
+/// ones in a million lie beyond.
+const NO_WEIGHT_SQUARE: f64 = 25.0;
+
+/// Median of the squared length of a 2-D normal: 2 ln 2.
+const MEDIAN_SQUARE: f64 = 2.0 * core::f64::consts::LN_2;
+
+/// First damping, as a share of the normal equations' diagonal: small enough for a
+/// warm start to converge as fast as Gauss and Newton's method.
+const DAMPING_START: f64 = 1e-4;
+/// An accepted step divides the damping by this, a refused one multiplies by it.
+const DAMPING_FACTOR: f64 = 10.0;
+/// Bounds that keep the damping a number that matters.
+const DAMPING_MIN: f64 = 1e-12;
+const DAMPING_MAX: f64 = 1e6;
+
+/// Smallest pivot of the normal equations, scaled to a diagonal of ones, of a pose
+/// that is fixed by what was seen. Rounding leaves 1e-16 of a singular system; a
+/// 10 mm target at 10 m has 1e-7.
+const PIVOT_MIN: f64 = 1e-11;
+
+/// A step shorter than this, in standard deviations of the pose, squared, is not taken: a
+/// ten-thousandth of one.
+const STEP_SQUARE_MIN: f64 = 1e-8;
+
+/// All that was seen of the target: of each observation two numbers that follow its pose.
+///
+/// Residuals are whitened: independent numbers of standard deviation 1, which are 0 on
+/// average at the true pose. Observations go by their places, from 0.
+pub trait Observations {
+    /// How many there are.
+    fn count(&self) -> usize;
+
+    /// True when every number is finite and the standard deviations positive.
+    fn are_finite(&self) -> bool;
+
+    /// Visits each residual at a pose; `None` when a point would lie behind the camera.
+    fn residuals(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        visit: impl FnMut(usize, [f64; 2]),
+    ) -> Option<()>;
+
+    /// Visits each residual, and its numbers' derivatives by an increment of
+    /// [`Pose::moved_by`].
+    fn residuals_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
+    ) -> Option<()>;
+}
+
+/// The gradient by an increment of a quantity whose gradient by the point, in the
+/// camera frame, is known.
+#[inline]
+#[must_use]
+pub fn by_increment(
+    by_point: &Vector3<f64>,
+    rotation: &Matrix3<f64>,
+    point_target_mm: &Vector3<f64>,
+) -> [f64; 6] {
+    // d (R exp(omega) p) = R (omega x p), and a . R (omega x p) = omega . (p x R^T a).
+    let turned = point_target_mm.cross(&rotation.tr_mul(by_point));
+    [turned.x, turned.y, turned.z, by_point.x, by_point.y, by_point.z]
+}
+
+/// Why there is no pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SolveFailure {
+    /// Fewer than [`OBSERVATIONS_MIN`], or so few left after the wrong ones.
+    TooFew,
+    /// The observations leave a direction of the pose open.
+    Degenerate,
+    /// A number that came in is not finite, or a standard deviation not positive.
+    NotFinite,
+    /// The start puts a point behind the camera.
+    BehindCamera,
+}
+
+impl core::fmt::Display for SolveFailure {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        formatter.write_str(match self {
+            Self::TooFew => "fewer than 4 usable observations",
+            Self::Degenerate => "the observations do not fix the pose",
+            Self::NotFinite => "a number is not finite, or a standard deviation is not positive",
+            Self::BehindCamera => "a point would lie behind the camera",
+        })
+    }
+}
+
+impl core::error::Error for SolveFailure {}
+
+/// A pose, how certain it is, and what it rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// The pose.
+    pub cam_from_target: Pose<Cam, Target>,
+    /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the order
+    /// of [`Pose::moved_by`].
+    pub covariance: Matrix6<f64>,
+    /// The observations that have weight, by their places in the slice.
+    pub inliers: Inliers,
+    /// The robust scale: 1 when the residuals are what the observations promise, more
+    /// when they are larger.
+    pub scale: f64,
+    /// The robust cost at that scale, see [`robust_cost`].
+    pub cost: f64,
+}
+
+/// A set of observations, by their places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Inliers([u32; OBSERVATIONS_MAX.div_ceil(32)]);
+
+impl Default for Inliers {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Inliers {
+    /// None.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self([0; OBSERVATIONS_MAX.div_ceil(32)])
+    }
+
+    /// Whether the observation at a place is one.
+    #[must_use]
+    pub fn contains(&self, place: usize) -> bool {
+        self.0.get(place / 32).is_some_and(|word| word >> (place % 32) & 1 == 1)
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    fn insert(&mut self, place: usize) {
+        self.0[place / 32] |= 1 << (place % 32);
+    }
+}
+
+/// Refines a pose with a bounded number of iterations: for a start from the last frame
+/// 4 do, or 6 where observations may be wrong; 15 for one from [`crate::fit::planar`], whose
+/// second pose has residuals that slow the convergence.
+///
+/// # Errors
+/// [`SolveFailure`].
+///
+/// # Panics
+/// When there are more than [`OBSERVATIONS_MAX`]: a caller's bug.
+pub fn solve<O: Observations + ?Sized>(
+    start: &Pose<Cam, Target>,
+    observations: &O,
+    iterations: usize,
+) -> Result<Solution, SolveFailure> {
+    let mut descent = Descent::new(start);
+    descent.take_steps(observations, iterations)?;
+    descent.conclude(observations)
+}
+
+/// The robust cost after one step from a start, at a given scale; `None` when there is none.
+///
+/// That is enough to see that a start is not worth following, at a fraction of a solution.
+#[must_use]
+pub fn robust_cost_after_step<O: Observations + ?Sized>(
+    start: &Pose<Cam, Target>,
+    observations: &O,
+    scale: f64,
+) -> Option<f64> {
+    let variance = scale * scale;
+    let mut descent = Descent::new(start);
+    descent.take_steps(observations, 1).ok()?;
+    Some(descent.squares.cost(variance) / variance)
+}
+
+/// The robust cost of a pose at a given scale: the sum of the squared residuals in
+/// scales, those of wrong ones capped. `None` when a point lies behind the camera.
+///
+/// Poses of one set of observations are compared by it; the difference of two costs
+/// is twice the logarithm of their likelihood ratio.
+#[must_use]
+pub fn robust_cost<O: Observations + ?Sized>(
+    cam_from_target: &Pose<Cam, Target>,
+    observations: &O,
+    scale: f64,
+) -> Option<f64> {
+    let per_variance = 1.0 / (scale * scale);
+    let mut cost = 0.0;
+    observations.residuals(cam_from_target, |_, residual| {
+        cost += robust_square(square(&residual) * per_variance);
+    })?;
+    Some(cost)
+}
+
+/// The way down from a start.
+struct Descent {
+    pose: Pose<Cam, Target>,
+    squares: Squares,
+    /// At the pose, where it was not the last step that led there.
+    normal: Option<NormalEquations>,
+}
+
+impl Descent {
+    fn new(start: &Pose<Cam, Target>) -> Self {
+        Self { pose: *start, squares: Squares::new(), normal: None }
+    }
+
+    /// At most so many.
+    fn take_steps<O: Observations + ?Sized>(
+        &mut self,
+        observations: &O,
+        iterations: usize,
+    ) -> Result<(), SolveFailure> {
+        let count = observations.count();
+        assert!(count <= OBSERVATIONS_MAX, "{count} observations");
+        if count < OBSERVATIONS_MIN {
+            return Err(SolveFailure::TooFew);
+        }
+        let Self { pose, squares, normal } = self;
+        let start_sum = pose.rotation.sum() + pose.translation_mm.sum();
+        if !start_sum.is_finite() || !observations.are_finite() {
+            return Err(SolveFailure::NotFinite);
+        }
+
+        squares.measure(pose, observations).ok_or(SolveFailure::BehindCamera)?;
+        let mut next_squares = Squares::new();
+        let mut damping = DAMPING_START;
+        for _ in 0..iterations {
+            // Judged by one scale, before and after the step; the next has its own.
+            let variance = squares.robust_variance();
+            // A refused step changes the damping alone.
+            let current =
+                normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
+            let step = current.step(damping);
+            if step.is_some_and(|step| current.square(&step) < STEP_SQUARE_MIN * variance) {
+                break;
+            }
+            let next_pose = step.map(|step| pose.moved_by(&step));
+            let lower = next_pose.filter(|next_pose| {
+                let seen = next_squares.measure(next_pose, observations);
+                // A NaN is not lower.
+                seen.is_some() && next_squares.cost(variance) < squares.cost(variance)
+            });
+            if let Some(next_pose) = lower {
+                *pose = next_pose;
+                core::mem::swap(squares, &mut next_squares);
+                *normal = None;
+                damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
+            } else {
+                damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
+            }
+        }
+        Ok(())
+    }
+
+    /// What the pose says about itself.
+    fn conclude<O: Observations + ?Sized>(
+        &self,
+        observations: &O,
+    ) -> Result<Solution, SolveFailure> {
+        let Self { mut pose, ref squares, ref normal } = *self;
+        // Products of many frames' increments would drift off the rotations: one Newton
+        // step of the polar decomposition.
+        let gram = pose.rotation.tr_mul(&pose.rotation);
+        pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;
+        let variance = squares.robust_variance();
+        let covariance = match normal {
+            Some(normal) => normal.inverse(),
+            None => NormalEquations::new(&pose, observations, variance).inverse(),
+        };
+        let per_variance = 1.0 / variance;
+        let mut inliers = Inliers::new();
+        let [mut weights, mut weighted_squares] = [0.0; 2];
+        for (place, square) in squares.0.iter().enumerate() {
+            let weight = weight(square * per_variance);
+            weights += weight;
+            weighted_squares += weight * square;
+            if weight > 0.0 {
+                inliers.insert(place);
+            }
+        }
+        if inliers.count() < OBSERVATIONS_MIN {
+            return Err(SolveFailure::TooFew);
+        }
+        // Two numbers each, less the six that were fitted. With soft weights the
+        // divisor could fall below that of the fewest observations.
+        let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
+        let covariance = covariance.ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
+        let finite =
+            (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
+        // Finite numbers came in, so that only a nearly singular system overflows.
+        if !finite {
+            return Err(SolveFailure::Degenerate);
+        }
+        let scale = libm::sqrt(variance);
+        let cost = squares.cost(variance) * per_variance;
+        Ok(Solution { cam_from_target: pose, covariance, inliers, scale, cost })
+    }
+}
+
+#[inline]
+fn square(residual: &[f64; 2]) -> f64 {
+    residual[0] * residual[0] + residual[1] * residual[1]
+}
+
+/// Weight of an observation by the square of its residual in scales.
+#[inline]
+fn weight(square: f64) -> f64 {
+    let beyond = (square - FULL_WEIGHT_SQUARE) * (1.0 / (NO_WEIGHT_SQUARE - FULL_WEIGHT_SQUARE));
+    let left = 1.0 - beyond.clamp(0.0, 1.0);
+    left * left
+}
+
+/// The cost whose derivative by the square is [`weight`].
+#[inline]
+fn robust_square(square: f64) -> f64 {
+    const RANGE: f64 = NO_WEIGHT_SQUARE - FULL_WEIGHT_SQUARE;
+    let beyond = (square - FULL_WEIGHT_SQUARE) * (1.0 / RANGE);
+    let left = 1.0 - beyond.clamp(0.0, 1.0);
+    square.min(FULL_WEIGHT_SQUARE) + RANGE / 3.0 * (1.0 - left * left * left)
+}
+
+/// The squared length of each observation's residual.
+struct Squares(Vec<f64, OBSERVATIONS_MAX>);
+
+impl Squares {
+    const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// Measures them; `None` when a point lies behind the camera.
+    fn measure<O: Observations + ?Sized>(
+        &mut self,
+        pose: &Pose<Cam, Target>,
+        observations: &O,
+    ) -> Option<()> {
+        self.0.clear();
+        observations.residuals(pose, |_, residual| {
+            // There are at most as many as there is room for.
+            let _ = self.0.push(square(&residual));
+        })
+    }
+
+    /// The variance of which the squares' median speaks, in units of what was
+    /// promised, at least 1. The fit has made the residuals smaller than the noise; the share of
+    /// degrees of freedom that is left makes up for that.
+    fn robust_variance(&self) -> f64 {
+        let mut sorted = self.0.clone();
+        let count = sorted.len() as f64;
+        // There are more than three: see `OBSERVATIONS_MIN`.
+        let median = median(&mut sorted, f64::total_cmp).unwrap_or(0.0);
+        (median / MEDIAN_SQUARE * count / (count - 3.0)).max(1.0)
+    }
+
+    fn cost(&self, variance: f64) -> f64 {
+        let per_variance = 1.0 / variance;
+        self.0.iter().map(|square| robust_square(square * per_variance)).sum::<f64>() * variance
+    }
+}
+
+/// Weighted normal equations `matrix * step = -gradient`.
+struct NormalEquations {
+    /// Upper triangle.
+    matrix: [[f64; 6]; 6],
+    gradient: [f64; 6],
+}
+
+impl NormalEquations {
+    /// At a pose that has every point in front of the camera.
+    fn new<O: Observations + ?Sized>(
+        pose: &Pose<Cam, Target>,
+        observations: &O,
+        variance: f64,
+    ) -> Self {
+        let per_variance = 1.0 / variance;
+        let mut normal = Self { matrix: [[0.0; 6]; 6], gradient: [0.0; 6] };
+        let seen = observations.residuals_with_jacobian(pose, |_, residual, rows| {
+            normal.add(residual, rows, weight(square(residual) * per_variance));
+        });
+        debug_assert!(seen.is_some(), "a point lies behind the camera");
+        normal
+    }
+
+    #[inline]
+    fn add(&mut self, residual: &[f64; 2], rows: &[[f64; 6]; 2], weight: f64) {
+        let [first, second] = rows;
+        for i in 0..6 {
+            let (weighted_first, weighted_second) = (weight * first[i], weight * second[i]);
+            for j in i..6 {
+                self.matrix[i][j] += weighted_first * first[j] + weighted_second * second[j];
+            }
+            self.gradient[i] += weighted_first * residual[0] + weighted_second * residual[1];
+        }
+    }
+
+    /// The step under Marquardt's damping, `None` when the system is singular.
+    fn step(&self, damping: f64) -> Option<Vector6<f64>> {
+        let mut matrix = self.symmetric();
+        for axis in 0..6 {
+            matrix[(axis, axis)] *= 1.0 + damping;
+        }
+        let step = matrix.cholesky()?.solve(&-Vector6::from(self.gradient));
+        step.sum().is_finite().then_some(step)
+    }
+
+    /// The square of a step's length, in standard deviations of the pose, times the variance of
+    /// the residuals.
+    fn square(&self, step: &Vector6<f64>) -> f64 {
+        step.dot(&(self.symmetric() * step))
+    }
+
+    /// The inverse, `None` when the system is nearly singular. Scaled to a diagonal
+    /// of ones first: radians and millimetres have no common measure.
+    fn inverse(&self) -> Option<Matrix6<f64>> {
+        let matrix = self.symmetric();
+        let scale = matrix.diagonal().map(|value| 1.0 / libm::sqrt(value));
+        let scaled = Matrix6::from_fn(|i, j| matrix[(i, j)] * scale[i] * scale[j]);
+        let cholesky = scaled.cholesky()?;
+        // The factor's diagonal holds the pivots' roots, positive numbers.
+        let pivot = cholesky.l_dirty().diagonal().min();
+        if pivot * pivot < PIVOT_MIN {
+            return None;
+        }
+        let inverse = cholesky.inverse();
+        Some(Matrix6::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j]))
+    }
+
+    fn symmetric(&self) -> Matrix6<f64> {
+        Matrix6::from_fn(|i, j| if i <= j { self.matrix[i][j] } else { self.matrix[j][i] })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,201 @@
+//! The state of one target from frame to frame.
+//!
+//! ```text
+//!              measured
+//!  Acquiring ───────────▶ Tracking ◀───────────┐
+//!      ▲                     │ missed          │ measured
+//!      │                     ▼                 │
+//!      └───────────────── Coasting ────────────┘
+//!   missed for COASTING_NS_MAX
+//! ```
+//!
+//! Acquiring knows nothing: only a search of the whole frame helps. Tracking and
+//! Coasting know a motion, and look for the edges where it
+//! predicts; Coasting has not seen the target in the frame before, and is
+//! searched for in the region around the prediction as well.
+
+use nalgebra::Vector6;
+
+use crate::model::pose::{Cam, Pose, Target, vector_from_rotation};
+
+/// A target that was not seen for this long is searched for in the whole frame.
+const COASTING_NS_MAX: u64 = 1_000_000_000;
+
+/// A velocity is believed for this long: two frames at 20 Hz. Longer gaps say
+/// nothing about where in its sway the body is.
+const VELOCITY_NS_MAX: u64 = 100_000_000;
+
+/// The strongest acceleration of a trunk that stands, recovery steps included,
+/// about half of gravity.
+const ACCELERATION_MM_PER_S2_MAX: f64 = 5_000.0;
+
+/// Where a target was, and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// The pose when it was last measured.
+    pub cam_from_target: Pose<Cam, Target>,
+    /// When that was.
+    pub time_ns: u64,
+    /// Increment of [`Pose::moved_by`] per second; zero where it is not known.
+    pub velocity_per_s: Vector6<f64>,
+}
+
+impl Motion {
+    /// Time since the last measurement. Time that runs backwards (a recording
+    /// that starts again) is as good as a very long gap.
+    fn gap_ns(&self, time_ns: u64) -> u64 {
+        time_ns.checked_sub(self.time_ns).unwrap_or(u64::MAX)
+    }
+
+    /// The pose expected at a time: constant velocity, for at most
+    /// [`VELOCITY_NS_MAX`].
+    #[must_use]
+    pub fn predict(&self, time_ns: u64) -> Pose<Cam, Target> {
+        let gap_s = self.gap_ns(time_ns).min(VELOCITY_NS_MAX) as f64 * 1e-9;
+        self.cam_from_target.moved_by(&(self.velocity_per_s * gap_s))
+    }
+
+    /// True while a corner near its predicted place can only be that corner: a part of
+    /// the target is then enough. The nearest corner of the same colours lies one square
+    /// across and one down, 1.41 pitches away, and the prediction must be good to half of
+    /// that; the error of a constant velocity grows as a t^2 / 2. At a pitch of 12 mm the
+    /// frames may be 58 ms apart: 20 Hz, but not 15.
+    #[must_use]
+    pub(crate) fn identifies_corners(&self, time_ns: u64, pitch_mm: f64) -> bool {
+        let gap_s = self.gap_ns(time_ns) as f64 * 1e-9;
+        ACCELERATION_MM_PER_S2_MAX * gap_s * gap_s < core::f64::consts::SQRT_2 * pitch_mm
+    }
+
+    /// The motion after a new measurement.
+    #[must_use]
+    pub fn continued(&self, cam_from_target: Pose<Cam, Target>, time_ns: u64) -> Self {
+        let gap_ns = self.gap_ns(time_ns);
+        let velocity_per_s = if gap_ns == 0 || gap_ns > VELOCITY_NS_MAX {
+            Vector6::zeros()
+        } else {
+            let turn_rad = vector_from_rotation(
+                &(self.cam_from_target.rotation.transpose() * cam_from_target.rotation),
+            );
+            let moved_mm = cam_from_target.translation_mm - self.cam_from_target.translation_mm;
+            Vector6::from_iterator(turn_rad.iter().chain(moved_mm.iter()).copied())
+                / (gap_ns as f64 * 1e-9)
+        };
+        Self { cam_from_target, time_ns, velocity_per_s }
+    }
+}
+
+/// What a target's track knows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum State {
+    /// Nothing: the whole frame must be searched.
+    Acquiring,
+    /// Seen in the last frame.
+    Tracking(Motion),
+    /// Not seen in the last frame, but not long ago.
+    Coasting(Motion),
+}
+
+impl State {
+    /// The motion, where one is known.
+    #[must_use]
+    pub fn motion(&self) -> Option<&Motion> {
+        match self {
+            Self::Acquiring => None,
+            Self::Tracking(motion) | Self::Coasting(motion) => Some(motion),
+        }
+    }
+
+    /// The state after a frame taken at `time_ns`, in which the target was
+    /// measured or missed (`None`).
+    #[must_use]
+    pub fn next(self, measured: Option<Pose<Cam, Target>>, time_ns: u64) -> Self {
+        match (self, measured) {
+            (Self::Acquiring, Some(cam_from_target)) => Self::Tracking(Motion {
+                cam_from_target,
+                time_ns,
+                velocity_per_s: Vector6::zeros(),
+            }),
+            (Self::Tracking(motion) | Self::Coasting(motion), Some(cam_from_target)) => {
+                Self::Tracking(motion.continued(cam_from_target, time_ns))
+            }
+            (Self::Acquiring, None) => Self::Acquiring,
+            (Self::Tracking(motion) | Self::Coasting(motion), None) => {
+                let gap_ns = motion.gap_ns(time_ns);
+                // A clock that stands still would let a target coast for ever.
+                if gap_ns == 0 || gap_ns > COASTING_NS_MAX {
+                    Self::Acquiring
+                } else {
+                    Self::Coasting(motion)
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME_NS: u64 = 16_666_667;
+
+    fn pose(x_mm: f64) -> Pose<Cam, Target> {
+        Pose::from_theta([0.01, -0.02, 0.03, x_mm, 5.0, 1000.0])
+    }
+
+    fn motion(time_ns: u64) -> Motion {
+        Motion { cam_from_target: pose(0.0), time_ns, velocity_per_s: Vector6::zeros() }
+    }
+
+    #[test]
+    fn every_transition_of_the_diagram() {
+        let last = motion(1_000);
+        let late = 1_000 + COASTING_NS_MAX + 1;
+        let is = |state: State| match state {
+            State::Acquiring => "Acquiring",
+            State::Tracking(_) => "Tracking",
+            State::Coasting(_) => "Coasting",
+        };
+        for (from, measured, time_ns, to) in [
+            (State::Acquiring, None, 2_000, "Acquiring"),
+            (State::Acquiring, Some(pose(0.0)), 2_000, "Tracking"),
+            (State::Tracking(last), Some(pose(0.0)), 2_000, "Tracking"),
+            (State::Tracking(last), None, 2_000, "Coasting"),
+            (State::Tracking(last), None, late, "Acquiring"),
+            (State::Coasting(last), Some(pose(0.0)), 2_000, "Tracking"),
+            (State::Coasting(last), None, 2_000, "Coasting"),
+            (State::Coasting(last), None, late, "Acquiring"),
+            // A clock that stands still.
+            (State::Tracking(last), None, 1_000, "Acquiring"),
+            // A recording that starts again: time runs backwards.
+            (State::Coasting(last), None, 0, "Acquiring"),
+        ] {
+            assert_eq!(is(from.next(measured, time_ns)), to, "{from:?} {measured:?} {time_ns}");
+        }
+    }
+
+    #[test]
+    fn a_steady_motion_is_predicted() {
+        let moving = motion(0).continued(pose(0.5), FRAME_NS);
+        let expected = moving.predict(2 * FRAME_NS);
+        assert!((expected.translation_mm.x - 1.0).abs() < 1e-9);
+        // And no further than the velocity is believed.
+        let far = moving.predict(FRAME_NS + 10 * VELOCITY_NS_MAX);
+        assert!((far.translation_mm.x - 3.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_gap_or_a_standstill_of_time_leaves_no_velocity() {
+        let long = motion(0).continued(pose(9.0), VELOCITY_NS_MAX + 1);
+        assert_eq!(long.velocity_per_s, Vector6::zeros());
+        let none = motion(7).continued(pose(9.0), 7);
+        assert_eq!(none.velocity_per_s, Vector6::zeros());
+    }
+
+    #[test]
+    fn corners_are_identified_for_about_three_frames() {
+        // 5 m/s^2 moves 12 mm / sqrt(2) in 58.3 ms.
+        let last = motion(0);
+        assert!(last.identifies_corners(58_000_000, 12.0));
+        assert!(!last.identifies_corners(59_000_000, 12.0));
+    }
+}

@@ -1,0 +1,411 @@
+//! What a box is provisioned with: its camera, its targets, the scene, its links
+//! and its computer's settings, as one blob of bytes.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 4 | `PLMB` |
+//! | 2 | [`FORMAT_VERSION`], little endian |
+//! | 4 | number of bytes of the body, little endian |
+//! | n | the [`Config`], postcard |
+//! | 4 | CRC-32 (ISO-HDLC) of all of the above, little endian |
+//!
+//! Bytes with a right checksum are still outside bytes: [`decode`](Config::decode)
+//! checks every value, and so does [`encode`](Config::encode), so that no blob
+//! is written that a box would refuse.
+
+use core::net::SocketAddr;
+
+use heapless::{String, Vec};
+use postcard::ser_flavors::{Flavor, Size};
+use serde::{Deserialize, Serialize};
+
+use crate::common::checksum::{CRC_BYTES, CRC32, checked};
+use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
+use crate::model::lens::{Lens, LensError};
+use crate::model::pose::{Cam, Pose, Scene};
+use crate::model::target::{Role, TargetGeometry};
+
+mod capture;
+mod machine;
+
+pub use capture::{Capture, CaptureDriver, CaptureError, PixelFormat};
+pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
+
+/// Changes when the blob's content changes.
+pub const FORMAT_VERSION: u16 = 2;
+
+/// The blob's name on a box's card.
+pub const FILE_NAME: &str = "config.plb";
+
+/// The name that a new blob has on the card until it has replaced the old one.
+pub const NEW_FILE_NAME: &str = "config.new";
+
+/// Why a configuration without any link is refused.
+pub const NO_LINK: &str = "neither udp nor serial is given, and packets would have nowhere to go";
+
+/// Longest path or name of a serial line or a camera, in bytes.
+pub const DEVICE_PATH_BYTES_MAX: usize = 64;
+
+const MAGIC: [u8; 4] = *b"PLMB";
+
+/// Magic, version, length.
+const HEADER_BYTES: usize = 10;
+
+/// Everything in a blob but the targets: header, checksum, texts, lens (87),
+/// scene (49), links (91), capture (82), machine (18), rounded up.
+const FIXED_BYTES_MAX: usize = 416;
+
+/// A buffer of this size holds every blob: each target is a name, columns,
+/// rows, role, a virtual point, and its corners of three f64.
+pub const BLOB_BYTES_MAX: usize =
+    FIXED_BYTES_MAX + TARGETS_MAX * (1 + NAME_BYTES_MAX + 3 + 24 + 2 + TARGET_CORNERS_MAX * 24);
+
+/// One target and its name.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TargetConfig {
+    /// Its name in targets.toml; unlike any other's.
+    pub name: String<NAME_BYTES_MAX>,
+    /// Its corners and its role.
+    pub geometry: TargetGeometry,
+}
+
+/// A serial line that the box sends on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SerialLink {
+    /// The device, such as `/dev/ttyS0`.
+    pub path: String<DEVICE_PATH_BYTES_MAX>,
+    /// Bits per second.
+    pub baud: u32,
+}
+
+/// Where the box sends its packets.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Links {
+    /// The host, by UDP.
+    pub udp: Option<SocketAddr>,
+    /// The host, by a serial line.
+    pub serial: Option<SerialLink>,
+}
+
+/// Everything that one box needs to know.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Config {
+    /// The box's name, for people.
+    pub device: String<DEVICE_TEXT_BYTES_MAX>,
+    /// The box's serial number.
+    pub serial_number: String<DEVICE_TEXT_BYTES_MAX>,
+    /// The camera.
+    pub lens: Lens,
+    /// The targets, one at most per role.
+    pub targets: Vec<TargetConfig, TARGETS_MAX>,
+    /// Where the scene is, as theta1..6 of `cam_from_scene`; `None` until it has
+    /// been measured, and then there are no trunk points.
+    pub cam_from_scene_theta: Option<[f64; 6]>,
+    /// Where the packets go.
+    pub links: Links,
+    /// How frames are taken; `None` for a box that only replays recordings.
+    pub capture: Option<Capture>,
+    /// How the box's computer runs the measurement.
+    pub machine: Machine,
+}
+
+/// Why a configuration cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ConfigError {
+    /// The bytes do not start as a blob does.
+    NotAConfig,
+    /// The blob was cut, or something follows it.
+    Length {
+        /// Bytes that the blob says it has.
+        expected: usize,
+        /// Bytes that there are.
+        found: usize,
+    },
+    /// The checksum does not agree.
+    Checksum,
+    /// The blob is of another format.
+    Version {
+        /// The blob's format.
+        found: u16,
+    },
+    /// The checksum agrees, and yet the body is no configuration.
+    Body,
+    /// The buffer is too small for the blob.
+    BufferTooSmall,
+    /// The lens.
+    Lens(LensError),
+    /// There is no target.
+    NoTarget,
+    /// A target's name is empty or holds a control character.
+    TargetName {
+        /// Position in the list of targets.
+        index: usize,
+    },
+    /// Two targets have one name.
+    SameName {
+        /// Position of the first.
+        first: usize,
+        /// Position of the second.
+        second: usize,
+    },
+    /// Two targets have one role.
+    SameRole {
+        /// Position of the first.
+        first: usize,
+        /// Position of the second.
+        second: usize,
+    },
+    /// Two targets have grids of the same size, and cannot be told apart.
+    SameShape {
+        /// Position of the first.
+        first: usize,
+        /// Position of the second.
+        second: usize,
+    },
+    /// The scene's theta: not finite, an angle above 2 pi, or 100 m away.
+    Scene,
+    /// The UDP address or port is 0.
+    Udp,
+    /// The serial path is empty, or the baud rate is not within 1,200 to 12,000,000.
+    Serial,
+    /// The camera's settings.
+    Capture(CaptureError),
+    /// The computer's settings.
+    Machine(MachineError),
+}
+
+impl core::fmt::Display for ConfigError {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotAConfig => formatter.write_str("these bytes are no Plumbline configuration"),
+            Self::Length { expected, found } => {
+                write!(formatter, "the configuration has {found} bytes and should have {expected}")
+            }
+            Self::Checksum => formatter
+                .write_str("the configuration's checksum does not agree: provision the box again"),
+            Self::Version { found } => write!(
+                formatter,
+                "the configuration's format is {found}, this program reads {FORMAT_VERSION}: \
+                 provision the box again"
+            ),
+            Self::Body => formatter.write_str(
+                "the configuration's checksum agrees, but its body is inconsistent \
+                 (such as a target whose points are not columns x rows)",
+            ),
+            Self::BufferTooSmall => {
+                write!(formatter, "a configuration needs a buffer of {BLOB_BYTES_MAX} bytes")
+            }
+            Self::Lens(error) => write!(formatter, "lens: {error}"),
+            Self::NoTarget => formatter.write_str("targets: there must be at least one"),
+            Self::TargetName { index } => write!(
+                formatter,
+                "targets[{index}].name: must not be empty nor hold control characters"
+            ),
+            Self::SameName { first, second } => {
+                write!(formatter, "targets[{first}].name and targets[{second}].name are the same")
+            }
+            Self::SameRole { first, second } => {
+                write!(formatter, "targets[{first}].role and targets[{second}].role are the same")
+            }
+            Self::SameShape { first, second } => write!(
+                formatter,
+                "targets[{first}] and targets[{second}] have grids of the same size, \
+                 and could not be told apart: change the columns or the rows of one"
+            ),
+            Self::Scene => formatter.write_str(
+                "cam_from_scene_theta: angles must lie within 2 pi, distances within 100 m",
+            ),
+            Self::Udp => formatter.write_str("links.udp: neither address nor port may be 0"),
+            Self::Serial => formatter.write_str(
+                "links.serial: needs a path, and a baud rate within 1,200 to 12,000,000",
+            ),
+            Self::Capture(error) => write!(formatter, "capture.{error}"),
+            Self::Machine(error) => write!(formatter, "machine.{error}"),
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+impl From<LensError> for ConfigError {
+    fn from(error: LensError) -> Self {
+        Self::Lens(error)
+    }
+}
+
+impl From<CaptureError> for ConfigError {
+    fn from(error: CaptureError) -> Self {
+        Self::Capture(error)
+    }
+}
+
+impl From<MachineError> for ConfigError {
+    fn from(error: MachineError) -> Self {
+        Self::Machine(error)
+    }
+}
+
+impl Config {
+    /// The scene's pose, when it has been measured.
+    #[must_use]
+    pub fn cam_from_scene(&self) -> Option<Pose<Cam, Scene>> {
+        self.cam_from_scene_theta.map(Pose::from_theta)
+    }
+
+    /// Checks every value and how they go together.
+    ///
+    /// # Errors
+    /// The first [`ConfigError`] found.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        self.lens.check()?;
+        self.check_targets()?;
+        if let Some(theta) = &self.cam_from_scene_theta {
+            let (angles_rad, distances_mm) = theta.split_at(3);
+            let turns = angles_rad.iter().all(|angle| angle.abs() <= core::f64::consts::TAU);
+            if !turns || !distances_mm.iter().all(|distance| distance.abs() < 100_000.0) {
+                return Err(ConfigError::Scene);
+            }
+        }
+        if let Some(address) = &self.links.udp
+            && (address.port() == 0 || address.ip().is_unspecified())
+        {
+            return Err(ConfigError::Udp);
+        }
+        if let Some(serial) = &self.links.serial
+            && (serial.path.is_empty() || !(1_200..=12_000_000).contains(&serial.baud))
+        {
+            return Err(ConfigError::Serial);
+        }
+        if let Some(capture) = &self.capture {
+            capture.check()?;
+        }
+        self.machine.check()?;
+        Ok(())
+    }
+
+    fn check_targets(&self) -> Result<(), ConfigError> {
+        if self.targets.is_empty() {
+            return Err(ConfigError::NoTarget);
+        }
+        for (second, target) in self.targets.iter().enumerate() {
+            if target.name.is_empty() || target.name.chars().any(char::is_control) {
+                return Err(ConfigError::TargetName { index: second });
+            }
+            for (first, earlier) in self.targets[..second].iter().enumerate() {
+                if earlier.name == target.name {
+                    return Err(ConfigError::SameName { first, second });
+                }
+                if earlier.geometry.role() == target.geometry.role() {
+                    return Err(ConfigError::SameRole { first, second });
+                }
+                if sides(&earlier.geometry) == sides(&target.geometry) {
+                    return Err(ConfigError::SameShape { first, second });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The target of a role.
+    #[must_use]
+    pub fn target(&self, role: Role) -> Option<&TargetConfig> {
+        self.targets.iter().find(|target| target.geometry.role() == role)
+    }
+
+    /// Writes the blob. A buffer of [`BLOB_BYTES_MAX`] holds every one.
+    ///
+    /// # Errors
+    /// What [`check`](Self::check) finds, or [`ConfigError::BufferTooSmall`].
+    pub fn encode<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], ConfigError> {
+        self.check()?;
+        let small = ConfigError::BufferTooSmall;
+        let (header, rest) = buffer.split_first_chunk_mut::<HEADER_BYTES>().ok_or(small)?;
+        let body_bytes = postcard::to_slice(self, rest).map_err(|_| small)?.len();
+        *header = self::header(body_bytes);
+        let covered = HEADER_BYTES + body_bytes;
+        let blob = buffer.get_mut(..covered + CRC_BYTES).ok_or(small)?;
+        let checksum = CRC32.checksum(&blob[..covered]);
+        blob[covered..].copy_from_slice(&checksum.to_le_bytes());
+        Ok(blob)
+    }
+
+    /// Reads a blob.
+    ///
+    /// # Errors
+    /// Any [`ConfigError`]: the blob, its body, or what [`check`](Self::check) finds.
+    pub fn decode(blob: &[u8]) -> Result<Self, ConfigError> {
+        let Some((header, _)) = blob.split_first_chunk::<HEADER_BYTES>() else {
+            return Err(ConfigError::NotAConfig);
+        };
+        let [m0, m1, m2, m3, v0, v1, l0, l1, l2, l3] = *header;
+        if [m0, m1, m2, m3] != MAGIC {
+            return Err(ConfigError::NotAConfig);
+        }
+        let body_bytes = u32::from_le_bytes([l0, l1, l2, l3]) as usize;
+        let expected = body_bytes.saturating_add(HEADER_BYTES + CRC_BYTES);
+        if blob.len() != expected {
+            return Err(ConfigError::Length { expected, found: blob.len() });
+        }
+        let Some((covered, true)) = checked(blob) else {
+            return Err(ConfigError::Checksum);
+        };
+        let found = u16::from_le_bytes([v0, v1]);
+        if found != FORMAT_VERSION {
+            return Err(ConfigError::Version { found });
+        }
+        let Ok((config, [])) = postcard::take_from_bytes::<Self>(&covered[HEADER_BYTES..]) else {
+            return Err(ConfigError::Body);
+        };
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The blob's checksum, by which a host knows which configuration a box runs.
+    #[must_use]
+    pub fn crc(&self) -> u32 {
+        // Neither pass can fail: both sinks take every byte, and every type here
+        // knows its length.
+        let body_bytes = postcard::serialize_with_flavor(self, Size::default()).unwrap_or(0);
+        let mut digest = CRC32.digest();
+        digest.update(&header(body_bytes));
+        postcard::serialize_with_flavor(self, Digested(digest)).unwrap_or(0)
+    }
+}
+
+fn header(body_bytes: usize) -> [u8; HEADER_BYTES] {
+    let [m0, m1, m2, m3] = MAGIC;
+    let [v0, v1] = FORMAT_VERSION.to_le_bytes();
+    let [l0, l1, l2, l3] = (body_bytes as u32).to_le_bytes();
+    [m0, m1, m2, m3, v0, v1, l0, l1, l2, l3]
+}
+
+/// The two sides of a grid, the longer first: a grid turned by a quarter is the
+/// same grid to a camera.
+fn sides(geometry: &TargetGeometry) -> (usize, usize) {
+    let (columns, rows) = (geometry.columns(), geometry.rows());
+    (columns.max(rows), columns.min(rows))
+}
+
+/// A sink that only computes the checksum.
+struct Digested(crc::Digest<'static, u32>);
+
+impl Flavor for Digested {
+    type Output = u32;
+
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        self.0.update(&[byte]);
+        Ok(())
+    }
+
+    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
+        self.0.update(bytes);
+        Ok(())
+    }
+
+    fn finalize(self) -> postcard::Result<u32> {
+        Ok(self.0.finalize())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,332 @@
+//! The camera model: a pinhole with skew (the paper's K) behind a distorting lens.
+//!
+//! A point of the camera frame goes through three steps, each with its inverse:
+//!
+//! ```text
+//! camera point ──divide by z──▶ ray (x/z, y/z) ──distort──▶ distorted ray ──K──▶ raw pixel
+//! ```
+//!
+//! The distortion is either the paper's two-coefficient radial one (Zhang 2000)
+//! or Brown's with k1 k2 p1 p2 k3, in OpenCV's order and meaning, so that OpenCV
+//! and ROS calibrations can be used as they are.
+
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
+
+/// Distortion coefficients, acting on rays.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Distortion {
+    /// k1, k2: the paper's model (Zhang 2000, section 3.3).
+    Radial2([f64; 2]),
+    /// k1, k2, p1, p2, k3: Brown's model in OpenCV's order.
+    Brown5([f64; 5]),
+}
+
+impl Distortion {
+    /// As `[k1, k2, p1, p2, k3]`; what a model lacks is 0.
+    #[must_use]
+    pub fn coefficients(&self) -> [f64; 5] {
+        match *self {
+            Self::Radial2([k1, k2]) => [k1, k2, 0.0, 0.0, 0.0],
+            Self::Brown5(coefficients) => coefficients,
+        }
+    }
+
+    /// The distorted ray and its 2 x 2 Jacobian by the ray.
+    #[must_use]
+    pub fn distort_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let [k1, k2, p1, p2, k3] = self.coefficients();
+        let (x, y) = (ray.x, ray.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        // Derivative of `radial` by r2.
+        let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let distorted = Vector2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
+        let jacobian = Matrix2::new(
+            radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+            cross,
+            cross,
+            radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+        );
+        (distorted, jacobian)
+    }
+}
+
+/// Why a camera model cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LensError {
+    /// A side is outside the frame limits.
+    FrameSize,
+    /// A focal length is not between 10 px and 100,000 px.
+    FocalLength,
+    /// The principal point is more than one frame away from the frame.
+    PrincipalPoint,
+    /// The skew is not finite or is more than a tenth of the focal length.
+    Skew,
+    /// A distortion coefficient is not finite or is 1,000 or more.
+    Coefficient,
+    /// The distortion folds back inside the frame, so that one raw pixel has two rays.
+    Folds,
+}
+
+impl core::fmt::Display for LensError {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::FrameSize => write!(
+                formatter,
+                "width_px and height_px must lie within {FRAME_SIDE_PX_MIN} to {FRAME_SIDE_PX_MAX}"
+            ),
+            Self::FocalLength => {
+                formatter.write_str("fx_px and fy_px must lie within 10 to 100,000 px")
+            }
+            Self::PrincipalPoint => formatter
+                .write_str("cx_px and cy_px must lie within one frame's length of the frame"),
+            Self::Skew => formatter.write_str("skew_px must be finite and below a tenth of fx_px"),
+            Self::Coefficient => {
+                formatter.write_str("every distortion coefficient must be finite and below 1,000")
+            }
+            Self::Folds => formatter.write_str(
+                "the distortion folds back inside the frame: one pixel would have two rays",
+            ),
+        }
+    }
+}
+
+impl core::error::Error for LensError {}
+
+/// A camera: frame size, intrinsic matrix K and distortion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Lens {
+    /// Frame width.
+    pub width_px: u16,
+    /// Frame height.
+    pub height_px: u16,
+    /// Focal length along x.
+    pub fx_px: f64,
+    /// Focal length along y.
+    pub fy_px: f64,
+    /// Principal point, x.
+    pub cx_px: f64,
+    /// Principal point, y.
+    pub cy_px: f64,
+    /// Skew, the paper's s.
+    pub skew_px: f64,
+    /// Distortion.
+    pub distortion: Distortion,
+}
+
+/// Newton steps of [`Lens::ray_from_raw`]: convergence is quadratic, and the
+/// strongest lens of the tests needs 6.
+const INVERSION_STEPS_MAX: usize = 20;
+
+/// Halvings of one Newton step before the inversion gives up.
+const INVERSION_HALVINGS_MAX: usize = 10;
+
+/// An inversion has converged when the next step moves the ray by less than
+/// this: 1e-12 of a focal length is far below a millionth of a pixel.
+const INVERSION_STEP_END: f64 = 1e-12;
+
+impl Lens {
+    /// Checks every field, and that the frame's border and corners have a ray.
+    ///
+    /// # Errors
+    /// The first [`LensError`] found.
+    pub fn check(&self) -> Result<(), LensError> {
+        let sides = FRAME_SIDE_PX_MIN..=FRAME_SIDE_PX_MAX;
+        if !sides.contains(&self.width_px) || !sides.contains(&self.height_px) {
+            return Err(LensError::FrameSize);
+        }
+        let focal = 10.0..=100_000.0;
+        if !focal.contains(&self.fx_px) || !focal.contains(&self.fy_px) {
+            return Err(LensError::FocalLength);
+        }
+        let near = |value: f64, side: u16| (-1.0..=2.0).contains(&(value / f64::from(side)));
+        if !near(self.cx_px, self.width_px) || !near(self.cy_px, self.height_px) {
+            return Err(LensError::PrincipalPoint);
+        }
+        let skew_px_max = 0.1 * self.fx_px;
+        if !(-skew_px_max..=skew_px_max).contains(&self.skew_px) {
+            return Err(LensError::Skew);
+        }
+        if !self.distortion.coefficients().iter().all(|value| value.abs() < 1000.0) {
+            return Err(LensError::Coefficient);
+        }
+        // Distortion grows outwards, so that the border is where it folds first.
+        const BORDER_SAMPLES: u16 = 32;
+        for sample in 0..=BORDER_SAMPLES {
+            let fraction = f64::from(sample) / f64::from(BORDER_SAMPLES);
+            let right = f64::from(self.width_px - 1);
+            let bottom = f64::from(self.height_px - 1);
+            let (x, y) = (fraction * right, fraction * bottom);
+            for [u, v] in [[x, 0.0], [x, bottom], [0.0, y], [right, y]] {
+                if self.ray_from_raw(&Vector2::new(u, v)).is_none() {
+                    return Err(LensError::Folds);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// K applied to a ray (distorted or not): pixel coordinates.
+    #[must_use]
+    pub fn pixel_from_ray(&self, ray: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(
+            self.fx_px * ray.x + self.skew_px * ray.y + self.cx_px,
+            self.fy_px * ray.y + self.cy_px,
+        )
+    }
+
+    /// The inverse of K applied to a pixel: the ray at z = 1.
+    #[must_use]
+    pub fn ray_from_pixel(&self, pixel_px: &Vector2<f64>) -> Vector2<f64> {
+        let y = (pixel_px.y - self.cy_px) / self.fy_px;
+        Vector2::new((pixel_px.x - self.cx_px - self.skew_px * y) / self.fx_px, y)
+    }
+
+    /// The linear part of K, d pixel / d ray.
+    #[must_use]
+    pub fn pixel_by_ray(&self) -> Matrix2<f64> {
+        Matrix2::new(self.fx_px, self.skew_px, 0.0, self.fy_px)
+    }
+
+    /// The raw pixel of a ray, and its 2 x 2 Jacobian by the ray.
+    #[must_use]
+    pub fn raw_from_ray_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let (distorted, jacobian) = self.distortion.distort_with_jacobian(ray);
+        (self.pixel_from_ray(&distorted), self.pixel_by_ray() * jacobian)
+    }
+
+    /// The raw pixel at which a point of the camera frame appears; `None` when
+    /// it is not in front of the camera.
+    #[must_use]
+    pub fn project(&self, point_cam_mm: &Vector3<f64>) -> Option<Vector2<f64>> {
+        let ray = ray_of(point_cam_mm)?;
+        let (distorted, _) = self.distortion.distort_with_jacobian(&ray);
+        Some(self.pixel_from_ray(&distorted))
+    }
+
+    /// The ray of a raw pixel: damped Newton steps on the distortion, from the
+    /// centre outwards. `None` when no ray of the lens's monotonic range reaches
+    /// the pixel.
+    #[must_use]
+    pub fn ray_from_raw(&self, raw_px: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let wanted = self.ray_from_pixel(raw_px);
+        // A start at the distorted ray itself could lie beyond the fold of a
+        // strong barrel lens; the centre never does.
+        let mut ray = Vector2::zeros();
+        let (mut value, mut jacobian) = self.distortion.distort_with_jacobian(&ray);
+        for _ in 0..INVERSION_STEPS_MAX {
+            let mut step = jacobian.try_inverse()? * (wanted - value);
+            if step.norm() < INVERSION_STEP_END {
+                return Some(ray);
+            }
+            let residual = (wanted - value).norm();
+            let mut halvings = 0;
+            (value, jacobian) = loop {
+                let (value, jacobian) = self.distortion.distort_with_jacobian(&(ray + step));
+                // A lens keeps its orientation up to the fold: past it there is no inverse.
+                if jacobian.determinant() > 0.0 && (wanted - value).norm() < residual {
+                    break (value, jacobian);
+                }
+                halvings += 1;
+                if halvings > INVERSION_HALVINGS_MAX {
+                    // At the rounding floor no step improves: the ray is there already.
+                    return (residual < INVERSION_STEP_END).then_some(ray);
+                }
+                step *= 0.5;
+            };
+            ray += step;
+        }
+        None
+    }
+}
+
+/// The ray through a point in front of the camera.
+#[must_use]
+pub fn ray_of(point_cam_mm: &Vector3<f64>) -> Option<Vector2<f64>> {
+    // A point closer than a micrometre to the plane of the centre has no useful ray.
+    (point_cam_mm.z > 1e-3).then(|| point_cam_mm.xy() / point_cam_mm.z)
+}
+
+/// d ray / d point, 1/mm.
+#[must_use]
+pub fn ray_by_point(point_cam_mm: &Vector3<f64>, ray: &Vector2<f64>) -> Matrix2x3<f64> {
+    let inverse_z = 1.0 / point_cam_mm.z;
+    Matrix2x3::new(inverse_z, 0.0, -ray.x * inverse_z, 0.0, inverse_z, -ray.y * inverse_z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wide_angle() -> Lens {
+        Lens {
+            width_px: 1456,
+            height_px: 1088,
+            fx_px: 800.0,
+            fy_px: 805.0,
+            cx_px: 731.0,
+            cy_px: 540.0,
+            skew_px: 0.7,
+            distortion: Distortion::Brown5([-0.28, 0.09, 0.001, -0.0008, -0.008]),
+        }
+    }
+
+    /// Largest difference between an analytic Jacobian and central differences.
+    fn jacobian_error(lens: &Lens, scale: f64) -> f64 {
+        let mut worst = 0.0_f64;
+        for point in [[10.0, -20.0, 900.0], [-700.0, 500.0, 1000.0], [650.0, -480.0, 1100.0]] {
+            let point = Vector3::from(point);
+            let ray = ray_of(&point).unwrap();
+            let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
+            let jacobian = raw_by_ray * ray_by_point(&point, &ray);
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = 1e-3;
+                let ahead = lens.project(&(point + step)).unwrap();
+                let behind = lens.project(&(point - step)).unwrap();
+                let difference = (ahead - behind) / 2e-3;
+                worst = worst.max((jacobian.column(axis) * scale - difference).norm());
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn projection_jacobian_matches_differences_and_a_wrong_one_does_not() {
+        // Central differences of 1e-3 mm are good to about 1e-9 px/mm here.
+        assert!(jacobian_error(&wide_angle(), 1.0) < 1e-8);
+        assert!(jacobian_error(&wide_angle(), 1.0001) > 1e-5);
+    }
+
+    #[test]
+    fn raw_pixels_come_back_through_their_rays() {
+        let lens = wide_angle();
+        for raw_px in [[0.0, 0.0], [1455.0, 1087.0], [728.0, 544.0], [0.0, 900.0]] {
+            let raw_px = Vector2::from(raw_px);
+            let ray = lens.ray_from_raw(&raw_px).unwrap();
+            let (back_px, _) = lens.raw_from_ray_with_jacobian(&ray);
+            assert!((back_px - raw_px).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn absurd_lenses_are_named() {
+        let good = wide_angle();
+        assert_eq!(good.check(), Ok(()));
+        assert_eq!(Lens { fx_px: f64::NAN, ..good }.check(), Err(LensError::FocalLength));
+        assert_eq!(Lens { cy_px: 1e5, ..good }.check(), Err(LensError::PrincipalPoint));
+        assert_eq!(Lens { skew_px: f64::NAN, ..good }.check(), Err(LensError::Skew));
+        assert_eq!(Lens { width_px: 0, ..good }.check(), Err(LensError::FrameSize));
+        let folding = Distortion::Radial2([-0.5, 0.0]);
+        assert_eq!(Lens { distortion: folding, ..good }.check(), Err(LensError::Folds));
+        let infinite = Distortion::Radial2([f64::INFINITY, 0.0]);
+        assert_eq!(Lens { distortion: infinite, ..good }.check(), Err(LensError::Coefficient));
+    }
+}

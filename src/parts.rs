@@ -1,0 +1,20 @@
+//! The parts of the measurement, one by one.
+//!
+//! A program that measures frames needs none of them: [`Pipeline`](crate::pipeline::Pipeline) has
+//! them all. They are public for those that do something else with the same parts: a camera is
+//! calibrated with them, benchmarks time each one, and tests look at one alone. They change
+//! whenever the measurement does.
+
+pub use crate::find::corner::{Corner, CornerList, Detector};
+pub use crate::find::grid::{Grid, GridFinder};
+pub use crate::find::search::{Area, Goal, Grids, Search};
+pub use crate::fit::edge::{
+    Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,
+};
+pub use crate::fit::measure::{Fitted, MeasureFailure, View, Workspace, mirror_image};
+pub use crate::fit::nodes::{Chord, Direction, Edge, Node, Nodes, Square, points_mm};
+pub use crate::fit::planar::SeenCorner;
+pub use crate::fit::solve::{
+    Inliers, Observations, Solution, SolveFailure, by_increment, robust_cost_after_step, solve,
+};
+pub use crate::follow::track::Motion;

@@ -1,0 +1,218 @@
+//! Packets and frames: checksum, versions, COBS, and finding one's way back in
+//! a stream that was cut or garbled.
+
+use super::{Message, PROTOCOL_VERSION, SCHEMA_HASH};
+use crate::common::checksum::{CRC_BYTES, CRC32, checked};
+
+/// Version and schema hash.
+const HEADER_BYTES: usize = 5;
+
+/// Longest packet, checksum included: the longest that COBS lengthens by one byte only.
+pub const PACKET_BYTES_MAX: usize = 254;
+
+/// Longest frame on a serial line: one byte of COBS and the delimiter more.
+pub const FRAME_BYTES_MAX: usize = PACKET_BYTES_MAX + 2;
+
+/// The byte that ends every frame, and occurs nowhere else.
+pub const DELIMITER: u8 = 0;
+
+/// The message does not fit the buffer; it was not sent, nor any part of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EncodeError;
+
+impl core::fmt::Display for EncodeError {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        formatter.write_str("the message does not fit the buffer")
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+/// Why bytes are not a message. Each is worth a counter of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PacketError {
+    /// The first frame after the start of listening, joined in its middle.
+    /// Once per opened line it is no fault.
+    Fragment,
+    /// More bytes than any frame has, without a delimiter.
+    Oversize,
+    /// Not a COBS frame.
+    Cobs,
+    /// Too few bytes for a packet.
+    Short,
+    /// The checksum does not agree: bits changed on the way.
+    Checksum,
+    /// An intact packet of another protocol version.
+    OtherVersion {
+        /// The sender's version.
+        version: u8,
+    },
+    /// An intact packet of this version, but of another program's messages.
+    OtherSchema {
+        /// The sender's schema hash.
+        hash: u32,
+    },
+    /// An intact packet of this schema whose body is not a message: the sender is broken.
+    Body,
+}
+
+impl core::fmt::Display for PacketError {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Fragment => formatter.write_str("the end of a frame whose start was missed"),
+            Self::Oversize => write!(formatter, "a frame of more than {FRAME_BYTES_MAX} bytes"),
+            Self::Cobs => formatter.write_str("not a COBS frame"),
+            Self::Short => formatter.write_str("too short for a packet"),
+            Self::Checksum => formatter.write_str("wrong checksum"),
+            Self::OtherVersion { version } => write!(
+                formatter,
+                "protocol version {version}, this program speaks {PROTOCOL_VERSION}"
+            ),
+            Self::OtherSchema { hash } => {
+                write!(formatter, "schema {hash:08x}, this program knows {SCHEMA_HASH:08x}")
+            }
+            Self::Body => formatter.write_str("an intact packet that holds no message"),
+        }
+    }
+}
+
+impl core::error::Error for PacketError {}
+
+/// Writes a message as one packet, to be sent as one datagram.
+/// A buffer of [`PACKET_BYTES_MAX`] holds every message.
+///
+/// # Errors
+/// [`EncodeError`] when the buffer is too small.
+pub fn encode_datagram<'a>(
+    message: &Message,
+    buffer: &'a mut [u8],
+) -> Result<&'a [u8], EncodeError> {
+    let (header, rest) = buffer.split_first_chunk_mut::<HEADER_BYTES>().ok_or(EncodeError)?;
+    header[0] = PROTOCOL_VERSION;
+    header[1..].copy_from_slice(&SCHEMA_HASH.to_le_bytes());
+    let body_bytes = postcard::to_slice(message, rest).map_err(|_| EncodeError)?.len();
+    let covered = HEADER_BYTES + body_bytes;
+    let packet = buffer.get_mut(..covered + CRC_BYTES).ok_or(EncodeError)?;
+    let checksum = CRC32.checksum(&packet[..covered]);
+    packet[covered..].copy_from_slice(&checksum.to_le_bytes());
+    Ok(packet)
+}
+
+/// Writes a message as one frame of a serial line, delimiter included.
+/// A buffer of [`FRAME_BYTES_MAX`] holds every message.
+///
+/// # Errors
+/// [`EncodeError`] when the buffer is too small.
+pub fn encode_frame<'a>(message: &Message, buffer: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
+    let mut packet = [0; PACKET_BYTES_MAX];
+    let packet = encode_datagram(message, &mut packet)?;
+    // COBS costs one byte up to 254. The room is checked here, because the crate does not
+    // notice that a final zero needs a byte more than there is.
+    let frame = buffer.get_mut(..packet.len() + 2).ok_or(EncodeError)?;
+    let (delimiter, stuffed) = frame.split_last_mut().ok_or(EncodeError)?;
+    cobs::try_encode(packet, stuffed).map_err(|_| EncodeError)?;
+    *delimiter = DELIMITER;
+    Ok(frame)
+}
+
+/// Reads one packet: a datagram, or a frame out of its COBS form.
+///
+/// # Errors
+/// Any [`PacketError`] but those of the serial line.
+pub fn decode_datagram(packet: &[u8]) -> Result<Message, PacketError> {
+    // The checksum comes first: a wrong version number in a damaged packet is
+    // damage, not another version.
+    let (covered, intact) = checked(packet).ok_or(PacketError::Short)?;
+    let (header, body) = covered.split_first_chunk::<HEADER_BYTES>().ok_or(PacketError::Short)?;
+    if !intact {
+        return Err(PacketError::Checksum);
+    }
+    let [version, hash @ ..] = *header;
+    if version != PROTOCOL_VERSION {
+        return Err(PacketError::OtherVersion { version });
+    }
+    let hash = u32::from_le_bytes(hash);
+    if hash != SCHEMA_HASH {
+        return Err(PacketError::OtherSchema { hash });
+    }
+    match postcard::take_from_bytes(body) {
+        Ok((message, [])) => Ok(message),
+        _ => Err(PacketError::Body),
+    }
+}
+
+/// Takes a serial line's bytes as they come and gives the messages in them.
+///
+/// `N` is the longest frame without its delimiter; [`FRAME_BYTES_MAX`] takes
+/// every frame of this version. After damage it goes on at the next delimiter,
+/// so that damage costs the frames it touches and no other.
+#[derive(Debug)]
+pub struct Deframer<const N: usize = FRAME_BYTES_MAX> {
+    frame: heapless::Vec<u8, N>,
+    overflow: bool,
+    synchronised: bool,
+}
+
+impl<const N: usize> Default for Deframer<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Deframer<N> {
+    /// At the start of listening: perhaps in the middle of a frame.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { frame: heapless::Vec::new(), overflow: false, synchronised: false }
+    }
+
+    /// Forgets a frame begun; for a line that was opened anew.
+    pub fn restart(&mut self) {
+        self.frame.clear();
+        self.overflow = false;
+        self.synchronised = false;
+    }
+
+    /// Takes one byte; an outcome when it ended a frame. Delimiters in a row
+    /// are idle line, not frames.
+    pub fn feed(&mut self, byte: u8) -> Option<Result<Message, PacketError>> {
+        if byte != DELIMITER {
+            self.overflow |= self.frame.push(byte).is_err();
+            return None;
+        }
+        if self.frame.is_empty() {
+            self.synchronised = true;
+            return None;
+        }
+        let outcome = if self.overflow {
+            Err(PacketError::Oversize)
+        } else {
+            match cobs::decode_in_place(&mut self.frame) {
+                Ok(length) => decode_datagram(&self.frame[..length]),
+                Err(_) => Err(PacketError::Cobs),
+            }
+        };
+        let outcome = match outcome {
+            // What was missed may have held anything.
+            Err(
+                PacketError::Oversize
+                | PacketError::Cobs
+                | PacketError::Short
+                | PacketError::Checksum,
+            ) if !self.synchronised => Err(PacketError::Fragment),
+            outcome => outcome,
+        };
+        self.restart();
+        self.synchronised = true;
+        Some(outcome)
+    }
+
+    /// Takes many bytes and hands each outcome to `receive`.
+    pub fn push(&mut self, bytes: &[u8], mut receive: impl FnMut(Result<Message, PacketError>)) {
+        for &byte in bytes {
+            if let Some(outcome) = self.feed(byte) {
+                receive(outcome);
+            }
+        }
+    }
+}

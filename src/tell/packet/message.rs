@@ -1,0 +1,311 @@
+//! The messages besides the pose: who the box is, how it is doing, what it
+//! logs, and the few commands it takes.
+
+use heapless::{String, Vec};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::document::Document;
+use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
+use crate::model::target::Role;
+
+/// Links that one box can have at once: UDP, serial, file.
+pub const LINKS_MAX: usize = 3;
+
+/// Longest module path of a log record, in bytes.
+pub const LOG_TARGET_BYTES_MAX: usize = 32;
+
+/// Longest text of a log record, in bytes.
+pub const LOG_TEXT_BYTES_MAX: usize = 128;
+
+/// Longest text of a refusal, in bytes.
+pub const REASON_BYTES_MAX: usize = 200;
+
+/// Longest time in set-up mode that can be asked for at once.
+pub const AIM_S_MAX: u16 = 60;
+
+/// Why the box started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ResetReason {
+    /// The box cannot tell.
+    Unknown,
+    /// Power came on, or a host had the box restarted.
+    PowerOn,
+    /// The watchdog restarted the box: no frame was processed for too long, or the kernel failed.
+    Watchdog,
+}
+
+/// One configured target.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct TargetInfo {
+    /// Its name in targets.toml.
+    pub name: String<NAME_BYTES_MAX>,
+    /// What it is for; pose packets refer to it by this.
+    pub role: Role,
+    /// How many corners it has.
+    pub corners: u8,
+}
+
+/// Who is speaking. The protocol version is in front of every packet.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Hello {
+    /// The box's name, for people.
+    pub device: String<DEVICE_TEXT_BYTES_MAX>,
+    /// The box's serial number.
+    pub serial_number: String<DEVICE_TEXT_BYTES_MAX>,
+    /// Version of the box's program.
+    pub firmware: String<DEVICE_TEXT_BYTES_MAX>,
+    /// [`Config::crc`](crate::model::config::Config::crc) of the configuration in use.
+    pub config_crc: u32,
+    /// Drawn at random at each start; a new number is a new session.
+    pub boot_id: u32,
+    /// How often the program has started, where that is kept.
+    pub boot_count: Option<u32>,
+    /// Why it started this time.
+    pub reset_reason: ResetReason,
+    /// Frame width.
+    pub width_px: u16,
+    /// Frame height.
+    pub height_px: u16,
+    /// The targets, in the order of the configuration.
+    pub targets: Vec<TargetInfo, TARGETS_MAX>,
+}
+
+/// Kind of a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum LinkKind {
+    /// Datagrams.
+    Udp,
+    /// A serial line.
+    Serial,
+    /// A file.
+    File,
+}
+
+/// What one link has carried since the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct LinkHealth {
+    /// Which link.
+    pub kind: LinkKind,
+    /// Packets handed over.
+    pub packets_sent: u32,
+    /// Packets that the link did not take in time.
+    pub packets_dropped: u32,
+}
+
+/// The source of the frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum CameraState {
+    /// No frame has come yet.
+    Starting,
+    /// Frames come.
+    Running,
+    /// It is there, and no frame has come for a second; it is being reopened.
+    Stalled,
+    /// It is absent or reports errors; opening it is tried again and again.
+    Lost,
+    /// The recording is over.
+    Ended,
+}
+
+/// How the box is doing; counters run from the start.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Health {
+    /// Time since the start.
+    pub uptime_ms: u64,
+    /// Frames that were processed.
+    pub frames: u32,
+    /// Frames that came and were skipped, because newer ones were already there.
+    pub frames_dropped: u32,
+    /// Frames that never came, or came damaged: gaps in the camera's numbers.
+    pub frames_missed: u32,
+    /// How often frames stopped coming, so that the camera had to be reopened.
+    pub camera_losses: u32,
+    /// Corners that searches have lost because a buffer was full.
+    pub corners_dropped: u32,
+    /// Heap allocations since the first frame after the camera was last opened, a picture
+    /// was taken or a configuration was stored;
+    /// `None` when nobody counts them.
+    pub heap_allocations: Option<u32>,
+    /// The processor's temperature in 0.1 degrees Celsius, where it can be read.
+    pub temperature_decicelsius: Option<i16>,
+    /// Whether the supply's voltage is too low, or was for a moment: within 3 s of the moment
+    /// at least one `Health` says so, however short it was, and within 5 s none does any more.
+    /// `None` where the computer does not tell.
+    pub undervoltage: Option<bool>,
+    /// Whether heat or a weak supply slows the processor down: where the computer's firmware
+    /// tells it, as for `undervoltage`; else whether its clock since the last `Health` was, on
+    /// average, more than a tenth below its full one. `None` where neither can be known.
+    pub throttled: Option<bool>,
+    /// The source of the frames.
+    pub camera: CameraState,
+    /// Seconds until set-up mode ends, in which pictures may leave the box; 0 outside it.
+    pub aiming_s: u16,
+    /// Largest latency since the last `Health`.
+    pub latency_us_max: u32,
+    /// Log records for which there was no room.
+    pub logs_dropped: u32,
+    /// The links in use.
+    pub links: Vec<LinkHealth, LINKS_MAX>,
+}
+
+/// Weight of a log record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+pub enum LogLevel {
+    /// Something failed.
+    Error,
+    /// Something is not as it should be.
+    Warn,
+    /// What a technician wants to know.
+    Info,
+    /// What an engineer wants to know.
+    Debug,
+    /// Everything.
+    Trace,
+}
+
+/// One log record.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Log {
+    /// Since the start.
+    pub uptime_ms: u64,
+    /// Weight.
+    pub level: LogLevel,
+    /// The module that speaks.
+    pub target: String<LOG_TARGET_BYTES_MAX>,
+    /// What it says.
+    pub text: String<LOG_TEXT_BYTES_MAX>,
+    /// Bytes of target and text that did not fit.
+    pub cut: u16,
+}
+
+/// What the host asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub enum Action {
+    /// Answer with the times: measures the round trip and relates the clocks.
+    Ping {
+        /// The host's clock when it sent this; comes back unchanged.
+        host_sent_ns: u64,
+    },
+    /// Send a [`Hello`].
+    SendHello,
+    /// Send a [`Health`].
+    SendHealth,
+    /// Answer with the checksum and the length of the configuration in use.
+    QueryConfig,
+    /// Send a [`View`](super::View) of the next frame.
+    SendView,
+    /// Send these bytes of a document, as [`Part`](super::Part)s.
+    SendParts {
+        /// Of which.
+        document: Document,
+        /// From here on.
+        offset: u32,
+        /// So many.
+        bytes: u32,
+    },
+    /// Keep the configuration that has come in parts: it is in use from the next start on.
+    StoreConfig {
+        /// Its length.
+        bytes: u32,
+        /// Its [`Config::crc`](crate::model::config::Config::crc).
+        crc: u32,
+    },
+    /// Set-up mode for so many seconds from now, at most [`AIM_S_MAX`]; 0 ends it. Only in
+    /// it do pictures leave the box, and only over the link on which it was asked for.
+    Aim {
+        /// How long.
+        seconds: u16,
+    },
+    /// In set-up mode: make a [`Picture`](super::Picture) of the next frame, and send word
+    /// of it.
+    TakePicture {
+        /// Pixels of the frame per pixel of the picture, in either direction.
+        reduction: u8,
+    },
+    /// In set-up mode, until it ends: expose so.
+    Expose {
+        /// Exposure time; `None` as configured.
+        exposure_us: Option<u32>,
+        /// Gain, in the camera's unit; `None` as configured.
+        gain: Option<f32>,
+    },
+    /// Start anew.
+    Reboot,
+}
+
+/// A request, with a number of the host's choice that the reply repeats.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Command {
+    /// Chosen by the host.
+    pub id: u16,
+    /// What is asked for.
+    pub action: Action,
+}
+
+/// Why a command was not carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Refusal {
+    /// This box, or this link, does not take it.
+    NotSupported,
+    /// Not now; try again.
+    Busy,
+    /// Only in set-up mode.
+    NotAiming,
+    /// Bytes are missing from here on.
+    Incomplete {
+        /// The first that is missing.
+        from: u32,
+    },
+    /// What was sent cannot be used; the reason names the field.
+    Unusable,
+    /// It could not be stored; what was stored before still is.
+    NotStored,
+}
+
+/// What came of a command.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ReplyOutcome {
+    /// To [`Action::Ping`].
+    Pong {
+        /// As sent by the host.
+        host_sent_ns: u64,
+        /// The capture clock when the command came in.
+        box_received_ns: u64,
+        /// The capture clock when this reply was handed to the link.
+        box_sent_ns: u64,
+    },
+    /// To [`Action::QueryConfig`].
+    Config {
+        /// [`Config::crc`](crate::model::config::Config::crc).
+        crc: u32,
+        /// Length of its blob.
+        bytes: u32,
+        /// The checksum of the one that is in use from the next start on: the same, until
+        /// another is stored.
+        next_crc: u32,
+    },
+    /// To [`Action::StoreConfig`]: it is on the disk, whatever happens to the power now.
+    Stored {
+        /// [`Config::crc`](crate::model::config::Config::crc), as read back.
+        crc: u32,
+    },
+    /// It will be done.
+    Accepted,
+    /// It will not be done.
+    Refused {
+        /// Why.
+        refusal: Refusal,
+        /// The same in words, for people; may be empty.
+        reason: String<REASON_BYTES_MAX>,
+    },
+}
+
+/// The answer to the [`Command`] of the same number.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Reply {
+    /// The command's number.
+    pub id: u16,
+    /// What came of it.
+    pub outcome: ReplyOutcome,
+}

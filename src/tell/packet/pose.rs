@@ -1,0 +1,269 @@
+//! The pose packet: one frame's result in as few bytes as its precision needs.
+
+use heapless::Vec;
+use nalgebra::Matrix6;
+use postcard_schema::Schema;
+use postcard_schema::schema::NamedType;
+use serde::{Deserialize, Serialize};
+
+use crate::limits::TARGETS_MAX;
+use crate::model::target::Role;
+use crate::tell::report::{NoPose, TargetState};
+
+/// Steps of a standard deviation on the wire, per millimetre.
+pub(super) const SD_STEPS_PER_MM: u16 = 10_000;
+
+/// Steps of an angle's standard deviation on the wire, per radian: 65 mrad at most.
+pub(super) const SD_STEPS_PER_RAD: f32 = 1e6;
+
+/// Steps of a correlation on the wire.
+pub(super) const CORRELATION_STEPS: i8 = 127;
+
+/// Correlations between six numbers.
+pub const CORRELATIONS: usize = 15;
+
+/// Steps of a reprojection error on the wire, per pixel.
+pub(super) const RMS_STEPS_PER_PX: u16 = 10_000;
+
+/// A standard deviation arrives rounded to this; the largest, 6.5535 mm, also
+/// stands for everything above it.
+pub const SD_STEP_MM: f64 = 1.0 / SD_STEPS_PER_MM as f64;
+
+/// A reprojection error arrives rounded to this; the largest, 6.5535 px, also
+/// stands for everything above it.
+pub const RMS_STEP_PX: f64 = 1.0 / RMS_STEPS_PER_PX as f64;
+
+/// Which instant of a frame its capture time marks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum MarkedInstant {
+    /// The sensor started to collect light.
+    ExposureStart,
+    /// The sensor stopped collecting light.
+    ExposureEnd,
+    /// The frame reached the computer: exposure, read-out and transport later.
+    FrameArrival,
+    /// The frame's time in a recording that is replayed.
+    Recording,
+}
+
+/// A point along the body's axes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct AnatomicalPoint {
+    /// Forward.
+    pub ap_mm: f32,
+    /// To the person's right.
+    pub ml_mm: f32,
+    /// Up.
+    pub si_mm: f32,
+}
+
+/// A target's pose, `cam_from_target`, and how good it is.
+///
+/// f32 is fine enough: at 1,000 mm its step is 0.00006 mm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "MeasuredPoseWire", into = "MeasuredPoseWire")]
+pub struct MeasuredPose {
+    /// theta1..3 of R = Rz(theta1) Ry(theta2) Rx(theta3).
+    pub theta_rad: [f32; 3],
+    /// The target's origin in the camera frame: x, y, z.
+    pub translation_mm: [f32; 3],
+    /// Standard deviations of x, y, z; sent in steps of [`SD_STEP_MM`].
+    pub sd_mm: [f32; 3],
+    /// Standard deviations of small turns about the target's x, y and z axes; sent in
+    /// steps of a microradian.
+    pub sd_rad: [f32; 3],
+    /// Correlations of the three turns and x, y, z, in this order: the upper triangle of
+    /// their matrix, row by row; sent in steps of 1/127.
+    pub correlations: [f32; CORRELATIONS],
+    /// Reprojection error, root mean square of the residuals' lengths; sent in
+    /// steps of [`RMS_STEP_PX`].
+    pub rms_px: f32,
+    /// Corners used; how many the target has is in the [`Hello`](super::Hello).
+    pub corners: u8,
+}
+
+impl MeasuredPose {
+    /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the increments of
+    /// [`crate::model::pose::Pose::moved_by`].
+    #[must_use]
+    pub fn covariance(&self) -> Matrix6<f64> {
+        let sd = |axis: usize| match axis {
+            0..3 => f64::from(self.sd_rad[axis]),
+            _ => f64::from(self.sd_mm[axis - 3]),
+        };
+        let mut covariance = Matrix6::from_fn(|i, j| if i == j { sd(i) * sd(i) } else { 0.0 });
+        for ((i, j), &correlation) in pairs().zip(&self.correlations) {
+            covariance[(i, j)] = f64::from(correlation) * sd(i) * sd(j);
+            covariance[(j, i)] = covariance[(i, j)];
+        }
+        covariance
+    }
+}
+
+/// Places of the upper triangle of a 6 x 6, row by row, without the diagonal.
+pub(super) fn pairs() -> impl Iterator<Item = (usize, usize)> {
+    (0..6).flat_map(|i| (i + 1..6).map(move |j| (i, j)))
+}
+
+/// One target in one frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct TargetPacket {
+    /// Which target.
+    pub role: Role,
+    /// Its state after this frame.
+    pub state: TargetState,
+    /// Its pose, or why there is none.
+    pub pose: Result<MeasuredPose, NoPose>,
+}
+
+/// One frame's result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "PosePacketWire", into = "PosePacketWire")]
+pub struct PosePacket {
+    /// Counts the frames since the box's start, lost packets included.
+    pub sequence: u32,
+    /// When the frame was taken, on the capture clock.
+    pub capture_time_ns: u64,
+    /// Which instant of the frame that is.
+    pub instant: MarkedInstant,
+    /// From the marked instant to the handing over of this packet to the links.
+    pub latency_us: u32,
+    /// One entry per configured target.
+    pub targets: Vec<TargetPacket, TARGETS_MAX>,
+    /// The upper trunk point in the scene's axes; `None` without a pose or a scene.
+    pub upper_trunk: Option<AnatomicalPoint>,
+    /// The lower trunk point in the scene's axes; `None` without a pose or a scene.
+    pub lower_trunk: Option<AnatomicalPoint>,
+}
+
+/// [`MeasuredPose`] as sent: fixed-point numbers, each of a fixed width.
+#[derive(Clone, Copy, Serialize, Deserialize, Schema)]
+struct MeasuredPoseWire {
+    theta_rad: [f32; 3],
+    translation_mm: [f32; 3],
+    sd_steps: [[u8; 2]; 3],
+    sd_turn_steps: [[u8; 2]; 3],
+    correlation_steps: [i8; CORRELATIONS],
+    rms_steps: [u8; 2],
+    corners: u8,
+}
+
+/// [`PosePacket`] as sent. The integers have a fixed width: postcard's varints
+/// would be shorter at first, and longer in the worst case, which counts.
+#[derive(Clone, Serialize, Deserialize, Schema)]
+struct PosePacketWire {
+    sequence: [u8; 4],
+    capture_time_ns: [u8; 8],
+    instant: MarkedInstant,
+    latency_us: [u8; 4],
+    targets: Vec<TargetPacket, TARGETS_MAX>,
+    upper_trunk: Option<AnatomicalPoint>,
+    lower_trunk: Option<AnatomicalPoint>,
+}
+
+impl Schema for MeasuredPose {
+    const SCHEMA: &'static NamedType = MeasuredPoseWire::SCHEMA;
+}
+
+impl Schema for PosePacket {
+    const SCHEMA: &'static NamedType = PosePacketWire::SCHEMA;
+}
+
+/// A number that no measurement yields: the sender is broken.
+#[derive(Debug)]
+struct NotFinite;
+
+impl core::fmt::Display for NotFinite {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        formatter.write_str("a number is not finite")
+    }
+}
+
+/// Fixed point, rounded; what is too large, or not a number, is the largest.
+fn steps(value: f32, steps_per_unit: f32) -> [u8; 2] {
+    let scaled = value * steps_per_unit + 0.5;
+    // `as` saturates at both ends, and NaN, which it would make 0, goes up here.
+    let steps = if scaled.is_nan() { u16::MAX } else { scaled as u16 };
+    steps.to_le_bytes()
+}
+
+fn from_steps(steps: [u8; 2], steps_per_unit: f32) -> f32 {
+    f32::from(u16::from_le_bytes(steps)) / steps_per_unit
+}
+
+impl From<MeasuredPose> for MeasuredPoseWire {
+    fn from(pose: MeasuredPose) -> Self {
+        Self {
+            theta_rad: pose.theta_rad,
+            translation_mm: pose.translation_mm,
+            sd_steps: pose.sd_mm.map(|sd_mm| steps(sd_mm, SD_STEPS_PER_MM.into())),
+            sd_turn_steps: pose.sd_rad.map(|sd_rad| steps(sd_rad, SD_STEPS_PER_RAD)),
+            // Rounded away from 0 by half a step; `as` saturates, and makes 0 of a NaN.
+            correlation_steps: pose.correlations.map(|correlation| {
+                let scaled = correlation * f32::from(CORRELATION_STEPS);
+                (scaled + libm::copysignf(0.5, scaled)) as i8
+            }),
+            rms_steps: steps(pose.rms_px, RMS_STEPS_PER_PX.into()),
+            corners: pose.corners,
+        }
+    }
+}
+
+impl TryFrom<MeasuredPoseWire> for MeasuredPose {
+    type Error = NotFinite;
+
+    fn try_from(wire: MeasuredPoseWire) -> Result<Self, NotFinite> {
+        if !wire.theta_rad.iter().chain(&wire.translation_mm).all(|value| value.is_finite()) {
+            return Err(NotFinite);
+        }
+        Ok(Self {
+            theta_rad: wire.theta_rad,
+            translation_mm: wire.translation_mm,
+            sd_mm: wire.sd_steps.map(|sd| from_steps(sd, SD_STEPS_PER_MM.into())),
+            sd_rad: wire.sd_turn_steps.map(|sd| from_steps(sd, SD_STEPS_PER_RAD)),
+            correlations: wire
+                .correlation_steps
+                .map(|steps| f32::from(steps) / f32::from(CORRELATION_STEPS)),
+            rms_px: from_steps(wire.rms_steps, RMS_STEPS_PER_PX.into()),
+            corners: wire.corners,
+        })
+    }
+}
+
+impl From<PosePacket> for PosePacketWire {
+    fn from(packet: PosePacket) -> Self {
+        Self {
+            sequence: packet.sequence.to_le_bytes(),
+            capture_time_ns: packet.capture_time_ns.to_le_bytes(),
+            instant: packet.instant,
+            latency_us: packet.latency_us.to_le_bytes(),
+            targets: packet.targets,
+            upper_trunk: packet.upper_trunk,
+            lower_trunk: packet.lower_trunk,
+        }
+    }
+}
+
+impl TryFrom<PosePacketWire> for PosePacket {
+    type Error = NotFinite;
+
+    fn try_from(wire: PosePacketWire) -> Result<Self, NotFinite> {
+        let finite = |point: &Option<AnatomicalPoint>| {
+            point.is_none_or(|point| {
+                [point.ap_mm, point.ml_mm, point.si_mm].iter().all(|value| value.is_finite())
+            })
+        };
+        if !finite(&wire.upper_trunk) || !finite(&wire.lower_trunk) {
+            return Err(NotFinite);
+        }
+        Ok(Self {
+            sequence: u32::from_le_bytes(wire.sequence),
+            capture_time_ns: u64::from_le_bytes(wire.capture_time_ns),
+            instant: wire.instant,
+            latency_us: u32::from_le_bytes(wire.latency_us),
+            targets: wire.targets,
+            upper_trunk: wire.upper_trunk,
+            lower_trunk: wire.lower_trunk,
+        })
+    }
+}

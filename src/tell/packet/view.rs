@@ -1,0 +1,24 @@
+//! What the camera sees, in numbers: for those who aim, focus and expose it, and need no
+//! picture for it.
+
+use heapless::Vec;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::limits::TARGETS_MAX;
+use crate::tell::view::{FrameView, TargetView};
+
+/// One frame, as it looks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct View {
+    /// Which frame, as in its pose packet.
+    pub sequence: u32,
+    /// The exposure time that the camera was asked for; `None` where it was left alone.
+    pub exposure_us: Option<u32>,
+    /// The gain that it was asked for, likewise.
+    pub gain: Option<f32>,
+    /// The frame as a whole.
+    pub frame: FrameView,
+    /// Each target that was measured in it.
+    pub targets: Vec<TargetView, TARGETS_MAX>,
+}
