@@ -3,9 +3,11 @@
 use plumbline_test_support::data;
 use std::path::{Path, PathBuf};
 
-use plumbline::corner::{Corner, CornerList, Detector};
-use plumbline::grid::{Grid, GridFinder, GridRejection, GridShape};
 use plumbline::image::GreyImage;
+use plumbline::parts::{Corner, CornerList, Detector};
+use plumbline::parts::{Grid, GridFinder};
+use plumbline::report::GridRejection;
+use plumbline::target::GridShape;
 
 /// Shapes that none of the boards has.
 const OTHER_SHAPES: [(u8, u8); 7] = [(8, 6), (9, 5), (6, 5), (5, 4), (8, 5), (7, 6), (10, 7)];

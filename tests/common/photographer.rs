@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use plumbline::lens::Lens;
-use plumbline::nodes::points_mm;
+use plumbline::parts::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
 use plumbline_calibration::Picture;

@@ -3,12 +3,12 @@
 use core::mem::size_of;
 use std::collections::BTreeMap;
 
-use plumbline::corner::{CornerList, Detector};
-use plumbline::edge::Batch;
-use plumbline::grid::GridFinder;
-use plumbline::measure::Workspace;
+use plumbline::parts::Batch;
+use plumbline::parts::GridFinder;
+use plumbline::parts::Search;
+use plumbline::parts::Workspace;
+use plumbline::parts::{CornerList, Detector};
 use plumbline::pipeline::Pipeline;
-use plumbline::search::Search;
 
 /// The core's bound.
 const TOTAL_BYTES_MAX: usize = 1024 * 1024;

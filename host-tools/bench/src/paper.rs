@@ -12,9 +12,8 @@
 use nalgebra::{Matrix2, Vector2};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens::Lens;
-use plumbline::planar::SeenCorner;
+use plumbline::parts::{SeenCorner, solve};
 use plumbline::pose::{Cam, Pose, Target};
-use plumbline::solve::solve;
 use plumbline::target::TargetGeometry;
 
 /// Iterations of the fit.
@@ -39,7 +38,7 @@ pub fn pose<P: Pixel>(
             let point_mm = target.corner_mm(index);
             let expected_px = lens.project(&expected_cam_from_target.transform(&point_mm))?;
             let found_px = corner(image, &expected_px, radius_px)?;
-            SeenCorner::new(index as u8, point_mm, lens, &found_px, SIGMA_PX)
+            SeenCorner::new(point_mm, lens, &found_px, SIGMA_PX)
         })
         .collect();
     Some(solve(expected_cam_from_target, &corners[..], ITERATIONS).ok()?.cam_from_target)

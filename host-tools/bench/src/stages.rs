@@ -1,6 +1,6 @@
 //! The parts of `Pipeline::step`, each on its own.
 //!
-//! What is measured mirrors `plumbline::measure::Workspace`, whose parts nobody else
+//! What is measured mirrors `plumbline::parts::Workspace`, whose parts nobody else
 //! needs, on the same public functions: one pass, which nearly every frame takes, for
 //! both targets; and what a frame takes beside it where the target is not where it was
 //! expected. That is the true motion of the two frames before, continued.
@@ -10,15 +10,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use nalgebra::Vector6;
-use plumbline::corner::{CornerList, Detector};
-use plumbline::edge::{Appearance, Batch, Light, SeenEdge, SeenEdges, fit, locate};
-use plumbline::grid::{GridFinder, GridRejection};
 use plumbline::image::Pixel;
-use plumbline::measure::{View, Workspace, mirror_image};
-use plumbline::nodes::Nodes;
+use plumbline::parts::{
+    Appearance, Batch, CornerList, Detector, GridFinder, Light, Motion, Nodes, SeenEdge, SeenEdges,
+    View, Workspace, fit_edge, locate_edge, mirror_image, robust_cost_after_step, solve,
+};
 use plumbline::pose::{Cam, Pose, Target};
-use plumbline::solve::{robust_cost_after_step, solve};
-use plumbline::track::Motion;
+use plumbline::report::GridRejection;
 
 use crate::{Bench, SEARCH_EVERY, say_times};
 
@@ -152,7 +150,7 @@ impl Tracker {
         let appearance = &known.appearance;
         let (mut fitted, mut variances): (Vec<SeenEdge>, Vec<f32>) = nodes
             .edges(known.first_square_dark)
-            .filter_map(|edge| fit(image, nodes, &edge, appearance, light.as_ref(), batch))
+            .filter_map(|edge| fit_edge(image, nodes, &edge, appearance, light.as_ref(), batch))
             .map(|(seen, pixels)| (seen, pixels.noise_variance))
             .unzip();
         parts.fit += start.elapsed();
@@ -173,7 +171,7 @@ impl Tracker {
         }
         let located: Vec<SeenEdge> = nodes
             .edges(known.first_square_dark)
-            .filter_map(|edge| locate(image, nodes, &edge))
+            .filter_map(|edge| locate_edge(image, nodes, &edge))
             .collect();
         black_box(solve(expected, &SeenEdges { nodes, edges: &located }, ITERATIONS)).ok()?;
         parts.locate += start.elapsed();

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
+use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Target};
-use plumbline::solve::by_increment;
 
 use super::Residual;
 

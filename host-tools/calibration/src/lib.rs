@@ -11,11 +11,11 @@
 //! measured as the tracker measures them through the lens found so far.
 
 use nalgebra::{Vector2, Vector3};
-use plumbline::grid::GridRejection;
 use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens};
-use plumbline::nodes::points_mm;
+use plumbline::parts::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline::report::GridRejection;
 use plumbline::target::TargetGeometry;
 use rayon::prelude::*;
 

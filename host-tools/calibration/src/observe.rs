@@ -6,12 +6,14 @@
 //! are not: the refinement's standard deviations rest on that.
 
 use nalgebra::Vector2;
-use plumbline::corner::{Corner, CornerList, Detector};
-use plumbline::edge::{Appearance, SeenEdge};
-use plumbline::grid::{Grid, GridFinder, GridRejection};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens::Lens;
-use plumbline::measure::{Measurement, View, Workspace};
+use plumbline::parts::{Appearance, SeenEdge};
+use plumbline::parts::{Corner, CornerList, Detector};
+use plumbline::parts::{Grid, GridFinder};
+use plumbline::parts::{View, Workspace};
+use plumbline::report::GridRejection;
+use plumbline::report::Measurement;
 use plumbline::target::TargetGeometry;
 
 use super::bundle::Seen;

@@ -19,11 +19,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use nalgebra::{Matrix6, Vector6};
 use plumbline::config::BLOB_BYTES_MAX;
-use plumbline::measure::Measurement;
 use plumbline::packet::{
     Hello, MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, Reply, ReplyOutcome, ResetReason,
     TargetInfo, encode_datagram,
 };
+use plumbline::report::Measurement;
 use plumbline::report::{Report, TargetReport, TargetState};
 use plumbline::scene::SceneFrame;
 use plumbline::target::Role;

@@ -12,11 +12,12 @@ use plumbline::config::{
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{
     Action, CameraState, Command, Document, Health, Hello, Message, PACKET_BYTES_MAX,
-    PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome, ResetReason, TargetView, View,
-    decode_datagram, encode_datagram,
+    PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome, ResetReason, View, decode_datagram,
+    encode_datagram,
 };
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline::view::FrameView;
+use plumbline::view::TargetView;
 
 const NAME: &str = "played";
 const BLACK: f32 = 0.03;

@@ -5,11 +5,12 @@ use std::sync::LazyLock;
 use plumbline::config::{Capture, CaptureDriver, Config, PixelFormat};
 use plumbline::packet::{
     CameraState, Health, Hello, LinkHealth, LinkKind, MarkedInstant, MeasuredPose, PosePacket,
-    ResetReason, TargetInfo, TargetPacket, TargetView, View,
+    ResetReason, TargetInfo, TargetPacket, View,
 };
 use plumbline::report::TargetState;
 use plumbline::target::Role;
 use plumbline::view::FrameView;
+use plumbline::view::TargetView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// The period of its frames, 60 Hz.

@@ -1,6 +1,6 @@
 //! A target that is not found: why, in most of the frames, and what to do about it.
 
-use plumbline::grid::GridRejection;
+use plumbline::report::GridRejection;
 use plumbline::report::NoPose;
 
 /// What a target is missing for.

@@ -74,7 +74,7 @@ impl Piece {
         let pitch_mm = self.pitch_mm;
         let top_mm = if self.strip { STRIP_MM } else { 0.0 };
         let squares = (0..=self.rows).flat_map(|row| {
-            // The square up and left of corner 0 is dark: see `plumbline::grid::Grid`.
+            // The square up and left of corner 0 is dark: see `plumbline::parts::Grid`.
             let dark = (0..=self.columns).filter(move |column| (column + row) % 2 == 0);
             dark.map(move |column| {
                 let along = |square: u8| (f64::from(square) + 1.0) * pitch_mm;

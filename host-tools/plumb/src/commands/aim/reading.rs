@@ -1,9 +1,10 @@
 //! What a technician is told of a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
-use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
+use plumbline::packet::{PosePacket, TargetPacket, View};
 use plumbline::report::TargetState;
 use plumbline::target::Role;
+use plumbline::view::TargetView;
 use plumbline_files::camera;
 
 use crate::ui::missing::Missing;
@@ -275,7 +276,7 @@ fn frame_reading(view: &View, best: &mut BestFocus) -> FrameReading {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::grid::GridRejection;
+    use plumbline::report::GridRejection;
     use plumbline::report::NoPose;
     use plumbline::view::FrameView;
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::lens::Distortion;
-use plumbline::nodes::points_mm;
+use plumbline::parts::points_mm;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_calibration::verdict::{self, Concern};
 use plumbline_calibration::{

@@ -18,9 +18,9 @@ use anyhow::{Context, Result, anyhow, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Matrix6;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
-use plumbline::measure::Measurement;
 use plumbline::packet::{CameraState, Message, PosePacket};
 use plumbline::pose::Pose;
+use plumbline::report::Measurement;
 use plumbline::report::{Report, TargetReport};
 
 use self::figures::Figures;

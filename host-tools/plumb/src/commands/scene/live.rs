@@ -104,8 +104,8 @@ fn cam_from_target(pose: &MeasuredPose) -> Pose<Cam, Target> {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::grid::GridRejection;
     use plumbline::packet::{MarkedInstant, ResetReason, TargetInfo, TargetPacket};
+    use plumbline::report::GridRejection;
     use plumbline::report::TargetState;
 
     use super::*;

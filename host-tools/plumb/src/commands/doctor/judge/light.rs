@@ -1,7 +1,7 @@
 //! The light on the targets, and how sharp they are.
 
-use plumbline::packet::TargetView;
 use plumbline::target::Role;
+use plumbline::view::TargetView;
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, median};

@@ -138,7 +138,7 @@ fn size(findings: &Findings, name: &str, role: Role) -> Option<Check> {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::grid::GridRejection;
+    use plumbline::report::GridRejection;
     use plumbline::report::NoPose;
 
     use super::super::super::fixture::{assert_says, check, healthy};
