@@ -43,6 +43,6 @@ fn the_package_has_the_program_the_unit_and_their_needs() {
         let unit = unit.to_str().unwrap();
         run("systemd-analyze", &["security", "--offline=true", "--threshold=30", unit]);
     } else {
-        skip(Absent::Tool, "there is no systemd-analyze to judge the unit");
+        skip(Absent::Machine, "there is no systemd-analyze to judge the unit");
     }
 }

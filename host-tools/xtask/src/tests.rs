@@ -486,7 +486,7 @@ impl Journal {
     /// what it installs only where it could not.
     fn is_excused(&self, absent: Absent) -> bool {
         match absent {
-            Absent::Data | Absent::Hardware | Absent::Emulator => true,
+            Absent::Data | Absent::Machine | Absent::Emulator => true,
             Absent::Tool => !self.lacking.is_empty(),
             Absent::Build => false,
         }
@@ -615,7 +615,7 @@ mod checks {
         };
         for (absent, lacking, failed) in [
             (Absent::Data, &[][..], 0),
-            (Absent::Hardware, &[], 0),
+            (Absent::Machine, &[], 0),
             (Absent::Emulator, &[], 0),
             (Absent::Tool, &[], 1),
             (Absent::Tool, &["a browser: it cannot be installed"], 0),

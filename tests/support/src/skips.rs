@@ -13,8 +13,9 @@ pub const SKIPS: &str = "PLUMBLINE_SKIPS";
 pub enum Absent {
     /// Photographs or recordings that are not in the repository.
     Data,
-    /// Something that this computer does not have, such as counters of processor cycles.
-    Hardware,
+    /// Something that this computer does not have and that is not installed for a test: counters
+    /// of processor cycles, systemd.
+    Machine,
     /// Something that an emulator of another processor cannot do.
     Emulator,
     /// A program or package by others, which `cargo xtask test` installs where it can.
@@ -24,13 +25,13 @@ pub enum Absent {
 }
 
 impl Absent {
-    const ALL: [Self; 5] = [Self::Data, Self::Hardware, Self::Emulator, Self::Tool, Self::Build];
+    const ALL: [Self; 5] = [Self::Data, Self::Machine, Self::Emulator, Self::Tool, Self::Build];
 
     /// Its word in the file.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Data => "data",
-            Self::Hardware => "hardware",
+            Self::Machine => "machine",
             Self::Emulator => "emulator",
             Self::Tool => "tool",
             Self::Build => "build",
