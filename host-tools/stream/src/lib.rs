@@ -20,6 +20,7 @@ pub mod fixture;
 pub mod link;
 pub mod others;
 pub mod power;
+pub mod questions;
 pub mod receiver;
 pub mod reception;
 pub mod recorder;

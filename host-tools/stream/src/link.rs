@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
-    Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply,
-    ReplyOutcome,
+    Action, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome,
 };
 use plumbline_files::BadInput;
 
 use crate::complaints::Complaints;
 use crate::others::{self, Others, is_same_box};
+use crate::questions::Questions;
 use crate::transport::{Event, Transport};
 
 mod download;
@@ -69,7 +69,7 @@ pub struct BoxLink {
     transport: Box<dyn Transport>,
     place: String,
     kind: LinkKind,
-    questions: u16,
+    questions: Questions,
     /// When anything of the box came last.
     heard: Option<Instant>,
     others: Others,
@@ -85,7 +85,14 @@ impl BoxLink {
     /// Over this transport, which `place` names in messages.
     #[must_use]
     pub fn new(transport: Box<dyn Transport>, place: String, kind: LinkKind) -> Self {
-        Self { transport, place, kind, questions: 0, heard: None, others: Others::default() }
+        Self {
+            transport,
+            place,
+            kind,
+            questions: Questions::of_link(),
+            heard: None,
+            others: Others::default(),
+        }
     }
 
     /// How to call it.
@@ -196,18 +203,6 @@ impl BoxLink {
         }
     }
 
-    /// Who the box is, once it says so by itself: it may be starting.
-    ///
-    /// # Errors
-    /// When it does not in time.
-    pub fn hello_within(&mut self, limit: Duration) -> Result<Hello, BadInput> {
-        let hello = self.messages(Instant::now() + limit, |message| match message {
-            Message::Hello(hello) => Some(hello.clone()),
-            _ => None,
-        })?;
-        hello.ok_or_else(|| self.no_answer("who it is"))
-    }
-
     /// Who the box is.
     ///
     /// # Errors
@@ -254,10 +249,9 @@ impl BoxLink {
 
     /// Puts a question without waiting; its number.
     pub fn send(&mut self, action: Action) -> u16 {
-        self.questions = self.questions.wrapping_add(1);
-        let command = Command { id: self.questions, action };
-        self.transport.send(&Message::Command(command));
-        self.questions
+        let (id, question) = self.questions.ask(action);
+        self.transport.send(&question);
+        id
     }
 
     /// Puts a question until it is answered. Other messages that come meanwhile go to
