@@ -11,57 +11,12 @@
 //! the inverse of the normal equations. Boards hang together by the shared numbers alone, so
 //! that each board's six are eliminated first (Schur's complement).
 
-use std::sync::Arc;
-
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::solve::by_increment;
 
-use super::Residual;
-
-/// One number measured in a photograph: a place across an edge, or a corner's coordinate.
-///
-/// Its residual is `by_px[0] . raw pixel of points[0] + by_px[1] . that of points[1] - value`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
-    /// Two points of the board, by their places.
-    pub points: [usize; 2],
-    /// How it follows their raw pixels.
-    pub by_px: [Vector2<f64>; 2],
-    /// What was measured, raw pixels.
-    pub value_px: f64,
-    /// Its standard deviation as far as the pixels' noise goes.
-    pub sigma_px: f64,
-}
-
-/// What one photograph shows of the board.
-#[derive(Debug, Clone)]
-pub struct Photograph {
-    /// Shared by all trial steps of the descent.
-    pub seen: Arc<[Seen]>,
-    pub cam_from_board: Pose<Cam, Target>,
-}
-
-/// How the board differs from a flat one of square pitch.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Shape {
-    /// z = xx x^2 + xy x y + yy y^2, 1/mm.
-    pub bend_per_mm: [f64; 3],
-    /// The pitch along y is larger than that along x by this part.
-    pub stretch: f64,
-}
-
-impl Shape {
-    /// A point of the flat board on this one.
-    #[must_use]
-    pub fn apply(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
-        let [x, y] = [point_mm.x, point_mm.y];
-        let [xx, xy, yy] = self.bend_per_mm;
-        let height = xx * x * x + xy * x * y + yy * y * y;
-        Vector3::new(x, y * (1.0 + self.stretch), point_mm.z + height)
-    }
-}
+use super::model::{Photograph, Residual, Seen, Shape};
 
 /// Numbers of a shape.
 const SHAPE: usize = 4;
@@ -346,13 +301,6 @@ impl Bundle {
             by_shared,
             by_own: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
         })
-    }
-}
-
-impl Seen {
-    fn residual_px(&self, raw_px: &[Vector2<f64>]) -> f64 {
-        let [first, second] = self.points.map(|point| raw_px[point]);
-        self.by_px[0].dot(&first) + self.by_px[1].dot(&second) - self.value_px
     }
 }
 

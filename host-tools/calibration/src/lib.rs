@@ -10,7 +10,7 @@
 //! ([`bundle`]). What is refined is first the detector's corners, then the edges themselves,
 //! measured as the tracker measures them through the lens found so far.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use plumbline::grid::GridRejection;
 use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens};
@@ -22,13 +22,17 @@ use rayon::prelude::*;
 mod bundle;
 mod closed_form;
 pub mod coverage;
+mod model;
 pub mod observe;
 pub mod scene;
 pub mod verdict;
 
-use bundle::{Bundle, Photograph, Shape};
+use bundle::Bundle;
 use coverage::Coverage;
+use model::{Photograph, Shape};
 use observe::{Finder, Found, Measured};
+
+pub use model::Residual;
 
 /// Fewest photographs with a board: Zhang's closed form of all five numbers needs three.
 pub const PHOTOGRAPHS_MIN: usize = 3;
@@ -100,15 +104,6 @@ pub struct Contribution {
     pub residuals: Vec<Residual>,
     /// The board's pose.
     pub cam_from_board: Pose<Cam, Target>,
-}
-
-/// An edge's middle and its residual, raw pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Residual {
-    /// Where the calibration puts the edge's middle.
-    pub at_px: Vector2<f64>,
-    /// From where it is seen, across the edge.
-    pub off_px: Vector2<f64>,
 }
 
 /// A camera, how well it is known, and from what.

@@ -14,7 +14,7 @@ use plumbline::lens::Lens;
 use plumbline::measure::{Measurement, View, Workspace};
 use plumbline::target::TargetGeometry;
 
-use super::bundle::Seen;
+use super::model::Seen;
 
 /// What the detector's corners are good to, raw pixels.
 const FOUND_SIGMA_PX: f64 = 0.25;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::bundle::Shape;
+use super::model::Shape;
 use super::{Calibration, Contribution};
 
 /// Fewer photographs leave an accident in one of them a large part.

@@ -7,16 +7,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
-use plumbline_files::poses::{PoseRow, Writer};
+use plumbline_files::poses::Writer;
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, OriginName, TargetDescription};
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::occluder::Occlusion;
-use plumbline_render::simulate::recorded::Form;
+use plumbline_render::simulate::recorded::{Form, frame_rate, truth_rows};
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// Render a swaying person with both targets, and the true poses.
@@ -228,27 +227,6 @@ fn describe(
     scene::write(scene_path, &scene)
 }
 
-/// One frame's rows of truth.csv: the columns of poses.csv, `points` being the
-/// corners in view.
-pub(crate) fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
-    let truth = simulation.truth(frame);
-    simulation
-        .targets()
-        .iter()
-        .zip(&truth.targets)
-        .map(|(target, known)| {
-            let row = PoseRow::without_pose(frame, truth.time_s, target.layout.name, "truth")
-                .with_pose(&known.cam_from_target);
-            let points = u32::try_from(known.visible_corners).ok();
-            let row = PoseRow { points, ..row };
-            match target.layout.role {
-                Role::Upper | Role::Lower => row.with_trunk(&known.trunk_point),
-                Role::Scene => row,
-            }
-        })
-        .collect()
-}
-
 /// Renders and writes the video; `each` sees every frame before it is written.
 ///
 /// A reader that closes a pipe early (the box stopping, `head`) ends the run without an error.
@@ -262,7 +240,7 @@ fn write_frames(
 ) -> anyhow::Result<()> {
     let lens = simulation.camera();
     let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
-    let encoder = y4m::encode(width, height, ratio(simulation.settings().frame_rate_hz))
+    let encoder = y4m::encode(width, height, frame_rate(simulation.settings().frame_rate_hz))
         .with_colorspace(form.colorspace());
     let mut encoder = match encoder.write_header(sink) {
         Err(error) => return finished_or(error, place),
@@ -306,16 +284,6 @@ fn finished_or(error: y4m::Error, place: &str) -> anyhow::Result<()> {
         y4m::Error::IoError(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         y4m::Error::IoError(error) => Err(BadInput::io(place, &error).into()),
         error => Err(anyhow::Error::new(error).context(format!("{place}: cannot be written"))),
-    }
-}
-
-/// Frames per second as the fraction that Y4M holds, to a thousandth.
-pub(crate) fn ratio(frame_rate_hz: f64) -> y4m::Ratio {
-    let thousandths = (frame_rate_hz * 1000.0).round() as usize;
-    if thousandths.is_multiple_of(1000) {
-        y4m::Ratio::new(thousandths / 1000, 1)
-    } else {
-        y4m::Ratio::new(thousandths, 1000)
     }
 }
 

@@ -9,17 +9,17 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use plumbline::config::Config;
 use plumbline::grid::GridRejection;
-use plumbline::image::GreyImage;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
-use plumbline_files::frames::{Frame, FrameSource, Pixels};
+use plumbline_files::frames::FrameSource;
 use plumbline_files::poses::{PoseRow, Writer};
 use plumbline_files::{camera, refuse_overwriting};
 
-use crate::setup::{self, Descriptions};
+use crate::setup::Descriptions;
+use crate::tracking;
 use crate::ui::draw;
 
 /// Track the targets in recorded frames and write their poses.
@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             error
         })?;
     let (config, mut pipeline) =
-        setup::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
+        tracking::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
 
     let mut rows = poses_writer(arguments)?;
     if let Some(directory) = &arguments.draw {
@@ -149,7 +149,7 @@ fn track(
             pipeline.forget();
         }
         let started = Instant::now();
-        let report = step(pipeline, &frame);
+        let report = tracking::step(pipeline, &frame);
         seen(&report, started.elapsed());
         for row in pose_rows(config, frame.index, &report) {
             rows.write(&row)?;
@@ -165,25 +165,8 @@ fn track(
     Ok(())
 }
 
-/// One frame of a source through the pipeline.
-pub fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
-    let &Frame { width, height, white_level, capture_time_ns, .. } = frame;
-    // The source has checked the size, and gives as many samples as it says.
-    const GOOD: &str = "a frame within the limits";
-    match frame.pixels {
-        Pixels::Grey8(samples) => {
-            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
-            pipeline.step(&image.expect(GOOD), capture_time_ns)
-        }
-        Pixels::Grey16(samples) => {
-            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
-            pipeline.step(&image.expect(GOOD), capture_time_ns)
-        }
-    }
-}
-
 /// The rows of one report, one per target, in the order of the configuration.
-pub fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
+fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
     let time_s = report.capture_time_ns as f64 / 1e9;
     config.targets.iter().zip(&report.targets).map(move |(target, found)| {
         let state = found.state.word();

@@ -4,12 +4,10 @@
 use plumbline_files::targets::{TargetDescription, to_toml};
 
 use super::legend::{self, Legend};
-use super::page::{Page, Paper, Rectangle, Shape};
+use super::page::{EDGE_MM, Page, Paper, Rectangle, Shape};
 use super::piece::{MARK_MM, Piece, mark};
 use super::tiles::several_sheets;
 
-/// Printers leave this much of a sheet's edges white, mm.
-pub const EDGE_MM: f64 = 8.0;
 /// Between targets, and between them and the legend, mm.
 const GAP_MM: f64 = 3.0;
 
@@ -37,16 +35,10 @@ pub fn sheets(descriptions: &[TargetDescription], pitch_mm: f64, paper: Paper) -
     pieces.into_iter().zip(descriptions).flat_map(alone).collect()
 }
 
-/// The sizes of a sheet in its two positions, mm.
-pub fn upright_and_across(paper: Paper) -> [[f64; 2]; 2] {
-    let [width, height] = paper.size_mm();
-    [[width, height], [height, width]]
-}
-
 /// The pieces one above the other, and the legend below them or, turned, to their right.
 fn one_sheet(pieces: &[Piece], legend: &Legend, paper: Paper) -> Option<Page> {
-    let below = upright_and_across(paper).into_iter().map(|size| below(pieces, legend, size));
-    let beside = upright_and_across(paper).into_iter().map(|size| beside(pieces, legend, size));
+    let below = paper.upright_and_across_mm().into_iter().map(|size| below(pieces, legend, size));
+    let beside = paper.upright_and_across_mm().into_iter().map(|size| beside(pieces, legend, size));
     below.chain(beside).flatten().next()
 }
 

@@ -1,5 +1,8 @@
 //! A page as shapes, in millimetres from its top left corner, x right, y down.
 
+/// Printers leave this much of a sheet's edges white, mm.
+pub const EDGE_MM: f64 = 8.0;
+
 /// A paper size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -19,6 +22,12 @@ impl Paper {
             Self::A4 => [210.0, 297.0],
             Self::Letter => [215.9, 279.4],
         }
+    }
+
+    /// The sizes of a sheet in its two positions, mm.
+    pub(super) fn upright_and_across_mm(self) -> [[f64; 2]; 2] {
+        let [width, height] = self.size_mm();
+        [[width, height], [height, width]]
     }
 
     /// Its name for people.

@@ -1,9 +1,8 @@
 //! A board that is larger than a sheet, on several sheets that overlap, and how they go
 //! together.
 
-use super::layout::{EDGE_MM, upright_and_across};
 use super::legend::{self, Legend};
-use super::page::{Font, Page, Paper, Rectangle, Shape, Stroke};
+use super::page::{EDGE_MM, Font, Page, Paper, Rectangle, Shape, Stroke};
 use super::piece::Piece;
 
 /// Around the part of the board on a sheet, for marks, mm.
@@ -31,7 +30,7 @@ struct Tile {
 #[must_use]
 pub fn several_sheets(piece: &Piece, legend: &Legend, paper: Paper) -> Vec<Page> {
     let [upright, across] =
-        upright_and_across(paper).map(|page_mm| (page_mm, tiles(piece.size_mm(), page_mm)));
+        paper.upright_and_across_mm().map(|page_mm| (page_mm, tiles(piece.size_mm(), page_mm)));
     let (page_mm, tiles) = if across.1.len() < upright.1.len() { across } else { upright };
     let board: Vec<Shape> = piece.shapes().into_iter().chain(piece.outline()).collect();
     let sheet = |tile: &Tile| {

@@ -14,7 +14,7 @@
 
 use plumbline::packet::View;
 
-use super::reading::SATURATED_MAX;
+use crate::bounds::SATURATED_MAX;
 
 /// The brightest target's light squares are brought here, as a part of white: bright, and so far
 /// below white that a step towards the light does not saturate them.

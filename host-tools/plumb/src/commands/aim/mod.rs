@@ -26,7 +26,7 @@ mod expose;
 mod exposure;
 mod live;
 mod plain;
-pub(crate) mod reading;
+mod reading;
 mod session;
 mod stills;
 mod terminal;

@@ -15,7 +15,7 @@ use check::Verdict;
 use findings::Expected;
 
 use crate::arguments::{LinkArguments, seconds};
-use crate::commands::show;
+use crate::setup;
 
 /// Check a running box: its link, its program, clock, camera, configuration, targets and light.
 ///
@@ -54,7 +54,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let expected = match &arguments.config {
         Some(path) => {
-            Some(Expected { name: path.display().to_string(), crc: show::read(path)?.crc() })
+            Some(Expected { name: path.display().to_string(), crc: setup::read_blob(path)?.crc() })
         }
         None => None,
     };

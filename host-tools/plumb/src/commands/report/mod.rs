@@ -11,8 +11,8 @@ use plumbline_trial::Trial;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
 
-use crate::commands::analyze::Method;
-use crate::commands::validate::Against;
+use crate::agreement::Against;
+use crate::arguments::method::Method;
 
 mod agreement;
 mod labels;

@@ -15,8 +15,8 @@ use plumbline_trial::points::{Point, Points, point_name};
 use super::agreement;
 use super::page::{annotated, facts, figure, key, page, table, warnings};
 use super::plots::{self, Event};
-use crate::commands::analyze::Method;
-use crate::commands::validate::Validation;
+use crate::agreement::Validation;
+use crate::arguments::method::Method;
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;

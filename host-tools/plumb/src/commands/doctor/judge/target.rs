@@ -7,7 +7,7 @@ use plumbline_files::counting::counted;
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Findings, TargetSeen, median};
 use super::percent;
-use crate::commands::aim::reading::{COVERAGE, PITCH_PX_MIN};
+use crate::bounds::{COVERAGE, PITCH_PX_MIN};
 use crate::ui::missing::{self, Missing};
 
 /// A person at rest hides no target: below this something is amiss now and then.

@@ -1,7 +1,8 @@
 //! Options that several subcommands take, and the values of options.
 
-use std::net::{Ipv4Addr, SocketAddr};
+pub mod method;
 
+use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
 use clap::Args;
