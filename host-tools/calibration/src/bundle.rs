@@ -22,7 +22,7 @@ use super::model::{Photograph, Residual, Seen, Shape};
 const SHAPE: usize = 4;
 
 /// Numbers of a lens before its distortion: fx fy cx cy skew.
-pub const PINHOLE: usize = 5;
+const PINHOLE: usize = 5;
 
 /// What is fitted.
 #[derive(Debug, Clone)]
@@ -34,7 +34,7 @@ pub struct Bundle {
     /// fitted, the shape.
     pub sd: Vec<f64>,
     /// What is beyond the pixels' noise, of each measured number.
-    pub tau_px: f64,
+    tau_px: f64,
     /// Whether the shape was fitted.
     has_shape: bool,
 }
@@ -84,7 +84,7 @@ impl Bundle {
 
     /// Residuals of one photograph, raw pixels; `None` when a point lies behind the camera.
     #[must_use]
-    pub fn residuals_px(
+    fn residuals_px(
         &self,
         points_mm: &[Vector3<f64>],
         photograph: &Photograph,

@@ -13,7 +13,7 @@ use plumbline::view::FrameView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// The period of its frames, 60 Hz.
-pub const PERIOD_NS: u64 = 16_666_667;
+const PERIOD_NS: u64 = 16_666_667;
 
 /// Five seconds of frames.
 pub const FRAMES: u32 = 300;

@@ -10,6 +10,7 @@ use plumbline_analysis::physiology::ecg::r_waves;
 use plumbline_analysis::physiology::pressure::{BeatWise, pulse_cycles};
 use plumbline_analysis::physiology::respiration::end_tidal_mmhg;
 use plumbline_analysis::physiology::signal::Signal;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::BadInput;
 use plumbline_trial::points::Points;
 use serde::Serialize;
@@ -361,12 +362,9 @@ impl Signals<'_> {
     /// Refuses what is in another unit than was said.
     fn plausible(&self, quantity: Quantity, course: &Course) -> Result<(), BadInput> {
         let (Course::PerCycle(signal) | Course::Sampled(signal)) = course;
-        let mut values: Vec<f64> = signal.present().map(|(_, value)| value).collect();
-        if values.is_empty() {
+        let Some(median) = median(signal.present().map(|(_, value)| value)) else {
             return Ok(());
-        }
-        let middle = values.len() / 2;
-        let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+        };
         let [low, high] = quantity.plausible();
         if (low..=high).contains(&median) {
             return Ok(());
@@ -375,9 +373,7 @@ impl Signals<'_> {
         Err(BadInput::new(
             self.recordings.folder.display(),
             name,
-            format!(
-                "half of its values are beyond {median:.3} {unit}, and it takes {low} to {high}"
-            ),
+            format!("its median is {median:.3} {unit}; plausible values are {low} to {high}"),
             "correct the unit or the column in study.toml: nobody has such values",
         ))
     }

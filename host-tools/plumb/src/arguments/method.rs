@@ -14,7 +14,7 @@ const FILTER_S: f64 = 0.5;
 pub struct Method {
     /// Window of the filter, seconds [default: 0.5]
     #[arg(long, value_name = "SECONDS")]
-    pub filter: Option<f64>,
+    filter: Option<f64>,
 
     /// Times that have their own path length, seconds from t = 0 [default: 0-20,20-40,40-60]
     #[arg(
@@ -24,15 +24,15 @@ pub struct Method {
         value_parser = span,
         allow_hyphen_values = true
     )]
-    pub bins: Vec<Range<f64>>,
+    bins: Vec<Range<f64>>,
 
     /// Analyse this time only, seconds from t = 0 [default: all]
     #[arg(long, value_name = "FROM-TO", value_parser = span, allow_hyphen_values = true)]
-    pub span: Option<Range<f64>>,
+    span: Option<Range<f64>>,
 
     /// Radius of the sway density, mm [default: 3]
     #[arg(long, value_name = "MM")]
-    pub radius: Option<f64>,
+    radius: Option<f64>,
 }
 
 /// A span of time, `FROM-TO`; a start before t = 0 is negative, as in `-5-0`.

@@ -30,39 +30,39 @@ use crate::arguments::method::Method;
     --delimiter tab --json plate.json")]
 pub struct Arguments {
     /// The trial's folder
-    pub trial: Option<PathBuf>,
+    trial: Option<PathBuf>,
 
     /// A table of positions instead (text; .gz is unpacked)
     #[arg(long, value_name = "FILE", requires_all = ["columns", "unit"])]
-    pub table: Option<PathBuf>,
+    table: Option<PathBuf>,
 
     /// The table's columns, as its own header names them: time=NAME,ap=NAME,ml=NAME,si=NAME
     #[arg(long, value_parser = Columns::parse, requires = "table")]
-    pub columns: Option<Columns>,
+    columns: Option<Columns>,
 
     /// The unit of the table's positions
     #[arg(long, requires = "table")]
-    pub unit: Option<Unit>,
+    unit: Option<Unit>,
 
     /// What separates the table's columns [default: the one with which they are found]
     #[arg(long, requires = "table")]
-    pub delimiter: Option<Delimiter>,
+    delimiter: Option<Delimiter>,
 
     /// How figures are made.
     #[command(flatten)]
-    pub method: Method,
+    method: Method,
 
     /// What t = 0 is [default: as trial.toml says]
     #[arg(long, conflicts_with = "table")]
-    pub zero: Option<Zero>,
+    zero: Option<Zero>,
 
     /// Write all figures, with the settings that they were made with, into this file
     #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    json: Option<PathBuf>,
 
     /// Replace the file of --json if it exists
     #[arg(long, requires = "json")]
-    pub force: bool,
+    force: bool,
 }
 
 /// Runs the subcommand.

@@ -30,19 +30,19 @@ use crate::ui::stop::stop_on_signals;
     plumb replay trials/p01 --to 127.0.0.1:4210 --speed 10\n  plumb replay trials/p01 --tables")]
 pub struct Arguments {
     /// The trial's folder
-    pub trial: PathBuf,
+    trial: PathBuf,
 
     /// Send its packets to this address
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address)]
-    pub to: Option<SocketAddr>,
+    to: Option<SocketAddr>,
 
     /// So many times faster
     #[arg(long, default_value_t = 1.0, requires = "to", value_parser = speed)]
-    pub speed: f64,
+    speed: f64,
 
     /// Make samples.csv, samples.parquet and trial.toml again
     #[arg(long)]
-    pub tables: bool,
+    tables: bool,
 }
 
 fn speed(text: &str) -> Result<f64, String> {

@@ -12,6 +12,7 @@ use plumbline::grid::GridRejection;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::frames::FrameSource;
@@ -296,13 +297,13 @@ impl Summary {
         ))
     }
 
-    fn print(mut self, source: &FrameSource, timing: bool) {
+    fn print(&self, source: &FrameSource, timing: bool) {
         let frames = counted(self.frames, "frame");
         eprintln!("{frames} of {} x {} px", source.width(), source.height());
-        for target in &mut self.targets {
+        for target in &self.targets {
             let found = target.rms_px.len();
             let mut line = format!("{}: found in {found} of {frames}", target.name);
-            if let Some(rms_px) = median(&mut target.rms_px, f64::total_cmp) {
+            if let Some(rms_px) = median(target.rms_px.iter().copied()) {
                 line += &format!(", median reprojection RMS {rms_px:.3} px");
             }
             let reasons: Vec<String> =
@@ -312,18 +313,12 @@ impl Summary {
             }
             eprintln!("{line}");
         }
-        let worst = self.step_times.iter().max().copied();
-        if let Some((median, worst)) = median(&mut self.step_times, Ord::cmp).zip(worst)
+        let times_ms = || self.step_times.iter().map(|time| time.as_secs_f64() * 1e3);
+        if let Some(median_ms) = median(times_ms())
             && timing
         {
-            let ms = |time: Duration| time.as_secs_f64() * 1e3;
-            eprintln!("step: median {:.3} ms, worst {:.3} ms per frame", ms(median), ms(worst));
+            let worst_ms = times_ms().fold(0.0, f64::max);
+            eprintln!("step: median {median_ms:.3} ms, worst {worst_ms:.3} ms per frame");
         }
     }
-}
-
-/// The upper median.
-fn median<T: Copy>(values: &mut [T], order: fn(&T, &T) -> std::cmp::Ordering) -> Option<T> {
-    values.sort_unstable_by(order);
-    values.get(values.len() / 2).copied()
 }

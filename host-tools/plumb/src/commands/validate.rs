@@ -32,27 +32,27 @@ use crate::agreement::{Against, Validation, plot, print};
 pub struct Arguments {
     /// The trial's folder
     #[arg(long, value_name = "FOLDER", requires = "reference")]
-    pub trial: Option<PathBuf>,
+    trial: Option<PathBuf>,
 
     /// A file that lists several trials, each with its reference
     #[arg(long, value_name = "FILE", conflicts_with = "reference")]
-    pub manifest: Option<PathBuf>,
+    manifest: Option<PathBuf>,
 
     /// What they are compared with.
     #[command(flatten)]
-    pub against: Against,
+    against: Against,
 
     /// Write all figures into this file
     #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    json: Option<PathBuf>,
 
     /// Draw differences and regression into this file
     #[arg(long, value_name = "FILE.svg")]
-    pub plot: Option<PathBuf>,
+    plot: Option<PathBuf>,
 
     /// Replace these files if they exist
     #[arg(long)]
-    pub force: bool,
+    force: bool,
 }
 
 /// Runs the subcommand.

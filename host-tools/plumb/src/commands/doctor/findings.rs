@@ -262,25 +262,10 @@ impl Findings {
     }
 }
 
-/// The middle one of some figures; `None` of none.
-#[must_use]
-pub fn median(figures: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut figures: Vec<f64> = figures.into_iter().collect();
-    figures.sort_by(f64::total_cmp);
-    figures.get(figures.len() / 2).copied()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::fixture::{healthy, pose_packet};
     use super::*;
-
-    #[test]
-    fn the_median_is_the_middle_one() {
-        assert_eq!(median([]), None);
-        assert_eq!(median([3.0]), Some(3.0));
-        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
-    }
 
     #[test]
     fn packets_that_were_lost_do_not_make_the_camera_slower() {

@@ -43,47 +43,47 @@ use screen::Screen;
 pub struct Arguments {
     /// Where the box sends to.
     #[command(flatten)]
-    pub link: LinkArguments,
+    link: LinkArguments,
 
     /// Record into this new folder; without a frame there is none
     #[arg(long, value_name = "FOLDER")]
-    pub out: Option<PathBuf>,
+    out: Option<PathBuf>,
 
     /// Who is measured: a code, not a name
     #[arg(long, value_name = "CODE", requires = "out")]
-    pub participant: Option<String>,
+    participant: Option<String>,
 
     /// Under which condition
     #[arg(long, value_name = "WORD", requires = "out")]
-    pub condition: Option<String>,
+    condition: Option<String>,
 
     /// Anything else that trial.toml should say
     #[arg(long, value_name = "TEXT", requires = "out")]
-    pub note: Option<String>,
+    note: Option<String>,
 
     /// What t = 0 is
     #[arg(long, value_enum, default_value_t, requires = "out")]
-    pub zero: Zero,
+    zero: Zero,
 
     /// Take marks from datagrams to this address: the text of each is its name
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address, requires = "out")]
-    pub mark_udp: Option<SocketAddr>,
+    mark_udp: Option<SocketAddr>,
 
     /// Take marks from this serial device: each line is one
     #[arg(long, value_name = "DEVICE[:BAUD]", requires = "out")]
-    pub mark_serial: Option<String>,
+    mark_serial: Option<String>,
 
     /// End after this many seconds
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    pub duration: Option<Duration>,
+    duration: Option<Duration>,
 
     /// End after this many frames
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u64).range(1..))]
-    pub frames: Option<u64>,
+    frames: Option<u64>,
 
     /// Show nothing but errors and the summary
     #[arg(long)]
-    pub quiet: bool,
+    quiet: bool,
 }
 
 /// Runs the subcommand.

@@ -1,10 +1,11 @@
 //! The camera, and how its frames are kept up with.
 
 use plumbline::packet::{CameraState, Health, MarkedInstant};
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::counting::counted;
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, median};
+use super::super::findings::Findings;
 use super::percent;
 
 /// A camera's crystal is better than a thousandth; a rate that is off by more than a fiftieth

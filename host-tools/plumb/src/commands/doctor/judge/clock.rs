@@ -1,10 +1,11 @@
 //! The box's clock, by which its frames are dated.
 
 use plumbline::packet::MarkedInstant;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_stream::clock::{drift_ppm, surest};
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, median};
+use super::super::findings::Findings;
 
 /// A box looks for questions at least every 20 ms, and a network in order takes a few; a
 /// question that takes five times as long waits behind something.

@@ -2,9 +2,10 @@
 
 use plumbline::packet::TargetView;
 use plumbline::target::Role;
+use plumbline_analysis::statistics::describe::median;
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, median};
+use super::super::findings::Findings;
 use super::percent;
 use crate::bounds::{
     CONTRAST_MIN, FOCUS_MIN, LIGHT_MIN, MOTION_BLUR_PX_MIN, MOTION_RATIO, SATURATED_MAX,

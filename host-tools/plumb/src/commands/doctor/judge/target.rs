@@ -2,10 +2,11 @@
 
 use plumbline::packet::MeasuredPose;
 use plumbline::target::Role;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::counting::counted;
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, TargetSeen, median};
+use super::super::findings::{Findings, TargetSeen};
 use super::percent;
 use crate::bounds::{COVERAGE, PITCH_PX_MIN};
 use crate::ui::missing::{self, Missing};
