@@ -9,7 +9,7 @@ use crate::statistics::describe::median;
 /// times is far smaller.
 pub const GAP_PERIODS: f64 = 1.5;
 
-/// The usual step between times that increase: the mean of the steps that are no gaps. `None` of
+/// The usual step between times that increase: the mean of the steps that are not gaps. `None` for
 /// fewer than two times.
 ///
 /// Not the median, which of times in whole milliseconds is a whole number of milliseconds: 17 ms

@@ -1,8 +1,8 @@
 //! The joint refinement: camera and all boards at once, the paper's second step.
 //!
-//! In: of each photograph, numbers that were measured in it ([`Seen`]), and where to start.
-//! Out: the lens, each board's pose, the board's own shape where that is asked for, and the
-//! covariance of what all photographs share.
+//! In: the numbers that were measured in each photograph ([`Seen`]), and a starting point.
+//! Out: the lens, each board's pose, the board's own shape where asked for, and the
+//! covariance of the parameters that all photographs share.
 //!
 //! Levenberg and Marquardt's method on the sum of the squared residuals, each over its variance
 //! `sigma^2 + tau^2`: what its own pixels promise, and what is beyond them (a bent board, a
@@ -18,10 +18,10 @@ use plumbline::solve::by_increment;
 
 use super::model::{Photograph, Residual, Seen, Shape};
 
-/// Numbers of a shape.
+/// The number of parameters of a shape.
 const SHAPE: usize = 4;
 
-/// Numbers of a lens before its distortion: fx fy cx cy skew.
+/// The number of parameters of a lens before its distortion: fx fy cx cy skew.
 const PINHOLE: usize = 5;
 
 /// What is fitted.
@@ -33,7 +33,7 @@ pub struct Bundle {
     /// Standard deviations of fx fy cx cy skew, then the distortion, then, where it was
     /// fitted, the shape.
     pub sd: Vec<f64>,
-    /// What is beyond the pixels' noise, of each measured number.
+    /// Standard deviation of each measured number beyond the pixels' noise.
     tau_px: f64,
     /// Whether the shape was fitted.
     has_shape: bool,
@@ -51,7 +51,7 @@ const ROUNDS: usize = 4;
 impl Bundle {
     /// Refines from a start.
     ///
-    /// `None` where the photographs leave a number open.
+    /// `None` where the photographs leave a parameter undetermined.
     #[must_use]
     pub fn refine(
         lens: &Lens,
@@ -77,7 +77,7 @@ impl Bundle {
         bundle.sd.iter().all(|sd| sd.is_finite()).then_some(bundle)
     }
 
-    /// How many numbers all photographs share.
+    /// The number of parameters that all photographs share.
     fn shared(&self) -> usize {
         PINHOLE + coefficients(&self.lens.distortion).len() + if self.has_shape { SHAPE } else { 0 }
     }
@@ -99,7 +99,7 @@ impl Bundle {
         Some(photograph.seen.iter().map(|seen| seen.residual_px(&raw_px)).collect())
     }
 
-    /// The same, each with where it was measured and across which way.
+    /// The same, each with its place and its direction.
     #[must_use]
     pub fn residuals(
         &self,
@@ -116,7 +116,7 @@ impl Bundle {
                     let point_mm = self.shape.apply(&points_mm[point]);
                     self.lens.project(&photograph.cam_from_board.transform(&point_mm))
                 });
-                // Both ends count for half of the middle.
+                // The middle is the mean of both ends.
                 let right = seen.by_px[0] + seen.by_px[1];
                 Some(Residual { at_px: (first? + second?) * 0.5, off_px: right * residual_px })
             })
@@ -138,7 +138,7 @@ impl Bundle {
         Some(cost)
     }
 
-    /// tau with which the cost is what its degrees of freedom say, by bisection.
+    /// The tau with which the cost equals its degrees of freedom, by bisection.
     fn excess(&self, points_mm: &[Vector3<f64>]) -> Option<f64> {
         let mut squares = Vec::new();
         for photograph in &self.photographs {

@@ -62,11 +62,11 @@ impl Picture {
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Failure {
-    /// The board was found in so few.
+    /// The board was found in only this many.
     TooFew(usize),
     /// The board looks the same in all of them: tilt it.
     NoTilt,
-    /// The numbers do not settle.
+    /// The refinement does not converge.
     Unsettled,
 }
 
@@ -77,7 +77,7 @@ pub enum Outcome {
     NotFound(GridRejection),
     /// A board whose edges do not support a pose.
     Unusable,
-    /// A board that the calibration rests on.
+    /// A board that the calibration uses.
     Used(Contribution),
 }
 
@@ -106,11 +106,11 @@ pub struct Contribution {
     pub cam_from_board: Pose<Cam, Target>,
 }
 
-/// A camera, how well it is known, and from what.
+/// A camera with its uncertainty, and the photographs' part in it.
 pub struct Calibration {
     /// The camera.
     pub lens: Lens,
-    /// Of fx fy cx cy skew, then the distortion.
+    /// Standard deviations of fx fy cx cy skew, then of the distortion.
     pub sd: Vec<f64>,
     /// Root mean square reprojection error of all corners.
     pub rms_px: f64,
@@ -118,7 +118,7 @@ pub struct Calibration {
     pub outcomes: Vec<Outcome>,
     /// Where in the frame the boards were.
     pub coverage: Coverage,
-    /// The board's own shape, where it can be told, and its standard deviations.
+    /// The board's own shape, where it can be determined, and its standard deviations.
     pub shape: Option<(Shape, Vec<f64>)>,
 }
 
@@ -162,7 +162,7 @@ pub fn calibrate(
         .iter()
         .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
         .collect();
-    // Through the final lens, each on its own: what a tracker would say of it.
+    // Each by itself through the final lens, as a tracker would measure it.
     let last = measure(pictures, &found, board, &bundle.lens);
     let (mut squares, mut corners) = (0.0, 0.0);
     for (&place, photograph) in places.iter().zip(&bundle.photographs) {

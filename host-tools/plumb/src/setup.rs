@@ -13,7 +13,7 @@ use plumbline_files::camera::{self, Camera};
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, Targets};
 
-/// The description files, as the subcommands that need them take them.
+/// The description files, as options of a subcommand.
 #[derive(clap::Args)]
 pub struct Descriptions {
     /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
@@ -28,7 +28,7 @@ pub struct Descriptions {
 }
 
 impl Descriptions {
-    /// Of these files.
+    /// From these paths.
     #[must_use]
     pub fn of(camera: &Path, targets: &Path, scene: Option<&Path>) -> Self {
         Self {
@@ -84,17 +84,17 @@ impl Descriptions {
 /// The names that errors give to the description files.
 #[derive(Debug, Clone)]
 pub struct Places {
-    /// Of the camera file.
+    /// The camera file.
     pub camera: String,
-    /// Of the targets file.
+    /// The targets file.
     pub targets: String,
-    /// Of the scene file.
+    /// The scene file.
     pub scene: String,
-    /// Of the box file.
+    /// The box file.
     pub settings: String,
-    /// Of what gives the UDP address: an option, or the box file.
+    /// What gives the UDP address: an option, or the box file.
     pub udp: String,
-    /// Of what gives the serial line, likewise.
+    /// What gives the serial line, likewise.
     pub serial: String,
 }
 

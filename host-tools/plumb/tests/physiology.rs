@@ -342,7 +342,7 @@ fn recordings_that_cannot_be_used_are_named() {
         (
             "time = \"time\"\ncolumn = \"ECG\"",
             "time = \"time\"\nclock = \"utc\"\ncolumn = \"ECG\"",
-            "nothing tells at what time of day it was recorded",
+            "the time of day of its recording is not known",
         ),
         ("kind = \"co2\"", "kind = \"pressure\"", "two of kind \"pressure\""),
     ] {

@@ -1,4 +1,4 @@
-//! The messages of a box that is well, for tests that make it ill.
+//! The messages of a healthy box, for tests that change them.
 
 use std::sync::LazyLock;
 
@@ -88,7 +88,7 @@ pub fn hello(config: &Config) -> Hello {
     }
 }
 
-/// How it is.
+/// The verdict.
 pub fn health() -> Health {
     Health {
         uptime_ms: 600_000,

@@ -23,7 +23,7 @@ const RECENT: usize = 8;
 /// Levels are learned from so much, and anew after as much without anything.
 const LEARN_S: f64 = 8.0;
 
-/// Each part of what is learned from has one beat at least, at 30 per minute or more.
+/// Each part that is learned from has at least one beat, at 30 per minute or more.
 const LEARN_PART_S: f64 = 2.0;
 
 /// An echo has less than this part of the strength.

@@ -15,10 +15,10 @@ pub mod print;
 
 use pair::{How, Pair, Used};
 
-/// Movements with a smaller r² are not the same one.
+/// With a smaller r² two movements are not the same.
 const ALIKE_MIN: f64 = 0.25;
 
-/// How far the camera may see a movement that the reference sees as 1, and be in the same unit.
+/// Slopes for which both are plausibly in the same unit.
 const SLOPES: std::ops::RangeInclusive<f64> = 0.2..=5.0;
 
 /// What a trial is compared with.
@@ -49,7 +49,7 @@ pub struct Validation {
     pub origins_aligned: bool,
     /// The agreement of all of them together.
     pub axes: Vec<AxisAgreement>,
-    /// What a reader should know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
     /// The values that were compared, trial by trial.
     #[serde(skip)]
@@ -89,7 +89,7 @@ impl Against {
 }
 
 impl Validation {
-    /// Of trials that were brought together with their references.
+    /// From trials and their references, already on one clock.
     pub fn of(
         compared: Vec<(Used, Paired)>,
         origins_aligned: bool,
@@ -104,7 +104,7 @@ impl Validation {
         }
         for axis in &axes {
             let Some(line) = axis.regression else { continue };
-            // Of movements that have nothing in common a slope says nothing.
+            // The slope of movements that have nothing in common means nothing.
             if line.correlation.is_none_or(|it| it.r_squared < ALIKE_MIN) {
                 continue;
             }

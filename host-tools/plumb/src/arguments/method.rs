@@ -8,15 +8,15 @@ use plumbline_analysis::sway::{Settings, density};
 /// Window of the paper's filter.
 const FILTER_S: f64 = 0.5;
 
-/// How figures are made. What is not given is as in the paper; it is no default of clap's, so that
-/// a command can refuse what it has no use for.
+/// How figures are made. What is not given is as in the paper; clap has no defaults here, so that
+/// a command can refuse options that it has no use for.
 #[derive(Debug, Clone, Default, Args)]
 pub struct Method {
     /// Window of the filter, seconds [default: 0.5]
     #[arg(long, value_name = "SECONDS")]
     filter: Option<f64>,
 
-    /// Times that have their own path length, seconds from t = 0 [default: 0-20,20-40,40-60]
+    /// Times that each get a path length of their own, seconds from t = 0 [default: 0-20,20-40,40-60]
     #[arg(
         long,
         value_name = "FROM-TO,...",

@@ -18,11 +18,11 @@ use plumbline_study::{figures, inference, long, manifest};
 /// tests with Bonferroni, repeated-measures ANOVA with Mauchly's test and Greenhouse-Geisser, and
 /// the non-parametric ANOVA of Brunner, Domhof and Langer.
 ///
-/// With a [physiology] section the same is done to what was recorded beside the sway: heart rate,
+/// With a [physiology] section the same is done for what was recorded with the sway: heart rate,
 /// arterial pressure, stroke volume, cardiac output, cerebral blood flow velocity, oxygenation
 /// and end-tidal CO2, from ECG, pressure and other signals in CSV files.
 ///
-/// With --long the same is done to a table with one measurement to a line.
+/// With --long the same is done for a table with one measurement per line.
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("input").required(true).args(["study", "long", "new"])))]
 #[command(after_help = "Examples:\n  plumb study --new study.toml\n  \
@@ -32,11 +32,11 @@ pub struct Arguments {
     /// The study
     study: Option<PathBuf>,
 
-    /// Write a study.toml that explains itself
+    /// Write an example study.toml with comments
     #[arg(long, value_name = "FILE")]
     new: Option<PathBuf>,
 
-    /// A long table instead: one measurement to a line, with its subject and its levels
+    /// A long table instead: one measurement per line, with its subject and its levels
     #[arg(long, value_name = "FILE", requires_all = ["response", "within", "subject"])]
     long: Option<PathBuf>,
 
@@ -53,7 +53,7 @@ pub struct Arguments {
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', requires = "long")]
     within: Vec<String>,
 
-    /// The table's column that says whose it is
+    /// The table's column that identifies the subject
     #[arg(long, value_name = "COLUMN", requires = "long")]
     subject: Option<String>,
 
@@ -61,7 +61,7 @@ pub struct Arguments {
     #[arg(long, default_value = "comma", requires = "long")]
     delimiter: Delimiter,
 
-    /// Leave subjects out that lack a measurement
+    /// Leave out subjects that lack a measurement
     #[arg(long, requires = "long")]
     drop_incomplete: bool,
 

@@ -72,7 +72,7 @@ pub struct Arguments {
     inputs: Vec<PathBuf>,
 }
 
-/// A run shorter than this needs no progress bar.
+/// A shorter run needs no progress bar.
 const PROGRESS_AFTER: Duration = Duration::from_millis(700);
 
 /// Runs the subcommand.
@@ -135,8 +135,8 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
     Ok(Writer::new(Box::new(file), place))
 }
 
-/// Every frame through the pipeline, its rows to the file, its report and the
-/// time of the step to `seen`.
+/// Tracks every frame: writes its rows, and passes its report and the time of the step to
+/// `seen`.
 fn track(
     arguments: &Arguments,
     config: &Config,
@@ -240,7 +240,7 @@ fn style(template: &str) -> ProgressStyle {
 /// Why there is no pose when a target's columns or rows are wrong.
 const OTHER_DIMENSIONS: NoPose = NoPose::NotFound(GridRejection::OtherDimensions);
 
-/// What is told at the end.
+/// The summary at the end.
 struct Summary {
     frames: u64,
     step_times: Vec<Duration>,
@@ -275,8 +275,8 @@ impl Summary {
         }
     }
 
-    /// A target that no frame holds, although checkerboards of other sizes are there: its
-    /// columns and rows are wrong.
+    /// The error for a target that no frame shows although checkerboards of other sizes are
+    /// there: its columns and rows are wrong.
     fn other_dimensions(&self, config: &Config, targets_file: &str) -> Option<BadInput> {
         let wrong = |target: &TargetSummary| {
             let most = target.missing.iter().max_by_key(|(_, count)| **count);
@@ -290,7 +290,7 @@ impl Summary {
             targets_file,
             format!("columns, rows of target \"{}\"", target.name),
             format!(
-                "no frame holds {} x {} inner corners; the checkerboards that are seen have other columns and rows",
+                "no frame shows {} x {} inner corners; the checkerboards that are seen have other columns and rows",
                 shape.columns, shape.rows
             ),
             "count the INNER corners, where four squares meet; --draw DIR shows the frames as the tracker sees them",

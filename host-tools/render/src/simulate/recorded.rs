@@ -31,7 +31,7 @@ impl Form {
         }
     }
 
-    /// The Y4M colour space. There is none of 10 bits without colour that the crate `y4m` knows.
+    /// The Y4M colour space. The crate `y4m` knows none of 10 bits without colour.
     pub fn colorspace(self) -> y4m::Colorspace {
         match self {
             Self::Grey8 | Self::Jpeg(_) => y4m::Colorspace::Cmono,

@@ -279,7 +279,7 @@ impl<W: Write> Receiver<W> {
         if self.accounting.uptime(uptime_ms) { self.start_run() } else { Ok(()) }
     }
 
-    /// The box has started anew: what was known of the run before no longer holds.
+    /// The box has restarted: what was known of the run before no longer holds.
     fn start_run(&mut self) -> Result<(), BadInput> {
         self.rows.start_run()?;
         self.runs.push(Run::default());
@@ -295,7 +295,7 @@ impl<W: Write> Receiver<W> {
             self.notices.push(if is_another {
                 format!("another box is heard now: {}", others::name(&hello))
             } else {
-                format!("the box has started anew ({})", start_of(&hello))
+                format!("the box has restarted ({})", start_of(&hello))
             });
             self.start_run()?;
         }

@@ -1,4 +1,4 @@
-//! Without a terminal: the numbers as lines, the picture as a file, stills with their progress.
+//! Without a terminal: numbers as lines, the picture as a file, stills with their progress.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -21,10 +21,10 @@ const PICTURE_EVERY: Duration = Duration::from_millis(500);
 /// A single picture is waited for this long.
 const ONCE_WITHIN: Duration = Duration::from_secs(30);
 
-/// Checks, before the box shows anything, that a picture can be put there.
+/// Checks, before the box shows anything, that a picture can be written there.
 ///
 /// # Errors
-/// When it is no name of a picture, or something else than a file or its directory is there.
+/// When the name does not end in .png, or no file can be written there.
 pub fn check(path: &Path) -> Result<(), BadInput> {
     let refused = |found: String, remedy: &str| Err(BadInput::whole("--png", found, remedy));
     if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
@@ -178,14 +178,14 @@ impl<'a> Plain<'a> {
         Ok(())
     }
 
-    /// Tells of a box that is silent, and of one that has started anew.
+    /// Tells of a box that is silent, and of one that has restarted.
     fn tell_news(&mut self) -> Result<(), BadInput> {
         if let Some(text) = self.news.silence.next(self.session.silence()) {
             self.output.tell(&text)?;
         }
         let restarts = self.session.restarts();
         if std::mem::replace(&mut self.news.restarts, restarts) != restarts {
-            self.output.tell("the box has started anew")?;
+            self.output.tell("the box has restarted")?;
         }
         Ok(())
     }
@@ -235,7 +235,7 @@ impl<'a> Plain<'a> {
         Err(BadInput::whole(
             self.session.place(),
             self.session.without_frames().unwrap_or("the box sends no picture"),
-            "run `plumb doctor`: it says what is amiss with the camera",
+            "run `plumb doctor`: it says what is wrong with the camera",
         ))
     }
 }

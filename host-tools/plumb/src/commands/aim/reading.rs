@@ -1,4 +1,4 @@
-//! What a technician is told of a frame: numbers per target, and what to do about them.
+//! What a technician is told about a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
 use plumbline::packet::{PosePacket, TargetPacket, TargetView, View};
@@ -12,13 +12,13 @@ use crate::bounds::{
 };
 use crate::ui::missing::Missing;
 
-/// A score that is lower than the best one seen by this much has been passed.
+/// A score this much lower than the best means that the best focus has been passed.
 const FOCUS_PASSED: u8 = 5;
 
-/// A frame without a target that is darker than this shows none because of that.
+/// A frame without a target that is darker than this shows none because it is too dark.
 const DARK_FRAME: f32 = 0.1;
 
-/// And one of which more than this is white.
+/// And one of which more than this share is white, because it is too bright.
 const BRIGHT_FRAME: f32 = 0.3;
 
 /// A score, and the best since the program's start.
@@ -60,7 +60,7 @@ impl BestFocus {
     }
 }
 
-/// What is told of a frame.
+/// What is shown of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// Of the frame as a whole.

@@ -17,7 +17,7 @@ use super::Received;
 /// The paper's filter: second order, half a second.
 const FILTER_S: f64 = 0.5;
 
-/// 95 % of normally distributed errors lie within so many standard deviations.
+/// 95 % of normally distributed errors lie within this many standard deviations.
 const SD_95: f64 = 1.96;
 
 /// The figures of one demo.
@@ -52,7 +52,7 @@ pub struct TargetFigures {
     pub depth_error: Vec<(f64, f64)>,
 }
 
-/// One trunk point's way against the truth, AP, ML, SI.
+/// One trunk point's path against the truth, AP, ML, SI.
 #[derive(Debug)]
 pub struct TrunkFigures {
     /// Its name.

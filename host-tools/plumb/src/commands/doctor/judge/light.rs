@@ -12,7 +12,7 @@ use crate::bounds::{
     focus_score,
 };
 
-/// Half of what is wanted: edges are hardly told from the noise of 8 bits.
+/// Half of what is wanted: edges can hardly be told from the noise of 8 bits.
 const CONTRAST_FAIL: f64 = 0.5 * CONTRAST_MIN as f64;
 
 /// A fifth of the paper at the white level: there the edges move into the dark.
