@@ -376,10 +376,7 @@ fn what_cannot_be_printed_is_refused() {
         ("--grid 6x5 --pitch-mm 900", &["--pitch-mm: 900 mm; give 2 to 500 mm"]),
         (
             "--grid 6x5 --pitch-mm 200",
-            &[
-                "--pitch-mm: 200 mm needs ",
-                "sheets of A4, and 20 are the most; give a smaller pitch",
-            ],
+            &["--pitch-mm: 200 mm needs ", "sheets of A4, more than 20; give a smaller pitch"],
         ),
         ("--grid 6x5", &["--pitch-mm <MM>"]),
         ("--grid 6x5 --pitch-mm 12 --paper a3", &["'a3' for '--paper <PAPER>'", "a4, letter"]),

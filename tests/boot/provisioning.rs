@@ -155,7 +155,7 @@ fn a_refused_box_takes_a_better_configuration_and_starts_with_it() {
     let heard = link.wait_until_heard_within(PATIENCE).unwrap();
     println!("{heard:?}");
     assert_eq!(link.store_config(None, &config).unwrap().1, config.crc());
-    link.request(Action::Reboot, "to start anew").unwrap();
+    link.request(Action::Reboot, "to restart").unwrap();
     let hello = link.hello_within(PATIENCE).unwrap();
     assert_eq!((hello.device.as_str(), hello.config_crc), ("boot test", config.crc()));
     assert_eq!(link.config().unwrap(), config);

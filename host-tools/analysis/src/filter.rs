@@ -52,7 +52,7 @@ pub struct Filtered {
 }
 
 impl SavitzkyGolay {
-    /// Over so many samples; `None` when that is even, below 5 or above 2001.
+    /// A filter over this many samples; `None` when that is even, below 5 or above 2001.
     #[must_use]
     pub fn new(window: usize) -> Option<Self> {
         if window.is_multiple_of(2) || !(WINDOW_MIN..=WINDOW_MAX).contains(&window) {
@@ -67,10 +67,10 @@ impl SavitzkyGolay {
         Some(Self { weights, parabola_from_moments })
     }
 
-    /// Over so many seconds: see [the window](self#the-window).
+    /// A filter over this many seconds: see [the window](self#the-window).
     #[must_use]
     pub fn lasting(window_s: f64, rate_hz: f64) -> Option<Self> {
-        // What is no number, or negative, becomes 0, and is refused with the other short ones.
+        // NaN and negative values become 0, and are refused with the other short windows.
         let samples = (window_s * rate_hz).round() as usize;
         Self::new(samples | 1)
     }

@@ -6,7 +6,7 @@
 use crate::filter::SavitzkyGolay;
 use crate::series::{Axis, Series};
 
-/// Who rises from a chair rises by more than this; nobody sways so far upwards.
+/// Rising from a chair raises a person by more than this; nobody sways this far upwards.
 const RISE_MIN_MM: f64 = 100.0;
 
 /// A trunk at rest keeps within this of its height: the knees give at first, and straighten.
@@ -15,7 +15,7 @@ const HEIGHT_MM: f64 = 30.0;
 /// It moves up and down no faster than this, for as long as [`REST_S`].
 const SPEED_MM_S: f64 = 50.0;
 
-/// So that the turning point of an overshoot is no rest.
+/// Long enough that the turning point of an overshoot does not count as rest.
 const REST_S: f64 = 0.5;
 
 /// The filter before the speed is taken, seconds: the paper's.

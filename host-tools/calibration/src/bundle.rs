@@ -1,8 +1,8 @@
 //! The joint refinement: camera and all boards at once, the paper's second step.
 //!
-//! In: of each photograph, numbers that were measured in it ([`Seen`]), and where to start.
-//! Out: the lens, each board's pose, the board's own shape where that is asked for, and the
-//! covariance of what all photographs share.
+//! In: the numbers that were measured in each photograph ([`Seen`]), and a starting point.
+//! Out: the lens, each board's pose, the board's own shape where asked for, and the
+//! covariance of the parameters that all photographs share.
 //!
 //! Levenberg and Marquardt's method on the sum of the squared residuals, each over its variance
 //! `sigma^2 + tau^2`: what its own pixels promise, and what is beyond them (a bent board, a
@@ -11,63 +11,18 @@
 //! the inverse of the normal equations. Boards hang together by the shared numbers alone, so
 //! that each board's six are eliminated first (Schur's complement).
 
-use std::sync::Arc;
-
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Target};
 
-use super::Residual;
+use super::model::{Photograph, Residual, Seen, Shape};
 
-/// One number measured in a photograph: a place across an edge, or a corner's coordinate.
-///
-/// Its residual is `by_px[0] . raw pixel of points[0] + by_px[1] . that of points[1] - value`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
-    /// Two points of the board, by their places.
-    pub points: [usize; 2],
-    /// How it follows their raw pixels.
-    pub by_px: [Vector2<f64>; 2],
-    /// What was measured, raw pixels.
-    pub value_px: f64,
-    /// Its standard deviation as far as the pixels' noise goes.
-    pub sigma_px: f64,
-}
-
-/// What one photograph shows of the board.
-#[derive(Debug, Clone)]
-pub struct Photograph {
-    /// Shared by all trial steps of the descent.
-    pub seen: Arc<[Seen]>,
-    pub cam_from_board: Pose<Cam, Target>,
-}
-
-/// How the board differs from a flat one of square pitch.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Shape {
-    /// z = xx x^2 + xy x y + yy y^2, 1/mm.
-    pub bend_per_mm: [f64; 3],
-    /// The pitch along y is larger than that along x by this part.
-    pub stretch: f64,
-}
-
-impl Shape {
-    /// A point of the flat board on this one.
-    #[must_use]
-    pub fn apply(&self, point_mm: &Vector3<f64>) -> Vector3<f64> {
-        let [x, y] = [point_mm.x, point_mm.y];
-        let [xx, xy, yy] = self.bend_per_mm;
-        let height = xx * x * x + xy * x * y + yy * y * y;
-        Vector3::new(x, y * (1.0 + self.stretch), point_mm.z + height)
-    }
-}
-
-/// Numbers of a shape.
+/// The number of parameters of a shape.
 const SHAPE: usize = 4;
 
-/// Numbers of a lens before its distortion: fx fy cx cy skew.
-pub const PINHOLE: usize = 5;
+/// The number of parameters of a lens before its distortion: fx fy cx cy skew.
+const PINHOLE: usize = 5;
 
 /// What is fitted.
 #[derive(Debug, Clone)]
@@ -78,8 +33,8 @@ pub struct Bundle {
     /// Standard deviations of fx fy cx cy skew, then the distortion, then, where it was
     /// fitted, the shape.
     pub sd: Vec<f64>,
-    /// What is beyond the pixels' noise, of each measured number.
-    pub tau_px: f64,
+    /// Standard deviation of each measured number beyond the pixels' noise.
+    tau_px: f64,
     /// Whether the shape was fitted.
     has_shape: bool,
 }
@@ -96,7 +51,7 @@ const ROUNDS: usize = 4;
 impl Bundle {
     /// Refines from a start.
     ///
-    /// `None` where the photographs leave a number open.
+    /// `None` where the photographs leave a parameter undetermined.
     #[must_use]
     pub fn refine(
         lens: &Lens,
@@ -122,14 +77,14 @@ impl Bundle {
         bundle.sd.iter().all(|sd| sd.is_finite()).then_some(bundle)
     }
 
-    /// How many numbers all photographs share.
+    /// The number of parameters that all photographs share.
     fn shared(&self) -> usize {
         PINHOLE + coefficients(&self.lens.distortion).len() + if self.has_shape { SHAPE } else { 0 }
     }
 
     /// Residuals of one photograph, raw pixels; `None` when a point lies behind the camera.
     #[must_use]
-    pub fn residuals_px(
+    fn residuals_px(
         &self,
         points_mm: &[Vector3<f64>],
         photograph: &Photograph,
@@ -144,7 +99,7 @@ impl Bundle {
         Some(photograph.seen.iter().map(|seen| seen.residual_px(&raw_px)).collect())
     }
 
-    /// The same, each with where it was measured and across which way.
+    /// The same, each with its place and its direction.
     #[must_use]
     pub fn residuals(
         &self,
@@ -161,7 +116,7 @@ impl Bundle {
                     let point_mm = self.shape.apply(&points_mm[point]);
                     self.lens.project(&photograph.cam_from_board.transform(&point_mm))
                 });
-                // Both ends count for half of the middle.
+                // The middle is the mean of both ends.
                 let right = seen.by_px[0] + seen.by_px[1];
                 Some(Residual { at_px: (first? + second?) * 0.5, off_px: right * residual_px })
             })
@@ -183,7 +138,7 @@ impl Bundle {
         Some(cost)
     }
 
-    /// tau with which the cost is what its degrees of freedom say, by bisection.
+    /// The tau with which the cost equals its degrees of freedom, by bisection.
     fn excess(&self, points_mm: &[Vector3<f64>]) -> Option<f64> {
         let mut squares = Vec::new();
         for photograph in &self.photographs {
@@ -346,13 +301,6 @@ impl Bundle {
             by_shared,
             by_own: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
         })
-    }
-}
-
-impl Seen {
-    fn residual_px(&self, raw_px: &[Vector2<f64>]) -> f64 {
-        let [first, second] = self.points.map(|point| raw_px[point]);
-        self.by_px[0].dot(&first) + self.by_px[1].dot(&second) - self.value_px
     }
 }
 

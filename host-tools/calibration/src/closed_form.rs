@@ -1,8 +1,8 @@
 //! Zhang's closed form (2000): the camera from homographies of a plane, the paper's first step.
 //!
-//! In: of each photograph, points of a flat board and where they are seen. Out: the matrix K
+//! In: for each photograph, points of a flat board and where they are seen. Out: the matrix K
 //! with skew, and each board's pose; distortion is taken for zero, which the refinement
-//! ([`super::bundle`]) mends.
+//! ([`super::bundle`]) corrects.
 
 use nalgebra::{DMatrix, Matrix3, SVector, Vector2, Vector3};
 use plumbline::pose::{Cam, Pose, Target};
@@ -25,8 +25,8 @@ impl Pinhole {
     }
 }
 
-/// Camera and boards from three photographs or more; `None` when they do not fix it, as when
-/// no board is tilted.
+/// Camera and boards from three photographs or more; `None` when they leave it undetermined, as
+/// when no board is tilted.
 ///
 /// Where the closed form of all five numbers is absurd, as lens distortion can make it, the
 /// principal point is taken for the frame's middle and the skew for zero, and only the two
@@ -81,7 +81,7 @@ fn normalisation(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<M
     scale.is_finite().then(|| Matrix3::new(scale, 0.0, x, 0.0, scale, y, 0.0, 0.0, 1.0))
 }
 
-/// The unit vector that a system takes nearest to zero.
+/// The unit vector that a system maps nearest to zero.
 fn null_vector(system: DMatrix<f64>) -> Option<nalgebra::DVector<f64>> {
     let columns = system.ncols();
     // Of the square matrix, whose decomposition always has all right vectors.

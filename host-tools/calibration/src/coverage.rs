@@ -96,7 +96,7 @@ impl Coverage {
     /// Where a board should be seen next; `None` when it was seen wherever it should be.
     #[must_use]
     pub fn next(&self) -> Option<&'static str> {
-        // Who has been in all corners has been at all sides.
+        // A board that was in all corners was at all sides.
         let corner = CORNERS.into_iter().find(|&(_, [y, x])| !self.reached[y][x]);
         if let Some((_, [y, x])) = corner {
             return Some(PARTS[y][x]);
@@ -118,8 +118,8 @@ impl Coverage {
         emptiest.map_or("in the middle", |(part, _)| part)
     }
 
-    /// The map, a line per row of cells: `.` for no photograph, a digit for so many, 9 for nine
-    /// or more.
+    /// The map, a line per row of cells: `.` for no photograph, else their number, 9 for nine or
+    /// more.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let letter = |count: usize| match count {

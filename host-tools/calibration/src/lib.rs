@@ -10,7 +10,7 @@
 //! ([`bundle`]). What is refined is first the detector's corners, then the edges themselves,
 //! measured as the tracker measures them through the lens found so far.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::parts::points_mm;
@@ -22,13 +22,17 @@ use rayon::prelude::*;
 mod bundle;
 mod closed_form;
 pub mod coverage;
+mod model;
 pub mod observe;
 pub mod scene;
 pub mod verdict;
 
-use bundle::{Bundle, Photograph, Shape};
+use bundle::Bundle;
 use coverage::Coverage;
+use model::{Photograph, Shape};
 use observe::{Finder, Found, Measured};
+
+pub use model::Residual;
 
 /// Fewest photographs with a board: Zhang's closed form of all five numbers needs three.
 pub const PHOTOGRAPHS_MIN: usize = 3;
@@ -58,11 +62,11 @@ impl Picture {
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Failure {
-    /// The board was found in so few.
+    /// The board was found in only this many.
     TooFew(usize),
     /// The board looks the same in all of them: tilt it.
     NoTilt,
-    /// The numbers do not settle.
+    /// The refinement does not converge.
     Unsettled,
 }
 
@@ -73,7 +77,7 @@ pub enum Outcome {
     NotFound(GridRejection),
     /// A board whose edges do not support a pose.
     Unusable,
-    /// A board that the calibration rests on.
+    /// A board that the calibration uses.
     Used(Contribution),
 }
 
@@ -102,20 +106,11 @@ pub struct Contribution {
     pub cam_from_board: Pose<Cam, Target>,
 }
 
-/// An edge's middle and its residual, raw pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Residual {
-    /// Where the calibration puts the edge's middle.
-    pub at_px: Vector2<f64>,
-    /// From where it is seen, across the edge.
-    pub off_px: Vector2<f64>,
-}
-
-/// A camera, how well it is known, and from what.
+/// A camera with its uncertainty, and the photographs' part in it.
 pub struct Calibration {
     /// The camera.
     pub lens: Lens,
-    /// Of fx fy cx cy skew, then the distortion.
+    /// Standard deviations of fx fy cx cy skew, then of the distortion.
     pub sd: Vec<f64>,
     /// Root mean square reprojection error of all corners.
     pub rms_px: f64,
@@ -123,7 +118,7 @@ pub struct Calibration {
     pub outcomes: Vec<Outcome>,
     /// Where in the frame the boards were.
     pub coverage: Coverage,
-    /// The board's own shape, where it can be told, and its standard deviations.
+    /// The board's own shape, where it can be determined, and its standard deviations.
     pub shape: Option<(Shape, Vec<f64>)>,
 }
 
@@ -167,7 +162,7 @@ pub fn calibrate(
         .iter()
         .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
         .collect();
-    // Through the final lens, each on its own: what a tracker would say of it.
+    // Each by itself through the final lens, as a tracker would measure it.
     let last = measure(pictures, &found, board, &bundle.lens);
     let (mut squares, mut corners) = (0.0, 0.0);
     for (&place, photograph) in places.iter().zip(&bundle.photographs) {

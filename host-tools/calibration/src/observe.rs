@@ -16,9 +16,9 @@ use plumbline::report::GridRejection;
 use plumbline::report::Measurement;
 use plumbline::target::TargetGeometry;
 
-use super::bundle::Seen;
+use super::model::Seen;
 
-/// What the detector's corners are good to, raw pixels.
+/// The precision of the detector's corners, raw pixels.
 const FOUND_SIGMA_PX: f64 = 0.25;
 
 /// Poses that are tracked after a board was acquired, each from the one before.
@@ -59,7 +59,7 @@ impl Finder {
     /// Finds the board.
     ///
     /// # Errors
-    /// Why there is none.
+    /// When there is none.
     pub fn find<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -88,7 +88,7 @@ impl Finder {
         let workspace = &mut self.workspace;
         let mut fitted = workspace.acquire(&view, &found.grid, &found.corners).ok()?;
         for _ in 0..PASSES {
-            // A board's margin is nobody's business here: it may be cut.
+            // A board's margin does not matter here: it may be cut.
             let appearance = Appearance { has_border: false, ..fitted.appearance };
             fitted =
                 workspace.track(&view, &fitted.measurement.cam_from_target, appearance).ok()?;

@@ -1,13 +1,13 @@
-//! What a user should know about a calibration, in words.
+//! The warnings about a calibration, in words.
 
 use std::fmt;
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::bundle::Shape;
+use super::model::Shape;
 use super::{Calibration, Contribution};
 
-/// Fewer photographs leave an accident in one of them a large part.
+/// With fewer photographs, a fault in one of them weighs too much.
 const PHOTOGRAPHS_ENOUGH: usize = 8;
 /// Boards should differ in tilt by this.
 const TILT_DEG_MIN: f64 = 25.0;
@@ -17,16 +17,16 @@ const FOCAL_SHARE_MAX: f64 = 0.003;
 const BEND_MM_MAX: f64 = 0.2;
 /// Pitches along both axes agree to this on a print that was not scaled in one direction.
 const STRETCH_MAX: f64 = 0.002;
-/// What is said of the board's shape must be beyond its own uncertainty.
+/// A statement on the board's shape must exceed this many of its standard deviations.
 const DEVIATIONS: f64 = 4.0;
-/// A photograph that is so many times worse than the middle one does not belong.
+/// A photograph this many times worse than the median does not fit the others.
 const OUTLIER_RATIO: f64 = 3.0;
 /// And by at least this much, raw pixels.
 const OUTLIER_PX: f64 = 0.05;
 /// A good camera and board give 0.05 to 0.3 px.
 const RMS_PX_MAX: f64 = 0.5;
 
-/// One thing that is not as it should be, and what to do about it.
+/// A fault of the calibration, with what to do about it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Concern {
     /// Only this many photographs show the board.
@@ -101,7 +101,7 @@ impl fmt::Display for Concern {
             }
             Self::Tilt { deg } => write!(
                 formatter,
-                "the boards' tilts differ by only {deg:.0} degrees; tilt the board by 20 to 40 degrees about both axes, or the focal length stays unsure"
+                "the boards' tilts differ by only {deg:.0} degrees; tilt the board by 20 to 40 degrees about both axes, or the focal length stays uncertain"
             ),
             Self::FocalLength { px, sd_px } => write!(
                 formatter,
@@ -121,7 +121,7 @@ impl fmt::Display for Concern {
             ),
             Self::Outlier { place, rms_px, median_px } => write!(
                 formatter,
-                "{place} does not fit the others (RMS {rms_px:.2} px, the middle one has {median_px:.2}); leave it out, or take it again with board and camera at rest"
+                "{place} does not fit the others (RMS {rms_px:.2} px, the median is {median_px:.2}); leave it out, or take it again with board and camera at rest"
             ),
             Self::Rms { px } => write!(
                 formatter,
@@ -131,7 +131,7 @@ impl fmt::Display for Concern {
     }
 }
 
-/// All concerns, the gravest first.
+/// All concerns, the most serious first.
 pub fn concerns(
     calibration: &Calibration,
     places: &[String],

@@ -46,7 +46,7 @@ const REALTIME_PRIORITY: u8 = 50;
 /// The Raspberry Pi's watchdog waits at most this long.
 const WATCHDOG_S: u16 = 15;
 
-/// What a box is called that nobody has named.
+/// The name of a box that has not been named.
 const DEVICE: &str = "plumbline";
 const SERIAL_NUMBER: &str = "0";
 
@@ -171,7 +171,7 @@ fn default_watchdog_s() -> u16 {
     WATCHDOG_S
 }
 
-/// Whether nobody has given a box a name yet.
+/// Whether a box has not been named yet.
 #[must_use]
 pub fn is_unnamed(device: &str, serial_number: &str) -> bool {
     (device, serial_number) == (DEVICE, SERIAL_NUMBER)

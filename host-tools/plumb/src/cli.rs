@@ -1,4 +1,4 @@
-//! The command line: what `plumb` can be told, and how it ends.
+//! The command line: the subcommands and the exit codes.
 
 use std::process::ExitCode;
 
@@ -40,10 +40,10 @@ enum Command {
     Simulate(simulate::SimulateArguments),
 }
 
-/// Exit code for input that cannot be used; clap's for a wrong command line is the same.
+/// Exit code for input that cannot be used, the same as clap's for a wrong command line.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code for a box that is not as it should be.
+/// Exit code when a check of `plumb doctor` failed.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.

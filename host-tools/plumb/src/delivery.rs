@@ -1,4 +1,4 @@
-//! A configuration for a live box: it is sent and kept there, and the box starts anew with it.
+//! A configuration for a live box: it is sent and kept there, and the box restarts with it.
 
 use std::time::{Duration, Instant};
 
@@ -79,7 +79,7 @@ pub fn who(hello: &Hello) -> String {
     format!("{}, {}, configuration {:08x}", others::name(hello), hello.firmware, hello.config_crc)
 }
 
-/// Sends a configuration, has the box keep it and, unless `restart` is false, start anew with
+/// Sends a configuration, has the box keep it and, unless `restart` is false, restart with
 /// it; says what came of each.
 ///
 /// # Errors
@@ -118,28 +118,25 @@ pub fn deliver(
     let goes_elsewhere =
         before.config.as_ref().is_some_and(|old| !stays(link.kind(), &old.links, &config.links));
     if goes_elsewhere {
-        eprintln!("the box starts anew, and is not heard here any more");
+        eprintln!("the box restarts, and is no longer heard here");
         return Ok(());
     }
     let hello = wait_for_start(link, hello.as_ref())?;
     if hello.config_crc != crc {
         return Err(BadInput::whole(
             link.place(),
-            format!(
-                "the box has started anew, but with the configuration {:08x}",
-                hello.config_crc
-            ),
+            format!("the box has restarted, but with the configuration {:08x}", hello.config_crc),
             "check that its program takes its configuration from where it stores it, and send it \
              again",
         ));
     }
-    eprintln!("the box has started anew with it");
+    eprintln!("the box has restarted with it");
     Ok(())
 }
 
-/// Waits until the box has started anew, and says who it is.
+/// Waits until the box has restarted, and says who it is.
 fn wait_for_start(link: &mut BoxLink, before: Option<&Hello>) -> Result<Hello, BadInput> {
-    let _waiting = Waiting::new("waiting until the box has started anew");
+    let _waiting = Waiting::new("waiting until the box has restarted");
     let known = before.map(|hello| hello.boot_id);
     let mut complaints = Complaints::default();
     let until = Instant::now() + RESTARTED_WITHIN;
@@ -155,13 +152,13 @@ fn wait_for_start(link: &mut BoxLink, before: Option<&Hello>) -> Result<Hello, B
         let said = complaints.text().map(|text| format!("; it says: {text}")).unwrap_or_default();
         BadInput::whole(
             link.place(),
-            format!("stored, but the box has not said in {seconds} s that it started anew{said}"),
+            format!("stored, but the box has not said in {seconds} s that it restarted{said}"),
             "switch it off and on; `plumb doctor` shows how it is",
         )
     })
 }
 
-/// Refuses a configuration with which a box would not be heard here any more: nobody could
+/// Refuses a configuration with which a box would no longer be heard here: nobody could
 /// correct it from here.
 ///
 /// # Errors
@@ -172,7 +169,7 @@ pub fn refuse_losing(link: &BoxLink, before: &Before, config: &Config) -> Result
             link.place(),
             "links",
             format!(
-                "the box would not be heard here any more: {}",
+                "the box would no longer be heard here: {}",
                 moves(&old.links, &config.links).join("; ")
             ),
             "correct the links in the box file, or give --force",

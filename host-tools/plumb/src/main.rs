@@ -3,12 +3,15 @@
 //! The work is done by libraries: [`plumbline`] tracks, as it does on the box; what receives,
 //! records, calibrates, renders and analyses are the crates beside this one.
 
+mod agreement;
 mod arguments;
+mod bounds;
 mod box_settings;
 mod cli;
 mod commands;
 mod delivery;
 mod setup;
+mod tracking;
 mod ui;
 
 use std::process::ExitCode;

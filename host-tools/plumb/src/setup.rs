@@ -1,18 +1,19 @@
-//! From the description files to what the pipeline is configured with.
+//! Configurations: made from the description files, or read from a file that holds one.
 
 use std::path::{Path, PathBuf};
 
-use plumbline::config::{Config, ConfigError, Links, Machine, NO_LINK, TargetConfig};
+use plumbline::config::{
+    BLOB_BYTES_MAX, Config, ConfigError, Links, Machine, NO_LINK, TargetConfig,
+};
 use plumbline::lens::Lens;
 use plumbline::pipeline::Pipeline;
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera};
-use plumbline_files::frames::FrameSource;
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, Targets};
 
-/// The description files, as the subcommands that need them take them.
+/// The description files, as options of a subcommand.
 #[derive(clap::Args)]
 pub struct Descriptions {
     /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
@@ -27,7 +28,7 @@ pub struct Descriptions {
 }
 
 impl Descriptions {
-    /// Of these files.
+    /// From these paths.
     #[must_use]
     pub fn of(camera: &Path, targets: &Path, scene: Option<&Path>) -> Self {
         Self {
@@ -83,17 +84,17 @@ impl Descriptions {
 /// The names that errors give to the description files.
 #[derive(Debug, Clone)]
 pub struct Places {
-    /// Of the camera file.
+    /// The camera file.
     pub camera: String,
-    /// Of the targets file.
+    /// The targets file.
     pub targets: String,
-    /// Of the scene file.
+    /// The scene file.
     pub scene: String,
-    /// Of the box file.
+    /// The box file.
     pub settings: String,
-    /// Of what gives the UDP address: an option, or the box file.
+    /// What gives the UDP address: an option, or the box file.
     pub udp: String,
-    /// Of what gives the serial line, likewise.
+    /// What gives the serial line, likewise.
     pub serial: String,
 }
 
@@ -173,27 +174,28 @@ fn assemble(
     Ok(config)
 }
 
-/// The configuration of these files, and a pipeline that has it, for the frames of a source.
+/// The configuration in a file that `plumb provision` wrote.
 ///
 /// # Errors
-/// As [`config`], and when the frames are not of the camera's size.
-pub fn pipeline(
-    camera: &Camera,
-    targets: &Targets,
-    scene: Option<&SceneFile>,
-    source: &FrameSource,
-    places: &Places,
-) -> Result<(Config, Box<Pipeline>), BadInput> {
-    camera::check_frame_size(
-        &camera.lens,
-        &places.camera,
-        source.width(),
-        source.height(),
-        source.place(),
-    )?;
-    let config = config(camera, targets, scene, places)?;
-    let pipeline = configured(&config, places)?;
-    Ok((config, pipeline))
+/// When the file cannot be read, or holds no configuration.
+pub fn read_blob(path: &Path) -> Result<Config, BadInput> {
+    let place = path.display();
+    let bytes = std::fs::metadata(path).map_err(|error| BadInput::io(&place, &error))?.len();
+    if bytes > BLOB_BYTES_MAX as u64 {
+        return Err(BadInput::whole(
+            place,
+            format!("{bytes} bytes, where a configuration has at most {BLOB_BYTES_MAX}"),
+            "give the file that `plumb provision` wrote",
+        ));
+    }
+    let blob = std::fs::read(path).map_err(|error| BadInput::io(&place, &error))?;
+    Config::decode(&blob).map_err(|error| {
+        BadInput::whole(
+            place,
+            error,
+            "give the file that `plumb provision` wrote, or write it again",
+        )
+    })
 }
 
 /// A pipeline that has a configuration.

@@ -187,7 +187,7 @@ fn a_box_that_falls_silent_is_given_up() {
     let (stdout, stderr) = (&finished.stdout, &finished.stderr);
     assert_eq!(finished.code, Some(2), "{stderr}");
     assert!(killed.elapsed() < Duration::from_secs(20), "{:?}", killed.elapsed());
-    says(stderr, &["the box is not heard any more; check its power and its link"]);
+    says(stderr, &["the box is no longer heard; check its power and its link"]);
     says(stderr, &["set-up mode ends by itself", "it ends by itself within 20 s"]);
     // A loaded machine may miss one of the seven.
     assert!(stdout.matches("nothing heard from the box for ").count() >= 4, "{stdout}");

@@ -36,7 +36,7 @@ struct PlayedBox {
     is_aiming: bool,
     sequence: u32,
     boot_id: u32,
-    /// So often it starts anew as soon as it exposes as it is told, then by this name.
+    /// So often it restarts as soon as it exposes as it is told, then by this name.
     restarts: u32,
     restarts_as: &'static str,
     incoming: Vec<u8>,
@@ -299,7 +299,7 @@ fn what_is_found_is_stored_and_the_box_starts_with_it() {
     assert_eq!((capture.gain, left.starts, left.is_aiming), (None, 2, false));
     let found = format!("found: exposure {exposure_us} us\n");
     assert!(finished.stdout.ends_with(&found), "{}", finished.stdout);
-    assert!(finished.stderr.contains("the box has started anew with it"), "{}", finished.stderr);
+    assert!(finished.stderr.contains("the box has restarted with it"), "{}", finished.stderr);
 }
 
 #[test]
@@ -312,8 +312,12 @@ fn little_light_takes_gain_and_without_one_it_is_said_to_be_too_little() {
 
     let (finished, left) = expose(1e-5, false, &["--store"]);
     assert_eq!(finished.code, Some(2), "{} {}", finished.stdout, finished.stderr);
-    assert!(finished.stdout.contains("gain 1: the camera does not take it"), "{}", finished.stdout);
-    for part in ["too dark even with exposure 16666 us", "open the aperture, or bring more light"] {
+    assert!(
+        finished.stdout.contains("gain 1: the camera does not accept it"),
+        "{}",
+        finished.stdout
+    );
+    for part in ["too dark even with exposure 16666 us", "open the aperture, or add light"] {
         assert!(finished.stderr.contains(part), "{part:?} is not in: {}", finished.stderr);
     }
     assert_eq!((left.stored, left.starts, left.is_aiming), (None, 1, false));
@@ -326,10 +330,10 @@ fn expose_through(restarts: u32, restarts_as: &'static str) -> (Finished, Left) 
 }
 
 #[test]
-fn a_box_that_starts_anew_meanwhile_is_noticed() {
+fn a_box_that_restarts_meanwhile_is_noticed() {
     let (finished, left) = expose_through(2, NAME);
     assert_eq!(finished.code, Some(0), "{} {}", finished.stdout, finished.stderr);
-    let told = finished.stdout.matches("the box has started anew; the same setting again").count();
+    let told = finished.stdout.matches("the box has restarted; the same setting again").count();
     // The third is the one with what was stored.
     assert_eq!((told, left.starts, left.is_aiming), (2, 4, false));
     assert!(finished.stdout.contains("found: exposure "), "{}", finished.stdout);
@@ -339,10 +343,10 @@ fn a_box_that_starts_anew_meanwhile_is_noticed() {
 }
 
 #[test]
-fn a_box_that_starts_anew_again_and_again_is_given_up() {
+fn a_box_that_restarts_again_and_again_is_given_up() {
     let (finished, left) = expose_through(100, NAME);
     assert_eq!((finished.code, left.stored), (Some(2), None), "{}", finished.stdout);
-    for part in ["the box has started anew 4 times meanwhile", "`plumb doctor`"] {
+    for part in ["the box has restarted 4 times meanwhile", "`plumb doctor`"] {
         assert!(finished.stderr.contains(part), "{part:?} is not in: {}", finished.stderr);
     }
 }
@@ -351,6 +355,6 @@ fn a_box_that_starts_anew_again_and_again_is_given_up() {
 fn another_box_in_its_place_is_refused() {
     let (finished, left) = expose_through(1, "other");
     assert_eq!((finished.code, left.stored), (Some(2), None), "{}", finished.stdout);
-    let refused = "another box is heard now: other (0), and not played (0) any more";
+    let refused = "another box is heard now: other (0), no longer played (0)";
     assert!(finished.stderr.contains(refused), "{}", finished.stderr);
 }

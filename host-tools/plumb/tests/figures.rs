@@ -25,7 +25,7 @@ fn json(folder: &TempDir, arguments: &[&str]) -> Value {
 
 #[track_caller]
 fn assert_near(found: &Value, expected: f64, relative: f64) {
-    let found = found.as_f64().unwrap_or_else(|| panic!("{found} is no number"));
+    let found = found.as_f64().unwrap_or_else(|| panic!("{found} is not a number"));
     let error = (found - expected).abs() / expected.abs();
     assert!(error <= relative, "{found} is not {expected}: {error:e}");
 }

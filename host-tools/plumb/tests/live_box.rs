@@ -270,19 +270,19 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     let said = bench.provision(&format!("{other} --force --out sent.plb")).exits(0);
     let sent = bench.config("sent.plb");
     let stored = format!("stored, checksum {:08x}", sent.crc());
-    said.says(&[&met, &stored, "the box has started anew with it"]);
+    said.says(&[&met, &stored, "the box has restarted with it"]);
     assert_eq!(bench.config("box.plb"), sent);
 
     // It will be heard elsewhere, which is no fault.
     let elsewhere = free_port();
     bench.write("away.toml", &bench.settings("PL-0002", elsewhere));
     let away = "--box away.toml --send --via-udp UDP";
-    bench.provision(away).exits(2).says(&["would not be heard here any more", "or give --force"]);
+    bench.provision(away).exits(2).says(&["would no longer be heard here", "or give --force"]);
     let away = "--box away.toml --send --via-udp UDP --force";
     let warning = format!("warning: the box will send by UDP to {elsewhere}, and not to");
     let kept = ["in use from the box's next start"];
     bench.provision(&format!("{away} --no-restart")).exits(0).says(&[&warning]).says(&kept);
-    bench.provision(away).exits(0).says(&[&warning, "not heard here any more"]);
+    bench.provision(away).exits(0).says(&[&warning, "no longer heard here"]);
 }
 
 #[test]
@@ -310,7 +310,7 @@ fn a_live_box_measures_its_scene_and_the_doctor_finds_it_well() {
 
     let said = bench.plumb("scene --udp UDP --out scene.toml --store").exits(0);
     said.says(&["ward 3 (PL-0001)", "spread of one frame 0.0", "leans by 0.", "stored, checksum"])
-        .says(&["written to scene.toml", "the box has started anew with it"]);
+        .says(&["written to scene.toml", "the box has restarted with it"]);
     let stored = bench.config("box.plb").cam_from_scene_theta.unwrap();
     let written = plumbline_files::scene::read(&bench.path("scene.toml")).unwrap();
     assert_eq!(stored, written.cam_from_scene_theta);
@@ -328,7 +328,7 @@ fn a_live_box_measures_its_scene_and_the_doctor_finds_it_well() {
     // One that is stored and not in use yet would be lost.
     bench.provision("--box box.toml --send --via-udp UDP --no-restart").exits(0);
     let pending = format!("another configuration, {:08x}, which", bench.config("box.plb").crc());
-    bench.plumb("scene --udp UDP --store").exits(2).says(&[&pending, "start it anew first"]);
+    bench.plumb("scene --udp UDP --store").exits(2).says(&[&pending, "restart it first"]);
 }
 
 #[test]
@@ -338,7 +338,7 @@ fn where_no_box_is_heard_that_is_the_failure() {
     said.says(&["FAIL  link", "no box is heard; check that the box is on", "skip  camera"]);
     bench.plumb("show --udp UDP").exits(2).says(&["no box is heard; check that the box is on"]);
     let receive = "receive --udp UDP --duration 0.3 --out received.csv";
-    bench.plumb(receive).exits(2).says(&["no frame came: received.csv is not written"]);
+    bench.plumb(receive).exits(2).says(&["no frame came: received.csv was not written"]);
     assert!(!bench.path("received.csv").exists());
     let _taken = UdpSocket::bind(bench.udp).unwrap();
     bench.plumb("doctor --udp UDP").exits(2).says(&["another program listens there"]);
@@ -472,6 +472,6 @@ fn a_box_that_refuses_its_configuration_is_quoted_and_takes_another() {
         provision
             .exits(0)
             .says(&["a box that tracks nothing; it says: ", WHY])
-            .says(&["stored, checksum", "the box has started anew with it"]);
+            .says(&["stored, checksum", "the box has restarted with it"]);
     });
 }

@@ -282,7 +282,7 @@ fn without_a_box_there_is_no_folder() {
     let output = bench.plumb("receive --udp UDP --out none --duration 0.3");
     let said = text(&output);
     assert_eq!(output.status.code(), Some(2));
-    assert!(said.contains("none is not written"), "{said}");
+    assert!(said.contains("none was not written"), "{said}");
     assert!(!bench.path("none").exists());
     for (arguments, part) in [
         ("analyze none", "no folder of a trial"),

@@ -1,5 +1,5 @@
 //! What the sequence numbers say: which packets were lost, came twice or came
-//! late, and when the box began anew.
+//! late, and when the box restarted.
 //!
 //! ```text
 //! sequence      0 1 2   4 3   5 5   8      0 1
@@ -9,30 +9,30 @@
 
 use std::collections::VecDeque;
 
-/// So many frames a packet may come late. More than a second at 60 Hz: what is
-/// older is not late, but the sequence of a box that started anew.
+/// The number of frames by which a packet may be late. More than a second at 60 Hz: what is
+/// older is not late, but the sequence of a box that restarted.
 const WINDOW: usize = 128;
 
-/// The first packets of a session may have been overtaken too: by so many.
+/// The number of packets that may have overtaken the first ones of a session.
 const START_REORDER_MAX: u32 = 4;
 
 /// Packets may be older than the one before by this much without meaning a restart:
 /// they overtake each other, and a Log waits while a camera is being opened.
 const UPTIME_SLACK_MS: u64 = 3000;
 
-/// What one pose packet is, going by its number and its time.
+/// What a pose packet is, judged by its number and its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
-    /// The next one, after so many that are missing until now.
+    /// The next one, or a later one: those skipped are missing until now.
     New {
         /// Packets skipped between the last one and this one.
         skipped: u32,
     },
     /// One that was missing; it was overtaken on the way.
     Late,
-    /// One that had come already.
+    /// One that had already come.
     Repeated,
-    /// The first one of a box that started, or started anew.
+    /// The first one since a start of the box.
     NewSession,
 }
 
@@ -47,7 +47,7 @@ pub struct Counts {
     pub repeated: u64,
     /// Pose packets that came after a later one.
     pub reordered: u64,
-    /// How often the box started, as far as its packets tell, with frames or without.
+    /// The number of starts that the packets show, with frames or without.
     pub sessions: u32,
 }
 
@@ -57,7 +57,7 @@ pub struct Accounting {
     counts: Counts,
     boot_id: Option<u32>,
     uptime_ms: Option<u64>,
-    /// The session has been counted: something of it came.
+    /// The session has been counted: one of its packets came.
     counted: bool,
     /// The highest sequence number of this session; `None` when the next packet
     /// begins a session.
@@ -79,7 +79,7 @@ impl Accounting {
         self.highest.is_none()
     }
 
-    /// Takes note of a Hello; true when it comes from a box that started anew.
+    /// Takes note of a Hello; true when it comes from a box that restarted.
     pub fn hello(&mut self, boot_id: u32) -> bool {
         let known = self.boot_id.replace(boot_id);
         let anew = known.is_some_and(|known| known != boot_id);
@@ -93,7 +93,7 @@ impl Accounting {
     }
 
     /// Takes note of the time since the box's start, which Health and Log
-    /// packets carry; true when the box started anew.
+    /// packets carry; true when the box restarted.
     pub fn uptime(&mut self, uptime_ms: u64) -> bool {
         let known = self.uptime_ms.replace(uptime_ms);
         let anew = known.is_some_and(|known| uptime_ms.saturating_add(UPTIME_SLACK_MS) < known);
@@ -106,7 +106,7 @@ impl Accounting {
         anew
     }
 
-    /// Once per session, whatever of it comes first.
+    /// Counts a session once, with the first of its packets of any kind.
     fn count_session(&mut self) {
         self.counts.sessions += u32::from(!self.counted);
         self.counted = true;
@@ -122,7 +122,7 @@ impl Accounting {
             }
             Arrival::Late => {
                 match self.recent.front() {
-                    // Older than the session's first: what lies between is missing now.
+                    // Older than the session's first packet: those in between are missing now.
                     Some(&(first, _)) if sequence.wrapping_sub(first).cast_signed() < 0 => {
                         self.counts.lost += u64::from(first.wrapping_sub(sequence)) - 1;
                     }
@@ -156,7 +156,7 @@ impl Accounting {
         let Some(highest) = self.highest else {
             return Arrival::NewSession;
         };
-        // Numbers wrap after two years at 60 Hz; their difference does not mind.
+        // Numbers wrap after two years at 60 Hz; their difference is right all the same.
         let ahead = sequence.wrapping_sub(highest).cast_signed();
         if ahead > 0 {
             let time = self.recent.back().map_or(0, |&(_, time)| time);
@@ -354,7 +354,7 @@ mod tests {
                 [4, 0, 0, 0, 2],
             ),
             (
-                "restart into a gap, on a clock that began anew",
+                "restart into a gap, on a clock that restarted",
                 &[
                     Pose(0, 1000, NewSession),
                     Pose(1, 1001, NEXT),

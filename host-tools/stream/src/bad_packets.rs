@@ -7,20 +7,20 @@ use plumbline::packet::PacketError;
 pub struct BadPackets {
     /// Bits changed on the way: checksum, COBS, length.
     pub corrupt: u64,
-    /// Beginnings missed because listening began in the middle.
+    /// Frames whose beginning was missed because listening began in the middle.
     pub fragments: u64,
     /// Intact, of another protocol version.
     pub other_version: u64,
     /// Intact, of this version, with another program's messages.
     pub other_schema: u64,
-    /// Intact, of this schema, and yet no message.
+    /// Intact, of this schema, but not a message.
     pub malformed: u64,
     /// Of another box.
     pub other_sender: u64,
 }
 
 impl BadPackets {
-    /// Counts one more; how many there are now of its kind.
+    /// Counts one more; returns the new count of its kind.
     pub fn count(&mut self, error: PacketError) -> u64 {
         let counter = match error {
             PacketError::Fragment => &mut self.fragments,

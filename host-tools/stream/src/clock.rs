@@ -15,7 +15,7 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    /// The time under way, there and back.
+    /// The time under way, to the box and back.
     #[must_use]
     pub fn round_trip_ns(&self) -> u64 {
         let all = self.host_received_ns.saturating_sub(self.host_sent_ns);
@@ -32,14 +32,14 @@ impl Exchange {
     }
 }
 
-/// The exchange with the shortest time under way: its offset is the surest.
+/// The exchange with the shortest time under way: its offset is the most certain.
 #[must_use]
 pub fn surest(exchanges: &[Exchange]) -> Option<&Exchange> {
     exchanges.iter().min_by_key(|exchange| exchange.round_trip_ns())
 }
 
 /// How much faster the box's clock runs than this computer's, and how uncertain that is at
-/// most, in millionths: by the surest exchange of the first half and that of the second.
+/// most, in ppm: from the most certain exchanges of the first and of the second half.
 ///
 /// `None` without exchanges a second apart.
 #[must_use]
@@ -54,15 +54,15 @@ pub fn drift_ppm(exchanges: &[Exchange]) -> Option<(f64, f64)> {
     })
 }
 
-/// How the box's clock stands to this computer's, over one run of the box.
+/// How the box's clock relates to this computer's, over one run of the box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relation {
-    /// The surest exchange: what else is known is measured from it.
+    /// The most certain exchange; the rest is measured from it.
     anchor: Exchange,
     /// How much faster the box's clock runs, and how uncertain that is at most; `None` where the
     /// exchanges lie too close together to tell, and it is taken as 0.
     pub drift_ppm: Option<(f64, f64)>,
-    /// By how much the pace may be wrong at most, millionths.
+    /// The largest error of the drift, ppm.
     pace_doubt_ppm: f64,
 }
 
@@ -75,7 +75,7 @@ impl Relation {
     pub fn of(exchanges: &[Exchange]) -> Option<Self> {
         let anchor = *surest(exchanges)?;
         let measured = drift_ppm(exchanges);
-        // A drift below its own uncertainty is none that was measured, but may be there.
+        // A drift below its own uncertainty counts as not measured, but may exist.
         let drift_ppm = measured.filter(|(drift, uncertain)| drift.abs() > *uncertain);
         let pace_doubt_ppm = match (drift_ppm, measured) {
             (Some((_, uncertain)), _) => uncertain,
@@ -85,13 +85,13 @@ impl Relation {
         Some(Self { anchor, drift_ppm, pace_doubt_ppm })
     }
 
-    /// The box's clock minus this computer's, at the surest exchange.
+    /// The box's clock minus this computer's, at the most certain exchange.
     #[must_use]
     pub fn offset_ns(&self) -> f64 {
         self.anchor.offset_ns()
     }
 
-    /// The offset is wrong by this at most.
+    /// The largest error of the offset.
     #[must_use]
     pub fn uncertain_ns(&self) -> f64 {
         0.5 * self.anchor.round_trip_ns() as f64

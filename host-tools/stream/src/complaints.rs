@@ -1,4 +1,4 @@
-//! What a box says is wrong, when it says it again and again.
+//! The faults that a box reports, again and again, each kept once.
 
 use plumbline::packet::{Log, LogLevel, Message};
 use plumbline_files::counting::counted;
@@ -6,12 +6,12 @@ use plumbline_files::counting::counted;
 /// A box that runs with no configuration says so in a few records, every two seconds.
 const COMPLAINTS_MAX: usize = 16;
 
-/// The faults that a box has told of, each once.
+/// The faults that a box has reported, each once.
 #[derive(Debug, Default)]
 pub struct Complaints(Vec<String>);
 
 impl Complaints {
-    /// Takes note of a fault; other messages are passed over.
+    /// Takes note of a fault; ignores other messages.
     pub fn take(&mut self, message: &Message) {
         let Message::Log(log) = message else { return };
         let text = text_of(log);

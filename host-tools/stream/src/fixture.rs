@@ -1,4 +1,4 @@
-//! The messages of a box that is well, for tests that make it ill.
+//! The messages of a healthy box, for tests that change them.
 
 use std::sync::LazyLock;
 
@@ -14,7 +14,7 @@ use plumbline::view::TargetView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// The period of its frames, 60 Hz.
-pub const PERIOD_NS: u64 = 16_666_667;
+const PERIOD_NS: u64 = 16_666_667;
 
 /// Five seconds of frames.
 pub const FRAMES: u32 = 300;
@@ -89,7 +89,7 @@ pub fn hello(config: &Config) -> Hello {
     }
 }
 
-/// How it is.
+/// The verdict.
 pub fn health() -> Health {
     Health {
         uptime_ms: 600_000,

@@ -7,7 +7,7 @@
 //!                          link: questions, answers, documents in parts
 //! ```
 //!
-//! [`reception`] runs the upper way until a limit is reached; [`link`] is the lower one.
+//! [`reception`] runs the upper path until a limit is reached; [`link`] is the lower one.
 //! [`clock`] relates the box's clock to this computer's. Apart from what waits for packets,
 //! nothing here reads a clock: the time is an argument.
 
@@ -20,6 +20,7 @@ pub mod fixture;
 pub mod link;
 pub mod others;
 pub mod power;
+pub mod questions;
 pub mod receiver;
 pub mod reception;
 pub mod recorder;

@@ -1,20 +1,20 @@
 //! Talking to a box: questions and their answers, and documents in parts.
 //!
-//! The way may lose, repeat and damage packets. A question is put again until it is answered,
-//! and every question may be put twice without harm; a document's missing bytes are asked for
-//! until all are there and its checksum agrees. Nothing here waits without a limit.
+//! The link may lose, repeat and damage packets. A question is repeated until it is answered,
+//! and repeating a question does no harm; a document's missing bytes are asked for
+//! until all have come and its checksum agrees. No wait is unlimited.
 
 use std::time::{Duration, Instant};
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{
-    Action, Command, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply,
-    ReplyOutcome,
+    Action, Document, Hello, LinkKind, Message, PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome,
 };
 use plumbline_files::BadInput;
 
 use crate::complaints::Complaints;
 use crate::others::{self, Others, is_same_box};
+use crate::questions::Questions;
 use crate::transport::{Event, Transport};
 
 mod download;
@@ -30,11 +30,11 @@ pub const BAUD: u32 = 115_200;
 /// A box sends something once a second; a refused one every two.
 pub const HEARD_WITHIN: Duration = Duration::from_secs(6);
 
-/// Longer silence of a box is no accident: it says something once a second at least, and a
+/// A longer silence is a fault: a box sends something at least once a second, and a
 /// refused one every two.
 pub const SILENT_AFTER: Duration = Duration::from_secs(3);
 
-/// Every box has said who it is by then: it does once a second.
+/// Every box has sent a Hello by then: it does once a second.
 const NAMED_WITHIN: Duration = Duration::from_millis(1200);
 
 /// What to do when no box is heard.
@@ -42,17 +42,17 @@ pub const NOT_HEARD_REMEDY: &str = "check that the box is on, and that it sends 
     computer's address and port (or on this line, at this rate); stop another `plumb` that \
     listens here";
 
-/// A question is put again after this time.
+/// A question is repeated after this time.
 const ANSWER_WITHIN: Duration = Duration::from_millis(700);
 
-/// A disk takes less than this to keep a configuration, and a slow one less than [`TRIES`]
+/// A disk takes less than this to store a configuration, and a slow one less than [`TRIES`]
 /// times this.
 const STORED_WITHIN: Duration = Duration::from_secs(3);
 
-/// A question is put this often at most.
+/// The most times that a question is sent.
 const TRIES: usize = 6;
 
-/// A document is given up when this many requests for it bring nothing.
+/// A download is given up when this many requests in a row bring nothing.
 const BARREN_MAX: usize = 6;
 
 /// What a box says of itself.
@@ -60,50 +60,57 @@ const BARREN_MAX: usize = 6;
 pub enum Introduction {
     /// It runs with its configuration.
     Hello(Hello),
-    /// It has no configuration that it can use, says why, and takes another one.
+    /// It has no usable configuration, says why, and accepts another one.
     Refusing(String),
 }
 
-/// The way to one box.
+/// The link to one box.
 pub struct BoxLink {
     transport: Box<dyn Transport>,
     place: String,
     kind: LinkKind,
-    questions: u16,
-    /// When anything of the box came last.
+    questions: Questions,
+    /// When the box was last heard.
     heard: Option<Instant>,
     others: Others,
 }
 
-/// Whether a message shows that the box is there: a line may echo what is sent to it.
+/// Whether a message comes from a box: a line may echo what is sent to it.
 #[must_use]
 pub fn is_of_box(message: &Message) -> bool {
     !matches!(message, Message::Command(_))
 }
 
 impl BoxLink {
-    /// Over this transport, which `place` names in messages.
+    /// A link over this transport, which `place` names in messages.
     #[must_use]
     pub fn new(transport: Box<dyn Transport>, place: String, kind: LinkKind) -> Self {
-        Self { transport, place, kind, questions: 0, heard: None, others: Others::default() }
+        Self {
+            transport,
+            place,
+            kind,
+            questions: Questions::of_link(),
+            heard: None,
+            others: Others::default(),
+        }
     }
 
-    /// How to call it.
+    /// Its name in messages.
     #[must_use]
     pub fn place(&self) -> &str {
         &self.place
     }
 
-    /// What it goes over.
+    /// The kind of its transport.
     #[must_use]
     pub fn kind(&self) -> LinkKind {
         self.kind
     }
 
-    /// Takes what comes until `until`, or until `take` has found something.
+    /// Hands what comes to `take`, until it has found something or until `until`.
     ///
     /// # Errors
-    /// When the way cannot be used any more.
+    /// When the link can no longer be used.
     pub fn listen<T>(
         &mut self,
         until: Instant,
@@ -128,7 +135,7 @@ impl BoxLink {
         Ok(found)
     }
 
-    /// As [`listen`](Self::listen), for messages only.
+    /// Like [`listen`](Self::listen), for messages only.
     ///
     /// # Errors
     /// As [`listen`](Self::listen).
@@ -143,7 +150,7 @@ impl BoxLink {
         })
     }
 
-    /// Waits for anything that a box says.
+    /// Waits for any message of a box.
     ///
     /// # Errors
     /// When nothing comes in time.
@@ -151,7 +158,7 @@ impl BoxLink {
         self.wait_until_heard_within(HEARD_WITHIN)
     }
 
-    /// Waits for anything that a box says, for so long.
+    /// Waits up to `limit` for any message of a box.
     ///
     /// # Errors
     /// When nothing comes in time.
@@ -176,7 +183,7 @@ impl BoxLink {
                 Message::Reply(Reply { id: of, outcome: ReplyOutcome::Refused { reason, .. } })
                     if *of == id =>
                 {
-                    // What it logs is said in full.
+                    // Its log has the whole text.
                     let text = complaints.text().unwrap_or_else(|| reason.as_str().to_owned());
                     Some(Introduction::Refusing(text))
                 }
@@ -189,23 +196,11 @@ impl BoxLink {
                 return Ok(answer);
             }
         }
-        // It may be heard without hearing.
+        // A box may be heard but not hear.
         match complaints.text() {
             Some(text) => Ok(Introduction::Refusing(text)),
             None => Err(self.no_answer("who it is")),
         }
-    }
-
-    /// Who the box is, once it says so by itself: it may be starting.
-    ///
-    /// # Errors
-    /// When it does not in time.
-    pub fn hello_within(&mut self, limit: Duration) -> Result<Hello, BadInput> {
-        let hello = self.messages(Instant::now() + limit, |message| match message {
-            Message::Hello(hello) => Some(hello.clone()),
-            _ => None,
-        })?;
-        hello.ok_or_else(|| self.no_answer("who it is"))
     }
 
     /// Who the box is.
@@ -223,11 +218,11 @@ impl BoxLink {
         }
     }
 
-    /// Which other boxes are heard here, for people; it is listened for so long that each has
+    /// The other boxes that are heard here, for people; listens long enough for each to have
     /// said who it is.
     ///
     /// # Errors
-    /// When the way cannot be used any more.
+    /// When the link can no longer be used.
     pub fn others(&mut self) -> Result<Option<String>, BadInput> {
         self.listen(Instant::now() + NAMED_WITHIN, |_| None::<()>)?;
         Ok(self.others.words())
@@ -247,20 +242,19 @@ impl BoxLink {
     fn another(&self, met: &str, now: &str) -> BadInput {
         BadInput::whole(
             &self.place,
-            format!("another box is heard now: {now}, and not {met} any more"),
-            "nothing is changed; see which boxes are on and send here, and start again",
+            format!("another box is heard now: {now}, no longer {met}"),
+            "nothing was changed; check which boxes are on and send here, and start again",
         )
     }
 
-    /// Puts a question without waiting; its number.
+    /// Sends a question without waiting for the answer; returns its number.
     pub fn send(&mut self, action: Action) -> u16 {
-        self.questions = self.questions.wrapping_add(1);
-        let command = Command { id: self.questions, action };
-        self.transport.send(&Message::Command(command));
-        self.questions
+        let (id, question) = self.questions.ask(action);
+        self.transport.send(&question);
+        id
     }
 
-    /// Puts a question until it is answered. Other messages that come meanwhile go to
+    /// Repeats a question until it is answered. Other messages that come meanwhile go to
     /// `aside`.
     ///
     /// # Errors
@@ -287,7 +281,7 @@ impl BoxLink {
         Err(self.no_answer("a question"))
     }
 
-    /// Puts a question until it is answered.
+    /// Repeats a question until it is answered.
     ///
     /// # Errors
     /// When there is no answer.
@@ -295,7 +289,7 @@ impl BoxLink {
         self.ask_aside(action, ANSWER_WITHIN, |_| {})
     }
 
-    /// Puts a question to which the box must agree.
+    /// Repeats a question until it is answered; the box must agree.
     ///
     /// # Errors
     /// When there is no answer, or it refuses.
@@ -309,7 +303,7 @@ impl BoxLink {
     /// Fetches a document of known length.
     ///
     /// # Errors
-    /// When the box refuses, or parts do not come.
+    /// When the box refuses, or parts are missing.
     fn fetch(&mut self, document: Document, bytes: usize) -> Result<Vec<u8>, BadInput> {
         let mut download = Download::new(document, bytes);
         loop {
@@ -347,7 +341,7 @@ impl BoxLink {
                 "the box has been given another configuration, {next_crc:08x}, which it uses \
                  from its next start on"
             ),
-            "start it anew first: switch it off and on, or send that one again without \
+            "restart it first: switch it off and on, or send that one again without \
              --no-restart",
         ))
     }
@@ -378,13 +372,13 @@ impl BoxLink {
             BadInput::whole(&self.place, error, "update the older of the two programs")
         })?;
         if config.crc() != crc {
-            return Err(self.nonsense("another configuration than the one it has told of"));
+            return Err(self.nonsense("another configuration than the one it announced"));
         }
         Ok((config, next_crc))
     }
 
     /// Sends a configuration that the box is to keep, if it is still the one that was `met`
-    /// (`None`: one without a configuration, which has no name); what it says of itself now,
+    /// (`None`: one without a configuration, which has no name); returns its Hello of now,
     /// and the checksum as the box has read it back. It is in use from the box's next start on.
     ///
     /// # Errors
@@ -402,7 +396,7 @@ impl BoxLink {
         stored
     }
 
-    /// What the box that was met says of itself now.
+    /// The Hello that the box that was met sends now.
     fn met_again(&mut self, met: Option<&Hello>) -> Result<Option<Hello>, BadInput> {
         const NAMELESS: &str = "the box that tracks nothing";
         match (met, self.introduction()?) {
@@ -449,7 +443,7 @@ impl BoxLink {
         Err(self.no_answer("the parts of the configuration, which do not all arrive"))
     }
 
-    /// What a refusal is to the user.
+    /// A refusal as an error for the user.
     #[must_use]
     pub fn refused(&self, what: &str, refusal: Refusal, reason: &str) -> BadInput {
         let (why, remedy) = match refusal {
@@ -475,7 +469,7 @@ impl BoxLink {
             return BadInput::whole(
                 &self.place,
                 format!(
-                    "the box has fallen silent: nothing is heard from it for {} s",
+                    "the box has fallen silent: nothing heard from it for {} s",
                     silence.as_secs()
                 ),
                 "check its power and its link, and try again",

@@ -1,10 +1,10 @@
-//! Which box is which, where several send to one place.
+//! Telling boxes apart that send to the same place.
 
 use std::net::SocketAddr;
 
 use plumbline::packet::Hello;
 
-/// Whether two say the same name and serial number.
+/// Whether two Hellos have the same name and serial number.
 #[must_use]
 pub fn is_same_box(one: &Hello, other: &Hello) -> bool {
     (&one.device, &one.serial_number) == (&other.device, &other.serial_number)
@@ -16,15 +16,15 @@ pub fn name(hello: &Hello) -> String {
     format!("{} ({})", hello.device, hello.serial_number)
 }
 
-/// More would be no oversight.
+/// More than this would not be an oversight.
 const OTHERS_MAX: usize = 8;
 
-/// The boxes that are not listened to: each by where it sends from, and by name once it has said that.
+/// The boxes that are not listened to: each by its address, and by its name once that is known.
 #[derive(Debug, Default)]
 pub struct Others(Vec<(SocketAddr, Option<String>)>);
 
 impl Others {
-    /// Takes note of a packet; what is new about its sender, for people.
+    /// Takes note of a packet; returns what is new about its sender, for people.
     pub fn take(&mut self, from: SocketAddr, hello: Option<&Hello>) -> Option<String> {
         let name = hello.map(name);
         if let Some((_, known)) = self.0.iter_mut().find(|(address, _)| *address == from) {

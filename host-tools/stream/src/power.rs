@@ -1,4 +1,4 @@
-//! What a box has told of its power supply and of its processor's clock.
+//! What a box has reported of its power supply and of its processor's clock.
 
 use plumbline::packet::Health;
 
@@ -8,7 +8,7 @@ const UNDERVOLTAGE: &str = "the voltage of the box's power supply was too low: u
 const THROTTLED: &str = "the box's processor was slowed down, by heat or by its power supply: \
     frames may have come late or been dropped; `plumb doctor` tells its temperature";
 
-/// The worst of all that its Health packets have told; `None` where they told nothing.
+/// The worst that its Health packets have reported; `None` where they reported nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PowerSeen {
     /// The supply's voltage was too low.
@@ -18,7 +18,7 @@ pub struct PowerSeen {
 }
 
 impl PowerSeen {
-    /// Takes note of a Health; the warnings for which it is the first reason.
+    /// Takes note of a Health; returns the warnings for which it is the first reason.
     pub fn take(&mut self, health: &Health) -> Vec<&'static str> {
         let before = self.warnings();
         // None, then good, then bad: what was bad stays bad.
@@ -27,7 +27,7 @@ impl PowerSeen {
         self.warnings().into_iter().filter(|warning| !before.contains(warning)).collect()
     }
 
-    /// What a user should know.
+    /// Warnings for the user.
     #[must_use]
     pub fn warnings(&self) -> Vec<&'static str> {
         let known = [(self.undervoltage, UNDERVOLTAGE), (self.throttled, THROTTLED)];

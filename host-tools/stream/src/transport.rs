@@ -13,7 +13,7 @@ use plumbline_files::BadInput;
 
 use crate::others::is_same_box;
 
-/// A wait for bytes ends at least this often, so that Ctrl-C is heard.
+/// The longest wait for bytes, so that Ctrl-C is noticed.
 pub const WAIT: Duration = Duration::from_millis(100);
 
 /// Another sender is listened to when the one before has been silent for this long.
@@ -37,10 +37,10 @@ pub enum Raw {
 }
 
 impl Raw {
-    /// The message in it. The deframer is of all frames of the line, in their order.
+    /// The message in it. The deframer has to see all frames of the line, in their order.
     ///
     /// # Errors
-    /// Why there is none.
+    /// When there is none.
     pub fn decode(&self, deframer: &mut Deframer) -> Result<Message, PacketError> {
         match self {
             Self::Datagram(bytes) => decode_datagram(bytes),
@@ -55,27 +55,27 @@ impl Raw {
 /// What came in.
 #[derive(Debug)]
 pub enum Event {
-    /// The very bytes of which the next event tells what they hold.
+    /// The bytes as they came; the next event says what they hold.
     Raw(Raw),
     /// A message.
     Message(Message),
-    /// Bytes that are none, and why.
+    /// Bytes that are no message, and why.
     Bad(PacketError),
     /// A datagram of another box, while the first one is sending.
     OtherSender {
         /// Where it comes from.
         from: SocketAddr,
-        /// Who it is, if it says that.
+        /// Its Hello, if this is one.
         hello: Option<Hello>,
     },
-    /// The serial line is gone; it is being waited for.
+    /// The serial line is lost, and is waited for.
     LineLost(String),
     /// The serial line is back.
     LineBack,
 }
 
 impl Event {
-    /// What bytes turn out to be.
+    /// The event for decoded bytes.
     #[must_use]
     pub fn of(outcome: Result<Message, PacketError>) -> Self {
         match outcome {
@@ -93,11 +93,11 @@ pub trait Transport {
     /// When the source cannot be used any more.
     fn poll(&mut self, take: &mut dyn FnMut(Event)) -> Result<(), BadInput>;
 
-    /// Sends a message to the box, if the way to it is known. One that does
+    /// Sends a message to the box, if its address is known. One that does
     /// not get through is not worth an error: the box repeats what matters.
     fn send(&mut self, message: &Message);
 
-    /// While it is held, no other box takes the place of the one that is listened to, however
+    /// While held, no other box takes the place of the one that is listened to, however
     /// long that is silent.
     fn hold(&mut self, is_held: bool);
 }
@@ -106,7 +106,7 @@ pub trait Transport {
 struct Sender {
     address: SocketAddr,
     heard: Instant,
-    /// As it said last.
+    /// Its latest Hello.
     hello: Option<Hello>,
 }
 
@@ -127,7 +127,7 @@ impl Sender {
 pub struct Udp {
     socket: UdpSocket,
     sender: Option<Sender>,
-    /// Where the sender was before it started anew: what still comes from there is another box
+    /// The sender's address before it restarted: what still comes from there is another box
     /// of the same name.
     former: Option<SocketAddr>,
     is_held: bool,
@@ -180,13 +180,13 @@ impl Udp {
     /// The address listened at.
     ///
     /// # Errors
-    /// When the operating system does not tell.
+    /// When the operating system cannot say.
     pub fn local_address(&self) -> std::io::Result<SocketAddr> {
         self.socket.local_addr()
     }
 
-    /// True when a packet from there counts: two boxes must not be mixed into one recording,
-    /// though they be programs of one computer.
+    /// True when a packet from this address counts: two boxes must not be mixed into one recording,
+    /// even if both are programs of one computer.
     fn accepts(&mut self, from: SocketAddr, message: Option<&Message>, now: Instant) -> bool {
         let hello = match message {
             Some(Message::Hello(hello)) => Some(hello),
@@ -297,10 +297,10 @@ impl Serial {
         Self::new(opener).map_err(|error| cannot_open(path, &error))
     }
 
-    /// A line that `open` gives, at first and whenever it was lost.
+    /// A line that `open` opens, at first and whenever it was lost.
     ///
     /// # Errors
-    /// Those of `open`, the first time.
+    /// The errors of `open`, the first time.
     pub fn new(mut open: Opener) -> std::io::Result<Self> {
         let line = Some(open()?);
         let reopen = (Instant::now(), REOPEN_WAIT_MIN);
@@ -337,10 +337,10 @@ impl Transport for Serial {
         let lost = match line.read(&mut buffer) {
             Ok(0) => "the device is gone".to_owned(),
             Ok(length) => {
-                // Only bytes show that a line is good, not that it could be opened.
+                // Bytes show that a line works; that it could be opened does not.
                 self.reopen.1 = REOPEN_WAIT_MIN;
                 for &byte in &buffer[..length] {
-                    // One more than a frame has is enough to know that it is none, and without
+                    // One byte more than a frame has shows that this is none, and without
                     // its delimiter it would spoil the next.
                     if byte == DELIMITER || self.raw.len() <= FRAME_BYTES_MAX {
                         self.raw.push(byte);
@@ -348,7 +348,7 @@ impl Transport for Serial {
                     let outcome = self.deframer.feed(byte);
                     if byte == DELIMITER {
                         let raw = std::mem::take(&mut self.raw);
-                        // An idle line is delimiters alone.
+                        // An idle line carries only delimiters.
                         if let Some(outcome) = outcome {
                             take(Event::Raw(Raw::Frame(raw)));
                             take(Event::of(outcome));

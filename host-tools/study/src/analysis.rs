@@ -12,7 +12,7 @@ use serde::Serialize;
 /// The figures of one trial, as the JSON has them.
 #[derive(Debug, Clone, Serialize)]
 pub struct Analysis {
-    /// The program that made them.
+    /// The program that computed them.
     pub program: &'static str,
     /// Where the positions come from.
     pub source: String,
@@ -24,7 +24,7 @@ pub struct Analysis {
     pub points: Vec<PointFigures>,
     /// On the same clock.
     pub events: Vec<EventSeen>,
-    /// What a reader should know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 

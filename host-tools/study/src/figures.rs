@@ -20,9 +20,9 @@ use crate::values::{self, Response, TrialValues};
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]
 pub struct StudyFigures {
-    /// The program that made them.
+    /// The program that computed them.
     pub program: &'static str,
-    /// What the study is called.
+    /// The study's name.
     pub title: String,
     /// In the order of the tables.
     pub conditions: Vec<String>,
@@ -36,18 +36,18 @@ pub struct StudyFigures {
     pub windows: Vec<TimeWindow>,
     /// Each quantity of the paper's Table I: condition by those times.
     pub physiology: Vec<Physiological>,
-    /// What a reader should know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 
 /// A part of a trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TimeWindow {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// What its seconds are counted from.
+    /// The event from which its seconds are counted.
     pub from: Event,
-    /// Its start, and its end, which is not in it.
+    /// Its start, and its end, which is excluded.
     pub span_s: [f64; 2],
 }
 
@@ -76,10 +76,10 @@ pub struct Physiological {
     pub left_out: Vec<Incomplete>,
 }
 
-/// With fewer, the distributions that the tests go by are no more than a guess.
+/// With fewer, the distributions on which the tests rest are only a guess.
 const PARTICIPANTS_MIN: usize = 7;
 
-/// What one trial gives.
+/// The values of one trial.
 struct OneTrial {
     sway: TrialValues<Path>,
     physiology: TrialValues<Quantity>,
@@ -89,7 +89,7 @@ struct OneTrial {
 /// Analyses all trials of a study.
 ///
 /// # Errors
-/// When a trial cannot be used, says neither who nor what it is, or data are missing.
+/// When a trial cannot be used, has no participant or condition, or data are missing.
 pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
     let settings = Settings { bins_s: study.bins_s.clone(), ..Settings::default() };
     let windows = study.physiology.as_ref().map(|it| it.windows(&study.bins_s));
@@ -100,7 +100,7 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
         .map(|entry| one_trial(study, entry, &settings, &windows))
         .collect::<Vec<_>>()
         .into_iter()
-        // Of several faults always the first is told.
+        // Of several faults the first is always the one reported.
         .collect::<Result<_, _>>()?;
     let (mut sways, mut physiologies, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
     for trial in trials {
@@ -157,7 +157,7 @@ impl StudyFigures {
         }
         if participants.len() < PARTICIPANTS_MIN {
             warnings.push(format!(
-                "{}: with so few, p values say little, those by ranks least",
+                "{}: with so few, p values mean little, those by ranks least",
                 counted(participants.len(), "participant")
             ));
         }
@@ -197,7 +197,7 @@ fn one_trial(
         }
     };
     let place = &points.place;
-    // The study's word is taken before the trial's. As in tables, blanks around a name are none
+    // The study's entry goes before the trial's. As in tables, blanks around a name are not part
     // of it.
     let named = |what: &str, names: [Option<&String>; 2]| {
         let mut names = names.into_iter().flatten().map(|it| it.trim());
@@ -205,7 +205,7 @@ fn one_trial(
             BadInput::new(
                 place,
                 what,
-                "neither the trial nor the study says it",
+                "neither the trial nor the study gives it",
                 format!("add {what} = \"...\" to its [[trial]] in {}", study.place),
             )
         })

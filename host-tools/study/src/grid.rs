@@ -1,4 +1,4 @@
-//! Tables of texts, for the terminal and for reports alike: what is absent has its reason below.
+//! Tables of texts, for the terminal and for reports: the reason for an absent value stands below.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use comfy_table::{CellAlignment, Table, presets};
 pub struct Grid {
     /// One cell for each column.
     pub header: Vec<String>,
-    /// As many cells each.
+    /// As many cells in each.
     pub rows: Vec<Vec<String>>,
 }
 
@@ -30,12 +30,12 @@ impl Grid {
     }
 }
 
-/// A table in which a mark stands for what is absent, and the reasons stand below.
+/// A table with marks for absent values, and the reasons below.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Annotated {
     /// The table.
     pub grid: Grid,
-    /// Each begins with the mark that it belongs to.
+    /// Each begins with its mark.
     pub notes: Vec<String>,
 }
 
@@ -52,12 +52,12 @@ impl Annotated {
     }
 }
 
-/// The reasons for what is absent from a table, each once.
+/// The reasons for the absent values of a table, each once.
 #[derive(Debug, Default)]
 pub struct Footnotes(Vec<String>);
 
 impl Footnotes {
-    /// What stands in the table's cell.
+    /// The text of the table's cell.
     pub fn absent(&mut self, reason: &impl ToString) -> String {
         let reason = reason.to_string();
         let at = self.0.iter().position(|it| *it == reason).unwrap_or_else(|| {
@@ -67,7 +67,7 @@ impl Footnotes {
         format!("–{}", superscript(at + 1))
     }
 
-    /// What is known, or what stands for it.
+    /// The value, or the mark that stands for it.
     pub fn stated(&mut self, cell: Result<String, &str>) -> String {
         cell.unwrap_or_else(|reason| self.absent(&reason))
     }
@@ -81,14 +81,14 @@ impl Footnotes {
     }
 }
 
-/// A number in small digits, which are the same on a page, on paper and in a terminal.
+/// A number in superscript digits, which look the same on a page and in a terminal.
 fn superscript(number: usize) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let digits = number.to_string();
     digits.chars().filter_map(|it| DIGITS.get(it.to_digit(10)? as usize)).collect()
 }
 
-/// Four digits, as far as they say something.
+/// Up to four significant digits.
 pub fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

@@ -1,4 +1,4 @@
-//! The tests behind the means, of a study and of a long table alike: what acts on each response,
+//! The tests behind the means, of a study or of a long table: the effects on each response,
 //! and which levels differ.
 
 use plumbline_analysis::statistics::inference::{Comparison, Inference};
@@ -9,13 +9,13 @@ use crate::grid::{Annotated, Footnotes, Grid, digits};
 use crate::sway::Path;
 
 /// Why there is no test of sphericity.
-const TOO_FEW: &str = "fewer participants than it takes";
+const TOO_FEW: &str = "too few participants";
 
 /// Why there is no F.
 const NO_ERROR: &str = "the participants do not differ in it";
 
 /// Why there is no statistic of ranks.
-const NO_RANKS: &str = "nobody's ranks differ from the others'";
+const NO_RANKS: &str = "all participants have the same ranks";
 
 impl StudyFigures {
     /// What acts on each response.
@@ -99,7 +99,7 @@ pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>)
     notes.below(Grid { header: header.map(str::to_owned).into(), rows })
 }
 
-/// Main effects and the interaction, in the order of both analyses: of them that are absent too.
+/// Main effects and the interaction, in the order of both analyses, whether present or absent.
 fn effect_names(inference: &Inference) -> Vec<String> {
     let mut names: Vec<String> = inference.factors.iter().map(|it| it.name.clone()).collect();
     if names.len() > 1 {
@@ -152,7 +152,7 @@ pub fn comparisons<'a>(pairs: impl IntoIterator<Item = (String, &'a Comparison)>
     notes.below(Grid { header: header.map(str::to_owned).into(), rows })
 }
 
-/// A probability, with as many digits as a paper gives.
+/// A probability, with as many digits as papers give.
 fn p_text(p: f64) -> String {
     if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
 }

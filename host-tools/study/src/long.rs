@@ -1,4 +1,4 @@
-//! A long table: one measurement to a line, with its subject and the levels it was made under; and
+//! A long table, one measurement per line, with its subject and the levels it was made under; and
 //! its statistics.
 
 use std::collections::HashMap;
@@ -15,27 +15,27 @@ use serde::Serialize;
 use crate::grid::{Annotated, Footnotes, Grid, digits};
 use crate::inference::{COMPARED, comparisons, effects};
 
-/// Which columns are what.
+/// The names of the columns.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Columns {
-    /// What was measured.
+    /// The measurement.
     pub response: String,
     /// The within-subject factors, one or two.
     pub within: Vec<String>,
-    /// Whose.
+    /// The subject.
     pub subject: String,
 }
 
 /// The statistics of a long table, as the JSON has them.
 #[derive(Debug, Clone, Serialize)]
 pub struct LongFigures {
-    /// The program that made them.
+    /// The program that computed them.
     pub program: &'static str,
     /// The table's file.
     pub source: String,
     /// The column of what was measured.
     pub response: String,
-    /// Of all that was measured.
+    /// The statistics of the response.
     #[serde(flatten)]
     pub inference: Inference,
     /// Subjects without a value in some cell.
@@ -118,7 +118,7 @@ impl LongFigures {
 /// `drop_incomplete`, left out and listed.
 ///
 /// # Errors
-/// When the file cannot be read, a column is missing, a value is no number, or a cell has no
+/// When the file cannot be read, a column is missing, a value is not a number, or a cell has no
 /// value or two: with the line, or the subject and the cell.
 pub fn read(
     path: &Path,
@@ -222,7 +222,7 @@ fn rows(
                     BadInput::new(
                         place,
                         format!("{} (line {line})", columns.response),
-                        format!("{:?} is no number", cell(response)),
+                        format!("{:?} is not a number", cell(response)),
                         "correct that line, or remove it where nothing was measured",
                     )
                 },
@@ -276,8 +276,8 @@ mod tests {
     fn what_cannot_be_used_is_named() {
         let cases = [
             (WHOLE.replace("resp", "value"), "resp: no such column; it has who, day, time, value"),
-            (WHOLE.replace("8.5", "many"), "resp (line 5): \"many\" is no number"),
-            (WHOLE.replace("8.5", "NaN"), "resp (line 5): \"NaN\" is no number"),
+            (WHOLE.replace("8.5", "many"), "resp (line 5): \"many\" is not a number"),
+            (WHOLE.replace("8.5", "NaN"), "resp (line 5): \"NaN\" is not a number"),
             (WHOLE.replace("b,2,y,1\n", ""), "subject b has no value in 2, y"),
             (WHOLE.replace("a,2,y,8.5", "a,2,x,8.5"), "line 5: subject a has a second value"),
             (WHOLE.replace("a,2,y,8.5", ",2,y,8.5"), "line 5: a subject or a level is empty"),

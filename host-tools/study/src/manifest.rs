@@ -1,4 +1,4 @@
-//! `study.toml`: which trials make a study.
+//! `study.toml`: the trials of a study.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -11,24 +11,24 @@ use serde::Deserialize;
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
 
-/// What a new study begins with.
+/// The text of a new study.
 pub const EXAMPLE: &str = include_str!("study.toml");
 
-/// A study, its paths as seen from here.
+/// A study; its paths are relative to the working directory.
 #[derive(Debug, Clone)]
 pub struct Study {
     /// Where it was read from.
     pub place: String,
-    /// What it is called.
+    /// Its name.
     pub title: String,
-    /// The conditions in the order of the tables; the first is what the others are compared to.
+    /// The conditions in the order of the tables; the others are compared with the first.
     pub conditions: Vec<String>,
     /// Times of a trial, seconds from t = 0.
     pub bins_s: Vec<Range<f64>>,
     /// Whether a participant who lacks a value is left out of that response's statistics; else
     /// the study is refused.
     pub drop_incomplete: bool,
-    /// What else was recorded, and how its values are taken.
+    /// What else was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
     pub trials: Vec<Entry>,
@@ -39,9 +39,9 @@ pub struct Study {
 pub struct Entry {
     /// Where its positions are.
     pub source: Source,
-    /// Who, where the trial's own manifest does not say or says otherwise.
+    /// The participant, where the trial's own manifest lacks it or is to be overruled.
     pub participant: Option<String>,
-    /// Under which condition, likewise.
+    /// The condition, likewise.
     pub condition: Option<String>,
     /// Its physiological recordings.
     pub physiology: Option<Recordings>,
@@ -115,13 +115,13 @@ fn paper_bins() -> Vec<[f64; 2]> {
     vec![[0.0, 20.0], [20.0, 40.0], [40.0, 60.0]]
 }
 
-/// Reads a study; its paths are relative to its own place.
+/// Reads a study; the paths in it are relative to its own directory.
 ///
 /// # Errors
 /// When it cannot be understood: with the field.
 pub fn read(path: &Path) -> Result<Study, BadInput> {
     let place = path.display().to_string();
-    let remedy = "`plumb study --new FILE` writes one that explains itself";
+    let remedy = "`plumb study --new FILE` writes an example with comments";
     let study: StudyToml = from_toml(&read_text(path)?, &place, remedy)?;
     let wrong =
         |field: &str, found: &str, remedy: &str| Err(BadInput::new(&place, field, found, remedy));
@@ -154,7 +154,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
         return Err(BadInput::new(
             &place,
             format!("[[trial]] {}, physiology", at + 1),
-            "nothing says what its files are",
+            "its files are not described",
             "add a [physiology] section: `plumb study --new FILE` shows one",
         ));
     }

@@ -10,6 +10,7 @@ use plumbline_analysis::physiology::ecg::r_waves;
 use plumbline_analysis::physiology::pressure::{BeatWise, pulse_cycles};
 use plumbline_analysis::physiology::respiration::end_tidal_mmhg;
 use plumbline_analysis::physiology::signal::Signal;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::BadInput;
 use plumbline_trial::points::Points;
 use serde::Serialize;
@@ -18,7 +19,7 @@ use crate::manifest::{Recordings, Study};
 use crate::protocol::{Clock, Kind, Physiology, SignalFile};
 use crate::signals;
 
-/// Of a window's seconds so many have a value, or it has no mean.
+/// The share of a window's seconds that must have a value; otherwise it has no mean.
 const COVERED_MIN: f64 = 0.5;
 
 /// A quantity of Table I.
@@ -100,20 +101,20 @@ impl Quantity {
     }
 }
 
-/// What a trial gives.
+/// The values of a trial.
 #[derive(Debug, Default)]
 pub struct Found {
     /// Each quantity's mean in each window.
     pub responses: Vec<(Quantity, Vec<Option<f64>>)>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
-/// A quantity over time, and how seconds are made of it.
+/// A quantity over time, and how it becomes one value per second.
 enum Course {
     /// Once a beat or a breath.
     PerCycle(Signal),
-    /// All the time.
+    /// Continuously.
     Sampled(Signal),
 }
 
@@ -203,7 +204,7 @@ struct Signals<'a> {
 }
 
 impl Signals<'_> {
-    /// What can be had of them, in the paper's order.
+    /// The quantities that they give, in the paper's order.
     fn courses(&mut self) -> Result<Vec<(Quantity, Course)>, BadInput> {
         use Course::{PerCycle, Sampled};
         let ecg = self.read(Kind::Ecg)?;
@@ -311,7 +312,7 @@ impl Signals<'_> {
                  clock = \"utc\"",
             ),
             Clock::Utc => (
-                "nothing tells at what time of day it was recorded",
+                "the time of day of its recording is not known",
                 self.points.zero_utc_s,
                 "give the signal's times in seconds (clock = \"seconds\"), and the trial's zero_s",
             ),
@@ -321,7 +322,7 @@ impl Signals<'_> {
             .ok_or_else(|| BadInput::new(&self.study.place, &self.points.place, found, remedy))
     }
 
-    /// A signal that a method cannot take.
+    /// The error for a signal that a method cannot use.
     fn unusable(&self, kind: Kind, error: &dyn std::fmt::Display) -> BadInput {
         let file = self.file(kind);
         let name = file.map(|it| it.file.clone()).unwrap_or_default();
@@ -333,7 +334,7 @@ impl Signals<'_> {
         )
     }
 
-    /// Refuses what was recorded at another time than these seconds.
+    /// Refuses a signal that was recorded outside these seconds.
     fn overlaps(
         &self,
         quantity: Quantity,
@@ -352,21 +353,18 @@ impl Signals<'_> {
             self.recordings.folder.display(),
             quantity.name_and_unit().0,
             format!(
-                "it is there from {first_s:.1} to {last_s:.1} s of the trial, and at no time that is looked at"
+                "it is there from {first_s:.1} to {last_s:.1} s of the trial, and at no time that is analysed"
             ),
             "correct the trial's zero_s, or the signal's clock",
         ))
     }
 
-    /// Refuses what is in another unit than was said.
+    /// Refuses a signal whose values do not suit its unit.
     fn plausible(&self, quantity: Quantity, course: &Course) -> Result<(), BadInput> {
         let (Course::PerCycle(signal) | Course::Sampled(signal)) = course;
-        let mut values: Vec<f64> = signal.present().map(|(_, value)| value).collect();
-        if values.is_empty() {
+        let Some(median) = median(signal.present().map(|(_, value)| value)) else {
             return Ok(());
-        }
-        let middle = values.len() / 2;
-        let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+        };
         let [low, high] = quantity.plausible();
         if (low..=high).contains(&median) {
             return Ok(());
@@ -375,9 +373,7 @@ impl Signals<'_> {
         Err(BadInput::new(
             self.recordings.folder.display(),
             name,
-            format!(
-                "half of its values are beyond {median:.3} {unit}, and it takes {low} to {high}"
-            ),
+            format!("its median is {median:.3} {unit}; plausible values are {low} to {high}"),
             "correct the unit or the column in study.toml: nobody has such values",
         ))
     }

@@ -14,7 +14,7 @@ use crate::time::{SECONDS_MAX, time_name};
 /// A pressure of 1 kPa, in mmHg.
 const KPA_MMHG: f64 = 7.500_616_8;
 
-/// The paper's: values are of the first so many seconds of each time.
+/// As in the paper: values are taken from this many seconds at the beginning of each time.
 const STANCE_S: f64 = 10.0;
 
 /// No device answers later.
@@ -25,7 +25,7 @@ const DELAY_MAX_S: f64 = 60.0;
 pub struct Physiology {
     /// Seconds from the transition, below zero; `None` where there is no baseline.
     pub baseline_s: Option<Range<f64>>,
-    /// So much of each time's beginning.
+    /// The seconds at each time's beginning that are used.
     pub stance_s: f64,
     /// The trial's mark at which the person begins to rise.
     pub transition: Option<String>,
@@ -48,9 +48,9 @@ pub struct SignalFile {
     pub scale: f64,
     /// What the times are.
     pub clock: Clock,
-    /// How long after the event the device shows it.
+    /// The delay after which the device shows an event.
     pub delay_s: f64,
-    /// Between columns; `None`: the one with which they are found.
+    /// Between columns; `None`: the one with which the columns are found.
     pub delimiter: Option<Delimiter>,
 }
 
@@ -150,7 +150,7 @@ struct SignalToml {
 }
 
 impl PhysiologyToml {
-    /// What it says, if it can be meant.
+    /// Checks the section.
     pub fn check(self, place: &str) -> Result<Physiology, BadInput> {
         let wrong = |field: &str, found: String, remedy: &str| {
             Err(BadInput::new(place, format!("physiology.{field}"), found, remedy))
@@ -160,7 +160,7 @@ impl PhysiologyToml {
         {
             return wrong(
                 "baseline_s",
-                format!("[{from}, {to}] is no time before the transition"),
+                format!("[{from}, {to}] is not a span before the transition"),
                 "give seconds from the transition: [-45, -15]",
             );
         }

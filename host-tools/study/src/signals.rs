@@ -10,7 +10,7 @@ use plumbline_files::counting::counted;
 
 use crate::protocol::{Clock, SignalFile};
 
-/// 1990 and 2100, seconds since 1970: a time of day that is not between them is none.
+/// 1990 and 2100, seconds since 1970: a value outside is not a time of day.
 const UTC_S: std::ops::Range<f64> = 631_152_000.0..4_102_444_800.0;
 
 /// A signal on the trial's clock.
@@ -18,7 +18,7 @@ const UTC_S: std::ops::Range<f64> = 631_152_000.0..4_102_444_800.0;
 pub struct Read {
     /// Its times are seconds from t = 0.
     pub signal: Signal,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -73,7 +73,7 @@ pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInpu
 fn time_s(time: Column<'_>, row: &Row<'_>, clock: Clock) -> Result<f64, BadInput> {
     match clock {
         Clock::Seconds => time.number(row)?.ok_or_else(|| {
-            time.wrong(row, "there is no time", "remove that line: nobody knows when it was")
+            time.wrong(row, "there is no time", "remove that line: its time is not known")
         }),
         Clock::Utc => {
             let text = time.text(row);
@@ -82,7 +82,7 @@ fn time_s(time: Column<'_>, row: &Row<'_>, clock: Clock) -> Result<f64, BadInput
             time_s.ok_or_else(|| {
                 let remedy = "a time of day is in seconds since 1970, or with its zone, as \
                               2026-11-22T10:15:00.250Z; write clock = \"seconds\" for other times";
-                time.wrong(row, format!("{text:?} is no time of day"), remedy)
+                time.wrong(row, format!("{text:?} is not a time of day"), remedy)
             })
         }
     }
@@ -140,11 +140,11 @@ mod tests {
     fn what_cannot_be_read_is_named_with_its_line() {
         let cases = [
             ("t,Q\n0,1\n", Clock::Seconds, "P: no such column; it has the columns t, Q"),
-            ("t,P\n0,1\n1,high\n", Clock::Seconds, "P (line 3): \"high\" is no number"),
+            ("t,P\n0,1\n1,high\n", Clock::Seconds, "P (line 3): \"high\" is not a number"),
             ("t,P\n0,1\n,1\n", Clock::Seconds, "t (line 3): there is no time"),
             ("t,P\n0,1\n2,1\n1,1\n", Clock::Seconds, "P (line 4): its time is not later"),
-            ("t,P\n0,1\n", Clock::Utc, "t (line 2): \"0\" is no time of day"),
-            ("t,P\nnoon,1\n", Clock::Utc, "t (line 2): \"noon\" is no time of day"),
+            ("t,P\n0,1\n", Clock::Utc, "t (line 2): \"0\" is not a time of day"),
+            ("t,P\nnoon,1\n", Clock::Utc, "t (line 2): \"noon\" is not a time of day"),
         ];
         for (text, clock, part) in cases {
             let error = read_text(text, clock, 0.0).unwrap_err();

@@ -10,10 +10,10 @@ use serde::Serialize;
 /// The directions, as the paper calls them.
 pub const DIRECTIONS: [&str; 6] = ["AP", "ML", "SI", "APML", "APSI", "MLSI"];
 
-/// Of a bin less than this was measured: its path is that of another time.
+/// Where less than this share of a bin was measured, its path does not stand for the bin.
 const COVERED_MIN: f64 = 0.9;
 
-/// A path: of which point, along what.
+/// A path: its point and its direction.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Path {
     /// `lower`, `upper`, or `point` of a table.
@@ -22,19 +22,19 @@ pub struct Path {
     pub direction: &'static str,
 }
 
-/// What a trial gives.
+/// The values of a trial.
 #[derive(Debug, Default)]
 pub struct Found {
     /// Each path's length at each time, mm.
     pub responses: Vec<(Path, Vec<Option<f64>>)>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
 /// The path lengths of one trial.
 ///
 /// # Errors
-/// When its positions make no figures.
+/// When its positions do not give figures.
 pub fn of_trial(points: &Points, settings: &Settings) -> Result<Found, BadInput> {
     let place = &points.place;
     let mut found = Found::default();
@@ -46,7 +46,7 @@ pub fn of_trial(points: &Points, settings: &Settings) -> Result<Found, BadInput>
         let is_whole: Vec<bool> = bins.iter().map(|bin| bin.covered >= COVERED_MIN).collect();
         for (bin, _) in bins.iter().zip(&is_whole).filter(|(_, is_whole)| !**is_whole) {
             found.warnings.push(format!(
-                "{place}: {} trunk: only {:.0} % of {} to {} s was measured, which is no value",
+                "{place}: {} trunk: only {:.0} % of {} to {} s was measured, so it has no value",
                 point.name,
                 100.0 * bin.covered,
                 bin.from_s,

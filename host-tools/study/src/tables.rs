@@ -1,4 +1,4 @@
-//! A study's figures as the tables that the paper has.
+//! A study's figures in tables like the paper's.
 
 use std::fmt;
 
@@ -15,10 +15,10 @@ use crate::time::time_name;
 #[path = "../../analysis/tests/common/table_2.rs"]
 mod paper;
 
-/// What stands where there is nothing; why is said beside the tests.
+/// The text of an absent value; its reason stands beside the tests.
 const NONE: &str = "–";
 
-/// Times of physiology that stand beside each other.
+/// The number of times that a table of physiology has side by side.
 const TIMES_ABREAST: usize = 2;
 
 /// A table in the paper's layout: columns in groups, rows in sections.
@@ -32,7 +32,7 @@ pub struct PaperTable {
     pub groups: Vec<Group>,
     /// Rows that belong together.
     pub sections: Vec<Section>,
-    /// What its signs mean.
+    /// The meaning of its signs.
     pub notes: Vec<String>,
 }
 
@@ -54,7 +54,7 @@ pub struct Section {
     pub rows: Vec<(String, Vec<Cell>)>,
 }
 
-/// A number, and what it differs from.
+/// A number, and signs for what it differs from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cell {
     /// Mean and error, or d.
@@ -95,7 +95,7 @@ impl PaperTable {
 
 impl StudyFigures {
     /// The paper's Table I: physiology by quantity; for each time the conditions side by side.
-    /// As many tables as it takes, each with two times, as the paper stacks them; none where no
+    /// As many tables as needed, each with two times, as in the paper; none where no
     /// physiology was recorded.
     #[must_use]
     pub fn physiology_tables(&self) -> Vec<PaperTable> {

@@ -9,9 +9,9 @@ use crate::manifest::Study;
 /// The values of one trial.
 #[derive(Debug, Clone)]
 pub struct TrialValues<M> {
-    /// Whose it is.
+    /// Its participant.
     pub participant: String,
-    /// Under which condition.
+    /// Its condition.
     pub condition: String,
     /// Each response's value at each time; `None` where it was not measured.
     pub responses: Vec<(M, Vec<Option<f64>>)>,
@@ -42,8 +42,8 @@ pub fn responses<M: PartialEq + Clone>(trials: &[TrialValues<M>]) -> Vec<M> {
 /// first, each time by itself, as in the paper; `None` where nobody was measured.
 ///
 /// # Errors
-/// When a participant lacks a value and the study does not leave such out, or nobody has any
-/// under some condition or at some time: `name` says of what.
+/// When a participant lacks a value and the study does not leave such out, or there is no value
+/// under some condition or at some time; `name` names the response.
 pub fn analyse<M: PartialEq>(
     study: &Study,
     times: &[String],

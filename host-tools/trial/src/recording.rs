@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use plumbline::config::BLOB_BYTES_MAX;
-use plumbline::packet::{Action, Command, Document, Message, Reply, ReplyOutcome};
+use plumbline::packet::{Action, Document, Message, Reply, ReplyOutcome};
 use plumbline_files::BadInput;
 use plumbline_stream::link::Download;
+use plumbline_stream::questions::Questions;
 use plumbline_stream::reception::Tap;
 use plumbline_stream::transport::Event;
 
@@ -21,9 +22,6 @@ const PING_EVERY: Duration = Duration::from_secs(1);
 
 /// The configuration is asked for again after this time without an answer.
 const CONFIG_EVERY: Duration = Duration::from_secs(2);
-
-/// Questions of a recording are numbered from here on: those of the reception begin at 0.
-const FIRST_QUESTION: u16 = 0x8000;
 
 /// How far the box's configuration has come.
 enum Fetch {
@@ -47,17 +45,6 @@ pub struct Recording {
     questions: Questions,
     ping_at: Instant,
     fetch: Fetch,
-}
-
-/// The number of the last question.
-struct Questions(u16);
-
-impl Questions {
-    /// A question with a number of its own, and that number.
-    fn ask(&mut self, action: Action) -> (u16, Message) {
-        self.0 = self.0.wrapping_add(1).max(FIRST_QUESTION);
-        (self.0, Message::Command(Command { id: self.0, action }))
-    }
 }
 
 impl Recording {
@@ -94,7 +81,7 @@ impl Recording {
             begun: now,
             marks,
             heard,
-            questions: Questions(FIRST_QUESTION),
+            questions: Questions::of_tap(),
             ping_at: now,
             fetch: Fetch::Ask(now),
         })

@@ -171,7 +171,7 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
     let mut link = link(&pi);
     link.wait_until_heard_within(PATIENCE).unwrap();
     assert_eq!(link.store_config(None, &config()).unwrap().1, config().crc());
-    link.request(Action::Reboot, "to start anew").unwrap();
+    link.request(Action::Reboot, "to restart").unwrap();
     // The kernel restarts a Pi by its watchdog, and the box knows that it was asked to.
     assert_eq!(start_number(&pi, 1).reset_reason, ResetReason::PowerOn);
     pi.wait_for("a pose", |seen| poses(&seen.serial).any(is_measured).then_some(()));

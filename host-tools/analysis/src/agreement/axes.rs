@@ -14,7 +14,7 @@ impl Axes {
     /// From `ap=X,ml=-Y,si=Z`; an axis that is left out is not compared.
     ///
     /// # Errors
-    /// What to give instead.
+    /// The text says what to give instead.
     pub fn parse(text: &str) -> Result<Self, String> {
         const REMEDY: &str =
             "give them as ap=X,ml=-Y,si=Z, each axis once, a minus where it points the other way";

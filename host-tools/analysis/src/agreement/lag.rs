@@ -40,7 +40,7 @@ pub struct Lag {
     pub lag_s: f64,
     /// The correlation there, -1 to 1.
     pub correlation: f64,
-    /// It is at the end of what was searched: a larger one may be beyond.
+    /// It is at the end of the search range: a larger correlation may lie beyond.
     pub is_at_bound: bool,
 }
 
@@ -196,7 +196,7 @@ struct Overlaps {
 }
 
 impl Overlaps {
-    /// Of two columns with so many samples together: shifted by any `shifts` that leave an
+    /// For two columns with this many samples together: shifted by any `shifts` that leave an
     /// overlap, they do not meet themselves around the transform's end.
     fn new(samples: usize, shifts: RangeInclusive<i64>) -> Self {
         let (length, mut planner) = (samples.next_power_of_two(), RealFftPlanner::new());

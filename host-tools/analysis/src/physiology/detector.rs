@@ -15,13 +15,15 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
+use crate::statistics::describe::median;
+
 /// How many of the last count towards a level.
 const RECENT: usize = 8;
 
 /// Levels are learned from so much, and anew after as much without anything.
 const LEARN_S: f64 = 8.0;
 
-/// Each part of what is learned from has one beat at least, at 30 per minute or more.
+/// Each part that is learned from has at least one beat, at 30 per minute or more.
 const LEARN_PART_S: f64 = 2.0;
 
 /// An echo has less than this part of the strength.
@@ -95,13 +97,6 @@ fn level(strength: &[f64], span: Range<usize>, part: usize, contrast: f64) -> Op
     let quarter = sorted.len() / 4;
     let (_, quiet, _) = sorted.select_nth_unstable_by(quarter, f64::total_cmp);
     (level > contrast * *quiet).then_some(level)
-}
-
-/// The middle one, or the upper of two.
-fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.into_iter().collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 /// The passage over peaks with levels that follow them.

@@ -13,7 +13,7 @@
 //! high as they are it does, and some of the false intervals pass as cycles.
 //!
 //! The unit of the ECG does not matter. It takes 100 samples per second; each part without a gap
-//! is searched by itself, and what is shorter than a second is not.
+//! is searched by itself; a part shorter than a second is not searched.
 
 use std::ops::Range;
 

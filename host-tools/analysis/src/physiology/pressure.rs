@@ -27,7 +27,7 @@ const SAMPLES_MIN: usize = 10;
 /// A pulse's rise is summed over so much.
 const RISE_S: f64 = 0.128;
 
-/// Noise above some 10 Hz is no rise.
+/// Noise above some 10 Hz does not count as a rise.
 const LOW_PASS_S: f64 = 0.04;
 
 /// Before the middle of the rise, where the foot is: twice what the slowest upstroke needs, and

@@ -53,7 +53,7 @@ pub enum Concentration {
     },
 }
 
-/// This is no barometric pressure in millimetres of mercury.
+/// This is not a barometric pressure in millimetres of mercury.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoBarometricPressure(pub f64);
 
@@ -75,7 +75,7 @@ impl Concentration {
     /// The partial pressure of one per cent, millimetres of mercury.
     ///
     /// # Errors
-    /// When the barometric pressure is none.
+    /// When the barometric pressure is implausible.
     pub fn mmhg(self) -> Result<f64, NoBarometricPressure> {
         let (barometric_mmhg, vapour_mmhg) = match self {
             Self::PercentDry { barometric_mmhg } => (barometric_mmhg, WATER_VAPOUR_MMHG),
@@ -90,7 +90,7 @@ impl Concentration {
 }
 
 /// The end-tidal partial pressure of each breath, mmHg, of the partial pressure over time, mmHg.
-/// Empty where nobody breathes.
+/// Empty where there is no breath.
 ///
 /// # Errors
 /// When the CO2 is not evenly sampled at 5 to 20 000 Hz.

@@ -1,6 +1,6 @@
 //! Running means, the filters of the detectors: centred, so that nothing is delayed.
 
-/// The mean over so many samples around each, an odd number; near the ends, of those there are.
+/// The running mean over an odd number of samples; near the ends, over the samples that exist.
 pub(super) fn mean(samples: &[f64], window: usize) -> Vec<f64> {
     let half = window / 2;
     let mut sum = 0.0;

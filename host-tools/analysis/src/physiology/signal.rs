@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::series::{GAP_PERIODS, usual_period_s};
 
-/// A step shorter than this part of a period is no jitter: the samples are not evenly spaced.
+/// A step shorter than this part of a period is not jitter: the samples are not evenly spaced.
 const UNEVEN_PERIODS: f64 = 0.25;
 
 /// A rate is not out of bounds by a clock's error, or that of rounded times.
@@ -21,7 +21,7 @@ pub struct Signal {
 /// Why numbers make no signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SignalError {
-    /// So many times, and so many values.
+    /// The number of times and the number of values.
     Lengths(usize, usize),
     /// This sample's time is not a number.
     Time(usize),

@@ -1,4 +1,4 @@
-//! Means with their errors, and standardised differences between means.
+//! Means with their errors, medians, and standardised differences between means.
 
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -38,6 +38,18 @@ impl Description {
         let reach = distributions::t_quantile(0.975, (n - 1) as f64) * sem;
         Self { n, mean, sd, sem, mean_ci95: [mean - reach, mean + reach] }
     }
+}
+
+/// The middle one of the values in their order, or the upper of the two in the middle: always
+/// one of them. `None` of no values.
+#[must_use]
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The table without the differences between people's levels: from each value its subject's mean
@@ -116,6 +128,14 @@ mod tests {
 
     fn one_factor(columns: &[&[f64]]) -> WithinDesign {
         table(&[columns.len()], columns[0].len(), |subject, cell| columns[cell][subject])
+    }
+
+    #[test]
+    fn the_median_is_one_of_the_values() {
+        assert_eq!(median([]), None);
+        assert_eq!(median([3.0]), Some(3.0));
+        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median([3.0, 1.0, 2.0, 4.0]), Some(3.0));
     }
 
     #[test]

@@ -12,7 +12,7 @@
 //! ```
 //!
 //! Sums are taken after centring, so that a large offset costs no digits. A spread that is no
-//! more than the rounding of the values themselves is no spread ([`Undefined::NoSpread`]): a
+//! more than the rounding of the values themselves counts as none ([`Undefined::NoSpread`]): a
 //! test on it would answer with an enormous statistic.
 
 pub mod anova;
@@ -92,7 +92,7 @@ fn is_number(value: f64) -> bool {
     value.abs() < 1e100
 }
 
-/// The values, when they are numbers and at least so many.
+/// Checks that the values are finite, and at least this many.
 fn checked(values: &[f64], needed: usize) -> Result<&[f64], Undefined> {
     if let Some(at) = values.iter().position(|&value| !is_number(value)) {
         return Err(Undefined::NotFinite(at));

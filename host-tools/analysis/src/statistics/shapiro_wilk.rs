@@ -28,7 +28,7 @@ const SMALL_MAX: usize = 11;
 const LARGE_MEAN: [f64; 4] = [-1.5861, -0.31082, -0.083751, 0.0038915];
 const LARGE_LN_SD: [f64; 3] = [-0.4803, -0.082676, 0.0030302];
 
-/// W, and what it says.
+/// W, and its p value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ShapiroWilk {
     /// Number of values.

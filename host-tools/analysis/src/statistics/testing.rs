@@ -6,7 +6,7 @@ use super::within::{Observation, WithinDesign};
 pub(super) const LEVELS: [(&str, [&str; 5]); 2] =
     [("condition", ["a", "b", "c", "d", "e"]), ("time", ["1", "2", "3", "4", "5"])];
 
-/// A table with so many levels of each factor and so many subjects.
+/// A table with these numbers of levels of each factor and of subjects.
 pub(super) fn table(
     levels: &[usize],
     subjects: usize,

@@ -17,11 +17,11 @@ use super::is_number;
 /// One measurement, as it stands in a long table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation<'a> {
-    /// Whose.
+    /// The subject.
     pub subject: &'a str,
     /// Under which level of each factor, in the order of the factors.
     pub levels: Vec<&'a str>,
-    /// What was measured.
+    /// The measurement.
     pub value: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct WithinDesign {
 /// A subject without a measurement in some cell.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Incomplete {
-    /// Whose.
+    /// The subject.
     pub subject: String,
     /// The first cell without one: its levels.
     pub cell: Vec<String>,
@@ -70,7 +70,7 @@ const CELLS_MAX: usize = 200;
 pub enum DesignError {
     /// There is no factor, or two have one name.
     Factors,
-    /// So many combinations of levels are no design: a factor is something else.
+    /// Too many combinations of levels for a design: one of the columns is not a factor.
     Cells(usize),
     /// There are none.
     Empty,
@@ -78,14 +78,14 @@ pub enum DesignError {
     Missing(Incomplete),
     /// A cell was measured twice for a subject.
     Duplicate {
-        /// Whose.
+        /// The subject.
         subject: String,
         /// The cell's levels.
         cell: Vec<String>,
     },
     /// A value is not a number, or beyond 1e100.
     NotFinite {
-        /// Whose.
+        /// The subject.
         subject: String,
         /// The cell's levels.
         cell: Vec<String>,
@@ -107,7 +107,9 @@ impl fmt::Display for DesignError {
             Self::Empty => return write!(formatter, "there are no measurements"),
             Self::Missing(it) => (&it.subject, &it.cell, "has no value"),
             Self::Duplicate { subject, cell } => (subject, cell, "has two values"),
-            Self::NotFinite { subject, cell } => (subject, cell, "has a value that is no number"),
+            Self::NotFinite { subject, cell } => {
+                (subject, cell, "has a value that is not a number")
+            }
         };
         write!(formatter, "subject {subject} {fault} in {}", cell.join(", "))
     }

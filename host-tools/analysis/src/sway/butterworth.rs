@@ -40,7 +40,7 @@ fn section(samples: &mut [f64], warped: f64, damping: f64) {
     let b0 = square * scale;
     let (b1, b2) = (2.0 * b0, b0);
     let (a1, a2) = (2.0 * (square - 1.0) * scale, (1.0 - damping * warped + square) * scale);
-    // The state after a first sample that lasted for ever, and passed unchanged.
+    // The state after an endless run of the first sample, which passes unchanged.
     let first = samples[0];
     let (mut s1, mut s2) = ((1.0 - b0) * first, (b2 - a2) * first);
     for sample in samples {

@@ -23,7 +23,7 @@ use super::path::along;
 use super::spectrum::{long_enough, longest_segment};
 use crate::series::{Axis, Series};
 
-/// The longest lag must go into the longest part without a gap so many times: at that lag, most
+/// The longest part without a gap must be this many times the longest lag: at that lag, most
 /// displacements would otherwise start from the same few seconds.
 const LAGS_MIN: f64 = 2.0;
 
@@ -278,7 +278,7 @@ fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
             }
         }
     }
-    // Rounding can make a sum that is zero negative. (`max` would make zeros of what is no number.)
+    // Rounding can make a sum that is zero negative. (`max` would turn NaN into zero.)
     let mean = |lag: usize| if sums[lag] < 0.0 { 0.0 } else { sums[lag] / pairs[lag] as f64 };
     Ok((1..=lags).map(mean).collect())
 }

@@ -1,4 +1,4 @@
-//! What a figure is: a number with its uncertainty, or why there is none.
+//! A figure: a number with its uncertainty, or the reason why there is none.
 
 use std::fmt;
 

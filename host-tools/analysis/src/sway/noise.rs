@@ -41,13 +41,13 @@ use crate::series::{Axis, Series};
 /// The same trial always gives the same figures.
 const SEED: u64 = 1;
 
-/// Copies of the trial: as many as make so many samples together, within these limits. Ten tell
+/// Copies of the trial: enough for this many samples together, within these limits. Ten tell
 /// the uncertainty to a quarter, forty to a ninth.
 const COPIED_SAMPLES: usize = 400_000;
 const COPIES_MIN: usize = 10;
 const COPIES_MAX: usize = 40;
 
-/// Pairs of opposite noises for each step: as many as make so many together, within these limits.
+/// Pairs of opposite noises for each step: enough for this many together, within these limits.
 const PAIRED_STEPS: usize = 100_000;
 const PAIRS_MAX: usize = 256;
 
@@ -61,7 +61,7 @@ pub struct Noise {
     factors: Vec<Matrix3<f64>>,
 }
 
-/// Why covariances are no noise.
+/// Why covariances cannot be used as noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoiseError {
     /// Another number than there are samples.
@@ -103,7 +103,7 @@ impl Noise {
         Ok(Self { factors: factors? })
     }
 
-    /// That it is for so many samples.
+    /// Checks that it is for this many samples.
     pub(super) fn fits(&self, samples: usize) -> bool {
         self.factors.len() == samples
     }
@@ -236,7 +236,7 @@ fn elliptic_e(m: f64) -> f64 {
     core::f64::consts::FRAC_PI_2 / a * (1.0 - sum)
 }
 
-/// Noises of a span's steps: for each step so many, each of which stands for its opposite too.
+/// Noises of a span's steps: several for each step, each of which stands for its opposite too.
 struct Draws {
     noises_mm: Vec<Vector3<f64>>,
     pairs: usize,

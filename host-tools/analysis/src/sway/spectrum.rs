@@ -80,7 +80,7 @@ pub(super) fn longest_segment(series: &Series) -> Range<usize> {
     series.segments().fold(0..0, |a, b| if b.len() > a.len() { b } else { a })
 }
 
-/// That so many samples without a gap last long enough. Each stands for one period; and a span
+/// Whether this many samples without a gap last long enough. Each stands for one period; and a span
 /// as long as is needed may hold one less than it has periods, by where they lie in it.
 pub(super) fn long_enough(samples: usize, series: &Series, needed_s: f64) -> Result<(), Absent> {
     let longest_s = samples as f64 * series.period_s();

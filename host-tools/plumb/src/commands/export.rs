@@ -27,23 +27,23 @@ use plumbline_trial::manifest::Zero;
 )]
 pub struct Arguments {
     /// The trial's folder
-    pub trial: PathBuf,
+    trial: PathBuf,
 
     /// What to make
     #[arg(long)]
-    pub format: Format,
+    format: Format,
 
     /// The file; for BIDS the folder of a new data set
     #[arg(long, value_name = "PATH")]
-    pub out: PathBuf,
+    out: PathBuf,
 
     /// What t = 0 is [default: as trial.toml says]
     #[arg(long)]
-    pub zero: Option<Zero>,
+    zero: Option<Zero>,
 
     /// Replace the file if it exists; a folder is never replaced
     #[arg(long)]
-    pub force: bool,
+    force: bool,
 }
 
 /// Runs the subcommand.

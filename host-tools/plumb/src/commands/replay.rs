@@ -1,4 +1,4 @@
-//! `plumb replay`: a recorded trial, once more.
+//! `plumb replay`: a recorded trial, sent again.
 
 use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
@@ -17,12 +17,12 @@ use plumbline_trial::{Trial, names, recording};
 
 use crate::ui::stop::stop_on_signals;
 
-/// Send a recorded trial's packets once more, or make its tables anew.
+/// Send a recorded trial's packets again, or rebuild its tables.
 ///
 /// With --to the packets leave this computer as the box sent them, byte by byte and at their
-/// times: for `plumb receive`, or a program of your own that is to be tried without a box.
+/// times: for `plumb receive`, or to try a program of your own without a box.
 ///
-/// With --tables the trial's tables and trial.toml are made again of its packets: for a recording
+/// With --tables the trial's tables and trial.toml are rebuilt from its packets: for a recording
 /// that was cut off, or one whose tables are lost.
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("what").required(true).args(["to", "tables"])))]
@@ -30,19 +30,19 @@ use crate::ui::stop::stop_on_signals;
     plumb replay trials/p01 --to 127.0.0.1:4210 --speed 10\n  plumb replay trials/p01 --tables")]
 pub struct Arguments {
     /// The trial's folder
-    pub trial: PathBuf,
+    trial: PathBuf,
 
     /// Send its packets to this address
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address)]
-    pub to: Option<SocketAddr>,
+    to: Option<SocketAddr>,
 
-    /// So many times faster
+    /// Send this many times faster
     #[arg(long, default_value_t = 1.0, requires = "to", value_parser = speed)]
-    pub speed: f64,
+    speed: f64,
 
-    /// Make samples.csv, samples.parquet and trial.toml again
+    /// Rebuild samples.csv, samples.parquet and trial.toml
     #[arg(long)]
-    pub tables: bool,
+    tables: bool,
 }
 
 fn speed(text: &str) -> Result<f64, String> {
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.tables {
         recording::remake(&arguments.trial)?;
         println!(
-            "{}: {}, {} and {} are made anew",
+            "{}: {}, {} and {} were rebuilt",
             arguments.trial.display(),
             names::CSV,
             names::PARQUET,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::config::Config;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{Camera, Provenance};
 use plumbline_files::counting::counted;
@@ -13,6 +13,7 @@ use plumbline_stream::link::BoxLink;
 use crate::arguments::LinkArguments;
 use crate::box_settings::BoxSettings;
 use crate::delivery;
+use crate::setup;
 use crate::ui::waiting::Waiting;
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
@@ -47,7 +48,7 @@ pub struct Arguments {
 /// When the blob is none, is damaged, or the files cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (config, place) = match &arguments.blob {
-        Some(blob) => (read(blob)?, blob.display().to_string()),
+        Some(blob) => (setup::read_blob(blob)?, blob.display().to_string()),
         None => {
             let mut link = arguments.link.open()?;
             (read_back(&mut link)?, link.place().to_owned())
@@ -82,30 +83,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("written to {}", path.display());
     }
     Ok(())
-}
-
-/// The configuration in a file.
-///
-/// # Errors
-/// When it cannot be read, or is none.
-pub fn read(path: &std::path::Path) -> Result<Config, BadInput> {
-    let place = path.display();
-    let bytes = std::fs::metadata(path).map_err(|error| BadInput::io(&place, &error))?.len();
-    if bytes > BLOB_BYTES_MAX as u64 {
-        return Err(BadInput::whole(
-            place,
-            format!("{bytes} bytes, where a configuration has at most {BLOB_BYTES_MAX}"),
-            "give the file that `plumb provision` wrote",
-        ));
-    }
-    let blob = std::fs::read(path).map_err(|error| BadInput::io(&place, &error))?;
-    Config::decode(&blob).map_err(|error| {
-        BadInput::whole(
-            place,
-            error,
-            "give the file that `plumb provision` wrote, or write it again",
-        )
-    })
 }
 
 /// The configuration of a live box.
@@ -152,7 +129,7 @@ mod tests {
     use plumbline::target::{Role, TargetGeometry};
 
     use super::*;
-    use crate::setup::{self, Places};
+    use crate::setup::Places;
     use plumbline_render::simulate::{Simulation, SimulationSettings};
 
     static CONFIG: LazyLock<Config> =

@@ -7,16 +7,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
-use plumbline_files::poses::{PoseRow, Writer};
+use plumbline_files::poses::Writer;
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, OriginName, TargetDescription};
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::occluder::Occlusion;
-use plumbline_render::simulate::recorded::Form;
+use plumbline_render::simulate::recorded::{Form, frame_rate, truth_rows};
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// Render a swaying person with both targets, and the true poses.
@@ -30,53 +29,53 @@ use plumbline_render::simulate::{Simulation, SimulationSettings};
 pub struct SimulateArguments {
     /// Directory to write into; `-` streams the Y4M to standard output and writes nothing else
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    out: PathBuf,
     /// Number of frames
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..))]
-    pub frames: u64,
+    frames: u64,
     /// Frames per second
     #[arg(long, value_name = "F", default_value_t = 60.0)]
-    pub fps: f64,
+    fps: f64,
     /// Determines motion, clutter and noise
     #[arg(long, value_name = "SEED", default_value_t = 1)]
-    pub seed: u64,
+    seed: u64,
     /// Noise at mid grey, standard deviation in grey levels; photon and read noise together
     #[arg(long, value_name = "LEVELS", default_value_t = 2.0)]
-    pub noise: f64,
+    noise: f64,
     /// Grey of the prints' black, of 255; toner reflects about a tenth of what paper does, and
     /// stray light adds to it: 60 with a white of 180 is a picture in poor light
     #[arg(long, value_name = "GREY", default_value_t = 20.0)]
-    pub black: f64,
+    black: f64,
     /// Grey of the prints' white, of 255; above some 240 the brightest pixels are cut off
     #[arg(long, value_name = "GREY", default_value_t = 220.0)]
-    pub white: f64,
+    white: f64,
     /// The lens's blur, standard deviation in pixels
     #[arg(long, value_name = "PX", default_value_t = 0.6)]
-    pub psf: f64,
+    psf: f64,
     /// The lens: f 1740 px without or with mild distortion, or f 800 px with a strong one
     #[arg(long, value_enum, default_value_t)]
-    pub lens: LensChoice,
+    lens: LensChoice,
     /// From the camera to the back, in mm [default: 1000; 600 with the wide lens]
     #[arg(long, value_name = "MM")]
-    pub distance: Option<f64>,
+    distance: Option<f64>,
     /// How much brighter the right edge is than the left one, relative to the middle
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    pub gradient: f64,
+    gradient: f64,
     /// An arm that covers FRACTION (0 to 1) of a target's width between two times; may be repeated
     #[arg(long, value_name = "TARGET:START_S:END_S[:FRACTION]")]
-    pub occlude: Vec<Occlusion>,
+    occlude: Vec<Occlusion>,
     /// Bits of a sample; of 10, the Y4M is 4:2:0 without colour
     #[arg(long, value_name = "8|10", default_value = "8", value_parser = ["8", "10"])]
-    pub bits: String,
+    bits: String,
     /// Encode each frame as JPEG of this quality, 1 to 100, and decode it again
     #[arg(long, value_name = "QUALITY", value_parser = clap::value_parser!(u8).range(1..=100))]
-    pub jpeg: Option<u8>,
+    jpeg: Option<u8>,
     /// Also save frame N as DIR/frame_N.png; may be repeated
     #[arg(long, value_name = "N")]
-    pub png: Vec<u64>,
+    png: Vec<u64>,
     /// Replace files of an earlier run
     #[arg(long)]
-    pub force: bool,
+    force: bool,
 }
 
 impl SimulateArguments {
@@ -228,27 +227,6 @@ fn describe(
     scene::write(scene_path, &scene)
 }
 
-/// One frame's rows of truth.csv: the columns of poses.csv, `points` being the
-/// corners in view.
-pub(crate) fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
-    let truth = simulation.truth(frame);
-    simulation
-        .targets()
-        .iter()
-        .zip(&truth.targets)
-        .map(|(target, known)| {
-            let row = PoseRow::without_pose(frame, truth.time_s, target.layout.name, "truth")
-                .with_pose(&known.cam_from_target);
-            let points = u32::try_from(known.visible_corners).ok();
-            let row = PoseRow { points, ..row };
-            match target.layout.role {
-                Role::Upper | Role::Lower => row.with_trunk(&known.trunk_point),
-                Role::Scene => row,
-            }
-        })
-        .collect()
-}
-
 /// Renders and writes the video; `each` sees every frame before it is written.
 ///
 /// A reader that closes a pipe early (the box stopping, `head`) ends the run without an error.
@@ -262,7 +240,7 @@ fn write_frames(
 ) -> anyhow::Result<()> {
     let lens = simulation.camera();
     let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
-    let encoder = y4m::encode(width, height, ratio(simulation.settings().frame_rate_hz))
+    let encoder = y4m::encode(width, height, frame_rate(simulation.settings().frame_rate_hz))
         .with_colorspace(form.colorspace());
     let mut encoder = match encoder.write_header(sink) {
         Err(error) => return finished_or(error, place),
@@ -306,16 +284,6 @@ fn finished_or(error: y4m::Error, place: &str) -> anyhow::Result<()> {
         y4m::Error::IoError(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         y4m::Error::IoError(error) => Err(BadInput::io(place, &error).into()),
         error => Err(anyhow::Error::new(error).context(format!("{place}: cannot be written"))),
-    }
-}
-
-/// Frames per second as the fraction that Y4M holds, to a thousandth.
-pub(crate) fn ratio(frame_rate_hz: f64) -> y4m::Ratio {
-    let thousandths = (frame_rate_hz * 1000.0).round() as usize;
-    if thousandths.is_multiple_of(1000) {
-        y4m::Ratio::new(thousandths / 1000, 1)
-    } else {
-        y4m::Ratio::new(thousandths, 1000)
     }
 }
 

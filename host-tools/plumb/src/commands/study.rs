@@ -18,11 +18,11 @@ use plumbline_study::{figures, inference, long, manifest};
 /// tests with Bonferroni, repeated-measures ANOVA with Mauchly's test and Greenhouse-Geisser, and
 /// the non-parametric ANOVA of Brunner, Domhof and Langer.
 ///
-/// With a [physiology] section the same is done to what was recorded beside the sway: heart rate,
+/// With a [physiology] section the same is done for what was recorded with the sway: heart rate,
 /// arterial pressure, stroke volume, cardiac output, cerebral blood flow velocity, oxygenation
 /// and end-tidal CO2, from ECG, pressure and other signals in CSV files.
 ///
-/// With --long the same is done to a table with one measurement to a line.
+/// With --long the same is done for a table with one measurement per line.
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("input").required(true).args(["study", "long", "new"])))]
 #[command(after_help = "Examples:\n  plumb study --new study.toml\n  \
@@ -30,19 +30,19 @@ use plumbline_study::{figures, inference, long, manifest};
     plumb study --long sway.csv --response path --within condition,time --subject id --json out.json")]
 pub struct Arguments {
     /// The study
-    pub study: Option<PathBuf>,
+    study: Option<PathBuf>,
 
-    /// Write a study.toml that explains itself
+    /// Write an example study.toml with comments
     #[arg(long, value_name = "FILE")]
-    pub new: Option<PathBuf>,
+    new: Option<PathBuf>,
 
-    /// A long table instead: one measurement to a line, with its subject and its levels
+    /// A long table instead: one measurement per line, with its subject and its levels
     #[arg(long, value_name = "FILE", requires_all = ["response", "within", "subject"])]
-    pub long: Option<PathBuf>,
+    long: Option<PathBuf>,
 
     /// The table's column with what was measured
     #[arg(long, value_name = "COLUMN", requires = "long")]
-    pub response: Option<String>,
+    response: Option<String>,
 
     /// The table's columns with the within-subject factors, one or two.
     ///
@@ -51,27 +51,27 @@ pub struct Arguments {
     /// two levels at all levels of the second; of the second, all its pairs of levels within one
     /// level of the first.
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', requires = "long")]
-    pub within: Vec<String>,
+    within: Vec<String>,
 
-    /// The table's column that says whose it is
+    /// The table's column that identifies the subject
     #[arg(long, value_name = "COLUMN", requires = "long")]
-    pub subject: Option<String>,
+    subject: Option<String>,
 
     /// What separates the table's columns
     #[arg(long, default_value = "comma", requires = "long")]
-    pub delimiter: Delimiter,
+    delimiter: Delimiter,
 
-    /// Leave subjects out that lack a measurement
+    /// Leave out subjects that lack a measurement
     #[arg(long, requires = "long")]
-    pub drop_incomplete: bool,
+    drop_incomplete: bool,
 
     /// Write all statistics into this file
     #[arg(long, value_name = "FILE", conflicts_with = "new")]
-    pub json: Option<PathBuf>,
+    json: Option<PathBuf>,
 
     /// Replace the file that is written if it exists
     #[arg(long)]
-    pub force: bool,
+    force: bool,
 }
 
 /// Runs the subcommand.

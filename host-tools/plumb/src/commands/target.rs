@@ -48,7 +48,7 @@ pub struct Arguments {
     /// The standard pair: lumbar 6x5 and shoulder 5x4, pitch 12 mm.
     #[arg(long, conflicts_with_all = ["grid", "name", "role"], required_unless_present = "grid")]
     standard: bool,
-    /// A grid of so many inner corners, such as a calibration board of 9x6.
+    /// A grid of inner corners, such as a calibration board of 9x6.
     #[arg(long, visible_alias = "board", value_name = "COLUMNSxROWS", value_parser = targets::grid_size, requires = "pitch_mm")]
     grid: Option<[u8; 2]>,
     /// Side of a square in mm: from one inner corner to the next [default: 12 for --standard].
@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if pages.len() > SHEETS_MAX {
         return Err(BadInput::whole(
             "--pitch-mm",
-            format!("{pitch_mm} mm needs {} sheets of {paper}, and {SHEETS_MAX} are the most", pages.len()),
+            format!("{pitch_mm} mm needs {} sheets of {paper}, more than {SHEETS_MAX}", pages.len()),
             "give a smaller pitch or fewer corners; a board as large as this is best made by a print shop, from the same geometry",
         )
         .into());

@@ -8,18 +8,19 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use plumbline::config::Config;
-use plumbline::image::GreyImage;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::GridRejection;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
-use plumbline_files::frames::{Frame, FrameSource, Pixels};
+use plumbline_files::frames::FrameSource;
 use plumbline_files::poses::{PoseRow, Writer};
 use plumbline_files::{camera, refuse_overwriting};
 
-use crate::setup::{self, Descriptions};
+use crate::setup::Descriptions;
+use crate::tracking;
 use crate::ui::draw;
 
 /// Track the targets in recorded frames and write their poses.
@@ -71,7 +72,7 @@ pub struct Arguments {
     inputs: Vec<PathBuf>,
 }
 
-/// A run shorter than this needs no progress bar.
+/// A shorter run needs no progress bar.
 const PROGRESS_AFTER: Duration = Duration::from_millis(700);
 
 /// Runs the subcommand.
@@ -94,7 +95,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             error
         })?;
     let (config, mut pipeline) =
-        setup::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
+        tracking::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
 
     let mut rows = poses_writer(arguments)?;
     if let Some(directory) = &arguments.draw {
@@ -134,8 +135,8 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
     Ok(Writer::new(Box::new(file), place))
 }
 
-/// Every frame through the pipeline, its rows to the file, its report and the
-/// time of the step to `seen`.
+/// Tracks every frame: writes its rows, and passes its report and the time of the step to
+/// `seen`.
 fn track(
     arguments: &Arguments,
     config: &Config,
@@ -149,7 +150,7 @@ fn track(
             pipeline.forget();
         }
         let started = Instant::now();
-        let report = step(pipeline, &frame);
+        let report = tracking::step(pipeline, &frame);
         seen(&report, started.elapsed());
         for row in pose_rows(config, frame.index, &report) {
             rows.write(&row)?;
@@ -165,25 +166,8 @@ fn track(
     Ok(())
 }
 
-/// One frame of a source through the pipeline.
-pub fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
-    let &Frame { width, height, white_level, capture_time_ns, .. } = frame;
-    // The source has checked the size, and gives as many samples as it says.
-    const GOOD: &str = "a frame within the limits";
-    match frame.pixels {
-        Pixels::Grey8(samples) => {
-            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
-            pipeline.step(&image.expect(GOOD), capture_time_ns)
-        }
-        Pixels::Grey16(samples) => {
-            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
-            pipeline.step(&image.expect(GOOD), capture_time_ns)
-        }
-    }
-}
-
 /// The rows of one report, one per target, in the order of the configuration.
-pub fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
+fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
     let time_s = report.capture_time_ns as f64 / 1e9;
     config.targets.iter().zip(&report.targets).map(move |(target, found)| {
         let state = found.state.word();
@@ -256,7 +240,7 @@ fn style(template: &str) -> ProgressStyle {
 /// Why there is no pose when a target's columns or rows are wrong.
 const OTHER_DIMENSIONS: NoPose = NoPose::NotFound(GridRejection::OtherDimensions);
 
-/// What is told at the end.
+/// The summary at the end.
 struct Summary {
     frames: u64,
     step_times: Vec<Duration>,
@@ -291,8 +275,8 @@ impl Summary {
         }
     }
 
-    /// A target that no frame holds, although checkerboards of other sizes are there: its
-    /// columns and rows are wrong.
+    /// The error for a target that no frame shows although checkerboards of other sizes are
+    /// there: its columns and rows are wrong.
     fn other_dimensions(&self, config: &Config, targets_file: &str) -> Option<BadInput> {
         let wrong = |target: &TargetSummary| {
             let most = target.missing.iter().max_by_key(|(_, count)| **count);
@@ -306,20 +290,20 @@ impl Summary {
             targets_file,
             format!("columns, rows of target \"{}\"", target.name),
             format!(
-                "no frame holds {} x {} inner corners; the checkerboards that are seen have other columns and rows",
+                "no frame shows {} x {} inner corners; the checkerboards that are seen have other columns and rows",
                 shape.columns, shape.rows
             ),
             "count the INNER corners, where four squares meet; --draw DIR shows the frames as the tracker sees them",
         ))
     }
 
-    fn print(mut self, source: &FrameSource, timing: bool) {
+    fn print(&self, source: &FrameSource, timing: bool) {
         let frames = counted(self.frames, "frame");
         eprintln!("{frames} of {} x {} px", source.width(), source.height());
-        for target in &mut self.targets {
+        for target in &self.targets {
             let found = target.rms_px.len();
             let mut line = format!("{}: found in {found} of {frames}", target.name);
-            if let Some(rms_px) = median(&mut target.rms_px, f64::total_cmp) {
+            if let Some(rms_px) = median(target.rms_px.iter().copied()) {
                 line += &format!(", median reprojection RMS {rms_px:.3} px");
             }
             let reasons: Vec<String> =
@@ -329,18 +313,12 @@ impl Summary {
             }
             eprintln!("{line}");
         }
-        let worst = self.step_times.iter().max().copied();
-        if let Some((median, worst)) = median(&mut self.step_times, Ord::cmp).zip(worst)
+        let times_ms = || self.step_times.iter().map(|time| time.as_secs_f64() * 1e3);
+        if let Some(median_ms) = median(times_ms())
             && timing
         {
-            let ms = |time: Duration| time.as_secs_f64() * 1e3;
-            eprintln!("step: median {:.3} ms, worst {:.3} ms per frame", ms(median), ms(worst));
+            let worst_ms = times_ms().fold(0.0, f64::max);
+            eprintln!("step: median {median_ms:.3} ms, worst {worst_ms:.3} ms per frame");
         }
     }
-}
-
-/// The upper median.
-fn median<T: Copy>(values: &mut [T], order: fn(&T, &T) -> std::cmp::Ordering) -> Option<T> {
-    values.sort_unstable_by(order);
-    values.get(values.len() / 2).copied()
 }

@@ -1,4 +1,4 @@
-//! Frames with what was found drawn in, for the eye to judge.
+//! Frames with the targets that were found drawn into them.
 //!
 //! Every corner is drawn where the pose puts it, not where it was detected: on
 //! a good pose the rings lie on the corners. Corner 0 has a second ring; the
@@ -24,13 +24,13 @@ use plumbline_files::frames::{Frame, Pixels};
 /// Axes reach this many squares from the origin.
 const AXIS_SQUARES: f64 = 2.0;
 
-/// The label stands clear of a square of this size above the topmost corner.
+/// The label stands above the topmost corner, clear of a square of this size.
 const LABEL_CLEAR_PX: f64 = 40.0;
 
 /// Diameters of a corner's ring, and of the second one of corner 0.
 const RINGS_PX: [u32; 2] = [7, 13];
 
-/// Rings of corners that are nearer to each other than this run together.
+/// The rings of corners that are closer together than this would overlap.
 const RING_DISTANCE_PX_MIN: f64 = 9.0;
 
 /// Pictures narrower than this have thin lines and small letters.
@@ -41,14 +41,14 @@ const LETTERS_PX: u32 = 240;
 
 /// What is drawn of a target.
 pub enum Drawn {
-    /// Where it is, and how many of its corners were used.
+    /// It was found.
     Found {
         /// Its pose.
         cam_from_target: Pose<Cam, Target>,
         /// Corners used.
         corners: u8,
     },
-    /// Why it is nowhere.
+    /// Why it was not found.
     Missing(TargetState, NoPose),
 }
 
@@ -123,7 +123,7 @@ fn pose_of(pose: &MeasuredPose) -> Pose<Cam, Target> {
     Pose::from_theta(theta)
 }
 
-/// The whole of a frame at any size, with each target drawn in; `drawn` follows the order of
+/// A whole frame at any size, with each target drawn into it; `drawn` is in the order of
 /// the configuration's targets.
 #[must_use]
 pub fn annotate(
@@ -197,7 +197,7 @@ impl Canvas {
             }
         }
         if let Some(top_left) = places.into_iter().flatten().reduce(Point::component_min) {
-            // Of a camera that is not calibrated, the depth says nothing.
+            // Without a calibration the depth means nothing.
             let depth = if is_stand_in(lens) {
                 String::new()
             } else {

@@ -1,4 +1,4 @@
-//! How plots are drawn: as SVG text, over a quiet grid.
+//! How plots are drawn: as SVG text, over a faint grid.
 
 use std::ops::Range;
 
@@ -14,13 +14,13 @@ pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub type Chart<'a, 'b, A = RangedCoordf64> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<A, A>>;
 pub type Drawn<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-/// Letters at an axis' values, and at what stands within a plot, px.
+/// Size of the letters of an axis's values and inside a plot, px.
 pub const LETTER_PX: u32 = 13;
 
-/// Around a chart, px.
+/// Margin around a chart, px.
 pub const MARGIN_PX: u32 = 10;
 
-/// Of the y axis' values and name, px: a chart's plot begins this far behind its margin.
+/// Width of the y axis's values and name, px: the plot begins this far right of the margin.
 pub const LABELS_PX: u32 = 58;
 
 /// A picture on white.
@@ -86,9 +86,9 @@ pub fn chart_of_decades<'a, 'b: 'a>(
     build(area, "", ranges, names, [(11, &|it| format!("{it}")), (11, &|it| format!("{it:.0e}"))])
 }
 
-/// Ranges that can be drawn over.
+/// Checks that both ranges can be drawn.
 fn check(ranges: [Range<f64>; 2]) -> Drawn<[Range<f64>; 2]> {
-    // The library looks for the grid of such a range for ever.
+    // The library would search for the grid of such a range forever.
     let is_sound =
         |it: &Range<f64>| it.start.is_finite() && it.end.is_finite() && it.start < it.end;
     if !ranges.iter().all(is_sound) {
@@ -97,7 +97,7 @@ fn check(ranges: [Range<f64>; 2]) -> Drawn<[Range<f64>; 2]> {
     Ok(ranges)
 }
 
-/// How many values an axis shows at most, and as what.
+/// The most values that an axis shows, and how each is written.
 type Labels<'l> = (usize, &'l dyn Fn(&f64) -> String);
 
 fn build<'a, 'b: 'a, R>(
@@ -137,7 +137,7 @@ where
     Ok(chart)
 }
 
-/// Which line is which, in a corner of its own.
+/// The legend, in a corner of its own.
 ///
 /// # Errors
 /// When the drawing library fails.

@@ -1,14 +1,14 @@
-//! A target that is not found: why, in most of the frames, and what to do about it.
+//! A target that is not found: the most frequent reason, and what to do about it.
 
 use plumbline::report::GridRejection;
 use plumbline::report::NoPose;
 
-/// What a target is missing for.
+/// Why a target is missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Missing {
     /// The box's own reason.
     Because(NoPose),
-    /// What is seen is another one of the box's targets: nothing is wrong with this one's size.
+    /// The board that is seen is another of the box's targets: this one's size is not wrong.
     NotInPicture,
 }
 
@@ -24,7 +24,7 @@ impl Missing {
         }
     }
 
-    /// A few words.
+    /// The reason in a few words.
     #[must_use]
     pub fn words(self) -> &'static str {
         match self {
@@ -42,19 +42,19 @@ impl Missing {
         };
         Some(match why {
             NoPose::Searching => return None,
-            NoPose::FrameSize => "calibrate the camera at the size that it records at",
+            NoPose::FrameSize => "calibrate the camera at the frame size at which it records",
             NoPose::NotFound(GridRejection::NoLattice) => {
-                "bring the target into the picture, and see to light and focus"
+                "bring the target into the picture, and check light and focus"
             }
             NoPose::NotFound(GridRejection::OtherDimensions) => {
                 "another board is seen: columns and rows in the targets file count INNER corners"
             }
             NoPose::NotFound(GridRejection::Cut) => "move the camera: the frame cuts the target",
             NoPose::NotFound(GridRejection::Incomplete) => {
-                "uncover all of the target, flatten it, and see to light and focus"
+                "uncover all of the target, flatten it, and check light and focus"
             }
             NoPose::NotFound(GridRejection::GoesOn) => {
-                "give the target its white margin: a pattern goes on beside it"
+                "keep the target's white margin free: a pattern continues beside it"
             }
             NoPose::NotFound(GridRejection::Ambiguous) => "cover the second target of this shape",
             NoPose::TooFewCorners | NoPose::ExtentUnknown => "keep hands, hair and clothes off it",
@@ -66,8 +66,8 @@ impl Missing {
     }
 }
 
-/// The reason that most of the frames without a pose have, with their number. A search takes
-/// several frames and tells why at its end, so that any other reason says more than
+/// The most frequent reason, with its number of frames. A search takes
+/// several frames and gives its reason at the end, so any other reason says more than
 /// "searching".
 pub fn most(counts: impl IntoIterator<Item = (NoPose, usize)>) -> Option<(NoPose, usize)> {
     counts.into_iter().max_by_key(|(why, frames)| (*why != NoPose::Searching, *frames))

@@ -1,4 +1,4 @@
-//! What all plots look alike in, on light pages and on dark ones.
+//! The colours and the font of all plots, on light and on dark pages.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ pub const GRID: RGBColor = RGBColor(233, 236, 239);
 
 /// Where nothing was measured.
 pub const GAP: RGBColor = RGBColor(208, 214, 220);
-/// What is measured and not looked at.
+/// What was measured but not analysed.
 pub const SOFT: RGBColor = RGBColor(150, 158, 166);
 
 // Colours that stay apart for every kind of colour vision (after Okabe and Ito).
@@ -20,10 +20,10 @@ pub const GREEN: RGBColor = RGBColor(0, 158, 115);
 pub const PINK: RGBColor = RGBColor(204, 121, 167);
 pub const YELLOW: RGBColor = RGBColor(230, 159, 0);
 
-/// Of dark pages: white's place.
+/// The paper of dark pages.
 pub const ON_DARK_PAPER: RGBColor = RGBColor(20, 25, 30);
 
-/// Each colour, and what takes its place on a dark page.
+/// Each colour, and the one that replaces it on a dark page.
 const ON_DARK: [(RGBColor, RGBColor); 10] = [
     (WHITE, ON_DARK_PAPER),
     (INK, RGBColor(211, 218, 225)),
@@ -37,7 +37,7 @@ const ON_DARK: [(RGBColor, RGBColor); 10] = [
     (YELLOW, RGBColor(240, 208, 96)),
 ];
 
-/// As CSS and SVG have it, and as plotters writes it.
+/// The notation of CSS and SVG, in which plotters writes colours too.
 pub fn hex(colour: RGBColor) -> String {
     format!("#{:02X}{:02X}{:02X}", colour.0, colour.1, colour.2)
 }

@@ -1,4 +1,4 @@
-//! Something to look at while a box takes its time; nothing where standard error is no
+//! A spinner while the box is waited for; nothing where standard error is not a
 //! terminal.
 
 use std::time::Duration;
@@ -11,7 +11,7 @@ const TURN: Duration = Duration::from_millis(100);
 pub struct Waiting(ProgressBar);
 
 impl Waiting {
-    /// For `what`, however long it takes; the seconds are counted.
+    /// Shows `what` and the seconds that have passed.
     #[must_use]
     pub fn new(what: impl Into<String>) -> Self {
         let bar = ProgressBar::new_spinner().with_message(what.into());

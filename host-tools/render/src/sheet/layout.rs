@@ -49,7 +49,7 @@ fn stacked_mm(pieces: &[Piece]) -> [f64; 2] {
     sizes.fold([0.0, gaps_mm], |[width, sum], size| [size[0].max(width), sum + size[1]])
 }
 
-/// What must stay free at the edge where a margin lies: the margin itself may be there.
+/// The width that must stay free at an edge, less the margin, which may lie there.
 fn margin_edge_mm(pieces: &[Piece]) -> f64 {
     (EDGE_MM - pieces[0].pitch_mm).max(0.0)
 }

@@ -1,4 +1,4 @@
-//! What a sheet says beside its targets: the ruler, what to do, the entry of targets.toml.
+//! The legend beside a sheet's targets: the ruler, the instructions, the entry of targets.toml.
 
 use super::page::{Font, Shape, Stroke};
 
@@ -23,7 +23,7 @@ const HINTS: [&str; 3] = [
 /// The legend of one sheet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Legend {
-    /// What is printed, in a few words.
+    /// The contents of the sheet, in a few words.
     pub title: String,
     /// The text of targets.toml.
     pub entry: String,

@@ -24,6 +24,12 @@ impl Paper {
         }
     }
 
+    /// The sizes of a sheet in its two positions, mm.
+    pub(super) fn upright_and_across_mm(self) -> [[f64; 2]; 2] {
+        let [width, height] = self.size_mm();
+        [[width, height], [height, width]]
+    }
+
     /// Its name for people.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -31,13 +37,6 @@ impl Paper {
             Self::A4 => "A4",
             Self::Letter => "Letter",
         }
-    }
-
-    /// The size of a sheet in its two positions.
-    #[must_use]
-    pub fn upright_and_across_mm(self) -> [[f64; 2]; 2] {
-        let [width, height] = self.size_mm();
-        [[width, height], [height, width]]
     }
 }
 

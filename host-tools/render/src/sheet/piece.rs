@@ -6,7 +6,7 @@ use plumbline_files::targets::TargetDescription;
 use super::page::{Font, Rectangle, Shape, Stroke};
 
 /// Height of the strip above the margin, mm.
-pub const STRIP_MM: f64 = 10.0;
+const STRIP_MM: f64 = 10.0;
 
 /// What arrow and texts of the strip need, mm.
 const STRIP_TEXT_MM: f64 = 62.0;

@@ -61,7 +61,7 @@ fn tiles(board_mm: [f64; 2], page_mm: [f64; 2]) -> Vec<Tile> {
             corner: [column as f64 * step_x, row as f64 * step_y],
             size: [step_x + OVERLAP_MM, step_y + OVERLAP_MM],
         },
-        // So many rows that letters run out are more sheets than are printed.
+        // The letters run out only beyond the number of sheets that are printed.
         name: format!("{}{}", ('A'..='Z').nth(row).unwrap_or('Z'), column + 1),
         neighbours: Neighbours {
             left: column > 0,

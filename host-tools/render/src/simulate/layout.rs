@@ -126,12 +126,12 @@ pub fn ankle_mm() -> Vector3<f64> {
     Vector3::new(0.0, hip_below_origin_mm + super::sway::LEGS_MM, HIP_INSIDE_SKIN_MM)
 }
 
-/// What is known of one target.
+/// The description of one target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetLayout {
     /// Its name in the files.
     pub name: &'static str,
-    /// What it is for.
+    /// Its role.
     pub role: Role,
     /// Inner corners along x.
     pub columns: u8,

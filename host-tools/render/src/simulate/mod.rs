@@ -277,7 +277,7 @@ impl Simulation {
 
     /// The frame before noise and quantisation, in levels of 0 to 255; `picture`
     /// is resized and overwritten.
-    pub fn render_grey(&self, frame: u64, picture: &mut Picture) {
+    fn render_grey(&self, frame: u64, picture: &mut Picture) {
         let time_s = self.time_s(frame);
         let poses: Vec<_> = self.poses(time_s).collect();
         let (gradient, width) = (self.settings.gradient, f64::from(self.camera.width_px));

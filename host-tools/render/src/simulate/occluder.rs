@@ -23,7 +23,7 @@ pub struct Occlusion {
     pub fraction: f64,
 }
 
-/// What is covered when nothing is said: about half the corners.
+/// The part that is covered unless given: about half the corners.
 const FRACTION_DEFAULT: f64 = 0.5;
 
 impl FromStr for Occlusion {
@@ -73,7 +73,7 @@ pub struct Arm {
 const MOVING_SHARE: f64 = 0.25;
 
 /// The arm's direction is slanted by this much: an edge along the target's own
-/// lines would be a kindness.
+/// lines would be too easy.
 const SLANT_RAD: f64 = 0.3;
 
 impl Occlusion {

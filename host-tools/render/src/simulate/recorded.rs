@@ -1,8 +1,11 @@
-//! The form in which the simulated frames are recorded: 8 or 10 bits, or what
-//! JPEG leaves of 8 bits.
+//! A simulation as files: the frames with 8 or 10 bits, or what JPEG leaves of 8 bits, and the
+//! rows of the true poses.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageFormat, ImageResult};
+
+use plumbline::target::Role;
+use plumbline_files::poses::PoseRow;
 
 use super::Simulation;
 
@@ -28,7 +31,7 @@ impl Form {
         }
     }
 
-    /// The Y4M colour space. There is none of 10 bits without colour that the crate `y4m` knows.
+    /// The Y4M colour space. The crate `y4m` knows none of 10 bits without colour.
     pub fn colorspace(self) -> y4m::Colorspace {
         match self {
             Self::Grey8 | Self::Jpeg(_) => y4m::Colorspace::Cmono,
@@ -67,6 +70,39 @@ impl Form {
         }
         Ok(())
     }
+}
+
+/// Frames per second as the fraction that Y4M holds, to a thousandth.
+#[must_use]
+pub fn frame_rate(frame_rate_hz: f64) -> y4m::Ratio {
+    let thousandths = (frame_rate_hz * 1000.0).round() as usize;
+    if thousandths.is_multiple_of(1000) {
+        y4m::Ratio::new(thousandths / 1000, 1)
+    } else {
+        y4m::Ratio::new(thousandths, 1000)
+    }
+}
+
+/// One frame's rows of truth.csv: the columns of poses.csv, `points` being the
+/// corners in view.
+#[must_use]
+pub fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
+    let truth = simulation.truth(frame);
+    simulation
+        .targets()
+        .iter()
+        .zip(&truth.targets)
+        .map(|(target, known)| {
+            let row = PoseRow::without_pose(frame, truth.time_s, target.layout.name, "truth")
+                .with_pose(&known.cam_from_target);
+            let points = u32::try_from(known.visible_corners).ok();
+            let row = PoseRow { points, ..row };
+            match target.layout.role {
+                Role::Upper | Role::Lower => row.with_trunk(&known.trunk_point),
+                Role::Scene => row,
+            }
+        })
+        .collect()
 }
 
 fn through_jpeg(samples: &[u8], width: u32, height: u32, quality: u8) -> ImageResult<Vec<u8>> {

@@ -10,7 +10,7 @@ use super::render::Picture;
 
 /// The grey (of 255) at which the total noise is the given one: midway between
 /// the prints' black and white.
-pub const MID_GREY: f32 = 120.0;
+const MID_GREY: f32 = 120.0;
 
 /// Share of the read noise in the variance at [`MID_GREY`]; photons make the
 /// rest. A small machine-vision sensor in room light is limited by its photons.

@@ -154,7 +154,7 @@ impl Missing {
 }
 
 impl BoxLink {
-    /// What a download that cannot go on is to the user.
+    /// A download that cannot go on as an error for the user.
     #[must_use]
     pub fn stopped(&self, stopped: &Stopped) -> BadInput {
         match stopped {

@@ -1,7 +1,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use plumbline::packet::LogLevel;
+use plumbline::packet::{Command, LogLevel};
 
 use super::*;
 use crate::fixture;
@@ -60,7 +60,7 @@ fn link(hello: Option<Hello>) -> (BoxLink, Got) {
         transport: Box::new(played),
         place: "here".into(),
         kind: LinkKind::Udp,
-        questions: 0,
+        questions: Questions::of_link(),
         heard: None,
         others: Others::default(),
     };

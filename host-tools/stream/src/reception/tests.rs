@@ -228,7 +228,7 @@ fn a_restart_begins_a_session_and_times_go_on() {
     at(0.0, hello(1));
     at(0.0, pose(100));
     at(0.02, pose(101));
-    // The box starts anew, with the same capture times.
+    // The box restarts, with the same capture times.
     at(9.9, hello(2));
     at(10.0, pose(0));
     at(10.02, pose(1));
@@ -312,7 +312,7 @@ fn frames_belong_to_the_box_that_sent_them() {
     let Message::Hello(identity) = &mut other else { unreachable!() };
     identity.device = "ward 4".try_into().unwrap();
     let now = take(&mut receiver, start, &[hello(1), pose(0), pose(1), other]);
-    // It has started anew, without a camera: what the one before has measured is over.
+    // It has restarted, without a camera: what the one before has measured is over.
     let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
     assert!(receiver.latest(now).is_none());
     assert_eq!(receiver.counts().sessions, 2);

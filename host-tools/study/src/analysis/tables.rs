@@ -34,7 +34,7 @@ pub fn text(analysis: &Analysis) -> String {
     text
 }
 
-/// What a point's figures were made of.
+/// The data behind a point's figures.
 #[must_use]
 pub fn heading(point: &PointFigures, filter_s: f64) -> String {
     let sway = &point.filtered;
@@ -80,7 +80,7 @@ pub fn paths(sway: &Sway) -> Annotated {
     notes.below(Grid { header, rows })
 }
 
-/// Everything else: one line for each figure, one column for each direction that it has.
+/// All other figures: one line for each, one column for each direction that it has.
 #[must_use]
 pub fn others(sway: &Sway) -> Annotated {
     let figures = &sway.figures;
@@ -132,7 +132,7 @@ pub fn others(sway: &Sway) -> Annotated {
     notes.below(Grid { header, rows })
 }
 
-/// Cells of figures, with the reasons of those that are absent.
+/// Cells of figures, with the reasons for absent ones.
 impl Footnotes {
     fn cells(&mut self, figures: &ByDirection<Figure>) -> Vec<String> {
         let ByDirection { axes, planes } = figures;
@@ -150,7 +150,7 @@ impl Footnotes {
         none.into_iter().chain(planes).collect()
     }
 
-    /// With its standard uncertainty from noise, where that is known.
+    /// A figure with its standard uncertainty from noise, where that is known.
     fn cell(&mut self, figure: &Figure) -> String {
         match figure {
             Figure::Absent { absent } => self.absent(absent),

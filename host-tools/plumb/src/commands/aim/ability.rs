@@ -1,4 +1,4 @@
-//! What a terminal can show: it is asked, and answers or does not.
+//! What a terminal can show, as far as it answers.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -10,14 +10,14 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 /// A terminal answers within this, also over a network.
 const ANSWER_WITHIN: Duration = Duration::from_millis(500);
 
-/// The question for the size of a cell, which few know, then the one for the attributes, which
-/// every terminal answers: when its answer is there, none to the first will come.
+/// The query for the size of a cell, which few answer, then the one for the attributes, which
+/// every terminal answers: once its answer has come, none to the first will follow.
 const QUESTIONS: &[u8] = b"\x1b[16t\x1b[c";
 
 /// The attribute of those that show sixels.
 const SIXEL: u16 = 4;
 
-/// What a terminal has told.
+/// What a terminal has answered.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Ability {
     /// It shows sixels.

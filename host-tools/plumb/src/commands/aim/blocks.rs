@@ -1,4 +1,4 @@
-//! A picture in letters: each cell of the terminal is an upper half block, its letter's colour
+//! A picture in characters: each cell of the terminal is an upper half block, its text colour
 //! the pixel above, its background the pixel below.
 
 use std::io::{self, Write};
@@ -17,7 +17,7 @@ pub enum Colours {
     Palette,
 }
 
-/// Draws a picture from the terminal's upper left cell on, a row of cells for two of pixels.
+/// Draws a picture from the terminal's upper left cell on, one row of cells for two of pixels.
 ///
 /// # Errors
 /// When it cannot be written.
@@ -31,7 +31,7 @@ pub fn draw(picture: &RgbImage, colours: Colours, out: &mut impl Write) -> io::R
     };
     for row in 0..picture.height().div_ceil(2) {
         queue!(out, MoveTo(0, row as u16))?;
-        // A colour holds until the next one: an even wall is a few bytes.
+        // A colour stays set until the next one: a uniform area takes a few bytes.
         let mut before = None;
         for x in 0..picture.width() {
             let (upper, lower) = (colour(x, 2 * row), colour(x, 2 * row + 1));

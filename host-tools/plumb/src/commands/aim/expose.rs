@@ -14,25 +14,25 @@ use super::session::{Exposed, Session};
 use super::{SilenceLines, Until, say};
 use crate::delivery::{self, Before};
 
-/// After a change the camera is opened anew, and some cameras take a few frames to follow.
+/// After a change the camera is reopened, and some cameras take a few frames to follow.
 const SETTLED_AFTER: Duration = Duration::from_millis(500);
 
-/// A setting is judged by the middle one of so many frames that show a target.
+/// A setting is judged by the median of this many frames that show a target.
 const VIEWS: usize = 3;
 
-/// A target that is not found by then is taken not to be there.
+/// A target that is not found by then is taken to be absent.
 const FOUND_WITHIN: Duration = Duration::from_millis(2500);
 
 /// Frames that show another setting after this time show that the camera refuses the new one.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
-/// Frames with a new setting come within this, or not at all.
+/// Frames with a new setting come within this time, or not at all.
 const FRAMES_WITHIN: Duration = Duration::from_secs(15);
 
-/// A box that starts anew so often while one setting is sought may do so because of one.
+/// A box that restarts this often while a setting is sought may restart because of one.
 const RESTARTS_MAX: u32 = 3;
 
-/// Finds the setting; `None` when it was stopped.
+/// Finds the setting; `None` when the user ended the search.
 ///
 /// # Errors
 /// When the box cannot be used, or no setting is good.
@@ -59,7 +59,7 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
             Exposed::Refused(refusal, reason) => Seen::Refused(refusal, reason),
             Exposed::Unheard => Seen::Silence,
         };
-        // Whatever was seen may be of before.
+        // What was seen may be from before.
         let seen = if session.restarts() == restarts { seen } else { Seen::Restart };
         let step = match seen {
             Seen::Light(light) => {
@@ -67,7 +67,7 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
                 controller.next(light)
             }
             Seen::Refused(refusal, reason) => {
-                say(&format!("{}: the camera does not take it", words(setting)))?;
+                say(&format!("{}: the camera does not accept it", words(setting)))?;
                 match controller.refused() {
                     Some(step) => step,
                     None => return Err(session.refused("the exposure", refusal, &reason)),
@@ -87,11 +87,11 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
                 if restarts > RESTARTS_MAX {
                     return Err(BadInput::whole(
                         session.place(),
-                        format!("the box has started anew {} meanwhile", counted(restarts, "time")),
-                        "`plumb doctor` says how it is",
+                        format!("the box has restarted {} meanwhile", counted(restarts, "time")),
+                        "`plumb doctor` shows its state",
                     ));
                 }
-                say("the box has started anew; the same setting again")?;
+                say("the box has restarted; the same setting again")?;
                 continue;
             }
             Seen::Stopped => return Ok(None),
@@ -120,10 +120,10 @@ pub fn find(session: &mut Session, until: Until<'_>) -> Result<Option<Setting>, 
 }
 
 /// Puts a setting into the configuration of the box that it was found with, and starts the box
-/// anew with it.
+/// with it.
 ///
 /// # Errors
-/// When the box does not take it.
+/// When the box does not accept it.
 pub fn store(link: &mut BoxLink, met: &Hello, setting: Setting) -> Result<(), BadInput> {
     let (hello, old) = (link.hello()?, link.config_to_change()?);
     link.refuse_another(met, &hello)?;
@@ -136,14 +136,14 @@ pub fn store(link: &mut BoxLink, met: &Hello, setting: Setting) -> Result<(), Ba
     delivery::deliver(link, &Before { hello: Some(hello), config: Some(old) }, &config, true)
 }
 
-/// What came of a setting.
+/// The outcome of a setting.
 enum Seen {
     Light(Light),
     /// By the box, or by its camera.
     Refused(Refusal, String),
-    /// Nothing is heard of the box, which may be starting anew.
+    /// Nothing is heard of the box, which may be restarting.
     Silence,
-    /// It has started anew, with its own setting.
+    /// It has restarted, with its own setting.
     Restart,
     Stopped,
 }
@@ -181,7 +181,7 @@ fn light_with(
             if !is_taken(setting, with) {
                 // The box goes back to its own setting where the camera refuses one.
                 if now - start >= REFUSED_AFTER {
-                    let reason = "its camera does not take it".to_owned();
+                    let reason = "its camera does not accept it".to_owned();
                     return Ok(Seen::Refused(Refusal::Unusable, reason));
                 }
             } else if now - *first.get_or_insert(now) >= SETTLED_AFTER {
@@ -202,7 +202,7 @@ fn light_with(
             return Err(BadInput::whole(
                 session.place(),
                 format!("no frame comes with {}{why}", words(setting)),
-                "`plumb doctor` says what is amiss with its camera; then start `plumb aim \
+                "`plumb doctor` says what is wrong with its camera; then start `plumb aim \
                  --expose` again",
             ));
         }
@@ -225,11 +225,11 @@ fn failure(session: &Session, verdict: Verdict, setting: Setting) -> BadInput {
     let (found, remedy) = match verdict {
         Verdict::TooDark => (
             format!("the targets are too dark even with {}", words(setting)),
-            "open the aperture, or bring more light",
+            "open the aperture, or add light",
         ),
         Verdict::TooBright => (
             format!("the targets are too bright even with {}", words(setting)),
-            "close the aperture, or take light away",
+            "close the aperture, or reduce the light",
         ),
         Verdict::NoTarget => (
             format!("with {} the frame is bright enough, and no target is found", words(setting)),

@@ -1,6 +1,6 @@
-//! From how bright the targets are to the exposure at which they are well exposed.
+//! From the brightness of the targets to the exposure at which they are well exposed.
 //!
-//! Only the targets' squares count: a bright window in the room may be as white as it likes.
+//! Only the targets' squares count: a bright window in the room may be saturated.
 //! Where no target is found, the whole frame is brought into a range in which one would be.
 //!
 //! ```text
@@ -14,13 +14,13 @@
 
 use plumbline::packet::View;
 
-use super::reading::SATURATED_MAX;
+use crate::bounds::SATURATED_MAX;
 
 /// The brightest target's light squares are brought here, as a part of white: bright, and so far
 /// below white that a step towards the light does not saturate them.
 const LIGHT_GOAL: f32 = 0.75;
 
-/// And this far from it is near enough: a tenth of a stop.
+/// This far from the goal is near enough: a tenth of a stop.
 const LIGHT_TOLERANCE: f32 = 0.05;
 
 /// Without a target the frame's mean is brought here, and this part of it near; where none is
@@ -28,19 +28,19 @@ const LIGHT_TOLERANCE: f32 = 0.05;
 const FRAME_GOALS: [f32; 3] = [0.35, 0.15, 0.6];
 const FRAME_TOLERANCE: f32 = 0.25;
 
-/// Levels from here on do not say how bright it is.
+/// From this level on, a level no longer follows the brightness.
 const LEVEL_CERTAIN_MAX: f32 = 0.95;
 
-/// A level that is white is taken for one above it by this factor.
+/// A saturated level is taken to be higher than white by this factor.
 const DARKER: f32 = 0.35;
 
 /// Saturation that remains at the goal, as of a shiny print: the goal itself is lowered.
 const GOAL_LOWERED: f32 = 0.85;
 
-/// The least exposure that is asked for: shorter ones are not even, with most shutters.
+/// The shortest exposure that is asked for: with most shutters, shorter ones are uneven.
 const EXPOSURE_US_MIN: u32 = 20;
 
-/// Exposures and gains that are tried at most.
+/// The most exposures and gains that are tried.
 const TRIES_MAX: usize = 12;
 
 /// The longest step of the gain: its unit may be a logarithm.
@@ -50,13 +50,13 @@ const GAIN_FACTOR_MAX: f32 = 4.0;
 /// steps.
 const GAIN_FIRST: f32 = 1.0;
 
-/// A step of the gain that changes the level by less than this part of it has none.
+/// A step of the gain that changes the level by less than this part of it has no effect.
 const GAIN_EFFECT_MIN: f32 = 0.02;
 
 /// A step of the exposure that changes the level by less than this part of what it should has no effect.
 const EFFECT_MIN: f32 = 0.2;
 
-/// What a camera is asked for; `None` as it is configured.
+/// What a camera is asked for; `None`: as configured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setting {
     /// Exposure time.
@@ -74,7 +74,7 @@ pub enum Judged {
     Frame,
 }
 
-/// How bright it is.
+/// How bright the picture is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
     /// Of what.
@@ -105,13 +105,13 @@ impl Light {
 /// What to do next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
-    /// Look again with this setting.
+    /// Take frames with this setting.
     Try(Setting),
     /// It is over.
     Done(Verdict),
 }
 
-/// How it ended, with the setting tried last.
+/// The end of a search, with the setting tried last.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Verdict {
     /// The targets are well exposed.
@@ -120,9 +120,9 @@ pub enum Verdict {
     TooDark,
     /// No setting makes them dark enough.
     TooBright,
-    /// The frame is neither dark nor white, and yet shows no target.
+    /// The frame is neither dark nor white, but shows no target.
     NoTarget,
-    /// The light does not follow the settings, or not in so many steps.
+    /// The light does not follow the settings, or not within the allowed number of steps.
     Unsettled,
 }
 

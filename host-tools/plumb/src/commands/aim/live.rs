@@ -17,16 +17,16 @@ const PICTURE_EVERY: Duration = Duration::from_millis(250);
 /// The numbers are written this often.
 const LINES_EVERY: Duration = Duration::from_millis(250);
 
-/// What was said of stills stays in sight, so many of them.
+/// The number of lines about stills that stay in sight.
 const TOLD_MAX: usize = 2;
 
-/// Whether there is a terminal, and nobody wants lines.
+/// Whether there is a terminal, and lines are not asked for.
 pub fn is_possible(arguments: &Arguments) -> bool {
     let is_terminal = std::io::stdout().is_terminal() && std::io::stdin().is_terminal();
     is_terminal && arguments.png.is_none() && !arguments.once
 }
 
-/// Runs until the end; what was said of stills is said again after it.
+/// Runs until the end, and then repeats what was said of stills.
 ///
 /// # Errors
 /// When the box, the terminal or a file cannot be used.
@@ -69,7 +69,7 @@ fn show(
         let now = Instant::now();
         let still_is_due = wants_still || stills.is_due(now);
         if !takes_still && still_is_due {
-            // In place of a picture for the view, if one is under way.
+            // It replaces a picture for the view that is under way.
             takes_still = true;
             session.take(1);
         } else if session.is_free() && screen.has_pictures() && now >= picture_at {
@@ -105,7 +105,7 @@ fn line(look: Look, text: impl Into<String>) -> Line {
     Line { text: text.into(), look }
 }
 
-/// A line as several that fit, broken between words; the further ones stand a little to the right.
+/// Breaks a line between words into lines that fit; all but the first are indented.
 fn wrapped(long: &Line, columns: usize) -> Vec<Line> {
     let mut lines = vec![String::new()];
     for word in long.text.split_inclusive(' ') {
@@ -178,7 +178,7 @@ fn of_reading(reading: &Reading) -> Vec<Line> {
     lines
 }
 
-/// How a still under way, or the next one, stands.
+/// The progress of a still under way, or the time until the next one.
 fn of_still(session: &Session, stills: &Stills, takes_still: bool) -> String {
     let name = stills.next_name();
     match (takes_still, session.progress(), stills.wait(Instant::now())) {

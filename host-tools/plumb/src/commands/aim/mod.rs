@@ -1,4 +1,4 @@
-//! `plumb aim`: what the camera of a box sees, to frame, focus and expose it by, and whole
+//! `plumb aim`: what the camera of a box sees, for framing, focus and exposure, and whole
 //! frames to calibrate it with.
 //!
 //! ```text
@@ -26,7 +26,7 @@ mod expose;
 mod exposure;
 mod live;
 mod plain;
-pub(crate) mod reading;
+mod reading;
 mod session;
 mod stills;
 mod terminal;
@@ -43,11 +43,11 @@ use terminal::Graphics;
 /// and what to do about it. In a terminal the picture is a sixel or made of half blocks;
 /// elsewhere, or with --png, the numbers come as lines.
 ///
-/// The box is in set-up mode meanwhile. Only in it do pictures leave the box. It ends with this
-/// program, or by itself soon after this program is gone.
+/// The box is in set-up mode meanwhile: only then do pictures leave it. The mode ends with this
+/// program, or by itself soon after this program has gone.
 ///
 /// Keys: q or Ctrl-C ends it, s takes a still: into the current directory without --stills.
-/// Exit code 0: done; 2: an input or the box could not be used, or the box is not heard any more.
+/// Exit code 0: done; 2: an input or the box could not be used, or the box is no longer heard.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -77,12 +77,12 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u8).range(1..=16))]
     reduction: Option<u8>,
 
-    /// Write the picture with what was found drawn in to this file, again and again, and the
+    /// Write the picture, with the targets drawn into it, to this file again and again, and the
     /// numbers as lines
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
 
-    /// One picture and its numbers, then end
+    /// Show one picture and its numbers, then end
     #[arg(long, conflicts_with_all = ["stills", "count", "expose"])]
     once: bool,
 
@@ -90,15 +90,15 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     stills: Option<PathBuf>,
 
-    /// Take so many stills by itself, then end
+    /// Take this many stills automatically, then end
     #[arg(long, value_name = "NUMBER", requires = "stills", value_parser = clap::value_parser!(u32).range(1..=999))]
     count: Option<u32>,
 
-    /// From one still to the next: time to move the board
+    /// Time from one still to the next, to move the board
     #[arg(long, value_name = "SECONDS", requires = "count", default_value = "3", value_parser = seconds)]
     every: Duration,
 
-    /// Tell after each still whether this board is found in it: columns x rows of INNER corners
+    /// Say after each still whether this board is found in it: columns x rows of INNER corners
     #[arg(long, value_name = "COLUMNSxROWS", requires = "stills", value_parser = targets::grid_size)]
     board: Option<[u8; 2]>,
 
@@ -169,7 +169,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let met = session.hello().clone();
     let ended = session.end();
     match &ended {
-        Ok(_) => eprintln!("the box has left set-up mode: no picture leaves it any more"),
+        Ok(_) => eprintln!("the box has left set-up mode: pictures no longer leave it"),
         Err(error) => eprintln!("warning: {error}"),
     }
     match outcome {
@@ -183,7 +183,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// When it ends by itself.
+/// When the program ends by itself.
 #[derive(Clone, Copy)]
 struct Until<'a> {
     stop: &'a std::sync::atomic::AtomicBool,
@@ -203,14 +203,14 @@ struct SilenceLines {
 }
 
 impl SilenceLines {
-    /// What there is to say now.
+    /// The line to show now, if any.
     fn next(&mut self, silence: Option<Duration>) -> Option<String> {
         let told_s = std::mem::replace(&mut self.told_s, silence.map(|it| it.as_secs()));
         silence.filter(|_| told_s != self.told_s).map(silence_words)
     }
 }
 
-/// What is seen of the box, and remembered.
+/// What is remembered of earlier numbers.
 struct Watch {
     best: BestFocus,
     /// Of the pictures that are shown.

@@ -1,4 +1,4 @@
-//! Without a terminal: the numbers as lines, the picture as a file, stills with their progress.
+//! Without a terminal: numbers as lines, the picture as a file, stills with their progress.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use image::{ImageFormat, RgbImage};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_files::BadInput;
 
-use super::session::{Progress, Session};
+use super::session::{Progress, Session, Taken};
 use super::stills::Stills;
 use super::terminal::resized;
 use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
@@ -21,10 +21,10 @@ const PICTURE_EVERY: Duration = Duration::from_millis(500);
 /// A single picture is waited for this long.
 const ONCE_WITHIN: Duration = Duration::from_secs(30);
 
-/// Checks, before the box shows anything, that a picture can be put there.
+/// Checks, before the box shows anything, that a picture can be written there.
 ///
 /// # Errors
-/// When it is no name of a picture, or something else than a file or its directory is there.
+/// When the name does not end in .png, or no file can be written there.
 pub fn check(path: &Path) -> Result<(), BadInput> {
     let refused = |found: String, remedy: &str| Err(BadInput::whole("--png", found, remedy));
     if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
@@ -54,83 +54,203 @@ pub fn run(
     watch: &mut Watch,
     until: Until<'_>,
 ) -> Result<(), BadInput> {
-    let start = Instant::now();
-    let (mut lines_at, mut picture_at) = (start, start);
-    let mut takes_still = false;
-    let mut bar = Bar::default();
-    let mut silence_lines = SilenceLines::default();
-    let mut told_why = None;
-    let mut restarts = session.restarts();
-    // All that is asked for once is there.
-    let mut has_picture = arguments.png.is_none();
-    while !until.is_over() && !stills.is_done() {
-        let now = Instant::now();
-        if session.is_free() {
-            takes_still = stills.is_due(now);
-            if takes_still {
-                session.take(1);
-            } else if arguments.png.is_some() && now >= picture_at {
-                picture_at = now + PICTURE_EVERY;
-                session.take(watch.reduction);
-            }
-        }
-        if let Some(taken) = session.turn()? {
-            bar.end();
-            if takes_still {
-                say(&stills.keep(&taken.file)?)?;
-            }
-            if let Some(path) = &arguments.png {
-                let picture = decoded(&taken, session)?;
-                let size_px = picture.dimensions().into();
-                write(path, &annotated(resized(&picture, size_px), &taken, session))?;
-                has_picture = true;
-            }
-        }
-        if let Some(text) = silence_lines.next(session.silence()) {
-            bar.end();
-            say(&format!("{:6.1} s  {text}", start.elapsed().as_secs_f64()))?;
-        }
-        if session.restarts() != restarts {
-            restarts = session.restarts();
-            bar.end();
-            say(&format!("{:6.1} s  the box has started anew", start.elapsed().as_secs_f64()))?;
-        }
-        if session.silence().is_some() {
-            continue;
-        }
-        if takes_still && let Some(progress) = session.progress() {
-            bar.show(&stills.next_name(), progress);
-        }
-        let counts_stills = arguments.count.is_some();
-        if now >= lines_at && has_picture && !counts_stills {
-            if let Some(reading) = watch.reading(session) {
-                let elapsed_s = start.elapsed().as_secs_f64();
-                for line in reading.lines() {
-                    say(&format!("{elapsed_s:6.1} s  {line}"))?;
-                }
-                if arguments.once {
-                    return Ok(());
-                }
-                lines_at = now + LINES_EVERY;
-            }
-            let why = session.without_frames();
-            // Who waits for one picture need not be told again and again.
-            let is_told = arguments.once && why == told_why;
-            if let Some(why) = why.filter(|_| !is_told) {
-                told_why = Some(why);
-                say(&format!("{:6.1} s  {why}", start.elapsed().as_secs_f64()))?;
-                lines_at = now + LINES_EVERY;
-            }
-        }
-        if arguments.once && start.elapsed() >= ONCE_WITHIN {
-            return Err(BadInput::whole(
-                session.place(),
-                session.without_frames().unwrap_or("the box sends no picture"),
-                "run `plumb doctor`: it says what is amiss with the camera",
-            ));
+    let mut plain = Plain::new(arguments, session, stills, watch);
+    while !until.is_over() && !plain.stills.is_done() {
+        if plain.turn()? == Next::End {
+            break;
         }
     }
     Ok(())
+}
+
+/// Whether to go on.
+#[derive(PartialEq, Eq)]
+enum Next {
+    Turn,
+    End,
+}
+
+/// What the picture that is being taken is for.
+enum Purpose {
+    Still,
+    View,
+}
+
+/// The file of --png.
+struct Png<'a> {
+    path: &'a Path,
+    /// When it is due to be replaced.
+    at: Instant,
+    is_written: bool,
+}
+
+/// What the user has been told of the box, so that it is not repeated.
+struct News {
+    silence: SilenceLines,
+    restarts: u32,
+    /// Why there are no frames.
+    no_frames: Option<&'static str>,
+}
+
+struct Plain<'a> {
+    arguments: &'a Arguments,
+    session: &'a mut Session,
+    stills: &'a mut Stills,
+    watch: &'a mut Watch,
+    output: Output,
+    png: Option<Png<'a>>,
+    purpose: Purpose,
+    news: News,
+    /// When the numbers are due.
+    numbers_at: Instant,
+}
+
+impl<'a> Plain<'a> {
+    fn new(
+        arguments: &'a Arguments,
+        session: &'a mut Session,
+        stills: &'a mut Stills,
+        watch: &'a mut Watch,
+    ) -> Self {
+        let start = Instant::now();
+        let png = arguments.png.as_deref();
+        let restarts = session.restarts();
+        Self {
+            arguments,
+            session,
+            stills,
+            watch,
+            output: Output { start, bar: Bar::default() },
+            png: png.map(|path| Png { path, at: start, is_written: false }),
+            purpose: Purpose::View,
+            news: News { silence: SilenceLines::default(), restarts, no_frames: None },
+            numbers_at: start,
+        }
+    }
+
+    fn turn(&mut self) -> Result<Next, BadInput> {
+        let now = Instant::now();
+        self.ask_for_picture(now);
+        if let Some(taken) = self.session.turn()? {
+            self.keep(&taken)?;
+        }
+        self.tell_news()?;
+        if self.session.silence().is_some() {
+            return Ok(Next::Turn);
+        }
+        self.show_progress();
+        if self.tell_numbers(now)? == Next::End {
+            return Ok(Next::End);
+        }
+        self.check_time()?;
+        Ok(Next::Turn)
+    }
+
+    /// Asks for the next picture: a still goes before one for --png.
+    fn ask_for_picture(&mut self, now: Instant) {
+        if !self.session.is_free() {
+            return;
+        }
+        if self.stills.is_due(now) {
+            self.purpose = Purpose::Still;
+            self.session.take(1);
+            return;
+        }
+        self.purpose = Purpose::View;
+        if let Some(png) = self.png.as_mut().filter(|png| now >= png.at) {
+            png.at = now + PICTURE_EVERY;
+            self.session.take(self.watch.reduction);
+        }
+    }
+
+    /// Writes a picture that is complete to the files that it is for.
+    fn keep(&mut self, taken: &Taken) -> Result<(), BadInput> {
+        self.output.bar.end();
+        if let Purpose::Still = self.purpose {
+            say(&self.stills.keep(&taken.file)?)?;
+        }
+        if let Some(png) = &mut self.png {
+            let picture = decoded(taken, self.session)?;
+            let size_px = picture.dimensions().into();
+            write(png.path, &annotated(resized(&picture, size_px), taken, self.session))?;
+            png.is_written = true;
+        }
+        Ok(())
+    }
+
+    /// Tells of a box that is silent, and of one that has restarted.
+    fn tell_news(&mut self) -> Result<(), BadInput> {
+        if let Some(text) = self.news.silence.next(self.session.silence()) {
+            self.output.tell(&text)?;
+        }
+        let restarts = self.session.restarts();
+        if std::mem::replace(&mut self.news.restarts, restarts) != restarts {
+            self.output.tell("the box has restarted")?;
+        }
+        Ok(())
+    }
+
+    fn show_progress(&mut self) {
+        if let Purpose::Still = self.purpose
+            && let Some(progress) = self.session.progress()
+        {
+            self.output.bar.show(&self.stills.next_name(), progress);
+        }
+    }
+
+    /// Tells the numbers if they are due, or why there are none. With --once the first ones
+    /// are the end, and they wait for the picture.
+    fn tell_numbers(&mut self, now: Instant) -> Result<Next, BadInput> {
+        let counts_stills = self.arguments.count.is_some();
+        let has_picture = self.png.as_ref().is_none_or(|png| png.is_written);
+        if counts_stills || !has_picture || now < self.numbers_at {
+            return Ok(Next::Turn);
+        }
+        if let Some(reading) = self.watch.reading(self.session) {
+            for line in reading.lines() {
+                self.output.tell(&line)?;
+            }
+            if self.arguments.once {
+                return Ok(Next::End);
+            }
+            self.numbers_at = now + LINES_EVERY;
+        }
+        if let Some(why) = self.session.without_frames() {
+            // Whoever waits for one picture need not be told again and again.
+            let is_told = self.arguments.once && self.news.no_frames == Some(why);
+            if !is_told {
+                self.news.no_frames = Some(why);
+                self.output.tell(why)?;
+                self.numbers_at = now + LINES_EVERY;
+            }
+        }
+        Ok(Next::Turn)
+    }
+
+    /// With --once a picture is not waited for without end.
+    fn check_time(&self) -> Result<(), BadInput> {
+        if !self.arguments.once || self.output.start.elapsed() < ONCE_WITHIN {
+            return Ok(());
+        }
+        Err(BadInput::whole(
+            self.session.place(),
+            self.session.without_frames().unwrap_or("the box sends no picture"),
+            "run `plumb doctor`: it says what is wrong with the camera",
+        ))
+    }
+}
+
+/// Lines on standard output, each with its time, and a progress bar.
+struct Output {
+    start: Instant,
+    bar: Bar,
+}
+
+impl Output {
+    fn tell(&mut self, text: &str) -> Result<(), BadInput> {
+        self.bar.end();
+        say(&format!("{:6.1} s  {text}", self.start.elapsed().as_secs_f64()))
+    }
 }
 
 fn write(path: &Path, picture: &RgbImage) -> Result<(), BadInput> {

@@ -1,4 +1,4 @@
-//! What a technician is told of a frame: numbers per target, and what to do about them.
+//! What a technician is told about a frame: numbers per target, and what to do about them.
 
 use plumbline::config::Config;
 use plumbline::packet::{PosePacket, TargetPacket, View};
@@ -7,52 +7,20 @@ use plumbline::target::Role;
 use plumbline::view::TargetView;
 use plumbline_files::camera;
 
+use crate::bounds::{
+    CONTRAST_MIN, COVERAGE, FOCUS_MIN, LIGHT_MIN, MOTION_BLUR_PX_MIN, MOTION_RATIO, PITCH_PX_MIN,
+    SATURATED_MAX, focus_score,
+};
 use crate::ui::missing::Missing;
 
-/// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is
-/// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.
-const BLUR_BEST_PX: f32 = 0.6;
-
-/// Blur at which a frame is of no use: the smallest squares have lost their middle.
-const BLUR_WORST_PX: f32 = 3.0;
-
-/// A lens whose score is below this can be turned to something better.
-pub const FOCUS_MIN: u8 = 80;
-
-/// A score that is lower than the best one seen by this much has been passed.
+/// A score this much lower than the best means that the best focus has been passed.
 const FOCUS_PASSED: u8 = 5;
 
-/// A blur in one direction that is larger than in the other by this factor, and matters,
-/// comes from motion.
-pub const MOTION_RATIO: f32 = 1.5;
-pub const MOTION_BLUR_PX_MIN: f32 = 1.0;
-
-/// Squares smaller than this leave an edge fewer pixels than its fit looks at.
-pub const PITCH_PX_MIN: f32 = 15.0;
-
-/// Contrast below which noise, and not the lens, sets the precision.
-pub const CONTRAST_MIN: f32 = 0.25;
-
-/// Light squares darker than this leave half of the camera's range unused.
-pub const LIGHT_MIN: f32 = 0.4;
-
-/// Part of the light squares' pixels that may be white: single ones are hot pixels.
-pub const SATURATED_MAX: f32 = 0.001;
-
-/// A frame without a target that is darker than this shows none because of that.
+/// A frame without a target that is darker than this shows none because it is too dark.
 const DARK_FRAME: f32 = 0.1;
 
-/// And one of which more than this is white.
+/// And one of which more than this share is white, because it is too bright.
 const BRIGHT_FRAME: f32 = 0.3;
-
-/// Depth is promised for so many standard deviations to either side: 95 of 100 frames.
-pub const COVERAGE: f32 = 1.96;
-
-/// 100 for a blur of [`BLUR_BEST_PX`] or less, falling evenly to 0 at [`BLUR_WORST_PX`].
-pub fn focus_score(blur_px: f32) -> u8 {
-    let part = (BLUR_WORST_PX - blur_px) / (BLUR_WORST_PX - BLUR_BEST_PX);
-    (100.0 * part.clamp(0.0, 1.0)).round() as u8
-}
 
 /// A score, and the best since the program's start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,7 +61,7 @@ impl BestFocus {
     }
 }
 
-/// What is told of a frame.
+/// What is shown of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// Of the frame as a whole.
@@ -315,12 +283,6 @@ mod tests {
             "shoulder: acquiring, other dimensions -> another board is seen: columns and rows in \
              the targets file count INNER corners"
         );
-    }
-
-    #[test]
-    fn the_focus_score_is_100_for_the_best_lens_and_0_for_a_useless_frame() {
-        let scores = [0.3, 0.6, 0.84, 1.8, 3.0, 9.0].map(focus_score);
-        assert_eq!(scores, [100, 100, 90, 50, 0, 0]);
     }
 
     #[test]

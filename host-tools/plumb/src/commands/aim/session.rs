@@ -1,4 +1,4 @@
-//! Set-up mode of a box, held for as long as somebody looks.
+//! The set-up mode of a box, kept up while the program runs.
 //!
 //! Everything goes on side by side: the mode is renewed, poses and health come by themselves,
 //! numbers are asked for, and a picture is taken and fetched in parts, which over a serial line
@@ -18,43 +18,43 @@ use plumbline_stream::link::{BoxLink, Download, SILENT_AFTER, Stopped, is_of_box
 use crate::arguments::LinkArguments;
 use crate::ui::waiting::Waiting;
 
-/// The mode is asked for so long: the box falls out of it soon when this program is gone.
+/// The time for which the mode is asked for: the box leaves it soon after this program has gone.
 const MODE_S: u16 = 20;
 const _: () = assert!(MODE_S <= AIM_S_MAX);
 
-/// And renewed this often: four renewals may be lost in a row.
+/// The mode is renewed this often: four renewals may be lost in a row.
 const RENEW_EVERY: Duration = Duration::from_secs(4);
 
 /// Numbers are asked for this often.
 const VIEW_EVERY: Duration = Duration::from_millis(400);
 
-/// After so much silence the box is not waited for any longer.
+/// After this much silence the box is no longer waited for.
 const GONE_AFTER: Duration = Duration::from_secs(10);
 
-/// A question that is waited for is put again after this time.
+/// A question whose answer is waited for is repeated after this time.
 const ANSWER_WITHIN: Duration = Duration::from_millis(700);
 
-/// One turn takes about as long as this, so that keys are heard.
+/// The approximate time of one turn, short enough for keys.
 const TURN: Duration = Duration::from_millis(30);
 
-/// Word of a picture comes with the next frame; without it the request was lost. A camera that
-/// was opened anew takes a second for its first frame, and a whole frame some time to become a file.
+/// A picture is announced with the next frame; otherwise the request was lost. A camera that
+/// was reopened takes a second for its first frame, and a whole frame some time to become a file.
 const PICTURE_WITHIN: Duration = Duration::from_secs(3);
 
-/// A picture that is refused or damaged so often in a row will not come.
+/// A picture that is refused or damaged this often in a row will not come.
 const FAILURES_MAX: usize = 5;
 
-/// The pose packet of a picture's frame is among so many: at 60 Hz a picture is there four
+/// The pose packets that are kept, to find that of a picture's frame: at 60 Hz a picture comes four
 /// seconds later, or its pose is found as soon as word of it comes.
 const POSES: usize = 256;
 
 /// The pose of a picture's frame is waited for this long.
 const POSE_WITHIN: Duration = Duration::from_millis(250);
 
-/// A picture larger than this is nobody's.
+/// A picture larger than this is an error.
 const PICTURE_BYTES_MAX: u32 = 64 << 20;
 
-/// A picture that is here.
+/// A complete picture.
 pub struct Taken {
     /// Its file.
     pub file: Vec<u8>,
@@ -65,7 +65,7 @@ pub struct Taken {
 /// How far a picture has come.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
-    /// Bytes that are here.
+    /// Bytes that have come.
     pub there: usize,
     /// All of its bytes.
     pub total: usize,
@@ -85,7 +85,7 @@ struct Coming {
     download: Download,
     since: Instant,
     pose: Option<PosePacket>,
-    /// When all of it was there.
+    /// When all of it had come.
     complete: Option<Instant>,
 }
 
@@ -105,12 +105,12 @@ impl Hearing {
     }
 }
 
-/// That the box is silent, for people.
+/// The words for a silent box.
 pub fn silence_words(silence: Duration) -> String {
     format!("nothing heard from the box for {} s", silence.as_secs())
 }
 
-/// What came of asking the box to expose in some way.
+/// The outcome of asking the box for an exposure.
 pub enum Exposed {
     /// It will.
     AsAsked,
@@ -120,11 +120,11 @@ pub enum Exposed {
     Unheard,
 }
 
-/// The way to a box in set-up mode.
+/// A box in set-up mode, and the link to it.
 pub struct Session {
     link: BoxLink,
     hearing: Hearing,
-    /// As of the last time that was listened: what this program does meanwhile is no silence.
+    /// As of the last time of listening: while this program is busy, the box is not silent.
     silence: Option<Duration>,
     /// Who the box is, and which of its starts this is.
     hello: Hello,
@@ -169,10 +169,10 @@ impl Session {
         })
     }
 
-    /// Ends the mode; the way to the box.
+    /// Ends the mode; returns the link.
     ///
     /// # Errors
-    /// When the box does not confirm it; one that is silent is told, and not waited for.
+    /// When the box does not confirm it; a silent one is asked, but not waited for.
     pub fn end(mut self) -> Result<BoxLink, BadInput> {
         let action = Action::Aim { seconds: 0 };
         let why = if self.silence.is_some() {
@@ -198,7 +198,7 @@ impl Session {
         ))
     }
 
-    /// Puts a question until it is answered, and hears what else comes.
+    /// Repeats a question until it is answered, and takes note of what else comes.
     fn ask(&mut self, action: Action) -> Result<ReplyOutcome, BadInput> {
         let hearing = &mut self.hearing;
         let mut hello = None;
@@ -219,7 +219,7 @@ impl Session {
         outcome
     }
 
-    /// A box that has started anew is not in set-up mode, and what was seen of it is of before.
+    /// A box that has restarted is not in set-up mode, and what was seen of it is outdated.
     fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
         if hello.boot_id == self.hello.boot_id {
             return Ok(());
@@ -228,7 +228,7 @@ impl Session {
         if hello.config_crc != self.hello.config_crc {
             return Err(BadInput::whole(
                 self.link.place(),
-                "the box has started anew, with another configuration",
+                "the box has restarted, with another configuration",
                 "start `plumb aim` again",
             ));
         }
@@ -242,7 +242,7 @@ impl Session {
         Ok(())
     }
 
-    /// How often the box has started anew meanwhile.
+    /// How often the box has restarted meanwhile.
     pub fn restarts(&self) -> u32 {
         self.restarts
     }
@@ -252,8 +252,8 @@ impl Session {
         &self.hello
     }
 
-    /// For how long the box has been silent, if that is longer than usual. It is another thing
-    /// than a camera that gives no frames.
+    /// For how long the box has been silent, if that is longer than usual. This is different from
+    /// a camera that gives no frames.
     pub fn silence(&self) -> Option<Duration> {
         self.silence
     }
@@ -263,12 +263,12 @@ impl Session {
         &self.config
     }
 
-    /// What the way to it goes over.
+    /// The kind of the link.
     pub fn kind(&self) -> LinkKind {
         self.link.kind()
     }
 
-    /// How to call the way to it.
+    /// The name of the link in messages.
     pub fn place(&self) -> &str {
         self.link.place()
     }
@@ -304,8 +304,8 @@ impl Session {
         matches!(self.taking, Taking::Nothing)
     }
 
-    /// Lets a picture be taken, in place of one that was under way; [`turn`](Self::turn) gives
-    /// it when it is here.
+    /// Asks for a picture, in place of one that was under way; [`turn`](Self::turn) returns
+    /// it when it has come.
     pub fn take(&mut self, reduction: u8) {
         let id = self.link.send(Action::TakePicture { reduction });
         self.taking = Taking::Asked { reduction, id, at: Instant::now() };
@@ -322,7 +322,7 @@ impl Session {
         Some(Progress { there, total, left })
     }
 
-    /// Asks the box to expose so until the mode ends.
+    /// Asks the box for this exposure until the mode ends.
     ///
     /// # Errors
     /// When there is no answer, and the box is heard.
@@ -334,7 +334,7 @@ impl Session {
         self.view = None;
         let mut answer = self.ask(Action::Expose { exposure_us, gain });
         if let Ok(ReplyOutcome::Refused { refusal: Refusal::NotAiming, .. }) = answer {
-            // It has started anew, or has not heard the renewals.
+            // It has restarted, or has not heard the renewals.
             answer = self
                 .ask(Action::Aim { seconds: MODE_S })
                 .and_then(|_| self.ask(Action::Expose { exposure_us, gain }));
@@ -349,7 +349,7 @@ impl Session {
         }
     }
 
-    /// What a refusal is to the user.
+    /// A refusal as an error for the user.
     pub fn refused(&self, what: &str, refusal: Refusal, reason: &str) -> BadInput {
         self.link.refused(what, refusal, reason)
     }
@@ -357,7 +357,7 @@ impl Session {
     /// Does what is due and listens for a moment; a picture that is complete.
     ///
     /// # Errors
-    /// When the way cannot be used any more, the box is not heard any more, or it refuses what it
+    /// When the link can no longer be used, the box is no longer heard, or it refuses what it
     /// is asked for.
     pub fn turn(&mut self) -> Result<Option<Taken>, BadInput> {
         let now = Instant::now();
@@ -369,7 +369,7 @@ impl Session {
             self.link.send(Action::SendView);
         }
         if self.silence.is_none() {
-            // What a silent box does not answer is no failure of the picture.
+            // A silent box's missing answers are not failures of the picture.
             self.ask_for_picture(now)?;
         }
         let mut messages = Vec::new();
@@ -396,7 +396,7 @@ impl Session {
         if silence >= GONE_AFTER {
             return Err(BadInput::whole(
                 self.link.place(),
-                "the box is not heard any more",
+                "the box is no longer heard",
                 "check its power and its link; set-up mode ends by itself",
             ));
         }
@@ -453,7 +453,7 @@ impl Session {
             Message::Health(health) => self.health = Some(health),
             Message::Picture(picture) => self.word_of(picture)?,
             Message::Reply(reply) => self.reply(&reply)?,
-            // Of no concern here, or for another program on this computer.
+            // Not needed here, or for another program on this computer.
             Message::Hello(hello) => self.take_hello(hello)?,
             Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
         }
@@ -468,7 +468,7 @@ impl Session {
         if picture.bytes > PICTURE_BYTES_MAX {
             return Err(BadInput::whole(
                 self.link.place(),
-                format!("the box tells of a picture of {} bytes", picture.bytes),
+                format!("the box announces a picture of {} bytes", picture.bytes),
                 "update the older of the two programs",
             ));
         }
@@ -488,12 +488,12 @@ impl Session {
             Taking::Asked { id, .. } if *id == reply.id => {
                 self.failed(&Stopped::Refused(*refusal, reason.to_string()))
             }
-            // What goes on beside is asked for again anyway.
+            // Everything else is asked for again anyway.
             _ => Ok(()),
         }
     }
 
-    /// The picture under way does not come: it is taken again, unless that is of no use.
+    /// The picture under way does not come: takes it again, unless that is of no use.
     fn failed(&mut self, stopped: &Stopped) -> Result<(), BadInput> {
         self.failures += 1;
         let is_final =
@@ -502,7 +502,7 @@ impl Session {
             return Err(self.link.stopped(stopped));
         }
         if matches!(stopped, Stopped::Refused(Refusal::NotAiming, _)) {
-            // It has started anew, or has not heard the renewals.
+            // It has restarted, or has not heard the renewals.
             self.renew(Instant::now());
         }
         let reduction = match &self.taking {
@@ -529,7 +529,7 @@ impl Session {
         }
         if document_crc(file) != coming.picture.crc {
             // Two programs that ask the same box for pictures mix them up.
-            let reason = "a picture that does not have the checksum it gave".to_owned();
+            let reason = "a picture that does not match its checksum".to_owned();
             return self.failed(&Stopped::Refused(Refusal::Busy, reason)).map(|()| None);
         }
         let taken = Taken { file: file.to_vec(), pose: coming.pose.take() };

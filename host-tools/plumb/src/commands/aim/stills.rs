@@ -15,11 +15,11 @@ use plumbline_files::BadInput;
 
 use super::Arguments;
 
-/// Stills that are to be taken, and those that were.
+/// The stills to be taken, and those taken.
 pub struct Stills {
     directory: PathBuf,
     force: bool,
-    /// So many are taken by themselves.
+    /// The number of stills that are taken automatically.
     count: Option<u32>,
     every: Duration,
     board: Option<Board>,
@@ -38,7 +38,7 @@ struct Board {
 }
 
 impl Stills {
-    /// As the command line has it.
+    /// From the command line.
     ///
     /// # Errors
     /// When a file that would be written exists, or there can be no such directory.
@@ -77,17 +77,17 @@ impl Stills {
         Ok(Self { directory, force, count, every, board, taken: 0, number, due })
     }
 
-    /// All that were to be taken by themselves are there.
+    /// All stills that were asked for have been taken.
     pub fn is_done(&self) -> bool {
         self.count.is_some_and(|count| self.taken >= count)
     }
 
-    /// One is to be taken now.
+    /// A still is due.
     pub fn is_due(&self, now: Instant) -> bool {
         self.count.is_some() && !self.is_done() && now >= self.due
     }
 
-    /// Which one comes next, for people.
+    /// The name of the next still, for people.
     pub fn next_name(&self) -> String {
         match self.count {
             Some(count) => format!("still {} of {count}", self.taken + 1),
@@ -95,17 +95,17 @@ impl Stills {
         }
     }
 
-    /// Where the next one goes.
+    /// The path of the next still.
     pub fn next_path(&self) -> PathBuf {
         path(&self.directory, self.number)
     }
 
-    /// How long until the next one is taken by itself.
+    /// How long until the next still is taken automatically.
     pub fn wait(&self, now: Instant) -> Option<Duration> {
         (self.count.is_some() && !self.is_done()).then(|| self.due.saturating_duration_since(now))
     }
 
-    /// Keeps one; what there is to say of it.
+    /// Writes a still; returns what there is to say about it.
     ///
     /// # Errors
     /// When it cannot be decoded or written.

@@ -1,9 +1,8 @@
 //! The terminal as a screen: a picture above, lines of text below, keys.
 //!
-//! The picture is a sixel where the terminal shows such, else half blocks. `icy_sixel` encodes
-//! it: pure Rust, maintained, and it chooses the colours itself. `viuer` and `ratatui-image`
-//! would print to standard output or want the whole screen, and bring more with them; half
-//! blocks are a few lines with `crossterm`, which tables here use anyway.
+//! The picture is a sixel where the terminal supports it, otherwise half blocks. `icy_sixel`
+//! encodes sixels, as it does for `ratatui-image`; half blocks are a few lines with `crossterm`.
+//! `ratatui` would bring its own screen buffer and layout for a picture and a few lines of text.
 
 use std::io::{self, Stdout, Write};
 use std::time::Duration;
@@ -29,7 +28,7 @@ use super::blocks::{self, Colours};
 /// How pictures are shown in a terminal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Graphics {
-    /// As sixels where the terminal shows them, else as half blocks.
+    /// As sixels where the terminal supports them, otherwise as half blocks.
     Auto,
     /// As sixels.
     Sixel,
@@ -39,14 +38,14 @@ pub enum Graphics {
     None,
 }
 
-/// A cell's width and height where the terminal does not tell: smaller than most, so that the
+/// A cell's width and height where the terminal does not say: smaller than most, so that the
 /// picture does not reach into the text.
 const CELL_PX: [u16; 2] = [8, 16];
 
 /// Fewer colours cannot show a picture.
 const COLOURS_MIN: u16 = 256;
 
-/// A sixel is not enlarged by more than this: it only takes longer.
+/// A sixel is enlarged by no more than this: beyond, it only takes longer.
 const ENLARGED_MAX: f64 = 2.0;
 
 /// What the user wants.
@@ -85,11 +84,11 @@ enum Shown {
     Nothing,
 }
 
-/// A terminal in use; as it was before when dropped.
+/// A terminal in use; it is restored when this is dropped.
 pub struct Screen {
     out: Stdout,
     shown: Shown,
-    /// Everything is to be drawn anew.
+    /// Everything is to be redrawn.
     is_stale: bool,
     /// Rows that the picture took.
     picture_rows: u16,
@@ -102,7 +101,7 @@ impl Screen {
     /// When it cannot be set up.
     pub fn open(graphics: Graphics) -> io::Result<Self> {
         terminal::enable_raw_mode()?;
-        // From here on it is given back, whatever happens.
+        // From here on the terminal is restored, whatever happens.
         let shown = Shown::Nothing;
         let mut screen = Self { out: io::stdout(), shown, is_stale: true, picture_rows: 0 };
         screen.shown = match graphics {
@@ -128,11 +127,11 @@ impl Screen {
         self.shown != Shown::Nothing
     }
 
-    /// The size, in pixels, at which a picture of this size is shown above so many lines;
-    /// `None` where it is not.
+    /// The size, in pixels, at which a picture of this size is shown above this many lines;
+    /// `None` where it is not shown.
     ///
     /// # Errors
-    /// When the terminal does not tell its size.
+    /// When the terminal does not report its size.
     pub fn picture_px(&self, size_px: [u32; 2], lines: usize) -> io::Result<Option<[u32; 2]>> {
         let (columns, rows) = terminal::size()?;
         let rows = rows.saturating_sub(lines as u16);
@@ -154,7 +153,7 @@ impl Screen {
     /// Columns of text.
     ///
     /// # Errors
-    /// When the terminal does not tell its size.
+    /// When the terminal does not report its size.
     pub fn columns(&self) -> io::Result<usize> {
         Ok(terminal::size()?.0.into())
     }
@@ -210,7 +209,7 @@ impl Screen {
         self.out.flush()
     }
 
-    /// The next key that means something, if one was pressed.
+    /// The next key with a meaning, if one was pressed.
     ///
     /// # Errors
     /// When the terminal cannot be read.
@@ -268,7 +267,7 @@ fn sixel(picture: &RgbImage) -> io::Result<String> {
         let [r, g, b] = pixel.0;
         [r, g, b, u8::MAX]
     });
-    // Dithering would be noise on a picture whose noise is to be seen.
+    // Dithering would add noise to a picture whose own noise should be visible.
     let options = EncodeOptions { diffusion: 0.0, ..EncodeOptions::default() };
     SixelImage::from_rgba(opaque.collect(), width, height)
         .encode_with(&options)

@@ -69,7 +69,7 @@ enum Model {
 /// Below this a square of a target at the bedside is too few pixels wide.
 const WIDTH_PX_MIN: usize = 640;
 
-/// More photographs than this say nothing new and fill the memory.
+/// More photographs than this add nothing and fill the memory.
 const IMAGES_MAX: usize = 200;
 
 /// Runs the subcommand.
@@ -129,7 +129,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// All photographs into memory.
 fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
-    // When photographs were taken is of no concern, nor are the rates of videos of them.
+    // It does not matter when photographs were taken, nor at which rate a video of them runs.
     let mut source = FrameSource::open(&arguments.images, Some(IMAGE_RATE_HZ))?;
     let (width, height) = (source.width(), source.height());
     if width.max(height) < WIDTH_PX_MIN {
@@ -185,13 +185,13 @@ fn refusal(failure: Failure, arguments: &Arguments, pictures: usize) -> BadInput
         Failure::NoTilt => BadInput::new(
             "IMAGE",
             "photographs",
-            "the board has the same tilt in all of them, which leaves the focal length open",
+            "the board has the same tilt in all of them, so the focal length is undetermined",
             "tilt the board by 20 to 40 degrees about both axes",
         ),
         Failure::Unsettled => BadInput::new(
             "IMAGE",
             "photographs",
-            "they do not fix a camera",
+            "they do not determine a camera",
             "take photographs with the board at different places and tilts, or try --model radial2",
         ),
     }

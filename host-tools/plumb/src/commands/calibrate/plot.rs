@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plumbline_analysis::statistics::describe::median;
 use plumbline_calibration::{Calibration, Contribution};
 
 use crate::ui::palette::{BLUE, FONT, GRID, INK, ORANGE};
@@ -53,9 +54,8 @@ fn draw(text: &mut String, calibration: &Calibration, places: &[String]) -> Resu
         .collect();
 
     let residuals = || used.iter().flat_map(|(_, used)| &used.residuals);
-    let mut lengths: Vec<f64> = residuals().map(|residual| residual.off_px.norm()).collect();
-    lengths.sort_by(f64::total_cmp);
-    let median_px = lengths.get(lengths.len() / 2).copied().unwrap_or(1.0).max(1e-6);
+    let lengths_px = residuals().map(|residual| residual.off_px.norm());
+    let median_px = median(lengths_px).unwrap_or(1.0).max(1e-6);
     let scale = nice(MEDIAN_LENGTH * size_px[0] / median_px);
     let caption = format!("Residuals of the edges, {scale} times as long as they are");
     let mut chart = ChartBuilder::on(&frame)

@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use plumbline::packet::{AnatomicalPoint, PosePacket};
 use plumbline::target::Role;
 use plumbline_analysis::filter::SavitzkyGolay;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_render::simulate::Simulation;
 
 use super::Received;
@@ -16,7 +17,7 @@ use super::Received;
 /// The paper's filter: second order, half a second.
 const FILTER_S: f64 = 0.5;
 
-/// 95 % of normally distributed errors lie within so many standard deviations.
+/// 95 % of normally distributed errors lie within this many standard deviations.
 const SD_95: f64 = 1.96;
 
 /// The figures of one demo.
@@ -26,8 +27,8 @@ pub struct Figures {
     packets: usize,
     repeated: u64,
     corrupt: u64,
-    latency_median_us: u32,
-    latency_worst_us: u32,
+    latency_median_ms: f64,
+    latency_worst_ms: f64,
     allocations: Option<u32>,
     rate_hz: f64,
     /// One per target.
@@ -51,7 +52,7 @@ pub struct TargetFigures {
     pub depth_error: Vec<(f64, f64)>,
 }
 
-/// One trunk point's way against the truth, AP, ML, SI.
+/// One trunk point's path against the truth, AP, ML, SI.
 #[derive(Debug)]
 pub struct TrunkFigures {
     /// Its name.
@@ -78,16 +79,15 @@ impl Figures {
         if packets.is_empty() {
             bail!("the box sent no pose packet");
         }
-        let mut latencies_us: Vec<u32> = packets.values().map(|packet| packet.latency_us).collect();
-        latencies_us.sort_unstable();
+        let latencies_ms = || packets.values().map(|packet| f64::from(packet.latency_us) / 1e3);
         let targets = simulation.targets().iter().enumerate();
         Ok(Self {
             frames,
             packets: packets.len(),
             repeated: received.repeated,
             corrupt: received.corrupt,
-            latency_median_us: latencies_us[latencies_us.len() / 2],
-            latency_worst_us: latencies_us[latencies_us.len() - 1],
+            latency_median_ms: median(latencies_ms()).unwrap_or_default(),
+            latency_worst_ms: latencies_ms().fold(0.0, f64::max),
             allocations: received.heap_allocations,
             rate_hz: simulation.settings().frame_rate_hz,
             targets: targets
@@ -228,8 +228,7 @@ impl fmt::Display for Figures {
         write!(
             formatter,
             "Time per frame on the box: median {:.2} ms, worst {:.2} ms",
-            f64::from(self.latency_median_us) / 1e3,
-            f64::from(self.latency_worst_us) / 1e3
+            self.latency_median_ms, self.latency_worst_ms
         )?;
         match self.allocations {
             Some(count) => {

@@ -25,11 +25,11 @@ use plumbline::report::{Report, TargetReport};
 
 use self::figures::Figures;
 use self::the_box::TheBox;
-use crate::commands::simulate::truth_rows;
 use crate::ui::draw::annotated;
 use plumbline_files::BadInput;
 use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::poses::Writer;
+use plumbline_render::simulate::recorded::truth_rows;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::recorder::Recorder;

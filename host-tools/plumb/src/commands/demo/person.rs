@@ -4,9 +4,8 @@ use std::io::{ErrorKind, Write};
 
 use anyhow::{Context, Result};
 use plumbline_render::simulate::Simulation;
+use plumbline_render::simulate::recorded::frame_rate;
 use rayon::prelude::*;
-
-use crate::commands::simulate::ratio;
 
 /// Frames rendered at a time, per core: enough to keep every core busy, few
 /// enough that the box gets frames in a steady stream.
@@ -23,7 +22,7 @@ pub fn feed(simulation: &Simulation, frames: u64, sink: impl Write) -> Result<()
 
 fn write_frames(simulation: &Simulation, frames: u64, sink: impl Write) -> Result<(), y4m::Error> {
     let camera = simulation.camera();
-    let rate = ratio(simulation.settings().frame_rate_hz);
+    let rate = frame_rate(simulation.settings().frame_rate_hz);
     let mut encoder =
         y4m::encode(usize::from(camera.width_px), usize::from(camera.height_px), rate)
             .with_colorspace(y4m::Colorspace::Cmono)

@@ -72,7 +72,7 @@ impl TheBox {
         let _ = self.child.kill();
     }
 
-    /// Waits for its end, which is due, and makes sure of it. Gives what it
+    /// Waits for the program to end, and kills it if it does not. Returns what it
     /// printed on standard error, and its exit status.
     pub fn finish(mut self) -> Result<String> {
         let give_up = Instant::now() + END_MAX;

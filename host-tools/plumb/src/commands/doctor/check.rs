@@ -1,6 +1,6 @@
-//! One thing that was checked, and how it is.
+//! A check of the box: its subject, its verdict, and what to do.
 
-/// How a thing is.
+/// The verdict of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// As it should be.
@@ -18,7 +18,7 @@ pub enum Verdict {
 pub struct Check {
     /// What was looked at.
     pub subject: String,
-    /// How it is.
+    /// The verdict.
     pub verdict: Verdict,
     /// What was seen, with figure and bound.
     pub seen: String,
@@ -32,7 +32,7 @@ impl Check {
         Self::new(Verdict::Good, subject, seen, "")
     }
 
-    /// It could be better.
+    /// A warning.
     pub fn warn(
         subject: impl Into<String>,
         seen: impl Into<String>,
@@ -41,7 +41,7 @@ impl Check {
         Self::new(Verdict::Warn, subject, seen, remedy)
     }
 
-    /// It does not do.
+    /// A failure.
     pub fn fail(
         subject: impl Into<String>,
         seen: impl Into<String>,
@@ -55,7 +55,7 @@ impl Check {
         Self::new(Verdict::Skipped, subject, why, "")
     }
 
-    /// Of the verdict that was found; where it is good there is nothing to do.
+    /// With this verdict; where it is good the remedy is left out.
     pub fn new(
         verdict: Verdict,
         subject: impl Into<String>,
@@ -68,13 +68,13 @@ impl Check {
 }
 
 impl Verdict {
-    /// Of something that does no worse than being warned of.
+    /// A warning if something is amiss, otherwise good.
     #[must_use]
     pub fn warn_if(amiss: bool) -> Self {
         if amiss { Self::Warn } else { Self::Good }
     }
 
-    /// Of a figure that should not be above `warn`, and must not be above `fail`.
+    /// The verdict on a figure that should not be above `warn`, and must not be above `fail`.
     #[must_use]
     pub fn at_most(figure: f64, warn: f64, fail: f64) -> Self {
         if figure > fail {
@@ -86,7 +86,7 @@ impl Verdict {
         }
     }
 
-    /// Of a figure that should not be below `warn`, and must not be below `fail`.
+    /// The verdict on a figure that should not be below `warn`, and must not be below `fail`.
     #[must_use]
     pub fn at_least(figure: f64, warn: f64, fail: f64) -> Self {
         Self::at_most(-figure, -warn, -fail)

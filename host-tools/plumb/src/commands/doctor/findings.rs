@@ -20,7 +20,7 @@ use plumbline_stream::transport::Event;
 /// fault of the clock; more than this is another start.
 const AHEAD_MAX: u32 = 1000;
 
-/// So many different records of the box are kept.
+/// The number of different log records that are kept.
 const LOGS_MAX: usize = 32;
 
 /// A configuration that the box's is compared with.
@@ -85,13 +85,13 @@ pub struct Findings {
     pub hello: Option<Hello>,
     /// The box runs with no configuration, and says why.
     pub refusing: Option<String>,
-    /// How often it started anew while it was watched.
+    /// How often it restarted while it was watched.
     pub starts: u32,
-    /// How it was at first, and how at last.
+    /// Its first Health and its latest.
     pub healths: Option<(Health, Health)>,
-    /// The worst that it told of its power.
+    /// The worst that it reported of its power supply.
     pub power: PowerSeen,
-    /// Warnings and faults that it told of, each once.
+    /// The warnings and errors that it logged, each once.
     pub logs: Vec<(LogLevel, String)>,
     /// Questions for the time that were sent.
     pub pings: usize,
@@ -262,25 +262,10 @@ impl Findings {
     }
 }
 
-/// The middle one of some figures; `None` of none.
-#[must_use]
-pub fn median(figures: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut figures: Vec<f64> = figures.into_iter().collect();
-    figures.sort_by(f64::total_cmp);
-    figures.get(figures.len() / 2).copied()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::fixture::{healthy, pose_packet};
     use super::*;
-
-    #[test]
-    fn the_median_is_the_middle_one() {
-        assert_eq!(median([]), None);
-        assert_eq!(median([3.0]), Some(3.0));
-        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
-    }
 
     #[test]
     fn packets_that_were_lost_do_not_make_the_camera_slower() {

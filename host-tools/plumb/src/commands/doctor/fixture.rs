@@ -1,4 +1,4 @@
-//! What is found of a box that is well, for tests that make it ill.
+//! The findings of a healthy box, for tests that change them.
 
 use plumbline::packet::Message;
 use plumbline_stream::clock::Exchange;
@@ -10,7 +10,7 @@ use super::check::Check;
 use super::findings::Findings;
 use super::judge;
 
-/// Five seconds of a box that is well.
+/// Five seconds of a healthy box.
 pub fn healthy() -> Findings {
     let config = config();
     let mut findings = Findings { place: "UDP 0.0.0.0:4210".into(), ..Findings::default() };
@@ -48,7 +48,7 @@ pub fn check(findings: &Findings, subject: &str) -> Check {
     check.clone()
 }
 
-/// That it is of this verdict, and says these things.
+/// Checks the verdict, and that the check says all of these parts.
 #[track_caller]
 pub fn assert_says(check: &Check, verdict: super::check::Verdict, parts: &[&str]) {
     let text = format!("{}; {}", check.seen, check.remedy);

@@ -15,12 +15,12 @@ use check::Verdict;
 use findings::Expected;
 
 use crate::arguments::{LinkArguments, seconds};
-use crate::commands::show;
+use crate::setup;
 
 /// Check a running box: its link, its program, clock, camera, configuration, targets and light.
 ///
 /// The box that this computer hears is watched for a few seconds while the targets are in
-/// sight. Each check is a line: `ok`, `warn` (it measures, and could do better), `FAIL`, or
+/// sight. Each check is a line: `ok`, `warn` (it measures, but could do better), `FAIL`, or
 /// `skip` (nothing to look at); what was seen, with the bound in brackets; and what to do.
 ///
 /// Exit code 0: nothing failed; 1: something did; 2: a wrong command line, or this computer
@@ -54,7 +54,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let expected = match &arguments.config {
         Some(path) => {
-            Some(Expected { name: path.display().to_string(), crc: show::read(path)?.crc() })
+            Some(Expected { name: path.display().to_string(), crc: setup::read_blob(path)?.crc() })
         }
         None => None,
     };

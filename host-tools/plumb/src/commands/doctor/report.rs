@@ -18,7 +18,7 @@ fn look(verdict: Verdict) -> (&'static str, Style) {
 
 /// Prints each check in a line, and how many of each verdict there are.
 pub fn print(checks: &[Check]) {
-    // It leaves the looks out where nobody would see them. A closed pipe has seen enough.
+    // Colours are left out where standard output is not a terminal. A closed pipe has seen enough.
     let _ = anstream::stdout().write_all(text(checks).as_bytes());
 }
 
@@ -33,7 +33,7 @@ fn text(checks: &[Check]) -> String {
     let count = |verdict| checks.iter().filter(|check| check.verdict == verdict).count();
     let mut text: String = checks.iter().map(line).collect();
     text += &format!(
-        "{} ok, {} to be warned of, {} failed, {} skipped\n",
+        "{} ok, {} warned, {} failed, {} skipped\n",
         count(Verdict::Good),
         count(Verdict::Warn),
         count(Verdict::Fail),
@@ -59,7 +59,7 @@ mod tests {
 warn  scene         not measured; run `plumb scene --store`
 FAIL  lumbar depth  +-0.6 mm (at most 0.1); go nearer
 skip  light         no view came
-1 ok, 1 to be warned of, 1 failed, 1 skipped
+1 ok, 1 warned, 1 failed, 1 skipped
 ";
         assert_eq!(plain, expected);
         assert!(text(&checks).contains("\u{1b}[1m\u{1b}[31mFAIL\u{1b}[0m"), "{:?}", text(&checks));

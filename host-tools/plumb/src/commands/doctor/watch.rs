@@ -1,4 +1,4 @@
-//! Watching a box: it is listened to, asked for the time, for its state and for views.
+//! Watching a box: listening to it, and asking for its time, its state and its views.
 
 use std::time::{Duration, Instant};
 
@@ -19,7 +19,7 @@ const VIEW_EVERY: Duration = Duration::from_millis(480);
 /// What was asked last is answered by then.
 const LAST_ANSWERS: Duration = Duration::from_millis(300);
 
-/// Finds out about the box whatever can be found out in this time.
+/// Finds out all that can be found out about the box in this time.
 ///
 /// # Errors
 /// When the link cannot be used any more; a box that is not heard is a finding.

@@ -26,7 +26,7 @@ const FAT_TYPES: [u8; 6] = [0x01, 0x04, 0x06, 0x0b, 0x0c, 0x0e];
 
 type Fat<'a> = FileSystem<StreamSlice<&'a File>>;
 
-/// What the files are dated by: this computer's time, as people there have it.
+/// Dates files by this computer's local time.
 #[derive(Debug)]
 struct Now;
 
@@ -53,7 +53,7 @@ impl TimeProvider for Now {
     }
 }
 
-/// Puts a configuration on a card, in the place of the one that is there. One of another box
+/// Puts a configuration on a card, replacing the one that is there. One of another box
 /// is kept unless `force`.
 ///
 /// # Errors
@@ -78,19 +78,19 @@ pub fn write(card: &Path, config: &Config, blob: &[u8], force: bool) -> Result<(
         .and_then(|()| fat.unmount())
         .and_then(|()| file.sync_all())
         .map_err(|error| fault(&place, &error))?;
-    // What a worn-out card has made of it.
+    // A worn-out card may not have kept it.
     let (fat, _) = file_system(&file, &place)?;
     if read(&fat).map_err(|error| fault(&place, &error))?.as_deref() != Some(blob) {
         return Err(BadInput::whole(place, "does not keep what is written to it", REPLACE_CARD));
     }
-    let replaced = if old.is_some() { ", in the place of the one before" } else { "" };
+    let replaced = if old.is_some() { ", replacing the one before" } else { "" };
     eprintln!("{place}: {FILE_NAME} is {where_}{replaced}");
     Ok(())
 }
 
 const REPLACE_CARD: &str = "take another card";
 
-/// The image or the card, for nobody else.
+/// Opens the image or the card, for this program alone.
 fn open(card: &Path) -> Result<File, BadInput> {
     let place = card.display();
     File::options()

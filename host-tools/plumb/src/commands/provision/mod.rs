@@ -15,7 +15,7 @@ use crate::setup::{self, Descriptions, Places};
 mod card;
 mod identity;
 
-/// A box file that explains itself.
+/// An example box file with comments.
 const NEW_BOX: &str = include_str!("box.toml");
 
 /// Give a box what it needs to know: as a file, on its card, or sent to it while it runs.
@@ -25,7 +25,7 @@ const NEW_BOX: &str = include_str!("box.toml");
 ///
 /// --udp and --serial say where the BOX sends its packets to. Where THIS computer hears the
 /// box, for --send, is said by --via-udp or --via-serial. The box keeps what is sent, whatever
-/// happens to its power, and starts anew with it.
+/// happens to its power, and restarts with it.
 #[derive(clap::Args)]
 #[command(
     group(
@@ -104,11 +104,11 @@ pub struct Arguments {
     /// Write it to this file.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Put it on this card, in the place of the one there: an image of `cargo xtask image`, or
+    /// Put it on this card, replacing the one there: an image of `cargo xtask image`, or
     /// a card's device.
     #[arg(long, value_name = "IMAGE|DEVICE")]
     card: Option<PathBuf>,
-    /// Send it to the box that this computer hears, which then starts anew with it.
+    /// Send it to the box that this computer hears, which then restarts with it.
     #[arg(long)]
     send: bool,
     /// With --send: hear the box at this address and port of this computer [default:
@@ -131,7 +131,7 @@ pub struct Arguments {
     #[arg(long, requires = "send")]
     no_restart: bool,
     /// Replace the file of --out if it exists, and the configuration of a box of another name
-    /// or of one that would not be heard here any more.
+    /// or of one that would no longer be heard here.
     #[arg(long)]
     force: bool,
 }
@@ -180,7 +180,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The configuration that the files and options make, once it has been checked as a box will.
+/// The configuration that the files and options make, checked as the box will check it.
 fn config(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
     let (mut config, mut places) = described(arguments)?;
     if let Some(path) = &arguments.settings {
@@ -205,9 +205,9 @@ fn config(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
     Ok((config, places))
 }
 
-/// What the camera, the targets and the scene make of it.
+/// The configuration of camera, targets and scene.
 fn described(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
-    // The command line has been seen to that one of each is there.
+    // The command line has made sure that each is given.
     let targets = arguments.targets.as_deref().unwrap_or_else(|| Path::new(""));
     let camera = arguments.camera.as_deref().unwrap_or_else(|| Path::new(""));
     let descriptions = Descriptions::of(camera, targets, arguments.scene.as_deref());

@@ -1,5 +1,5 @@
-//! Where marks come from: the keyboard, datagrams, a serial device. Each is listened to by a
-//! thread of its own, so that a mark has the time at which it came.
+//! Where marks come from: the keyboard, datagrams, a serial device. Each has a thread of its own,
+//! so that a mark gets the time at which it came.
 
 use std::io::{BufRead, BufReader, ErrorKind, IsTerminal, Read};
 use std::net::{SocketAddr, UdpSocket};
@@ -10,7 +10,7 @@ use plumbline_files::BadInput;
 use plumbline_stream::link::BAUD;
 use plumbline_trial::mark::{Mark, MarkSender, Marks, Source, channel};
 
-/// A serial device says nothing for most of the time.
+/// A serial device is silent most of the time.
 const LINE_WAIT: Duration = Duration::from_secs(3600);
 
 /// The longest line that a device may send.
@@ -53,7 +53,7 @@ fn path_and_baud(device: &str) -> Result<(&str, u32), BadInput> {
         Some((path, baud)) => baud.parse().map(|baud| (path, baud)).map_err(|_| {
             BadInput::whole(
                 "--mark-serial",
-                format!("{baud:?} is no rate"),
+                format!("{baud:?} is not a baud rate"),
                 "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB1:9600",
             )
         }),

@@ -28,12 +28,13 @@ use screen::Screen;
 ///
 /// With --out it makes a folder for the trial: every packet as it came (packets.bin), the poses
 /// as tables (samples.csv, samples.parquet), the box's configuration, and trial.toml, which says
-/// who and what was measured, how the box's clock stood to this computer's, and what happened.
-/// Whatever ends the recording, no more than its last second is lost.
+/// who was measured and how, how the box's clock relates to this computer's, and which events were
+/// marked. However the recording ends, no more than its last second is lost.
 ///
-/// Counts what is lost, repeated, late or corrupt. When the box starts anew the recording goes
-/// on. Press Enter to mark an event, after its name if it has one; the mark called zero, or else
-/// the first, is the trial's t = 0. Ends with --duration, --frames or Ctrl-C, and a summary.
+/// Counts what is lost, repeated, late or corrupt. When the box restarts, the recording
+/// goes on. Press Enter to mark an event; type its name first if it has one. The mark called zero,
+/// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
+/// Ctrl-C, and prints a summary.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 #[command(after_help = "Examples:\n  plumb receive --out trials/p01-control\n  \
@@ -43,47 +44,47 @@ use screen::Screen;
 pub struct Arguments {
     /// Where the box sends to.
     #[command(flatten)]
-    pub link: LinkArguments,
+    link: LinkArguments,
 
-    /// Record into this new folder; without a frame there is none
+    /// Record into this new folder; it is removed again if no frame comes
     #[arg(long, value_name = "FOLDER")]
-    pub out: Option<PathBuf>,
+    out: Option<PathBuf>,
 
     /// Who is measured: a code, not a name
     #[arg(long, value_name = "CODE", requires = "out")]
-    pub participant: Option<String>,
+    participant: Option<String>,
 
     /// Under which condition
     #[arg(long, value_name = "WORD", requires = "out")]
-    pub condition: Option<String>,
+    condition: Option<String>,
 
     /// Anything else that trial.toml should say
     #[arg(long, value_name = "TEXT", requires = "out")]
-    pub note: Option<String>,
+    note: Option<String>,
 
     /// What t = 0 is
     #[arg(long, value_enum, default_value_t, requires = "out")]
-    pub zero: Zero,
+    zero: Zero,
 
     /// Take marks from datagrams to this address: the text of each is its name
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address, requires = "out")]
-    pub mark_udp: Option<SocketAddr>,
+    mark_udp: Option<SocketAddr>,
 
-    /// Take marks from this serial device: each line is one
+    /// Take marks from this serial device: each line is a mark
     #[arg(long, value_name = "DEVICE[:BAUD]", requires = "out")]
-    pub mark_serial: Option<String>,
+    mark_serial: Option<String>,
 
     /// End after this many seconds
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    pub duration: Option<Duration>,
+    duration: Option<Duration>,
 
     /// End after this many frames
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u64).range(1..))]
-    pub frames: Option<u64>,
+    frames: Option<u64>,
 
     /// Show nothing but errors and the summary
     #[arg(long)]
-    pub quiet: bool,
+    quiet: bool,
 }
 
 /// Runs the subcommand.
@@ -116,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{}", screen::summary(&receiver));
     let ended = recording.map(|recording| end(recording, receiver.counts().received));
-    // Why it broke off matters more than what that has left behind.
+    // The reason for the end matters more than a fault while closing.
     result?;
     ended.transpose()?;
     if let Some(silence) =
@@ -149,7 +150,7 @@ fn begin(arguments: &Arguments, out: &Path) -> Result<Recording, BadInput> {
 
 /// A mark is in the recording.
 fn echo(mark: &Mark, since_s: f64) {
-    // In the place of the line that tells how it goes, which comes again below.
+    // Overwrites the status line, which is drawn again below.
     let start = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
     eprintln!("{start}mark \"{}\" after {since_s:.1} s", mark.label);
 }
@@ -158,7 +159,7 @@ fn echo(mark: &Mark, since_s: f64) {
 fn end(recording: Recording, frames: u64) -> Result<(), BadInput> {
     let folder = recording.folder().display().to_string();
     let dropped = recording.marks_dropped();
-    let mut text = format!("no frame came: {folder} is not written");
+    let mut text = format!("no frame came: {folder} was not written");
     if let Some(trial) = recording.end(frames)? {
         let events = counted(trial.manifest.events.len(), "mark");
         text = format!("recorded in {folder}, {events}");

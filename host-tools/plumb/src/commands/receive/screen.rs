@@ -117,7 +117,7 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
         bad.corrupt
     );
     if let Some(silence) = receiver.unheard(now) {
-        return format!("the box is not heard any more, for {} s; {so_far}", silence.as_secs());
+        return format!("the box is no longer heard, for {} s; {so_far}", silence.as_secs());
     }
     if let Some(silence) = receiver.silence(now) {
         return format!("no pose for {} s{camera}; {so_far}", silence.as_secs());
@@ -129,12 +129,12 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
     format!("{place}: no pose yet, {}", counted(unusable, "unusable packet"))
 }
 
-/// Anything of a box has come.
+/// Whether anything has come from a box.
 fn is_heard<W: Write>(receiver: &Receiver<W>) -> bool {
     receiver.counts().sessions > 0
 }
 
-/// How the box's camera is, and since when.
+/// The state of the box's camera, and since when.
 fn camera_now<W: Write>(receiver: &Receiver<W>, now: Instant) -> Option<String> {
     let (camera, health) = (receiver.camera()?, receiver.health()?);
     let state = match camera.state {
@@ -153,7 +153,7 @@ fn camera_now<W: Write>(receiver: &Receiver<W>, now: Instant) -> Option<String> 
     Some(format!("camera {state} for {more}{lost_s} s"))
 }
 
-/// Why a reception has brought no pose, as far as that can be told from here.
+/// Why no pose was received, as far as can be told from here.
 pub(super) fn no_pose<W: Write>(receiver: &Receiver<W>, place: String, now: Instant) -> BadInput {
     if !is_heard(receiver) {
         return BadInput::whole(
@@ -176,8 +176,8 @@ pub(super) fn no_pose<W: Write>(receiver: &Receiver<W>, place: String, now: Inst
         Some(camera) if camera.is_absent() => {
             "check the camera's plug, and its settings in the box file"
         }
-        _ if !faults.is_empty() => "mend what the box names",
-        _ => "wait until its camera gives frames",
+        _ if !faults.is_empty() => "correct what the box names",
+        _ => "wait until its camera delivers frames",
     };
     BadInput::whole(place, found, remedy)
 }
@@ -269,7 +269,7 @@ fn boxes<W: Write>(receiver: &Receiver<W>) -> Vec<(&'static str, String)> {
             let frames = counted(frames, "frame");
             format!("{name}, {program}, configuration {configuration}: {frames}")
         }
-        None => format!("one that did not tell its name: {}", counted(frames, "frame")),
+        None => format!("one that did not give its name: {}", counted(frames, "frame")),
     });
     described.map(|text| ("box", text)).collect()
 }

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use plumbline_files::BadInput;
 
 use super::page::{annotated, facts, figure};
-use crate::commands::validate::{Validation, plot, print};
+use crate::agreement::{Validation, plot, print};
 
 /// The section of a trial that was compared with a reference.
 ///

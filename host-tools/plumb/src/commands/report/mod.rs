@@ -11,8 +11,8 @@ use plumbline_trial::Trial;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
 
-use crate::commands::analyze::Method;
-use crate::commands::validate::Against;
+use crate::agreement::Against;
+use crate::arguments::method::Method;
 
 mod agreement;
 mod labels;
@@ -35,27 +35,27 @@ mod trial;
     plumb report study.toml --out study.html")]
 pub struct Arguments {
     /// The trial's folder, or a study.toml
-    pub source: PathBuf,
+    source: PathBuf,
 
     /// How figures are made.
     #[command(flatten)]
-    pub method: Method,
+    method: Method,
 
     /// What t = 0 is [default: as trial.toml says]
     #[arg(long)]
-    pub zero: Option<Zero>,
+    zero: Option<Zero>,
 
     /// What the trial is compared with.
     #[command(flatten)]
-    pub against: Against,
+    against: Against,
 
     /// The page [default: report.html in the trial's folder, or beside study.toml]
     #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
+    out: Option<PathBuf>,
 
     /// Replace the page if it exists
     #[arg(long)]
-    pub force: bool,
+    force: bool,
 }
 
 /// A study would not hear of them.

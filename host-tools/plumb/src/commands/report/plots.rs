@@ -37,7 +37,7 @@ const GAP_PX_MIN: f64 = 2.0;
 pub struct Event {
     /// Seconds from t = 0.
     pub time_s: f64,
-    /// What it is called.
+    /// Its name.
     pub label: String,
 }
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 use maud::{Markup, html};
 use plumbline_analysis::filter::SavitzkyGolay;
 use plumbline_analysis::series::{Axis, Plane, Series};
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_study::analysis::{Analysis, PointFigures, tables};
@@ -15,8 +16,8 @@ use plumbline_trial::points::{Point, Points, point_name};
 use super::agreement;
 use super::page::{annotated, facts, figure, key, page, table, warnings};
 use super::plots::{self, Event};
-use crate::commands::analyze::Method;
-use crate::commands::validate::Validation;
+use crate::agreement::Validation;
+use crate::arguments::method::Method;
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;
@@ -119,12 +120,9 @@ fn quality(trial: &Trial, analysis: &Analysis) -> Vec<(String, String)> {
         facts.push((name, format!("AP {ap}, ML {ml}, SI {si} mm per frame")));
     }
     for (at, name) in ["fit, upper target", "fit, lower target"].into_iter().enumerate() {
-        let mut values: Vec<f32> =
-            trial.frames.iter().filter_map(|frame| frame.rms_px[at]).collect();
-        let middle = values.len() / 2;
-        if !values.is_empty() {
-            let (_, median, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
-            facts.push((name.to_owned(), format!("{median:.3} px (median)")));
+        let rms_px = trial.frames.iter().filter_map(|frame| frame.rms_px[at]).map(f64::from);
+        if let Some(rms_px) = median(rms_px) {
+            facts.push((name.to_owned(), format!("{rms_px:.3} px (median)")));
         }
     }
     for clock in &manifest.clocks {

@@ -27,7 +27,7 @@ use plumbline_files::scene::{self, SceneFile};
 /// given along its axes.
 ///
 /// Without INPUT the box that this computer hears is watched while it looks at the board.
-/// --store then puts the scene into the box's own configuration, and starts it anew.
+/// --store then puts the scene into the box's own configuration, and restarts it.
 ///
 /// A warning says when the board leans, or when it or the camera moved meanwhile.
 #[derive(clap::Args)]
@@ -71,7 +71,7 @@ pub struct Arguments {
     /// Replace the file of --out if it exists.
     #[arg(long, requires = "out")]
     force: bool,
-    /// Put the scene into the box's configuration, and start the box anew.
+    /// Put the scene into the box's configuration, and restart the box.
     #[arg(long, conflicts_with = "inputs")]
     store: bool,
     /// With --store: do not restart the box; it takes effect at its next start.
@@ -210,7 +210,7 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
     }
     if 2 * poses.len() < seen.frames {
         eprintln!(
-            "warning: the board was found in {} of {frames} only: see to its light, and that nothing hides it",
+            "warning: the board was found in {} of {frames} only: check its light, and that nothing hides it",
             poses.len()
         );
     }

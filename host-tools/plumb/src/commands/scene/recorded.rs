@@ -7,8 +7,8 @@ use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
 
 use super::Seen;
-use crate::commands::track;
-use crate::setup::{self, Descriptions};
+use crate::setup::Descriptions;
+use crate::tracking;
 
 /// Tracks the scene board, and nothing else, through the frames.
 pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::Result<Seen> {
@@ -25,7 +25,7 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
         .into());
     }
     let mut source = FrameSource::open(inputs, None)?;
-    let (_, mut pipeline) = setup::pipeline(&camera, &targets, None, &source, &places)?;
+    let (_, mut pipeline) = tracking::pipeline(&camera, &targets, None, &source, &places)?;
     let mut seen = Seen {
         place: inputs[0].display().to_string(),
         frames: 0,
@@ -34,7 +34,7 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
     };
     while let Some(frame) = source.next_frame()? {
         seen.frames += 1;
-        let report = track::step(&mut pipeline, &frame);
+        let report = tracking::step(&mut pipeline, &frame);
         seen.poses.extend(report.targets[0].measurement.iter().map(|found| found.cam_from_target));
     }
     Ok(seen)

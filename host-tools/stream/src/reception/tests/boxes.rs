@@ -66,7 +66,7 @@ impl Senders {
 }
 
 #[test]
-fn a_box_that_starts_anew_is_known_by_its_name_and_not_by_its_port() {
+fn a_box_that_restarts_is_known_by_its_name_and_not_by_its_port() {
     let [first, second, third] =
         [(); 3].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
     let elsewhere = std::net::UdpSocket::bind("127.0.0.2:0").unwrap();
@@ -78,7 +78,7 @@ fn a_box_that_starts_anew_is_known_by_its_name_and_not_by_its_port() {
     assert!(!senders.heard(&second, &hello_of("ward 4", 2)), "another box");
     assert!(!senders.heard(&second, &hello(1)), "the same start cannot be at two ports");
     assert!(!senders.heard(&elsewhere, &hello(2)), "the same name on another computer");
-    assert!(senders.heard(&second, &hello(2)), "the first one has started anew");
+    assert!(senders.heard(&second, &hello(2)), "the first one has restarted");
     assert!(senders.heard(&second, &pose(0)));
     assert!(!senders.heard(&first, &hello(1)), "it still sends: two boxes of one name");
     assert!(senders.heard(&third, &hello(3)), "and anew");
@@ -110,6 +110,6 @@ fn another_box_on_the_same_port_is_not_said_to_be_the_same_anew() {
     }
     let notices = receiver.take_notices();
     let [anew, another] = &notices[..] else { panic!("{notices:?}") };
-    assert!(anew.starts_with("the box has started anew"), "{anew}");
+    assert!(anew.starts_with("the box has restarted"), "{anew}");
     assert_eq!(another, "another box is heard now: ward 4 (PL-0001)");
 }

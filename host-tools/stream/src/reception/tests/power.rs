@@ -14,7 +14,7 @@ fn a_weak_supply_and_a_slow_processor_are_warned_of_once_each() {
     let (yes, no) = (Some(true), Some(false));
     let now = take(&mut receiver, Instant::now(), &[power(8000, None, None), power(8100, no, no)]);
     assert_eq!(receiver.take_notices(), [""; 0]);
-    // It starts anew in between.
+    // It restarts in between.
     let messages = [power(8200, yes, no), power(8300, no, yes), hello(2), power(10, yes, yes)];
     take(&mut receiver, now, &messages);
     let notices = receiver.take_notices().join("\n");

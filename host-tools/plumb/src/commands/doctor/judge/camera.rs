@@ -1,20 +1,21 @@
 //! The camera, and how its frames are kept up with.
 
 use plumbline::packet::{CameraState, Health, MarkedInstant};
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::counting::counted;
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, median};
+use super::super::findings::Findings;
 use super::percent;
 
 /// A camera's crystal is better than a thousandth; a rate that is off by more than a fiftieth
 /// is not the one that was asked for.
 const RATE_WARN: f64 = 0.02;
 
-/// Off by a tenth: the time that the exposure takes, or the light's flicker, has the say.
+/// Off by a tenth: the exposure time or the light's flicker determines the rate.
 const RATE_FAIL: f64 = 0.1;
 
-/// Of the frames, so many may be missing: with a gap every fifty an analysis fills more than it
+/// The share of frames that may be missing: with one gap in fifty an analysis fills more than it
 /// should.
 const MISSING_FAIL: f64 = 0.02;
 
@@ -26,7 +27,7 @@ const LATENCY_FAIL_PERIODS: f64 = 6.0;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
     let Some((first, last)) = &findings.healths else {
-        return vec![Check::skipped("camera", "the box does not say how it is")];
+        return vec![Check::skipped("camera", "the box does not report its state")];
     };
     let mut checks = vec![state(findings, first, last)];
     let Some(rate_hz) = findings.rate_hz() else {
@@ -44,7 +45,7 @@ fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
     let losses = last.camera_losses;
     let seen = match last.camera {
         CameraState::Starting => "it has not given a frame yet",
-        CameraState::Stalled => "it is there, and gives no frames",
+        CameraState::Stalled => "it is connected, but gives no frames",
         CameraState::Lost => "it is absent, or reports errors",
         CameraState::Ended => "the recording is over, or the box's program has ended",
         CameraState::Running => {

@@ -1,19 +1,20 @@
 //! The box's clock, by which its frames are dated.
 
 use plumbline::packet::MarkedInstant;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_stream::clock::{drift_ppm, surest};
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, median};
+use super::super::findings::Findings;
 
-/// A box looks for questions at least every 20 ms, and a network in order takes a few; a
+/// A box looks for questions at least every 20 ms, and a healthy network takes a few; a
 /// question that takes five times as long waits behind something.
 const ROUND_TRIP_WARN_MS: f64 = 100.0;
 
-/// Of the questions, so many may be lost: they are as easily lost as frames.
+/// The share of questions that may be lost: they are lost as easily as frames.
 const UNANSWERED_WARN: f64 = 0.05;
 
-/// Two crystals differ by 100 millionths at most, 50 each; what is above twice that is no
+/// Two crystals differ by 100 ppm at most, 50 each; more than twice that is no
 /// crystal. Against another instrument, a trial of a minute would be off by a frame.
 const DRIFT_WARN_PPM: f64 = 200.0;
 
@@ -52,13 +53,12 @@ fn clock(findings: &Findings, best_ms: f64) -> Check {
     let drift = drift_ppm(&findings.exchanges);
     let is_fast = |(drift, uncertain): (f64, f64)| drift.abs() - uncertain > DRIFT_WARN_PPM;
     let Some((drift, uncertain)) = drift.filter(|it| it.1 <= DRIFT_WARN_PPM || is_fast(*it)) else {
-        return Check::good("clock", format!("{known}; its drift takes a longer watch"));
+        return Check::good("clock", format!("{known}; its drift needs a longer watch"));
     };
-    let seen = format!(
-        "{known}; drift {drift:+.0} +-{uncertain:.0} millionths (at most {DRIFT_WARN_PPM:.0})"
-    );
+    let seen =
+        format!("{known}; drift {drift:+.0} +-{uncertain:.0} ppm (at most {DRIFT_WARN_PPM:.0})");
     let verdict = Verdict::warn_if(is_fast((drift, uncertain)));
-    Check::new(verdict, "clock", seen, "go by one clock alone, the box's or this computer's")
+    Check::new(verdict, "clock", seen, "use one clock only, the box's or this computer's")
 }
 
 fn capture_times(findings: &Findings) -> Check {
@@ -124,7 +124,7 @@ mod tests {
         }
         assert_eq!(check(&findings, "clock").verdict, Verdict::Good);
         findings.exchanges.truncate(3);
-        assert_says(&check(&findings, "clock"), Verdict::Good, &["takes a longer watch"]);
+        assert_says(&check(&findings, "clock"), Verdict::Good, &["needs a longer watch"]);
     }
 
     #[test]

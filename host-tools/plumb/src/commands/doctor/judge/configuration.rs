@@ -1,4 +1,4 @@
-//! What the box was told: that it is what it should be, and that nothing is left open.
+//! The box's configuration: that it is the intended one, and complete.
 
 use plumbline::config::Config;
 use plumbline::target::Role;
@@ -96,7 +96,7 @@ fn watchdog(config: &Config) -> Check {
         (Some(_), Some(seconds)) => Check::good("watchdog", format!("after {seconds} s")),
         (Some(_), None) => Check::warn(
             "watchdog",
-            "off: a program that hangs stays so",
+            "off: a program that hangs is not restarted",
             "give watchdog_s in the box file",
         ),
     }

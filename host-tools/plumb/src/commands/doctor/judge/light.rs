@@ -2,18 +2,17 @@
 
 use plumbline::target::Role;
 use plumbline::view::TargetView;
+use plumbline_analysis::statistics::describe::median;
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, median};
+use super::super::findings::Findings;
 use super::percent;
-use crate::commands::aim::reading::{
+use crate::bounds::{
     CONTRAST_MIN, FOCUS_MIN, LIGHT_MIN, MOTION_BLUR_PX_MIN, MOTION_RATIO, SATURATED_MAX,
     focus_score,
 };
 
-// What `plumb aim` advises against is warned of here, by the same bounds.
-
-/// Half of what is wanted: edges are hardly told from the noise of 8 bits.
+/// Half of what is wanted: edges can hardly be told from the noise of 8 bits.
 const CONTRAST_FAIL: f64 = 0.5 * CONTRAST_MIN as f64;
 
 /// A fifth of the paper at the white level: there the edges move into the dark.

@@ -1,4 +1,4 @@
-//! Whether the box is heard, and all of it.
+//! Whether the box is heard, and without losses.
 
 use plumbline_files::counting::counted;
 use plumbline_stream::link::NOT_HEARD_REMEDY;
@@ -8,14 +8,14 @@ use super::super::findings::Findings;
 use super::percent;
 
 /// A lost frame is a gap that an analysis fills without harm; more than one in a thousand is
-/// more than a network in order loses.
+/// more than a healthy network loses.
 const LOST_WARN: f64 = 0.001;
 
 /// One frame in fifty: gaps follow each other more than once a second.
 const LOST_FAIL: f64 = 0.02;
 
-/// No way damages a packet now and then when it is in order; a hundredth is a wrong rate, or
-/// a line beside a motor.
+/// A healthy link damages no packet; one in a hundred means a wrong rate, or a line beside a
+/// motor.
 const CORRUPT_FAIL: f64 = 0.01;
 
 /// A box says how it is once a second.

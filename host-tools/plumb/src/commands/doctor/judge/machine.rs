@@ -7,10 +7,10 @@ use plumbline_stream::power::PowerSeen;
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 
-/// The program of which these checks know.
+/// The program that these checks know.
 const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));
 
-/// A Raspberry Pi makes its processor slower from 80 degrees Celsius on; in a warmer room or
+/// A Raspberry Pi slows its processor down from 80 degrees Celsius on; in a warmer room or
 /// behind a curtain ten degrees are soon gone.
 const HOT_WARN_C: f64 = 70.0;
 const HOT_FAIL_C: f64 = 80.0;
@@ -38,7 +38,7 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
         }
         None => checks.push(Check::fail(
             "health",
-            "it does not say how it is",
+            "it does not report its state",
             "watch for longer with --seconds; update the box's program if that does not help",
         )),
     }
@@ -58,7 +58,7 @@ fn program(hello: &Hello) -> Check {
 fn start(findings: &Findings, hello: &Hello) -> Check {
     let mut seen = match hello.reset_reason {
         ResetReason::Unknown => "started".to_owned(),
-        ResetReason::PowerOn => "started by its power, or in good order".to_owned(),
+        ResetReason::PowerOn => "after power on or an orderly restart".to_owned(),
         ResetReason::Watchdog => "restarted by its watchdog".to_owned(),
     };
     if let Some(health) = findings.health() {
@@ -69,7 +69,7 @@ fn start(findings: &Findings, hello: &Hello) -> Check {
     }
     if findings.starts > 0 {
         let seen =
-            format!("{} anew while it was watched: {seen}", counted(findings.starts, "time"));
+            format!("restarted {} while it was watched: {seen}", counted(findings.starts, "time"));
         return Check::fail("start", seen, "check its power supply, and what it logs");
     }
     match hello.reset_reason {
@@ -165,16 +165,20 @@ fn log(findings: &Findings) -> Check {
     let texts: Vec<&str> = findings.logs.iter().map(|(_, text)| text.as_str()).collect();
     let dropped = findings.health().map_or(0, |health| health.logs_dropped);
     if findings.logs.iter().any(|(level, _)| *level == LogLevel::Error) {
-        return Check::fail("log", format!("it says: {}", texts.join(" ")), "mend what it names");
+        return Check::fail(
+            "log",
+            format!("it says: {}", texts.join(" ")),
+            "correct what it names",
+        );
     }
     if !texts.is_empty() {
         return Check::warn("log", format!("it says: {}", texts.join(" ")), "see what it names");
     }
     if dropped > 0 {
         let seen = format!("{} found no room since its start", counted(dropped, "record"));
-        return Check::warn("log", seen, "see them on its own console");
+        return Check::warn("log", seen, "read them on the box's own console");
     }
-    Check::good("log", "no warnings and no faults meanwhile")
+    Check::good("log", "no warnings and no errors meanwhile")
 }
 
 #[cfg(test)]
@@ -207,12 +211,16 @@ mod tests {
         assert_says(&check(&older, "program"), Verdict::Warn, &["plumbline 0.0.1", "update"]);
         let bitten = with_hello(|hello| hello.reset_reason = ResetReason::Watchdog);
         assert_says(&check(&bitten, "start"), Verdict::Warn, &["watchdog", "its camera"]);
-        let mut anew = healthy();
-        let mut again = hello(anew.config().unwrap());
+        let mut restarted = healthy();
+        let mut again = hello(restarted.config().unwrap());
         again.boot_id = 8;
-        anew.take(&Event::Message(Message::Hello(again)), 0);
-        assert_says(&check(&anew, "start"), Verdict::Fail, &["1 time anew", "power supply"]);
-        assert_says(&check(&anew, "health"), Verdict::Fail, &["does not say", "--seconds"]);
+        restarted.take(&Event::Message(Message::Hello(again)), 0);
+        assert_says(
+            &check(&restarted, "start"),
+            Verdict::Fail,
+            &["restarted 1 time", "power supply"],
+        );
+        assert_says(&check(&restarted, "health"), Verdict::Fail, &["does not report", "--seconds"]);
     }
 
     #[test]

@@ -2,12 +2,13 @@
 
 use plumbline::packet::MeasuredPose;
 use plumbline::target::Role;
+use plumbline_analysis::statistics::describe::median;
 use plumbline_files::counting::counted;
 
 use super::super::check::{Check, Verdict};
-use super::super::findings::{Findings, TargetSeen, median};
+use super::super::findings::{Findings, TargetSeen};
 use super::percent;
-use crate::commands::aim::reading::{COVERAGE, PITCH_PX_MIN};
+use crate::bounds::{COVERAGE, PITCH_PX_MIN};
 use crate::ui::missing::{self, Missing};
 
 /// A person at rest hides no target: below this something is amiss now and then.
@@ -22,7 +23,7 @@ const RMS_WARN_PX: f64 = 0.3;
 /// No pose is given above 1 px; at half of that the print does not lie as it is described.
 const RMS_FAIL_PX: f64 = 0.6;
 
-/// Twice of what the targets' size and distance of the standard scene promise.
+/// Twice what the size and the distance of the standard scene's targets promise.
 const DEPTH_WARN_MM: f64 = 0.1;
 
 /// No better than the published method, which this one replaces.
@@ -31,7 +32,7 @@ const DEPTH_FAIL_MM: f64 = 0.52;
 /// The search finds no smaller grid.
 const PITCH_FAIL_PX: f64 = 7.0;
 
-/// Corners hidden in so many frames of all are no passing hand.
+/// Corners that are hidden in this share of the frames are not a passing hand.
 const HIDDEN_WARN: f64 = 0.5;
 
 /// Where no search has come to its end.

@@ -75,7 +75,7 @@ fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
     let mut receiver = Heard::new(None);
     take(&mut receiver, start, &[log(10, "configuration refused: checksum")]);
     let error = no_pose(&receiver, "UDP".into(), now).to_string();
-    assert!(error.contains("configuration refused: checksum; mend what"), "{error}");
+    assert!(error.contains("configuration refused: checksum; correct what"), "{error}");
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn a_box_that_fell_silent_is_not_said_to_run() {
     let running = health(CameraState::Running, 5000, 2);
     let now = take(&mut receiver, Instant::now(), &[hello("ward 3", 1), pose(0), running]);
     let words = status(&receiver, "UDP", now + Duration::from_secs(7));
-    assert!(words.starts_with("the box is not heard any more, for 7 s; 1 frame,"), "{words}");
+    assert!(words.starts_with("the box is no longer heard, for 7 s; 1 frame,"), "{words}");
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn frames_belong_to_the_box_that_sent_them() {
     let mut receiver = Heard::new(None);
     let first = [hello("ward 3", 1), pose(0), pose(1), hello("ward 4", 2)];
     let now = take(&mut receiver, Instant::now(), &first);
-    // It has started anew, without a camera: what the one before has measured is over.
+    // It has restarted, without a camera: what the one before has measured is over.
     let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
     let words = status(&receiver, "UDP", now);
     assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");

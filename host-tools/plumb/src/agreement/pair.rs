@@ -30,39 +30,39 @@ const CORRELATION_MIN: f64 = 0.9;
 pub struct How {
     /// Which trunk is compared [default: lower]
     #[arg(long)]
-    pub point: Option<Trunk>,
+    point: Option<Trunk>,
 
     /// The reference's marker; of several the mean is taken [default: the only one]
     #[arg(long = "marker", value_name = "NAME")]
-    pub markers: Vec<String>,
+    markers: Vec<String>,
 
     /// The reference's axes, by those of the body [default: ap=X,ml=-Y,si=Z]
     #[arg(long, value_name = "ap=X,ml=-Y,si=Z", conflicts_with = "columns")]
-    pub axes: Option<String>,
+    axes: Option<String>,
 
     /// The reference's unit, where its file does not say it
     #[arg(long)]
-    pub unit: Option<Unit>,
+    unit: Option<Unit>,
 
     /// The columns of a reference that is a table: time=NAME,ap=NAME,ml=NAME,si=NAME
     #[arg(long, requires = "unit")]
-    pub columns: Option<String>,
+    columns: Option<String>,
 
     /// What separates them [default: the one with which they are found]
     #[arg(long, requires = "columns")]
-    pub delimiter: Option<Delimiter>,
+    delimiter: Option<Delimiter>,
 
     /// How the clocks are brought together [default: lag; with --event: events]
     #[arg(long)]
-    pub align: Option<Align>,
+    align: Option<Align>,
 
     /// The reference's time of the trial's t = 0
     #[arg(long, value_name = "SECONDS")]
-    pub event: Option<f64>,
+    event: Option<f64>,
 
     /// The largest lag that is searched, for --align lag [default: 10]
     #[arg(long, value_name = "SECONDS")]
-    pub lag_max: Option<f64>,
+    lag_max: Option<f64>,
 }
 
 impl How {

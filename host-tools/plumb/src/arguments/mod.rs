@@ -1,7 +1,8 @@
 //! Options that several subcommands take, and the values of options.
 
-use std::net::{Ipv4Addr, SocketAddr};
+pub mod method;
 
+use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
 use clap::Args;
@@ -26,10 +27,10 @@ pub struct LinkArguments {
     pub baud: u32,
 }
 
-/// An address to listen at, as an option has it.
+/// Parses an address to listen at.
 ///
 /// # Errors
-/// What to give instead.
+/// The text says what to give instead.
 pub fn address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| {
         "give a numeric address and a port: 0.0.0.0:4210 listens at all addresses".to_owned()
@@ -37,7 +38,7 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 }
 
 impl LinkArguments {
-    /// Opens the socket or the line; and how to call it.
+    /// Opens the socket or the line; returns it and its name for messages.
     ///
     /// # Errors
     /// When it cannot be opened.
@@ -49,7 +50,7 @@ impl LinkArguments {
         Ok((Box::new(Udp::bind(address)?), format!("UDP {address}")))
     }
 
-    /// Opens it to talk to the box.
+    /// Opens the socket or the line to talk to the box.
     ///
     /// # Errors
     /// When it cannot be opened.
@@ -60,10 +61,10 @@ impl LinkArguments {
     }
 }
 
-/// A time, as an option has it.
+/// Parses a time in seconds.
 ///
 /// # Errors
-/// What to give instead.
+/// The text says what to give instead.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let value: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     if value > 0.0 {

@@ -1,52 +1,39 @@
-//! What a reception knows: counters, the box's identity, the names of its
-//! targets, the recording.
+//! What a reception knows: its counts, who the box is, what the box has told, the recording.
 
-use std::collections::{BTreeMap, VecDeque};
+mod arrivals;
+mod known;
+mod rows;
+
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{
-    Action, CameraState, Command, Health, Hello, Log, LogLevel, Message, PacketError, PosePacket,
-    ResetReason,
-};
+use plumbline::packet::{Action, Health, Hello, Message, PacketError, PosePacket, ResetReason};
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 
+use self::arrivals::Arrivals;
+use self::known::Known;
+use self::rows::{Begin, Rows};
 use crate::accounting::{Accounting, Arrival, Counts};
 use crate::bad_packets::BadPackets;
-use crate::complaints;
 use crate::others::{self, Others, is_same_box};
 use crate::power::PowerSeen;
+use crate::questions::Questions;
 use crate::recorder::{Names, Recorder};
 use crate::transport::Event;
 
-/// Rows wait for the targets' names no longer than this: whatever ends the
-/// program, no more than the last second is lost.
-const NAMES_WAIT: Duration = Duration::from_millis(900);
+pub use self::known::Camera;
+pub use self::rows::Share;
 
-/// A box that has not said its name is asked again after this time.
+/// A box that has not told its targets' names is asked again after this time.
 const REQUEST_EVERY: Duration = Duration::from_millis(200);
-
-/// The rate shown is over this time.
-const RATE_SPAN: Duration = Duration::from_secs(2);
 
 /// A pose is the latest for no longer than this; the slowest camera gives one a second.
 const FRESH: Duration = Duration::from_millis(1500);
 
-/// A box that has said nothing for so long is not heard any more.
+/// A box that has been silent for this long is no longer heard.
 const UNHEARD: Duration = Duration::from_secs(3);
-
-/// So many of the box's own messages are remembered.
-const TOLD_MAX: usize = 16;
-
-/// One target's share of the frames.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Share {
-    /// Frames received.
-    pub frames: u64,
-    /// Frames with a pose.
-    pub poses: u64,
-}
 
 /// From one start of a box to the next.
 #[derive(Debug, Default)]
@@ -57,69 +44,28 @@ pub struct Run {
     pub frames: u64,
 }
 
-/// The box's camera, as its Health tells.
-#[derive(Debug, Clone, Copy)]
-pub struct Camera {
-    /// How it is, or was before the box's program ended.
-    pub state: CameraState,
-    /// When that was heard first.
-    pub since: Instant,
-    /// It was so when the box was first heard, and perhaps long before.
-    pub from_before: bool,
-    /// The box's program has ended.
-    pub ended: bool,
+/// The request for the targets' names.
+struct NamesRequest {
+    questions: Questions,
+    /// When it was last put.
+    asked: Option<Instant>,
 }
 
-impl Camera {
-    /// There is no camera that gives frames.
-    #[must_use]
-    pub fn is_absent(&self) -> bool {
-        matches!(self.state, CameraState::Lost | CameraState::Stalled)
-    }
-}
-
-/// What the box has said of itself.
-struct Told {
-    level: LogLevel,
-    text: String,
-}
-
-/// A packet that waits for the targets' names.
-struct Held {
-    packet: PosePacket,
-    /// The number of the session that it begins, if so, and when it came.
-    begins: Option<(u32, Instant)>,
-}
-
-/// The state of a reception. It does no input or output but the recording.
+/// The state of a reception. Its only input or output is the recording.
 pub struct Receiver<W: Write> {
-    recorder: Option<Recorder<W>>,
+    rows: Rows<W>,
     accounting: Accounting,
     bad: BadPackets,
+    line_losses: u64,
     others: Others,
-    shares: BTreeMap<String, Share>,
     /// The last one is under way.
     runs: Vec<Run>,
-    health: Option<Health>,
+    /// Of the run that is under way.
+    known: Known,
     /// In all runs.
     power: PowerSeen,
-    camera: Option<Camera>,
-    /// Since the camera's state has changed.
-    told: VecDeque<Told>,
-    latest: Option<PosePacket>,
-    latest_came: Option<Instant>,
-    /// When anything of the box came last.
-    heard: Option<Instant>,
-    arrivals: VecDeque<Instant>,
-    line_losses: u64,
-    /// The names in use in this session, once they are settled.
-    names: Option<Names>,
-    /// The names heard last.
-    names_heard: Names,
-    held: VecDeque<Held>,
-    held_since: Option<Instant>,
-    asked: Option<Instant>,
-    commands: u16,
+    arrivals: Arrivals,
+    names_request: NamesRequest,
     notices: Vec<String>,
 }
 
@@ -128,27 +74,16 @@ impl<W: Write> Receiver<W> {
     #[must_use]
     pub fn new(recorder: Option<Recorder<W>>) -> Self {
         Self {
-            recorder,
+            rows: Rows::new(recorder),
             accounting: Accounting::default(),
             bad: BadPackets::default(),
-            others: Others::default(),
-            shares: BTreeMap::new(),
-            runs: vec![Run::default()],
-            health: None,
-            power: PowerSeen::default(),
-            camera: None,
-            told: VecDeque::new(),
-            latest: None,
-            latest_came: None,
-            heard: None,
-            arrivals: VecDeque::new(),
             line_losses: 0,
-            names: None,
-            names_heard: Names::default(),
-            held: VecDeque::new(),
-            held_since: None,
-            asked: None,
-            commands: 0,
+            others: Others::default(),
+            runs: vec![Run::default()],
+            known: Known::default(),
+            power: PowerSeen::default(),
+            arrivals: Arrivals::default(),
+            names_request: NamesRequest { questions: Questions::of_link(), asked: None },
             notices: Vec::new(),
         }
     }
@@ -168,7 +103,7 @@ impl<W: Write> Receiver<W> {
     /// Each target's share of the frames, by name.
     #[must_use]
     pub fn shares(&self) -> &BTreeMap<String, Share> {
-        &self.shares
+        self.rows.shares()
     }
 
     /// The runs of the box, or of the boxes one after the other; never none.
@@ -180,10 +115,10 @@ impl<W: Write> Receiver<W> {
     /// The latest Health of this run.
     #[must_use]
     pub fn health(&self) -> Option<&Health> {
-        self.health.as_ref()
+        self.known.health()
     }
 
-    /// What the box has told of its power, in all runs.
+    /// What the box has told of its power supply, in all runs.
     #[must_use]
     pub fn power(&self) -> PowerSeen {
         self.power
@@ -192,34 +127,33 @@ impl<W: Write> Receiver<W> {
     /// The camera of this run, once the box has told of it.
     #[must_use]
     pub fn camera(&self) -> Option<Camera> {
-        self.camera
+        self.known.camera()
     }
 
-    /// The faults that the box has told of since its camera's state has changed.
+    /// The faults that the box has logged since its camera's state last changed.
     #[must_use]
     pub fn faults(&self) -> String {
-        let faults = self.told.iter().filter(|told| told.level == LogLevel::Error);
-        faults.map(|told| told.text.as_str()).collect::<Vec<_>>().join(" ")
+        self.known.faults()
     }
 
     /// The latest pose packet of this run, unless it is an old one.
     #[must_use]
     pub fn latest(&self, now: Instant) -> Option<&PosePacket> {
-        self.latest.as_ref().filter(|_| self.silence(now).is_some_and(|silence| silence <= FRESH))
+        self.known.latest().filter(|_| self.silence(now).is_some_and(|silence| silence <= FRESH))
     }
 
     /// How long ago the latest pose packet of all runs came.
     #[must_use]
     pub fn silence(&self, now: Instant) -> Option<Duration> {
-        self.latest_came.map(|came| now.saturating_duration_since(came))
+        self.arrivals.since_pose(now)
     }
 
-    /// How long the box has been silent, if for too long: it says how it is once a second,
-    /// unless its program has ended.
+    /// How long the box has been silent, if that is too long. It sends a Health once a second
+    /// until its program ends.
     #[must_use]
     pub fn unheard(&self, now: Instant) -> Option<Duration> {
-        let silence = now.saturating_duration_since(self.heard?);
-        let has_ended = self.camera.is_some_and(|camera| camera.ended);
+        let silence = self.arrivals.since_message(now)?;
+        let has_ended = self.known.camera().is_some_and(|camera| camera.ended);
         (silence >= UNHEARD && !has_ended).then_some(silence)
     }
 
@@ -232,7 +166,7 @@ impl<W: Write> Receiver<W> {
     /// A target's name as known now.
     #[must_use]
     pub fn name(&self, role: Role) -> &str {
-        self.names.as_ref().unwrap_or(&self.names_heard).name(role)
+        self.rows.name(role)
     }
 
     /// How many corners a target has, if the box has told.
@@ -245,12 +179,7 @@ impl<W: Write> Receiver<W> {
     /// Pose packets per second, lately.
     #[must_use]
     pub fn rate_hz(&self, now: Instant) -> f64 {
-        let lately = |arrival: &&Instant| now.saturating_duration_since(**arrival) <= RATE_SPAN;
-        let mut arrivals = self.arrivals.iter().filter(lately);
-        let Some(first) = arrivals.next() else { return 0.0 };
-        // From the first on, each packet has come one period after another.
-        let (periods, last) = arrivals.fold((0, first), |(count, _), arrival| (count + 1, arrival));
-        f64::from(periods) / (*last - *first).as_secs_f64().max(0.1)
+        self.arrivals.rate_hz(now)
     }
 
     /// What there is to say to the user since the last call.
@@ -258,16 +187,16 @@ impl<W: Write> Receiver<W> {
         std::mem::take(&mut self.notices)
     }
 
-    /// A message that the box should get: while the names are missing, the
-    /// request for them.
+    /// A message that the box should get: the request for the targets' names while rows wait
+    /// for them.
     pub fn request(&mut self, now: Instant) -> Option<Message> {
-        let since = self.held_since?;
-        if self.asked.is_some_and(|asked| asked >= since && now - asked < REQUEST_EVERY) {
+        let since = self.rows.held_since()?;
+        let NamesRequest { questions, asked } = &mut self.names_request;
+        if asked.is_some_and(|asked| asked >= since && now - asked < REQUEST_EVERY) {
             return None;
         }
-        self.asked = Some(now);
-        self.commands = self.commands.wrapping_add(1);
-        Some(Message::Command(Command { id: self.commands, action: Action::SendHello }))
+        *asked = Some(now);
+        Some(questions.ask(Action::SendHello).1)
     }
 
     /// Takes note of what came in.
@@ -302,12 +231,12 @@ impl<W: Write> Receiver<W> {
     /// # Errors
     /// When the recording cannot go on.
     pub fn tick(&mut self, now: Instant) -> Result<(), BadInput> {
-        if self.held_since.is_some_and(|since| now.saturating_duration_since(since) >= NAMES_WAIT) {
+        if self.rows.is_overdue(now) {
             self.notices.push(
                 "the box has not told its targets' names: the recording uses those known so far"
                     .to_owned(),
             );
-            return self.settle();
+            return self.rows.settle();
         }
         Ok(())
     }
@@ -317,25 +246,24 @@ impl<W: Write> Receiver<W> {
     /// # Errors
     /// When the recording cannot go on.
     pub fn finish(&mut self) -> Result<(), BadInput> {
-        if self.held.is_empty() { Ok(()) } else { self.settle() }
+        self.rows.finish()
     }
 
     fn message(&mut self, message: Message, now: Instant) -> Result<(), BadInput> {
-        self.heard = Some(now);
+        self.arrivals.message(now);
         match message {
             Message::Pose(packet) => return self.pose(packet, now),
             Message::Hello(hello) => return self.take_hello(hello),
             Message::Health(health) => {
                 self.uptime(health.uptime_ms)?;
-                self.take_camera(health.camera, now);
-                self.take_set_up_mode(health.aiming_s > 0);
-                let news = self.power.take(&health);
-                self.notices.extend(news.iter().map(|news| format!("warning: {news}")));
-                self.health = Some(health);
+                let warnings = self.power.take(&health);
+                let news = self.known.take_health(health, now);
+                self.notices.extend(news.map(str::to_owned));
+                self.notices.extend(warnings.iter().map(|text| format!("warning: {text}")));
             }
             Message::Log(log) => {
                 self.uptime(log.uptime_ms)?;
-                self.take_log(&log);
+                self.notices.extend(self.known.take_log(&log));
             }
             // Ours, or for another program on this computer.
             Message::Command(_)
@@ -351,56 +279,13 @@ impl<W: Write> Receiver<W> {
         if self.accounting.uptime(uptime_ms) { self.start_run() } else { Ok(()) }
     }
 
-    /// The box has started anew: what was known of the run before does not hold any more.
+    /// The box has restarted: what was known of the run before no longer holds.
     fn start_run(&mut self) -> Result<(), BadInput> {
-        // What is held belongs to the run before.
-        self.finish()?;
+        self.rows.start_run()?;
         self.runs.push(Run::default());
-        self.names = None;
-        self.health = None;
-        self.camera = None;
-        self.told.clear();
-        self.latest = None;
-        self.arrivals.clear();
+        self.known = Known::default();
+        self.arrivals.start_run();
         Ok(())
-    }
-
-    fn take_camera(&mut self, state: CameraState, now: Instant) {
-        match &mut self.camera {
-            Some(camera) if state == CameraState::Ended => camera.ended = true,
-            Some(camera) if camera.state == state => {}
-            known => {
-                let from_before = known.is_none();
-                let ended = state == CameraState::Ended;
-                *known = Some(Camera { state, since: now, from_before, ended });
-                self.told.clear();
-            }
-        }
-    }
-
-    fn take_set_up_mode(&mut self, is_on: bool) {
-        if is_on != self.health.as_ref().is_some_and(|before| before.aiming_s > 0) {
-            self.notices.push(if is_on {
-                "the box is in set-up mode: pictures may leave it".to_owned()
-            } else {
-                "the box has left set-up mode".to_owned()
-            });
-        }
-    }
-
-    fn take_log(&mut self, log: &Log) {
-        let text = complaints::text_of(log);
-        // A box that does not track repeats why, for hosts that begin to listen.
-        let tracks = self.camera.is_some_and(|camera| camera.state == CameraState::Running);
-        if !tracks && self.told.iter().any(|told| told.text == text) {
-            return;
-        }
-        let level = format!("{:?}", log.level).to_uppercase();
-        self.notices.push(format!("box {level} {}: {text}", log.target));
-        if self.told.len() == TOLD_MAX {
-            self.told.pop_front();
-        }
-        self.told.push_back(Told { level: log.level, text });
     }
 
     fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
@@ -410,7 +295,7 @@ impl<W: Write> Receiver<W> {
             self.notices.push(if is_another {
                 format!("another box is heard now: {}", others::name(&hello))
             } else {
-                format!("the box has started anew ({})", start_of(&hello))
+                format!("the box has restarted ({})", start_of(&hello))
             });
             self.start_run()?;
         }
@@ -423,12 +308,12 @@ impl<W: Write> Receiver<W> {
                     .to_owned(),
             );
         }
-        self.names_heard = Names::of(&hello);
+        self.rows.hear(Names::of(&hello));
         if let Some(run) = self.runs.last_mut() {
             run.hello = Some(hello);
         }
-        if self.names.is_none() || self.accounting.awaits_session() {
-            self.settle()?;
+        if !self.rows.has_names() || self.accounting.awaits_session() {
+            self.rows.settle()?;
         }
         Ok(())
     }
@@ -450,53 +335,17 @@ impl<W: Write> Receiver<W> {
                 if by_number {
                     self.start_run()?;
                 }
-                Some((session, now))
+                Some(Begin { session, arrival: now })
             }
         };
         if let Some(run) = self.runs.last_mut() {
             run.frames += 1;
         }
-        self.latest_came = Some(now);
-        self.arrivals.push_back(now);
-        while self.arrivals.front().is_some_and(|first| now.duration_since(*first) > RATE_SPAN) {
-            self.arrivals.pop_front();
-        }
+        self.arrivals.pose(now);
         if arrival != Arrival::Late {
-            self.latest = Some(packet.clone());
+            self.known.take_pose(&packet);
         }
-        self.held.push_back(Held { packet, begins });
-        if self.names.is_some() {
-            self.settle()
-        } else {
-            self.held_since.get_or_insert(now);
-            Ok(())
-        }
-    }
-
-    /// Uses the names known now for the rest of the session, and writes what
-    /// has waited for them.
-    fn settle(&mut self) -> Result<(), BadInput> {
-        let names = self.names.get_or_insert_with(|| self.names_heard.clone());
-        self.held_since = None;
-        while let Some(Held { packet, begins }) = self.held.pop_front() {
-            for target in &packet.targets {
-                let name = names.name(target.role);
-                if !self.shares.contains_key(name) {
-                    self.shares.insert(name.to_owned(), Share::default());
-                }
-                if let Some(share) = self.shares.get_mut(name) {
-                    share.frames += 1;
-                    share.poses += u64::from(target.pose.is_ok());
-                }
-            }
-            if let Some(recorder) = &mut self.recorder {
-                if let Some((session, arrival)) = begins {
-                    recorder.start_session(session, packet.capture_time_ns, arrival);
-                }
-                recorder.write(&packet, names)?;
-            }
-        }
-        Ok(())
+        self.rows.push(packet, begins, now)
     }
 
     fn bad_packet(&mut self, error: PacketError) {

@@ -10,7 +10,7 @@ use plumbline_study::grid::{Annotated, Footnotes, Grid};
 use super::Validation;
 
 /// In a terminal.
-pub(super) fn text(validation: &Validation) -> String {
+pub fn text(validation: &Validation) -> String {
     let mut text = String::new();
     for pair in &validation.pairs {
         // Writing to a String does not fail.

@@ -1,0 +1,49 @@
+//! What a target has to look like for good poses: the bounds by which `plumb aim` advises and
+//! `plumb doctor` judges.
+
+/// Blur of a picture that is as sharp as it gets, raw pixels: a pixel's own extent is
+/// 1 / sqrt(12) = 0.29 px, and a good lens at its aperture adds 0.5 px.
+const BLUR_BEST_PX: f32 = 0.6;
+
+/// Blur at which a frame is of no use: the smallest squares have lost their middle.
+const BLUR_WORST_PX: f32 = 3.0;
+
+/// A lens whose score is below this can be turned to something better.
+pub const FOCUS_MIN: u8 = 80;
+
+/// A blur in one direction that is larger than in the other by this factor, and matters,
+/// comes from motion.
+pub const MOTION_RATIO: f32 = 1.5;
+pub const MOTION_BLUR_PX_MIN: f32 = 1.0;
+
+/// Squares smaller than this leave an edge fewer pixels than its fit looks at.
+pub const PITCH_PX_MIN: f32 = 15.0;
+
+/// Contrast below which noise, and not the lens, sets the precision.
+pub const CONTRAST_MIN: f32 = 0.25;
+
+/// Light squares darker than this leave half of the camera's range unused.
+pub const LIGHT_MIN: f32 = 0.4;
+
+/// Part of the light squares' pixels that may be white: single ones are hot pixels.
+pub const SATURATED_MAX: f32 = 0.001;
+
+/// Depth is promised for so many standard deviations to either side: 95 of 100 frames.
+pub const COVERAGE: f32 = 1.96;
+
+/// 100 for a blur of [`BLUR_BEST_PX`] or less, falling evenly to 0 at [`BLUR_WORST_PX`].
+pub fn focus_score(blur_px: f32) -> u8 {
+    let part = (BLUR_WORST_PX - blur_px) / (BLUR_WORST_PX - BLUR_BEST_PX);
+    (100.0 * part.clamp(0.0, 1.0)).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_focus_score_is_100_for_the_best_lens_and_0_for_a_useless_frame() {
+        let scores = [0.3, 0.6, 0.84, 1.8, 3.0, 9.0].map(focus_score);
+        assert_eq!(scores, [100, 100, 90, 50, 0, 0]);
+    }
+}
