@@ -209,7 +209,11 @@ pub fn parse(source: impl Read, place: &str) -> Result<Vec<PoseRow>, BadInput> {
         "z_mm",
     ];
     const REMEDY: &str = "give a file that plumb track or plumb simulate wrote";
-    let mut reader = csv::Reader::from_reader(source);
+    // Lines end with \n for the reader, and are trimmed: it counts \r\n late.
+    let mut reader = csv::ReaderBuilder::new()
+        .terminator(csv::Terminator::Any(b'\n'))
+        .trim(csv::Trim::All)
+        .from_reader(source);
     let header =
         reader.headers().map_err(|error| BadInput::new(place, "header", error, REMEDY))?.clone();
     for column in COLUMNS {
@@ -308,9 +312,12 @@ mod tests {
             ("-1,0,a,0,0,0,1,2,3\n", "line 2", "frame"),
         ];
         for (rows, field, found) in cases {
-            let error = parse(format!("{head}{rows}").as_bytes(), "p.csv").unwrap_err();
-            assert_eq!(error.field, field, "{error}");
-            assert!(error.found.contains(found), "{error}");
+            for end in ["\n", "\r\n"] {
+                let text = format!("{head}{rows}").replace('\n', end);
+                let error = parse(text.as_bytes(), "p.csv").unwrap_err();
+                assert_eq!(error.field, field, "{error}");
+                assert!(error.found.contains(found), "{error}");
+            }
         }
         let error = parse("frame,time_s\n".as_bytes(), "p.csv").unwrap_err();
         assert_eq!((error.field.as_str(), error.found.as_str()), ("target", "no such column"));

@@ -28,7 +28,7 @@ pub struct Read {
 /// An empty cell, NaN, and a zero of what cannot be zero are missing values.
 ///
 /// # Errors
-/// When it cannot be read, a column is missing, a cell is no number, or times do not increase:
+/// When it cannot be read, a column is missing, a cell is not a number, or times do not increase:
 /// with the line.
 pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInput> {
     let remedy = "name the columns in study.toml as they stand in the file";
@@ -37,6 +37,7 @@ pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInpu
     let (mut times_s, mut values, mut lines) = (Vec::new(), Vec::new(), Vec::new());
     let mut off = 0;
     for row in text.rows() {
+        let row = row?;
         let value = column.number(&row)?;
         let is_off = file.kind.is_positive() && value.is_some_and(|it| it <= 0.0);
         off += usize::from(is_off);
@@ -70,7 +71,7 @@ pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInpu
     Ok(Read { signal, warnings })
 }
 
-fn time_s(time: Column<'_>, row: &Row<'_>, clock: Clock) -> Result<f64, BadInput> {
+fn time_s(time: Column<'_>, row: &Row, clock: Clock) -> Result<f64, BadInput> {
     match clock {
         Clock::Seconds => time.number(row)?.ok_or_else(|| {
             time.wrong(row, "there is no time", "remove that line: nobody knows when it was")
@@ -140,7 +141,7 @@ mod tests {
     fn what_cannot_be_read_is_named_with_its_line() {
         let cases = [
             ("t,Q\n0,1\n", Clock::Seconds, "P: no such column; it has the columns t, Q"),
-            ("t,P\n0,1\n1,high\n", Clock::Seconds, "P (line 3): \"high\" is no number"),
+            ("t,P\n0,1\n1,high\n", Clock::Seconds, "P (line 3): \"high\" is not a number"),
             ("t,P\n0,1\n,1\n", Clock::Seconds, "t (line 3): there is no time"),
             ("t,P\n0,1\n2,1\n1,1\n", Clock::Seconds, "P (line 4): its time is not later"),
             ("t,P\n0,1\n", Clock::Utc, "t (line 2): \"0\" is no time of day"),
