@@ -11,7 +11,8 @@ use plumbline::packet::{
     AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError,
     PosePacket, Reply, ReplyOutcome,
 };
-use plumbline::pose::{Cam, Pose, Scene, Target};
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_stream::accounting::{Accounting, Arrival};
@@ -192,7 +193,7 @@ struct Builder {
     begun: Instant,
     accounting: Accounting,
     clock: SessionClock,
-    scene: Option<(Matrix3<f64>, Vector3<f64>)>,
+    scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
     frames: Vec<Frame>,
     marks: Vec<(u64, u32, Mark)>,
@@ -379,28 +380,21 @@ impl Builder {
     }
 }
 
-/// The board's rotation in the camera frame, and the lower trunk's lever on its target.
-fn scene_of(config: &Config) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+/// The scene, and the lower trunk's lever on its target.
+fn scene_of(config: &Config) -> Option<(SceneFrame, Vector3<f64>)> {
     let theta = config.cam_from_scene_theta?;
-    let cam_from_scene = Pose::<Cam, Scene>::from_theta(theta);
     let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower);
     let lever_mm = lower.map(|it| it.geometry.virtual_point_mm());
-    Some((cam_from_scene.rotation, lever_mm.unwrap_or_default()))
+    Some((SceneFrame::new(Pose::from_theta(theta)), lever_mm.unwrap_or_default()))
 }
 
-/// Covariance along AP, ML and SI of a point fixed to a target, `lever_mm` from its origin:
-/// J C J', with J = A [-R \[lever\]x, I] and A from the camera frame to the body's axes, which are
-/// the scene's z, x and -y.
-fn covariance_mm2(
-    cam_from_scene: &Matrix3<f64>,
-    pose: &MeasuredPose,
-    lever_mm: Vector3<f64>,
-) -> Matrix3<f64> {
+/// The covariance along AP, ML and SI of a point that is fixed to a target, `lever_mm` from its
+/// origin: J C J', with J = A [-R \[lever\]x, I] and A from the camera frame to the body's axes.
+fn covariance_mm2(scene: &SceneFrame, pose: &MeasuredPose, lever_mm: Vector3<f64>) -> Matrix3<f64> {
     let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
     let cam_from_target = Pose::<Cam, Target>::from_theta([theta1, theta2, theta3, 0.0, 0.0, 0.0]);
     let turned = -cam_from_target.rotation * lever_mm.cross_matrix();
-    let axes = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
-    let body_from_cam = axes * cam_from_scene.transpose();
+    let body_from_cam = scene.anatomical_from_cam();
     let mut jacobian = Matrix3x6::zeros();
     jacobian.fixed_columns_mut::<3>(0).copy_from(&(body_from_cam * turned));
     jacobian.fixed_columns_mut::<3>(3).copy_from(&body_from_cam);
