@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
 use plumbline::config::Config;
@@ -189,8 +188,6 @@ fn read_config(folder: &Path, warnings: &mut Vec<String>) -> Result<Option<Confi
 
 /// Puts a trial together, packet by packet.
 struct Builder {
-    /// Virtual: only differences count.
-    begun: Instant,
     accounting: Accounting,
     clock: SessionClock,
     scene: Option<(SceneFrame, Vector3<f64>)>,
@@ -209,7 +206,6 @@ struct Builder {
 impl Builder {
     fn new(config: Option<&Config>) -> Self {
         Self {
-            begun: Instant::now(),
             accounting: Accounting::default(),
             clock: SessionClock::default(),
             scene: config.and_then(scene_of),
@@ -285,8 +281,7 @@ impl Builder {
         match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
             Arrival::Repeated => return,
             Arrival::NewSession => {
-                let arrival = self.begun + Duration::from_nanos(host_ns);
-                self.clock.start_session(packet.capture_time_ns, arrival);
+                self.clock.start_session(packet.capture_time_ns, host_ns);
             }
             Arrival::New { .. } | Arrival::Late => {}
         }
