@@ -15,7 +15,7 @@
 //! axes are as true as the board stands: a board that leans by 1 degree leaks
 //! 1.7 % of the vertical motion into AP.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::model::pose::{Cam, Pose, Scene, Target};
 
@@ -55,6 +55,15 @@ impl SceneFrame {
         let from_board_mm = point_cam_mm - self.cam_from_scene.translation_mm;
         let point_scene_mm = self.cam_from_scene.rotation.tr_mul(&from_board_mm);
         Anatomical { ap_mm: point_scene_mm.z, ml_mm: point_scene_mm.x, si_mm: -point_scene_mm.y }
+    }
+
+    /// The rotation that takes a direction of the camera frame to the anatomical axes: AP, ML and
+    /// SI, in this order. It takes covariances there as well.
+    #[must_use]
+    pub fn anatomical_from_cam(&self) -> Matrix3<f64> {
+        // AP is the scene's z, ML its x, SI its -y.
+        let anatomical_from_scene = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+        anatomical_from_scene * self.cam_from_scene.rotation.transpose()
     }
 
     /// The upper trunk, the paper's z_u: the origin of the target on the shoulder.
@@ -102,10 +111,7 @@ mod tests {
 
     #[test]
     fn a_level_camera_behind_the_person_sees_forward_right_and_up() {
-        let scene = SceneFrame::new(Pose::new(
-            nalgebra::Matrix3::identity(),
-            Vector3::new(0.0, 0.0, 2000.0),
-        ));
+        let scene = SceneFrame::new(Pose::new(Matrix3::identity(), Vector3::new(0.0, 0.0, 2000.0)));
         let stands = scene.anatomical(&Vector3::new(0.0, 0.0, 1000.0));
         // Away from the camera behind the back: forward.
         let leaned = scene.anatomical(&Vector3::new(0.0, 0.0, 1007.0));
@@ -136,10 +142,18 @@ mod tests {
     }
 
     #[test]
+    fn directions_have_the_same_axes_as_positions() {
+        let scene = tilted_camera();
+        let (from, to) = (Vector3::new(10.0, -20.0, 900.0), Vector3::new(13.0, -15.0, 902.0));
+        let turned = scene.anatomical_from_cam() * (to - from);
+        assert_near(turned.into(), difference(scene.anatomical(&to), scene.anatomical(&from)));
+    }
+
+    #[test]
     fn the_lower_trunk_lies_inside_the_body_and_swings_with_the_target() {
         let scene = tilted_camera();
         let delta_mm = Vector3::new(0.0, 0.0, 100.0);
-        let lower = |rotation_scene: nalgebra::Matrix3<f64>| {
+        let lower = |rotation_scene: Matrix3<f64>| {
             let scene_from_target =
                 Pose::<Scene, Target>::new(rotation_scene, Vector3::new(0.0, 0.0, -500.0));
             let cam_from_target = *scene.cam_from_scene() * scene_from_target;
@@ -147,7 +161,7 @@ mod tests {
             difference(scene.lower_trunk(&cam_from_target, &delta_mm), upper)
         };
         // Straight: 100 mm in front of the skin.
-        assert_near(lower(nalgebra::Matrix3::identity()), [100.0, 0.0, 0.0]);
+        assert_near(lower(Matrix3::identity()), [100.0, 0.0, 0.0]);
         // The back turns to face the person's left (z swings to the right: a
         // turn of +30 degrees about y, which points down).
         let turned = rotation_from_vector(&Vector3::new(0.0, 30_f64.to_radians(), 0.0));

@@ -1,17 +1,13 @@
-//! `poses.csv`: one row per frame and target.
+//! `poses.csv`: one row per frame and target, with the columns [`COLUMNS`].
 //!
-//! ```text
-//! frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm
-//! ```
-//!
-//! x, y, z is the target's origin in the camera frame, the angles are the
+//! `x_mm, y_mm, z_mm` is the target's origin in the camera frame; the angles are the
 //! paper's. Without a pose the numbers are empty and `state` says why. `ap_mm,
-//! ml_mm, si_mm` is the trunk point that the target carries (upper or lower), in
+//! ml_mm, si_mm` is the trunk point that the target carries (upper or lower), along the
 //! anatomical axes; empty without a scene. Numbers are written in full: reading
 //! them back gives the same value.
 //!
-//! The reader takes any file that has `frame, time_s, target` and the six pose
-//! columns, in any order, so also the simulator's `truth.csv`.
+//! The reader takes any file that has `frame, time_s, target` and the six columns of
+//! a pose, in any order: also the simulator's `truth.csv`.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -23,6 +19,40 @@ use plumbline::scene::Anatomical;
 use serde::{Deserialize, Serialize};
 
 use crate::BadInput;
+
+/// All columns, in the order of the file: the fields of [`PoseRow`].
+pub const COLUMNS: [&str; 18] = [
+    "frame",
+    "time_s",
+    "target",
+    "state",
+    "theta1_rad",
+    "theta2_rad",
+    "theta3_rad",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "sd_x_mm",
+    "sd_y_mm",
+    "sd_z_mm",
+    "rms_px",
+    "points",
+    "ap_mm",
+    "ml_mm",
+    "si_mm",
+];
+
+/// How many of the columns have numbers that may be absent.
+pub const NUMBERS: usize = 14;
+
+/// How many of those are the pose; they come first.
+const POSE_NUMBERS: usize = 6;
+
+/// The columns of [`PoseRow::numbers`].
+#[must_use]
+pub fn number_columns() -> &'static [&'static str] {
+    &COLUMNS[COLUMNS.len() - NUMBERS..]
+}
 
 /// One frame and target.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -75,6 +105,27 @@ pub struct PoseRow {
 }
 
 impl PoseRow {
+    /// The numbers, in the order of [`number_columns`].
+    #[must_use]
+    pub fn numbers(&self) -> [Option<f64>; NUMBERS] {
+        [
+            self.theta1_rad,
+            self.theta2_rad,
+            self.theta3_rad,
+            self.x_mm,
+            self.y_mm,
+            self.z_mm,
+            self.sd_x_mm,
+            self.sd_y_mm,
+            self.sd_z_mm,
+            self.rms_px,
+            self.points.map(f64::from),
+            self.ap_mm,
+            self.ml_mm,
+            self.si_mm,
+        ]
+    }
+
     /// A row without a pose.
     #[must_use]
     pub fn without_pose(frame: u64, time_s: f64, target: &str, state: &str) -> Self {
@@ -124,14 +175,11 @@ impl PoseRow {
     /// The pose, if the row has one.
     #[must_use]
     pub fn cam_from_target(&self) -> Option<Pose<Cam, Target>> {
-        Some(Pose::from_theta([
-            self.theta1_rad?,
-            self.theta2_rad?,
-            self.theta3_rad?,
-            self.x_mm?,
-            self.y_mm?,
-            self.z_mm?,
-        ]))
+        let mut theta = [0.0; POSE_NUMBERS];
+        for (value, number) in theta.iter_mut().zip(self.numbers()) {
+            *value = number?;
+        }
+        Some(Pose::from_theta(theta))
     }
 }
 
@@ -197,23 +245,17 @@ pub fn read(path: &Path) -> Result<Vec<PoseRow>, BadInput> {
 /// # Errors
 /// As [`read`].
 pub fn parse(source: impl Read, place: &str) -> Result<Vec<PoseRow>, BadInput> {
-    const COLUMNS: [&str; 9] = [
-        "frame",
-        "time_s",
-        "target",
-        "theta1_rad",
-        "theta2_rad",
-        "theta3_rad",
-        "x_mm",
-        "y_mm",
-        "z_mm",
-    ];
     const REMEDY: &str = "give a file that plumb track or plumb simulate wrote";
-    let mut reader = csv::Reader::from_reader(source);
+    // Lines end with \n for the reader, and are trimmed: it counts \r\n late.
+    let mut reader = csv::ReaderBuilder::new()
+        .terminator(csv::Terminator::Any(b'\n'))
+        .trim(csv::Trim::All)
+        .from_reader(source);
     let header =
         reader.headers().map_err(|error| BadInput::new(place, "header", error, REMEDY))?.clone();
-    for column in COLUMNS {
-        if !header.iter().any(|name| name == column) {
+    let pose = &number_columns()[..POSE_NUMBERS];
+    for column in ["frame", "time_s", "target"].iter().chain(pose) {
+        if !header.iter().any(|name| name == *column) {
             return Err(BadInput::new(place, column, "no such column", REMEDY));
         }
     }
@@ -227,8 +269,7 @@ pub fn parse(source: impl Read, place: &str) -> Result<Vec<PoseRow>, BadInput> {
         }
         let row: PoseRow =
             record.deserialize(Some(&header)).map_err(|error| at(row_error(&error, &header)))?;
-        let numbers =
-            [row.theta1_rad, row.theta2_rad, row.theta3_rad, row.x_mm, row.y_mm, row.z_mm];
+        let numbers = &row.numbers()[..POSE_NUMBERS];
         let given = numbers.iter().flatten().count();
         if given != 0 && given != numbers.len() {
             return Err(at(format!("{given} of the 6 numbers of a pose")));
@@ -291,6 +332,35 @@ mod tests {
     }
 
     #[test]
+    fn columns_and_numbers_are_those_of_the_fields() {
+        let row = PoseRow {
+            frame: 1,
+            time_s: 2.0,
+            target: "a".to_owned(),
+            state: "tracking".to_owned(),
+            theta1_rad: Some(5.0),
+            theta2_rad: Some(6.0),
+            theta3_rad: Some(7.0),
+            x_mm: Some(8.0),
+            y_mm: Some(9.0),
+            z_mm: Some(10.0),
+            sd_x_mm: Some(11.0),
+            sd_y_mm: Some(12.0),
+            sd_z_mm: Some(13.0),
+            rms_px: Some(14.0),
+            points: Some(15),
+            ap_mm: Some(16.0),
+            ml_mm: Some(17.0),
+            si_mm: Some(18.0),
+        };
+        assert_eq!(written(std::slice::from_ref(&row)).lines().next(), Some(&*COLUMNS.join(",")));
+        for (at, number) in row.numbers().into_iter().enumerate() {
+            assert_eq!(number, Some((5 + at) as f64), "{}", number_columns()[at]);
+        }
+        assert_eq!(number_columns()[0], "theta1_rad");
+    }
+
+    #[test]
     fn a_truth_file_is_read_too() {
         let text = "frame,time_s,target,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,ap_mm,ml_mm,si_mm\n0,0,a,0,0,0,1,2,3,4,5,6\n";
         let rows = parse(text.as_bytes(), "truth.csv").unwrap();
@@ -308,9 +378,12 @@ mod tests {
             ("-1,0,a,0,0,0,1,2,3\n", "line 2", "frame"),
         ];
         for (rows, field, found) in cases {
-            let error = parse(format!("{head}{rows}").as_bytes(), "p.csv").unwrap_err();
-            assert_eq!(error.field, field, "{error}");
-            assert!(error.found.contains(found), "{error}");
+            for end in ["\n", "\r\n"] {
+                let text = format!("{head}{rows}").replace('\n', end);
+                let error = parse(text.as_bytes(), "p.csv").unwrap_err();
+                assert_eq!(error.field, field, "{error}");
+                assert!(error.found.contains(found), "{error}");
+            }
         }
         let error = parse("frame,time_s\n".as_bytes(), "p.csv").unwrap_err();
         assert_eq!((error.field.as_str(), error.found.as_str()), ("target", "no such column"));

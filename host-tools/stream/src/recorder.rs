@@ -3,18 +3,18 @@
 //!
 //! `frame` is the box's sequence number and `time_s` the capture time since the
 //! first packet. When the box starts anew both begin at another point: then
-//! `session` is one higher (or more, if a start in between brought no frame), and `time_s` goes on from where the host's clock
-//! says that the new session began. Within a session times are the box's, exact
-//! to the nanosecond; between sessions they are only as good as the arrival of
-//! the packets.
+//! `session` is one higher (or more, if a start in between brought no frame), and
+//! `time_s` goes on from where the host's clock says that the new session began.
+//! Within a session times are the box's, exact to the nanosecond; between sessions
+//! they are only as good as the arrival of the packets.
 
 use std::io::Write;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use plumbline::packet::{AnatomicalPoint, Hello, PosePacket, TargetPacket};
 use plumbline::target::Role;
 use plumbline_files::BadInput;
-use plumbline_files::poses::{self, PoseRow};
+use plumbline_files::poses::{COLUMNS, PoseRow};
 use serde::Serialize;
 
 /// The word for a role, where a target's name is not known.
@@ -49,17 +49,18 @@ impl Names {
 /// One clock for all sessions.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SessionClock {
-    /// When the first packet of all came.
-    first_arrival: Option<Instant>,
+    /// When the first packet of all came, by the host's clock.
+    first_arrival_ns: Option<u64>,
     /// Capture time and `time_s` of the first packet of the current session.
     session_start: Option<(u64, f64)>,
 }
 
 impl SessionClock {
-    /// The packet of this capture time is the first of a session.
-    pub fn start_session(&mut self, capture_time_ns: u64, arrival: Instant) {
-        let first = *self.first_arrival.get_or_insert(arrival);
-        let since_s = arrival.saturating_duration_since(first).as_secs_f64();
+    /// The packet of this capture time is the first of a session. It came at this time of the
+    /// host's clock, whose zero does not matter.
+    pub fn start_session(&mut self, capture_time_ns: u64, arrival_ns: u64) {
+        let first_ns = *self.first_arrival_ns.get_or_insert(arrival_ns);
+        let since_s = Duration::from_nanos(arrival_ns.saturating_sub(first_ns)).as_secs_f64();
         self.session_start = Some((capture_time_ns, since_s));
     }
 
@@ -76,6 +77,8 @@ impl SessionClock {
 pub struct Recorder<W: Write> {
     rows: csv::Writer<W>,
     place: String,
+    /// When the first session began: the zero of the clock's arrivals.
+    begun: Option<Instant>,
     clock: SessionClock,
     /// The number of the current session, from 1.
     session: u32,
@@ -89,6 +92,7 @@ impl<W: Write> Recorder<W> {
         Self {
             rows: csv::WriterBuilder::new().has_headers(false).from_writer(sink),
             place: place.into(),
+            begun: None,
             clock: SessionClock::default(),
             session: 0,
             has_header: false,
@@ -98,7 +102,8 @@ impl<W: Write> Recorder<W> {
     /// The next packet is the first one of this session.
     pub fn start_session(&mut self, session: u32, capture_time_ns: u64, arrival: Instant) {
         self.session = session;
-        self.clock.start_session(capture_time_ns, arrival);
+        let since = arrival.saturating_duration_since(*self.begun.get_or_insert(arrival));
+        self.clock.start_session(capture_time_ns, since.as_nanos() as u64);
     }
 
     /// Writes one row per target.
@@ -107,7 +112,8 @@ impl<W: Write> Recorder<W> {
     /// When the sink refuses; what was written before stays.
     pub fn write(&mut self, packet: &PosePacket, names: &Names) -> Result<(), BadInput> {
         if !std::mem::replace(&mut self.has_header, true) {
-            self.put(&columns())?;
+            let columns: Vec<&str> = COLUMNS.into_iter().chain(["session"]).collect();
+            self.put(&columns)?;
         }
         let time_s = self.clock.time_s(packet.capture_time_ns);
         for target in &packet.targets {
@@ -140,19 +146,6 @@ impl<W: Write> Recorder<W> {
     fn flush(&mut self) -> Result<(), BadInput> {
         self.rows.flush().map_err(|error| BadInput::io(&self.place, &error))
     }
-}
-
-/// The columns of `poses.csv`, as its writer has them, and `session`.
-fn columns() -> Vec<String> {
-    let mut header = Vec::new();
-    let mut writer = poses::Writer::new(&mut header, "header");
-    // Neither can fail: a vector takes every byte.
-    let _ = writer.write(&PoseRow::default());
-    let _ = writer.flush();
-    drop(writer);
-    let header = String::from_utf8_lossy(&header);
-    let first_line = header.lines().next().unwrap_or_default();
-    first_line.split(',').chain(["session"]).map(str::to_owned).collect()
 }
 
 /// What the state column says of a target.

@@ -7,9 +7,8 @@ use std::path::Path;
 use plumbline_analysis::statistics::inference::{Cell, Inference};
 use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observation, WithinDesign};
 use plumbline_files::BadInput;
-use plumbline_files::columns::Delimiter;
+use plumbline_files::columns::{Column, Delimiter, TextTable};
 use plumbline_files::counting::counted;
-use plumbline_files::read_text;
 use serde::Serialize;
 
 use crate::grid::{Annotated, Footnotes, Grid, digits};
@@ -44,7 +43,7 @@ pub struct LongFigures {
 
 /// One line.
 struct Row {
-    line: u64,
+    line: usize,
     subject: String,
     levels: Vec<String>,
     value: f64,
@@ -127,9 +126,8 @@ pub fn read(
     drop_incomplete: bool,
 ) -> Result<(WithinDesign, Vec<Incomplete>), BadInput> {
     let place = path.display().to_string();
-    let text = read_text(path)?;
-    let rows = rows(&text, columns, delimiter, &place)?;
-    let mut lines: HashMap<(&str, &[String]), u64> = HashMap::new();
+    let rows = rows(path, columns, delimiter)?;
+    let mut lines: HashMap<(&str, &[String]), usize> = HashMap::new();
     for row in &rows {
         if let Some(first) = lines.insert((&row.subject, &row.levels), row.line) {
             return Err(BadInput::new(
@@ -175,69 +173,35 @@ fn unusable(place: &str, error: &DesignError) -> BadInput {
     BadInput::whole(place, error, remedy)
 }
 
-fn rows(
-    text: &str,
-    columns: &Columns,
-    delimiter: Delimiter,
-    place: &str,
-) -> Result<Vec<Row>, BadInput> {
-    let mut reader = csv::ReaderBuilder::new()
-        .delimiter(delimiter.letter() as u8)
-        .trim(csv::Trim::All)
-        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
-    let unreadable = |error: csv::Error| {
-        let line = error.position().map(|at| format!("line {}", at.line())).unwrap_or_default();
-        let found = match error.kind() {
-            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-                format!("{len} cells, and the header has {expected_len}")
-            }
-            _ => error.to_string(),
-        };
-        BadInput::new(place, line, found, "correct that line, or give the --delimiter")
-    };
-    let header = reader.headers().map_err(unreadable)?.clone();
-    let at = |name: &str| {
-        header.iter().position(|it| it == name).ok_or_else(|| {
-            let found: Vec<&str> = header.iter().collect();
-            BadInput::new(
-                place,
-                name,
-                format!("no such column; it has {}", found.join(", ")),
-                "name the columns as they stand in the file, and what separates them with \
-                 --delimiter",
-            )
-        })
-    };
-    let (response, subject) = (at(&columns.response)?, at(&columns.subject)?);
-    let within: Vec<usize> =
-        columns.within.iter().map(|name| at(name)).collect::<Result<_, _>>()?;
+fn rows(path: &Path, columns: &Columns, delimiter: Delimiter) -> Result<Vec<Row>, BadInput> {
+    let remedy = "name the columns as they stand in the file, and what separates them with \
+                  --delimiter";
+    let named = [&columns.response, &columns.subject].into_iter().chain(&columns.within);
+    let named: Vec<&str> = named.map(String::as_str).collect();
+    let table = TextTable::open(path, &named, Some(delimiter), remedy)?;
+    let (response, subject) = (table.column(&columns.response), table.column(&columns.subject));
+    let within: Vec<Column<'_>> = columns.within.iter().map(|name| table.column(name)).collect();
     let mut rows = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(unreadable)?;
-        let line = record.position().map_or(0, csv::Position::line);
-        let cell = |at: usize| record.get(at).unwrap_or_default().to_owned();
-        let value: f64 =
-            cell(response).parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(
-                || {
-                    BadInput::new(
-                        place,
-                        format!("{} (line {line})", columns.response),
-                        format!("{:?} is not a number", cell(response)),
-                        "correct that line, or remove it where nothing was measured",
-                    )
-                },
-            )?;
-        let levels: Vec<String> = within.iter().map(|at| cell(*at)).collect();
-        let row = Row { line, subject: cell(subject), levels, value };
-        if row.subject.is_empty() || row.levels.iter().any(String::is_empty) {
+    for row in table.rows() {
+        let row = row?;
+        table.check_length(&row)?;
+        let value = response.text(&row);
+        let value =
+            value.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
+                let remedy = "correct that line, or remove it where nothing was measured";
+                response.wrong(&row, format!("{value:?} is not a number"), remedy)
+            })?;
+        let levels: Vec<String> = within.iter().map(|it| it.text(&row).to_owned()).collect();
+        let subject = subject.text(&row).to_owned();
+        if subject.is_empty() || levels.iter().any(String::is_empty) {
             return Err(BadInput::new(
-                place,
-                format!("line {line}"),
+                path.display(),
+                format!("line {}", row.line),
                 "a subject or a level is empty",
                 "complete that line, or remove it",
             ));
         }
-        rows.push(row);
+        rows.push(Row { line: row.line, subject, levels, value });
     }
     Ok(rows)
 }
@@ -275,7 +239,7 @@ mod tests {
     #[test]
     fn what_cannot_be_used_is_named() {
         let cases = [
-            (WHOLE.replace("resp", "value"), "resp: no such column; it has who, day, time, value"),
+            (WHOLE.replace("resp", "value"), "resp: no such column; it has the columns who, day"),
             (WHOLE.replace("8.5", "many"), "resp (line 5): \"many\" is not a number"),
             (WHOLE.replace("8.5", "NaN"), "resp (line 5): \"NaN\" is not a number"),
             (WHOLE.replace("b,2,y,1\n", ""), "subject b has no value in 2, y"),
@@ -283,6 +247,10 @@ mod tests {
             (WHOLE.replace("a,2,y,8.5", ",2,y,8.5"), "line 5: a subject or a level is empty"),
             (WHOLE.replace("a,2,y,8.5", "a,2,y"), "3 cells, and the header has 4"),
             ("who,day,time,resp\n".to_owned(), "there are no measurements"),
+            (
+                WHOLE.replace("8.5", "many").replace('\n', "\r\n"),
+                "resp (line 5): \"many\" is not a number",
+            ),
         ];
         for (text, part) in cases {
             let error = read_table(&text, false).unwrap_err();

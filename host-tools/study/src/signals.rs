@@ -28,7 +28,7 @@ pub struct Read {
 /// An empty cell, NaN, and a zero of what cannot be zero are missing values.
 ///
 /// # Errors
-/// When it cannot be read, a column is missing, a cell is no number, or times do not increase:
+/// When it cannot be read, a column is missing, a cell is not a number, or times do not increase:
 /// with the line.
 pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInput> {
     let remedy = "name the columns in study.toml as they stand in the file";
@@ -37,6 +37,7 @@ pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInpu
     let (mut times_s, mut values, mut lines) = (Vec::new(), Vec::new(), Vec::new());
     let mut off = 0;
     for row in text.rows() {
+        let row = row?;
         let value = column.number(&row)?;
         let is_off = file.kind.is_positive() && value.is_some_and(|it| it <= 0.0);
         off += usize::from(is_off);
@@ -70,7 +71,7 @@ pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInpu
     Ok(Read { signal, warnings })
 }
 
-fn time_s(time: Column<'_>, row: &Row<'_>, clock: Clock) -> Result<f64, BadInput> {
+fn time_s(time: Column<'_>, row: &Row, clock: Clock) -> Result<f64, BadInput> {
     match clock {
         Clock::Seconds => time.number(row)?.ok_or_else(|| {
             time.wrong(row, "there is no time", "remove that line: its time is not known")

@@ -12,6 +12,7 @@
 //! every analysis reads them alone, so that a recording that was cut off is as good as another
 //! up to its end.
 
+mod c3d;
 pub mod export;
 pub mod journal;
 pub mod manifest;

@@ -157,7 +157,7 @@ impl Table {
     /// become gaps, and are warned of with their lines.
     ///
     /// # Errors
-    /// When the file cannot be read, columns are missing, a cell is no number, units contradict
+    /// When the file cannot be read, columns are missing, a cell is not a number, units contradict
     /// each other, or time does not increase: with the line.
     pub fn read(&self) -> Result<Positions, BadInput> {
         let place = self.path.display().to_string();
@@ -171,6 +171,7 @@ impl Table {
 
         let (mut rows, mut without) = (Vec::new(), Vec::new());
         for row in text.rows() {
+            let row = row?;
             let line = row.line;
             let time_s = time.number(&row)?.ok_or_else(|| {
                 time.wrong(&row, "there is no time", "remove that line: nobody knows when it was")
@@ -369,12 +370,15 @@ mod tests {
         let cases = [
             ("t,x,z\n0,1,2\n", "y: no such column; it has the columns t, x, z"),
             ("", "it has no columns"),
-            ("t,x,y\n0,1,2\n0.1,one,2\n", "x (line 3): \"one\" is no number"),
+            ("t,x,y\n0,1,2\n0.1,one,2\n", "x (line 3): \"one\" is not a number"),
             ("t,x,y\n0,1,2\n,1,2\n", "t (line 3): there is no time"),
             ("t,x,y\n0,1,2\n0.2,1,2\n0.1,1,2\n", "t (line 4): 0.1 s comes after 0.2 s"),
             ("t,x,y\n0,1,2\n", "fewer than two samples"),
             ("t,x,y\n0,1,2\n17,1,3\n33,2,2\n", "is the time in seconds?"),
-            ("t;x;y\n0;1,5;2\n", "x (line 2): \"1,5\" is no number; write the table with decimal"),
+            (
+                "t;x;y\n0;1,5;2\n",
+                "x (line 2): \"1,5\" is not a number; write the table with decimal",
+            ),
         ];
         for (text, part) in cases {
             let error = read(text, Unit::Mm).unwrap_err();

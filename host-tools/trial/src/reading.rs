@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
 use plumbline::config::Config;
@@ -11,7 +10,8 @@ use plumbline::packet::{
     AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError,
     PosePacket, Reply, ReplyOutcome,
 };
-use plumbline::pose::{Cam, Pose, Scene, Target};
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_stream::accounting::{Accounting, Arrival};
@@ -188,11 +188,9 @@ fn read_config(folder: &Path, warnings: &mut Vec<String>) -> Result<Option<Confi
 
 /// Puts a trial together, packet by packet.
 struct Builder {
-    /// Virtual: only differences count.
-    begun: Instant,
     accounting: Accounting,
     clock: SessionClock,
-    scene: Option<(Matrix3<f64>, Vector3<f64>)>,
+    scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
     frames: Vec<Frame>,
     marks: Vec<(u64, u32, Mark)>,
@@ -208,7 +206,6 @@ struct Builder {
 impl Builder {
     fn new(config: Option<&Config>) -> Self {
         Self {
-            begun: Instant::now(),
             accounting: Accounting::default(),
             clock: SessionClock::default(),
             scene: config.and_then(scene_of),
@@ -284,8 +281,7 @@ impl Builder {
         match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
             Arrival::Repeated => return,
             Arrival::NewSession => {
-                let arrival = self.begun + Duration::from_nanos(host_ns);
-                self.clock.start_session(packet.capture_time_ns, arrival);
+                self.clock.start_session(packet.capture_time_ns, host_ns);
             }
             Arrival::New { .. } | Arrival::Late => {}
         }
@@ -379,28 +375,21 @@ impl Builder {
     }
 }
 
-/// The board's rotation in the camera frame, and the lower trunk's lever on its target.
-fn scene_of(config: &Config) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+/// The scene, and the lower trunk's lever on its target.
+fn scene_of(config: &Config) -> Option<(SceneFrame, Vector3<f64>)> {
     let theta = config.cam_from_scene_theta?;
-    let cam_from_scene = Pose::<Cam, Scene>::from_theta(theta);
     let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower);
     let lever_mm = lower.map(|it| it.geometry.virtual_point_mm());
-    Some((cam_from_scene.rotation, lever_mm.unwrap_or_default()))
+    Some((SceneFrame::new(Pose::from_theta(theta)), lever_mm.unwrap_or_default()))
 }
 
-/// Covariance along AP, ML and SI of a point fixed to a target, `lever_mm` from its origin:
-/// J C J', with J = A [-R \[lever\]x, I] and A from the camera frame to the body's axes, which are
-/// the scene's z, x and -y.
-fn covariance_mm2(
-    cam_from_scene: &Matrix3<f64>,
-    pose: &MeasuredPose,
-    lever_mm: Vector3<f64>,
-) -> Matrix3<f64> {
+/// The covariance along AP, ML and SI of a point that is fixed to a target, `lever_mm` from its
+/// origin: J C J', with J = A [-R \[lever\]x, I] and A from the camera frame to the body's axes.
+fn covariance_mm2(scene: &SceneFrame, pose: &MeasuredPose, lever_mm: Vector3<f64>) -> Matrix3<f64> {
     let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
     let cam_from_target = Pose::<Cam, Target>::from_theta([theta1, theta2, theta3, 0.0, 0.0, 0.0]);
     let turned = -cam_from_target.rotation * lever_mm.cross_matrix();
-    let axes = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
-    let body_from_cam = axes * cam_from_scene.transpose();
+    let body_from_cam = scene.anatomical_from_cam();
     let mut jacobian = Matrix3x6::zeros();
     jacobian.fixed_columns_mut::<3>(0).copy_from(&(body_from_cam * turned));
     jacobian.fixed_columns_mut::<3>(3).copy_from(&body_from_cam);

@@ -141,7 +141,7 @@ mod tests {
             let capture_ns = 5 * SECOND_NS + frame * 20_000_000;
             let host_ns = 3600 * SECOND_NS + capture_ns + way_ms(frame) * 1_000_000;
             if frame == 0 {
-                clock.start_session(capture_ns, std::time::Instant::now());
+                clock.start_session(capture_ns, host_ns);
             }
             let packet = PosePacket {
                 sequence: frame as u32,

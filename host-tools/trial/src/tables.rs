@@ -15,7 +15,7 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 use plumbline::packet::Deframer;
 use plumbline_files::BadInput;
-use plumbline_files::poses::PoseRow;
+use plumbline_files::poses::{NUMBERS, PoseRow, number_columns};
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::recorder::Recorder;
 use plumbline_stream::transport::Event;
@@ -61,28 +61,11 @@ struct Columns {
     text: [Vec<ByteArray>; 2],
     time_s: Vec<f64>,
     /// With how many of the rows have them: 1 where there is a value, 0 where there is none.
-    numbers: [(Vec<f64>, Vec<i16>); 14],
+    numbers: [(Vec<f64>, Vec<i16>); NUMBERS],
 }
 
 const WHOLE: [&str; 2] = ["session", "frame"];
 const TEXT: [&str; 2] = ["target", "state"];
-const NUMBERS: [&str; 14] = [
-    "theta1_rad",
-    "theta2_rad",
-    "theta3_rad",
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "sd_x_mm",
-    "sd_y_mm",
-    "sd_z_mm",
-    "rms_px",
-    "points",
-    "ap_mm",
-    "ml_mm",
-    "si_mm",
-];
-
 impl Columns {
     fn push(&mut self, row: &PoseRow, session: u32) {
         let whole = [i64::from(session), row.frame.cast_signed()];
@@ -90,23 +73,7 @@ impl Columns {
         let text = [&row.target, &row.state];
         self.text.iter_mut().zip(text).for_each(|(column, it)| column.push(it.as_str().into()));
         self.time_s.push(row.time_s);
-        let numbers = [
-            row.theta1_rad,
-            row.theta2_rad,
-            row.theta3_rad,
-            row.x_mm,
-            row.y_mm,
-            row.z_mm,
-            row.sd_x_mm,
-            row.sd_y_mm,
-            row.sd_z_mm,
-            row.rms_px,
-            row.points.map(f64::from),
-            row.ap_mm,
-            row.ml_mm,
-            row.si_mm,
-        ];
-        for ((values, there), number) in self.numbers.iter_mut().zip(numbers) {
+        for ((values, there), number) in self.numbers.iter_mut().zip(row.numbers()) {
             values.extend(number);
             there.push(i16::from(number.is_some()));
         }
@@ -131,7 +98,7 @@ impl Columns {
             fields.push(column(name, Physical::BYTE_ARRAY, required, text)?);
         }
         fields.push(column("time_s", Physical::DOUBLE, required, None)?);
-        for name in NUMBERS {
+        for name in number_columns() {
             fields.push(column(name, Physical::DOUBLE, Repetition::OPTIONAL, None)?);
         }
         Type::group_type_builder("samples").with_fields(fields).build()

@@ -67,7 +67,7 @@ pub fn export(
         Format::Trc => Some(trc::bytes(&rows, out)),
         Format::C3d => {
             warnings.extend(rows.unevenness());
-            Some(c3d::bytes(&rows, out)?)
+            Some(c3d::bytes(&rows))
         }
         Format::Bids => {
             warnings.extend(bids::write(&rows, trial, &points, out)?);

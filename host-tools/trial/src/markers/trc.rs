@@ -1,14 +1,14 @@
 //! Track row column: see [`crate::export`] for its lines.
 //!
-//! Times are taken from the rate, since programs round those in the rows to milliseconds; the
-//! first row's says when the recording begins.
+//! Times are computed from the rate, because programs round those in the rows to milliseconds;
+//! only that of the first row is used, as the begin of the recording.
 
 use std::path::Path;
 
 use plumbline_files::BadInput;
 use plumbline_files::text_of;
 
-use super::{Marker, Markers, VALUES_MAX, unit_of};
+use super::{Marker, Markers, Unit, VALUES_MAX, unit_of};
 
 /// Columns before those of the first marker: frame and time.
 const BEFORE: usize = 2;
@@ -21,117 +21,182 @@ pub fn read(path: &Path) -> Result<Markers, BadInput> {
 
 fn parse(text: &str, place: &str) -> Result<Markers, BadInput> {
     let mut lines = text.lines().zip(1..);
-    let mut next = |what: &str| {
-        let line = lines.next().map(|(text, _)| text);
-        line.ok_or_else(|| BadInput::whole(place, format!("it ends before {what}"), REMEDY))
-    };
-    if !next("its header")?.trim_start_matches('\u{feff}').starts_with("PathFileType") {
-        return Err(BadInput::new(place, "line 1", "it does not begin with PathFileType", REMEDY));
-    }
-    let keys: Vec<&str> = next("its header")?.split('\t').map(str::trim).collect();
-    let values: Vec<&str> = next("its header")?.split('\t').map(str::trim).collect();
-    let names: Vec<&str> = next("the markers' names")?.split('\t').map(str::trim).collect();
-    next("the markers' axes")?;
-
-    let value = |key: &str| {
-        let at = keys.iter().position(|it| it.eq_ignore_ascii_case(key))?;
-        values.get(at).copied().filter(|it| !it.is_empty())
-    };
-    let rate_hz = value("DataRate").and_then(|it| it.parse::<f64>().ok());
-    let Some(rate_hz) = rate_hz.filter(|it| it.is_finite() && *it > 0.0) else {
-        return Err(BadInput::new(place, "DataRate (line 3)", "it is no rate", REMEDY));
-    };
-    let frames: Option<usize> = value("NumFrames").and_then(|it| it.parse().ok());
-    let unit = value("Units").and_then(unit_of);
-    let mut markers: Vec<Marker> = names
-        .iter()
-        .skip(BEFORE)
-        .step_by(3)
-        .take_while(|name| !name.is_empty())
-        .map(|name| Marker { name: (*name).to_owned(), position: Vec::new() })
-        .collect();
-    if markers.is_empty() {
-        return Err(BadInput::new(place, "line 4", "it names no marker", REMEDY));
-    }
-    let said: Option<usize> = value("NumMarkers").and_then(|it| it.parse().ok());
-    if said.is_some_and(|said| said != markers.len()) {
-        let found = format!("{} markers are named, and NumMarkers is {said:?}", markers.len());
-        return Err(BadInput::new(place, "line 4", found, "correct the file's header"));
-    }
-
-    let mut first: Option<(u64, f64)> = None;
+    let header = Header::read(&mut lines, place)?;
+    let mut first = None;
+    let mut positions = vec![Vec::new(); header.names.len()];
     for (text, line) in lines {
         if text.trim().is_empty() {
             continue;
         }
-        let cells: Vec<&str> = text.split('\t').map(str::trim).collect();
-        let wrong = |field: &str, found: String| {
-            let remedy = "correct or remove that line; a missing value is an empty cell or NaN";
-            BadInput::new(place, format!("{field} (line {line})"), found, remedy)
-        };
-        let frame: u64 = cells[0]
-            .parse()
-            .map_err(|_| wrong("Frame#", format!("{:?} is no frame's number", cells[0])))?;
-        let time = cells.get(1).copied().unwrap_or_default();
-        let time_s = time.parse::<f64>().ok().filter(|it| it.is_finite());
-        let time_s = time_s.ok_or_else(|| wrong("Time", format!("{time:?} is no time")))?;
-        let (first_frame, first_s) = *first.get_or_insert((frame, time_s));
-        let at = frame.checked_sub(first_frame).and_then(|it| usize::try_from(it).ok());
-        let row = markers[0].position.len();
-        let Some(at) = at.filter(|at| *at >= row) else {
-            return Err(wrong("Frame#", format!("{frame} comes after a later frame")));
-        };
-        if at.saturating_mul(3 * markers.len()) > VALUES_MAX {
-            return Err(wrong("Frame#", format!("{frame}: no recording is so long")));
-        }
-        // Before there is room for all that it would leave out.
-        if let Some(said) = frames.filter(|said| at >= *said) {
-            return Err(wrong("Frame#", format!("{frame} is beyond NumFrames, {said}")));
-        }
-        // Rounded to milliseconds or not, the time is that of the frame.
-        let due_s = first_s + at as f64 / rate_hz;
-        if (time_s - due_s).abs() > 0.5 / rate_hz + 1e-3 {
-            let found =
-                format!("{time_s} s, where {rate_hz} Hz and the frame's number give {due_s:.3} s");
-            return Err(wrong("Time", found));
-        }
-        if cells.len() > BEFORE + 3 * markers.len()
-            && cells[BEFORE + 3 * markers.len()..].iter().any(|it| !it.is_empty())
-        {
-            return Err(wrong("line", format!("{} cells, more than markers have", cells.len())));
-        }
-        for (index, marker) in markers.iter_mut().enumerate() {
-            let mut position = [0.0; 3];
-            let mut is_seen = true;
-            for (axis, value) in position.iter_mut().enumerate() {
-                let cell = cells.get(BEFORE + 3 * index + axis).copied().unwrap_or_default();
-                if cell.is_empty() {
-                    is_seen = false;
-                    continue;
-                }
-                let number: f64 = cell
-                    .parse()
-                    .map_err(|_| wrong(&marker.name, format!("{cell:?} is no number")))?;
-                is_seen &= number.is_finite();
-                *value = number;
-            }
-            // Frames that the file leaves out were not seen.
-            marker.position.resize(at, None);
-            marker.position.push(is_seen.then_some(position));
+        let row = Row { place, line, cells: cells(text) };
+        let (frame, time_s) = (row.frame()?, row.time_s()?);
+        let first = *first.get_or_insert((frame, time_s));
+        let index = header.index(&row, (frame, time_s), first, positions[0].len())?;
+        row.check_length(header.names.len())?;
+        for (marker, (positions, name)) in positions.iter_mut().zip(&header.names).enumerate() {
+            // In frames that the file leaves out the marker was not seen.
+            positions.resize(index, None);
+            positions.push(row.position(marker, name)?);
         }
     }
     let Some((_, first_s)) = first else {
         return Err(BadInput::whole(place, "it has no frame", REMEDY));
     };
-    let rows = markers[0].position.len();
-    if frames.is_some_and(|said| said != rows) {
+    let rows = positions[0].len();
+    if let Some(frames) = header.frames.filter(|frames| *frames != rows) {
         return Err(BadInput::whole(
             place,
-            format!("it has {rows} frames, and NumFrames is {}", frames.unwrap_or_default()),
+            format!("it has {rows} frames, and NumFrames is {frames}"),
             "the file is cut off or changed: write it again",
         ));
     }
-    Ok(Markers { place: place.to_owned(), rate_hz, first_s, unit, markers })
+    let markers = header.names.into_iter().zip(positions);
+    Ok(Markers {
+        place: place.to_owned(),
+        rate_hz: header.rate_hz,
+        first_s,
+        unit: header.unit,
+        markers: markers.map(|(name, position)| Marker { name, position }).collect(),
+    })
+}
+
+fn cells(line: &str) -> Vec<&str> {
+    line.split('\t').map(str::trim).collect()
+}
+
+/// What the first five lines say.
+struct Header {
+    rate_hz: f64,
+    /// The number of frames, if it is given.
+    frames: Option<usize>,
+    unit: Option<Unit>,
+    /// The markers' names; at least one.
+    names: Vec<String>,
+}
+
+impl Header {
+    fn read<'a>(
+        lines: &mut impl Iterator<Item = (&'a str, usize)>,
+        place: &str,
+    ) -> Result<Self, BadInput> {
+        let mut next = |what: &str| {
+            let line = lines.next().map(|(text, _)| text);
+            line.ok_or_else(|| BadInput::whole(place, format!("it ends before {what}"), REMEDY))
+        };
+        let wrong = |field: &str, found: &str| Err(BadInput::new(place, field, found, REMEDY));
+        if !next("its header")?.trim_start_matches('\u{feff}').starts_with("PathFileType") {
+            return wrong("line 1", "it does not begin with PathFileType");
+        }
+        let keys = cells(next("its header")?);
+        let values = cells(next("its header")?);
+        let value = |key: &str| {
+            let at = keys.iter().position(|it| it.eq_ignore_ascii_case(key))?;
+            values.get(at).copied().filter(|it| !it.is_empty())
+        };
+        let count = |key: &str| value(key).and_then(|it| it.parse::<usize>().ok());
+        let names = cells(next("the markers' names")?);
+        next("the markers' axes")?;
+
+        let rate_hz = value("DataRate").and_then(|it| it.parse::<f64>().ok());
+        let Some(rate_hz) = rate_hz.filter(|it| it.is_finite() && *it > 0.0) else {
+            return wrong("DataRate (line 3)", "it is not a rate in Hz");
+        };
+        let names = names.into_iter().skip(BEFORE).step_by(3).take_while(|name| !name.is_empty());
+        let names: Vec<String> = names.map(str::to_owned).collect();
+        if names.is_empty() {
+            return wrong("line 4", "it names no marker");
+        }
+        if let Some(said) = count("NumMarkers").filter(|said| *said != names.len()) {
+            let found = format!("{} markers are named, and NumMarkers is {said}", names.len());
+            return Err(BadInput::new(place, "line 4", found, "correct the file's header"));
+        }
+        let unit = value("Units").and_then(unit_of);
+        Ok(Self { rate_hz, frames: count("NumFrames"), unit, names })
+    }
+
+    /// The index of a row's frame, from 0: its number and its time must both be those of a frame
+    /// after the rows before it. `first` has the number and the time of the first frame, and
+    /// `rows` is the number of frames before this one.
+    fn index(
+        &self,
+        row: &Row<'_>,
+        (frame, time_s): (u64, f64),
+        (first_frame, first_s): (u64, f64),
+        rows: usize,
+    ) -> Result<usize, BadInput> {
+        let index = frame.checked_sub(first_frame).and_then(|it| usize::try_from(it).ok());
+        let Some(index) = index.filter(|index| *index >= rows) else {
+            return Err(row.wrong("Frame#", format!("{frame} comes after a later frame")));
+        };
+        if index.saturating_mul(3 * self.names.len()) > VALUES_MAX {
+            return Err(row.wrong("Frame#", format!("{frame}: no recording is so long")));
+        }
+        // Checked before memory is reserved for all the frames that the file leaves out.
+        if let Some(said) = self.frames.filter(|said| index >= *said) {
+            return Err(row.wrong("Frame#", format!("{frame} is beyond NumFrames, {said}")));
+        }
+        // Times may be rounded to milliseconds.
+        let Self { rate_hz, .. } = self;
+        let due_s = first_s + index as f64 / rate_hz;
+        if (time_s - due_s).abs() > 0.5 / rate_hz + 1e-3 {
+            let found =
+                format!("{time_s} s, where {rate_hz} Hz and the frame's number give {due_s:.3} s");
+            return Err(row.wrong("Time", found));
+        }
+        Ok(index)
+    }
+}
+
+/// One line under the header.
+struct Row<'a> {
+    place: &'a str,
+    /// Its number in the file, from 1.
+    line: usize,
+    cells: Vec<&'a str>,
+}
+
+impl Row<'_> {
+    /// The text in a column; empty where the line is too short.
+    fn cell(&self, column: usize) -> &str {
+        self.cells.get(column).copied().unwrap_or_default()
+    }
+
+    fn wrong(&self, field: &str, found: String) -> BadInput {
+        let remedy = "correct or remove that line; a missing value is an empty cell or NaN";
+        BadInput::new(self.place, format!("{field} (line {})", self.line), found, remedy)
+    }
+
+    fn frame(&self) -> Result<u64, BadInput> {
+        let cell = self.cell(0);
+        cell.parse().map_err(|_| self.wrong("Frame#", format!("{cell:?} is not a frame's number")))
+    }
+
+    fn time_s(&self) -> Result<f64, BadInput> {
+        let cell = self.cell(1);
+        let time_s = cell.parse::<f64>().ok().filter(|it| it.is_finite());
+        time_s.ok_or_else(|| self.wrong("Time", format!("{cell:?} is not a time")))
+    }
+
+    /// Refuses numbers after those of the last marker.
+    fn check_length(&self, markers: usize) -> Result<(), BadInput> {
+        if self.cells.iter().skip(BEFORE + 3 * markers).all(|it| it.is_empty()) {
+            return Ok(());
+        }
+        Err(self.wrong("line", format!("{} cells, more than markers have", self.cells.len())))
+    }
+
+    /// Where a marker was; `None` where it was not seen.
+    fn position(&self, marker: usize, name: &str) -> Result<Option<[f64; 3]>, BadInput> {
+        let mut position = [f64::NAN; 3];
+        for (axis, value) in position.iter_mut().enumerate() {
+            let cell = self.cell(BEFORE + 3 * marker + axis);
+            if !cell.is_empty() {
+                let wrong = |_| self.wrong(name, format!("{cell:?} is not a number"));
+                *value = cell.parse().map_err(wrong)?;
+            }
+        }
+        Ok(Some(position).filter(|it| it.iter().all(|it| it.is_finite())))
+    }
 }
 
 #[cfg(test)]
@@ -139,7 +204,6 @@ mod tests {
     use plumbline_analysis::agreement::axes::Axes;
     use plumbline_analysis::series::Axis;
 
-    use super::super::Unit;
     use super::*;
 
     const HEAD: &str = "PathFileType\t4\t(X/Y/Z)\tC:\\a.trc\t\t\nDataRate\tCameraRate\tNumFrames\t\
@@ -174,7 +238,7 @@ mod tests {
         let cases = [
             (String::new(), "no frame"),
             (good.clone(), "it has 2 frames, and NumFrames is 3"),
-            (good.clone() + "3\t0.02\t1\t2\tx\n", "A (line 9): \"x\" is no number"),
+            (good.clone() + "3\t0.02\t1\t2\tx\n", "A (line 9): \"x\" is not a number"),
             (good.clone() + &row(1, 0.02), "Frame# (line 9): 1 comes after"),
             (good.clone() + &row(3, 0.03), "Time (line 9): 0.03 s, where 100 Hz"),
             (good.clone() + "three\t0.02\n", "Frame# (line 9)"),
