@@ -28,7 +28,7 @@ pub enum Delimiter {
 }
 
 impl Delimiter {
-    /// All of them.
+    /// All delimiters, in the order in which they are tried.
     pub const ALL: [Self; 3] = [Self::Tab, Self::Comma, Self::Semicolon];
 
     /// The character as a byte.

@@ -1,8 +1,8 @@
-//! Numbers of things, for people.
+//! Counts in words, for messages.
 
 use std::fmt::Display;
 
-/// "1 target", "2 targets": of a thing whose plural has an s.
+/// "1 target", "2 targets"; for a noun whose plural ends in s.
 #[must_use]
 pub fn counted<N: Display + PartialEq + From<u8>>(count: N, thing: &str) -> String {
     let plural = if count == N::from(1) { "" } else { "s" };

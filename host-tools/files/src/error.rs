@@ -1,9 +1,9 @@
-//! What the program says when its input is not usable.
+//! The error for input that cannot be used.
 
 use std::fmt;
 
 /// Something from outside that cannot be used: where it is, what was found
-/// there, and what to do about it.
+/// there, and what to do next.
 ///
 /// Shown as `FILE: FIELD: found; remedy`, in one line.
 #[derive(Debug, Clone, PartialEq, Eq)]

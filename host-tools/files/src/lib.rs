@@ -1,8 +1,7 @@
 //! The files that `plumb` reads and writes.
 //!
-//! Every reader refuses what it does not understand with a
-//! [`BadInput`] that names the file, the field, what was
-//! found and what to do; none guesses, and none allocates more than its limits
+//! Every reader refuses what it does not understand, with a [`BadInput`] that names the file, the
+//! field, what was found and what to do. None guesses, and none allocates more than its limits
 //! allow, whatever a header claims.
 
 use std::fs::File;
@@ -23,15 +22,17 @@ pub mod targets;
 
 pub use error::BadInput;
 
-/// No description file of any sort comes near this; a device or a video given
-/// by mistake passes it at once.
+/// Descriptions are far smaller; a device or a video that is given by mistake is larger.
 const TEXT_BYTES_MAX: u64 = 1 << 20;
 
-/// A trial of another system is no larger: an hour at 1 kHz of a plate with some 30 columns.
+/// The largest recording of another system: an hour at 1 kHz of a plate with some 30 columns.
 const TRIAL_BYTES_MAX: u64 = 1 << 30;
 
-/// A whole recording of another system, of at most 1 GiB; one whose name ends with .gz is
+/// Reads a whole recording of another system, of at most 1 GiB. If its name ends with .gz, it is
 /// unpacked.
+///
+/// # Errors
+/// When it cannot be read, or is larger.
 pub fn bytes_of(path: &Path) -> Result<Vec<u8>, BadInput> {
     let place = path.display();
     let file = File::open(path).map_err(|error| BadInput::io(&place, &error))?;
@@ -49,12 +50,15 @@ pub fn bytes_of(path: &Path) -> Result<Vec<u8>, BadInput> {
     Ok(bytes)
 }
 
-/// As [`bytes_of`], of text. Names may be in any encoding; numbers are ASCII in all of them.
+/// As [`bytes_of`], for text. Names may be in any encoding; numbers are ASCII in all of them.
+///
+/// # Errors
+/// As [`bytes_of`].
 pub fn text_of(path: &Path) -> Result<String, BadInput> {
     Ok(String::from_utf8_lossy(&bytes_of(path)?).into_owned())
 }
 
-/// A whole text file of at most 1 MiB.
+/// Reads a whole text file of at most 1 MiB.
 ///
 /// # Errors
 /// When it cannot be read, is longer, or is not text.
@@ -116,8 +120,8 @@ fn open_new(path: &Path, force: bool) -> std::io::Result<File> {
     options.open(path)
 }
 
-/// A file of `--out` that is made when the first byte is written to it: where nothing comes
-/// there is none, and one from before is still what it was.
+/// A file of `--out` that is created when the first byte is written: if nothing is written there is
+/// none, and one from before is unchanged.
 #[derive(Debug)]
 pub struct Late {
     path: PathBuf,
@@ -126,7 +130,7 @@ pub struct Late {
 }
 
 impl Late {
-    /// Checks that it can be made, and leaves nothing behind.
+    /// Checks that the file can be created, and leaves nothing behind.
     ///
     /// # Errors
     /// As [`create`].
@@ -135,7 +139,7 @@ impl Late {
             create(path, false)?;
             std::fs::remove_file(path).map_err(|error| BadInput::io(path.display(), &error))?;
         } else if path.is_file() || path.is_dir() {
-            // A device or a pipe would notice.
+            // Only files and directories: opening a device or a pipe can have effects.
             let opened = File::options().append(true).open(path);
             opened.map_err(|error| BadInput::io(path.display(), &error))?;
         }
@@ -158,8 +162,8 @@ impl Write for Late {
 }
 
 /// Writes several files: all of them or none. Where one exists and `force` is not given, a
-/// directory is absent, or the disk is full, nothing is left behind. Nobody ever sees a part of
-/// a file.
+/// directory is absent, or the disk is full, nothing is left behind. Each file is renamed
+/// atomically: no other program ever sees a part of it.
 ///
 /// # Errors
 /// When one exists, or the operating system refuses.
@@ -171,7 +175,7 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
     let mut staged = Vec::new();
     for (path, bytes) in outputs {
         if path.exists() && !path.is_file() {
-            // A device or a pipe is written to where it is.
+            // A device or a pipe cannot be replaced by a file: it is written to.
             let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
             create(path, force)?.write_all(bytes).map_err(failed)?;
         } else {
@@ -184,7 +188,7 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
     Ok(())
 }
 
-/// Writes one file, in the place of one that exists, as [`write_all`] does.
+/// Writes one file as [`write_all`] does, in place of one that exists.
 ///
 /// # Errors
 /// When the operating system refuses.
@@ -192,7 +196,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
     replace_with(path, |file| write_bytes(file, path, bytes))
 }
 
-/// Writes one file as [`replace`] does, by whatever fills it.
+/// Writes one file as [`replace`] does; `fill` writes its content.
 ///
 /// # Errors
 /// When the operating system refuses, and those of `fill`.
@@ -206,13 +210,13 @@ pub fn replace_with(
     Ok(())
 }
 
-/// Brings the names in a directory to the disk, so that they survive a loss of power. There are
-/// file systems that cannot; on those the names come to the disk when they come.
+/// Brings the names in a directory to the disk, so that they survive a loss of power. File systems
+/// that cannot do so bring them there in their own time.
 pub fn sync_directory(directory: &Path) {
     let _ = File::open(directory).and_then(|it| it.sync_all());
 }
 
-/// A file beside `path` that is yet to take its name.
+/// A temporary file beside `path`, to be renamed to it.
 fn beside(
     path: &Path,
     fill: impl FnOnce(&File) -> Result<(), BadInput>,
@@ -222,12 +226,12 @@ fn beside(
     if !directory.is_dir() {
         return Err(no_such_directory(path));
     }
-    // As any file that this user makes, and not only for this user's eyes.
+    // Readable as any file of this user; temporary files are private otherwise.
     let mut builder = tempfile::Builder::new();
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(directory).map_err(failed)?;
     fill(file.as_file())?;
-    // Or the name may be on the disk before what it names.
+    // Otherwise the name may be on the disk before the content.
     file.as_file().sync_all().map_err(failed)?;
     Ok(file)
 }
@@ -236,7 +240,7 @@ fn write_bytes(mut file: &File, path: &Path, bytes: &[u8]) -> Result<(), BadInpu
     file.write_all(bytes).map_err(|error| BadInput::io(path.display(), &error))
 }
 
-/// The directory in which a file is or will be.
+/// The directory of a file.
 #[must_use]
 pub fn directory_of(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
@@ -258,7 +262,7 @@ pub fn refuse_overwriting<'a>(
     out: &Path,
     inputs: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), BadInput> {
-    // A file that is not there yet is no input.
+    // A file that does not exist yet is not an input.
     let Ok(existing) = out.canonicalize() else { return Ok(()) };
     if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|it| it == existing)) {
         return Err(BadInput::whole(
@@ -270,9 +274,12 @@ pub fn refuse_overwriting<'a>(
     Ok(())
 }
 
-/// The value of a TOML text; errors name the field and its line.
+/// Parses a TOML text; errors name the field and its line.
 ///
-/// `remedy` says where the format is described or what a good file looks like.
+/// `remedy` says what a correct file looks like.
+///
+/// # Errors
+/// When it is not TOML, or not of this type.
 pub fn from_toml<T: DeserializeOwned>(
     text: &str,
     place: &str,
@@ -301,7 +308,7 @@ pub fn from_toml<T: DeserializeOwned>(
             let separator = if place_in_file.is_empty() { "" } else { " " };
             place_in_file = format!("{place_in_file}{separator}(line {})", line + 1);
         }
-        let found = message.lines().next().unwrap_or("not TOML");
+        let found = message.lines().next().unwrap_or("it is not TOML");
         BadInput::new(place, place_in_file, found, remedy)
     })
 }

@@ -183,7 +183,7 @@ impl PoseRow {
     }
 }
 
-/// Writes rows; what [`Writer::flush`] has passed on stays, whatever happens later.
+/// Writes rows. What [`Writer::flush`] has passed on survives the end of the program.
 pub struct Writer<W: Write> {
     rows: csv::Writer<W>,
     place: String,

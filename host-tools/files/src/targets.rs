@@ -32,7 +32,7 @@ const REMEDY: &str = "a target has name, role (upper, lower or scene), columns, 
 pub struct TargetDescription {
     /// Its name in every output.
     pub name: String,
-    /// What it is for.
+    /// Its role in the measurement.
     #[serde(with = "RoleName")]
     pub role: Role,
     /// Inner corners along x.
@@ -45,7 +45,7 @@ pub struct TargetDescription {
     /// Which point of the grid is the origin; the centre unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<OriginName>,
-    /// The body's point, in the target frame; the origin unless given.
+    /// The point of the body that it measures, in the target frame; the origin unless given.
     #[serde(default)]
     pub virtual_point_mm: [f64; 3],
     /// Measured corner positions, row by row, in the target frame.
@@ -61,7 +61,7 @@ enum RoleName {
     Scene,
 }
 
-/// [`Origin`] as files spell it.
+/// The words for [`Origin`] in files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OriginName {
@@ -100,11 +100,11 @@ pub struct NamedTarget {
 pub struct Targets {
     /// The targets.
     pub targets: Vec<NamedTarget>,
-    /// What the user should know although it is accepted; one line each.
+    /// Warnings about targets that are accepted; one line each.
     pub warnings: Vec<String>,
 }
 
-/// A grid as command lines give it: COLUMNSxROWS.
+/// Parses a grid as command lines give it: COLUMNSxROWS.
 ///
 /// # Errors
 /// What to give instead.
@@ -300,8 +300,8 @@ fn geometry(description: &TargetDescription, place: &str) -> Result<TargetGeomet
     })
 }
 
-/// The description of a target, from which the very same geometry is made again: of a constant
-/// pitch where it has one, else every corner.
+/// The description of a target, from which exactly the same geometry is made again: with the pitch
+/// where it is constant, else with every corner.
 #[must_use]
 pub fn description(name: &str, geometry: &TargetGeometry) -> TargetDescription {
     let corner = |index| -> [f64; 3] { geometry.corner_mm(index).into() };

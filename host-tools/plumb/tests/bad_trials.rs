@@ -62,7 +62,7 @@ fn what_is_no_trial_is_refused_by_every_command() {
         "export WHAT --format csv --out new.csv",
         "validate --trial WHAT --reference there.trc",
     ] {
-        for (what, part) in [("nowhere", "no folder of a trial"), ("empty", "trial.toml")] {
+        for (what, part) in [("nowhere", "not the folder of a trial"), ("empty", "trial.toml")] {
             refused(&folder, &command.replace("WHAT", what), &[what, part]);
         }
     }

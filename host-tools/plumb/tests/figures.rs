@@ -214,5 +214,5 @@ fn a_new_study_explains_itself_and_is_read() {
     assert_eq!(plumb(&folder, &["study", "--new", "study.toml"]).status.code(), Some(0));
     let said = text(&plumb(&folder, &["study", "study.toml"]));
     // All of it was understood but that the trials are not there.
-    assert!(said.contains("trials/p01") && said.contains("no folder of a trial"), "{said}");
+    assert!(said.contains("trials/p01") && said.contains("not the folder of a trial"), "{said}");
 }

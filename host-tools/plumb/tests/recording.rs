@@ -245,14 +245,14 @@ fn a_recording_that_is_killed_loses_at_most_its_last_second() {
     let sent = bench.sent("sent.bin");
 
     let trial = Trial::open(&bench.path("killed")).unwrap();
-    assert!(trial.warnings[0].contains("did not come to its end"), "{:?}", trial.warnings);
+    assert!(trial.warnings[0].contains("was cut off"), "{:?}", trial.warnings);
     let lost = sent.saturating_sub(trial.frames.len());
     assert!(lost <= RATE_HZ && trial.frames.len() > FRAMES / 2, "{lost} of {sent} lost");
     let said = bench.done("replay killed --tables");
-    assert!(said.contains("did not come to its end"), "{said}");
+    assert!(said.contains("was cut off"), "{said}");
     // The tables do not make it whole: whoever analyses it is told.
     let analysis = bench.done("analyze killed --bins 0-1 --filter 0.1");
-    assert!(analysis.contains("did not come to its end"), "{analysis}");
+    assert!(analysis.contains("was cut off"), "{analysis}");
 }
 
 #[test]
@@ -285,7 +285,7 @@ fn without_a_box_there_is_no_folder() {
     assert!(said.contains("none was not written"), "{said}");
     assert!(!bench.path("none").exists());
     for (arguments, part) in [
-        ("analyze none", "no folder of a trial"),
+        ("analyze none", "not the folder of a trial"),
         ("replay person --tables", "trial.toml"),
         ("receive --out a/b --frames 1", "no such directory"),
     ] {

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! "PLUMBLINE JOURNAL 1\n"
-//! entry: kind (1 byte), time (8), length (2), as many bytes, CRC-32 of all of these (4)
+//! entry: kind (1 byte), time (8), length (2), that number of bytes, CRC-32 of all of these (4)
 //! ```
 //!
 //! Numbers are little endian; the time is in nanoseconds since the recording began, by this
@@ -28,10 +28,11 @@ const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 1\n";
 const HEAD_BYTES: usize = 11;
 const CRC_BYTES: usize = 4;
 
-/// Longer ones do not come: the longest datagram that is no packet of ours is cut.
+/// No entry is longer: longer datagrams are cut, and are none of our packets.
 const CONTENT_BYTES_MAX: usize = 2048;
 
-/// To the disk at least this often: of a loss of power, half of the second that may be lost.
+/// The journal is brought to the disk at least this often. A loss of power may cost one second;
+/// this is half of it.
 const SYNC_EVERY: Duration = Duration::from_millis(500);
 
 /// What an entry holds.
@@ -39,16 +40,16 @@ const SYNC_EVERY: Duration = Duration::from_millis(500);
 pub enum Content {
     /// Bytes from the box.
     Raw(Raw),
-    /// An event.
+    /// A mark.
     Mark(Mark),
 }
 
 /// One entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
-    /// Since the recording began.
+    /// Time since the recording began.
     pub host_ns: u64,
-    /// What came then.
+    /// What came at that time.
     pub content: Content,
 }
 
@@ -75,7 +76,7 @@ impl Entry {
         let length = usize::from(u16::from_le_bytes([*low, *high]));
         let crc = rest.get(length..length + CRC_BYTES)?;
         let covered = HEAD_BYTES + length;
-        // The cheap test first: most places where no entry begins fail it.
+        // The cheap test comes first: it fails at most places where no entry begins.
         if length > CONTENT_BYTES_MAX || document_crc(&bytes[..covered]).to_le_bytes() != crc {
             return None;
         }
@@ -112,30 +113,30 @@ impl Writer {
         Ok(Self { file, place, keeper })
     }
 
-    /// Adds an entry. It survives the end of this program at once, and that of the computer's
-    /// power within half a second.
+    /// Adds an entry. From now on it survives the end of this program, and within half a second
+    /// also a loss of power.
     ///
     /// # Errors
-    /// When the disk takes no more; what was written before stays.
+    /// When it cannot be written; what was written before stays.
     pub fn write(&mut self, entry: &Entry) -> Result<(), BadInput> {
         let written = self.keeper.failure().map_or(Ok(()), Err);
         let written = written.and_then(|()| self.file.write_all(&entry.encode()));
         written.map_err(|error| BadInput::io(&self.place, &error))
     }
 
-    /// To the disk, now.
+    /// Brings all entries to the disk now.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the operating system refuses.
     pub fn sync(&mut self) -> Result<(), BadInput> {
         self.file.sync_data().map_err(|error| BadInput::io(&self.place, &error))
     }
 }
 
-/// Brings a file to the disk again and again, in a thread of its own: a disk may take seconds,
-/// and a serial line does not wait. Ends with whoever holds it.
+/// Brings a file to the disk periodically, in a thread of its own: a disk may take seconds, and a
+/// serial line does not wait. The thread ends when this is dropped.
 struct Keeper {
-    /// Gone with this, which the thread notices.
+    /// Dropped with this; then the thread ends.
     _held: mpsc::Sender<()>,
     thread: Option<JoinHandle<io::Result<()>>>,
 }
@@ -153,7 +154,7 @@ impl Keeper {
         Ok(Self { _held: held, thread: Some(thread) })
     }
 
-    /// Why the disk took no more, said once.
+    /// Why the file could not be brought to the disk; reported once.
     fn failure(&mut self) -> Option<io::Error> {
         let ended = self.thread.take_if(|thread| thread.is_finished())?;
         ended.join().ok()?.err()
@@ -164,7 +165,7 @@ impl Keeper {
 pub struct Reader<R: Read> {
     source: R,
     place: String,
-    /// What was read and not yet used is from `at` on.
+    /// What was read; the part from `at` on is not used yet.
     buffer: Vec<u8>,
     at: usize,
     is_over: bool,
@@ -176,7 +177,7 @@ impl Reader<File> {
     /// Opens a journal.
     ///
     /// # Errors
-    /// When it cannot be read, or is none.
+    /// When it cannot be read, or is not a journal.
     pub fn open(path: &Path) -> Result<Self, BadInput> {
         let place = path.display().to_string();
         let file = File::open(path).map_err(|error| BadInput::io(&place, &error))?;
@@ -196,7 +197,7 @@ impl<R: Read> Reader<R> {
         if !reader.buffer.starts_with(MAGIC) {
             return Err(BadInput::whole(
                 reader.place,
-                "no Plumbline journal",
+                "it is not a Plumbline journal",
                 "give the folder that `plumb receive --out` has made",
             ));
         }
@@ -223,13 +224,13 @@ impl<R: Read> Reader<R> {
         }
     }
 
-    /// Bytes that belong to no entry: of the last one, where writing was cut off.
+    /// The number of bytes that belong to no entry, such as those of a last one that was cut off.
     #[must_use]
     pub fn damaged_bytes(&self) -> u64 {
         self.damaged_bytes
     }
 
-    /// So that the longest entry is in the buffer, if the source has as much.
+    /// Fills the buffer, so that it holds the longest entry if the source has that much.
     fn fill(&mut self) -> Result<(), BadInput> {
         const ENTRY_BYTES_MAX: usize = HEAD_BYTES + CONTENT_BYTES_MAX + CRC_BYTES;
         if self.is_over || self.buffer.len() - self.at >= ENTRY_BYTES_MAX {

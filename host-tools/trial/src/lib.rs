@@ -1,16 +1,16 @@
-//! One trial: a folder with everything that is known of it.
+//! One trial: a folder with everything that is known about it.
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `packets.bin` | every packet as it came, and when; the marks: see [`journal`] |
-//! | `trial.toml` | who, what, which box, how its clock stands, what happened: see [`manifest`] |
+//! | `packets.bin` | every packet as it came, with its time; the marks: see [`journal`] |
+//! | `trial.toml` | participant, condition, box, clocks, events: see [`manifest`] |
 //! | `config.plb` | the box's configuration: its lens, its targets, which way is forward |
 //! | `samples.csv` | the poses as a table, as they come: see [`plumbline_stream::recorder`] |
 //! | `samples.parquet` | the same table, once the trial is over |
 //!
-//! The packets are the one truth. All else can be made of them again (`plumb replay --tables`), and
-//! every analysis reads them alone, so that a recording that was cut off is as good as another
-//! up to its end.
+//! The packets are the only source. Everything else can be made from them again (`plumb replay
+//! --tables`), and every analysis reads only them: a recording that was cut off is as good as any
+//! other, as far as it goes.
 
 mod c3d;
 pub mod export;
@@ -31,9 +31,9 @@ pub use recording::Recording;
 
 /// The names of the files in a trial's folder.
 pub mod names {
-    /// Everything that came.
+    /// The packets and the marks.
     pub const JOURNAL: &str = "packets.bin";
-    /// What is known of the trial as a whole.
+    /// What is known about the trial as a whole.
     pub const MANIFEST: &str = "trial.toml";
     /// The box's configuration.
     pub const CONFIG: &str = "config.plb";

@@ -10,31 +10,31 @@ use serde::{Deserialize, Serialize};
 use super::mark::Source;
 use super::names;
 
-/// What a person who opens it should know.
+/// The comment at the top of the file.
 const HEADING: &str = "# Made of packets.bin. What a person has said may be corrected here: participant, condition,\n\
                        # note, and zero (mark, start or onset); events and the rest are made anew.\n\n";
 
 /// The format that this program writes.
 const FORMAT: u32 = 1;
 
-/// A trial as a whole. What is only known at the end is absent while it is recorded, and where
-/// the recording was cut off.
+/// A trial as a whole. What only the end of a recording tells is absent while it is recorded, and
+/// after one that was cut off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     /// Version of this file.
     pub format: u32,
-    /// Whether the recording came to its end.
+    /// Whether the recording was ended properly.
     pub state: State,
     /// When it began, by this computer's clock, UTC.
     pub started: String,
     /// Who was measured, as a code.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub participant: Option<String>,
-    /// Under which condition.
+    /// The condition under which.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
-    /// Anything else.
+    /// Further notes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     /// What t = 0 is.
@@ -48,7 +48,7 @@ pub struct Manifest {
     /// What came.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub packets: Option<Packets>,
-    /// How the box's clock stood to this computer's, for each of the box's runs.
+    /// How the box's clock and this computer's were related, in each of the box's runs.
     #[serde(default, rename = "clock", skip_serializing_if = "Vec::is_empty")]
     pub clocks: Vec<ClockSeen>,
     /// Noise of each trunk point: see [`NoiseSeen`].
@@ -63,9 +63,9 @@ pub struct Manifest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
-    /// It goes on, or was cut off.
+    /// It is still being recorded, or was cut off.
     Recording,
-    /// It came to its end.
+    /// It was ended properly.
     Finished,
 }
 
@@ -74,12 +74,12 @@ pub enum State {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Zero {
-    /// The mark called "zero", else the first mark, or the first frame where there is none.
+    /// The mark with the label "zero"; without one the first mark; without any the first frame.
     #[default]
     Mark,
     /// The first frame.
     Start,
-    /// When the person stands, found by the trunk's rise.
+    /// The moment from which the person stands, found by the trunk's rise.
     Onset,
 }
 
@@ -91,7 +91,7 @@ pub struct BoxSeen {
     pub device: String,
     /// Its serial number.
     pub serial_number: String,
-    /// Its program.
+    /// The version of its firmware.
     pub firmware: String,
     /// The checksum of its configuration, which holds its calibration: `config.plb`.
     pub config_crc: String,
@@ -103,28 +103,28 @@ pub struct BoxSeen {
 pub struct Packets {
     /// Frames.
     pub frames: u64,
-    /// Frames that never came.
+    /// Frames that never arrived.
     pub lost: u64,
-    /// Packets that came damaged.
+    /// Packets that arrived damaged.
     pub corrupt: u64,
-    /// Starts of the box.
+    /// How often the box started.
     pub sessions: u32,
 }
 
-/// Two clocks over one run of the box.
+/// The relation of the box's clock and this computer's during one run of the box.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClockSeen {
     /// The run, from 1.
     pub session: u32,
-    /// The box's clock minus this computer's since the recording began.
+    /// The box's clock minus this computer's time since the recording began.
     pub offset_s: f64,
-    /// The offset is wrong by this at most: half of the shortest round trip.
+    /// Bound of the offset's error: half of the shortest round trip.
     pub uncertain_s: f64,
-    /// How much faster the box's clock runs; absent where that cannot be told from 0.
+    /// How much faster the box's clock runs; absent where that cannot be distinguished from 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift_ppm: Option<f64>,
-    /// Questions that were answered.
+    /// The number of questions that the box answered.
     pub exchanges: usize,
 }
 
@@ -146,18 +146,19 @@ pub struct NoiseSeen {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EventSeen {
-    /// Since the first frame's time, which is of its [instant](Manifest::instant).
+    /// Time since the first frame, of which [`Manifest::instant`] says the instant.
     pub time_s: f64,
-    /// What it is called.
+    /// Its label.
     pub label: String,
-    /// Who said so.
+    /// Where it comes from.
     pub source: Source,
-    /// How far its time may be off: by the clocks, and without their relation by the frames' way.
+    /// Bound of the error of its time: from the clocks' relation or, without one, from the delay of
+    /// frames.
     pub uncertain_s: f64,
 }
 
 impl Manifest {
-    /// Of a trial that begins; `started` is the time of day, as RFC 3339 writes it.
+    /// The manifest of a trial that begins; `started` is the time of day, as RFC 3339 writes it.
     #[must_use]
     pub fn begin(
         started: String,
@@ -183,14 +184,14 @@ impl Manifest {
         }
     }
 
-    /// The mark that says when t = 0 is: the first that is called so, else the first of all.
+    /// The mark that defines t = 0: the first with the label "zero", else the first of all.
     #[must_use]
     pub fn zero_mark(&self) -> Option<&EventSeen> {
         let named = self.events.iter().find(|it| it.label.eq_ignore_ascii_case("zero"));
         named.or(self.events.first())
     }
 
-    /// From a trial's folder.
+    /// Reads the manifest of a trial's folder.
     ///
     /// # Errors
     /// When it is absent, or cannot be understood.
@@ -210,7 +211,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Into a trial's folder, in the place of the one that is there.
+    /// Writes it into a trial's folder, in place of the one that is there.
     ///
     /// # Errors
     /// When it cannot be written.

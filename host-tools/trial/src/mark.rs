@@ -1,4 +1,5 @@
-//! Events of a trial: what, and who said so; and their way to the recording.
+//! Marks: events of a trial, with a label and a source; and the queue that brings them to the
+//! recording.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -29,10 +30,10 @@ impl Source {
     }
 }
 
-/// Letters of a label; what is longer is cut.
+/// The number of characters of a label; longer ones are cut.
 const LABEL_LETTERS_MAX: usize = 64;
 
-/// What a mark without words is called.
+/// The label of a mark that came without one.
 const UNNAMED: &str = "mark";
 
 /// One event.
@@ -40,12 +41,12 @@ const UNNAMED: &str = "mark";
 pub struct Mark {
     /// Where it comes from.
     pub source: Source,
-    /// What it is called.
+    /// Its label.
     pub label: String,
 }
 
 impl Mark {
-    /// With a label out of whatever a person or a device has sent.
+    /// A mark whose label is made from whatever a person or a device has sent.
     #[must_use]
     pub fn new(source: Source, label: &str) -> Self {
         let label: String =
@@ -53,13 +54,13 @@ impl Mark {
         Self { source, label: if label.is_empty() { UNNAMED.to_owned() } else { label } }
     }
 
-    /// As it stands in the journal.
+    /// The text for the journal.
     #[must_use]
     pub fn text(&self) -> String {
         format!("{} {}", self.source.word(), self.label)
     }
 
-    /// From the journal.
+    /// The mark of a text of the journal.
     #[must_use]
     pub fn read(text: &str) -> Option<Self> {
         let (word, label) = text.split_once(' ')?;
@@ -68,25 +69,25 @@ impl Mark {
     }
 }
 
-/// Marks that wait to be written; a device that sends more within a tenth of a second has gone
-/// mad.
+/// The number of marks that can wait to be written. They wait for a tenth of a second: a device
+/// that sends more in that time is out of order.
 const WAITING_MAX: usize = 64;
 
-/// Where those who hear of marks put them.
+/// The sending end of the queue of marks.
 #[derive(Debug, Clone)]
 pub struct MarkSender {
     sender: mpsc::SyncSender<(Instant, Mark)>,
     dropped: Arc<AtomicU64>,
 }
 
-/// Marks on their way to a recording.
+/// The receiving end of the queue of marks, which the recording holds.
 #[derive(Debug)]
 pub struct Marks {
     receiver: mpsc::Receiver<(Instant, Mark)>,
     dropped: Arc<AtomicU64>,
 }
 
-/// A way for marks.
+/// A queue for marks.
 #[must_use]
 pub fn channel() -> (MarkSender, Marks) {
     let (sender, receiver) = mpsc::sync_channel(WAITING_MAX);
@@ -95,8 +96,8 @@ pub fn channel() -> (MarkSender, Marks) {
 }
 
 impl MarkSender {
-    /// Puts a mark on its way, and counts it where there is no room; false once nobody takes any
-    /// more.
+    /// Sends a mark; where there is no room it is dropped and counted. False once the recording has
+    /// ended.
     pub fn send(&self, at: Instant, mark: Mark) -> bool {
         match self.sender.try_send((at, mark)) {
             Ok(()) => true,
@@ -115,7 +116,7 @@ impl Marks {
         self.receiver.try_recv().ok()
     }
 
-    /// Those for which there was no room.
+    /// The number of marks for which there was no room.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)

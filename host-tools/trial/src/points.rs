@@ -19,9 +19,9 @@ use crate::{Trial, manifest::EventSeen};
 pub struct Point {
     /// `lower`, `upper`, or `point` of a table.
     pub name: String,
-    /// Where.
+    /// Its positions.
     pub series: Series,
-    /// How uncertain that is, where it is known.
+    /// Their noise, where it is known.
     pub noise: Option<Noise>,
 }
 
@@ -38,7 +38,7 @@ pub fn point_name(point: &str) -> &'static str {
 /// The points of one trial.
 #[derive(Debug, Clone)]
 pub struct Points {
-    /// Where they come from.
+    /// The trial or the table, for messages.
     pub place: String,
     /// The points.
     pub points: Vec<Point>,
@@ -47,14 +47,14 @@ pub struct Points {
     /// The time of day of t = 0, seconds since 1970 by the clock of the computer that recorded
     /// the trial; a table has none.
     pub zero_utc_s: Option<f64>,
-    /// On the same clock.
+    /// The trial's events; t = 0 is the same.
     pub events: Vec<EventSeen>,
     /// What a user should know.
     pub warnings: Vec<String>,
 }
 
 impl Points {
-    /// Of a table.
+    /// The point of a table.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -71,7 +71,7 @@ impl Points {
         })
     }
 
-    /// Of a recorded trial; t = 0 is what `zero` says or, without it, the trial's manifest.
+    /// The points of a recorded trial; `zero` or, without it, the manifest says what t = 0 is.
     ///
     /// # Errors
     /// When it cannot be read, or has no trunk points.
@@ -81,7 +81,7 @@ impl Points {
         Self::of(&trial, zero)
     }
 
-    /// As [`of_trial`](Self::of_trial), of one that is open.
+    /// The points of a trial that has been read.
     ///
     /// # Errors
     /// When it has no trunk points, or its t = 0 cannot be found.
@@ -127,7 +127,7 @@ impl Points {
     }
 }
 
-/// When t = 0 is on the trial's clock, and in words.
+/// t = 0 on the trial's clock, and in words.
 fn zero_of(
     trial: &Trial,
     points: &[Point],
@@ -155,7 +155,7 @@ fn zero_of(
     }
 }
 
-/// A trunk's positions, and what is to be said of them.
+/// A trunk's positions, and warnings about them.
 fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
     let mut time_s: Vec<f64> = Vec::new();
     let mut position_mm: [Vec<f64>; 3] = Default::default();
@@ -180,7 +180,7 @@ fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
         doubts.push(format!("{frames} at a time that an earlier one has are left out"));
     }
     let covariances: Option<Vec<Matrix3<f64>>> = covariances.into_iter().collect();
-    // That of a trial without a configuration is not known, which has been said of all of it.
+    // Without a configuration it is not known; reading the trial has already warned of that.
     let noise = covariances.map(|all| Noise::per_sample(&series, &all)).transpose();
     let noise = noise.unwrap_or_else(|error| {
         doubts.push(format!("its uncertainty is not known: {error}"));

@@ -1,5 +1,5 @@
-//! A plain table of positions over time, such as a force plate's export: any text with columns
-//! of numbers, under a line that names them, behind whatever preamble.
+//! A plain table of positions over time, such as a force plate's export: a text with columns of
+//! numbers below a line that names them, after a preamble of any kind.
 
 use std::path::PathBuf;
 
@@ -9,20 +9,20 @@ use plumbline_files::columns::{Delimiter, TextTable};
 use plumbline_files::counting::counted;
 use serde::Deserialize;
 
-/// A row of zeros is one that the system has dropped where the way to its neighbour is so many
-/// times the usual step: a force plate that measures nothing writes 0.
+/// A row of zeros counts as dropped by the measuring system where its distance to the neighbours is
+/// this multiple of the usual step: a force plate that measures nothing writes 0.
 const DROP_STEPS: f64 = 10.0;
 
-/// Lines that are named in a message.
+/// The number of lines that a message names.
 const LINES_NAMED: usize = 5;
 
-/// A person who stands does not move so far; positions that do are in another unit.
+/// A standing person does not move this far; positions that do are in another unit.
 const RANGE_MAX_MM: f64 = 2000.0;
 
-/// Nor so little, but for a second.
+/// Nor this little, except within a second.
 const RANGE_MIN_MM: f64 = 0.5;
 
-/// Sway takes several samples a second: times further apart are in another unit.
+/// Sway is sampled several times a second: times that are further apart are in another unit.
 const STEP_MAX_S: f64 = 1.0;
 
 /// The length in which positions are given.
@@ -39,7 +39,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// How many millimetres it is.
+    /// Its length in millimetres.
     pub(crate) fn mm(self) -> f64 {
         match self {
             Self::Mm => 1.0,
@@ -57,13 +57,13 @@ impl Unit {
         }
     }
 
-    /// By its word in a file.
+    /// The unit with this abbreviation.
     #[must_use]
     pub fn of_word(word: &str) -> Option<Self> {
         [Self::Mm, Self::Cm, Self::M].into_iter().find(|unit| unit.word() == word)
     }
 
-    /// What a column's name says of it: `COPx[cm]`, `x (mm)`, `ap_mm`.
+    /// The unit in a column's name: `COPx[cm]`, `x (mm)`, `ap_mm`.
     fn of_name(name: &str) -> Option<Self> {
         let name = name.trim().to_lowercase();
         [Self::Mm, Self::Cm, Self::M].into_iter().find(|unit| {
@@ -80,12 +80,12 @@ impl Unit {
 pub struct Columns {
     /// Time, seconds.
     pub time: String,
-    /// AP, ML, SI, where there are such.
+    /// AP, ML, SI; `None` for an axis that the table does not have.
     pub axes: [Option<String>; 3],
 }
 
 impl Columns {
-    /// From `time=t,ap=x,ml=y,si=z`.
+    /// Parses `time=t,ap=x,ml=y,si=z`.
     ///
     /// # Errors
     /// What to give instead.
@@ -126,13 +126,13 @@ impl Columns {
 /// A table, and how to read it.
 #[derive(Debug, Clone)]
 pub struct Table {
-    /// The file; one whose name ends with .gz is unpacked.
+    /// The file; if its name ends with .gz, it is unpacked.
     pub path: PathBuf,
     /// Its columns.
     pub columns: Columns,
     /// The unit of its positions.
     pub unit: Unit,
-    /// Between its columns; `None`: the one with which the columns are found.
+    /// What separates its columns; `None` for the one with which the columns are found.
     pub delimiter: Option<Delimiter>,
 }
 
@@ -247,7 +247,7 @@ impl Table {
         Ok(Positions { series, warnings })
     }
 
-    /// A column's name may say its unit, and then it is right.
+    /// Checks the unit against those in the columns' names.
     fn check_units(&self, place: &str) -> Result<(), BadInput> {
         for name in self.columns.axes.iter().flatten() {
             if let Some(unit) = Unit::of_name(name).filter(|unit| *unit != self.unit) {
@@ -263,7 +263,7 @@ impl Table {
     }
 }
 
-/// Takes rows that the measuring system has dropped out, and gives their lines.
+/// Removes the rows that the measuring system has dropped, and returns their lines.
 fn remove_dropped(rows: &mut Vec<Row>) -> Vec<usize> {
     let is_zero = |row: &Row| row.position_mm == [0.0; 3];
     let distance = |a: &Row, b: &Row| {
@@ -301,7 +301,7 @@ fn remove_dropped(rows: &mut Vec<Row>) -> Vec<usize> {
     lines
 }
 
-/// What becomes a gap, and where.
+/// The warning about rows that became gaps.
 fn gap_words(what: &str, lines: &[usize]) -> Option<String> {
     let (first, _) = lines.split_first()?;
     let mut named: Vec<String> = lines.iter().take(LINES_NAMED).map(usize::to_string).collect();

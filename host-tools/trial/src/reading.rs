@@ -1,5 +1,5 @@
-//! A trial as its packets tell it: the one way to read a recording, whether it came to its end
-//! or not.
+//! Reads a trial from its packets: the only way to read a recording, whether it was ended properly
+//! or cut off.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -26,16 +26,16 @@ use super::mark::Mark;
 use super::names;
 use super::run::Run;
 
-/// A recording that goes wrong must not fill the memory: an hour at 200 Hz, ten times over.
+/// A recording that has gone wrong must not fill the memory. Ten hours at 200 Hz.
 const FRAMES_MAX: usize = 7_200_000;
 
 /// A trunk point in one frame, along the body's axes: AP, ML, SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Where.
+    /// The position.
     pub position_mm: [f64; 3],
-    /// Covariance, from that of the target's pose; `None` where the trial has no configuration,
-    /// which says how target and body lie.
+    /// Its covariance, from that of the target's pose. `None` where the trial has no configuration,
+    /// which alone relates the target to the body.
     pub covariance_mm2: Option<Matrix3<f64>>,
 }
 
@@ -44,9 +44,9 @@ pub struct Point {
 pub struct Frame {
     /// The box's run, from 1.
     pub session: u32,
-    /// The box's number of it.
+    /// The number that the box gave it.
     pub sequence: u32,
-    /// Since the trial's first frame; of the instant that the manifest tells.
+    /// Time since the trial's first frame; [`Manifest::instant`] says of which instant.
     pub time_s: f64,
     /// The upper trunk.
     pub upper: Option<Point>,
@@ -82,7 +82,7 @@ impl Trunk {
     /// Both, in the order of the paper's tables.
     pub const ALL: [Self; 2] = [Self::Lower, Self::Upper];
 
-    /// Its word in files.
+    /// Its name in files.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -97,9 +97,9 @@ impl Trunk {
 pub struct Trial {
     /// Its folder.
     pub folder: PathBuf,
-    /// What is known of it as a whole, as the packets tell it.
+    /// What its packets say of it as a whole.
     pub manifest: Manifest,
-    /// The box's configuration, if it was told.
+    /// The box's configuration, if the box sent it.
     pub config: Option<Config>,
     /// In the order of their times.
     pub frames: Vec<Frame>,
@@ -113,12 +113,12 @@ impl Trial {
     /// Reads a trial's folder.
     ///
     /// # Errors
-    /// When it holds none, or it cannot be read.
+    /// When there is no trial in it, or it cannot be read.
     pub fn open(folder: &Path) -> Result<Self, BadInput> {
         if !folder.is_dir() {
             return Err(BadInput::whole(
                 folder.display(),
-                "no folder of a trial",
+                "it is not the folder of a trial",
                 "give the folder that `plumb receive --out` has made",
             ));
         }
@@ -139,8 +139,7 @@ impl Trial {
         }
         if manifest.state == State::Recording {
             warnings.push(
-                "the recording did not come to its end: this is what was on the disk until then"
-                    .to_owned(),
+                "the recording was cut off: this is what was on the disk until then".to_owned(),
             );
         }
         if reader.damaged_bytes() > 0 {
@@ -153,7 +152,7 @@ impl Trial {
         Ok(builder.finish(folder, manifest, config, warnings))
     }
 
-    /// Who, which and under what condition, for people.
+    /// The participant and the condition or, without them, the folder's name.
     #[must_use]
     pub fn title(&self) -> String {
         let folder = self.folder.file_name().map(|name| name.to_string_lossy().into_owned());
@@ -186,7 +185,7 @@ fn read_config(folder: &Path, warnings: &mut Vec<String>) -> Result<Option<Confi
     }
 }
 
-/// Puts a trial together, packet by packet.
+/// Builds a trial from its packets.
 struct Builder {
     accounting: Accounting,
     clock: SessionClock,
@@ -321,7 +320,7 @@ impl Builder {
         config: Option<Config>,
         mut warnings: Vec<String>,
     ) -> Trial {
-        // Packets overtake each other on their way.
+        // The network may reorder packets.
         self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         if self.other_configs {
             warnings.push(

@@ -1,5 +1,6 @@
-//! A trial while it is recorded: beside what [`Receiver`](plumbline_stream::receiver::Receiver)
-//! makes of them, the packets as they are, the box's clock and configuration, and the marks.
+//! Records a trial: the packets as they come, what relates the box's clock to this computer's, the
+//! box's configuration, and the marks. The table is
+//! [`Receiver`](plumbline_stream::receiver::Receiver)'s.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -28,11 +29,11 @@ enum Fetch {
     /// It is asked for again at this time.
     Ask(Instant),
     Coming(Download),
-    /// It is there, or the box does not give it.
+    /// It is there, or the box does not send it.
     Done,
 }
 
-/// Who is told of a mark that is written: which, and how many seconds after the beginning.
+/// Is called for each mark that is written, with the seconds since the recording began.
 pub type Heard = Box<dyn FnMut(&Mark, f64)>;
 
 /// A trial that is being recorded.
@@ -48,7 +49,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Makes the folder and begins, now. Each mark that is written is told to `heard`.
+    /// Makes the folder and begins to record at `now`. `heard` is called for each mark.
     ///
     /// # Errors
     /// When the folder exists, or cannot be written to.
@@ -87,7 +88,7 @@ impl Recording {
         })
     }
 
-    /// Where it is.
+    /// The trial's folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -99,17 +100,17 @@ impl Recording {
         self.folder.join(names::CSV)
     }
 
-    /// Marks for which there was no room.
+    /// The number of marks for which there was no room.
     #[must_use]
     pub fn marks_dropped(&self) -> u64 {
         self.marks.dropped()
     }
 
-    /// Ends: everything is on the disk, and the manifest says what came. A trial without a
-    /// frame leaves no folder.
+    /// Ends the recording: everything is on the disk, and the manifest says what came. A trial
+    /// without a frame leaves no folder.
     ///
     /// # Errors
-    /// When the disk refuses; what was recorded stays.
+    /// When the operating system refuses; what was recorded stays.
     pub fn end(mut self, frames: u64) -> Result<Option<Trial>, BadInput> {
         if frames == 0 {
             self.discard()?;
@@ -122,7 +123,7 @@ impl Recording {
     fn discard(self) -> Result<(), BadInput> {
         let Self { folder, journal, .. } = self;
         drop(journal);
-        // Nothing but what was made here: somebody may have put a file beside it.
+        // Only the files that were made here: somebody may have put others beside them.
         for name in [names::JOURNAL, names::MANIFEST, names::CONFIG] {
             let path = folder.join(name);
             if path.exists() {
@@ -151,7 +152,7 @@ impl Recording {
                 self.fetch = Fetch::Coming(Download::new(Document::Config, *bytes as usize));
             }
             (Fetch::Coming(download), message) => {
-                // A box that refuses, or goes away, has told all that it tells.
+                // A box that refuses or does not answer is not asked again.
                 if download.take(message, now).is_err() {
                     self.fetch = Fetch::Done;
                 } else if let Some(blob) = download.file() {
@@ -165,11 +166,11 @@ impl Recording {
     }
 }
 
-/// Makes all that is made of a trial's packets: the tables, and what the manifest says of them.
-/// A recording that was cut off stays one.
+/// Makes everything that is derived from a trial's packets once more: the tables, and what the
+/// manifest says of them. A recording that was cut off is still marked as such.
 ///
 /// # Errors
-/// When there is no trial, or the disk refuses; the packets stay.
+/// When there is no trial, or the operating system refuses; the packets stay.
 pub fn remake(folder: &Path) -> Result<Trial, BadInput> {
     make(folder, None)
 }

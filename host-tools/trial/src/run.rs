@@ -1,5 +1,5 @@
-//! One run of the box, and when things happened in it: by its clock, to which this computer's is
-//! related by the answers to questions or, without any, by the arrival of frames.
+//! One run of the box, and the times of events in it by the box's clock. This computer's clock is
+//! related to it by the answers to pings or, without any, by the arrival of frames.
 
 use plumbline::packet::{MarkedInstant, PosePacket};
 use plumbline_stream::clock::{Exchange, Relation};
@@ -8,7 +8,7 @@ use plumbline_stream::recorder::SessionClock;
 use super::manifest::{ClockSeen, EventSeen};
 use super::mark::Mark;
 
-/// What is known of it.
+/// One run of the box.
 #[derive(Default)]
 pub struct Run {
     exchanges: Vec<Exchange>,
@@ -29,18 +29,18 @@ struct Arrival {
 }
 
 impl Arrival {
-    /// The lesser, the shorter it was under way; only differences count.
+    /// The delay of the packet, plus a constant: the difference of the two clocks.
     fn delay_ns(&self) -> i64 {
         self.host_ns.wrapping_sub(self.capture_ns).cast_signed()
     }
 }
 
-/// A frame's way to this computer where nothing tells its length: exposure, read-out, tracking,
-/// link, and some.
+/// Bound of a frame's delay where no answer measures it: exposure, read-out, tracking, link, and a
+/// margin.
 const UNKNOWN_DELAY_S: f64 = 0.1;
 
-/// Among the frames that come so shortly before or after a moment, one comes undelayed; and
-/// meanwhile two quartz clocks move apart by less than a millisecond.
+/// Of the frames that arrive this shortly before or after a moment, one arrives without having
+/// waited; and in this time two quartz clocks drift apart by less than a millisecond.
 const NEAR_NS: u64 = 2_000_000_000;
 
 impl Run {
@@ -56,7 +56,7 @@ impl Run {
         self.exchanges.push(exchange);
     }
 
-    /// How the box's clock stood to this computer's, for the manifest.
+    /// How the two clocks were related, for the manifest.
     pub fn clock_seen(&self, session: u32) -> Option<ClockSeen> {
         let relation = self.relation()?;
         Some(ClockSeen {
@@ -68,8 +68,8 @@ impl Run {
         })
     }
 
-    /// When this computer's clock was, since the recording began, as the run's first frame was
-    /// captured; `None` without a frame.
+    /// When the run's first frame was captured, by this computer's clock since the recording began;
+    /// `None` without a frame.
     pub fn first_capture_s(&self) -> Option<f64> {
         let first = self.arrivals.first()?;
         Some(1e-9 * (first.host_ns as f64 - self.box_ns_since_first(first.host_ns)?))
@@ -81,7 +81,7 @@ impl Run {
         let since_first_s = 1e-9 * self.box_ns_since_first(host_ns)?;
         let uncertain_s =
             self.relation().map_or(UNKNOWN_DELAY_S, |it| 1e-9 * it.uncertain_ns_at(host_ns));
-        // No clock here tells less than a microsecond.
+        // None of the clocks is more precise than a microsecond.
         let whole_us = |time_s: f64| (1e6 * time_s).round() / 1e6;
         Some(EventSeen {
             time_s: whole_us(self.clock.time_s(first.capture_ns) + since_first_s),
@@ -91,7 +91,7 @@ impl Run {
         })
     }
 
-    /// How the frames' clock stands to this computer's.
+    /// The relation of the frames' clock and this computer's.
     fn relation(&self) -> Option<Relation> {
         Relation::of(&self.exchanges).filter(|_| !self.is_replay)
     }
@@ -102,9 +102,9 @@ impl Run {
         if let Some(relation) = self.relation() {
             return Some(relation.box_ns_since(host_ns, first_ns));
         }
-        // Without an answer of the box, the frame that came soonest is taken to have come at
-        // once: it was under way for some milliseconds, and nobody knows how many. Others wait
-        // besides while a computer is busy.
+        // Without an answer of the box, the least delayed frame is taken as not delayed: in truth
+        // it took some milliseconds, which nothing measures. Others have also waited while a
+        // computer was busy.
         let soonest = self.soonest(host_ns)?;
         let to_soonest_ns = soonest.capture_ns.wrapping_sub(first_ns).cast_signed();
         Some(to_soonest_ns as f64 + (host_ns as f64 - soonest.host_ns as f64))

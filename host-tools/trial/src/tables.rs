@@ -1,4 +1,4 @@
-//! `samples.csv` and `samples.parquet`: a trial's poses for every other program, made of its
+//! `samples.csv` and `samples.parquet`: a trial's poses as tables for other programs, made from its
 //! packets.
 
 use std::fs::File;
@@ -23,13 +23,13 @@ use plumbline_stream::transport::Event;
 use super::journal::{Content, Reader};
 use super::names;
 
-/// Rows per group of the Parquet file: what is held in memory at once.
+/// Rows per group of the Parquet file; one group is held in memory.
 const GROUP_ROWS: usize = 65_536;
 
 /// Writes both tables.
 ///
 /// # Errors
-/// When there is no journal, or the disk refuses.
+/// When there is no journal, or the operating system refuses.
 pub fn write(folder: &Path) -> Result<(), BadInput> {
     let csv = folder.join(names::CSV);
     plumbline_files::replace_with(&csv, |file| csv_of(folder, file, &csv))?;
@@ -37,16 +37,17 @@ pub fn write(folder: &Path) -> Result<(), BadInput> {
     plumbline_files::replace_with(&parquet, |file| parquet_of(&csv, file, &parquet))
 }
 
-/// The packets, received again: the rows are those that were written while they came.
+/// Receives the packets once more, so that the rows are those that were written as they came.
 fn csv_of(folder: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
     let mut journal = Reader::open(&folder.join(names::JOURNAL))?;
     let mut receiver = Receiver::new(Some(Recorder::new(file, place.display().to_string())));
+    // The receiver takes moments; only their differences matter.
     let begun = Instant::now();
     let mut deframer = Deframer::new();
     while let Some(entry) = journal.next_entry()? {
         let Content::Raw(raw) = entry.content else { continue };
         let now = begun + Duration::from_nanos(entry.host_ns);
-        // Time has passed before something came.
+        // Time passes before each packet.
         receiver.tick(now)?;
         receiver.handle(Event::of(raw.decode(&mut deframer)), now)?;
         receiver.take_notices();
@@ -54,13 +55,13 @@ fn csv_of(folder: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
     receiver.finish()
 }
 
-/// The columns of the table, as a group of rows has them. A value that a row lacks is null.
+/// The columns of one group of rows. A value that a row lacks is null.
 #[derive(Default)]
 struct Columns {
     whole: [Vec<i64>; 2],
     text: [Vec<ByteArray>; 2],
     time_s: Vec<f64>,
-    /// With how many of the rows have them: 1 where there is a value, 0 where there is none.
+    /// The values, and for each row 1 where it has one and 0 where it has none.
     numbers: [(Vec<f64>, Vec<i16>); NUMBERS],
 }
 
@@ -132,12 +133,12 @@ pub(crate) fn put<T: DataType, W: Write + Send>(
     Ok(())
 }
 
-/// The CSV's rows, so that both tables say the same.
+/// Made from the rows of the CSV, so that both tables agree.
 fn parquet_of(csv: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
     let unwritable =
         |error| BadInput::whole(place.display(), error, "check the disk, and that it has room");
     let unreadable =
-        |error| BadInput::whole(csv.display(), error, "report it: this program wrote it");
+        |error| BadInput::whole(csv.display(), error, "report it: plumb wrote this file");
     let schema = Columns::schema().map_err(unwritable)?;
     let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))

@@ -17,8 +17,8 @@
 //! [calibration]                      # optional: what `plumb calibrate` says of it
 //! ```
 //!
-//! The format is told by the content, not by the file's name: `{` starts
-//! OpenCV's JSON, `%YAML`, `---` or a `key:` line OpenCV's or ROS's YAML; all
+//! The content, not the file's name, tells the format: `{` begins OpenCV's JSON;
+//! `%YAML`, `---` or a line `key:` begins OpenCV's or ROS's YAML; everything
 //! else is TOML. All three formats put pixel (0, 0) at the centre of the
 //! top-left pixel, so that no number changes on the way.
 
@@ -42,19 +42,19 @@ pub struct Provenance {
     pub rms_px: Option<f64>,
     /// Number of images.
     pub images: Option<u32>,
-    /// When, in words.
+    /// Its date, in words.
     pub date: Option<String>,
-    /// By what, in words.
+    /// The program that made it, in words.
     pub source: Option<String>,
     /// What `plumb calibrate` says of it.
     pub details: Option<Details>,
 }
 
-/// How well a calibration is known, and from what.
+/// How certain a calibration is, and from which photographs it was made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Details {
-    /// What is wrong with the photographs or the board; empty where nothing is.
+    /// Warnings about the photographs or the board.
     pub verdict: Vec<String>,
     /// A map of the frame: in how many photographs each cell showed a part of the board.
     pub coverage: Vec<String>,
@@ -145,8 +145,8 @@ pub fn read(path: &Path) -> Result<Camera, BadInput> {
     parse(&read_text(path)?, &path.display().to_string())
 }
 
-/// What stands in for the lens of a camera that is not calibrated yet: 53 degrees wide,
-/// without distortion.
+/// The stand-in for the lens of a camera that is not calibrated yet: 53 degrees wide, without
+/// distortion.
 #[must_use]
 pub fn stand_in(width_px: u16, height_px: u16) -> Lens {
     let middle_px = |side_px: u16| (f64::from(side_px) - 1.0) / 2.0;
@@ -302,7 +302,7 @@ pub fn to_toml(camera: &Camera) -> String {
     toml::to_string(&fields).expect("numbers and texts are TOML")
 }
 
-/// The same camera for frames that the same sensor area was resampled to.
+/// The same camera for frames of another size that show the same area of the sensor.
 ///
 /// With s the ratio of the sizes, f' = s f and c' = s c + (s - 1)/2: pixel
 /// centres lie at integers, so that the frame's edge, not its first pixel's

@@ -21,7 +21,7 @@ mod video;
 use picture::Picture;
 use video::Video;
 
-/// Images carry no frame rate; unless told, they are taken to be this far apart.
+/// Images have no frame rate; this one is assumed unless another is given.
 pub const IMAGE_RATE_HZ: f64 = 30.0;
 
 /// What the user writes for standard input.
@@ -61,7 +61,7 @@ enum Samples {
 
 enum Open {
     Video(Box<Video>),
-    /// Read already: its size had to be known.
+    /// An image that has already been decoded, because its size was needed.
     Picture(Picture),
 }
 
@@ -82,7 +82,7 @@ pub struct FrameSource {
 }
 
 impl FrameSource {
-    /// Opens the first of `inputs` and looks whether the others are there.
+    /// Opens the first of `inputs` and checks that the others exist.
     ///
     /// `rate_hz` overrides the rate of a video, and is the rate of images.
     ///
@@ -256,7 +256,7 @@ fn place_of(input: &Path) -> String {
 
 type Opened = (Open, (usize, usize), Option<f64>);
 
-/// Opens one input as what its first bytes say it is.
+/// Opens one input as the kind of file that its first bytes say.
 fn open_input(input: &Path, given_rate_hz: Option<f64>) -> Result<Opened, BadInput> {
     let place = place_of(input);
     let (mut reader, bytes): (Box<dyn BufRead + Send>, Option<u64>) =
@@ -294,7 +294,7 @@ fn open_input(input: &Path, given_rate_hz: Option<f64>) -> Result<Opened, BadInp
 }
 
 fn check_rate(place: &str, field: &str, rate_hz: f64) -> Result<(), BadInput> {
-    // From one frame in three hours to a high-speed camera.
+    // From one frame in three hours to high-speed cameras.
     if (1e-4..=1e5).contains(&rate_hz) {
         return Ok(());
     }
@@ -306,7 +306,7 @@ fn check_rate(place: &str, field: &str, rate_hz: f64) -> Result<(), BadInput> {
     ))
 }
 
-/// Refuses a frame before any memory is taken for it.
+/// Refuses a frame before memory is reserved for it.
 fn check_size(place: &str, field: &str, width: usize, height: usize) -> Result<(), BadInput> {
     let sides = usize::from(FRAME_SIDE_PX_MIN)..=usize::from(FRAME_SIDE_PX_MAX);
     if sides.contains(&width) && sides.contains(&height) {

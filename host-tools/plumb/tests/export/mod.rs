@@ -251,5 +251,5 @@ fn nothing_is_overwritten_unasked() {
     assert!(refused.stderr.contains("no data set is overwritten"), "{}", refused.stderr);
     let absent = plumb(folder.path(), &["export", "no", "--format", "csv", "--out", "no.csv"]);
     assert_eq!(absent.code, Some(2));
-    assert!(absent.stderr.contains("no folder of a trial"), "{}", absent.stderr);
+    assert!(absent.stderr.contains("not the folder of a trial"), "{}", absent.stderr);
 }

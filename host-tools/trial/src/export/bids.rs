@@ -17,13 +17,13 @@ use super::{BODY_AXES, csv};
 use crate::Trial;
 use crate::points::Points;
 
-/// The standard's version that this follows.
+/// The version of the standard.
 const VERSION: &str = "1.11.0";
 
-/// Writes the folder, and gives what a user should know.
+/// Writes the folder, and returns what a user should know.
 ///
 /// # Errors
-/// When it exists, or cannot be written; then nothing of it is left.
+/// When the folder exists, or cannot be written; then nothing of it is left.
 pub fn write(
     rows: &Rows,
     trial: &Trial,
@@ -53,7 +53,7 @@ pub fn write(
         ("README", README.to_owned()),
         ("participants.tsv", format!("participant_id\n{subject}\n")),
     ];
-    // The standard has no more than microseconds.
+    // The standard allows at most microseconds.
     let started = trial.manifest.started.parse::<jiff::Timestamp>();
     let started = started.map_or_else(|_| "n/a".to_owned(), |time| format!("{time:.6}"));
     let scans = format!("filename\tacq_time\nmotion/{stem}_motion.tsv\t{started}\n");
@@ -78,7 +78,7 @@ pub fn write(
         .map_err(|error| BadInput::io(out.display(), &error))
         .and_then(|()| write_all(&all.collect::<Vec<_>>(), false));
     if written.is_err() {
-        // It was not there before, and would stand in the way of the next try.
+        // It did not exist before, and would be in the way of the next attempt.
         let _ = std::fs::remove_dir_all(out);
     }
     written.map(|()| warnings)
@@ -168,7 +168,7 @@ fn channels_json() -> Value {
     json!({"reference_frame": {"Description": description, "Levels": {"body": body}}})
 }
 
-/// From the first sample, as the standard wants it.
+/// Times count from the first sample, as the standard requires.
 fn events(points: &Points, first_s: f64) -> String {
     let zero = [(0.0, "t_zero".to_owned())];
     let marks = points.events.iter().map(|event| (event.time_s, word(&event.label)));
@@ -179,7 +179,8 @@ fn events(points: &Points, first_s: f64) -> String {
     format!("onset\tduration\ttrial_type\n{}", rows.collect::<String>())
 }
 
-/// A label as the cell of a table: it has no control characters, and quotes are letters there.
+/// A label as a cell of the table. Labels have no control characters; a double quote would begin a
+/// quoted cell.
 fn word(label: &str) -> String {
     label.replace('"', "'")
 }

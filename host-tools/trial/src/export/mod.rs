@@ -1,4 +1,4 @@
-//! A trial for other programs: the trunk points over time.
+//! Writes a trial for other programs: the trunk points over time.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ mod trc;
 
 use rows::Rows;
 
-/// What other programs read.
+/// A format that other programs read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Format {

@@ -1,22 +1,24 @@
-//! A trial as evenly spaced rows: what every format is made of.
+//! A trial as evenly spaced rows, from which every format is made.
 
 use plumbline_analysis::series::{Axis, usual_period_s};
 use plumbline_files::BadInput;
 
 use crate::points::{Point, Points};
 
-/// An hour at 200 Hz, ten times over.
+/// Ten hours at 200 Hz.
 const ROWS_MAX: f64 = 7.2e6;
 
-/// Times that are farther from an even spacing, in periods, are told where a format drops them.
+/// Formats without times take rows as evenly spaced. Where times differ from that by more than this
+/// many periods, there is a warning.
 const UNEVEN_PERIODS: f64 = 0.1;
 
-/// One row per frame, those included that never came.
+/// One row per frame, including frames that never arrived.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rows {
-    /// Rows per second, on the average.
+    /// Rows per second on average.
     pub rate_hz: f64,
-    /// When each frame was taken, from t = 0; a frame that never came is between its neighbours.
+    /// When each frame was taken, from t = 0. A frame that never arrived has its place evenly
+    /// between its neighbours.
     pub time_s: Vec<f64>,
     /// The points.
     pub points: Vec<Track>,
@@ -32,7 +34,7 @@ pub struct Track {
 }
 
 impl Rows {
-    /// Of a trial's points.
+    /// The rows of a trial's points.
     ///
     /// # Errors
     /// When there are fewer than two frames, or a gap is so long that its rows would fill the
@@ -66,12 +68,12 @@ impl Rows {
         Ok(Self { rate_hz: (time_s.len() - 1) as f64 / length_s, time_s, points: tracks })
     }
 
-    /// When the first was taken.
+    /// The time of the first row.
     pub fn first_s(&self) -> f64 {
         self.time_s.first().copied().unwrap_or_default()
     }
 
-    /// How far times are from an even spacing, where that is worth a warning.
+    /// A warning where the times are not evenly spaced.
     pub fn unevenness(&self) -> Option<String> {
         let first_s = self.first_s();
         let off = |(row, time_s): (usize, &f64)| (time_s - first_s) * self.rate_hz - row as f64;

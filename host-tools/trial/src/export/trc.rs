@@ -13,7 +13,7 @@ use super::{csv, right_handed};
 /// The file; its name is in its first line.
 pub fn bytes(rows: &Rows, path: &Path) -> Vec<u8> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    // The name's own tabs would be columns.
+    // A tab in the name would begin another column.
     let name: String = name.chars().filter(|letter| !letter.is_control()).collect();
     let (rate, frames, markers) = (rows.rate_hz, rows.time_s.len(), rows.points.len());
     let mut text = format!("PathFileType\t4\t(X/Y/Z)\t{name}\n");

@@ -14,7 +14,7 @@ mod trc;
 /// No recording has more values: an hour of 200 markers at 200 Hz.
 const VALUES_MAX: usize = 3 * 200 * 200 * 3600;
 
-/// Markers that are named in a message.
+/// The number of markers that a message names.
 const NAMED_MAX: usize = 100;
 
 /// A recording.
@@ -24,9 +24,9 @@ pub struct Markers {
     pub place: String,
     /// Frames per second.
     pub rate_hz: f64,
-    /// Time of the first frame: 0, or as the file says.
+    /// Time of the first frame; 0 if the file has no times.
     pub first_s: f64,
-    /// What the file says of its unit.
+    /// The unit, if the file states it.
     pub unit: Option<Unit>,
     /// The markers, in the file's order.
     pub markers: Vec<Marker>,
@@ -42,7 +42,7 @@ pub struct Marker {
 }
 
 impl Markers {
-    /// Reads a file by its ending: .trc or .c3d; one that is packed ends with .gz as well.
+    /// Reads a file by the extension of its name, .trc or .c3d, which .gz may follow.
     ///
     /// # Errors
     /// When it cannot be read or understood.
@@ -64,12 +64,12 @@ impl Markers {
         matches!(kind(path).as_deref(), Some("trc" | "c3d"))
     }
 
-    /// The mean of these markers along the body's axes; frames in which one of them was not seen
-    /// are left out. Without names it is the file's only marker.
+    /// The mean of these markers along the body's axes. Frames in which one of them was not seen
+    /// are left out. Without names, the file must have one marker, which is taken.
     ///
     /// # Errors
-    /// When there is no such marker, the unit is not known or another one, or too few frames
-    /// have all of them.
+    /// When there is no such marker, the unit is unknown or contradicts the file's, or too few
+    /// frames have all of them.
     pub fn series(
         &self,
         names: &[String],
@@ -146,14 +146,14 @@ impl Markers {
     }
 }
 
-/// The ending of a file's name, in small letters, without that of a packed file.
+/// The extension of a file's name in small letters, without .gz.
 fn kind(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_string_lossy().to_lowercase();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     Some(name.rsplit_once('.')?.1.to_owned())
 }
 
-/// The unit that a file names.
+/// The unit with this name.
 fn unit_of(word: &str) -> Option<Unit> {
     match word.trim().to_lowercase().as_str() {
         "mm" | "millimeters" | "millimetres" => Some(Unit::Mm),

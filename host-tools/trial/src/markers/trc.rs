@@ -1,7 +1,7 @@
 //! Track row column: see [`crate::export`] for its lines.
 //!
 //! Times are computed from the rate, because programs round those in the rows to milliseconds;
-//! only that of the first row is used, as the begin of the recording.
+//! only that of the first row is used, as the beginning of the recording.
 
 use std::path::Path;
 
