@@ -6,7 +6,10 @@ use core::cmp::Ordering;
 /// is right as long as fewer than half of the values are wrong.
 ///
 /// Leaves the values in another order. Takes time in proportion to their number.
-pub(crate) fn median<T: Copy>(values: &mut [T], order: fn(&T, &T) -> Ordering) -> Option<T> {
+pub(crate) fn median<T: Copy>(
+    values: &mut [T],
+    order: impl FnMut(&T, &T) -> Ordering,
+) -> Option<T> {
     if values.is_empty() {
         return None;
     }

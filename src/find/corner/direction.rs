@@ -16,8 +16,10 @@ use super::list::Corner;
 use crate::model::image::{GreyImage, Pixel};
 
 /// Radius of the largest window: more does not help the direction, and costs.
-const WINDOW_MAX: usize = 9;
-const SIDE_MAX: usize = 2 * WINDOW_MAX + 1;
+const HALF_MAX: usize = 9;
+/// Radius of the smallest: less of a corner says nothing of its edges.
+const HALF_MIN: usize = 3;
+const SIDE_MAX: usize = 2 * HALF_MAX + 1;
 
 /// Bins of the histogram over half a turn, as in the paper.
 const BINS: usize = 32;
@@ -64,8 +66,17 @@ pub(super) fn describe<P: Pixel>(
     place: [usize; 2],
     radius: usize,
 ) -> Option<Corner> {
-    let window = Window::new(image, place, radius)?;
-    let elements = window.elements();
+    let [x, y] = place;
+    // One pixel more for the differences.
+    let room = x.min(y).min(image.width() - 1 - x).min(image.height() - 1 - y);
+    let half = (radius + 3).min(HALF_MAX).min(room.checked_sub(1)?);
+    if half < HALF_MIN {
+        return None;
+    }
+    let mut window = Window::new(half);
+    window.fill(image, place);
+    let mut elements = Elements::new();
+    window.collect(&mut elements);
     let edges_rad = modes(&elements)?.map(|angle_rad| turned(&elements, angle_rad));
     let edges = edges_rad.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
     if cross(edges[0], edges[1]).abs() < BETWEEN_EDGES_SINE_MIN {
@@ -78,7 +89,6 @@ pub(super) fn describe<P: Pixel>(
     {
         return None;
     }
-    let [x, y] = place;
     Some(Corner {
         position_px: [x as f32 + shift[0], y as f32 + shift[1]],
         score: correlation * 0.5 * sectors.gap / f32::from(image.white_level()),
@@ -92,7 +102,7 @@ struct Window {
     /// From the pixel in the middle to the border.
     half: usize,
     /// Weight by the distance along x or y.
-    gaussian: [f32; WINDOW_MAX + 1],
+    gaussian: [f32; HALF_MAX + 1],
     /// Along x and y, and the length of both.
     gradients: [[[f32; 3]; SIDE_MAX]; SIDE_MAX],
     /// Length of the longest.
@@ -100,22 +110,25 @@ struct Window {
 }
 
 impl Window {
-    /// `None` where the frame's border is too near.
-    fn new<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [usize; 2], radius: usize) -> Option<Self> {
-        // One pixel more for the differences.
-        let room = x.min(y).min(image.width() - 1 - x).min(image.height() - 1 - y);
-        let half = (radius + 3).min(WINDOW_MAX).min(room.checked_sub(1)?);
-        if half < 3 {
-            return None;
+    /// An empty one.
+    #[inline]
+    fn new(half: usize) -> Self {
+        Self {
+            half,
+            gaussian: [0.0; HALF_MAX + 1],
+            gradients: [[[0.0; 3]; SIDE_MAX]; SIDE_MAX],
+            strongest: 0.0,
         }
-        let side = 2 * half + 1;
-        let mut gaussian = [0.0_f32; WINDOW_MAX + 1];
-        for (distance, weight) in gaussian.iter_mut().enumerate() {
+    }
+
+    /// Takes the gradients around a pixel, which must be farther from the frame's border than
+    /// `half`.
+    fn fill<P: Pixel>(&mut self, image: &GreyImage<'_, P>, [x, y]: [usize; 2]) {
+        let (half, side) = (self.half, self.side());
+        for (distance, weight) in self.gaussian.iter_mut().enumerate() {
             *weight = libm::expf(-2.0 * (distance * distance) as f32 / (half * half) as f32);
         }
-        let mut gradients = [[[0.0_f32; 3]; SIDE_MAX]; SIDE_MAX];
-        let mut strongest = 0.0_f32;
-        for (row, line) in gradients[..side].iter_mut().enumerate() {
+        for (row, line) in self.gradients[..side].iter_mut().enumerate() {
             let y = y + row - half;
             let above = &image.row(y - 1)[x - half..][..side];
             let below = &image.row(y + 1)[x - half..][..side];
@@ -125,20 +138,19 @@ impl Window {
                 let gy = value(below[column]) - value(above[column]);
                 let magnitude = libm::sqrtf(gx * gx + gy * gy);
                 *gradient = [gx, gy, magnitude];
-                strongest = strongest.max(magnitude);
+                self.strongest = self.strongest.max(magnitude);
             }
         }
-        Some(Self { half, gaussian, gradients, strongest })
     }
 
     fn side(&self) -> usize {
         2 * self.half + 1
     }
 
-    /// The pixels whose gradient is more than noise.
-    fn elements(&self) -> Elements {
+    /// Appends the pixels whose gradient is more than noise.
+    #[inline]
+    fn collect(&self, elements: &mut Elements) {
         let (half, side) = (self.half, self.side());
-        let mut elements = Elements::new();
         for (row, line) in self.gradients[..side].iter().enumerate() {
             for (column, &[gx, gy, magnitude]) in line[..side].iter().enumerate() {
                 let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
@@ -152,7 +164,6 @@ impl Window {
                 }
             }
         }
-        elements
     }
 
     /// Compares the window with a corner of these edges, `shift` away from its middle: the mean

@@ -20,13 +20,13 @@ pub struct Appearance {
 }
 
 /// Below this the samples cannot tell: only pictures sharpened by the camera ask for less.
-const BLUR_PX_MIN: f64 = 0.4;
+pub(super) const BLUR_PX_MIN: f64 = 0.4;
 /// Above this a target is out of focus beyond use.
-const BLUR_PX_MAX: f64 = 4.0;
+pub(super) const BLUR_PX_MAX: f64 = 4.0;
 /// One correction's bound, of ln s: the model is far from linear beyond it.
-const LN_BLUR_STEP_MAX: f64 = 0.3;
+pub(super) const LN_BLUR_STEP_MAX: f64 = 0.3;
 /// More growth than this is none.
-const GROWTH_PX_MAX: f64 = 1.0;
+pub(super) const GROWTH_PX_MAX: f64 = 1.0;
 
 impl Appearance {
     /// The first guess: a good lens in focus, the pixel's box, and an exact print.

@@ -6,6 +6,7 @@ use nalgebra::Vector2;
 use super::batch::BATCH_PX;
 use super::region::{CLEAR_OF_BORDER, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
 use super::*;
+use crate::fit::edge::appearance::{BLUR_PX_MAX, BLUR_PX_MIN, GROWTH_PX_MAX, LN_BLUR_STEP_MAX};
 use crate::fit::edge::rendered::{HEIGHT, Scene, WIDTH};
 use crate::fit::nodes::Chord;
 
