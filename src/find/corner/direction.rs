@@ -40,7 +40,8 @@ const SHIFT_MAX_PX: f32 = 2.0;
 const CLEAR_OF_EDGE_PX: f32 = 0.75;
 /// Smallest angle between the two edges (sine): 24 degrees.
 const BETWEEN_EDGES_SINE_MIN: f32 = 0.4;
-/// Smallest gap between the dark sectors and the bright ones, relative to the whole span. Perfect: 1.
+/// Smallest gap between the dark sectors and the bright ones, relative to the whole span. It is 1
+/// at a perfect corner.
 const GAP_MIN: f32 = 0.3;
 /// Smallest correlation of the gradient with the edges.
 const CORRELATION_MIN: f32 = 0.2;
