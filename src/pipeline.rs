@@ -1,9 +1,9 @@
 //! The pipeline: owns every buffer, and turns one frame into one report.
 //!
-//! [`Pipeline::step`] first measures the targets whose place is known, in
-//! there alone. Only then, when a target is missing, it goes on with the search:
-//! over the whole frame when nothing is tracked, by a small share otherwise.
-//! There is no allocation, no recursion and no loop without a bound in it.
+//! [`Pipeline::step`] first measures the targets that are being tracked, looking only near
+//! their predicted positions. If a target is then missing, it continues the search: through the
+//! whole area when nothing is tracked, by a small share of it otherwise. It allocates nothing,
+//! does not recurse, and every loop in it has a bound.
 
 use heapless::Vec;
 

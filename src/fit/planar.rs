@@ -13,7 +13,7 @@
 //! same, so that the reprojection error has two minima (Schweighofer and Pinz
 //! 2006). The further and the smaller the target, the less they differ, until
 //! noise alone decides which is the lower one: a caller keeps both until one is
-//! refuted, by its residuals or by where the target was before.
+//! ruled out, by its residuals or by where the target was before.
 //!
 //! Cost: a few microseconds; no iteration. It is not robust: one wrong corner
 //! spoils it.

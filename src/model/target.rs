@@ -59,7 +59,8 @@ impl core::fmt::Display for TargetError {
         match self {
             Self::GridSize => write!(
                 formatter,
-                "a grid needs at least 3 columns and 3 rows of inner corners, and at most {TARGET_CORNERS_MAX} corners"
+                "a grid needs at least 3 columns and 3 rows of inner corners, \
+                 and at most {TARGET_CORNERS_MAX} corners"
             ),
             Self::Pitch => formatter.write_str("the pitch must lie between 0.5 mm and 500 mm"),
             Self::PointCount => {

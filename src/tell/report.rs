@@ -1,4 +1,4 @@
-//! What one frame gave: for people, files and packets alike.
+//! The results of one frame: for people, files and packets alike.
 
 use heapless::Vec;
 use postcard_schema::Schema;
@@ -12,10 +12,10 @@ use crate::model::target::Role;
 pub use crate::find::grid::GridRejection;
 pub use crate::fit::measure::Measurement;
 
-/// How a target stands after a frame.
+/// The state of a target after a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum TargetState {
-    /// Not known where it is.
+    /// Its position is not known.
     Acquiring,
     /// Measured in this frame.
     Tracking,
@@ -86,13 +86,13 @@ impl From<MeasureFailure> for NoPose {
 pub struct TargetReport {
     /// What the target is for.
     pub role: Role,
-    /// How its track stands after this frame.
+    /// Its state after this frame.
     pub state: TargetState,
     /// Its pose in this frame, or why there is none.
     pub measurement: Result<Measurement, NoPose>,
 }
 
-/// What one frame gave.
+/// The results of one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// Number of the frame since the pipeline was configured, from 0.

@@ -11,7 +11,7 @@ use crate::fit::nodes::Nodes;
 use crate::model::image::{GreyImage, Pixel};
 use crate::model::target::Role;
 
-/// Every so many rows are looked at for the frame as a whole.
+/// One row in this many is looked at for the frame as a whole.
 const ROW_STEP: usize = 4;
 
 /// Half the distances over which grey levels are compared: within an edge, and across all

@@ -19,7 +19,8 @@ const CLIMB_STEPS_MAX: usize = 4;
 /// candidate, and without it the corners between two bands would belong to neither.
 const REACH_PX: usize = CLIMB_STEPS_MAX;
 
-/// Finds checkerboard corners. Holds one tile of the frame; its size does not depend on the frame's.
+/// Finds checkerboard corners. Holds one tile of the frame; its own size does not depend on the
+/// frame's.
 #[derive(Debug)]
 pub struct Detector {
     tile: Tile,

@@ -40,7 +40,8 @@ const SHIFT_MAX_PX: f32 = 2.0;
 const CLEAR_OF_EDGE_PX: f32 = 0.75;
 /// Smallest angle between the two edges (sine): 24 degrees.
 const BETWEEN_EDGES_SINE_MIN: f32 = 0.4;
-/// Smallest gap between the dark sectors and the bright ones, relative to the whole span. Perfect: 1.
+/// Smallest gap between the dark sectors and the bright ones, relative to the whole span. It is 1
+/// at a perfect corner.
 const GAP_MIN: f32 = 0.3;
 /// Smallest correlation of the gradient with the edges.
 const CORRELATION_MIN: f32 = 0.2;
@@ -73,8 +74,10 @@ pub(super) fn describe<P: Pixel>(
     if half < HALF_MIN {
         return None;
     }
-    let window = Window::new(image, place, half);
-    let elements = window.elements();
+    let mut window = Window::new(half);
+    window.fill(image, place);
+    let mut elements = Elements::new();
+    window.collect(&mut elements);
     let edges_rad = modes(&elements)?.map(|angle_rad| turned(&elements, angle_rad));
     let edges = edges_rad.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
     if cross(edges[0], edges[1]).abs() < BETWEEN_EDGES_SINE_MIN {
@@ -108,20 +111,25 @@ struct Window {
 }
 
 impl Window {
-    /// The gradients up to `half` pixels from a pixel; one more is needed for the differences.
+    /// An empty one.
     #[inline]
-    fn new<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [usize; 2], half: usize) -> Self {
-        let mut window = Self {
+    fn new(half: usize) -> Self {
+        Self {
             half,
             gaussian: [0.0; HALF_MAX + 1],
             gradients: [[[0.0; 3]; SIDE_MAX]; SIDE_MAX],
             strongest: 0.0,
-        };
-        for (distance, weight) in window.gaussian.iter_mut().enumerate() {
+        }
+    }
+
+    /// Takes the gradients around a pixel, which must be farther from the frame's border than
+    /// `half`.
+    fn fill<P: Pixel>(&mut self, image: &GreyImage<'_, P>, [x, y]: [usize; 2]) {
+        let (half, side) = (self.half, self.side());
+        for (distance, weight) in self.gaussian.iter_mut().enumerate() {
             *weight = libm::expf(-2.0 * (distance * distance) as f32 / (half * half) as f32);
         }
-        let side = window.side();
-        for (row, line) in window.gradients[..side].iter_mut().enumerate() {
+        for (row, line) in self.gradients[..side].iter_mut().enumerate() {
             let y = y + row - half;
             let above = &image.row(y - 1)[x - half..][..side];
             let below = &image.row(y + 1)[x - half..][..side];
@@ -131,21 +139,19 @@ impl Window {
                 let gy = value(below[column]) - value(above[column]);
                 let magnitude = libm::sqrtf(gx * gx + gy * gy);
                 *gradient = [gx, gy, magnitude];
-                window.strongest = window.strongest.max(magnitude);
+                self.strongest = self.strongest.max(magnitude);
             }
         }
-        window
     }
 
     fn side(&self) -> usize {
         2 * self.half + 1
     }
 
-    /// The pixels whose gradient is more than noise.
+    /// Appends the pixels whose gradient is more than noise.
     #[inline]
-    fn elements(&self) -> Elements {
+    fn collect(&self, elements: &mut Elements) {
         let (half, side) = (self.half, self.side());
-        let mut elements = Elements::new();
         for (row, line) in self.gradients[..side].iter().enumerate() {
             for (column, &[gx, gy, magnitude]) in line[..side].iter().enumerate() {
                 let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
@@ -159,7 +165,6 @@ impl Window {
                 }
             }
         }
-        elements
     }
 
     /// Compares the window with a corner of these edges, `shift` away from its middle: the mean

@@ -67,7 +67,8 @@ impl Kernels {
             .any(|size| self.of_size(image, x, y, size).is_some_and(|value| value >= least))
     }
 
-    /// The likelihood at a pixel by the kernels of one size; `None` where they do not fit into the frame.
+    /// The likelihood at a pixel by the kernels of one size; `None` where they do not fit into
+    /// the frame.
     pub(super) fn of_size<P: Pixel>(
         &self,
         image: &GreyImage<'_, P>,

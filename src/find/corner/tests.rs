@@ -35,7 +35,8 @@ pub(crate) struct Board {
 }
 
 impl Board {
-    /// Turned by `turn_rad`, then tilted about the picture's y axis with a perspective of `depth` (per square).
+    /// Turned by `turn_rad`, then tilted about the picture's y axis with a perspective of
+    /// `depth` (per square).
     pub(crate) fn new(
         [columns, rows]: [i32; 2],
         centre: [f64; 2],
@@ -211,7 +212,8 @@ fn plain_likelihood<P: Pixel>(image: &GreyImage<'_, P>, x: usize, y: usize) -> O
     best
 }
 
-/// Every pixel by the definition, non-maxima suppressed within 3 pixels, then described as the search does.
+/// Every pixel by the definition, non-maxima suppressed within 3 pixels, then described
+/// as the search does.
 fn plain_detect<P: Pixel>(image: &GreyImage<'_, P>) -> Vec<Corner> {
     let (width, height) = (image.width(), image.height());
     let least = 0.01 * f64::from(image.white_level());
@@ -348,7 +350,7 @@ fn corners_are_where_they_were_drawn_with_dark_from_edge_0_to_edge_1() {
             for column in 0..6 {
                 let truth = board.corner_px(column, row);
                 let (distance, corner) = nearest(corners.as_slice(), truth).unwrap();
-                // Seeds for the refinement: a quarter of a pixel, half of one at the sharpest wedges.
+                // Good to a quarter of a pixel, to half of one at the sharpest wedges.
                 assert!(distance < 0.5, "turn {turn_deg} tilt {tilt_rad}: {distance} {corner:?}");
                 let ahead = |dc, dr| {
                     let next = board.corner_px(column + dc, row + dr);

@@ -15,7 +15,8 @@ const REACH: i32 = 2;
 const NEIGHBOURS_MIN: usize = 8;
 /// Largest distance from the prediction, in steps to the neighbours.
 const ERROR_MAX: f64 = 0.12;
-/// What positions of a quarter pixel may add at the lattice's corners, where the surface is extrapolated.
+/// What the error of the positions, a quarter pixel, may add at the lattice's corners, where the
+/// surface is extrapolated.
 const ERROR_MAX_PX: f64 = 1.0;
 /// Corners that may be removed before the rest says nothing any more.
 const REMOVALS_MAX: usize = 8;

@@ -46,7 +46,7 @@ pub(super) fn squares_go_on<P: Pixel>(
             (outer, [outer[0] - inner[0], outer[1] - inner[1]])
         });
         let squares = previous.zip(here).and_then(|((a, step_a), (b, step_b))| {
-            // The middle of the square between both, so many steps outside.
+            // The middle of the square between both, this many steps outside.
             let middle = |out: f32| {
                 let coordinate =
                     |axis: usize| 0.5 * (a[axis] + b[axis] + out * (step_a[axis] + step_b[axis]));

@@ -12,7 +12,8 @@ const _: () = assert!(CORNERS_MAX < u16::MAX as usize);
 const ROUNDS_MAX: usize = 4;
 /// Fewest corners of a lattice: 3 x 3.
 const LATTICE_MIN: usize = 9;
-/// An edge and the line to the neighbour, sine: 15 degrees. Over one square even a fisheye bends a line by less.
+/// Largest angle between an edge and the line to the neighbour (sine): 15 degrees. Over one square
+/// even a fisheye bends a line by less.
 const LINE_SINE_MAX: f32 = 0.26;
 /// Edges of neighbours, sine: 25 degrees. Directions of 8 px squares are good to about 5.
 const EDGE_SINE_MAX: f32 = 0.42;
@@ -151,7 +152,8 @@ impl Lattice {
         }
     }
 
-    /// Which of its edges, 0 or 1, the corner at a place has along u. From u to v is dark when it is 0.
+    /// Which of its edges, 0 or 1, the corner at a place has along u. The sector from u to v is
+    /// dark when it is 0.
     pub(super) fn edge_along_u(&self, [i, j]: [i32; 2]) -> usize {
         (self.seed_edge + (i + j).rem_euclid(2) as usize) % 2
     }
@@ -168,7 +170,8 @@ impl Lattice {
         Some([2.0 * here[0] - behind[0], 2.0 * here[1] - behind[1]])
     }
 
-    /// Grows a lattice from a corner that belongs to none; `None` when fewer than 3 x 3 come together.
+    /// Grows a lattice from a corner that belongs to none; `None` when it stays smaller than
+    /// 3 x 3.
     pub(super) fn grow(&mut self, corners: &[Corner], seed: u16) -> Option<Bounds> {
         if self.used[usize::from(seed)] {
             return None;

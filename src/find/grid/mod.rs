@@ -58,9 +58,11 @@ pub enum GridRejection {
     NoLattice,
     /// There are lattices, none with these columns and rows.
     OtherDimensions,
-    /// A lattice of this shape is cut by the border of the picture: it may be a part of a larger one.
+    /// A lattice of this shape is cut by the border of the picture: it may be a part of a larger
+    /// one.
     Cut,
-    /// A lattice of this shape lacks too many corners, or border corners, for its extent to be certain.
+    /// A lattice of this shape lacks too many corners, or border corners, for its extent to be
+    /// certain.
     Incomplete,
     /// There are corners beyond the border of a lattice of this shape.
     GoesOn,

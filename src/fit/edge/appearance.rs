@@ -11,8 +11,8 @@ pub struct Appearance {
     /// Of the edges along y.
     pub y_blur_px: f64,
     /// How much larger dark squares look than they are, raw pixels on each side: ink
-    /// spreads, and a camera's response need not be straight. Inside the grid it shifts
-    /// edges by turns to and fro; on its border, all of them outwards.
+    /// spreads, and a camera's response need not be linear. Inside the grid it shifts
+    /// neighbouring edges in opposite directions; on its border, all of them outwards.
     pub growth_px: f64,
     /// Whether the border was seen where it should be: the outermost squares of a board may
     /// be cut, or have no margin.
@@ -40,8 +40,8 @@ impl Appearance {
         }
     }
 
-    /// Corrected by what fitted edges say: in ln s of either blur, and in growth. Returns
-    /// the larger relative change of a blur. What is not a number corrects nothing.
+    /// Corrected by the fitted edges: the corrections of each blur's logarithm, and of the
+    /// growth. Returns the larger relative change of a blur. NaN corrects nothing.
     pub fn correct(&mut self, [ln_x, ln_y]: [f64; 2], growth_px: f64) -> f64 {
         let mut largest = 0.0_f64;
         for (blur_px, correction) in [(&mut self.x_blur_px, ln_x), (&mut self.y_blur_px, ln_y)] {

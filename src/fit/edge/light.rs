@@ -4,9 +4,9 @@
 //! fifth of its precision. Where the light falls evenly the whole target knows them far
 //! better. So the middle of each square is looked at first, a plane is fitted to the light
 //! ones and one to the dark ones, and each edge gets their levels as prior knowledge, to
-//! be believed as far as the squares agree with the planes, and not at all beside a square
-//! that does not: under a shadow, or behind something. Where the squares bear the planes out,
-//! their slopes are taken out of the edges' pixels, too: a slope of the light along an edge
+//! be trusted as far as the squares agree with the planes, and not at all beside a square
+//! that does not: under a shadow, or behind something. Where the squares confirm the planes,
+//! their slopes are also subtracted from the edges' pixels: a slope of the light along an edge
 //! looks like a turn of it.
 
 use heapless::Vec;

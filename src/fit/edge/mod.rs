@@ -1,24 +1,22 @@
 //! The edges of a target's grid: where their pixels put them.
 //!
-//! A checkerboard is made of edges, and nearly all that a picture says of its pose
-//! stands in the pixels beside them. Each edge between two nodes of the grid is seen
-//! twice, by different means:
+//! A checkerboard is made of edges, and nearly all that a picture tells of its pose is in the
+//! pixels beside them. Each edge between two nodes of the grid can be measured in two ways:
 //!
 //! 1. [`locate_edge`] finds it up to a third of a square away, in two lines of pixels
 //!    across it, to a quarter of a pixel.
 //! 2. [`fit_edge`] fits a blurred step to every pixel that is nearer to this edge than to any
 //!    other, from a place known to a few tenths of a pixel.
 //!
-//! What an edge can say is a [`SeenEdge`]: how far it is from where it was expected, and
+//! What an edge tells is a [`SeenEdge`]: how far it is from where it was expected, and
 //! how much it is turned. It keeps the whole of the pixels' information on these two
 //! numbers (their 2 x 2 normal matrix, after offset, contrast and blur were eliminated), so
 //! that [`crate::fit::solve`] on all edges of a target is a fit of the pose to all of its
 //! pixels, though it never looks at one.
 //!
-//! Each edge has an offset and a contrast of its own, so that neither slow nor abrupt
-//! changes of the light matter beyond the edges that they touch, and something that
-//! covers a part of the target spoils the edges it covers, and is found out by their
-//! residuals.
+//! Each edge has an offset and a contrast of its own, so that changes of the light, slow or
+//! abrupt, matter only to the edges that they touch. Something that covers a part of the target
+//! spoils the edges that it covers, and their residuals betray it.
 
 mod appearance;
 mod fit;

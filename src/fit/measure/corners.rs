@@ -1,4 +1,4 @@
-//! What the edges that were used say of the corners between them.
+//! The corners where the edges that were used meet.
 
 use crate::fit::nodes::Direction;
 use crate::model::target::TargetGeometry;

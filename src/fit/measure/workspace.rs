@@ -53,8 +53,8 @@ const DOUBT_COST: f64 = 25.0;
 /// Levenberg-Marquardt iterations on located edges, from a prediction.
 const ITERATIONS_LOCATED: usize = 2;
 
-/// Edges that are located at least, where a target has as many: so many that the start is good
-/// enough for a single pass of the fit in nearly every frame.
+/// Fewest edges that are located, where a target has that many: enough to give a start from which
+/// a single pass of the fit suffices in nearly every frame.
 const LOCATED_EDGES: usize = 120;
 
 /// On fitted edges, from the pose of the located ones, and from its mirror image.

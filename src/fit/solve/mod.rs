@@ -247,7 +247,7 @@ impl Descent {
         Self { pose: *start, squares: Squares::new(), normal: None }
     }
 
-    /// At most so many.
+    /// Takes at most this many steps.
     fn take_steps<O: Observations + ?Sized>(
         &mut self,
         observations: &O,
@@ -301,7 +301,7 @@ impl Descent {
         observations: &O,
     ) -> Result<Solution, SolveFailure> {
         let Self { mut pose, ref squares, ref normal } = *self;
-        // Products of many frames' increments would drift off the rotations: one Newton
+        // A product of many frames' increments drifts away from SO(3): one Newton
         // step of the polar decomposition.
         let gram = pose.rotation.tr_mul(&pose.rotation);
         pose.rotation *= (Matrix3::identity() * 3.0 - gram) * 0.5;

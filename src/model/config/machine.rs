@@ -35,7 +35,7 @@ pub struct Machine {
     pub realtime_priority: Option<u8>,
     /// The processor core that the measurement has to itself, from 0.
     pub cpu: Option<u8>,
-    /// The hardware watchdog restarts the computer after so many seconds without
+    /// The hardware watchdog restarts the computer after this many seconds without
     /// a processed frame; `None` leaves it off.
     pub watchdog_s: Option<u16>,
 }

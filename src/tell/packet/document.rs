@@ -1,9 +1,9 @@
 //! What is longer than a packet goes in parts: a configuration to the box or back, a
 //! picture from a box in set-up mode.
 //!
-//! Who sends says nothing twice by itself. Who receives knows the length, and asks again for
-//! what is missing ([`Action::SendParts`](super::Action::SendParts)) or says what is
-//! ([`Refusal::Incomplete`](super::Refusal::Incomplete)).
+//! The sender never retransmits unasked. The receiver knows the length, and asks again for
+//! what is missing ([`Action::SendParts`](super::Action::SendParts)) or tells
+//! the sender ([`Refusal::Incomplete`](super::Refusal::Incomplete)).
 
 use crate::common::checksum::CRC32;
 use heapless::Vec;

@@ -125,7 +125,7 @@ pub struct Health {
     pub corners_dropped: u32,
     /// Heap allocations since the first frame after the camera was last opened, a picture
     /// was taken or a configuration was stored;
-    /// `None` when nobody counts them.
+    /// `None` when they are not counted.
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.
     pub temperature_decicelsius: Option<i16>,
@@ -149,7 +149,7 @@ pub struct Health {
     pub links: Vec<LinkHealth, LINKS_MAX>,
 }
 
-/// Weight of a log record.
+/// Severity of a log record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
 pub enum LogLevel {
     /// Something failed.
@@ -211,7 +211,7 @@ pub enum Action {
         /// Its [`Config::crc`](crate::model::config::Config::crc).
         crc: u32,
     },
-    /// Set-up mode for so many seconds from now, at most [`AIM_S_MAX`]; 0 ends it. Only in
+    /// Set-up mode for this many seconds from now, at most [`AIM_S_MAX`]; 0 ends it. Only in
     /// it do pictures leave the box, and only over the link on which it was asked for.
     Aim {
         /// How long.

@@ -1,4 +1,4 @@
-//! What the box says and hears: messages, their versions, and their framing.
+//! The messages between the box and the host, their versions, and their framing.
 //!
 //! # On the wire
 //!

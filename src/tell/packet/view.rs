@@ -1,5 +1,4 @@
-//! What the camera sees, in numbers: for those who aim, focus and expose it, and need no
-//! picture for it.
+//! What the camera sees, in numbers: enough to aim, focus and expose it without a picture.
 
 use heapless::Vec;
 use postcard_schema::Schema;

@@ -43,9 +43,9 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    /// Adds what is known of both sides: so many pixels of the right one's level, where E
-    /// is 1, and so many of the left one's, where it is -1. However much they weigh, of the
-    /// noise they tell as two pixels do.
+    /// Adds what is known of both sides, as if it were more pixels: some at the level of the
+    /// right side, where E is 1, and some at that of the left one, where it is -1. Whatever
+    /// their weight, they count as two pixels in the estimate of the noise.
     pub(super) fn add_levels(&mut self, levels: &Levels, sign: f64) {
         self.count += 2.0;
         let light = (levels.light - self.base, levels.light_weight, sign);
