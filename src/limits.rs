@@ -41,7 +41,7 @@ const GRID_COLUMNS_MAX: usize = TARGET_CORNERS_MAX / 3;
 /// Grid lines of the longest grid.
 const GRID_LINES_MAX: usize = GRID_COLUMNS_MAX + 3;
 
-/// Nodes of one target, see [`crate::fit::nodes`]: (columns + 2) x (rows + 2).
+/// Nodes of one target, see [`Nodes`](crate::parts::Nodes): (columns + 2) x (rows + 2).
 pub const TARGET_NODES_MAX: usize = (GRID_COLUMNS_MAX + 2) * 5;
 
 /// Edges of one target: two per corner, one more per line, and those of the dark squares at

@@ -48,7 +48,7 @@ impl Motion {
     }
 
     /// The pose expected at a time: constant velocity, for at most
-    /// [`VELOCITY_NS_MAX`].
+    /// two frames at 20 Hz.
     #[must_use]
     pub fn predict(&self, time_ns: u64) -> Pose<Cam, Target> {
         let gap_s = self.gap_ns(time_ns).min(VELOCITY_NS_MAX) as f64 * 1e-9;

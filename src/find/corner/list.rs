@@ -66,7 +66,7 @@ impl CornerList {
         self.corners.iter().any(|corner| is_near(corner.position_px, position_px))
     }
 
-    /// Adds a corner. Of two within [`SEPARATION_PX`] the stronger stays; when
+    /// Adds a corner. Of two within 3 px of each other the stronger stays; when
     /// the list is full the weakest goes.
     pub fn push(&mut self, corner: Corner) {
         let mut others = self.corners.iter_mut();

@@ -54,7 +54,8 @@ pub struct View<'a, P> {
     pub lens: &'a Lens,
     /// The target.
     pub target: &'a TargetGeometry,
-    /// Whether the square up and left of corner 0 is dark, see [`Grid`].
+    /// Whether the square up and left of corner 0 is dark, see
+    /// [`Grid`](crate::find::grid::Grid).
     pub first_square_dark: bool,
 }
 

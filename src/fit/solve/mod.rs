@@ -107,7 +107,7 @@ pub fn by_increment(
 /// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolveFailure {
-    /// Fewer than [`OBSERVATIONS_MIN`], or so few left after the wrong ones.
+    /// Fewer than 4, or fewer left without the wrong ones.
     TooFew,
     /// The observations leave a direction of the pose open.
     Degenerate,
@@ -143,7 +143,8 @@ pub struct Solution {
     /// The robust scale: 1 when the residuals are what the observations promise, more
     /// when they are larger.
     pub scale: f64,
-    /// The robust cost at that scale, see [`robust_cost`].
+    /// The robust cost at that scale, by which the poses of one set of
+    /// observations are compared.
     pub cost: f64,
 }
 
@@ -182,7 +183,7 @@ impl Inliers {
 }
 
 /// Refines a pose with a bounded number of iterations: for a start from the last frame
-/// 4 do, or 6 where observations may be wrong; 15 for one from [`crate::fit::planar`], whose
+/// 4 do, or 6 where observations may be wrong; 15 for one from the closed form, whose
 /// second pose has residuals that slow the convergence.
 ///
 /// # Errors
