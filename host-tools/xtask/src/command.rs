@@ -173,8 +173,8 @@ impl Task {
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// Output and error output in the order of writing, in silence, and whether it succeeded.
-    pub fn capture(mut self) -> io::Result<(String, bool)> {
+    /// Output and error output in the order of writing, in silence, and how it ended.
+    pub fn capture(mut self) -> io::Result<(String, ExitStatus)> {
         let (mut reader, writer) = io::pipe()?;
         self.command.stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
         let child = self.command.spawn();
@@ -183,7 +183,7 @@ impl Task {
         let mut child = child?;
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes)?;
-        Ok((String::from_utf8_lossy(&bytes).into_owned(), child.wait()?.success()))
+        Ok((String::from_utf8_lossy(&bytes).into_owned(), child.wait()?))
     }
 
     /// The standard output, in silence.

@@ -129,12 +129,12 @@ fn run_programs(
         }
         drop(sender);
         for (program, done) in ended {
-            let (text, success) = done?;
+            let (text, status) = done?;
             let kind = if program.is_unit { "unittests " } else { "" };
             let (source, path) = (program.source.display(), shortened(&program.path));
             show(&format!("     Running {kind}{source} ({})\n{text}", path.display()));
-            if !success {
-                failed.push(format!("{source} failed"));
+            if !status.success() {
+                failed.push(format!("{source} ended with {status}"));
             }
         }
         io::Result::Ok(())
@@ -202,6 +202,6 @@ mod tests {
         assert_eq!(shown.len(), 6);
         assert!(shown.contains(&"     Running 1 (1)\n1 begins\n1 ends\n".to_owned()), "{shown:?}");
         assert!(shown.contains(&"     Running unittests 2 (2)\n2 begins\n2 ends\n".to_owned()));
-        assert_eq!(failed, ["3 failed"]);
+        assert_eq!(failed, ["3 ended with exit status: 1"]);
     }
 }
