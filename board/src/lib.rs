@@ -14,6 +14,7 @@ pub mod boot_count;
 pub mod cli;
 pub mod clock;
 pub mod config_store;
+pub mod equipment;
 pub mod link;
 pub mod logger;
 pub mod measure;

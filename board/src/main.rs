@@ -15,8 +15,9 @@ use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::config_store::ConfigStore;
-use plumbline_board::link::{FileLink, Link, SerialLink, UdpLink};
-use plumbline_board::session::{self, Links, Setup};
+use plumbline_board::equipment::Equipment;
+use plumbline_board::link::{FileLink, Link, Links, SerialLink, UdpLink};
+use plumbline_board::session::{self, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::chosen::Source;
 use plumbline_board::source::replay::{Input, Pace, Replay};
@@ -72,7 +73,7 @@ fn run(cli: &Cli) -> Result<()> {
     let config = read_config(cli)?;
     if cli.check {
         let name = cli.config.display();
-        boot::usable(&config)
+        Equipment::of(&config)
             .with_context(|| format!("the configuration {name} cannot be used by a box"))?;
         let _ = writeln!(std::io::stdout(), "{name}: a box can run with it");
         return Ok(());

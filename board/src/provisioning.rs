@@ -7,8 +7,8 @@ use heapless::Vec;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{Document, Part, REASON_BYTES_MAX, Refusal, ReplyOutcome};
 
-use crate::boot;
 use crate::config_store::ConfigStore;
+use crate::equipment::Equipment;
 
 /// What has come so far, and where it will be kept.
 #[derive(Debug)]
@@ -66,7 +66,7 @@ impl Provisioning {
                 return outcome;
             }
         };
-        if let Err(error) = boot::usable(&config) {
+        if let Err(error) = Equipment::of(&config) {
             return refused(Refusal::Unusable, format_args!("{error:#}"));
         }
         if let Err(error) = store.store(blob) {

@@ -25,7 +25,7 @@ use plumbline::pipeline::Pipeline;
 
 use crate::clock;
 use crate::config_store::ConfigStore;
-use crate::link::{Encoded, Link};
+use crate::link::{Encoded, Link, Links};
 use crate::logger;
 use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
@@ -47,9 +47,6 @@ const FINISH: Duration = Duration::from_secs(2);
 
 /// While a document goes over a serial line, poses leave room for it: one goes this often.
 const POSE_BESIDE_DOCUMENT: Duration = Duration::from_millis(200);
-
-/// The links in use, one of each kind at most.
-pub type Links = heapless::Vec<Link, LINKS_MAX>;
 
 /// What a session starts with, besides the configuration.
 #[derive(Debug)]

@@ -9,8 +9,7 @@ use std::net::Ipv4Addr;
 
 use anyhow::{Context, Result};
 
-use super::interface;
-use super::network::Address;
+use super::interface::{self, Address};
 
 /// The client calls the program by this name.
 pub const NAME: &str = "network-lease";

@@ -48,8 +48,9 @@ use plumbline::config::{Config, Network};
 use plumbline::pipeline::Pipeline;
 
 use crate::config_store::{CONFIG_NAME, ConfigStore};
-use crate::link::{Link, NO_LINK, SerialLink, UdpLink};
-use crate::session::{self, Links, Setup};
+use crate::equipment::Equipment;
+use crate::link::Links;
+use crate::session::{self, Setup};
 use crate::source::chosen::Source;
 use crate::watchdog::Watchdog;
 use crate::{clock, logger, realtime};
@@ -109,7 +110,7 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
             "the configuration that was being stored is used, but still in two files: {error:#}"
         );
     }
-    let (config, links, source) = match config.and_then(configuration) {
+    let (config, Equipment { links, source }) = match config.and_then(configuration) {
         Ok(usable) => usable,
         Err(error) => {
             children::look_after(Network::Dhcp);
@@ -125,40 +126,18 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
     }
 }
 
-/// The configuration of a boot partition, with its links and its camera, once all of it has
-/// been found usable.
-fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Links, Source)> {
+/// The configuration of a boot partition with its equipment, once all of it has been found
+/// usable.
+fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Equipment)> {
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;
     panel::name(&config);
-    let (links, source) = usable(&config).with_context(|| in_config(&device))?;
+    let equipment = Equipment::of(&config).with_context(|| in_config(&device))?;
     step(&format!("configuration {:08x} on {device}", config.crc()));
-    Ok((config, links, source))
-}
-
-/// The links and the camera of a configuration, once this program has been found able to use
-/// it. Neither need be there yet.
-///
-/// # Errors
-/// What a box would refuse it for.
-pub fn usable(config: &Config) -> Result<(Links, Source)> {
-    config.check()?;
-    Ok((links(config)?, Source::camera(config)?))
+    Ok((config, equipment))
 }
 
 fn in_config(device: &str) -> String {
     format!("{CONFIG_NAME} on {device}")
-}
-
-/// The links of the configuration; what they need may come later.
-fn links(config: &Config) -> Result<Links> {
-    let udp = config.links.udp.map(|host| UdpLink::to(host).map(Link::Udp));
-    let serial = config.links.serial.as_ref();
-    let serial = serial.map(|line| SerialLink::absent(&line.path, line.baud).map(Link::Serial));
-    let links: Links = udp.into_iter().chain(serial).collect::<Result<_>>()?;
-    if links.is_empty() {
-        bail!("links: {NO_LINK}");
-    }
-    Ok(links)
 }
 
 /// The measurement; ends when the host asks for a restart.

@@ -8,7 +8,6 @@
 //! The interface is the first Ethernet hardware in the order of names, whenever
 //! it appears; one that vanishes and comes back is set up again.
 
-use std::net::Ipv4Addr;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -16,7 +15,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use plumbline::config::Network;
 
-use super::interface;
+use super::interface::{self, Address};
 
 /// The process is called so.
 pub const NAME: &str = "plumbline-network";
@@ -40,32 +39,6 @@ const BUSYBOX: &str = "/sbin/busybox";
 
 /// What the client calls: this program, by the name of that part.
 const LEASE_PROGRAM: &str = "/sbin/network-lease";
-
-/// An address and the way to other networks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Address {
-    /// The box.
-    pub address: Ipv4Addr,
-    /// Leading bits that all addresses of its network share, 32 at most.
-    pub prefix_bits: u8,
-    /// The way to other networks.
-    pub gateway: Option<Ipv4Addr>,
-}
-
-impl Address {
-    /// The network's bits, as a mask.
-    pub fn netmask(&self) -> Ipv4Addr {
-        let host_bits = 32 - u32::from(self.prefix_bits.min(32));
-        u32::MAX.checked_shl(host_bits).unwrap_or(0).into()
-    }
-}
-
-impl std::fmt::Display for Address {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(formatter, "{}/{}", self.address, self.prefix_bits)?;
-        self.gateway.map_or(Ok(()), |gateway| write!(formatter, " by {gateway}"))
-    }
-}
 
 /// The arguments with which the process is started.
 pub fn arguments(network: Network) -> Vec<String> {
@@ -200,19 +173,9 @@ fn ethernet(class: &Path) -> Option<Interface> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::net::Ipv4Addr;
 
-    #[test]
-    fn masks_have_as_many_bits_as_they_should() {
-        let mask = |prefix_bits| {
-            Address { address: Ipv4Addr::LOCALHOST, prefix_bits, gateway: None }.netmask()
-        };
-        assert_eq!(mask(0), Ipv4Addr::new(0, 0, 0, 0));
-        assert_eq!(mask(1), Ipv4Addr::new(128, 0, 0, 0));
-        assert_eq!(mask(23), Ipv4Addr::new(255, 255, 254, 0));
-        assert_eq!(mask(24), Ipv4Addr::new(255, 255, 255, 0));
-        assert_eq!(mask(32), Ipv4Addr::new(255, 255, 255, 255));
-    }
+    use super::*;
 
     #[test]
     fn the_process_understands_how_it_is_started() {

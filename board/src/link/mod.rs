@@ -10,7 +10,7 @@ pub mod udp;
 
 use std::time::Duration;
 
-use plumbline::packet::{LinkKind, Message};
+use plumbline::packet::{LINKS_MAX, LinkKind, Message};
 
 pub use file::FileLink;
 pub use serial::SerialLink;
@@ -41,6 +41,9 @@ pub struct Encoded<'a> {
     /// The same between the delimiters of a byte stream; ends with its only zero byte.
     pub frame: &'a [u8],
 }
+
+/// The links in use, one of each kind at most.
+pub type Links = heapless::Vec<Link, LINKS_MAX>;
 
 /// One way out.
 #[derive(Debug)]

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use plumbline::packet::{CameraState, Health, LinkHealth};
 
-use super::Links;
 use crate::allocation::allocations;
+use crate::link::Links;
 use crate::logger;
 use crate::measure::Durations;
 use crate::power::PowerMonitor;

@@ -7,20 +7,11 @@
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
-use crate::command::{Task, quoted, target_directory};
-
-fn place() -> PathBuf {
-    target_directory().join("beside")
-}
-
-/// Where the programs are.
-pub fn programs() -> PathBuf {
-    place().join("bin")
-}
+use crate::command::{Task, quoted, unpacked, unpacked_programs};
 
 /// Unpacks `packages` and what they need and the machine lacks, so that
 /// `programs` can be run.
@@ -29,8 +20,8 @@ pub fn unpack(
     packages: &[&str],
     programs: &[&str],
 ) -> Result<()> {
-    let (archives, root) = (place().join("archives"), place().join("root"));
-    for directory in [&archives, &root, &self::programs()] {
+    let (archives, root) = (unpacked().join("archives"), unpacked().join("root"));
+    for directory in [&archives, &root, &unpacked_programs()] {
         fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
     }
     let option = format!("Dir::Cache::archives={}", archives.display());
@@ -55,7 +46,7 @@ pub fn unpack(
             quoted(libraries.as_ref()),
             quoted(program.as_ref())
         );
-        let path = self::programs().join(name);
+        let path = unpacked_programs().join(name);
         fs::write(&path, script).with_context(|| path.display().to_string())?;
         fs::set_permissions(&path, fs::Permissions::from_mode(0o755))?;
     }

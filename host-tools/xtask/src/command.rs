@@ -15,8 +15,6 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
-use crate::beside;
-
 /// What the user gave cannot be used; the text says which, why and what to do. Exit code 2.
 #[derive(Debug)]
 pub struct BadInput(pub String);
@@ -41,6 +39,16 @@ pub fn target_directory() -> PathBuf {
     root().join(env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
+/// Where programs are unpacked that cannot be installed; see [`beside`](crate::beside).
+pub fn unpacked() -> PathBuf {
+    target_directory().join("beside")
+}
+
+/// The directory of the programs that can be run from there.
+pub fn unpacked_programs() -> PathBuf {
+    unpacked().join("bin")
+}
+
 /// A program with its arguments, run in the root of the checkout.
 pub struct Task {
     command: Command,
@@ -54,7 +62,7 @@ impl Task {
         let mut command = Command::new(program.as_ref());
         command.current_dir(root());
         let path = env::var_os("PATH").unwrap_or_default();
-        let places = env::split_paths(&path).chain([beside::programs()]);
+        let places = env::split_paths(&path).chain([unpacked_programs()]);
         // A PATH that has no form with one more place stays as it is.
         if let Ok(path) = env::join_paths(places) {
             command.env("PATH", path);

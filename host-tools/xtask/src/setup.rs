@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use nix::sys::statvfs::statvfs;
 
 use crate::beside;
-use crate::command::Task;
+use crate::command::{Task, unpacked_programs};
 
 /// Longest wait for a download through rustup, which some networks let hang.
 const RUSTUP_WITHIN: Duration = Duration::from_secs(300);
@@ -337,7 +337,7 @@ fn is_there(probe: Probe) -> bool {
         }
         Probe::Program(name) => env::var_os("PATH").is_some_and(|path| {
             env::split_paths(&path).any(|directory| directory.join(name).is_file())
-                || beside::programs().join(name).is_file()
+                || unpacked_programs().join(name).is_file()
         }),
     }
 }

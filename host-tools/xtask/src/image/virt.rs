@@ -9,8 +9,7 @@ use anyhow::Result;
 
 use super::fat::Fat;
 use super::{CONFIG_NAME, Parts, output};
-use crate::beside;
-use crate::command::quoted;
+use crate::command::{quoted, unpacked_programs};
 
 /// Room for the configuration, and for a person's notes.
 const DISK_BYTES: u64 = 1 << 20;
@@ -25,7 +24,7 @@ pub fn make(parts: &Parts, config: Option<&Path>, directory: &Path) -> Result<()
         if let Some(config) = config {
             fat.copy(config, CONFIG_NAME)?;
         }
-        write_run(&directory.join("run"), &beside::programs())
+        write_run(&directory.join("run"), &unpacked_programs())
     })?;
     println!("\n{}: start it with {}", directory.display(), directory.join("run").display());
     if config.is_none() {
