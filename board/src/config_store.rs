@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::machine::read_only_partition::{ReadOnlyPartition, sync_disk_of};
 
 /// The configuration's name on a box's card.
 pub const CONFIG_NAME: &str = "config.plb";

@@ -17,12 +17,13 @@ use plumbline_board::cli::Cli;
 use plumbline_board::config_store::ConfigStore;
 use plumbline_board::equipment::Equipment;
 use plumbline_board::link::{FileLink, Link, Links, SerialLink, UdpLink};
+use plumbline_board::logger;
+use plumbline_board::machine::realtime;
+use plumbline_board::machine::watchdog::Watchdog;
 use plumbline_board::session::{self, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::chosen::Source;
 use plumbline_board::source::replay::{Input, Pace, Replay};
-use plumbline_board::watchdog::Watchdog;
-use plumbline_board::{logger, realtime};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use static_cell::ConstStaticCell;
 
@@ -47,7 +48,7 @@ fn main() -> ExitCode {
         }
         Role::Lease => {
             let event = rest.first().map_or("", String::as_str);
-            boot::lease::run(event, |name| std::env::var(name).ok());
+            boot::network::lease::run(event, |name| std::env::var(name).ok());
             Ok(())
         }
         Role::Program => {

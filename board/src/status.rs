@@ -17,7 +17,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::clock;
+use crate::machine::clock;
 
 /// What the box is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -15,8 +15,8 @@ use plumbline::config::Links;
 
 use super::announce::{AGAIN, Announcer};
 use crate::logger;
+use crate::machine::watchdog::Watchdog;
 use crate::status::{self, Status};
-use crate::watchdog::Watchdog;
 
 /// The watchdog's time where the configuration gives none.
 const WATCHDOG_S: u16 = 10;

@@ -28,9 +28,7 @@ mod announce;
 mod children;
 mod failure;
 mod gate;
-mod interface;
 mod kernel_command_line;
-pub mod lease;
 mod modules;
 mod mounts;
 pub mod network;
@@ -50,10 +48,11 @@ use plumbline::pipeline::Pipeline;
 use crate::config_store::{CONFIG_NAME, ConfigStore};
 use crate::equipment::Equipment;
 use crate::link::Links;
+use crate::logger;
+use crate::machine::watchdog::Watchdog;
+use crate::machine::{clock, realtime};
 use crate::session::{self, Setup};
 use crate::source::chosen::Source;
-use crate::watchdog::Watchdog;
-use crate::{clock, logger, realtime};
 use gate::Gate;
 
 /// What this process is.
@@ -74,7 +73,7 @@ impl Role {
     #[must_use]
     pub fn of(process: u32, called: &str) -> Self {
         match Path::new(called).file_name().and_then(|name| name.to_str()) {
-            Some(lease::NAME) => Self::Lease,
+            Some(network::lease::NAME) => Self::Lease,
             Some(network::NAME) => Self::Network,
             _ if process == 1 => Self::Box,
             _ => Self::Program,

@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount, umount};
 
 use crate::config_store::{CONFIG_NAME, ConfigStore, is_absent};
-use crate::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
+use crate::machine::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
 
 /// Where the partition is mounted.
 const PLACE: &str = "/boot";

@@ -19,8 +19,8 @@ use anyhow::{Context, Result};
 use nix::sys::reboot::{RebootMode, reboot};
 use plumbline::packet::ResetReason;
 
-use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
-use crate::watchdog::Watchdog;
+use crate::machine::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::machine::watchdog::Watchdog;
 
 /// The mark's name on the card.
 const MARK: &str = "restart";

@@ -6,7 +6,7 @@ use plumbline::config::Capture;
 use plumbline::packet::{Action, Command, Document, Refusal, Reply, ReplyOutcome};
 
 use super::Session;
-use crate::clock;
+use crate::machine::clock;
 use crate::provisioning::refused;
 use crate::source::{Exposure, FrameSource};
 

@@ -4,13 +4,13 @@ use std::time::{Duration, Instant};
 
 use plumbline::packet::{CameraState, Health, LinkHealth};
 
+use super::durations::Durations;
 use crate::allocation::allocations;
 use crate::link::Links;
 use crate::logger;
-use crate::measure::Durations;
-use crate::power::PowerMonitor;
+use crate::machine::power::PowerMonitor;
+use crate::machine::temperature::Sensor;
 use crate::source::Condition;
-use crate::temperature::Sensor;
 
 /// What a source is before anybody asked.
 const STARTING: Condition = Condition {

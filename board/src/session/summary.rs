@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use super::durations::Durations;
 use crate::link::Counts;
-use crate::measure::Durations;
 use crate::source::Condition;
 
 use plumbline::packet::{CameraState, LINKS_MAX};

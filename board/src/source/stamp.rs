@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use plumbline::packet::MarkedInstant;
 
-use crate::clock;
+use crate::machine::clock;
 
 /// No frame waits longer: at 1 Hz, the slowest rate, this is more than all
 /// buffers of a queue. Clocks that are not ours are off by more.

@@ -20,7 +20,7 @@ pub struct Clocks {
 impl Clocks {
     #[cfg(feature = "libcamera")]
     pub fn read() -> Self {
-        Self { now: Now::read(), boottime_ns: crate::clock::boottime_ns() }
+        Self { now: Now::read(), boottime_ns: crate::machine::clock::boottime_ns() }
     }
 
     /// A frame's stamp: by the sensor when it has one, else by the driver, else

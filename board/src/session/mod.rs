@@ -8,6 +8,7 @@
 mod aim;
 mod commands;
 mod counters;
+mod durations;
 mod outgoing;
 mod picture;
 mod summary;
@@ -23,14 +24,14 @@ use plumbline::packet::{
 };
 use plumbline::pipeline::Pipeline;
 
-use crate::clock;
 use crate::config_store::ConfigStore;
 use crate::link::{Encoded, Link, Links};
 use crate::logger;
+use crate::machine::clock;
+use crate::machine::watchdog::Watchdog;
 use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
 use crate::status::{self, Status};
-use crate::watchdog::Watchdog;
 use aim::Aim;
 use counters::Counters;
 use outgoing::Outgoing;

@@ -8,6 +8,9 @@
 //! The interface is the first Ethernet hardware in the order of names, whenever
 //! it appears; one that vanishes and comes back is set up again.
 
+mod interface;
+pub mod lease;
+
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -15,7 +18,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use plumbline::config::Network;
 
-use super::interface::{self, Address};
+use interface::Address;
 
 /// The process is called so.
 pub const NAME: &str = "plumbline-network";
@@ -131,7 +134,7 @@ fn look_after(found: &Interface, network: Network) -> Result<()> {
 }
 
 /// The client asks five times in five seconds, then pauses for ten; with the
-/// answers it calls [`lease`](super::lease).
+/// answers it calls [`lease`].
 fn start_client(interface: &str) -> Result<Child> {
     Command::new(BUSYBOX)
         .args(["udhcpc", "-f", "-i", interface, "-s", LEASE_PROGRAM])
