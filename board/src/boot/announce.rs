@@ -4,7 +4,7 @@
 //! The network may come up, and the line be plugged in, at any time. Where no host is known by
 //! UDP, all of the box's network is told.
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
@@ -13,6 +13,7 @@ use plumbline::packet::{
     encode_datagram, encode_frame,
 };
 
+use crate::link::udp::socket_for;
 use crate::link::{RECEIVED_PER_TURN_MAX, SerialLink};
 use crate::logger::pieces;
 
@@ -120,13 +121,7 @@ fn is_broadcast(address: IpAddr) -> bool {
 }
 
 fn open_udp(to: SocketAddr) -> std::io::Result<UdpSocket> {
-    let socket = if to.is_ipv4() {
-        UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))
-    } else {
-        UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0))
-    }?;
+    let socket = socket_for(to)?;
     socket.set_broadcast(true)?;
-    // A full buffer must not hold up the rest.
-    socket.set_nonblocking(true)?;
     Ok(socket)
 }

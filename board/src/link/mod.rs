@@ -10,7 +10,9 @@ pub mod udp;
 
 use std::time::Duration;
 
-use plumbline::packet::{LINKS_MAX, LinkKind, Message};
+use plumbline::packet::{
+    FRAME_BYTES_MAX, LINKS_MAX, LinkKind, Message, PACKET_BYTES_MAX, encode_datagram, encode_frame,
+};
 
 pub use file::FileLink;
 pub use serial::SerialLink;
@@ -35,15 +37,29 @@ pub struct Counts {
 
 /// One packet in both of its forms.
 #[derive(Debug, Clone, Copy)]
-pub struct Encoded<'a> {
+struct Encoded<'a> {
     /// The content of one datagram.
-    pub datagram: &'a [u8],
+    datagram: &'a [u8],
     /// The same between the delimiters of a byte stream; ends with its only zero byte.
-    pub frame: &'a [u8],
+    frame: &'a [u8],
 }
 
 /// The links in use, one of each kind at most.
 pub type Links = heapless::Vec<Link, LINKS_MAX>;
+
+/// Sends one message over each of the links.
+pub fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message) {
+    let mut datagram = [0; PACKET_BYTES_MAX];
+    let mut frame = [0; FRAME_BYTES_MAX];
+    let encoded = (encode_datagram(message, &mut datagram), encode_frame(message, &mut frame));
+    let (Ok(datagram), Ok(frame)) = encoded else {
+        // The buffers hold every message: the packet module computes them so.
+        unreachable!("a message larger than the largest");
+    };
+    for link in links {
+        link.send(Encoded { datagram, frame });
+    }
+}
 
 /// One way out.
 #[derive(Debug)]
@@ -59,7 +75,7 @@ pub enum Link {
 
 impl Link {
     /// Sends one packet, or drops and counts it. Never waits.
-    pub fn send(&mut self, packet: Encoded<'_>) {
+    fn send(&mut self, packet: Encoded<'_>) {
         match self {
             Self::Udp(link) => link.send(packet.datagram),
             Self::Serial(link) => link.send(packet.frame),

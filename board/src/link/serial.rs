@@ -19,10 +19,10 @@ use super::Counts;
 
 /// Bytes that may wait: 16 pose packets, a quarter of a second at 60 Hz. More
 /// would only make what arrives older.
-pub const WAITING_BYTES_MAX: usize = 2048;
+const WAITING_BYTES_MAX: usize = 2048;
 
 /// Bit rates that a line is opened with.
-pub const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
+const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
 
 /// A line that is not there is opened again this often.
 const REOPEN_EVERY: Duration = Duration::from_secs(1);

@@ -8,6 +8,18 @@ use plumbline::packet::{Message, PACKET_BYTES_MAX, decode_datagram};
 
 use super::Counts;
 
+/// A socket with a port of its own, in the address family of `to`. No call on it waits.
+pub(crate) fn socket_for(to: SocketAddr) -> std::io::Result<UdpSocket> {
+    let any: SocketAddr = if to.is_ipv4() {
+        (Ipv4Addr::UNSPECIFIED, 0).into()
+    } else {
+        (Ipv6Addr::UNSPECIFIED, 0).into()
+    };
+    let socket = UdpSocket::bind(any)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
 /// A connected UDP socket.
 ///
 /// Being connected, it hears on the next send that nobody listens
@@ -49,13 +61,7 @@ impl UdpLink {
     /// # Errors
     /// When the system has no socket left.
     pub fn to(to: SocketAddr) -> Result<Self> {
-        let any: SocketAddr = if to.is_ipv4() {
-            (Ipv4Addr::UNSPECIFIED, 0).into()
-        } else {
-            (Ipv6Addr::UNSPECIFIED, 0).into()
-        };
-        let socket = UdpSocket::bind(any).context("no UDP socket can be opened")?;
-        socket.set_nonblocking(true).context("the UDP socket cannot be made non-blocking")?;
+        let socket = socket_for(to).context("no UDP socket can be opened")?;
         let mut link = Self { socket, to, connected: false, counts: Counts::default() };
         if let Err(error) = link.connect() {
             log::info!(

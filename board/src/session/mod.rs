@@ -19,13 +19,13 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{BLOB_BYTES_MAX, Capture, Config};
 use plumbline::packet::{
-    CameraState, Command, Document, FRAME_BYTES_MAX, Hello, LINKS_MAX, LinkKind, Message,
-    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, View, encode_datagram, encode_frame,
+    CameraState, Command, Document, Hello, LINKS_MAX, LinkKind, Message, PosePacket, ResetReason,
+    TargetInfo, View,
 };
 use plumbline::pipeline::Pipeline;
 
 use crate::config_store::ConfigStore;
-use crate::link::{Encoded, Link, Links};
+use crate::link::{Link, Links, send};
 use crate::logger;
 use crate::machine::clock;
 use crate::machine::watchdog::Watchdog;
@@ -38,7 +38,7 @@ use outgoing::Outgoing;
 pub use summary::{Ended, Summary};
 
 /// Hello and Health go out this often.
-pub const HEARTBEAT: Duration = Duration::from_secs(1);
+const HEARTBEAT: Duration = Duration::from_secs(1);
 
 /// The loop turns at least this often: so soon is a signal or a command noticed.
 const TURN_MAX: Duration = Duration::from_millis(20);
@@ -76,9 +76,8 @@ pub fn run(
 ) -> Ended {
     let mut session = Session::new(config, setup);
     let broken = session.run(pipeline, source, stop);
-    let reboot = session.reboot;
     let (summary, unrecorded) = session.finish();
-    Ended { summary, broken, unrecorded, reboot }
+    Ended { summary, broken, unrecorded }
 }
 
 struct Session {
@@ -347,18 +346,4 @@ fn hello(config: &Config, setup: &Setup) -> Hello {
 fn boot_id() -> u32 {
     // The keys of the standard hasher are drawn at random by the operating system.
     std::collections::hash_map::RandomState::new().hash_one(0_u8) as u32
-}
-
-/// Sends one message over each of the links.
-fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message) {
-    let mut datagram = [0; PACKET_BYTES_MAX];
-    let mut frame = [0; FRAME_BYTES_MAX];
-    let encoded = (encode_datagram(message, &mut datagram), encode_frame(message, &mut frame));
-    let (Ok(datagram), Ok(frame)) = encoded else {
-        // The buffers hold every message: the packet module computes them so.
-        unreachable!("a message larger than the largest");
-    };
-    for link in links {
-        link.send(Encoded { datagram, frame });
-    }
 }

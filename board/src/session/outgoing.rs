@@ -5,8 +5,7 @@ use std::ops::Range;
 
 use plumbline::packet::{Document, LINKS_MAX, Message, PART_BYTES_MAX, Part};
 
-use super::send;
-use crate::link::Link;
+use crate::link::{Link, send};
 
 /// Parts handed to a link at one turn of the loop: less than a socket's buffer at the host
 /// takes, and some 800 kB/s at 60 turns a second.

@@ -17,8 +17,6 @@ pub struct Ended {
     pub broken: Option<String>,
     /// Why packets could not be recorded, when they could not.
     pub unrecorded: Option<String>,
-    /// The host has asked for a restart.
-    pub reboot: bool,
 }
 
 /// The figures of a session.

@@ -23,10 +23,10 @@ use super::{Condition, Exposure, Frame, FrameSource, Next};
 use crate::logger;
 
 /// An open camera that is silent for this long is closed and opened again.
-pub const SILENCE_MAX: Duration = Duration::from_secs(1);
+const SILENCE_MAX: Duration = Duration::from_secs(1);
 
 /// The pause after the first failure; each further one doubles it.
-pub const BACK_OFF_MIN: Duration = Duration::from_millis(100);
+const BACK_OFF_MIN: Duration = Duration::from_millis(100);
 
 /// The longest pause between two attempts.
 pub const BACK_OFF_MAX: Duration = Duration::from_secs(2);

@@ -9,6 +9,7 @@ pub mod chosen;
 // Its pure parts are tested in every build.
 #[cfg(any(feature = "libcamera", test))]
 pub mod libcamera;
+mod newest;
 pub mod rate;
 pub mod replay;
 pub mod stamp;

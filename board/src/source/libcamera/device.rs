@@ -15,13 +15,14 @@ use libcamera::request::{Request, RequestStatus, ReuseFlag};
 use libcamera::stream::Stream;
 use plumbline::config::Capture;
 
-use super::inbox::{Inbox, Newest, REQUESTS_MAX};
+use super::inbox::{Inbox, REQUESTS_MAX};
 use super::layout::{Layout, Samples};
 use super::mapping::Mapping;
 use super::setup::{self, Choice};
 use super::stamp::Clocks;
 use crate::source::Frame;
 use crate::source::camera::{Counts, Device, Waited};
+use crate::source::newest::Newest;
 use crate::source::stamp::{Sequence, Stamp};
 
 /// A camera that runs.

@@ -1,9 +1,8 @@
-//! From libcamera's thread to the loop, and what is kept of it.
+//! From libcamera's thread to the loop.
 //!
 //! [`Inbox`] is the handover: a ring under a lock, filled by the completion
 //! callback and emptied by the loop. Neither side holds the lock for longer than
-//! one push or pop, and neither uses the heap. [`Newest`] is the loop's queue, of
-//! two frames at most.
+//! one push or pop, and neither uses the heap.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -73,30 +72,6 @@ impl<T> Inbox<T> {
     }
 }
 
-/// The newest two items, oldest first.
-pub struct Newest<T>(Deque<T, 2>);
-
-impl<T> Newest<T> {
-    pub const fn new() -> Self {
-        Self(Deque::new())
-    }
-
-    /// Adds an item; the oldest comes out when there are two already.
-    pub fn push(&mut self, item: T) -> Option<T> {
-        let oldest = if self.0.is_full() { self.0.pop_front() } else { None };
-        // There is room now.
-        self.0.push_back(item).err().or(oldest)
-    }
-
-    pub fn pop(&mut self) -> Option<T> {
-        self.0.pop_front()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -133,15 +108,5 @@ mod tests {
         assert!(inbox.wait(far));
         assert!(inbox.is_disconnected());
         thread.join().unwrap();
-    }
-
-    #[test]
-    fn the_newest_two_are_kept() {
-        let mut newest = Newest::new();
-        let dropped: Vec<Option<u32>> = (0..4).map(|item| newest.push(item)).collect();
-        assert_eq!(dropped, [None, None, Some(0), Some(1)]);
-        assert_eq!((newest.pop(), newest.is_empty()), (Some(2), false));
-        assert_eq!((newest.pop(), newest.is_empty()), (Some(3), true));
-        assert_eq!(newest.pop(), None);
     }
 }

@@ -159,10 +159,10 @@ mod tests {
     use std::cell::RefCell;
     use std::collections::BTreeMap;
 
-    use plumbline::config::{CaptureDriver, PixelFormat};
     use v4l::v4l_sys::v4l2_exposure_auto_type_V4L2_EXPOSURE_AUTO as AUTO;
 
     use super::*;
+    use crate::test_config::config;
 
     /// Per control its value and what it may be.
     struct Fake(RefCell<BTreeMap<u32, (i64, Vec<i64>)>>);
@@ -197,14 +197,7 @@ mod tests {
     }
 
     fn configured(exposure_us: Option<u32>, gain: Option<f32>) -> Capture {
-        Capture {
-            driver: CaptureDriver::V4l2,
-            device: heapless::String::new(),
-            pixel_format: PixelFormat::Grey,
-            rate_hz: 60.0,
-            exposure_us,
-            gain,
-        }
+        Capture { exposure_us, gain, ..config().capture.unwrap() }
     }
 
     /// What a webcam has.

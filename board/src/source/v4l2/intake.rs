@@ -16,15 +16,13 @@ use std::time::{Duration, Instant};
 use v4l::v4l_sys::V4L2_BUF_FLAG_ERROR;
 
 use super::super::camera::{Counts, Waited};
+use super::super::newest::{NEWEST, Newest};
 use super::super::stamp::{Now, Sequence, Stamp};
 use super::buffers::{Buffers, Ours};
 use super::stamp::stamp;
 
-/// Frames that wait to be handed out.
-const WAITING_MAX: usize = 2;
-
 /// Fewer buffers than this starve the driver while three are away from it.
-pub const BUFFERS_MIN: u32 = WAITING_MAX as u32 + 2;
+pub const BUFFERS_MIN: u32 = NEWEST as u32 + 2;
 
 /// The driver's side of the queue; no call on it blocks but [`wait`](Self::wait).
 pub trait Queue {
@@ -103,7 +101,7 @@ pub struct Intake {
     /// A frame of fewer bytes is damaged.
     bytes_min: usize,
     sequence: Sequence,
-    waiting: heapless::Deque<Arrived, WAITING_MAX>,
+    waiting: Newest<Arrived>,
     out: Option<Arrived>,
     counts: Counts,
 }
@@ -119,7 +117,7 @@ impl Intake {
             buffers,
             bytes_min,
             sequence: Sequence::default(),
-            waiting: heapless::Deque::new(),
+            waiting: Newest::new(),
             out: None,
             counts: Counts::default(),
         };
@@ -159,7 +157,7 @@ impl Intake {
         }
         loop {
             self.take_done(queue)?;
-            self.out = self.waiting.pop_front();
+            self.out = self.waiting.pop();
             if self.out.is_some() {
                 return Ok(true);
             }
@@ -205,13 +203,9 @@ impl Intake {
 
     /// Lines up a frame; the oldest one gives way when there are too many.
     fn keep(&mut self, arrived: Arrived) -> Option<Ours> {
-        let arrived = self.waiting.push_back(arrived).err()?;
-        let oldest = self.waiting.pop_front().map(|oldest| oldest.ours);
+        let oldest = self.waiting.push(arrived)?;
         self.counts.dropped += 1;
-        match self.waiting.push_back(arrived) {
-            Ok(()) => oldest,
-            Err(arrived) => Some(arrived.ours),
-        }
+        Some(oldest.ours)
     }
 
     fn give(&mut self, queue: &impl Queue, ours: Ours) -> io::Result<()> {
