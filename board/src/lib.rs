@@ -23,7 +23,7 @@
 //! | [`provisioning`], [`config_store`] | a new configuration from a host, and where it is kept |
 //! | [`boot`] | everything that a box does before its session, beside it, and when it fails |
 //! | [`cli`], [`boot_count`] | the same session as a program among others |
-//! | [`status`], [`logger`] | what the box is doing, and what it has to say; for hosts and its panel |
+//! | [`status`], [`logger`] | what the box is doing, and what it logs, for hosts and the panel |
 //! | [`machine`] | the computer: clocks, watchdog, priority, power supply, temperature |
 //! | [`allocation`] | counts heap allocations, of which the session makes none while it tracks |
 

@@ -1,9 +1,9 @@
-//! Whether this computer measures, found out before it is trusted: a rendered
-//! target of known pose goes through the pipeline. It exercises what a frame
-//! does: processor, arithmetic, every buffer. Takes some 10 ms.
+//! Checks that this computer measures correctly before it is trusted: a rendered
+//! target of known pose goes through the pipeline. That exercises what a frame
+//! needs: the processor, its arithmetic, every buffer. It takes about 10 ms.
 //!
-//! It finds a broken build or machine, not a wrong configuration, which
-//! [`Config::check`] finds.
+//! It detects a broken build or machine; a wrong configuration is detected by
+//! [`Config::check`].
 
 use anyhow::{Context, Result, ensure};
 use plumbline::config::{Config, Links, Machine, TargetConfig};
@@ -23,10 +23,10 @@ const COLUMNS: u8 = 6;
 const ROWS: u8 = 5;
 const PITCH_MM: f64 = 12.0;
 
-/// Where the target is: its plane is parallel to the image.
+/// The target's position; its plane is parallel to the image.
 const POSITION_MM: [f64; 3] = [3.0, -2.0, 200.0];
 
-/// What the measurement may be off; the coarse rendering alone is off by a tenth of this.
+/// The largest error of the measurement; the coarse rendering alone causes a tenth of this.
 const ERROR_MM_MAX: f64 = 0.02;
 
 /// A search and a few tracked frames.
@@ -43,7 +43,7 @@ pub fn run(pipeline: &mut Pipeline) -> Result<()> {
     check_clock(before_ns, clock::monotonic_ns())
 }
 
-/// Whether the clock that frames are stamped with has gone on meanwhile.
+/// Checks that the clock of the frames' time stamps advances.
 fn check_clock(before_ns: u64, after_ns: u64) -> Result<()> {
     ensure!(
         after_ns > before_ns,
@@ -53,7 +53,7 @@ fn check_clock(before_ns: u64, after_ns: u64) -> Result<()> {
     Ok(())
 }
 
-/// Whether the target in this image is measured where it should be.
+/// Checks that the target in an image is measured at its true position.
 fn measure(pipeline: &mut Pipeline, pixels: &[u8]) -> Result<()> {
     pipeline.configure(&config()?).context("the built-in configuration")?;
     let image = GreyImage::new(pixels, WIDTH_PX, HEIGHT_PX, WIDTH_PX).context("the image")?;
@@ -130,7 +130,7 @@ fn render([x_mm, y_mm, z_mm]: [f64; 3]) -> Vec<u8> {
         220 - (dark_points * 180 / (POINTS * POINTS)) as u8
     };
     let sharp: Vec<u8> = (0..WIDTH_PX * HEIGHT_PX).map(pixel).collect();
-    // A lens's blur: no camera shows edges as sharp as these, and the fit expects none.
+    // A lens's blur: no camera shows edges as sharp as these, and the fit does not expect them.
     let across =
         |at: usize| u16::from(sharp[at - 1]) + 2 * u16::from(sharp[at]) + u16::from(sharp[at + 1]);
     let blurred = |at: usize| {

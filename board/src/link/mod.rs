@@ -1,7 +1,7 @@
-//! The ways out of the box: UDP, a serial line, a file; any number at once.
+//! Links to the hosts: UDP, a serial line, a file, in any combination.
 //!
-//! A link is opened once, when a fault is still an error for a person to read.
-//! From then on it never waits and never fails: a packet that cannot leave is
+//! A link is opened once, when a fault can still be reported to a person as an error.
+//! From then on it never waits and never fails: a packet that cannot be sent is
 //! dropped whole and counted, and the host sees the gap in the sequence numbers.
 
 pub mod file;
@@ -21,17 +21,17 @@ pub use udp::UdpLink;
 /// What is wrong with a configuration without a link.
 pub const NO_LINK: &str = "neither udp nor serial is given, and packets would have nowhere to go";
 
-/// Datagrams, or reads of a line, that are looked at before the next frame.
+/// The number of datagrams, or reads of a line, that are handled before the next frame.
 pub(crate) const RECEIVED_PER_TURN_MAX: usize = 4;
 
 /// What became of the packets given to a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// Packets handed over to the operating system whole.
+    /// Packets passed to the operating system whole.
     pub sent: u64,
     /// Packets dropped whole.
     pub dropped: u64,
-    /// Packets that wait in the link's own buffer.
+    /// Packets waiting in the link's own buffer.
     pub waiting: u64,
 }
 
@@ -61,7 +61,7 @@ pub fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message
     }
 }
 
-/// One way out.
+/// A link of one of the three kinds.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "there are three at most, and they never move")]
 pub enum Link {
@@ -83,32 +83,32 @@ impl Link {
         }
     }
 
-    /// Whether it takes a packet more without leaving those that come after it no room.
+    /// Whether one more packet leaves enough room for those that follow.
     #[must_use]
     pub fn has_room(&self) -> bool {
         match self {
             Self::Udp(_) => true,
             Self::Serial(link) => link.has_room(),
-            // Nobody listens at its other end.
+            // Nobody reads the other end.
             Self::File(_) => false,
         }
     }
 
-    /// Hands on what waits, as far as that goes without waiting.
+    /// Sends waiting packets, as far as is possible without blocking.
     pub fn service(&mut self) {
         if let Self::Serial(link) = self {
             link.service();
         }
     }
 
-    /// Hands on what waits, giving up after `limit`; what is left counts as dropped.
+    /// Sends waiting packets for at most `limit`; those that are left count as dropped.
     pub fn finish(&mut self, limit: Duration) {
         if let Self::Serial(link) = self {
             link.finish(limit);
         }
     }
 
-    /// Gives the messages that have come in since the last call.
+    /// Passes on the messages received since the last call.
     pub fn receive(&mut self, take: impl FnMut(Message)) {
         match self {
             Self::Udp(link) => link.receive(take),
@@ -117,18 +117,18 @@ impl Link {
         }
     }
 
-    /// Why packets of this link are missing for ever, if there is a reason that a
-    /// person must mend.
+    /// Why packets of this link are lost for good, if there is a reason that a person
+    /// must put right.
     #[must_use]
     pub fn fault(&self) -> Option<&str> {
         match self {
             Self::File(link) => link.fault(),
-            // A host that is absent now may hear the next packet.
+            // A host that is absent now may receive the next packet.
             Self::Udp(_) | Self::Serial(_) => None,
         }
     }
 
-    /// What it is.
+    /// Its kind.
     #[must_use]
     pub fn kind(&self) -> LinkKind {
         match self {

@@ -2,7 +2,7 @@
 
 use heapless::Deque;
 
-/// Frames that wait to be handed out, at most.
+/// The largest number of frames that wait.
 pub const NEWEST: usize = 2;
 
 /// The newest two items, oldest first.

@@ -1,7 +1,7 @@
-//! From libcamera's thread to the loop.
+//! Passes completed requests from libcamera's thread to the loop.
 //!
-//! [`Inbox`] is the handover: a ring under a lock, filled by the completion
-//! callback and emptied by the loop. Neither side holds the lock for longer than
+//! [`Inbox`] is a ring buffer under a lock, filled by the completion callback and
+//! emptied by the loop. Neither side holds the lock for longer than
 //! one push or pop, and neither uses the heap.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -9,13 +9,13 @@ use std::time::Instant;
 
 use heapless::Deque;
 
-/// Requests in use at once: one being tracked, two waiting, the others with the
+/// The number of requests: one being tracked, two waiting, the others with the
 /// camera. At most 7, because then the `libcamera` crate's table of queued
 /// requests never grows again: a hash table of up to 8 slots is probed at once
 /// and leaves no tombstones.
 pub const REQUESTS_MAX: usize = 6;
 
-/// What has come and has not been taken yet, oldest first.
+/// The items that have not been taken yet, oldest first.
 pub struct Inbox<T> {
     state: Mutex<State<T>>,
     news: Condvar,
@@ -32,15 +32,15 @@ impl<T> Inbox<T> {
         Self { state: Mutex::new(state), news: Condvar::new() }
     }
 
-    /// Hands the item back when the inbox is full, which it cannot be as long as
-    /// there are no more than [`REQUESTS_MAX`] items in the world.
+    /// Adds an item. Returns it when the inbox is full, which it never is as long as
+    /// no more than [`REQUESTS_MAX`] items exist.
     pub fn push(&self, item: T) -> Result<(), T> {
         let pushed = self.lock().waiting.push_back(item);
         self.news.notify_one();
         pushed
     }
 
-    /// The camera says that it is gone.
+    /// Notes that the camera is gone.
     pub fn disconnect(&self) {
         self.lock().disconnected = true;
         self.news.notify_one();
@@ -54,8 +54,7 @@ impl<T> Inbox<T> {
         self.lock().waiting.pop_front()
     }
 
-    /// Waits for something to pop or a disconnection; false when there is
-    /// neither by `until`.
+    /// Waits for an item or a disconnection; false if there is neither by `until`.
     pub fn wait(&self, until: Instant) -> bool {
         let patience = until.saturating_duration_since(Instant::now());
         let nothing = |state: &mut State<T>| state.waiting.is_empty() && !state.disconnected;
@@ -66,7 +65,7 @@ impl<T> Inbox<T> {
         !timeout.timed_out()
     }
 
-    /// Nothing that is done under the lock can panic halfway.
+    /// Nothing under the lock can panic halfway, so a poisoned lock is still valid.
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
