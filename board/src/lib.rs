@@ -2,16 +2,17 @@
 //! computer in between. The geometry is the core's.
 //!
 //! ```text
-//!  main: a program with a command line      boot: the first process of a box
-//!     cli, boot_count                          partition, network, panel, refusal
-//!              \                                 /
-//!               \    equipment, config_store    /
-//!                ▼                             ▼
-//!  source ───────────────── session ─────────────────▶ link
-//!  camera or recording:     the core's pipeline,       UDP, serial line, file
-//!  frames                   the core's packets           │
-//!                              ▲                         │ commands, parts of a configuration
-//!                              └────── provisioning ◀────┘
+//!  main: a program with a command line     boot: the first process of a box
+//!    cli, boot_count                         partition, network, panel, refusal, failure
+//!                    └─────────────┬─────────────┘
+//!                                  │ configuration, equipment
+//!                                  ▼
+//!         source ── frames ──▶ session ── packets ──▶ link ──▶ hosts
+//!                              │   ▲                    │
+//!                              │   └───── commands ─────┘
+//!                              │ parts of a configuration
+//!                              ▼
+//!                         provisioning ──▶ config_store ──▶ the next start
 //! ```
 //!
 //! | module | what is in it |
