@@ -1,11 +1,11 @@
-//! Counts heap allocations, so that "none after the first frame" is a
-//! measurement and not a promise.
+//! Counts heap allocations, so that "none after the first frame" is
+//! measured and not just promised.
 //!
 //! The program's `main.rs` makes [`CountingAllocator`] its global allocator.
 //! The count covers every thread of the process.
 
 // A global allocator is an unsafe trait by nature; this one only counts and
-// hands every call on unchanged, so it is as sound as the system's.
+// forwards every call unchanged, so it is as sound as the system's.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 
-/// The system's allocator, with a counter before it.
+/// The system's allocator, with a counter in front of it.
 pub struct CountingAllocator;
 
 // SAFETY: every method passes its arguments on to `System` unchanged, which

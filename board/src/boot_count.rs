@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 /// Counts this start in `path` and returns its number; the first is 1.
 ///
 /// # Errors
-/// When the file holds no number, or cannot be written.
+/// When the file does not hold a number, or cannot be written.
 pub fn count_start(path: &Path) -> Result<u32> {
     let name = path.display();
     let before: u32 = match std::fs::read_to_string(path) {
@@ -22,7 +22,7 @@ pub fn count_start(path: &Path) -> Result<u32> {
         }
     };
     let count = before.wrapping_add(1);
-    // A power cut must not leave half a number: write beside it, then rename.
+    // A power cut must not leave half a number: write a second file, then rename it.
     let fresh = path.with_extension("new");
     std::fs::write(&fresh, format!("{count}\n"))
         .and_then(|()| std::fs::rename(&fresh, path))

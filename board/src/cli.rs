@@ -11,9 +11,9 @@ use crate::source::rate::Rate;
 /// Frames come from the camera that the configuration names, or from a recording;
 /// every frame becomes one packet, which goes to every link at once. Hello and
 /// Health packets are sent once a second. A camera that is absent or lost is
-/// opened again until it is there. A host may send another configuration (`plumb provision`),
-/// which replaces FILE.plb and is in use from the next start on. Stop it with Ctrl-C or SIGTERM: the frame under
-/// way is finished and sent first.
+/// reopened until it is back. A host may send another configuration (`plumb provision`),
+/// which replaces FILE.plb and takes effect at the next start. Stop it with Ctrl-C or SIGTERM:
+/// the current frame is finished and sent first.
 #[derive(Debug, Clone, Parser)]
 #[command(
     name = "plumbline-board",
@@ -24,7 +24,7 @@ Examples:
     plumbline-board --config box.plb
   Replay a recording at its own rate and send packets to a host:
     plumbline-board --config box.plb --replay trial.y4m --udp 192.168.1.20:4210
-  As fast as it can go, from another program, packets into a file as on a serial line:
+  As fast as possible, from another program, with the packets written to a file:
     ffmpeg -i trial.mp4 -pix_fmt yuv420p -f yuv4mpegpipe - |
       plumbline-board --config box.plb --replay - --unpaced --record packets.bin
   Over a serial line and UDP at once:
@@ -34,16 +34,16 @@ As the first process of a computer (init) it takes no command line: it finds its
 configuration, config.plb, on the boot partition, brings up the network and tracks.
 
 Exit code: 0 when the recording ended or the program was asked to stop, 2 when
-something outside was wrong or a packet could not be recorded; the message says
-what, where and the remedy.
-Messages go to standard error, the figures at the end to standard output."
+an input or a device was at fault or a packet could not be recorded; the message
+says what is wrong, where, and what to do.
+Messages go to standard error, the final figures to standard output."
 )]
 pub struct Cli {
     /// The configuration: camera, targets, scene, links, the computer's settings
     #[arg(long, value_name = "FILE.plb")]
     pub config: PathBuf,
 
-    /// A recording instead of the camera: a Y4M file, 8-bit grey or the luma of 4:2:0;
+    /// Track a recording instead of the camera: a Y4M file, 8-bit grey or the luma of 4:2:0;
     /// - reads standard input
     #[arg(long, value_name = "FILE|-")]
     pub replay: Option<PathBuf>,
@@ -52,7 +52,7 @@ pub struct Cli {
     #[arg(long, requires = "replay")]
     pub unpaced: bool,
 
-    /// The recording's rate, where its header is wrong or silent: 60 or 60000/1001
+    /// The recording's frame rate, if its header gives none or a wrong one: 60 or 60000/1001
     #[arg(long, value_name = "RATE", requires = "replay")]
     pub fps: Option<Rate>,
 
@@ -72,16 +72,16 @@ pub struct Cli {
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 
-    /// Counts starts in this file and tells the host
+    /// Count starts in this file and report the count to the host
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
 
-    /// End when the host asks for a restart: whoever has started this program starts it again
+    /// Exit when the host asks for a restart, so that the supervisor starts the program again
     #[arg(long)]
     pub supervised: bool,
 
-    /// Only check that a box with this program can run with the configuration: that it is
-    /// sound, and names a camera and a link
+    /// Only check that a box could run with this configuration: that it is valid and names a
+    /// camera and a link
     #[arg(
         long,
         conflicts_with_all = ["replay", "udp", "serial", "baud", "record", "boot_count_file", "supervised"]

@@ -1,18 +1,18 @@
 //! Where the box's configuration is kept, and how a new one takes its place.
 //!
-//! The power may go at any moment, and then the old configuration is there or the new one. A
-//! new one is first written into a file of its own beside the old one ([`journal_of`]). Elsewhere
-//! that is then renamed, at one stroke. A FAT file system, which a box's card has, does not
-//! rename at one stroke. There it is written twice, and each step is on the disk before the
-//! next begins:
+//! The power may fail at any moment, and either the old or the new configuration must survive
+//! it. A new one is first written to a second file beside the old one, the journal
+//! ([`journal_of`]). Most file systems then rename the journal atomically. FAT, which a box's card
+//! has, does not. There the configuration is written twice, and each step is on the disk before
+//! the next begins:
 //!
-//! 1. into the file of its own;
-//! 2. over the old one, where that lies;
-//! 3. the file of its own is removed.
+//! 1. the new configuration is written to the journal;
+//! 2. it is written over the old one, in place;
+//! 3. the journal is removed.
 //!
-//! Cut off in 2, the file of its own is whole, and the one in its place is not: the next start
-//! takes the former, and does 2 and 3. Whenever the one in its place is whole, it counts, so that
-//! a person who puts another one there is never overruled.
+//! After a power cut in step 2 the journal is intact and the file in place is not: the next start
+//! uses the journal, and repeats steps 2 and 3. Whenever the file in place is intact it is the one
+//! that is used, so that a configuration which a person copies there is never overruled.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -21,24 +21,24 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::machine::read_only_partition::{ReadOnlyPartition, sync_disk_of};
 
-/// The file of its own beside a configuration.
+/// The journal of a configuration: where a new one is written first.
 #[must_use]
 pub fn journal_of(config: &Path) -> PathBuf {
     config.with_extension("new")
 }
 
-/// One configuration's place.
+/// Where one configuration is kept.
 #[derive(Debug, Clone)]
 pub struct ConfigStore {
     path: PathBuf,
-    /// The file system that is mounted for reading only, where it is.
+    /// The partition it is on, if that is mounted read-only.
     partition: Option<ReadOnlyPartition>,
 }
 
 impl ConfigStore {
-    /// A file that can be written to at any time.
+    /// A file that can be written at any time.
     #[must_use]
     pub fn file(path: &Path) -> Self {
         Self { path: path.to_owned(), partition: None }
@@ -50,8 +50,8 @@ impl ConfigStore {
         Self { path: partition.file(name), partition: Some(partition.clone()) }
     }
 
-    /// The configuration's bytes, whether or not they are one; an error of the kind
-    /// [`ErrorKind::NotFound`] where there are none.
+    /// The configuration's bytes, which are not checked; an error of the kind
+    /// [`ErrorKind::NotFound`] if there are none.
     ///
     /// # Errors
     /// When they cannot be read.
@@ -63,11 +63,11 @@ impl ConfigStore {
         }
     }
 
-    /// Ends what was cut off: the next to be stored must not be written over the only one
-    /// that is whole.
+    /// Finishes a replacement that was interrupted: the next one must not be written over the
+    /// only intact copy.
     ///
     /// # Errors
-    /// When the disk cannot be written to.
+    /// When the disk cannot be written.
     pub fn complete(&self) -> Result<()> {
         if self.journal().is_none() {
             return Ok(());
@@ -76,10 +76,10 @@ impl ConfigStore {
         self.written_to(|| self.put_in_place(&blob))
     }
 
-    /// Keeps a configuration; on return it is on the disk.
+    /// Stores a configuration; on return it is on the disk.
     ///
     /// # Errors
-    /// When the disk cannot be written to. What was stored before still is.
+    /// When the disk cannot be written. The previous configuration is then still stored.
     pub fn store(&self, blob: &[u8]) -> Result<()> {
         self.complete()?;
         if self.read().is_ok_and(|stored| stored == blob) {
@@ -93,12 +93,12 @@ impl ConfigStore {
         Ok(())
     }
 
-    /// What was to be stored when it was cut off, if that is whole.
+    /// The journal that an interrupted replacement left, if it is intact.
     fn journal(&self) -> Option<Vec<u8>> {
         read_bounded(&journal_of(&self.path)).ok().filter(|blob| is_whole(blob))
     }
 
-    /// What comes after it is on the disk, in the file of its own or in its place.
+    /// The last step, once the configuration is on the disk, in the journal or in place.
     fn put_in_place(&self, blob: &[u8]) -> Result<()> {
         let journal = journal_of(&self.path);
         let is_there = read_bounded(&self.path).is_ok_and(|there| there == blob);
@@ -126,7 +126,7 @@ fn is_whole(blob: &[u8]) -> bool {
     Config::decode(blob).is_ok()
 }
 
-/// Writes a file where it lies, so that it never loses its place, and waits for the disk.
+/// Writes a file in place, so that its directory entry stays, and waits for the disk.
 fn write_to_disk(path: &Path, blob: &[u8]) -> Result<()> {
     let write = || -> io::Result<()> {
         let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
@@ -145,7 +145,7 @@ fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
     Ok(blob)
 }
 
-/// Whether nothing is there, rather than something that cannot be read.
+/// Whether the file does not exist, rather than cannot be read.
 #[must_use]
 pub fn is_absent(error: &io::Error) -> bool {
     error.kind() == ErrorKind::NotFound

@@ -1,32 +1,46 @@
-//! The Linux side of the Plumbline box.
+//! The Linux side of the Plumbline box: where frames come from, where packets go, and the
+//! computer in between. The geometry is the core's.
 //!
 //! ```text
-//! source ─▶ pipeline ─▶ packet ─▶ links
+//!  main: a program with a command line     boot: the first process of a box
+//!    cli, boot_count                         partition, network, panel, refusal, failure
+//!                    └─────────────┬─────────────┘
+//!                                  │ configuration, equipment
+//!                                  ▼
+//!         source ── frames ──▶ session ── packets ──▶ link ──▶ hosts
+//!                              │   ▲                    │
+//!                              │   └───── commands ─────┘
+//!                              │ parts of a configuration
+//!                              ▼
+//!                         provisioning ──▶ config_store ──▶ the next start
 //! ```
 //!
-//! Everything that needs an operating system is here: where frames come from
-//! ([`source`]), where packets go ([`link`]), time, signals, messages, and the
-//! loop that ties them together ([`session`]). No geometry is: that is the core's.
+//! | module | what is in it |
+//! |---|---|
+//! | [`source`] | gives frames: a camera that may vanish and come back, or a recording |
+//! | [`session`] | the loop: a frame, the pipeline, a packet; a heartbeat; what hosts ask for |
+//! | [`link`] | takes packets, and hands over what hosts send |
+//! | [`equipment`] | the links and the camera of a configuration, if a box can use it |
+//! | [`provisioning`], [`config_store`] | a new configuration from a host, and where it is kept |
+//! | [`boot`] | everything that a box does before its session, beside it, and when it fails |
+//! | [`cli`], [`boot_count`] | the same session as a program among others |
+//! | [`status`], [`logger`] | what the box is doing, and what it logs, for hosts and the panel |
+//! | [`machine`] | the computer: clocks, watchdog, priority, power supply, temperature |
+//! | [`allocation`] | counts heap allocations, of which the session makes none while it tracks |
 
 pub mod allocation;
 pub mod boot;
 pub mod boot_count;
 pub mod cli;
-pub mod clock;
 pub mod config_store;
+pub mod equipment;
 pub mod link;
 pub mod logger;
-pub mod measure;
-pub mod power;
+pub mod machine;
 pub mod provisioning;
-pub mod read_only_partition;
-pub mod realtime;
 pub mod session;
 pub mod source;
 pub mod status;
-pub mod temperature;
-pub mod usable;
-pub mod watchdog;
 
 #[cfg(test)]
 mod test_config;

@@ -1,9 +1,9 @@
 //! Log records: to the console, and into a bounded queue from which the main
-//! loop sends them to the host, a long text as several. Nothing is allocated,
-//! nobody waits.
+//! loop sends them to the host, a long text as several records. Logging neither
+//! allocates nor waits.
 //!
-//! The latest texts that a person at the box should see are kept for its screen,
-//! until newer ones come.
+//! The latest texts that a person at the box should see are kept for its screen
+//! until newer ones replace them.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -19,10 +19,10 @@ use crate::status::{self, Status};
 /// Records that can wait for the main loop, which takes them at every turn.
 const WAITING_MAX: usize = 16;
 
-/// Longest text that reaches the host whole.
+/// Length of the longest text that reaches the host complete.
 const WHOLE_TEXT_BYTES_MAX: usize = 4 * LOG_TEXT_BYTES_MAX;
 
-/// The target of the records that pass on what the network's process says.
+/// The target of the records that pass on the output of the network process.
 pub const NETWORK: &str = "plumbline_board::boot::network";
 
 /// The program's logger.
@@ -36,11 +36,11 @@ pub struct Logger {
 /// The latest texts of the log, for a person at the box.
 #[derive(Debug, Clone, Default)]
 pub struct Latest {
-    /// What the network's process said last.
+    /// The last line of the network process.
     pub network: String<WHOLE_TEXT_BYTES_MAX>,
     /// The last text of anything else at level Warn or above.
     pub complaint: String<WHOLE_TEXT_BYTES_MAX>,
-    /// When that was said.
+    /// When that was logged.
     pub complained_at: Option<Instant>,
 }
 
@@ -49,8 +49,8 @@ impl Latest {
         Self { network: String::new(), complaint: String::new(), complained_at: None }
     }
 
-    /// Takes note of a record. In a status that is final its reason stays: other complaints
-    /// would hide what is to be done.
+    /// Takes note of a record. The reason for a final status stays: other complaints would hide
+    /// what needs to be done.
     fn take(&mut self, status: Status, target: &str, level: log::Level, text: &str) {
         // Both have room for the longest text that is kept.
         if target == NETWORK {
@@ -70,14 +70,14 @@ struct Waiting {
     level: LogLevel,
     target: String<LOG_TARGET_BYTES_MAX>,
     text: String<LOG_TEXT_BYTES_MAX>,
-    /// Bytes of target and text that did not fit.
+    /// Number of bytes of target and text that did not fit.
     cut: usize,
 }
 
 /// A text of at most `N` bytes that counts the bytes for which there was no room.
 #[derive(Debug, Default)]
 pub(crate) struct Cut<const N: usize> {
-    /// What fitted.
+    /// The part that fitted.
     pub(crate) text: String<N>,
     cut: usize,
 }
@@ -96,15 +96,15 @@ impl<const N: usize> std::fmt::Write for Cut<N> {
 
 static LOGGER: Logger = Logger::new();
 
-/// Makes this the logger of the program; records of `level` and above are kept.
+/// Makes this the program's logger; records of `level` and more severe ones are kept.
 pub fn install(level: log::LevelFilter) {
-    // Fails only when there is a logger already: then that one is kept.
+    // Fails only if a logger is installed already; that one is then kept.
     if log::set_logger(&LOGGER).is_ok() {
         log::set_max_level(level);
     }
 }
 
-/// Takes the oldest waiting record; its time is counted from `started`.
+/// Takes the oldest queued record; its time is counted from `started`.
 pub fn take(started: Instant) -> Option<Log> {
     let waiting = LOGGER.lock().pop_front()?;
     Some(Log {
@@ -116,33 +116,33 @@ pub fn take(started: Instant) -> Option<Log> {
     })
 }
 
-/// Records for which there was no room.
+/// Number of records for which there was no room.
 pub fn dropped() -> u32 {
     LOGGER.dropped.load(Ordering::Relaxed)
 }
 
-/// Tells the hosts, and not the console, where it would only be said again.
+/// Sends a record to the hosts only: the console has shown it before.
 pub fn tell_hosts(record: &log::Record<'_>) {
     LOGGER.queue(record);
 }
 
-/// The latest texts, unless a record is being taken note of just now: try again then.
+/// The latest texts, or `None` while a record is being added; try again later.
 pub fn latest() -> Option<Latest> {
     LOGGER.latest.try_lock().ok().map(|latest| latest.clone())
 }
 
-/// Keeps a complaint that was said without the logger among the latest texts, unless it is
-/// in use just now: whoever failed may have held it.
+/// Adds a complaint that bypassed the logger to the latest texts, unless they are locked: the
+/// thread that failed may hold the lock.
 pub fn keep_complaint(text: &str) {
     if let Ok(mut latest) = LOGGER.latest.try_lock() {
         let mut whole = Cut::<WHOLE_TEXT_BYTES_MAX>::default();
-        // Cannot fail; what does not fit would not fit a screen either.
+        // Cannot fail; text that does not fit would not fit on a screen either.
         let _ = whole.write_str(text);
         latest.take(status::current().0, module_path!(), log::Level::Error, &whole.text);
     }
 }
 
-/// The text in pieces that fit a record each, broken at spaces where there are any.
+/// The text in pieces that each fit into a record, broken at spaces where possible.
 pub fn pieces(text: &str) -> impl Iterator<Item = &str> {
     let mut rest = text.trim();
     std::iter::from_fn(move || {
@@ -171,11 +171,11 @@ impl Logger {
         }
     }
 
-    /// For the host, and for the screen.
+    /// Queues a record for the host, and keeps it for the screen.
     fn queue(&self, record: &log::Record<'_>) {
         let mut target = Cut::<LOG_TARGET_BYTES_MAX>::default();
         let mut text = Cut::<WHOLE_TEXT_BYTES_MAX>::default();
-        // Neither write fails; what does not fit is counted.
+        // Neither write fails; bytes that do not fit are counted.
         let _ = target.write_str(record.target());
         let _ = text.write_fmt(*record.args());
         let level = match record.level() {
@@ -213,7 +213,7 @@ impl log::Log for Logger {
     }
 
     fn log(&self, record: &log::Record<'_>) {
-        // A console that has gone away is no reason to stop measuring.
+        // A console that is gone is no reason to stop measuring.
         let _ = writeln!(std::io::stderr(), "{}: {}", record.level(), record.args());
         self.queue(record);
     }
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn long_texts_are_said_in_whole_words_and_nothing_is_lost() {
+    fn long_texts_are_split_between_words_and_nothing_is_lost() {
         let text = "targets[0] and targets[1] have grids of the same size, and could not be told \
                     apart: change the columns or the rows of one, then provision the box again";
         let found: Vec<&str> = pieces(text).collect();
@@ -265,7 +265,7 @@ mod tests {
         assert!(sent.iter().all(|record| record.cut == 0));
         let texts: Vec<&str> = sent.iter().map(|record| record.text.as_str()).collect();
         assert_eq!(texts.join(" "), words.trim());
-        // What is beyond all measure is cut, and counted once.
+        // A text that exceeds even that is cut, and the rest is counted once.
         let sent = send(&"x".repeat(WHOLE_TEXT_BYTES_MAX + 7));
         assert_eq!(sent.iter().map(|record| record.cut).collect::<Vec<_>>(), [0, 0, 0, 7]);
     }
@@ -278,9 +278,9 @@ mod tests {
         latest.take(Status::NoCamera, other, Warn, "camera: unplugged");
         latest.take(Status::NoCamera, other, Info, "boot: started");
         latest.take(Status::NoCamera, NETWORK, Info, "network: eth0 has 10.0.2.15/24");
-        latest.take(Status::NoCamera, NETWORK, Error, "no Ethernet is there");
+        latest.take(Status::NoCamera, NETWORK, Error, "no Ethernet interface found");
         assert_eq!(latest.complaint, "camera: unplugged");
-        assert_eq!(latest.network, "no Ethernet is there");
+        assert_eq!(latest.network, "no Ethernet interface found");
         latest.take(Status::NoCamera, other, Error, "camera: it broke");
         assert_eq!(latest.complaint, "camera: it broke");
     }

@@ -15,14 +15,15 @@ use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::config_store::ConfigStore;
+use plumbline_board::equipment::Equipment;
 use plumbline_board::link::{FileLink, Link, Links, SerialLink, UdpLink};
+use plumbline_board::logger;
+use plumbline_board::machine::realtime;
+use plumbline_board::machine::watchdog::Watchdog;
 use plumbline_board::session::{self, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::chosen::Source;
 use plumbline_board::source::replay::{Input, Pace, Replay};
-use plumbline_board::usable::usable;
-use plumbline_board::watchdog::Watchdog;
-use plumbline_board::{logger, realtime};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use static_cell::ConstStaticCell;
 
@@ -32,7 +33,7 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// Every buffer of the measurement, in static memory.
 static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new());
 
-/// Where nothing else is said about a serial line's rate.
+/// The rate of a serial line for which neither the command line nor the configuration gives one.
 const BAUD_DEFAULT: u32 = 115_200;
 
 fn main() -> ExitCode {
@@ -47,12 +48,12 @@ fn main() -> ExitCode {
         }
         Role::Lease => {
             let event = rest.first().map_or("", String::as_str);
-            boot::lease::run(event, |name| std::env::var(name).ok());
+            boot::network::lease::run(event, |name| std::env::var(name).ok());
             Ok(())
         }
         Role::Program => {
             let cli = Cli::parse();
-            // Of a box that is elsewhere, it is no news that its host cannot be reached from here.
+            // For a box elsewhere it does not matter that its host cannot be reached from here.
             let level = if cli.check { log::LevelFilter::Error } else { log::LevelFilter::Info };
             logger::install(level);
             run(&cli)
@@ -73,7 +74,7 @@ fn run(cli: &Cli) -> Result<()> {
     let config = read_config(cli)?;
     if cli.check {
         let name = cli.config.display();
-        usable(&config)
+        Equipment::of(&config)
             .with_context(|| format!("the configuration {name} cannot be used by a box"))?;
         let _ = writeln!(std::io::stdout(), "{name}: a box can run with it");
         return Ok(());
@@ -87,12 +88,12 @@ fn run(cli: &Cli) -> Result<()> {
     let boot_count = cli.boot_count_file.as_deref().map(count_start).transpose()?;
 
     let Some(mut source) = open_source(cli, &config, &stop)? else { return Ok(()) };
-    // A recording is replayed on any computer, and leaves it as it is.
+    // A recording can be replayed on any computer, whose settings are then left alone.
     let live = cli.replay.is_none();
     let setup = Setup {
         links,
         boot_count,
-        // Why the computer started is known, but not why this program did.
+        // The reason for the computer's start may be known, the one for this program's is not.
         reset_reason: ResetReason::Unknown,
         watchdog: if live { Watchdog::of(&config.machine) } else { None },
         store: Some(ConfigStore::file(&cli.config)),
@@ -109,8 +110,8 @@ fn run(cli: &Cli) -> Result<()> {
     Ok(())
 }
 
-/// The recording of the command line, or else the camera of the configuration;
-/// `None` when a recording that is waited for was not there before `stop`.
+/// The recording given on the command line, or else the camera of the configuration;
+/// `None` if the program was stopped while it waited for the recording.
 fn open_source(cli: &Cli, config: &Config, stop: &AtomicBool) -> Result<Option<Source>> {
     let name = cli.config.display();
     let Some(path) = &cli.replay else {
@@ -139,7 +140,7 @@ fn open_source(cli: &Cli, config: &Config, stop: &AtomicBool) -> Result<Option<S
     Ok(Some(Source::Replay(replay.into())))
 }
 
-/// The first signal asks the loop to end; a second one ends the program at once.
+/// The first signal asks the loop to end; the second ends the program at once.
 fn stop_on_signals() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
@@ -160,10 +161,10 @@ fn read_config(cli: &Cli) -> Result<Config> {
     })
 }
 
-/// Packets are appended: a recording or a configuration would be spoilt.
+/// Packets are appended, which would spoil a recording or a configuration.
 fn refuse_recording_onto_inputs(cli: &Cli) -> Result<()> {
     let Some(record) = &cli.record else { return Ok(()) };
-    // A file that is not there yet is no input.
+    // A file that does not exist yet is not an input.
     let Ok(existing) = record.canonicalize() else { return Ok(()) };
     let inputs = [Some(&cli.config), cli.replay.as_ref(), cli.boot_count_file.as_ref()];
     let is_input = |input: &std::path::PathBuf| input.canonicalize().is_ok_and(|it| it == existing);
@@ -177,7 +178,7 @@ fn refuse_recording_onto_inputs(cli: &Cli) -> Result<()> {
     Ok(())
 }
 
-/// The links of the command line, and of the configuration where it says nothing else.
+/// The links of the command line, and those of the configuration that it does not replace.
 fn open_links(cli: &Cli, config: &Config) -> Result<Links> {
     let mut links = Links::new();
     let udp = cli.udp.clone().or_else(|| config.links.udp.map(|address| address.to_string()));
@@ -197,7 +198,7 @@ fn open_links(cli: &Cli, config: &Config) -> Result<Links> {
         cli.record.as_deref().map(|path| FileLink::open(path).map(Link::File)),
     ];
     for link in opened.into_iter().flatten() {
-        // One of each kind: as many as there is room for.
+        // One of each kind: there is room for all of them.
         let _ = links.push(link?);
     }
     if links.is_empty() {

@@ -1,5 +1,5 @@
-//! A configuration that the host sends: collected from its parts, judged as at a start, and
-//! kept.
+//! A configuration that a host sends: assembled from its parts, checked as at a start, and
+//! stored.
 
 use std::fmt::Write as _;
 
@@ -8,36 +8,36 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{Document, Part, REASON_BYTES_MAX, Refusal, ReplyOutcome};
 
 use crate::config_store::ConfigStore;
-use crate::usable::usable;
+use crate::equipment::Equipment;
 
-/// What has come so far, and where it will be kept.
+/// The parts received so far, and where the configuration will be stored.
 #[derive(Debug)]
 pub struct Provisioning {
     store: Option<ConfigStore>,
-    /// Without a gap, from the first byte on.
+    /// Without gaps, from the first byte.
     received: Vec<u8, BLOB_BYTES_MAX>,
 }
 
 impl Provisioning {
-    /// Nothing has come yet. Without a store everything is refused.
+    /// Nothing has been received yet. Without a store every configuration is refused.
     #[must_use]
     pub fn new(store: Option<ConfigStore>) -> Self {
         Self { store, received: Vec::new() }
     }
 
-    /// Takes a part of a configuration. One that leaves a gap is ignored: the host is told
-    /// where the gap is, and sends again from there.
+    /// Takes a part of a configuration. A part that leaves a gap is ignored: the host is told
+    /// where the gap is, and sends from there again.
     pub fn take(&mut self, part: &Part) {
         let offset = part.offset as usize;
         if part.document != Document::Config || offset > self.received.len() {
             return;
         }
         self.received.truncate(offset);
-        // Too long for any configuration: what is missing then is never asked for.
+        // Fails if the whole is too long for a configuration; `keep` then refuses it.
         let _ = self.received.extend_from_slice(&part.bytes);
     }
 
-    /// Keeps what has come, if it is whole and a box can run with it.
+    /// Stores what was received, if it is complete and a box can run with it.
     pub fn keep(&mut self, bytes: u32, crc: u32) -> ReplyOutcome {
         let Some(store) = &self.store else {
             return refused(Refusal::NotSupported, "this program has nowhere to keep it");
@@ -56,7 +56,7 @@ impl Provisioning {
         let config = match Config::decode(blob) {
             Ok(config) if config.crc() == crc => config,
             Ok(_) => {
-                // Of another configuration, sent before.
+                // These are the parts of another configuration, sent earlier.
                 self.received.clear();
                 return refused(Refusal::Incomplete { from: 0 }, "");
             }
@@ -66,22 +66,22 @@ impl Provisioning {
                 return outcome;
             }
         };
-        if let Err(error) = usable(&config) {
+        if let Err(error) = Equipment::of(&config) {
             return refused(Refusal::Unusable, format_args!("{error:#}"));
         }
         if let Err(error) = store.store(blob) {
             log::error!("configuration {crc:08x} is not stored: {error:#}");
             return refused(Refusal::NotStored, format_args!("{error:#}"));
         }
-        log::info!("configuration {crc:08x} is stored, and in use from the next start on");
+        log::info!("configuration {crc:08x} is stored; it takes effect at the next start");
         ReplyOutcome::Stored { crc }
     }
 }
 
-/// A refusal with its reason, as far as there is room for it.
+/// A refusal with as much of its reason as there is room for.
 pub fn refused(refusal: Refusal, reason: impl std::fmt::Display) -> ReplyOutcome {
     let mut text = crate::logger::Cut::<REASON_BYTES_MAX>::default();
-    // It does not fail; what does not fit is left out.
+    // It never fails; text that does not fit is left out.
     let _ = write!(text, "{reason}");
     ReplyOutcome::Refused { refusal, reason: text.text }
 }
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_come_in_any_number_of_tries() {
+    fn parts_may_take_several_attempts() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.plb");
         let mut provisioning = Provisioning::new(Some(ConfigStore::file(&path)));
@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(refusal(provisioning.keep(bytes, crc)).0, incomplete);
         parts(&blob).skip(1).for_each(|part| provisioning.take(&part));
         assert_eq!(provisioning.keep(bytes, crc), ReplyOutcome::Stored { crc });
-        // The answer was lost: the host asks again.
+        // The reply was lost: the host asks again.
         assert_eq!(provisioning.keep(bytes, crc), ReplyOutcome::Stored { crc });
         assert_eq!(std::fs::read(&path).unwrap(), blob);
     }
@@ -156,7 +156,7 @@ mod tests {
         let too_long = BLOB_BYTES_MAX as u32 + 1;
         assert_eq!(refusal(provisioning.keep(too_long, 0)).0, Refusal::Unusable);
         assert!(!path.exists());
-        // What came before is not taken for what was announced.
+        // Parts received earlier are not mistaken for the configuration announced now.
         let blob = blob(&config());
         parts(&blob).for_each(|part| provisioning.take(&part));
         let (why, _) = refusal(provisioning.keep(blob.len() as u32, 7));

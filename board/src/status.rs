@@ -1,23 +1,23 @@
-//! What the box is doing: said by whoever knows, read by whoever shows it.
+//! What the box is doing: set by the part that knows, read by the parts that show it.
 //!
 //! | status | meaning | LED | colour |
 //! |---|---|---|---|
 //! | starting | from the kernel's start to the first turn of the main loop | blinks fast | amber |
 //! | tracking | every target of the configuration was measured in the last frame | one short flash a second | green |
-//! | looking for the targets | frames come, and a target was not measured in the last one | two short flashes every 2 s | amber |
-//! | no camera | no frames come | a long and a short flash every 2 s | red |
-//! | no configuration | none was found, and one is waited for | on for 1 s, off for 1 s | red |
-//! | configuration refused | it cannot be used, and another one is waited for | on, with a short gap every 2 s | red |
+//! | looking for the targets | frames arrive, but a target was not measured in the last one | two short flashes every 2 s | amber |
+//! | no camera | no frames arrive | a long and a short flash every 2 s | red |
+//! | no configuration | none was found; the box waits for one | on for 1 s, off for 1 s | red |
+//! | configuration refused | it cannot be used; the box waits for another | on, with a short gap every 2 s | red |
 //! | failed | a fault of the program or the computer, which is about to restart | steadily on | red |
 //!
-//! There is one status, as there is one logger, and the logged sentences that tell of it
-//! contain its [`words`](Status::words). It is a single atomic number: saying and reading it
-//! waits for nobody and takes no heap.
+//! There is one status, as there is one logger, and log messages about it contain its
+//! [`words`](Status::words). It is a single atomic number: setting and reading it never waits
+//! and does not allocate.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::clock;
+use crate::machine::clock;
 
 /// What the box is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub enum Status {
     Tracking,
     /// A target was not measured in the last frame.
     Searching,
-    /// No frames come.
+    /// No frames arrive.
     NoCamera,
     /// There is no configuration.
     NoConfiguration,
@@ -39,7 +39,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// All of them; the number of each is its place.
+    /// All of them; the number of each is its index.
     pub const ALL: [Self; 7] = [
         Self::Starting,
         Self::Tracking,
@@ -64,41 +64,41 @@ impl Status {
         }
     }
 
-    /// Whether it lasts until the computer restarts, for a reason that is said once, after
+    /// Whether it lasts until the computer restarts, for a reason that is logged once, after
     /// its words.
     #[must_use]
     pub fn is_final(self) -> bool {
         matches!(self, Self::NoConfiguration | Self::Refused | Self::Failed)
     }
 
-    /// Whether the main loop says it, which it does at every turn.
+    /// Whether it is set by the main loop, which sets it in every iteration.
     #[must_use]
-    pub fn is_said_again(self) -> bool {
+    pub fn is_refreshed(self) -> bool {
         matches!(self, Self::Tracking | Self::Searching | Self::NoCamera)
     }
 }
 
-/// The low bits are the status, the rest is the time at which it was said, in milliseconds of
-/// [`clock::monotonic_ns`]. At first the box is starting, since the kernel's start.
-static SAID: AtomicU64 = AtomicU64::new(0);
+/// The low bits are the status, the rest is the time at which it was set, in milliseconds of
+/// [`clock::monotonic_ns`]. Initially the box is starting, since the kernel's start.
+static CURRENT: AtomicU64 = AtomicU64::new(0);
 
 const STATUS_BITS: u32 = 3;
 
-/// Says what the box is doing. Nothing is heard after [`Status::Failed`]: the main loop may
-/// not have noticed yet that another thread has failed.
+/// Sets what the box is doing. [`Status::Failed`] is never replaced: the main loop may not have
+/// noticed yet that another thread has failed.
 pub fn set(status: Status) {
     // Fails only after a failure.
-    let _ = SAID.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |said| {
-        (status_of(said) != Status::Failed).then(|| pack(status, now_ms()))
+    let _ = CURRENT.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |packed| {
+        (status_of(packed) != Status::Failed).then(|| pack(status, now_ms()))
     });
 }
 
-/// What was said last, and for how long it has not been said again.
+/// The status, and the time since it was last set.
 #[must_use]
 pub fn current() -> (Status, Duration) {
-    let said = SAID.load(Ordering::Relaxed);
-    let age_ms = now_ms().saturating_sub(said >> STATUS_BITS);
-    (status_of(said), Duration::from_millis(age_ms))
+    let packed = CURRENT.load(Ordering::Relaxed);
+    let age_ms = now_ms().saturating_sub(packed >> STATUS_BITS);
+    (status_of(packed), Duration::from_millis(age_ms))
 }
 
 fn now_ms() -> u64 {
@@ -109,8 +109,8 @@ fn pack(status: Status, at_ms: u64) -> u64 {
     at_ms << STATUS_BITS | status as u64
 }
 
-fn status_of(said: u64) -> Status {
-    let number = said & ((1 << STATUS_BITS) - 1);
+fn status_of(packed: u64) -> Status {
+    let number = packed & ((1 << STATUS_BITS) - 1);
     Status::ALL.get(number as usize).copied().unwrap_or(Status::Failed)
 }
 
@@ -122,14 +122,14 @@ mod tests {
     fn every_status_is_kept_with_its_time() {
         assert_eq!(pack(Status::Starting, 0), 0);
         for status in Status::ALL {
-            let said = pack(status, 1 << 50);
-            assert_eq!((status_of(said), said >> STATUS_BITS), (status, 1 << 50));
+            let packed = pack(status, 1 << 50);
+            assert_eq!((status_of(packed), packed >> STATUS_BITS), (status, 1 << 50));
         }
     }
 
-    // The only test that says a status: there is one for the whole process.
+    // The only test that sets the status: there is one for the whole process.
     #[test]
-    fn the_last_word_counts_until_a_failure() {
+    fn the_latest_status_counts_until_a_failure() {
         set(Status::Searching);
         set(Status::Tracking);
         let (status, age) = current();

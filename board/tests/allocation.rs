@@ -1,4 +1,4 @@
-//! The counter that "no allocation after the first frame" rests on counts.
+//! The allocation counter counts, on which "no allocation after the first frame" rests.
 
 use plumbline_board::allocation::{CountingAllocator, allocations};
 

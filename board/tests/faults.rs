@@ -1,4 +1,4 @@
-//! What is said, and with which exit code, when something outside is wrong.
+//! Messages and exit codes when an input or a device is at fault.
 
 use plumbline::config::{BLOB_BYTES_MAX, CaptureDriver, Config};
 
@@ -110,7 +110,7 @@ fn a_record_that_cannot_be_written_is_told_and_disturbs_no_tracking() {
     let arguments = ["--replay", trial.to_str().unwrap(), "--unpaced", "--record", "/dev/full"];
     let finished = Board::start(&write_config(&folder, &config()), &arguments).wait();
     assert_refused(&finished, &["/dev/full cannot be written: No space left", "--record"]);
-    // When it happens and at the end, but not for each packet.
+    // Logged when it happens and at the end, but not for each packet.
     assert_eq!(finished.stderr.matches("/dev/full").count(), 2, "{}", finished.stderr);
     assert!(finished.stdout.contains("frames       30 "), "{}", finished.stdout);
 }

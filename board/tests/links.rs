@@ -178,8 +178,8 @@ fn a_line_that_takes_nothing_costs_whole_packets_and_no_time() {
         counts.split_whitespace().filter_map(|word| word.parse().ok()).collect();
     let (sent, dropped) = (numbers[0], numbers[1]);
     assert!(sent > 0 && dropped > 100, "{counts}");
-    // What had been handed over is intact; only the last frame may be in pieces,
-    // because the line was closed on it.
+    // All sent frames are intact; only the last may be cut short, because the line was
+    // closed before its end.
     line.set_timeout(Duration::from_millis(200)).unwrap();
     let (mut bytes, mut buffer) = (Vec::new(), [0; 4096]);
     while let Ok(count @ 1..) = line.read(&mut buffer) {

@@ -1,5 +1,5 @@
-//! The LED and the screen of a box, on files that look like the kernel's. One test alone: it
-//! counts the heap allocations of the whole process.
+//! The LED and the screen of a box, with files in place of the kernel's. There is only one test,
+//! because it counts the heap allocations of the whole process.
 
 use std::fs;
 use std::path::Path;
@@ -21,7 +21,7 @@ const STRIDE_BYTES: usize = WIDTH * 4 + 64;
 
 const NOW: Duration = Duration::ZERO;
 
-/// The files of a computer with an LED and a screen of so many bits per pixel.
+/// The files of a computer with an LED and a screen, for a number of bits per pixel.
 struct Computer {
     folder: tempfile::TempDir,
     bytes_per_pixel: usize,
@@ -107,7 +107,7 @@ fn status_colour(pixels: &[[u8; 3]]) -> [u8; 3] {
 fn led_and_screen_show_the_status_and_take_no_heap() {
     for (bits, green, red) in [
         (32, [64, 255, 64], [255, 72, 72]),
-        // As near as five and six bits come.
+        // As close as five and six bits allow.
         (16, [64, 252, 64], [248, 72, 72]),
     ] {
         let computer = Computer::new(bits);
@@ -116,7 +116,7 @@ fn led_and_screen_show_the_status_and_take_no_heap() {
         panel.tick((Status::Tracking, NOW), "ward 3 (PL-0001)", Some(&words));
         assert_eq!(computer.read("sys/class/leds/ACT/trigger"), b"none");
         assert_eq!(computer.led(), b"1");
-        // The kernel's console is taken off the screen, and nothing else.
+        // The kernel's console is detached from the screen, and nothing else.
         assert_eq!(computer.read("sys/class/vtconsole/vtcon0/bind"), b"1");
         assert_eq!(computer.read("sys/class/vtconsole/vtcon1/bind"), b"0");
         assert_eq!(status_colour(&computer.pixels()), green);
@@ -136,7 +136,7 @@ fn led_and_screen_show_the_status_and_take_no_heap() {
         assert_eq!(status_colour(&computer.pixels()), red);
     }
 
-    // Most boxes have no screen, and look for one as long as they run.
+    // Most boxes have no screen, and search for one as long as they run.
     let nothing = tempfile::tempdir().unwrap();
     let mut panel = Panel::new(nothing.path().to_str().unwrap());
     let before = allocations();

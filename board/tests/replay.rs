@@ -1,4 +1,4 @@
-//! Recordings as a source: what comes out, and what is said about bad ones.
+//! Recordings as a source: their frames, and the messages about bad recordings.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -18,7 +18,7 @@ fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary directory")
 }
 
-/// Every pixel of frame `index` has the value `index`; chroma, where there is any, 255.
+/// Every pixel of frame `index` has the value `index`; chroma, if there is any, is 255.
 fn recording(folder: &TempDir, name: &str, space: y4m::Colorspace, frames: u8) -> PathBuf {
     let path = folder.path().join(name);
     let file = std::fs::File::create(&path).unwrap();
@@ -58,7 +58,7 @@ fn value(frame: &Frame<'_>) -> u8 {
     value
 }
 
-/// All frames, and the message if the source broke.
+/// All frames, and the message if the source failed.
 fn replay_all(
     replay: &mut Replay,
     mut after_each: impl FnMut(usize),
@@ -129,7 +129,7 @@ fn a_paced_replay_keeps_to_its_deadlines_and_skips_nothing() {
     assert_eq!(seen.len(), 20);
     // Frames 1 and 2 were due at 10 and 20 ms, their successors at 20 and 30 ms.
     assert!(seen[1].late && seen[2].late);
-    // The deadlines are absolute: were those 45 ms added, no later frame would be owed at
+    // The deadlines are absolute: if those 45 ms were added, no later frame would be due at
     // a multiple of 10 ms. (On a busy machine single frames may arrive after theirs.)
     let on_time = |index: usize| {
         seen[index].ready_at - seen[0].ready_at == Duration::from_millis(10) * index as u32

@@ -1,4 +1,4 @@
-//! Setting a box up over its link: a configuration that comes in parts, and set-up mode.
+//! Setting up a box over its link: a configuration in parts, and set-up mode.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use plumbline::packet::{
     Refusal, ReplyOutcome, View, decode_datagram, document_crc, encode_datagram,
 };
 
-/// A box that runs, and the host's end of its link.
+/// A running box, and the host's end of its link.
 struct Bench {
     board: Board,
     socket: UdpSocket,
@@ -111,7 +111,7 @@ fn blob(config: &Config) -> Vec<u8> {
     config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
 }
 
-/// Of a box of another name.
+/// The configuration of a box with another name.
 fn another_config() -> Config {
     Config { device: "another".try_into().unwrap(), ..config_with_camera() }
 }
@@ -136,7 +136,7 @@ fn a_configuration_is_stored_and_read_back_and_used_at_the_next_start() {
     let stored = bench.ask(Action::StoreConfig { bytes, crc });
     assert_eq!(stored, ReplyOutcome::Stored { crc });
     assert_eq!(std::fs::read(&bench.config).unwrap(), blob(&next));
-    // Until the next start it runs with what it has.
+    // Until the next start it keeps its current configuration.
     let (in_use, bytes) = (config().crc(), now.len() as u32);
     let answer = bench.ask(Action::QueryConfig);
     assert_eq!(answer, ReplyOutcome::Config { crc: in_use, bytes, next_crc: crc });
@@ -157,7 +157,7 @@ fn pictures_leave_the_box_in_set_up_mode_only_and_it_ends_by_itself() {
     assert_eq!(bench.ask(Action::Aim { seconds: 2 }), ReplyOutcome::Accepted);
     let entered = Instant::now();
     assert!((1..=2).contains(&bench.health().aiming_s));
-    // A recording is exposed as it is.
+    // The exposure of a recording cannot be changed.
     assert_eq!(bench.refusal(exposure), Refusal::NotSupported);
     for reduction in [1, 2] {
         assert_eq!(bench.ask(Action::TakePicture { reduction }), ReplyOutcome::Accepted);
@@ -171,10 +171,10 @@ fn pictures_leave_the_box_in_set_up_mode_only_and_it_ends_by_itself() {
         let decoded = image::load_from_memory(&file).unwrap().into_luma8();
         let size = [SIZE_PX.0, SIZE_PX.1].map(|side| u32::from(side) / u32::from(reduction));
         assert_eq!(decoded.dimensions(), size.into());
-        // The recording's grey; JPEG has it to a level.
+        // The recording's grey, which JPEG reproduces to within one level.
         assert!(decoded.iter().all(|level| level.abs_diff(90) < 2));
     }
-    // The one before is forgotten, and a picture there never was is not there.
+    // The previous picture is deleted, and one that was never taken does not exist.
     assert_eq!(bench.refusal(parts), Refusal::Unusable);
 
     let over = bench.wait_for(|message| match message {
@@ -184,7 +184,7 @@ fn pictures_leave_the_box_in_set_up_mode_only_and_it_ends_by_itself() {
     let lasted = over - entered;
     assert!((Duration::from_millis(1900)..Duration::from_secs(4)).contains(&lasted), "{lasted:?}");
     assert_eq!(bench.refusal(Action::TakePicture { reduction: 1 }), Refusal::NotAiming);
-    // What pictures took of the heap is not the tracking's.
+    // The allocations for pictures do not count as the tracking's.
     assert_eq!(bench.health().heap_allocations, Some(0));
 }
 

@@ -1,10 +1,10 @@
-//! Speaking and listening when there is no session for it: what is wrong goes out as Log
-//! packets, by UDP and on a serial line, as far as there are any, and hosts may answer.
+//! Talks to hosts while there is no session: what is wrong goes out as Log packets, over UDP and
+//! over a serial line if there is one, and hosts may send commands.
 //!
-//! The network may come up, and the line be plugged in, at any time. Where no host is known by
-//! UDP, all of the box's network is told.
+//! The network may come up, and the line be plugged in, at any time. If no host's address is
+//! known, the packets are broadcast.
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
@@ -13,19 +13,20 @@ use plumbline::packet::{
     encode_datagram, encode_frame,
 };
 
+use crate::link::udp::socket_for;
 use crate::link::{RECEIVED_PER_TURN_MAX, SerialLink};
 use crate::logger::pieces;
 
 /// A text is repeated this often.
 pub const AGAIN: Duration = Duration::from_secs(2);
 
-/// Where hosts listen, unless they were told otherwise.
+/// The port on which hosts listen by default.
 const HOST_PORT: u16 = 4210;
 
-/// A serial line gets this long to take what it is given.
+/// How long a serial line may take to send a packet.
 const SERIAL_PATIENCE: Duration = Duration::from_secs(1);
 
-/// The ways out, and back in.
+/// The links to the hosts.
 pub struct Announcer {
     started: Instant,
     to: SocketAddr,
@@ -34,7 +35,7 @@ pub struct Announcer {
 }
 
 impl Announcer {
-    /// Opens what there is.
+    /// Opens the links that are available.
     pub fn new(links: &Links) -> Self {
         let to = links.udp.unwrap_or((Ipv4Addr::BROADCAST, HOST_PORT).into());
         let line = links.serial.as_ref();
@@ -46,10 +47,10 @@ impl Announcer {
         }
     }
 
-    /// Says `text` once to everyone who can be reached.
+    /// Sends `text` once to every host that can be reached.
     pub fn say(&mut self, text: &str) {
         if let Some(line) = &mut self.line {
-            // Ends a frame that was cut short.
+            // Terminates a frame that was cut short.
             line.send(&[0]);
         }
         for piece in pieces(text) {
@@ -65,7 +66,7 @@ impl Announcer {
         }
     }
 
-    /// Hands over what hosts have sent since the last call, and sends them the answers.
+    /// Passes what hosts have sent since the last call to `answer`, and sends back the replies.
     pub fn answer(&mut self, mut answer: impl FnMut(&Message) -> Option<Reply>) {
         let mut datagram = [0; PACKET_BYTES_MAX];
         for _ in 0..RECEIVED_PER_TURN_MAX {
@@ -86,7 +87,7 @@ impl Announcer {
             line.service();
             line.receive(|message| {
                 if let Some(reply) = answer(&message) {
-                    // More at once are a flood; the host asks again.
+                    // More at once than there is room for are a flood; the host asks again.
                     let _ = replies.push(reply);
                 }
             });
@@ -100,7 +101,7 @@ impl Announcer {
         if let (Some(socket), Ok(datagram)) =
             (&self.socket, encode_datagram(message, &mut [0; PACKET_BYTES_MAX]))
         {
-            // Until the network is up there is no way, and next time there may be.
+            // Until the network is up this fails; the next attempt may succeed.
             let _ = socket.send_to(datagram, to);
         }
     }
@@ -120,13 +121,7 @@ fn is_broadcast(address: IpAddr) -> bool {
 }
 
 fn open_udp(to: SocketAddr) -> std::io::Result<UdpSocket> {
-    let socket = if to.is_ipv4() {
-        UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))
-    } else {
-        UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0))
-    }?;
+    let socket = socket_for(to)?;
     socket.set_broadcast(true)?;
-    // A full buffer must not hold up the rest.
-    socket.set_nonblocking(true)?;
     Ok(socket)
 }

@@ -1,8 +1,8 @@
-//! Frames pass until something has failed: then the loop that asks for them
-//! stands still here, and nothing feeds the watchdog any more.
+//! Passes frames through until something has failed. Then the loop that asks for
+//! frames blocks here, and nothing feeds the watchdog any more.
 //!
-//! With the feature `fault-injection` it also stands still, or panics, after a
-//! number of frames, for tests of the watchdog.
+//! With the feature `fault-injection` it also blocks, or panics, after a number of
+//! frames, to test the watchdog.
 
 use std::time::Instant;
 
@@ -64,7 +64,7 @@ impl<S: FrameSource> FrameSource for Gate<S> {
     }
 }
 
-/// Faults that are asked for.
+/// Faults to inject.
 #[cfg(feature = "fault-injection")]
 #[derive(Debug)]
 struct Faults {

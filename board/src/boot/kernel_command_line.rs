@@ -1,26 +1,26 @@
-//! What the kernel's command line tells the box.
+//! The box's options on the kernel's command line.
 //!
-//! | option | what |
+//! | option | meaning |
 //! |---|---|
-//! | `plumbline.udp=ADDRESS:PORT` | who hears, by UDP, why there is no usable configuration |
-//! | `plumbline.serial=DEVICE:BAUD` | the same on a serial line |
+//! | `plumbline.udp=ADDRESS:PORT` | the host that is told over UDP why there is no usable configuration |
+//! | `plumbline.serial=DEVICE:BAUD` | the same over a serial line |
 //!
 //! With the feature `fault-injection`, for tests only:
 //!
-//! | option | what |
+//! | option | meaning |
 //! |---|---|
-//! | `plumbline.hang_after=FRAMES` | the loop hangs after so many frames |
-//! | `plumbline.panic_after=FRAMES` | it panics instead |
+//! | `plumbline.hang_after=FRAMES` | the loop hangs after this number of frames |
+//! | `plumbline.panic_after=FRAMES` | the loop panics instead |
 //!
-//! Everything else is the kernel's. An option that cannot be used is left out
-//! and warned of: a box with a mistyped option still tracks.
+//! All other options are the kernel's. An option that cannot be used is ignored with
+//! a warning: a box with a mistyped option still tracks.
 
 use plumbline::config::{Links, SerialLink};
 
 /// The options in use.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Options {
-    /// Who hears what is wrong when no configuration says it.
+    /// Where faults are reported when there is no configuration.
     pub links: Links,
     /// Frames until the loop hangs.
     #[cfg(feature = "fault-injection")]

@@ -1,37 +1,34 @@
-//! The program as the first process of its computer: from the kernel to poses,
-//! with nobody to log in and nothing to write to.
+//! The program as the first process of its computer: from the kernel's start to the first
+//! pose, without a login and without a writable disk.
 //!
 //! ```text
 //!  mounts ─▶ modules ─▶ partition ─▶ configuration ─▶ network ─▶ self-test ─▶ session
 //!                           │              │          (a process    │            │
 //!                           │ none in 10 s │ refused    of its own) │ fails      │ asked to,
 //!                           ▼              ▼                        ▼            ▼ panics
-//!                        refusal: says why, for ever            failure       restart
-//!                                                  says why, and the watchdog restarts
+//!                        refusal: repeats the reason            failure       restart
+//!                                         gives the reason, and the watchdog restarts
 //! ```
 //!
-//! A *refusal* is about the configuration: a new start would read the same one,
+//! A *refusal* is about the configuration: a restart would read the same one,
 //! so the box stays up and repeats what is wrong, until a host sends another one.
-//! A *failure* is about the program or the machine: it says what and where, stops
-//! feeding the watchdog, and starts anew.
+//! A *failure* is about the program or the machine: the box reports what failed and
+//! where, stops feeding the watchdog, and restarts.
 //!
 //! The kernel has opened the console as standard input, output and error before
 //! this starts. Measuring does not wait for the network; packets leave as soon
-//! as there is a way. Nothing is written to a disk but a configuration that a host
-//! sends, which is there whole or not at all, so that the power may be pulled at any
-//! time.
+//! as there is a route. Only a configuration that a host sends, and the mark of an
+//! orderly restart, are written to a disk, in such a way that the power may be
+//! pulled at any time.
 //!
-//! The same program plays three small parts beside that one, told apart by the
-//! name that it is called by: see [`Role`].
+//! The same program has three smaller roles besides, told apart by the name under
+//! which it is run: see [`Role`].
 
-mod address;
 mod announce;
 mod children;
 mod failure;
 mod gate;
-mod interface;
 mod kernel_command_line;
-pub mod lease;
 mod modules;
 mod mounts;
 pub mod network;
@@ -49,12 +46,13 @@ use plumbline::config::{Config, FILE_NAME, Network};
 use plumbline::pipeline::Pipeline;
 
 use crate::config_store::ConfigStore;
+use crate::equipment::Equipment;
 use crate::link::Links;
+use crate::logger;
+use crate::machine::watchdog::Watchdog;
+use crate::machine::{clock, realtime};
 use crate::session::{self, Setup};
 use crate::source::chosen::Source;
-use crate::usable::usable;
-use crate::watchdog::Watchdog;
-use crate::{clock, logger, realtime};
 use gate::Gate;
 
 /// What this process is.
@@ -62,20 +60,20 @@ use gate::Gate;
 pub enum Role {
     /// The first process of a box.
     Box,
-    /// The process that brings the box's network up.
+    /// The process that brings up the box's network.
     Network,
-    /// What the DHCP client calls with what a server has told it.
+    /// The program that the DHCP client runs with what a server has told it.
     Lease,
     /// A program with a command line.
     Program,
 }
 
 impl Role {
-    /// The role of the process of this number that was called by this name.
+    /// The role of the process with this ID that was run under this name.
     #[must_use]
     pub fn of(process: u32, called: &str) -> Self {
         match Path::new(called).file_name().and_then(|name| name.to_str()) {
-            Some(lease::NAME) => Self::Lease,
+            Some(network::lease::NAME) => Self::Lease,
             Some(network::NAME) => Self::Network,
             _ if process == 1 => Self::Box,
             _ => Self::Program,
@@ -86,7 +84,7 @@ impl Role {
 /// Kernel modules to load, in this order.
 const MODULES: &str = "/etc/plumbline/modules";
 
-/// Boots, and measures until the computer restarts.
+/// Boots the box, and measures until the computer restarts.
 pub fn run(pipeline: &'static mut Pipeline) -> ! {
     logger::install(log::LevelFilter::Info);
     failure::take_panics();
@@ -108,10 +106,10 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
         && let Err(error) = store.complete()
     {
         log::warn!(
-            "the configuration that was being stored is used, but still in two files: {error:#}"
+            "the configuration that was being stored is used, but its journal remains: {error:#}"
         );
     }
-    let (config, links, source) = match config.and_then(configuration) {
+    let (config, Equipment { links, source }) = match config.and_then(configuration) {
         Ok(usable) => usable,
         Err(error) => {
             children::look_after(Network::Dhcp);
@@ -127,21 +125,21 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
     }
 }
 
-/// The configuration of a boot partition, with its links and its camera, once all of it has
-/// been found usable.
-fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Links, Source)> {
+/// The configuration of a boot partition with its equipment, once all of it has been found
+/// usable.
+fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Equipment)> {
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;
     panel::name(&config);
-    let (links, source) = usable(&config).with_context(|| in_config(&device))?;
+    let equipment = Equipment::of(&config).with_context(|| in_config(&device))?;
     step(&format!("configuration {:08x} on {device}", config.crc()));
-    Ok((config, links, source))
+    Ok((config, equipment))
 }
 
 fn in_config(device: &str) -> String {
     format!("{FILE_NAME} on {device}")
 }
 
-/// The measurement; ends when the host asks for a restart.
+/// Measures until a host asks for a restart.
 fn measure(
     pipeline: &mut Pipeline,
     config: &Config,
@@ -168,7 +166,7 @@ fn measure(
     ended.broken.map_or(Ok(()), |message| bail!(message))
 }
 
-/// Says what has been done, and how long after the kernel's start.
+/// Logs what has been done, and the time since the kernel's start.
 fn step(what: &str) {
     log::info!("boot: {what} at {:.2} s", clock::monotonic_ns() as f64 * 1e-9);
 }

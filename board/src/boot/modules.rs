@@ -1,7 +1,7 @@
 //! Kernel modules, loaded in the order of a list.
 //!
-//! The list is a text: the absolute path of one module per line, those that
-//! others need first; `#` begins a comment. One list serves every computer that
+//! The list is a text file with the absolute path of one module per line, each after
+//! those that it needs; `#` begins a comment. One list serves every computer that
 //! the image boots on, so a driver that finds no hardware is nothing unusual.
 
 use std::fs::File;
@@ -10,7 +10,7 @@ use std::path::Path;
 use nix::errno::Errno;
 use nix::kmod::{ModuleInitFlags, finit_module};
 
-/// How many were loaded and how many were not.
+/// How many modules were loaded, and how many were not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Modules {
     loaded: usize,
@@ -23,7 +23,7 @@ impl std::fmt::Display for Modules {
     }
 }
 
-/// Loads every module of the list that the kernel takes.
+/// Loads every module of the list that the kernel accepts.
 pub fn load_all(list: &Path) -> Modules {
     let mut modules = Modules::default();
     let text = match std::fs::read_to_string(list) {
@@ -63,14 +63,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn comments_and_empty_lines_are_no_modules() {
+    fn comments_and_empty_lines_are_skipped() {
         let list =
             "# what a box needs\n/lib/fat.ko\n\n  /lib/vfat.ko # after fat\r\n\t\n#/lib/x.ko";
         assert_eq!(paths(list).collect::<Vec<_>>(), ["/lib/fat.ko", "/lib/vfat.ko"]);
     }
 
     #[test]
-    fn what_is_not_there_is_counted() {
+    fn missing_modules_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         let list = folder.path().join("modules");
         std::fs::write(&list, "/nowhere/a.ko\n/nowhere/b.ko\n").unwrap();

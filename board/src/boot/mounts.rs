@@ -1,17 +1,17 @@
-//! The kernel's own file systems, which every other step reads.
+//! Mounts the kernel's own file systems, which every other step reads.
 
 use anyhow::{Context, Result};
 use nix::errno::Errno;
 use nix::mount::{MsFlags, mount};
 
-/// Kind and place.
+/// Type and mount point.
 const FILE_SYSTEMS: [(&str, &str); 3] =
     [("proc", "/proc"), ("sysfs", "/sys"), ("devtmpfs", "/dev")];
 
-/// Mounts them all; one that is there already is as good.
+/// Mounts them all, but for those that are mounted already.
 ///
 /// # Errors
-/// When the kernel refuses one.
+/// When the kernel refuses to mount one.
 pub fn mount_all() -> Result<()> {
     for (kind, place) in FILE_SYSTEMS {
         std::fs::create_dir_all(place).with_context(|| format!("{place} cannot be made"))?;
@@ -27,9 +27,11 @@ pub fn mount_all() -> Result<()> {
     Ok(())
 }
 
-/// A kernel that panics would stand still: it is asked to restart after 10 s.
+/// Asks the kernel to restart 10 s after a panic; otherwise it would halt.
 pub fn restart_on_kernel_panic() {
     if let Err(error) = std::fs::write("/proc/sys/kernel/panic", "10") {
-        log::warn!("a kernel that panics will not restart: /proc/sys/kernel/panic: {error}");
+        log::warn!(
+            "the computer will not restart after a kernel panic: /proc/sys/kernel/panic: {error}"
+        );
     }
 }

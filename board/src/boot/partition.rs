@@ -1,7 +1,7 @@
 //! The boot partition: the first FAT file system that has a configuration.
 //!
-//! Disks appear when their drivers have found them, so all are looked at again
-//! and again for a while. Everything is mounted read-only and stays so.
+//! Disks appear once their drivers have found them, so all of them are searched
+//! repeatedly for a while. Partitions are mounted read-only.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use nix::mount::{MsFlags, mount, umount};
 use plumbline::config::FILE_NAME;
 
 use crate::config_store::{ConfigStore, is_absent};
-use crate::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
+use crate::machine::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
 
 /// Where the partition is mounted.
 const PLACE: &str = "/boot";
@@ -21,23 +21,23 @@ const BLOCK_DEVICES: &str = "/sys/class/block";
 /// A USB disk takes a few seconds to appear.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Pause between two looks at all of them.
+/// The pause between two searches.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 /// What was found on the disks.
 #[derive(Debug)]
 pub struct Found {
-    /// Where the configuration is kept, or may be; `None` without a FAT file system.
+    /// Where the configuration is stored, or can be; `None` if there is no FAT file system.
     pub partition: Option<ReadOnlyPartition>,
-    /// The configuration's bytes and the device they are on, or why there are none: an
-    /// [`Absent`] where none is on any disk.
+    /// The configuration's bytes and the device they are on, or why they could not be read:
+    /// [`Absent`] if no disk has a configuration.
     pub config: Result<(Vec<u8>, String)>,
 }
 
 /// There is no configuration on any disk.
 #[derive(Debug)]
 pub struct Absent {
-    /// The disks and partitions that there are.
+    /// The disks and partitions that were found.
     devices: Vec<String>,
 }
 
@@ -56,7 +56,7 @@ impl std::fmt::Display for Absent {
 
 impl std::error::Error for Absent {}
 
-/// Looks for the configuration until it is there, or for [`PATIENCE`].
+/// Searches for the configuration until it is found, or for [`PATIENCE`].
 pub fn find() -> Found {
     let config = find_config();
     let mounted = config.is_ok() || mount_first();
@@ -84,12 +84,12 @@ fn find_config() -> Result<(Vec<u8>, String)> {
     }
 }
 
-/// Mounts the first FAT file system there is.
+/// Mounts the first FAT file system; false if there is none.
 fn mount_first() -> bool {
     devices(Path::new(BLOCK_DEVICES)).is_ok_and(|devices| devices.iter().any(|it| mount_at(it)))
 }
 
-/// The disks and partitions that hold anything, in the order of their names.
+/// The disks and partitions that are not empty, in the order of their names.
 fn devices(class: &Path) -> Result<Vec<String>> {
     let listed = std::fs::read_dir(class)
         .with_context(|| format!("the disks in {} cannot be listed", class.display()))?;
@@ -104,7 +104,7 @@ fn devices(class: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The configuration of one device, if that has a FAT file system with one.
+/// The configuration on a device, if it has a FAT file system with one.
 fn config_of(device: &str) -> Result<Option<Vec<u8>>> {
     if !mount_at(device) {
         return Ok(None);
@@ -122,7 +122,7 @@ fn config_of(device: &str) -> Result<Option<Vec<u8>>> {
 /// Mounts a device's FAT file system, if it has one.
 fn mount_at(device: &str) -> bool {
     let node = format!("/dev/{device}");
-    // Disks that hold something else are no news.
+    // Silent, because disks with other contents are nothing unusual.
     let flags = MOUNT_FLAGS | MsFlags::MS_RDONLY | MsFlags::MS_SILENT;
     mount(Some(node.as_str()), PLACE, Some("vfat"), flags, None::<&str>).is_ok()
 }
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn disks_without_a_medium_are_passed_over() {
+    fn disks_without_a_medium_are_skipped() {
         let class = tempfile::tempdir().unwrap();
         for (name, size) in
             [("vda1", "2048\n"), ("vda", "4096\n"), ("loop0", "0\n"), ("mmcblk0p1", "8192\n")]

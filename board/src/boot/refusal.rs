@@ -1,9 +1,8 @@
-//! Without a configuration that can be used the box says so instead of tracking: on the console
-//! once, to the hosts again and again.
+//! What a box does without a usable configuration: it reports the reason instead of tracking,
+//! once on the console and repeatedly to the hosts.
 //!
-//! A host may send another one, which is all that the box does now. Otherwise it stays so
-//! until the power is switched off: a new start would find the same file. That is also why no
-//! watchdog runs.
+//! A host may send another configuration. Otherwise the box stays in this state until the power
+//! is switched off: a restart would find the same file. That is also why no watchdog runs.
 
 use std::time::{Duration, Instant};
 
@@ -17,10 +16,10 @@ use crate::config_store::ConfigStore;
 use crate::provisioning::{Provisioning, refused};
 use crate::status::{self, Status};
 
-/// Hosts are listened to this often.
+/// How often messages from hosts are read.
 const TURN: Duration = Duration::from_millis(20);
 
-/// Says why, until a host has sent a better configuration and asks for a restart.
+/// Repeats the reason until a host asks for a restart, having sent another configuration.
 pub fn stay(links: &Links, store: Option<ConfigStore>, why: &Error) {
     let status = status_for(why);
     status::set(status);

@@ -1,16 +1,16 @@
-//! Restarting the computer, and why it has started.
+//! Restarts the computer, and finds out why it has started.
 //!
 //! On a Raspberry Pi the watchdog's driver never says that the watchdog has restarted the
-//! computer (mainline `bcm2835_wdt` sets no boot status). The boot firmware hands over the
-//! register that tells, PM_RSTS, in the device tree; but there every restart looks like the
-//! watchdog's, because the kernel restarts the computer by means of the watchdog. For that
-//! reason a restart in good order leaves a mark on the card, which the next start removes.
+//! computer (mainline `bcm2835_wdt` sets no boot status). The boot firmware passes on the register
+//! with the reason, PM_RSTS, in the device tree; but there every restart looks like one by the
+//! watchdog, because the kernel uses the watchdog to restart the computer. Therefore an orderly
+//! restart leaves a mark on the card, which the next start removes.
 //!
 //! | PM_RSTS | mark | reason |
 //! |---|---|---|
 //! | reset by the watchdog | none | the watchdog, or a kernel that panicked |
-//! | reset by the watchdog | there | a restart in good order |
-//! | power came on | any | power, but unknown on a board of revision 1.1, whose boot loader switches the power off and on after every reset |
+//! | reset by the watchdog | present | an orderly restart |
+//! | the power was switched on | any | power, but unknown on a board of revision 1.1, whose boot loader switches the power off and on after every reset |
 
 use std::fs;
 use std::path::Path;
@@ -19,23 +19,23 @@ use anyhow::{Context, Result};
 use nix::sys::reboot::{RebootMode, reboot};
 use plumbline::packet::ResetReason;
 
-use crate::read_only_partition::{ReadOnlyPartition, sync_disk_of};
-use crate::watchdog::Watchdog;
+use crate::machine::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::machine::watchdog::Watchdog;
 
 /// The mark's name on the card.
 const MARK: &str = "restart";
 
-/// What the mark says to a person who finds it.
+/// The mark's text, for a person who finds it.
 const MARK_TEXT: &str =
     "The box was restarted in good order. It removes this file when it starts.\r\n";
 
-/// Where the boot firmware leaves what it knows.
+/// Where the boot firmware leaves its information.
 const DEVICE_TREE: &str = "/proc/device-tree";
 
 /// In PM_RSTS: the watchdog has reset the whole chip (HADWRF).
 const RESET_BY_WATCHDOG: u32 = 0x20;
 
-/// In PM_RSTS: power has come on (HADPOR).
+/// In PM_RSTS: the power was switched on (HADPOR).
 const POWER_CAME_ON: u32 = 0x1000;
 
 /// Restarts the computer because a host has asked for it.
@@ -43,7 +43,7 @@ pub fn in_good_order(card: Option<&ReadOnlyPartition>) -> ! {
     if let Some(card) = card
         && let Err(error) = leave_mark(card)
     {
-        // The next start then takes this one for the watchdog's, on a Raspberry Pi.
+        // On a Raspberry Pi the next start then takes this for a restart by the watchdog.
         log::warn!("the restart leaves no mark on the card: {error:#}");
     }
     now()
@@ -54,7 +54,7 @@ pub fn now() -> ! {
     log::info!("restarting");
     nix::unistd::sync();
     let Err(error) = reboot(RebootMode::RB_AUTOBOOT);
-    // The end of process 1 is a kernel panic, after which the kernel restarts.
+    // When process 1 ends the kernel panics, and then restarts.
     log::error!("the computer cannot be restarted: {error}");
     std::process::exit(1)
 }
@@ -67,7 +67,7 @@ fn leave_mark(card: &ReadOnlyPartition) -> Result<()> {
     })
 }
 
-/// Whether the last restart was in good order; its mark is removed.
+/// Whether the last restart was orderly; removes its mark.
 pub fn take_mark(card: &ReadOnlyPartition) -> bool {
     let mark = card.file(MARK);
     let there = mark.exists();
@@ -77,7 +77,7 @@ pub fn take_mark(card: &ReadOnlyPartition) -> bool {
     there
 }
 
-/// Why the computer has started; `marked` when its last restart was in good order.
+/// Why the computer has started; `marked` if its last restart was orderly.
 pub fn reason(watchdog: Option<&Watchdog>, marked: bool) -> ResetReason {
     let by_driver = watchdog.map_or(ResetReason::Unknown, Watchdog::reset_reason);
     match Firmware::read(Path::new(DEVICE_TREE)) {
@@ -86,12 +86,12 @@ pub fn reason(watchdog: Option<&Watchdog>, marked: bool) -> ResetReason {
     }
 }
 
-/// What the firmware of a Raspberry Pi says.
+/// What the firmware of a Raspberry Pi reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Firmware {
-    /// PM_RSTS when the firmware began.
+    /// PM_RSTS at the firmware's start.
     status: u32,
-    /// The board's revision code, where it is told.
+    /// The board's revision code, if known.
     board: Option<u32>,
 }
 
@@ -101,7 +101,7 @@ impl Firmware {
             let bytes = fs::read(device_tree.join(name)).ok()?;
             Some(u32::from_be_bytes(bytes.try_into().ok()?))
         };
-        // Its name has changed with the firmware.
+        // Its name depends on the firmware's version.
         let status = ["chosen/bootloader/rsts", "chosen/bootloader/pm_rsts"];
         let status = status.into_iter().find_map(cell)?;
         Some(Self { status, board: cell("system/linux,revision") })

@@ -1,11 +1,9 @@
-//! Whether this computer measures, found out before it is trusted: a rendered
-//! target of known pose goes through the pipeline. It exercises what a frame
-//! does: processor, arithmetic, every buffer. Takes some 10 ms.
+//! Checks that this computer measures correctly before it is trusted: a rendered
+//! target of known pose goes through the pipeline. That exercises what a frame
+//! needs: the processor, its arithmetic, every buffer. It takes about 10 ms.
 //!
-//! It finds a broken build or machine, not a wrong configuration, which
-//! [`Config::check`] finds.
-
-use std::time::Instant;
+//! It detects a broken build or machine; a wrong configuration is detected by
+//! [`Config::check`].
 
 use anyhow::{Context, Result, ensure};
 use plumbline::config::{Config, Links, Machine, TargetConfig};
@@ -13,6 +11,8 @@ use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::pipeline::Pipeline;
 use plumbline::target::{Origin, Role, TargetGeometry};
+
+use crate::machine::clock;
 
 const WIDTH_PX: usize = 256;
 const HEIGHT_PX: usize = 192;
@@ -23,10 +23,10 @@ const COLUMNS: u8 = 6;
 const ROWS: u8 = 5;
 const PITCH_MM: f64 = 12.0;
 
-/// Where the target is: its plane is parallel to the image.
+/// The target's position; its plane is parallel to the image.
 const POSITION_MM: [f64; 3] = [3.0, -2.0, 200.0];
 
-/// What the measurement may be off; the coarse rendering alone is off by a tenth of this.
+/// The largest error of the measurement; the coarse rendering alone causes a tenth of this.
 const ERROR_MM_MAX: f64 = 0.02;
 
 /// A search and a few tracked frames.
@@ -38,10 +38,25 @@ const FRAME_NS: u64 = 16_666_667;
 /// # Errors
 /// What is wrong, and by how much.
 pub fn run(pipeline: &mut Pipeline) -> Result<()> {
-    let before = Instant::now();
+    let before_ns = clock::monotonic_ns();
+    measure(pipeline, &render(POSITION_MM))?;
+    check_clock(before_ns, clock::monotonic_ns())
+}
+
+/// Checks that the clock of the frames' time stamps advances.
+fn check_clock(before_ns: u64, after_ns: u64) -> Result<()> {
+    ensure!(
+        after_ns > before_ns,
+        "the clock stands still: it read {before_ns} ns before the measurement and {after_ns} ns \
+         after it"
+    );
+    Ok(())
+}
+
+/// Checks that the target in an image is measured at its true position.
+fn measure(pipeline: &mut Pipeline, pixels: &[u8]) -> Result<()> {
     pipeline.configure(&config()?).context("the built-in configuration")?;
-    let pixels = render();
-    let image = GreyImage::new(&pixels, WIDTH_PX, HEIGHT_PX, WIDTH_PX).context("the image")?;
+    let image = GreyImage::new(pixels, WIDTH_PX, HEIGHT_PX, WIDTH_PX).context("the image")?;
     let mut report = pipeline.step(&image, 0);
     for frame in 1..FRAMES {
         report = pipeline.step(&image, frame * FRAME_NS);
@@ -58,7 +73,6 @@ pub fn run(pipeline: &mut Pipeline) -> Result<()> {
         "the rendered target is at {POSITION_MM:?} mm and was measured at {:?} mm",
         found_mm.as_slice()
     );
-    ensure!(before.elapsed().as_nanos() > 0, "the clock stands still");
     Ok(())
 }
 
@@ -88,10 +102,9 @@ fn config() -> Result<Config> {
     })
 }
 
-/// The target on white paper; each pixel is the mean of 4 x 4 points, then blurred.
-fn render() -> Vec<u8> {
+/// The target at a position, on white paper; each pixel is the mean of 4 x 4 points, then blurred.
+fn render([x_mm, y_mm, z_mm]: [f64; 3]) -> Vec<u8> {
     const POINTS: usize = 4;
-    let [x_mm, y_mm, z_mm] = POSITION_MM;
     let (width_mm, height_mm) = (f64::from(COLUMNS + 1) * PITCH_MM, f64::from(ROWS + 1) * PITCH_MM);
     // From a position on the image to squares, counted from the target's corner.
     let square = |position_px: f64, principal_px: f64, offset_mm: f64, side_mm: f64| {
@@ -117,7 +130,7 @@ fn render() -> Vec<u8> {
         220 - (dark_points * 180 / (POINTS * POINTS)) as u8
     };
     let sharp: Vec<u8> = (0..WIDTH_PX * HEIGHT_PX).map(pixel).collect();
-    // A lens's blur: no camera shows edges as sharp as these, and the fit expects none.
+    // A lens's blur: no camera shows edges as sharp as these, and the fit does not expect them.
     let across =
         |at: usize| u16::from(sharp[at - 1]) + 2 * u16::from(sharp[at]) + u16::from(sharp[at + 1]);
     let blurred = |at: usize| {
@@ -141,5 +154,26 @@ mod tests {
         run(&mut pipeline).unwrap();
         // Twice: nothing is left over from the first.
         run(&mut pipeline).unwrap();
+    }
+
+    #[test]
+    fn a_target_that_is_measured_elsewhere_or_not_at_all_is_a_fault() {
+        let mut pipeline = Box::new(Pipeline::new());
+        let [x_mm, y_mm, z_mm] = POSITION_MM;
+        let elsewhere = render([x_mm + 10.0 * ERROR_MM_MAX, y_mm, z_mm]);
+        let blank = vec![220; WIDTH_PX * HEIGHT_PX];
+        for (pixels, words) in [(elsewhere, "was measured at"), (blank, "is not measured")] {
+            let error = measure(&mut pipeline, &pixels).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_clock_that_stands_still_or_goes_back_is_a_fault() {
+        check_clock(5, 6).unwrap();
+        for after_ns in [5, 4] {
+            let error = check_clock(5, after_ns).unwrap_err().to_string();
+            assert!(error.contains("the clock stands still"), "{error}");
+        }
     }
 }

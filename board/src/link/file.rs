@@ -14,16 +14,16 @@ use super::Counts;
 pub struct FileLink {
     file: File,
     path: PathBuf,
-    /// A frame was cut short (the disk was full): the next begins with a
-    /// delimiter, so that only the one is lost.
+    /// The last frame was cut short (the disk was full): the next begins with a
+    /// delimiter, so that only one is lost.
     cut_short: bool,
-    /// What went wrong first.
+    /// The first fault.
     fault: Option<String>,
     counts: Counts,
 }
 
 impl FileLink {
-    /// Appends to `path`, which is made when absent.
+    /// Appends to `path`, which is created if it does not exist.
     ///
     /// # Errors
     /// When the file cannot be opened for writing.

@@ -1,7 +1,7 @@
-//! The ways out of the box: UDP, a serial line, a file; any number at once.
+//! Links to the hosts: UDP, a serial line, a file, in any combination.
 //!
-//! A link is opened once, when a fault is still an error for a person to read.
-//! From then on it never waits and never fails: a packet that cannot leave is
+//! A link is opened once, when a fault can still be reported to a person as an error.
+//! From then on it never waits and never fails: a packet that cannot be sent is
 //! dropped whole and counted, and the host sees the gap in the sequence numbers.
 
 pub mod file;
@@ -10,39 +10,55 @@ pub mod udp;
 
 use std::time::Duration;
 
-use plumbline::packet::{LINKS_MAX, LinkKind, Message};
+use plumbline::packet::{
+    FRAME_BYTES_MAX, LINKS_MAX, LinkKind, Message, PACKET_BYTES_MAX, encode_datagram, encode_frame,
+};
 
 pub use file::FileLink;
 pub use serial::SerialLink;
 pub use udp::UdpLink;
 
-/// The links in use, one of each kind at most.
-pub type Links = heapless::Vec<Link, LINKS_MAX>;
-
-/// Datagrams, or reads of a line, that are looked at before the next frame.
+/// The number of datagrams, or reads of a line, that are handled before the next frame.
 pub(crate) const RECEIVED_PER_TURN_MAX: usize = 4;
 
 /// What became of the packets given to a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// Packets handed over to the operating system whole.
+    /// Packets passed to the operating system whole.
     pub sent: u64,
     /// Packets dropped whole.
     pub dropped: u64,
-    /// Packets that wait in the link's own buffer.
+    /// Packets waiting in the link's own buffer.
     pub waiting: u64,
 }
 
 /// One packet in both of its forms.
 #[derive(Debug, Clone, Copy)]
-pub struct Encoded<'a> {
+struct Encoded<'a> {
     /// The content of one datagram.
-    pub datagram: &'a [u8],
+    datagram: &'a [u8],
     /// The same between the delimiters of a byte stream; ends with its only zero byte.
-    pub frame: &'a [u8],
+    frame: &'a [u8],
 }
 
-/// One way out.
+/// The links in use, one of each kind at most.
+pub type Links = heapless::Vec<Link, LINKS_MAX>;
+
+/// Sends one message over each of the links.
+pub fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message) {
+    let mut datagram = [0; PACKET_BYTES_MAX];
+    let mut frame = [0; FRAME_BYTES_MAX];
+    let encoded = (encode_datagram(message, &mut datagram), encode_frame(message, &mut frame));
+    let (Ok(datagram), Ok(frame)) = encoded else {
+        // The buffers hold every message: the packet module computes them so.
+        unreachable!("a message larger than the largest");
+    };
+    for link in links {
+        link.send(Encoded { datagram, frame });
+    }
+}
+
+/// A link of one of the three kinds.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "there are three at most, and they never move")]
 pub enum Link {
@@ -56,7 +72,7 @@ pub enum Link {
 
 impl Link {
     /// Sends one packet, or drops and counts it. Never waits.
-    pub fn send(&mut self, packet: Encoded<'_>) {
+    fn send(&mut self, packet: Encoded<'_>) {
         match self {
             Self::Udp(link) => link.send(packet.datagram),
             Self::Serial(link) => link.send(packet.frame),
@@ -64,32 +80,32 @@ impl Link {
         }
     }
 
-    /// Whether it takes a packet more without leaving those that come after it no room.
+    /// Whether one more packet leaves enough room for those that follow.
     #[must_use]
     pub fn has_room(&self) -> bool {
         match self {
             Self::Udp(_) => true,
             Self::Serial(link) => link.has_room(),
-            // Nobody listens at its other end.
+            // Nobody reads the other end.
             Self::File(_) => false,
         }
     }
 
-    /// Hands on what waits, as far as that goes without waiting.
+    /// Sends waiting packets, as far as is possible without blocking.
     pub fn service(&mut self) {
         if let Self::Serial(link) = self {
             link.service();
         }
     }
 
-    /// Hands on what waits, giving up after `limit`; what is left counts as dropped.
+    /// Sends waiting packets for at most `limit`; those that are left count as dropped.
     pub fn finish(&mut self, limit: Duration) {
         if let Self::Serial(link) = self {
             link.finish(limit);
         }
     }
 
-    /// Gives the messages that have come in since the last call.
+    /// Passes on the messages received since the last call.
     pub fn receive(&mut self, take: impl FnMut(Message)) {
         match self {
             Self::Udp(link) => link.receive(take),
@@ -98,18 +114,18 @@ impl Link {
         }
     }
 
-    /// Why packets of this link are missing for ever, if there is a reason that a
-    /// person must mend.
+    /// Why packets of this link are lost for good, if there is a reason that a person
+    /// must put right.
     #[must_use]
     pub fn fault(&self) -> Option<&str> {
         match self {
             Self::File(link) => link.fault(),
-            // A host that is absent now may hear the next packet.
+            // A host that is absent now may receive the next packet.
             Self::Udp(_) | Self::Serial(_) => None,
         }
     }
 
-    /// What it is.
+    /// Its kind.
     #[must_use]
     pub fn kind(&self) -> LinkKind {
         match self {

@@ -1,9 +1,9 @@
 //! Frames on a serial line.
 //!
 //! A line is slower than the box: at 115,200 baud a byte takes 87 us. Frames go
-//! through a bounded buffer and leave as the line takes them. A frame that does
-//! not fit whole is dropped whole and counted; half a frame is never sent, save
-//! where the line itself breaks.
+//! through a bounded buffer and are sent as fast as the line permits. A frame that
+//! does not fit into it is dropped whole and counted; a partial frame is never sent,
+//! unless the line itself fails.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
@@ -17,24 +17,24 @@ use serialport::TTYPort;
 
 use super::Counts;
 
-/// Bytes that may wait: 16 pose packets, a quarter of a second at 60 Hz. More
-/// would only make what arrives older.
-pub const WAITING_BYTES_MAX: usize = 2048;
+/// The size of the buffer: 16 pose packets, a quarter of a second at 60 Hz. A larger
+/// one would only make packets arrive later.
+const WAITING_BYTES_MAX: usize = 2048;
 
-/// Bit rates that a line is opened with.
-pub const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
+/// The permitted bit rates.
+const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
 
-/// A line that is not there is opened again this often.
+/// How often opening an absent line is tried again.
 const REOPEN_EVERY: Duration = Duration::from_secs(1);
 
 /// A serial device, raw, 8 data bits, no parity, 1 stop bit, no flow control.
 ///
-/// A line that breaks (unplugged) is opened again when it is back. Until then
-/// packets for it are dropped and counted.
+/// A line that fails (unplugged) is reopened when it is back. Until then packets for
+/// it are dropped and counted.
 #[derive(Debug)]
 pub struct SerialLink {
     line: Option<Line>,
-    /// When an absent line is looked for again.
+    /// When opening an absent line is tried again.
     again_at: Instant,
     name: String,
     baud: u32,
@@ -46,8 +46,8 @@ pub struct SerialLink {
 /// The open device.
 #[derive(Debug)]
 struct Line {
-    /// The same device, opened so that nothing on it ever waits; the
-    /// port's own writes wait until the line has taken everything.
+    /// The same device, opened non-blocking; the port's own writes block until
+    /// everything is sent.
     device: File,
     /// Holds the line's settings and the exclusive access.
     _port: TTYPort,
@@ -57,14 +57,14 @@ impl SerialLink {
     /// Opens `device` at `baud` bits per second.
     ///
     /// # Errors
-    /// When the device is absent, in use, not a serial line or does not know the rate.
+    /// When the device is absent, in use, not a serial line, or does not support the rate.
     pub fn open(device: &str, baud: u32) -> Result<Self> {
         let mut link = Self::absent(device, baud)?;
         link.line = Some(Line::open(device, baud)?);
         Ok(link)
     }
 
-    /// A link to a device that may come later.
+    /// A link to a device that may be plugged in later.
     ///
     /// # Errors
     /// When no line runs at such a rate.
@@ -88,7 +88,7 @@ impl SerialLink {
         })
     }
 
-    /// Puts one frame into the buffer, if it fits, and hands on what the line takes.
+    /// Puts one frame into the buffer, if it fits, and sends as much as the line accepts.
     pub fn send(&mut self, frame: &[u8]) {
         self.service();
         if self.line.is_none() || self.waiting.len() + frame.len() > WAITING_BYTES_MAX {
@@ -106,7 +106,7 @@ impl SerialLink {
         self.line.is_some() && self.waiting.len() + 3 * FRAME_BYTES_MAX <= WAITING_BYTES_MAX
     }
 
-    /// Hands on as many bytes as the line takes now.
+    /// Sends as many bytes as the line accepts now.
     pub fn service(&mut self) {
         self.reopen();
         while !self.waiting.is_empty()
@@ -123,7 +123,7 @@ impl SerialLink {
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
                 Err(error) => {
-                    log::error!("{} broke: {error}; it is used again when it is back", self.name);
+                    log::error!("{} failed: {error}; it is used again when it is back", self.name);
                     self.line = None;
                     self.again_at = Instant::now() + REOPEN_EVERY;
                     self.drop_waiting();
@@ -132,7 +132,7 @@ impl SerialLink {
         }
     }
 
-    /// Opens an absent line when it is time to.
+    /// Tries to open an absent line when it is time to.
     fn reopen(&mut self) {
         if self.line.is_some() || Instant::now() < self.again_at {
             return;
@@ -144,11 +144,11 @@ impl SerialLink {
         }
         self.line = Line::open(&self.name, self.baud).ok();
         if self.line.is_some() {
-            log::info!("{} is there", self.name);
+            log::info!("{} is open", self.name);
         }
     }
 
-    /// Gives the messages that have come from the host; what is no message is ignored.
+    /// Passes on the messages from the host; anything else is ignored.
     pub fn receive(&mut self, mut take: impl FnMut(Message)) {
         let mut bytes = [0; 256];
         let Some(line) = &mut self.line else { return };
@@ -159,13 +159,13 @@ impl SerialLink {
                         take(message);
                     }
                 }),
-                // Nothing there, or the line broke, which sending notices.
+                // Nothing to read, or the line failed, which sending notices.
                 _ => return,
             }
         }
     }
 
-    /// Hands on what waits, giving up after `limit`.
+    /// Sends what is left in the buffer, for at most `limit`.
     pub fn finish(&mut self, limit: Duration) {
         let give_up = Instant::now() + limit;
         while !self.waiting.is_empty() && Instant::now() < give_up {
@@ -214,6 +214,7 @@ impl std::fmt::Display for SerialLink {
 }
 
 #[cfg(test)]
+#[cfg(test)]
 mod tests {
     use std::os::unix::fs::symlink;
 
@@ -223,7 +224,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_broke_is_used_again_when_it_is_back() {
+    fn a_line_that_failed_is_used_again_when_it_is_back() {
         if !serial_lines() {
             return;
         }

@@ -8,12 +8,24 @@ use plumbline::packet::{Message, PACKET_BYTES_MAX, decode_datagram};
 
 use super::Counts;
 
+/// A non-blocking socket on a port of the system's choice, in the address family of `to`.
+pub(crate) fn socket_for(to: SocketAddr) -> std::io::Result<UdpSocket> {
+    let any: SocketAddr = if to.is_ipv4() {
+        (Ipv4Addr::UNSPECIFIED, 0).into()
+    } else {
+        (Ipv6Addr::UNSPECIFIED, 0).into()
+    };
+    let socket = UdpSocket::bind(any)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
 /// A connected UDP socket.
 ///
-/// Being connected, it hears on the next send that nobody listens
-/// (ECONNREFUSED). That packet is not sent and counts as dropped; sending goes
-/// on, because the host may start at any time. It is connected as soon as there
-/// is a way to the host: a box may have its address only after its first frame.
+/// Being connected, it learns on the next send that nobody listens
+/// (ECONNREFUSED). That packet counts as dropped; sending goes on, because the
+/// host may start at any time. It is connected as soon as there is a route to
+/// the host: a box may get its own address only after its first frame.
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
@@ -44,22 +56,16 @@ impl UdpLink {
         Self::to(to)
     }
 
-    /// A socket to an address, to which there need not be a way yet.
+    /// A socket to an address, to which there need not be a route yet.
     ///
     /// # Errors
     /// When the system has no socket left.
     pub fn to(to: SocketAddr) -> Result<Self> {
-        let any: SocketAddr = if to.is_ipv4() {
-            (Ipv4Addr::UNSPECIFIED, 0).into()
-        } else {
-            (Ipv6Addr::UNSPECIFIED, 0).into()
-        };
-        let socket = UdpSocket::bind(any).context("no UDP socket can be opened")?;
-        socket.set_nonblocking(true).context("the UDP socket cannot be made non-blocking")?;
+        let socket = socket_for(to).context("no UDP socket can be opened")?;
         let mut link = Self { socket, to, connected: false, counts: Counts::default() };
         if let Err(error) = link.connect() {
             log::info!(
-                "there is no way to {to} (UDP) yet: {error}; packets are dropped until then"
+                "there is no route to {to} (UDP) yet: {error}; packets are dropped until there is"
             );
         }
         Ok(link)
@@ -79,8 +85,8 @@ impl UdpLink {
             self.counts.dropped += 1;
             return;
         }
-        // A refusal that the socket reports here belongs to an EARLIER datagram
-        // and this one was not sent: try once more, now that the report is taken.
+        // A refusal that the socket reports here belongs to an EARLIER datagram,
+        // and this one was not sent: try once more, now that the report is read.
         let refused = |error: &std::io::Error| error.kind() == ErrorKind::ConnectionRefused;
         let mut result = self.socket.send(datagram);
         if result.as_ref().is_err_and(refused) {
@@ -90,11 +96,11 @@ impl UdpLink {
         }
         match result {
             Ok(count) if count == datagram.len() => self.counts.sent += 1,
-            // A full queue, or a host that does not listen: the way is there.
+            // A full queue, or a host that does not listen: the route is still right.
             Err(error) if refused(&error) || error.kind() == ErrorKind::WouldBlock => {
                 self.counts.dropped += 1;
             }
-            // The network or this box's own address has changed: choose the way anew.
+            // The network or this box's own address has changed: look up the route again.
             _ => {
                 self.counts.dropped += 1;
                 self.connected = false;
@@ -102,10 +108,10 @@ impl UdpLink {
         }
     }
 
-    /// Gives the messages that have come from the host; what is no message is ignored.
+    /// Passes on the messages from the host; anything else is ignored.
     pub fn receive(&mut self, mut take: impl FnMut(Message)) {
         if !self.connected {
-            // It would hear anybody.
+            // Unconnected, it would receive from anybody.
             return;
         }
         let mut datagram = [0; PACKET_BYTES_MAX];

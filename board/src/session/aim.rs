@@ -1,9 +1,9 @@
-//! Set-up mode: for as long as a host goes on asking, pictures may leave the box, over the
-//! link on which it asks.
+//! Set-up mode: as long as a host keeps asking for it, pictures may leave the box, over the
+//! host's own link.
 //!
 //! It ends by itself when the host has been silent for the time it asked for, and at the
-//! latest after [`TOTAL_MAX`]: a terminal left open must not keep a ward in view. With it ends
-//! the exposure that was tried out in it, and the last picture is forgotten.
+//! latest after [`TOTAL_MAX`]: a terminal left open must not keep a ward in view. At its end
+//! the exposure that was being tried out is reset, and the last picture is deleted.
 
 use std::time::{Duration, Instant};
 
@@ -12,14 +12,14 @@ use plumbline::packet::{AIM_S_MAX, Picture, document_crc};
 use super::picture;
 use crate::source::Frame;
 
-/// The longest time without leaving set-up mode.
+/// The longest time in set-up mode without leaving it.
 const TOTAL_MAX: Duration = Duration::from_secs(30 * 60);
 
-/// Set-up mode, and what there is in it.
+/// Set-up mode and its pictures.
 #[derive(Debug, Default)]
 pub struct Aim {
     lease: Option<Lease>,
-    /// The reduction of the picture that is to be made of the next frame.
+    /// The reduction of the picture to be made of the next frame.
     wanted: Option<u8>,
     last: Option<(Picture, Vec<u8>)>,
     pictures: u16,
@@ -34,7 +34,7 @@ struct Lease {
 }
 
 impl Aim {
-    /// Enters set-up mode, or stays in it, for so many seconds from now; 0 ends it.
+    /// Enters set-up mode, or extends it, until `seconds` from now; 0 ends it.
     pub fn renew(&mut self, link: usize, seconds: u16, now: Instant) {
         if self.lease.is_none() {
             if seconds == 0 {
@@ -47,7 +47,7 @@ impl Aim {
         self.lease = Some(Lease { began, until: asked.min(began + TOTAL_MAX), link });
     }
 
-    /// Leaves set-up mode when its time is over; whether it did so now.
+    /// Leaves set-up mode if its time is over; returns whether it did.
     pub fn end_in_time(&mut self, now: Instant) -> bool {
         let is_over = self.lease.as_ref().is_some_and(|lease| lease.until <= now);
         if is_over {
@@ -57,7 +57,7 @@ impl Aim {
         is_over
     }
 
-    /// Whether pictures may leave by this link.
+    /// Whether pictures may leave over this link.
     pub fn is_on(&self, link: usize) -> bool {
         self.lease.as_ref().is_some_and(|lease| lease.link == link)
     }
@@ -69,12 +69,12 @@ impl Aim {
         left.map_or(0, |left| left.as_secs_f64().ceil().max(1.0) as u16)
     }
 
-    /// A picture of the next frame is wanted.
+    /// Asks for a picture of the next frame.
     pub fn want(&mut self, reduction: u8) {
         self.wanted = Some(reduction);
     }
 
-    /// Makes the picture that is wanted, if one is; and by which link word of it goes out.
+    /// Makes the picture, if one was asked for; returns it with the link over which to announce it.
     pub fn take(&mut self, frame: &Frame<'_>, sequence: u32) -> Option<(usize, Picture)> {
         let link = self.lease.as_ref()?.link;
         let reduction = self.wanted.take()?;
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ends_when_the_host_is_silent_and_takes_the_picture_along() {
+    fn it_ends_when_the_host_is_silent_and_deletes_the_picture() {
         let start = Instant::now();
         let after = |seconds: f64| start + Duration::from_secs_f64(seconds);
         let mut aim = Aim::default();
@@ -136,19 +136,19 @@ mod tests {
         let (link, picture) = aim.take(&frame(), 5).unwrap();
         assert_eq!((link, picture.number, picture.sequence, picture.reduction), (1, 1, 5, 1));
         assert_eq!(document_crc(aim.file(1).unwrap()), picture.crc);
-        // One picture for each time it was wanted.
+        // One picture for each request.
         assert!(aim.take(&frame(), 6).is_none() && aim.file(2).is_none());
         aim.renew(1, 10, after(8.0));
         assert!(!aim.end_in_time(after(17.9)));
         assert_eq!(aim.left_s(after(17.5)), 1);
-        // Its time is over, but nobody has ended it: a host that hears 0 may rely on refusals.
+        // Its time is over, but it has not been ended: 0 must mean that pictures are refused.
         assert!(aim.is_on(1) && aim.left_s(after(18.0)) == 1);
         assert!(aim.end_in_time(after(18.0)) && !aim.end_in_time(after(18.0)));
         assert!(!aim.is_on(1) && aim.file(1).is_none() && aim.left_s(after(18.0)) == 0);
     }
 
     #[test]
-    fn nobody_stays_in_it_for_ever_nor_asks_for_too_long_at_once() {
+    fn its_total_time_and_the_time_of_one_request_are_bounded() {
         let start = Instant::now();
         let mut aim = Aim::default();
         aim.renew(0, u16::MAX, start);
@@ -159,7 +159,7 @@ mod tests {
             now += Duration::from_secs(30);
         }
         assert_eq!(now - start, TOTAL_MAX);
-        // The host that ends it is obeyed at once.
+        // A host can end it at once.
         aim.renew(0, 10, now);
         aim.renew(0, 0, now);
         assert!(aim.end_in_time(now));

@@ -1,4 +1,4 @@
-//! What hosts ask for, and what they are answered.
+//! The commands of hosts, and the replies.
 
 use std::time::Instant;
 
@@ -6,12 +6,12 @@ use plumbline::config::Capture;
 use plumbline::packet::{Action, Command, Document, Refusal, Reply, ReplyOutcome};
 
 use super::Session;
-use crate::clock;
+use crate::machine::clock;
 use crate::provisioning::refused;
 use crate::source::{Exposure, FrameSource};
 
 impl Session {
-    /// Carries out what came over the link of this index.
+    /// Carries out a command that was received over the link with this index.
     pub(super) fn carry_out(
         &mut self,
         command: Command,
@@ -73,9 +73,10 @@ impl Session {
                 self.reboot = true;
                 ReplyOutcome::Accepted
             }
-            Action::Reboot => {
-                refused(Refusal::NotSupported, "whoever has started this program can start it anew")
-            }
+            Action::Reboot => refused(
+                Refusal::NotSupported,
+                "this program does not restart itself: stop and start it where it runs",
+            ),
         };
         Reply { id: command.id, outcome }
     }

@@ -1,18 +1,18 @@
-//! What is counted along the way, and the Health that is made of it.
+//! The counters of a session, and the Health packet made from them.
 
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{CameraState, Health, LinkHealth};
 
+use super::durations::Durations;
 use crate::allocation::allocations;
 use crate::link::Links;
 use crate::logger;
-use crate::measure::Durations;
-use crate::power::PowerMonitor;
+use crate::machine::power::PowerMonitor;
+use crate::machine::temperature::Sensor;
 use crate::source::Condition;
-use crate::temperature::Sensor;
 
-/// What a source is before anybody asked.
+/// A source's condition before it is first read.
 const STARTING: Condition = Condition {
     camera: CameraState::Starting,
     frames_dropped: 0,
@@ -20,12 +20,12 @@ const STARTING: Condition = Condition {
     camera_losses: 0,
 };
 
-/// Counters of one session. All memory is taken when it begins.
+/// The counters of one session. All memory is allocated at its start.
 pub struct Counters {
     started: Instant,
     sensor: Sensor,
     power: PowerMonitor,
-    /// Of the source, when it was last asked.
+    /// The source's condition when it was last read.
     pub source: Condition,
     pub frames: u64,
     pub late: u64,
@@ -35,13 +35,13 @@ pub struct Counters {
     latency_max_since_health: Duration,
     /// The allocator's count after the first frame, and after the last.
     allocations: Option<(u64, u64)>,
-    /// Losses of the camera when the first frame came: reopening it allocates,
-    /// and the count begins again after it.
+    /// The camera's losses at the first frame: reopening the camera allocates, and the
+    /// count restarts after it.
     losses_at_first_frame: u32,
 }
 
 impl Counters {
-    /// For the calling thread, which must be the one that measures.
+    /// Starts counting for the calling thread, which must be the one that measures.
     pub fn new(started: Instant) -> Self {
         Self {
             started,
@@ -59,7 +59,7 @@ impl Counters {
         }
     }
 
-    /// A frame's packet has been handed over.
+    /// Counts a frame whose packet has been passed to the links.
     pub fn frame(&mut self, latency: Duration, late: bool, losses: u32) {
         self.frames += 1;
         self.late += u64::from(late);
@@ -74,7 +74,7 @@ impl Counters {
         self.allocations = Some((after_first, count));
     }
 
-    /// What takes memory on purpose has been done: the count begins anew.
+    /// Restarts the count of allocations, after an operation that allocates on purpose.
     pub fn forget_allocations(&mut self) {
         self.allocations = None;
     }
@@ -84,7 +84,7 @@ impl Counters {
         self.allocations.map_or(0, |(after_first, after_last)| after_last - after_first)
     }
 
-    /// How the box is doing; the largest latency is counted anew after it.
+    /// The Health packet; restarts the largest latency.
     pub fn health(&mut self, links: &Links, aiming_s: u16) -> Health {
         let power = self.power.read();
         let latency_max = std::mem::take(&mut self.latency_max_since_health);

@@ -1,15 +1,14 @@
-//! Documents on their way out: what a host has asked for goes in parts, as fast as its link
-//! takes them and no faster, and a host that lost some asks again.
+//! Sends documents to hosts: in parts, as fast as the link accepts them. A host that misses
+//! some parts asks for them again.
 
 use std::ops::Range;
 
 use plumbline::packet::{Document, LINKS_MAX, Message, PART_BYTES_MAX, Part};
 
-use super::send;
-use crate::link::Link;
+use crate::link::{Link, send};
 
-/// Parts handed to a link at one turn of the loop: less than a socket's buffer at the host
-/// takes, and some 800 kB/s at 60 turns a second.
+/// The number of parts passed to a link in one iteration of the loop: fewer than fit into a
+/// socket's buffer at the host, and about 800 kB/s at 60 iterations a second.
 const PARTS_PER_TURN: usize = 64;
 
 /// What is being sent, per link.
@@ -19,7 +18,7 @@ pub struct Outgoing {
 }
 
 impl Outgoing {
-    /// Sends these bytes of a document over a link, instead of what was being sent over it.
+    /// Starts sending these bytes of a document over a link, in place of any earlier transfer.
     pub fn start(&mut self, link: usize, document: Document, bytes: Range<usize>) {
         self.transfers[link] = Some((document, bytes));
     }
@@ -29,7 +28,8 @@ impl Outgoing {
         self.transfers[link].is_some()
     }
 
-    /// Goes on with the link of this index; `file` gives a document's bytes while it is there.
+    /// Continues the transfer over the link with this index; `file` gives the bytes of a document,
+    /// as long as it exists.
     pub fn serve<'a>(
         &mut self,
         index: usize,

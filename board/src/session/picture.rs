@@ -1,4 +1,4 @@
-//! A frame as the file of a picture, for set-up mode: whole and without loss, or reduced.
+//! Encodes a frame as a picture file, for set-up mode: full-size and lossless, or reduced.
 
 use anyhow::{Context, Result, ensure};
 use image::codecs::jpeg::JpegEncoder;
@@ -8,13 +8,13 @@ use plumbline::image::{GreyImage, Pixel};
 
 use crate::source::Pixels;
 
-/// Largest reduction: less than a tenth of a frame's width says nothing any more.
+/// The largest reduction: beyond it a picture shows nothing of use.
 const REDUCTION_MAX: u8 = 16;
 
-/// Good enough to aim by, and small enough for a serial line.
+/// Good enough for aiming, and small enough for a serial line.
 const JPEG_QUALITY: u8 = 80;
 
-/// The file: PNG of the whole frame for a reduction of 1, JPEG for more.
+/// The picture file: a PNG of the whole frame for a reduction of 1, a JPEG for more.
 ///
 /// # Errors
 /// When there is no such reduction.
@@ -57,7 +57,7 @@ fn jpeg<P: Pixel>(image: &GreyImage<'_, P>, reduction: u8) -> Result<Vec<u8>> {
     Ok(file)
 }
 
-/// 8 bits each: means of squares, whole ones only.
+/// 8-bit samples: the means of squares of pixels; incomplete squares are left out.
 fn samples<P: Pixel>(image: &GreyImage<'_, P>, reduction: usize) -> Vec<u8> {
     let white = u32::from(image.white_level()) * (reduction * reduction) as u32;
     let mut samples = Vec::new();
@@ -73,7 +73,7 @@ fn samples<P: Pixel>(image: &GreyImage<'_, P>, reduction: usize) -> Vec<u8> {
     samples
 }
 
-/// 16 bits each, white at the largest: no two levels of a camera become one.
+/// 16-bit samples, with white at the largest value: no two levels of a camera become one.
 fn wide(image: &GreyImage<'_, u16>) -> Vec<u8> {
     let white = u32::from(image.white_level());
     let level = |&pixel: &u16| (u32::from(pixel).min(white) * 65_535 / white) as u16;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use super::durations::Durations;
 use crate::link::Counts;
-use crate::measure::Durations;
 use crate::source::Condition;
 
 use plumbline::packet::{CameraState, LINKS_MAX};
@@ -13,12 +13,10 @@ use plumbline::packet::{CameraState, LINKS_MAX};
 pub struct Ended {
     /// The figures.
     pub summary: Summary,
-    /// Why the source broke, when it did.
+    /// Why the source failed, if it did.
     pub broken: Option<String>,
-    /// Why packets could not be recorded, when they could not.
+    /// Why packets could not be recorded, if they could not.
     pub unrecorded: Option<String>,
-    /// The host has asked for a restart.
-    pub reboot: bool,
 }
 
 /// The figures of a session.
@@ -26,13 +24,13 @@ pub struct Ended {
 pub struct Summary {
     /// Frames tracked.
     pub frames: u64,
-    /// Of them, those taken up when the next one was already due.
+    /// Those of them that were processed when the next one was already due.
     pub late: u64,
-    /// What the source said of itself last.
+    /// The source's last condition.
     pub source: Condition,
     /// Time in the pipeline, per frame.
     pub step: Durations,
-    /// From the instant that a frame's time marks to its packet's being handed to the links.
+    /// From the instant that a frame's time marks until its packet has been passed to the links.
     pub latency: Durations,
     /// What became of the packets, per link.
     pub links: heapless::Vec<(String, Counts), LINKS_MAX>,
@@ -87,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_that_is_absent_at_the_end_is_not_counted_away() {
+    fn a_camera_that_is_absent_at_the_end_is_reported() {
         let text = |frames, camera, camera_losses| {
             let source = Condition { camera, frames_dropped: 0, frames_missed: 0, camera_losses };
             let summary = Summary {
@@ -101,14 +99,14 @@ mod tests {
             };
             summary.to_string()
         };
-        for (frames, camera, losses, said) in [
+        for (frames, camera, losses, words) in [
             (0, CameraState::Lost, 0, "missed, the camera never gave a frame\n"),
             (9, CameraState::Lost, 1, "missed, camera lost 1 times, absent at the end\n"),
             (9, CameraState::Stalled, 2, "missed, camera lost 2 times, absent at the end\n"),
             (9, CameraState::Running, 1, "missed, camera lost 1 times\n"),
         ] {
             let text = text(frames, camera, losses);
-            assert!(text.contains(said), "{text}");
+            assert!(text.contains(words), "{text}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! A camera that may vanish and come back.
+//! A camera that may disappear and come back.
 //!
 //! ```text
 //!             opened                 a frame
@@ -9,9 +9,8 @@
 //!                            error, or silent for a second
 //! ```
 //!
-//! An absent camera is opened again and again, soon at first and then every
-//! [`BACK_OFF_MAX`], for as long as it takes. Opening allocates; giving frames
-//! does not.
+//! Opening an absent camera is retried, soon at first and then every [`BACK_OFF_MAX`],
+//! for as long as it takes. Opening allocates; giving frames does not.
 
 use std::time::{Duration, Instant};
 
@@ -22,77 +21,77 @@ use plumbline::packet::CameraState;
 use super::{Condition, Exposure, Frame, FrameSource, Next};
 use crate::logger;
 
-/// An open camera that is silent for this long is closed and opened again.
-pub const SILENCE_MAX: Duration = Duration::from_secs(1);
+/// An open camera that is silent for this long is closed and reopened.
+const SILENCE_MAX: Duration = Duration::from_secs(1);
 
 /// The pause after the first failure; each further one doubles it.
-pub const BACK_OFF_MIN: Duration = Duration::from_millis(100);
+const BACK_OFF_MIN: Duration = Duration::from_millis(100);
 
 /// The longest pause between two attempts.
 pub const BACK_OFF_MAX: Duration = Duration::from_secs(2);
 
-/// What is wrong is told to the hosts again this often: one may have begun to
-/// listen only now.
-const TELL_AGAIN: Duration = Duration::from_secs(5);
+/// How often a fault is repeated to the hosts, as one may have started listening
+/// only now.
+const REPORT_AGAIN: Duration = Duration::from_secs(5);
 
-/// One kind of camera, open.
+/// An open camera of one kind.
 pub trait Device: Sized {
     /// Opens the camera, sets it up as asked and starts it.
     ///
     /// # Errors
-    /// When there is none, or it cannot do what is asked for; the message names
-    /// the setting and the remedy.
+    /// When there is none, or it cannot be set up as asked; the message names the
+    /// setting and the remedy.
     fn open(capture: &Capture, size_px: (usize, usize)) -> Result<Self>;
 
-    /// Waits until a frame is there, but not beyond `until`. The frame of the
-    /// wait before goes back to the camera. When several frames are there, those
-    /// before the newest two are skipped and counted.
+    /// Waits for a frame, but not beyond `until`. The frame of the previous wait
+    /// goes back to the camera. If several frames are there, all but the newest
+    /// two are skipped and counted.
     fn wait(&mut self, until: Instant) -> Waited;
 
-    /// The frame that the last [`wait`](Self::wait) has found.
+    /// The frame that the last [`wait`](Self::wait) found.
     fn frame(&self) -> Frame<'_>;
 
-    /// Frames skipped, and frames missed, since it was opened.
+    /// The frames skipped and missed since it was opened.
     fn counts(&self) -> Counts;
 }
 
-/// What came of waiting for a frame.
+/// The result of waiting for a frame.
 #[derive(Debug)]
 pub enum Waited {
     /// [`Device::frame`] has one.
     Ready,
-    /// None by the instant asked for.
+    /// No frame by the instant named.
     Quiet,
     /// The camera is gone or broken; the text says what it reported.
     Lost(String),
 }
 
-/// Frames that were not handed out.
+/// Counts of the frames that were not given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// They came, and newer ones were already there.
+    /// Frames that arrived when newer ones were already there.
     pub dropped: u64,
-    /// They never came, or came damaged.
+    /// Frames that never arrived, or arrived damaged.
     pub missed: u64,
 }
 
-/// A camera as a source of frames, whatever happens to it.
+/// A source of frames from a camera, whatever happens to it.
 #[derive(Debug)]
 pub struct Camera<D> {
     configured: Capture,
-    /// The same, exposed as asked for.
+    /// The same, with the exposure that was asked for.
     capture: Capture,
     size_px: (usize, usize),
     state: State<D>,
     reported: CameraState,
-    /// Of the openings before this one.
+    /// The counts of earlier openings.
     earlier: Counts,
     losses: u32,
     /// Attempts since the last frame.
     attempts: u32,
-    /// What was wrong last, so that the console has it once, and when it was told.
-    said: String,
-    told_at: Instant,
+    /// The last fault, so that the console shows it once, and when it was last reported.
+    last_fault: String,
+    fault_reported_at: Instant,
 }
 
 #[derive(Debug)]
@@ -115,12 +114,12 @@ impl<D: Device> Camera<D> {
             earlier: Counts::default(),
             losses: 0,
             attempts: 0,
-            said: String::new(),
-            told_at: Instant::now(),
+            last_fault: String::new(),
+            fault_reported_at: Instant::now(),
         }
     }
 
-    /// Opens the camera when it is time to; sleeps towards `until` otherwise.
+    /// Opens the camera if it is time to; otherwise sleeps, at most until `until`.
     fn open(&mut self, again_at: Instant, until: Instant) {
         let now = Instant::now();
         if now < again_at {
@@ -132,11 +131,11 @@ impl<D: Device> Camera<D> {
             Ok(device) => self.state = State::Waiting { device, since: Instant::now() },
             Err(error) => {
                 if self.capture != self.configured {
-                    // An exposure that was tried out, and that it does not take.
+                    // The camera may have refused an exposure that is being tried out.
                     self.capture = self.configured.clone();
                     self.attempts = 0;
                 }
-                self.say(format!("{error:#}"));
+                self.report(format!("{error:#}"));
                 self.reported = CameraState::Lost;
                 self.state = State::Absent { again_at: Instant::now() + back_off(self.attempts) };
             }
@@ -154,7 +153,7 @@ impl<D: Device> Camera<D> {
                 self.losses = self.losses.saturating_add(1);
             }
         }
-        self.say(what);
+        self.report(what);
         self.reported = reported;
     }
 
@@ -164,11 +163,11 @@ impl<D: Device> Camera<D> {
         self.earlier.missed += counts.missed;
     }
 
-    fn say(&mut self, what: String) {
-        if what != self.said {
+    fn report(&mut self, what: String) {
+        if what != self.last_fault {
             log::error!("camera: {what}");
-            self.said = what;
-        } else if self.told_at.elapsed() >= TELL_AGAIN {
+            self.last_fault = what;
+        } else if self.fault_reported_at.elapsed() >= REPORT_AGAIN {
             logger::tell_hosts(
                 &log::Record::builder()
                     .level(log::Level::Error)
@@ -179,11 +178,11 @@ impl<D: Device> Camera<D> {
         } else {
             return;
         }
-        self.told_at = Instant::now();
+        self.fault_reported_at = Instant::now();
     }
 }
 
-/// The pause before the next attempt, when so many have failed.
+/// The pause before the next attempt after a number of failed ones.
 fn back_off(attempts: u32) -> Duration {
     let doublings = attempts.saturating_sub(1).min(10);
     (BACK_OFF_MIN * 2_u32.pow(doublings)).min(BACK_OFF_MAX)
@@ -206,7 +205,7 @@ impl<D: Device> FrameSource for Camera<D> {
         match waited {
             Waited::Quiet if silent_since.elapsed() < SILENCE_MAX => return Next::Quiet,
             Waited::Quiet => {
-                self.close(CameraState::Stalled, "no frame for a second: opening it anew".into());
+                self.close(CameraState::Stalled, "no frame for a second: reopening it".into());
                 return Next::Quiet;
             }
             Waited::Lost(what) => {
@@ -222,9 +221,9 @@ impl<D: Device> FrameSource for Camera<D> {
             }
             State::Absent { again_at } => State::Absent { again_at },
         };
-        if !self.said.is_empty() {
-            log::info!("camera: frames come again");
-            self.said.clear();
+        if !self.last_fault.is_empty() {
+            log::info!("camera: frames are arriving again");
+            self.last_fault.clear();
         }
         self.attempts = 0;
         self.reported = CameraState::Running;
@@ -234,7 +233,7 @@ impl<D: Device> FrameSource for Camera<D> {
         }
     }
 
-    /// The camera is opened anew, which works with every driver.
+    /// Reopens the camera, which works with every driver.
     fn expose(&mut self, exposure: Exposure) -> bool {
         let mut capture = self.configured.clone();
         capture.exposure_us = exposure.exposure_us.or(capture.exposure_us);
@@ -356,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn an_absent_camera_is_opened_until_it_is_there() {
+    fn opening_an_absent_camera_is_retried() {
         let mut camera = camera([Step::Fails("a"), Step::Fails("a"), Step::Opens, Step::Gives]);
         assert_eq!(camera.condition().camera, CameraState::Starting);
         assert!(!frame_within(&mut camera, 1));
@@ -364,7 +363,7 @@ mod tests {
         assert!(frame_within(&mut camera, 20));
         let condition = camera.condition();
         assert_eq!(condition.camera, CameraState::Running);
-        // It was never there before, so that it was not lost.
+        // It was never there before, so it was not lost.
         assert_eq!(condition.camera_losses, 0);
     }
 
@@ -399,7 +398,7 @@ mod tests {
         let script = [Step::Opens, Step::Gives].into_iter().chain(silence);
         let mut camera = camera(script.chain([Step::Opens, Step::Gives]));
         assert!(frame_within(&mut camera, 1));
-        // Four waits of 0.3 s are more than the silence that is borne.
+        // Four waits of 0.3 s are longer than the permitted silence.
         assert!(!frame_within(&mut camera, 4));
         assert_eq!(camera.condition().camera, CameraState::Stalled);
         assert!(frame_within(&mut camera, 5));
@@ -407,16 +406,16 @@ mod tests {
     }
 
     #[test]
-    fn the_hosts_are_told_again_of_a_camera_that_stays_away() {
+    fn an_absent_camera_is_reported_to_the_hosts_repeatedly() {
         let mut camera = camera([Step::Fails("far"), Step::Fails("far"), Step::Fails("far")]);
         let mut open = || {
             camera.state = State::Absent { again_at: Instant::now() };
             let _ = camera.next(Instant::now());
-            camera.told_at -= TELL_AGAIN;
+            camera.fault_reported_at -= REPORT_AGAIN;
             let logs = std::iter::from_fn(|| logger::take(Instant::now()));
             logs.filter(|log| log.text == "camera: far").count()
         };
-        // Said by the program's logger, which the tests have not installed.
+        // Logged by the program's logger, which the tests do not install.
         assert_eq!(open(), 0);
         assert_eq!((open(), open()), (1, 1));
     }

@@ -13,14 +13,14 @@ use super::replay::Replay;
 use super::v4l2::V4l2;
 use super::{Condition, Exposure, FrameSource, Next};
 
-/// One of the sources that there are.
+/// One of the kinds of sources.
 #[derive(Debug)]
 pub enum Source {
     /// A recording.
     Replay(Box<Replay>),
-    /// A camera that Video4Linux drives.
+    /// A camera driven by Video4Linux.
     V4l2(Box<Camera<V4l2>>),
-    /// A camera that libcamera drives.
+    /// A camera driven by libcamera.
     #[cfg(feature = "libcamera")]
     Libcamera(Box<Camera<Libcamera>>),
 }
@@ -30,7 +30,7 @@ impl Source {
     /// frame is asked for, so that it need not be there yet.
     ///
     /// # Errors
-    /// When it names none, or one that this program was not built for.
+    /// When it names no camera, or one that this program was built without.
     pub fn camera(config: &Config) -> Result<Self> {
         let capture = config.capture.clone().context(
             "capture: the configuration names no camera; provision the box again with its camera",
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn the_camera_has_the_size_that_was_calibrated() {
+    fn the_camera_has_the_calibrated_size() {
         let source = Source::camera(&config(Some(CaptureDriver::V4l2))).unwrap();
         assert_eq!(source.size_px(), (640, 480));
     }

@@ -3,7 +3,7 @@
 
 use std::str::FromStr;
 
-/// Frames per second, `numerator / denominator`, between 0.01 and 10,000.
+/// Frames per second, `numerator / denominator`, from 0.01 to 10,000.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rate {
     numerator: u64,
@@ -41,7 +41,7 @@ impl Rate {
 impl FromStr for Rate {
     type Err = String;
 
-    /// `60`, `59.94` or `60000/1001` (a colon will do as well).
+    /// Reads `60`, `59.94` or `60000/1001`, also with a colon.
     fn from_str(text: &str) -> Result<Self, String> {
         let fraction = match text.split_once(['/', ':']) {
             Some((numerator, denominator)) => numerator.parse().ok().zip(denominator.parse().ok()),

@@ -1,13 +1,12 @@
 //! A recording as a source: Y4M from a file or from standard input.
 //!
 //! A thread reads ahead by one frame, so that reading overlaps with tracking
-//! and a silent pipe never holds the main loop. Reader and loop share one slot;
-//! buffers change hands by swapping, and nothing is allocated after the first
-//! frame.
+//! and a silent pipe never blocks the main loop. The reader and the loop share
+//! one slot and swap buffers, and nothing is allocated after the first frame.
 //!
-//! Paced, frame `n` is handed out at `start + n / rate`: deadlines are absolute,
-//! so that delays do not add up. A frame is never skipped; one that is handed
-//! out when its successor was already due is marked late.
+//! In a paced replay, frame `n` is given at `start + n / rate`: deadlines are
+//! absolute, so that delays do not add up. A frame is never skipped; one that is
+//! given when the next was already due is marked late.
 
 use std::io::{self, BufRead, Read};
 use std::path::{Path, PathBuf};
@@ -23,13 +22,13 @@ use plumbline::packet::{CameraState, MarkedInstant};
 use super::rate::Rate;
 use super::{Condition, Exposure, Frame, FrameSource, Next, Pixels};
 
-/// What every message about a bad recording ends with.
+/// The end of every message about an unusable recording.
 const REMEDY: &str = "make one with: ffmpeg -i INPUT -pix_fmt yuv420p -f yuv4mpegpipe OUTPUT.y4m";
 
-/// Frames that fail to come for this long are reported as a stall.
+/// A recording that gives no frame for this long is reported as stalled.
 const STALL: Duration = Duration::from_secs(1);
 
-/// How often a wait for the recording's header looks whether it should stop.
+/// How often the wait for the recording's header checks whether to stop.
 const STOP_CHECK: Duration = Duration::from_millis(50);
 
 /// Which recording.
@@ -57,7 +56,7 @@ impl std::fmt::Display for Input {
     }
 }
 
-/// How fast frames are handed out.
+/// How fast frames are given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
     /// At the recording's rate.
@@ -76,7 +75,7 @@ pub struct Replay {
     frame: Vec<u8>,
     index: u64,
     started: Option<Instant>,
-    /// When the last frame was handed out.
+    /// When the last frame was given.
     silent_since: Instant,
 }
 
@@ -103,7 +102,7 @@ enum SlotState {
     Full,
     Ended,
     Broken(String),
-    /// The replay was dropped; the reader leaves.
+    /// The replay was dropped, so the reader ends.
     Closed,
 }
 
@@ -115,7 +114,7 @@ struct Header {
 
 impl Replay {
     /// Opens a recording and reads its header. `rate` replaces the header's.
-    /// Returns `None` when `stop` was raised before a header came.
+    /// Returns `None` if `stop` was set before a header arrived.
     ///
     /// # Errors
     /// When the recording cannot be read or is not 8-bit Y4M of a size that can
@@ -136,7 +135,7 @@ impl Replay {
         let shared = Arc::new(Shared { slot: Mutex::new(slot), changed: Condvar::new() });
         let for_reader = Arc::clone(&shared);
         let name = input.to_string();
-        // Detached: it may sit in a read that never returns, and ends with the process.
+        // Detached: it may be blocked in a read that never returns, and ends with the process.
         std::thread::Builder::new()
             .name("replay".into())
             .spawn(move || for_reader.read_all(&name, reader))
@@ -181,7 +180,7 @@ impl Replay {
         self.rate
     }
 
-    /// Waits until `deadline`, but not beyond `until`. True when the deadline was reached.
+    /// Waits until `deadline`, but not beyond `until`. Returns whether the deadline was reached.
     fn wait_for(deadline: Instant, until: Instant) -> bool {
         let now = Instant::now();
         let wait = deadline.min(until).saturating_duration_since(now);
@@ -221,7 +220,7 @@ impl FrameSource for Replay {
         let (ready_at, late) = match self.pace {
             Pace::Unpaced => (Instant::now(), false),
             Pace::Recorded => {
-                // Time runs from the first frame's being asked for and there.
+                // Time starts when the first frame has been asked for and read.
                 let deadline = *self.started.get_or_insert_with(Instant::now) + since_start;
                 // The reader waits meanwhile; it has one more frame in its own buffer.
                 drop(slot);
@@ -291,7 +290,7 @@ impl Shared {
         }
     }
 
-    /// Waits until the loop has taken what was in the slot; `None` when it has left.
+    /// Waits until the loop has taken the frame in the slot; `None` if the replay was dropped.
     fn wait_until_empty(&self) -> Option<MutexGuard<'_, Slot>> {
         let mut slot = self.lock();
         loop {
@@ -303,11 +302,11 @@ impl Shared {
         }
     }
 
-    /// The reader's whole life.
+    /// The reader's thread.
     fn read_all(&self, name: &str, reader: impl Read) {
         let end = self.read_frames(name, reader);
         let mut slot = match end {
-            // What is in the slot is still to be taken.
+            // The loop must take the last frame first.
             Ok(()) => match self.wait_until_empty() {
                 Some(slot) => slot,
                 None => return,
@@ -357,12 +356,12 @@ impl Shared {
     }
 }
 
-/// The crate's decoder, with messages for people and with the end of the
-/// recording told from a frame that breaks off.
+/// The crate's decoder, with messages for people. It distinguishes the end of
+/// the recording from a frame that is cut short.
 struct Y4m<'n, R: Read> {
     name: &'n str,
     decoder: y4m::Decoder<Counted<io::Chain<io::Cursor<Vec<u8>>, R>>>,
-    /// Shared with the reader inside the decoder.
+    /// Shared with the reader within the decoder.
     bytes_read: std::rc::Rc<std::cell::Cell<u64>>,
     header: Header,
     frames: u64,
@@ -375,7 +374,7 @@ struct Counted<R> {
 
 impl<R: Read> Read for Counted<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // `read` of the decoder's header does not retry by itself.
+        // The decoder does not retry by itself when it reads the header.
         loop {
             match self.reader.read(buffer) {
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -416,7 +415,7 @@ impl<'n, R: BufRead> Y4m<'n, R> {
         Ok(Self { name, decoder, bytes_read, header: Header { size_px, rate }, frames: 0 })
     }
 
-    /// The next frame, or `None` where the recording ends with a whole frame.
+    /// The next frame, or `None` if the recording ends after a whole frame.
     fn read(&mut self) -> Result<Option<y4m::Frame<'_>>> {
         let (name, number) = (self.name, self.frames);
         let before = self.bytes_read.get();
@@ -445,8 +444,8 @@ impl<'n, R: BufRead> Y4m<'n, R> {
     }
 }
 
-/// The first line, its end included. The decoder multiplies the sizes that it
-/// finds there without a check, so they are looked at before it sees them.
+/// The first line, including its end. The decoder multiplies the sizes in it
+/// unchecked, so they are checked before it sees them.
 fn read_header_line(name: &str, reader: &mut impl BufRead) -> Result<String> {
     const MAGIC: &[u8] = b"YUV4MPEG2 ";
     let mut line = Vec::new();
@@ -457,7 +456,7 @@ fn read_header_line(name: &str, reader: &mut impl BufRead) -> Result<String> {
             .with_context(|| format!("{name} cannot be read"))
             .map(|_| line.starts_with(MAGIC) && !line.ends_with(b"\n"))
     };
-    // The rest only when it is what it should be: another file may be one endless line.
+    // The rest only if the magic matches: another file may be one endless line.
     if read_until(MAGIC.len() as u64, reader)? {
         read_until(1024, reader)?;
     }

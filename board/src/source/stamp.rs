@@ -1,14 +1,14 @@
-//! When a frame was captured, and which frames never came: what all cameras have
+//! When a frame was captured, and which frames never arrived: what all cameras have
 //! in common.
 
 use std::time::{Duration, Instant};
 
 use plumbline::packet::MarkedInstant;
 
-use crate::clock;
+use crate::machine::clock;
 
-/// No frame waits longer: at 1 Hz, the slowest rate, this is more than all
-/// buffers of a queue. Clocks that are not ours are off by more.
+/// The greatest age of a frame: at 1 Hz, the slowest rate, this is more than all
+/// buffers of a queue. Other clocks differ by more.
 const AGE_MAX: Duration = Duration::from_secs(40);
 
 /// One instant on both of this computer's clocks.
@@ -16,7 +16,7 @@ const AGE_MAX: Duration = Duration::from_secs(40);
 pub struct Now {
     /// CLOCK_MONOTONIC, which cameras use.
     pub monotonic_ns: u64,
-    /// The same clock as the standard library has it, which tells no numbers.
+    /// The same clock in the standard library's type, which has no absolute value.
     pub instant: Instant,
 }
 
@@ -33,7 +33,7 @@ impl Now {
 pub struct Stamp {
     /// CLOCK_MONOTONIC.
     pub capture_time_ns: u64,
-    /// What it marks.
+    /// Which instant of the frame it marks.
     pub instant: MarkedInstant,
     /// The same instant on this program's clock.
     pub ready_at: Instant,
@@ -49,7 +49,7 @@ impl Stamp {
         (age <= AGE_MAX).then_some(Self { capture_time_ns, instant, ready_at })
     }
 
-    /// For a frame that says nothing of use: it is here now.
+    /// The stamp of a frame without a usable time: its arrival, now.
     #[must_use]
     pub fn arrival(now: Now) -> Self {
         Self {
@@ -60,18 +60,18 @@ impl Stamp {
     }
 }
 
-/// Follows a camera's frame numbers.
+/// Finds gaps in a camera's frame numbers.
 #[derive(Debug, Default)]
 pub struct Sequence {
     last: Option<u32>,
 }
 
 impl Sequence {
-    /// How many frames are missing before this one.
+    /// The number of frames that are missing before this one.
     ///
     /// The first number may be any: a sensor discards frames while it starts.
-    /// Numbers wrap; one that stands still or goes back is of a camera that does
-    /// not count, or that starts anew.
+    /// Numbers wrap around; one that repeats or decreases is from a camera that does
+    /// not count, or that has restarted.
     pub fn missed_before(&mut self, number: u32) -> u64 {
         let step = self.last.map_or(1, |last| number.wrapping_sub(last));
         self.last = Some(number);

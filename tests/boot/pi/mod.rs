@@ -67,7 +67,7 @@ fn assert_shows(pi: &Pi, status: Status, name: &str, complaint: &str) {
     assert!(blinks_seen.abs_diff(blinks) <= 1, "{blinks_seen} times, not {blinks}");
     assert!((share_seen - share).abs() < 0.05, "{share_seen}, not {share} of the time");
     // The box draws twice a second, and looks for Ethernet for ten seconds before it says this.
-    let network = "no Ethernet is there: plug the adapter in";
+    let network = "no Ethernet interface found: plug in an adapter";
     let (expected, give_up) = (drawn(status, name, network, complaint), Instant::now() + PATIENCE);
     loop {
         let seen = pi.screen();

@@ -1,4 +1,4 @@
-//! The kernel's small files, read and written without heap.
+//! Reads and writes the kernel's small files without allocating.
 
 use std::fmt::{Arguments, Write as _};
 use std::fs::{File, OpenOptions};
@@ -6,13 +6,13 @@ use std::io::{ErrorKind, Read, Result, Write as _};
 
 use heapless::String;
 
-/// The standard library takes longer paths to the heap.
+/// The standard library allocates for longer paths.
 const PATH_BYTES_MAX: usize = 256;
 
-/// More than any value that is read here.
+/// Longer than any value that is read here.
 const VALUE_BYTES_MAX: usize = 64;
 
-/// The folder that `/sys` and `/dev` are in: `""`, but in tests.
+/// The folder that `/sys` and `/dev` are in: `""`, except in tests.
 #[derive(Debug, Clone, Copy)]
 pub struct Root<'a>(&'a str);
 
@@ -29,12 +29,12 @@ impl<'a> Root<'a> {
         text.lines().next()?.trim().try_into().ok()
     }
 
-    /// Writes a value into a file that is there.
+    /// Writes a value to an existing file.
     pub fn write(self, path: Arguments<'_>, value: &str) -> Result<()> {
         self.open_to_write(path)?.write_all(value.as_bytes())
     }
 
-    /// Opens a file that is there.
+    /// Opens an existing file.
     pub fn open_to_write(self, path: Arguments<'_>) -> Result<File> {
         self.open(path, OpenOptions::new().write(true))
     }

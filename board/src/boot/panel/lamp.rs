@@ -1,7 +1,7 @@
-//! The green LED, which blinks the [status](crate::status): its table says how.
+//! The green LED, which blinks the [status](crate::status) as the table there says.
 //!
-//! The patterns are told apart by eye, without counting, and are none of those with which a
-//! Raspberry Pi's firmware says why it cannot start, which are 3 and more equal flashes.
+//! The patterns can be told apart by eye, without counting, and differ from those with which a
+//! Raspberry Pi's firmware shows why it cannot start, which are three or more equal flashes.
 
 use std::fs::File;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use std::os::unix::fs::FileExt;
 use super::files::Root;
 use crate::status::Status;
 
-/// The LED next to the power's, and the only one of a Raspberry Pi 400.
+/// The LED next to the power LED, and the only LED of a Raspberry Pi 400.
 const NAMES: [&str; 2] = ["ACT", "PWR"];
 
 /// Whether the LED is lit in a tick of 100 ms.
@@ -40,7 +40,7 @@ impl<'a> Lamp<'a> {
         Self { root, brightness: None, is_lit: None }
     }
 
-    /// Takes the LED, if it is not taken yet, from whatever blinks it now.
+    /// Takes control of the LED, unless that is done already, from whatever blinks it now.
     pub fn look(&mut self) {
         if self.brightness.is_none() {
             self.brightness = NAMES.into_iter().find_map(|name| {

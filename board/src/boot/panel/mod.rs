@@ -1,18 +1,18 @@
-//! What a person sees of a box without a login: its green LED blinks the
-//! [status](crate::status), and a screen, if one is plugged in, shows the box's name, its
-//! network, its status, and what is wrong.
+//! What a person at the box sees: its green LED blinks the [status](crate::status), and a
+//! screen, if one is plugged in, shows the box's name, its network, its status, and what is
+//! wrong.
 //!
 //! ```text
 //!   status, logger ─▶ panel, ten times a second ─▶ lamp   ─▶ /sys/class/leds
 //!                                               └─▶ screen ─▶ picture ─▶ /dev/fb0
 //! ```
 //!
-//! A thread of normal priority does it, which takes no heap after its start and says nothing
-//! but through the log. It never fails the box: what is missing is not shown, and looked for
-//! again every second, as drivers are loaded later than this starts.
+//! This is done by a thread of normal priority, which does not allocate after its start and
+//! reports faults only through the log. It never makes the box fail: an LED or a screen that is
+//! missing is searched for again every second, as drivers are loaded after this starts.
 //!
-//! A box that hangs looks like one that has failed: a status that the main loop says, and has
-//! not said for [`HUNG_AFTER`], is shown as such.
+//! A box that hangs looks like one that has failed: that is shown when the main loop has not
+//! refreshed the status for [`HUNG_AFTER`].
 
 mod files;
 mod lamp;
@@ -34,24 +34,24 @@ use lamp::Lamp;
 use picture::{NAME_BYTES_MAX, Shown};
 use screen::Screen;
 
-/// The time between two looks at the status.
+/// How often the status is read.
 const TICK: Duration = Duration::from_millis(100);
 
-/// What is missing is looked for every so many ticks.
+/// The number of ticks between two searches for a missing LED or screen.
 const TICKS_PER_LOOK: u64 = 10;
 
-/// The screen is drawn every so many ticks at most.
+/// The smallest number of ticks between two pictures on the screen.
 const TICKS_PER_PICTURE: u64 = 5;
 
-/// After so long a silence of the main loop it is taken to hang. Its turns take 20 ms, and
-/// opening a camera seldom more than a second.
+/// The main loop is taken to hang when it has not set the status for this long. An iteration
+/// takes 20 ms, and opening a camera seldom more than a second.
 pub const HUNG_AFTER: Duration = Duration::from_secs(3);
 
-/// A complaint that is not repeated is shown for this long; of a camera that stays away the
-/// log tells every five seconds.
+/// A complaint that is not repeated is shown for this long; one about an absent camera is
+/// repeated every five seconds.
 const COMPLAINT_AGE_MAX: Duration = Duration::from_secs(30);
 
-/// What a screen says of a box whose name is not known.
+/// The name of a box without a configuration.
 const NAMELESS: &str = "Plumbline";
 
 const HANGS: &str = "the program hangs";
@@ -68,10 +68,10 @@ pub fn start() {
     }
 }
 
-/// Tells whose configuration this is, once.
+/// Sets the box's name, once.
 pub fn name(config: &Config) {
     let mut name = String::new();
-    // Both have room in it.
+    // There is room for both.
     let _ = write!(name, "{} ({})", config.device, config.serial_number);
     let _ = NAME.set(name);
 }
@@ -96,24 +96,24 @@ pub struct Panel<'a> {
 }
 
 impl<'a> Panel<'a> {
-    /// Those of the computer whose `/sys` and `/dev` are in the folder `root`.
+    /// The LED and the screen of the computer whose `/sys` and `/dev` are in the folder `root`.
     #[must_use]
     pub fn new(root: &'a str) -> Self {
         let root = Root::new(root);
         Self { lamp: Lamp::new(root), screen: Screen::new(root), ticks: 0 }
     }
 
-    /// Shows what the box is doing: the status, with the time since it was said, the box's
-    /// name, and the latest texts of the log, if they could be read just now.
-    pub fn tick(&mut self, said: (Status, Duration), name: &str, latest: Option<&Latest>) {
+    /// Shows what the box is doing: the status, with the time since it was set, the box's
+    /// name, and the latest texts of the log, if they could be read.
+    pub fn tick(&mut self, current: (Status, Duration), name: &str, latest: Option<&Latest>) {
         if self.ticks.is_multiple_of(TICKS_PER_LOOK) {
             self.lamp.look();
             self.screen.look();
         }
-        let (said, age) = said;
-        let hangs = said.is_said_again() && age > HUNG_AFTER;
-        let status = if hangs { Status::Failed } else { said };
-        // The lamp first: a fault must not depend on a screen to be seen.
+        let (status, age) = current;
+        let hangs = status.is_refreshed() && age > HUNG_AFTER;
+        let status = if hangs { Status::Failed } else { status };
+        // The lamp first: a fault must be seen whatever the screen does.
         self.lamp.show(lamp::lit(status, self.ticks));
         if self.ticks.is_multiple_of(TICKS_PER_PICTURE)
             && let Some(latest) = latest
@@ -125,7 +125,7 @@ impl<'a> Panel<'a> {
     }
 }
 
-/// What is wrong, as the log has it, but for the status' own words.
+/// What is wrong, from the log, without the words of the status itself.
 fn detail(status: Status, latest: &Latest) -> &str {
     let is_recent = latest.complained_at.is_some_and(|at| at.elapsed() <= COMPLAINT_AGE_MAX);
     if status == Status::Tracking || !(is_recent || status.is_final()) {
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_shown_as_long_as_it_matters() {
         let (now, long_ago) = (Duration::ZERO, COMPLAINT_AGE_MAX + Duration::from_secs(1));
-        let camera = "camera: no frame for a second: opening it anew";
+        let camera = "camera: no frame for a second: reopening it";
         let refused = "configuration refused: links.udp: the port may not be 0";
         let table = [
             (Status::NoCamera, camera, now, camera),
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_main_loop_that_is_silent_is_shown_as_failed() {
+    fn a_main_loop_that_hangs_is_shown_as_failed() {
         let folder = tempfile::tempdir().unwrap();
         let is_lit = led(folder.path());
         let mut panel = Panel::new(folder.path().to_str().unwrap());
@@ -188,7 +188,7 @@ mod tests {
         };
         assert_eq!(share((Status::Tracking, HUNG_AFTER)), 4);
         assert_eq!(share((Status::Tracking, HUNG_AFTER + Duration::from_millis(1))), 40);
-        // A box that waits for a configuration has nothing to say again.
+        // A box that waits for a configuration does not refresh its status.
         assert_eq!(share((Status::NoConfiguration, Duration::from_secs(3600))), 20);
     }
 

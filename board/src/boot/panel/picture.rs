@@ -1,12 +1,12 @@
-//! What a screen shows, drawn on a small canvas whose pixels are enlarged on the screen.
+//! The picture on the screen, drawn on a small canvas whose pixels are enlarged on the screen.
 //!
-//! From the top: the box's name, the network's latest words, the status over a bar of its
+//! From the top: the box's name, the network's latest message, the status above a bar of its
 //! colour, all in large letters, and what is wrong in smaller ones. Each takes the lines it
-//! needs. The status always has room, what is wrong the rest.
+//! needs. There is always room for the status; what is wrong gets the remaining lines.
 //!
 //! The letters come from the crate embedded-graphics, whose bitmap fonts are in the public
-//! domain and whose drawing takes neither heap nor operating system. A character that they do
-//! not have becomes a question mark.
+//! domain and whose drawing needs neither a heap nor an operating system. A character that the
+//! fonts do not have becomes a question mark.
 
 use embedded_graphics::mono_font::iso_8859_1::{FONT_6X10, FONT_7X13, FONT_9X15, FONT_10X20};
 use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
@@ -25,29 +25,29 @@ pub const NAME_BYTES_MAX: usize = 64;
 /// As much as the logger keeps.
 const TEXT_BYTES_MAX: usize = 512;
 
-/// The largest canvas: with it, large letters have a tenth of the height of a wide screen.
+/// The largest canvas: on it, large letters have a tenth of the height of a wide screen.
 pub const CANVAS_WIDTH_MAX: usize = 400;
 pub const CANVAS_HEIGHT_MAX: usize = 240;
 
 const LARGE: MonoFont<'_> = FONT_10X20;
 
-/// For what is wrong: the largest that leaves room for all of it.
+/// Fonts for what is wrong; the largest is used in which all of it fits.
 const SMALL: [MonoFont<'_>; 3] = [FONT_9X15, FONT_7X13, FONT_6X10];
 
-/// Around everything, as screens may hide their edges.
+/// The margin on every side, as screens may hide their edges.
 const MARGIN: usize = 5;
 
-/// Between two lines, and besides between two texts.
+/// The space between two lines, and the additional space between two texts.
 const LEADING: usize = 2;
 const GAP: usize = 5;
 
-/// Of the bar below the status.
+/// The height of the bar below the status.
 const BAR: usize = 5;
 
 /// Room for the address, which is what a person looks for.
 const NETWORK_LINES_MAX: usize = 2;
 
-/// The longest words of a status, on the narrowest canvas.
+/// What the longest words of a status need on the narrowest canvas.
 const STATUS_LINES_MAX: usize = 2;
 
 /// The colours.
@@ -110,20 +110,20 @@ impl Shown {
 
 /// The canvas.
 pub struct Canvas {
-    /// Rows from the top; as many as the size at hand needs.
+    /// Rows from the top, of the current size.
     pixels: Vec<Ink>,
     width: usize,
     height: usize,
 }
 
 impl Canvas {
-    /// An empty canvas, with the memory for the largest.
+    /// An empty canvas, with memory for the largest.
     pub fn new() -> Self {
         let pixels = Vec::with_capacity(CANVAS_WIDTH_MAX * CANVAS_HEIGHT_MAX);
         Self { pixels, width: 0, height: 0 }
     }
 
-    /// Gives it a size, at most the largest.
+    /// Sets its size, at most the largest.
     pub fn resize(&mut self, width: usize, height: usize) {
         self.width = width.min(CANVAS_WIDTH_MAX);
         self.height = height.min(CANVAS_HEIGHT_MAX);
@@ -134,7 +134,7 @@ impl Canvas {
         self.pixels.chunks_exact(self.width.max(1))
     }
 
-    /// Draws the picture anew.
+    /// Draws the whole picture.
     pub fn draw(&mut self, shown: &Shown) {
         self.pixels.clear();
         self.pixels.resize(self.width * self.height, Ink::Paper);
@@ -159,7 +159,7 @@ impl Canvas {
         let Ok(()) = self.fill_solid(&Rectangle::new(point(MARGIN, y), size), ink);
     }
 
-    /// Writes a text into all that is left from `y` on.
+    /// Writes a text into all of the space from `y` on.
     fn write_detail(&mut self, text: &str, y: usize) {
         let left = self.height.saturating_sub(MARGIN + y);
         for (index, font) in SMALL.iter().enumerate() {
@@ -176,7 +176,7 @@ impl Canvas {
         self.width.saturating_sub(2 * MARGIN) / font.character_size.width as usize
     }
 
-    /// Writes a text from `y` on; where the next line begins.
+    /// Writes a text from `y` on; returns where the next line begins.
     fn write(&mut self, text: &str, font: &MonoFont<'_>, ink: Ink, y: usize, max: usize) -> usize {
         let style = MonoTextStyle::new(font, ink);
         let mut y = y;
@@ -192,7 +192,7 @@ impl Canvas {
     }
 }
 
-/// No canvas is so large that a position on it does not fit.
+/// A position on the canvas, which always fits.
 fn point(x: usize, y: usize) -> Point {
     Point::new(x as i32, y as i32)
 }

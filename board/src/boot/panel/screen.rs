@@ -1,8 +1,8 @@
 //! A screen at the computer's HDMI socket: the kernel's frame buffer `/dev/fb0`.
 //!
-//! A Raspberry Pi's firmware makes it before the kernel starts, with `hdmi_force_hotplug=1` in
-//! `config.txt` also for a screen that is plugged in later. Its rows are written as to a file.
-//! The kernel's own console, which would write over the picture, is taken off it.
+//! A Raspberry Pi's firmware creates it before the kernel starts, with `hdmi_force_hotplug=1` in
+//! `config.txt` also for a screen that is plugged in later. Its rows are written like a file.
+//! The kernel's own console, which would write over the picture, is detached from it.
 
 use std::fs::File;
 use std::io::Result;
@@ -11,17 +11,18 @@ use std::os::unix::fs::FileExt;
 use super::files::Root;
 use super::picture::{CANVAS_HEIGHT_MAX, CANVAS_WIDTH_MAX, Canvas, Ink, Shown};
 
-/// Smaller ones have no room for letters.
+/// Smaller screens have no room for the text.
 const WIDTH_MIN: usize = 160;
 const HEIGHT_MIN: usize = 120;
 
-/// No screen is larger than this, either way.
+/// No screen is wider or higher than this.
 const SIDE_MAX: usize = 8192;
 
-/// Of a pixel.
+/// Bytes of a pixel, at most.
 const BYTES_MAX: usize = 4;
 
-/// The consoles that a kernel may have: on the frame buffer, on a card, on nothing.
+/// The largest number of consoles that a kernel may have: on the frame buffer, on a card, on
+/// nothing.
 const CONSOLES: u32 = 16;
 
 /// The screen, as soon as there is one.
@@ -31,9 +32,9 @@ pub struct Screen<'a> {
     canvas: Canvas,
     /// One row of the frame buffer.
     row: Vec<u8>,
-    /// What it shows.
+    /// What it shows now.
     shown: Option<Shown>,
-    /// That it is of no use has been said.
+    /// It cannot be used, and that has been logged.
     is_refused: bool,
 }
 
@@ -101,7 +102,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Takes the screen, if it is not taken yet and one has appeared.
+    /// Opens the screen, if one has appeared and none is open yet.
     pub fn look(&mut self) {
         if self.open.is_some() {
             return;
@@ -111,7 +112,7 @@ impl<'a> Screen<'a> {
             if !std::mem::replace(&mut self.is_refused, true) {
                 let Geometry { width, height, bits_per_pixel, stride_bytes } = geometry;
                 log::info!(
-                    "the screen stays as it is: it has {width} x {height} pixels of \
+                    "the screen cannot be used: it has {width} x {height} pixels of \
                      {bits_per_pixel} bits in rows of {stride_bytes} bytes, and \
                      {WIDTH_MIN} x {HEIGHT_MIN} to {SIDE_MAX} x {SIDE_MAX} of 16 or 32 can be used"
                 );
@@ -126,7 +127,7 @@ impl<'a> Screen<'a> {
         self.shown = None;
     }
 
-    /// Draws the picture, unless it is there already.
+    /// Draws the picture, unless it is shown already.
     pub fn show(&mut self, shown: &Shown) {
         if self.shown.as_ref() == Some(shown) {
             return;
@@ -141,7 +142,7 @@ impl<'a> Screen<'a> {
     }
 }
 
-/// Writes the canvas, enlarged, and black where it does not reach.
+/// Writes the enlarged canvas, and black around it.
 fn write(device: &File, geometry: &Geometry, canvas: &Canvas, row: &mut Vec<u8>) -> Result<()> {
     let factor = geometry.factor();
     let mut below = 0..geometry.height;
@@ -155,7 +156,7 @@ fn write(device: &File, geometry: &Geometry, canvas: &Canvas, row: &mut Vec<u8>)
     below.try_for_each(|y| device.write_all_at(row, (y * geometry.stride_bytes) as u64))
 }
 
-/// Makes a whole row, black at its end. It stays within the memory that the row has.
+/// Fills a whole row, black at its end. It stays within the row's capacity.
 fn fill(row: &mut Vec<u8>, geometry: &Geometry, inks: impl Iterator<Item = Ink>) {
     row.clear();
     for ink in inks.chain(std::iter::repeat(Ink::Paper)).take(geometry.width) {
@@ -168,7 +169,7 @@ fn take_console_off(root: Root<'_>) {
         let folder = format_args!("/sys/class/vtconsole/vtcon{number}/");
         let name = root.read(format_args!("{folder}name"));
         if name.is_some_and(|name| name.contains("frame buffer device")) {
-            // One that does not let go writes over the picture, which is still seen.
+            // One that cannot be detached writes over the picture, which can still be seen.
             let _ = root.write(format_args!("{folder}bind"), "0");
         }
     }

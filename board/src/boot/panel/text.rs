@@ -1,9 +1,9 @@
-//! Texts in lines of a width that is counted in characters, as all are equally wide.
+//! Breaks texts into lines of a width in characters, which are all equally wide.
 
-/// What follows a line that does not say all.
+/// What follows a line that was cut.
 pub const MORE: &str = "...";
 
-/// One line: what it says of the text, and whether [`MORE`] follows.
+/// One line: its part of the text, and whether [`MORE`] follows.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Line<'a> {
     pub text: &'a str,
@@ -11,7 +11,7 @@ pub struct Line<'a> {
 }
 
 /// The text in at most `lines_max` lines of at most `columns` characters, broken at spaces
-/// where there are any. What does not fit is cut off, and the last line says so.
+/// where possible. Text that does not fit is cut off, and the last line is marked as cut.
 pub fn lines(text: &str, columns: usize, lines_max: usize) -> impl Iterator<Item = Line<'_>> {
     let mut rest = text.trim();
     let mut left = if columns > MORE.len() { lines_max } else { 0 };
@@ -32,7 +32,7 @@ pub fn lines(text: &str, columns: usize, lines_max: usize) -> impl Iterator<Item
         let (line, after) = if after.starts_with(char::is_whitespace) {
             (fits, after)
         } else {
-            // A word that is longer than the line is broken.
+            // A word longer than the line is broken.
             rest.split_at(fits.rfind(char::is_whitespace).unwrap_or(fits.len()))
         };
         rest = after.trim_start();

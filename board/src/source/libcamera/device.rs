@@ -15,30 +15,31 @@ use libcamera::request::{Request, RequestStatus, ReuseFlag};
 use libcamera::stream::Stream;
 use plumbline::config::Capture;
 
-use super::inbox::{Inbox, Newest, REQUESTS_MAX};
+use super::inbox::{Inbox, REQUESTS_MAX};
 use super::layout::{Layout, Samples};
 use super::mapping::Mapping;
 use super::setup::{self, Choice};
 use super::stamp::Clocks;
 use crate::source::Frame;
 use crate::source::camera::{Counts, Device, Waited};
+use crate::source::newest::Newest;
 use crate::source::stamp::{Sequence, Stamp};
 
-/// A camera that runs.
+/// A running camera.
 ///
 /// Fields are dropped in their order: the requests before the camera that they
 /// belong to, and all of it before the manager, which must be the last.
 pub struct Libcamera {
-    /// The frame that has been handed out.
+    /// The frame that was given.
     current: Option<Held>,
     waiting: Newest<Completed>,
     inbox: Arc<Inbox<Request>>,
     camera: ActiveCamera<'static>,
     stream: Stream,
     layout: Layout,
-    /// Of the buffers; a request's cookie is the index of its own.
+    /// The buffers' mappings; a request's cookie is the index of its mapping.
     mappings: Vec<Mapping, REQUESTS_MAX>,
-    /// Of the current frame, when it had to be copied.
+    /// The luma of the current frame, if it had to be copied.
     luma: Box<[u8]>,
     sequence: Sequence,
     counts: Counts,
@@ -60,8 +61,8 @@ struct Held {
 }
 
 impl Libcamera {
-    /// What has come since, at most as much as there are requests: a camera that
-    /// fills buffers faster than they are looked at cannot keep the loop here.
+    /// Takes the requests that were completed since, at most as many as there are: a
+    /// camera that fills buffers faster than they are processed cannot hold up the loop.
     fn take_completed(&mut self) -> Result<(), String> {
         for _ in 0..REQUESTS_MAX {
             let Some(request) = self.inbox.pop() else { break };
@@ -84,14 +85,14 @@ impl Libcamera {
     /// The stamp of a good frame; counts the frames missing before it, and itself
     /// when it is damaged.
     fn judge(&mut self, request: &Request) -> Option<Stamp> {
-        // Some pipelines fill in nothing: the completed request is then the word.
+        // Some pipelines fill in nothing; then the completed request must do.
         let metadata = request.buffer::<FrameBuffer>(&self.stream)?.metadata();
         let driver_ns = metadata.as_ref().map_or(0, |metadata| metadata.timestamp());
         if let Some(metadata) = metadata {
             self.counts.missed += self.sequence.missed_before(metadata.sequence());
             match metadata.status() {
                 FrameMetadataStatus::Success => {}
-                // A sensor that starts gives frames that were never meant for use.
+                // A sensor that is starting gives frames that are not meant to be used.
                 FrameMetadataStatus::Startup => return None,
                 FrameMetadataStatus::Error | FrameMetadataStatus::Cancelled => {
                     self.counts.missed += 1;
@@ -99,7 +100,7 @@ impl Libcamera {
                 }
             }
         }
-        // Asked first, because libcamera logs every question for what is not there.
+        // Checked first, because libcamera logs every query for a missing control.
         let controls = request.metadata();
         let sensor = if controls.contains(SensorTimestamp::ID) {
             controls.get::<SensorTimestamp>().ok()
@@ -194,7 +195,7 @@ impl Device for Libcamera {
             if index == 0 {
                 setup::set_controls(&camera, capture, request.controls_mut())?;
             }
-            // As many as the loop runs.
+            // There is room for as many as the loop runs.
             let _ = mappings.push(mapping);
             let _ = requests.push(request);
         }
@@ -205,7 +206,7 @@ impl Device for Libcamera {
 
         let inbox = Arc::new(Inbox::new());
         let completed = Arc::clone(&inbox);
-        // The inbox has room for all requests that there are.
+        // The inbox has room for all requests.
         camera.on_request_completed(move |request| drop(completed.push(request)));
         let gone = Arc::clone(&inbox);
         camera.on_disconnected(move || gone.disconnect());
@@ -260,7 +261,7 @@ impl Device for Libcamera {
 
 impl Drop for Libcamera {
     fn drop(&mut self) {
-        // Ends all requests while there is still somebody to take them. A camera
+        // Ends all requests while there is still an inbox to take them. A camera
         // that is gone refuses, and has none.
         let _ = self.camera.stop();
     }

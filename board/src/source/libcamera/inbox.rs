@@ -1,22 +1,21 @@
-//! From libcamera's thread to the loop, and what is kept of it.
+//! Passes completed requests from libcamera's thread to the loop.
 //!
-//! [`Inbox`] is the handover: a ring under a lock, filled by the completion
-//! callback and emptied by the loop. Neither side holds the lock for longer than
-//! one push or pop, and neither uses the heap. [`Newest`] is the loop's queue, of
-//! two frames at most.
+//! [`Inbox`] is a ring buffer under a lock, filled by the completion callback and
+//! emptied by the loop. Neither side holds the lock for longer than
+//! one push or pop, and neither uses the heap.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use heapless::Deque;
 
-/// Requests in use at once: one being tracked, two waiting, the others with the
+/// The number of requests: one being tracked, two waiting, the others with the
 /// camera. At most 7, because then the `libcamera` crate's table of queued
 /// requests never grows again: a hash table of up to 8 slots is probed at once
 /// and leaves no tombstones.
 pub const REQUESTS_MAX: usize = 6;
 
-/// What has come and has not been taken yet, oldest first.
+/// The items that have not been taken yet, oldest first.
 pub struct Inbox<T> {
     state: Mutex<State<T>>,
     news: Condvar,
@@ -33,15 +32,15 @@ impl<T> Inbox<T> {
         Self { state: Mutex::new(state), news: Condvar::new() }
     }
 
-    /// Hands the item back when the inbox is full, which it cannot be as long as
-    /// there are no more than [`REQUESTS_MAX`] items in the world.
+    /// Adds an item. Returns it when the inbox is full, which it never is as long as
+    /// no more than [`REQUESTS_MAX`] items exist.
     pub fn push(&self, item: T) -> Result<(), T> {
         let pushed = self.lock().waiting.push_back(item);
         self.news.notify_one();
         pushed
     }
 
-    /// The camera says that it is gone.
+    /// Notes that the camera is gone.
     pub fn disconnect(&self) {
         self.lock().disconnected = true;
         self.news.notify_one();
@@ -55,8 +54,7 @@ impl<T> Inbox<T> {
         self.lock().waiting.pop_front()
     }
 
-    /// Waits for something to pop or a disconnection; false when there is
-    /// neither by `until`.
+    /// Waits for an item or a disconnection; false if there is neither by `until`.
     pub fn wait(&self, until: Instant) -> bool {
         let patience = until.saturating_duration_since(Instant::now());
         let nothing = |state: &mut State<T>| state.waiting.is_empty() && !state.disconnected;
@@ -67,33 +65,9 @@ impl<T> Inbox<T> {
         !timeout.timed_out()
     }
 
-    /// Nothing that is done under the lock can panic halfway.
+    /// Nothing under the lock can panic halfway, so a poisoned lock is still valid.
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// The newest two items, oldest first.
-pub struct Newest<T>(Deque<T, 2>);
-
-impl<T> Newest<T> {
-    pub const fn new() -> Self {
-        Self(Deque::new())
-    }
-
-    /// Adds an item; the oldest comes out when there are two already.
-    pub fn push(&mut self, item: T) -> Option<T> {
-        let oldest = if self.0.is_full() { self.0.pop_front() } else { None };
-        // There is room now.
-        self.0.push_back(item).err().or(oldest)
-    }
-
-    pub fn pop(&mut self) -> Option<T> {
-        self.0.pop_front()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
     }
 }
 
@@ -133,15 +107,5 @@ mod tests {
         assert!(inbox.wait(far));
         assert!(inbox.is_disconnected());
         thread.join().unwrap();
-    }
-
-    #[test]
-    fn the_newest_two_are_kept() {
-        let mut newest = Newest::new();
-        let dropped: Vec<Option<u32>> = (0..4).map(|item| newest.push(item)).collect();
-        assert_eq!(dropped, [None, None, Some(0), Some(1)]);
-        assert_eq!((newest.pop(), newest.is_empty()), (Some(2), false));
-        assert_eq!((newest.pop(), newest.is_empty()), (Some(3), true));
-        assert_eq!(newest.pop(), None);
     }
 }

@@ -20,8 +20,7 @@ pub enum Samples {
 }
 
 impl Samples {
-    /// As the format asked for has them. A plane of luma is the same thing as a
-    /// picture of bytes.
+    /// The samples of a format. A plane of luma is the same as a picture of bytes.
     pub fn of(format: PixelFormat) -> Self {
         match format {
             PixelFormat::Grey | PixelFormat::Nv12 => Self::Bytes,
@@ -36,14 +35,13 @@ impl Samples {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     pub size_px: (usize, usize),
-    /// From one row to the next.
+    /// The distance between rows.
     pub stride_bytes: usize,
     pub samples: Samples,
 }
 
 impl Layout {
-    /// Bytes of a buffer for the luma of a frame, when it cannot be used where it
-    /// lies.
+    /// The size of the buffer for a frame's luma, 0 if it can be read in place.
     pub fn copied_bytes(&self) -> usize {
         match self.samples {
             Samples::EverySecondByte => self.size_px.0 * self.size_px.1,
@@ -51,7 +49,7 @@ impl Layout {
         }
     }
 
-    /// Copies the luma that cannot be used where it lies.
+    /// Copies luma that cannot be read in place.
     pub fn copy_luma(&self, plane: &[u8], luma: &mut [u8]) {
         if self.samples != Samples::EverySecondByte {
             return;
@@ -64,7 +62,7 @@ impl Layout {
         }
     }
 
-    /// The picture: `luma` when it has been copied, else in the plane itself.
+    /// The picture: in `luma` if that was copied, otherwise in the plane itself.
     ///
     /// # Errors
     /// When the plane is too short, or its words or rows do not start on an even

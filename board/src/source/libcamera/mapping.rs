@@ -1,12 +1,12 @@
-//! A frame buffer in this program's memory.
+//! A frame buffer, mapped into this program's memory.
 //!
-//! The `libcamera` crate's own mapping makes a list of planes on the heap each
-//! time it is looked at, so this one is made instead: once per buffer, when the
-//! camera is opened, of the first plane only. It holds its own reference to the
+//! The `libcamera` crate's own mapping allocates a list of planes at each access,
+//! so this one is used instead: made once per buffer, when the camera is opened,
+//! of the first plane only. It holds its own reference to the
 //! memory and outlives libcamera's.
 
-// Memory that a device writes to cannot be mapped, nor its caches be kept in
-// step with the device, without system calls that the compiler cannot check.
+// Mapping memory that a device writes to, and synchronising its caches with the
+// device, takes system calls that the compiler cannot check.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -15,7 +15,7 @@ use std::os::fd::{AsRawFd, BorrowedFd, RawFd};
 
 use memmap2::{Mmap, MmapOptions};
 
-/// An interrupted system call is made again, so often at most.
+/// How often an interrupted system call is tried, at most.
 const ATTEMPTS_MAX: usize = 8;
 
 /// Flags of the kernel's `struct dma_buf_sync`, whose only field they are.
@@ -38,7 +38,7 @@ impl Mapping {
         // and is borrowed only for being duplicated.
         let buffer = File::from(unsafe { BorrowedFd::borrow_raw(fd) }.try_clone_to_owned()?);
         // SAFETY: the memory keeps its size, and the device writes to it only
-        // while its request is queued; `bytes` is looked at only in between.
+        // while its request is queued; `bytes` is read only in between.
         let memory = unsafe {
             MmapOptions::new().offset(offset_bytes as u64).len(length_bytes).map(&buffer)?
         };
@@ -51,7 +51,7 @@ impl Mapping {
         &self.memory
     }
 
-    /// Makes the processor see what the device has written.
+    /// Makes what the device has written visible to the processor.
     pub fn begin_read(&self) {
         self.sync(READ);
     }
@@ -61,7 +61,7 @@ impl Mapping {
         self.sync(READ | END);
     }
 
-    /// Memory that is no DMA buffer refuses, and does not need it.
+    /// Memory that is not a DMA buffer refuses this, and does not need it.
     fn sync(&self, flags: u64) {
         let request = libc::_IOW::<u64>(u32::from(b'b'), 0);
         for _ in 0..ATTEMPTS_MAX {

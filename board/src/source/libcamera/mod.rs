@@ -7,15 +7,15 @@
 //!          └─────────────────────────────┴──────────────────────┘ queued again
 //! ```
 //!
-//! Buffers are mapped once and used where they lie; only luma between chroma
-//! (YUYV) is copied. The formats are R8, R10 and R16 (unpacked), YUYV, and NV12
-//! or YUV420. Each opening starts libcamera anew, so that it looks for cameras
-//! afresh whether or not anything tells it that one was plugged in; there can be
-//! one open camera per process.
+//! Buffers are mapped once and read in place; only luma between chroma (YUYV) is
+//! copied. The formats are R8, R10 and R16 (unpacked), YUYV, and NV12 or YUV420.
+//! Each opening restarts libcamera, so that it searches for cameras again whether
+//! or not it was notified that one was plugged in; there can be one open camera per
+//! process.
 //!
-//! The sensor's time stamp is when its first row was exposed, says libcamera;
-//! pipelines that take it from a CSI receiver mark the start of the first row's
-//! read-out, which is that row's exposure time later.
+//! According to libcamera the sensor's time stamp marks the exposure of its first
+//! row; pipelines that take it from a CSI receiver mark the start of the first
+//! row's read-out, which is later by that row's exposure time.
 //!
 //! Once the first frame has been handed out nothing here uses Rust's heap, nor
 //! does the `libcamera` crate on the calls made here; the C++ library behind it

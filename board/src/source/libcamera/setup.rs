@@ -1,4 +1,4 @@
-//! Which camera, and how it is set up. All of it happens when a camera is opened.
+//! Chooses the camera and sets it up. All of this happens when a camera is opened.
 
 use anyhow::{Context, Result, bail, ensure};
 use libcamera::camera::{Camera, CameraConfiguration};
@@ -11,13 +11,13 @@ use libcamera::properties;
 use libcamera::stream::{StreamConfigurationRef, StreamRole};
 use plumbline::config::{self, Capture};
 
-/// A camera that can do what is asked for, and how.
+/// A camera that can be set up as configured, and the configuration for it.
 pub struct Choice {
     pub camera: Camera<'static>,
     pub configuration: CameraConfiguration,
 }
 
-/// Processed pictures first: the raw ones of a colour sensor are no grey values.
+/// Processed pictures first: the raw ones of a colour sensor are not grey values.
 const ROLES: [StreamRole; 2] = [StreamRole::VideoRecording, StreamRole::Raw];
 
 // The crate's own table of formats is empty with libcamera 0.4's headers.
@@ -33,7 +33,7 @@ const fn linear(code: &[u8; 4]) -> PixelFormat {
     PixelFormat::new(u32::from_le_bytes(*code), 0)
 }
 
-/// libcamera's formats with the grey values where the one asked for has them.
+/// libcamera's formats that hold grey values in the same way as a configured format.
 fn formats_of(format: config::PixelFormat) -> &'static [PixelFormat] {
     match format {
         config::PixelFormat::Grey => &[R8],
@@ -44,11 +44,11 @@ fn formats_of(format: config::PixelFormat) -> &'static [PixelFormat] {
     }
 }
 
-/// The first camera that is meant by the configuration and can do what it asks
-/// for, with one stream and `buffers` buffers, or as many as it insists on.
+/// The first camera that the configuration names and that can be set up as it says,
+/// with one stream and `buffers` buffers, or as many as the camera insists on.
 ///
 /// # Errors
-/// When there is none; says for every camera what it offers instead.
+/// When there is none; the message lists what each camera offers instead.
 pub fn choose(
     manager: &CameraManager,
     capture: &Capture,
@@ -102,7 +102,7 @@ fn configuration(
             stream.set_pixel_format(format);
             stream.set_size(size);
             stream.set_buffer_count(buffers as u32);
-            // Adjustments of anything but size and format are welcome.
+            // Adjustments of anything but size and format are accepted.
             let valid = !configuration.validate().is_invalid();
             let found = configuration.get(0).map(|stream| {
                 let Size { width, height } = stream.get_size();
@@ -147,10 +147,9 @@ fn names(formats: &[PixelFormat]) -> String {
 
 /// Sets rate, exposure and gain.
 ///
-/// A fixed exposure or gain turns the automatic one off: what is left open then
-/// stays as the camera has it. As with other cameras, a configured value that the
-/// camera has no control for is refused, and a rate that it does not let be set
-/// is a warning.
+/// A fixed exposure or gain switches the automatic control off; the other one then
+/// stays as it is. As with other cameras, a configured value for which the camera
+/// has no control is refused, and a rate that cannot be set is a warning.
 ///
 /// # Errors
 /// When the camera has no such control, or libcamera refuses a value.
@@ -159,7 +158,7 @@ pub fn set_controls(
     capture: &Capture,
     controls: &mut ControlList,
 ) -> Result<()> {
-    // One by one: the number that libcamera 0.4 gives includes controls that it does not list.
+    // One by one: the count that libcamera 0.4 gives includes controls that it does not list.
     let knows =
         |control: ControlId| camera.controls().into_iter().any(|(id, _)| id == control as u32);
     let name = camera.id();

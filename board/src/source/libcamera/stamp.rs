@@ -1,10 +1,10 @@
 //! When a frame was captured.
 //!
 //! libcamera documents its sensor time stamps as CLOCK_BOOTTIME, but its
-//! pipelines hand on what the kernel's video drivers say, which is
-//! CLOCK_MONOTONIC. The two differ by the time that the computer was suspended,
-//! so they are the same on a box that never is; where they are not, a stamp that
-//! lies in CLOCK_MONOTONIC's future can only be of the other clock.
+//! pipelines pass on the stamps of the kernel's video drivers, which are of
+//! CLOCK_MONOTONIC. The two differ by the time for which the computer was
+//! suspended, so they are the same on a box that never is. Where they differ, a
+//! stamp in the future of CLOCK_MONOTONIC can only be of the other clock.
 
 use plumbline::packet::MarkedInstant;
 
@@ -20,11 +20,10 @@ pub struct Clocks {
 impl Clocks {
     #[cfg(feature = "libcamera")]
     pub fn read() -> Self {
-        Self { now: Now::read(), boottime_ns: crate::clock::boottime_ns() }
+        Self { now: Now::read(), boottime_ns: crate::machine::clock::boottime_ns() }
     }
 
-    /// A frame's stamp: by the sensor when it has one, else by the driver, else
-    /// now.
+    /// A frame's stamp: the sensor's if there is one, else the driver's, else now.
     pub fn stamp(&self, sensor_ns: Option<u64>, driver_ns: u64) -> Stamp {
         let at = |time_ns, instant| Stamp::at(self.monotonic(time_ns)?, instant, self.now);
         sensor_ns

@@ -1,4 +1,4 @@
-//! Who owns each buffer: this process, or the driver.
+//! Keeps track of who owns each buffer: this process, or the driver.
 //!
 //! ```text
 //!             give (QBUF)
@@ -8,18 +8,18 @@
 //!            take (DQBUF)
 //! ```
 //!
-//! A buffer of ours is a value, [`Ours`], of which there is one at most and
-//! without which its memory cannot be read: giving it away consumes it, so that
-//! a buffer can neither be queued twice nor be read while the driver fills it.
-//! What the driver hands back is checked: an index that does not exist, or a
-//! buffer that it does not have, is refused.
+//! A buffer that this process owns is represented by a value, [`Ours`]. There is at
+//! most one per buffer, and without it the memory cannot be read. Giving the buffer
+//! to the driver consumes it, so that a buffer can neither be queued twice nor be
+//! read while the driver fills it. What the driver gives back is checked: an index
+//! that does not exist, or a buffer that the driver does not own, is refused.
 //!
 //! No call into the kernel is made here.
 
-/// The kernel's own bound on the buffers of one queue.
+/// The kernel's own limit on the buffers of one queue.
 pub const BUFFERS_MAX: usize = 32;
 
-/// A buffer that belongs to this process, and may be read.
+/// A buffer that this process owns and may read.
 #[derive(Debug, PartialEq, Eq)]
 #[must_use = "a buffer that is neither read nor given back is lost to the camera"]
 pub struct Ours {
@@ -39,7 +39,7 @@ enum Owner {
     Driver,
 }
 
-/// Why a buffer that the driver hands back is not accepted.
+/// Why a buffer that the driver gives back is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refused {
     /// There is no such buffer.
@@ -49,7 +49,7 @@ pub enum Refused {
         /// How many there are.
         count: usize,
     },
-    /// The driver does not have it.
+    /// The driver does not own it.
     NotQueued {
         /// What the driver said.
         index: u32,
@@ -76,27 +76,27 @@ pub struct Buffers {
 }
 
 impl Buffers {
-    /// So many buffers, all ours; at most [`BUFFERS_MAX`] are used.
+    /// `count` buffers, all of them ours; at most [`BUFFERS_MAX`] are used.
     pub fn new(count: usize) -> (Self, impl Iterator<Item = Ours>) {
         let count = count.min(BUFFERS_MAX);
         let owners = std::iter::repeat_n(Owner::Ours, count).collect();
         (Self { owners }, (0..count as u32).map(|index| Ours { index }))
     }
 
-    /// How many the driver has.
+    /// The number of buffers that the driver owns.
     pub fn with_driver(&self) -> usize {
         self.owners.iter().filter(|&&owner| owner == Owner::Driver).count()
     }
 
-    /// The driver has accepted this one.
+    /// Notes that the driver has accepted a buffer.
     pub fn give(&mut self, ours: Ours) {
         self.owners[ours.index as usize] = Owner::Driver;
     }
 
-    /// The driver hands a buffer back.
+    /// Takes a buffer that the driver gives back.
     ///
     /// # Errors
-    /// When there is no such buffer or the driver did not have it; nothing changes.
+    /// When there is no such buffer or the driver did not own it; nothing changes.
     pub fn take(&mut self, index: u32) -> Result<Ours, Refused> {
         let count = self.owners.len();
         match self.owners.get_mut(index as usize) {

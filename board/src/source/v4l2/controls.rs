@@ -1,14 +1,14 @@
-//! Exposure, gain and what would disturb them.
+//! Sets exposure and gain, and switches off what would disturb the measurement.
 //!
-//! Always: a frame rate that falls in the dark, and a lens that moves (a
-//! calibration holds for one focus), are switched off where the camera has
-//! them; a camera that will not is a warning. When an exposure or a gain is
-//! configured: the automatic is switched off, the value is set and read back,
-//! and a value that the camera changed is a warning.
+//! Always: a frame rate that drops in the dark, and automatic focus (a calibration
+//! holds for one focus), are switched off if the camera has them; if it does not
+//! allow that, this is a warning. If an exposure or a gain is configured: the
+//! automatic control is switched off, the value is set and read back, and a value
+//! that the camera changed is a warning.
 //!
-//! A configured value that the camera has no control for is refused: the
-//! technician must know at once that the box measures with another exposure
-//! than the one that was planned, and how to plan otherwise.
+//! A configured value for which the camera has no control is refused: the
+//! technician must learn at once that the box cannot measure with the planned
+//! exposure, and what to configure instead.
 
 use std::io;
 
@@ -30,13 +30,13 @@ const EXPOSURE_STEP_US: u32 = 100;
 
 /// A camera's controls.
 pub trait Controls {
-    /// Whether it has this one.
+    /// Whether it has this control.
     fn has(&self, id: u32) -> bool;
 
-    /// Its value now.
+    /// The control's value.
     fn get(&self, id: u32) -> io::Result<i64>;
 
-    /// Sets it; the camera may take another value.
+    /// Sets the control; the camera may choose another value.
     fn set(&self, id: u32, value: i64) -> io::Result<()>;
 }
 
@@ -58,9 +58,9 @@ impl Controls for Driver {
     }
 }
 
-/// Sets the camera up as configured; `width_px` is that of the frames.
+/// Sets the camera up as configured; `width_px` is the width of the frames.
 ///
-/// Returns what is not quite as asked for, to be logged.
+/// Returns warnings about what differs from the configuration, to be logged.
 ///
 /// # Errors
 /// When a configured value cannot be set; the message names it and the remedy.
@@ -97,7 +97,7 @@ fn set_exposure(
     width_px: usize,
 ) -> Result<Option<String>> {
     if camera.has(V4L2_CID_EXPOSURE_AUTO) {
-        // With a fixed iris both mean the same, and some cameras have only the second.
+        // With a fixed iris both mean the same, and some cameras offer only the second.
         let manual = i64::from(MANUAL);
         camera
             .set(V4L2_CID_EXPOSURE_AUTO, manual)
@@ -115,7 +115,7 @@ fn set_exposure(
     if !camera.has(V4L2_CID_EXPOSURE) {
         bail!("the camera has no control of the exposure");
     }
-    // This control counts in steps of the driver's own, for sensors in rows.
+    // The unit of this control is the driver's own; for sensors it is rows.
     let row_us = row_us(camera, width_px)
         .context("the camera's exposure is in rows, and it does not say how long a row takes")?;
     let rows = ((f64::from(exposure_us) / row_us).round() as i64).max(1);
@@ -126,7 +126,7 @@ fn set_exposure(
     }))
 }
 
-/// How long the sensor takes for a row.
+/// The time that the sensor takes for a row.
 fn row_us(camera: &impl Controls, width_px: usize) -> Option<f64> {
     let pixels_hz = camera.get(V4L2_CID_PIXEL_RATE).ok().filter(|&rate_hz| rate_hz > 0)?;
     let blank_px = camera.get(V4L2_CID_HBLANK).ok().filter(|&blank_px| blank_px >= 0)?;
@@ -159,12 +159,12 @@ mod tests {
     use std::cell::RefCell;
     use std::collections::BTreeMap;
 
-    use plumbline::config::{CaptureDriver, PixelFormat};
     use v4l::v4l_sys::v4l2_exposure_auto_type_V4L2_EXPOSURE_AUTO as AUTO;
 
     use super::*;
+    use crate::test_config::config;
 
-    /// Per control its value and what it may be.
+    /// The value of each control, and the values that it accepts.
     struct Fake(RefCell<BTreeMap<u32, (i64, Vec<i64>)>>);
 
     impl Controls for Fake {
@@ -180,7 +180,7 @@ mod tests {
         fn set(&self, id: u32, value: i64) -> io::Result<()> {
             let mut controls = self.0.borrow_mut();
             let (now, may_be) = controls.get_mut(&id).ok_or(io::ErrorKind::InvalidInput)?;
-            // Menus take what they list; numbers are moved into their range.
+            // Menus accept what they list; numbers are clamped to their range.
             let menu = [V4L2_CID_EXPOSURE_AUTO, V4L2_CID_AUTOGAIN, V4L2_CID_FOCUS_AUTO];
             if menu.contains(&id) && !may_be.contains(&value) {
                 return Err(io::ErrorKind::InvalidInput.into());
@@ -197,17 +197,10 @@ mod tests {
     }
 
     fn configured(exposure_us: Option<u32>, gain: Option<f32>) -> Capture {
-        Capture {
-            driver: CaptureDriver::V4l2,
-            device: heapless::String::new(),
-            pixel_format: PixelFormat::Grey,
-            rate_hz: 60.0,
-            exposure_us,
-            gain,
-        }
+        Capture { exposure_us, gain, ..config().capture.unwrap() }
     }
 
-    /// What a webcam has.
+    /// The controls of a webcam.
     fn webcam() -> Fake {
         camera(&[
             (V4L2_CID_EXPOSURE_AUTO, 3, &[1, 3]),
@@ -238,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_configured_stays_but_the_rate_and_the_focus_hold() {
+    fn settings_that_are_not_configured_stay_but_rate_and_focus_are_fixed() {
         let camera = webcam();
         assert_eq!(set_up(&camera, &configured(None, None), 640).unwrap(), [""; 0]);
         for (id, value) in [
@@ -254,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_the_camera_changes_is_said() {
+    fn a_value_that_the_camera_changes_is_a_warning() {
         let warnings = set_up(&webcam(), &configured(Some(70), Some(300.0)), 640).unwrap();
         assert_eq!(
             warnings,

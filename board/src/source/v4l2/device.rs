@@ -1,10 +1,10 @@
-//! Finds the camera and settles format, size and rate with its driver.
+//! Finds the camera and negotiates format, size and rate with its driver.
 //!
-//! Goes in: the configuration and the size that the lens was calibrated for.
-//! Comes out: a device that gives exactly that, or an error that names the
-//! setting, what the camera offers instead, and the remedy. A camera behind a
-//! video signal (HDMI) is set to the timings of the signal first, as its size
-//! and rate follow from them.
+//! Input: the configuration and the size for which the lens was calibrated.
+//! Output: a device that gives exactly that, or an error that names the setting,
+//! what the camera offers instead, and the remedy. A device that captures a video
+//! signal (HDMI) is first set to the timings of the signal, which determine its
+//! size and rate.
 
 use std::io;
 
@@ -23,20 +23,20 @@ use v4l::{FourCC, Fraction};
 use super::driver::Driver;
 use super::luma::{self, Luma};
 
-/// The kernel numbers video devices up to this.
+/// The kernel's limit on the number of video devices.
 const DEVICES_MAX: usize = 256;
 
-/// Sizes or rates that a message lists at most.
+/// The largest number of sizes or rates that a message lists.
 const LISTED_MAX: usize = 16;
 
-/// A rate that differs by less is the one that was asked for: 29.97 is 30.
+/// The relative difference up to which a rate is the one asked for: 29.97 is 30.
 const RATE_ERROR_MAX: f64 = 0.005;
 
-/// Every format that is read here.
+/// Every format that can be read here.
 const FORMATS: [PixelFormat; 5] =
     [PixelFormat::Grey, PixelFormat::Y10, PixelFormat::Y16, PixelFormat::Yuyv, PixelFormat::Nv12];
 
-/// A camera that gives what is configured; it does not run yet.
+/// A camera set up as configured, which does not run yet.
 #[derive(Debug)]
 pub struct Settled {
     /// The device.
@@ -47,10 +47,10 @@ pub struct Settled {
     pub luma: Luma,
 }
 
-/// Opens the configured device, or the first that gives what is configured.
+/// Opens the configured device, or the first that can be set up as configured.
 ///
 /// # Errors
-/// When there is none; the message says of each why not.
+/// When there is none; the message gives the reason for each device.
 pub fn settle(capture: &Capture, size_px: (usize, usize)) -> Result<Settled> {
     if !capture.device.is_empty() {
         let path = capture.device.as_str();
@@ -67,7 +67,7 @@ pub fn settle(capture: &Capture, size_px: (usize, usize)) -> Result<Settled> {
             Err(error) => {
                 Err(anyhow::Error::new(error).context(format!("{path}: cannot be opened")))
             }
-            // Output, decoders, and the nodes of a camera that carry no pictures.
+            // Outputs, decoders, and the nodes of a camera that do not carry pictures.
             Ok(driver) if !captures(driver.capabilities().unwrap_or(0)) => continue,
             Ok(driver) => settle_driver(driver, &path, capture, size_px),
         };
@@ -80,7 +80,7 @@ pub fn settle(capture: &Capture, size_px: (usize, usize)) -> Result<Settled> {
     bail!("no camera gives what is configured: {}", reasons.join("; "))
 }
 
-/// Whether a device with these capabilities is a camera, of any kind.
+/// Whether a device with these capabilities is a camera of any kind.
 fn captures(capabilities: u32) -> bool {
     capabilities & (V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0
 }
@@ -112,7 +112,7 @@ fn settle_stream(driver: &Driver, capture: &Capture, size_px: (usize, usize)) ->
         driver.set_timings(timings).context(
             "it does not let its input be set to the signal: does another program use it?",
         )?;
-        // Not every driver tells; the size is checked again when it is reopened.
+        // Not every driver can; the size is checked again when the device is reopened.
         let _ = driver.watch_signal();
     }
     let code = settle_code(driver, capture.pixel_format)?;
@@ -121,7 +121,7 @@ fn settle_stream(driver: &Driver, capture: &Capture, size_px: (usize, usize)) ->
     Luma::new(&code.repr, size_px, stride_bytes)
 }
 
-/// The code of the configured format that the camera has.
+/// The code under which the camera offers the configured format.
 fn settle_code(driver: &Driver, format: PixelFormat) -> Result<FourCC> {
     let offered = driver.formats();
     let codes = luma::codes(format).iter().map(|code| FourCC::new(code));
@@ -139,7 +139,7 @@ fn settle_code(driver: &Driver, format: PixelFormat) -> Result<FourCC> {
     })
 }
 
-/// Sets the size; returns the bytes from row to row.
+/// Sets the size; returns the stride of the rows in bytes.
 fn settle_size(driver: &Driver, code: FourCC, size_px: (usize, usize)) -> Result<usize> {
     let side = |px: usize| u32::try_from(px).context("the size of the lens is too large");
     let (width, height) = (side(size_px.0)?, side(size_px.1)?);
@@ -182,7 +182,7 @@ fn settle_size(driver: &Driver, code: FourCC, size_px: (usize, usize)) -> Result
     Ok(format.bytesperline as usize)
 }
 
-/// Sets the rate, where the camera lets it be set.
+/// Sets the rate, if the camera allows it.
 fn settle_rate(driver: &Driver, code: FourCC, size_px: (usize, usize), rate_hz: f32) -> Result<()> {
     let device = driver.device();
     let taken = device.set_params(&Parameters::new(interval(rate_hz))).map(|taken| taken.interval);
@@ -209,7 +209,7 @@ fn settle_rate(driver: &Driver, code: FourCC, size_px: (usize, usize), rate_hz: 
     )
 }
 
-/// The time of a frame, exact for whole and for broadcast rates.
+/// The interval between frames, exact for integer and for broadcast rates.
 fn interval(rate_hz: f32) -> Fraction {
     if rate_hz.fract() == 0.0 {
         Fraction::new(1, rate_hz as u32)
@@ -218,7 +218,7 @@ fn interval(rate_hz: f32) -> Fraction {
     }
 }
 
-/// What is offered, as the end of a sentence.
+/// A list of what the camera offers, as the end of a sentence.
 fn listed(offered: impl ExactSizeIterator<Item = String>) -> String {
     let more = offered.len().saturating_sub(LISTED_MAX);
     let list: Vec<String> = offered.take(LISTED_MAX).collect();

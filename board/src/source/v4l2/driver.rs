@@ -1,16 +1,16 @@
 //! The calls into the kernel's video driver, typed and checked.
 //!
-//! Goes in: requests as the kernel's own structs. Comes out: what the driver
-//! answered, with the errors of the system.
+//! Input: requests as the kernel's own structs. Output: what the driver answered,
+//! or the system's error.
 //!
-//! The crate `v4l` opens and closes the device, knows the structs and request
-//! numbers, and does rates, sizes and control values. Where its layer above
-//! the raw calls unwraps text or codes that come from the camera (names that
-//! are not UTF-8, colour spaces and control types that are newer than it), a
-//! camera could bring the box down, so that capabilities, formats and control
-//! ranges are asked for here. The same holds for its stream: it queues one
-//! buffer after a start by hand, and gives out a buffer of the driver's after
-//! a timeout.
+//! The crate `v4l` opens and closes the device, defines the structs and request
+//! numbers, and handles rates, sizes and control values. But its layer above the
+//! raw calls unwraps text and codes that come from the camera (names that are not
+//! UTF-8, colour spaces and control types that are newer than the crate), so that
+//! a camera could crash the box. Therefore capabilities, formats and control
+//! ranges are queried here. So is the stream: the crate's own queues only one
+//! buffer after a manual start, and after a timeout gives out a buffer that the
+//! driver owns.
 
 // Requests to a driver are untyped pointers; each is paired with its struct once.
 #![allow(unsafe_code)]
@@ -34,7 +34,7 @@ use super::super::stamp::Now;
 use super::intake::{Dequeued, Queue, Wake};
 use super::mapping::Mapping;
 
-/// No driver lists more formats than this; one that never ends its list is cut off.
+/// The largest number of formats that is read, in case a driver's list never ends.
 const FORMATS_MAX: u32 = 256;
 
 const CAPTURE: u32 = v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -103,10 +103,10 @@ impl AsRawFd for Driver {
 }
 
 impl Driver {
-    /// Opens the device, so that calls on it return at once.
+    /// Opens the device in non-blocking mode.
     pub fn open(path: &str) -> io::Result<Self> {
-        // The crate takes a path with a NUL for a caller's bug; it may come
-        // from the configuration.
+        // The crate panics on a path with a NUL, which may come from the
+        // configuration.
         if path.contains('\0') {
             return Err(io::ErrorKind::InvalidInput.into());
         }
@@ -127,14 +127,14 @@ impl Driver {
         unsafe { v4l2::ioctl(self.as_raw_fd(), request.number, argument) }
     }
 
-    /// What the device can do: the bits `V4L2_CAP_*`.
+    /// The device's capabilities: the bits `V4L2_CAP_*`.
     pub fn capabilities(&self) -> io::Result<u32> {
         let mut capability = zeroed(&QUERYCAP);
         self.call(&QUERYCAP, &mut capability)?;
         Ok(capability.device_caps)
     }
 
-    /// The formats that the device captures in.
+    /// The formats in which the device captures.
     pub fn formats(&self) -> Vec<FourCC> {
         let format = |index| {
             let mut description = v4l2_fmtdesc { index, type_: CAPTURE, ..zeroed(&ENUM_FMT) };
@@ -144,7 +144,7 @@ impl Driver {
         (0..FORMATS_MAX).map_while(format).collect()
     }
 
-    /// Asks for a format; returns the one that the driver took.
+    /// Asks for a format; returns the one that the driver chose.
     pub fn set_format(&self, asked: v4l2_pix_format) -> io::Result<v4l2_pix_format> {
         let mut format = v4l2_format { type_: CAPTURE, ..zeroed(&S_FMT) };
         format.fmt.pix = asked;
@@ -177,7 +177,7 @@ impl Driver {
         self.call(&S_DV_TIMINGS, &mut timings)
     }
 
-    /// From now on, a wait ends when the signal at the input changes.
+    /// From now on a wait ends when the signal at the input changes.
     pub fn watch_signal(&self) -> io::Result<()> {
         let mut subscription =
             v4l2_event_subscription { type_: V4L2_EVENT_SOURCE_CHANGE, ..zeroed(&SUBSCRIBE_EVENT) };
@@ -191,7 +191,7 @@ impl Driver {
         Ok(control)
     }
 
-    /// Asks for so many buffers, 0 to free them; returns how many there are.
+    /// Asks for `count` buffers, 0 to free them; returns how many there are.
     pub fn request_buffers(&self, count: u32) -> io::Result<u32> {
         let mut request =
             v4l2_requestbuffers { count, type_: CAPTURE, memory: MAPPED, ..zeroed(&REQBUFS) };
@@ -215,12 +215,12 @@ impl Driver {
         v4l2_buffer { index, type_: CAPTURE, memory: MAPPED, ..zeroed(&QBUF) }
     }
 
-    /// Starts the flow of frames.
+    /// Starts streaming.
     pub fn start(&self) -> io::Result<()> {
         self.call(&STREAMON, &mut CAPTURE.cast_signed())
     }
 
-    /// Stops the flow of frames; no buffer is the driver's any more.
+    /// Stops streaming; the driver then owns no buffer.
     pub fn stop(&self) -> io::Result<()> {
         self.call(&STREAMOFF, &mut CAPTURE.cast_signed())
     }

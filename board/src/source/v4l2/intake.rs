@@ -1,14 +1,14 @@
-//! Takes frames off the driver's queue: the newest two are kept, in order.
+//! Takes frames off the driver's queue and keeps the newest two, in order.
 //!
-//! Per wait: the frame of the wait before goes back, everything that is done is
-//! taken, what is older than the newest two goes back and is counted, and the
-//! first of the two is handed out. The other is there for the wait after. Three
-//! buffers at most are away from the driver at any moment, two between waits.
-//! A loop that stops for longer than the driver's buffers last finds frames from
+//! In each wait the frame of the previous wait goes back to the driver, all frames
+//! that are done are taken, those older than the newest two go back and are counted,
+//! and the first of the two is given. The other is there for the next wait. At most
+//! three buffers are away from the driver at any time, two between waits. If the
+//! loop stops for longer than the driver's buffers last, it finds the frames from
 //! the beginning of that time, with their true stamps, and a gap after them.
 //!
-//! The kernel is reached through [`Queue`], so that the tests can play a driver
-//! that errs in every way. Nothing is allocated unless the camera is lost.
+//! The kernel is reached through [`Queue`], so that the tests can simulate a driver
+//! with any fault. Nothing is allocated unless the camera is lost.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -16,17 +16,15 @@ use std::time::{Duration, Instant};
 use v4l::v4l_sys::V4L2_BUF_FLAG_ERROR;
 
 use super::super::camera::{Counts, Waited};
+use super::super::newest::{NEWEST, Newest};
 use super::super::stamp::{Now, Sequence, Stamp};
 use super::buffers::{Buffers, Ours};
 use super::stamp::stamp;
 
-/// Frames that wait to be handed out.
-const WAITING_MAX: usize = 2;
+/// The smallest number of buffers that leaves the driver one while three are away from it.
+pub const BUFFERS_MIN: u32 = NEWEST as u32 + 2;
 
-/// Fewer buffers than this starve the driver while three are away from it.
-pub const BUFFERS_MIN: u32 = WAITING_MAX as u32 + 2;
-
-/// The driver's side of the queue; no call on it blocks but [`wait`](Self::wait).
+/// The driver's side of the queue; only [`wait`](Self::wait) blocks.
 pub trait Queue {
     /// Gives the driver a buffer to fill.
     fn queue(&self, index: u32) -> io::Result<()>;
@@ -34,19 +32,19 @@ pub trait Queue {
     /// Takes back a buffer that is done, if there is one.
     fn dequeue(&self) -> io::Result<Option<Dequeued>>;
 
-    /// Waits until there is something to take or to know.
+    /// Waits until a frame is done or something has changed.
     fn wait(&self, timeout: Duration) -> io::Result<Wake>;
 
     /// Both clocks.
     fn now(&self) -> Now;
 }
 
-/// What the driver says of a buffer that it hands back.
+/// What the driver reports about a buffer that it gives back.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Dequeued {
     /// Which buffer.
     pub index: u32,
-    /// How much of it is filled.
+    /// The number of bytes filled.
     pub bytes: usize,
     /// Bits `V4L2_BUF_FLAG_*`.
     pub flags: u32,
@@ -61,13 +59,13 @@ pub struct Dequeued {
 /// Why a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wake {
-    /// The time was up, or a signal came in between.
+    /// The time was up, or a signal interrupted it.
     Nothing,
     /// A buffer is done.
     Frame,
-    /// The signal at the input is another one.
+    /// The video signal at the input has changed.
     SignalChanged,
-    /// No frame will come any more.
+    /// No more frames will come.
     Broken,
 }
 
@@ -100,10 +98,10 @@ pub struct Arrived {
 #[derive(Debug)]
 pub struct Intake {
     buffers: Buffers,
-    /// A frame of fewer bytes is damaged.
+    /// A frame with fewer bytes is damaged.
     bytes_min: usize,
     sequence: Sequence,
-    waiting: heapless::Deque<Arrived, WAITING_MAX>,
+    waiting: Newest<Arrived>,
     out: Option<Arrived>,
     counts: Counts,
 }
@@ -112,14 +110,14 @@ impl Intake {
     /// Gives all buffers to the driver.
     ///
     /// # Errors
-    /// When it does not take one.
+    /// When it does not accept one.
     pub fn new(queue: &impl Queue, count: usize, bytes_min: usize) -> io::Result<Self> {
         let (buffers, all) = Buffers::new(count);
         let mut intake = Self {
             buffers,
             bytes_min,
             sequence: Sequence::default(),
-            waiting: heapless::Deque::new(),
+            waiting: Newest::new(),
             out: None,
             counts: Counts::default(),
         };
@@ -138,12 +136,12 @@ impl Intake {
         }
     }
 
-    /// The frame that the last wait has found.
+    /// The frame that the last wait found.
     pub fn out(&self) -> Option<&Arrived> {
         self.out.as_ref()
     }
 
-    /// Whether the frame after the one handed out has come already.
+    /// Whether the frame after the one given has already arrived.
     pub fn is_late(&self) -> bool {
         !self.waiting.is_empty()
     }
@@ -159,7 +157,7 @@ impl Intake {
         }
         loop {
             self.take_done(queue)?;
-            self.out = self.waiting.pop_front();
+            self.out = self.waiting.pop();
             if self.out.is_some() {
                 return Ok(true);
             }
@@ -170,7 +168,7 @@ impl Intake {
             match queue.wait(left).map_err(|error| lost(&error))? {
                 Wake::Nothing | Wake::Frame => {}
                 Wake::SignalChanged => return Err("the signal at its input changed".into()),
-                // What is wrong, the call for a frame says.
+                // The call for a frame reports what is wrong.
                 Wake::Broken => match queue.dequeue() {
                     Err(error) => return Err(lost(&error)),
                     Ok(_) => return Err("its driver reports an error".into()),
@@ -179,8 +177,8 @@ impl Intake {
         }
     }
 
-    /// Takes every frame that is done. A driver faster than this loop cannot
-    /// hold it: one turn per buffer that it had.
+    /// Takes every frame that is done. The number of iterations is bounded by the driver's
+    /// buffers, so that a driver faster than this loop cannot hold it up.
     fn take_done(&mut self, queue: &impl Queue) -> Result<(), String> {
         for _ in 0..self.buffers.with_driver() {
             let Some(done) = queue.dequeue().map_err(|error| lost(&error))? else {
@@ -203,15 +201,11 @@ impl Intake {
         Ok(())
     }
 
-    /// Lines up a frame; the oldest one gives way when there are too many.
+    /// Queues a frame; if there are too many, returns the buffer of the oldest.
     fn keep(&mut self, arrived: Arrived) -> Option<Ours> {
-        let arrived = self.waiting.push_back(arrived).err()?;
-        let oldest = self.waiting.pop_front().map(|oldest| oldest.ours);
+        let oldest = self.waiting.push(arrived)?;
         self.counts.dropped += 1;
-        match self.waiting.push_back(arrived) {
-            Ok(()) => oldest,
-            Err(arrived) => Some(arrived.ours),
-        }
+        Some(oldest.ours)
     }
 
     fn give(&mut self, queue: &impl Queue, ours: Ours) -> io::Result<()> {

@@ -1,19 +1,19 @@
-//! The grey values within a camera's buffer.
+//! Finds the grey values in a camera's buffer.
 //!
-//! Goes in: the bytes of one frame in one of the formats below. Comes out:
-//! 8-bit or 16-bit grey.
+//! Input: the bytes of one frame in one of the formats below. Output: 8-bit or
+//! 16-bit grey.
 //!
 //! | format | kernel's code | bytes of a row | cost |
 //! |---|---|---|---|
-//! | Grey | `GREY` | Y | none, read where it lies |
-//! | Nv12 | `NV12` | Y; the colours lie behind all rows | none |
+//! | Grey | `GREY` | Y | none, read in place |
+//! | Nv12 | `NV12` | Y; the colours follow after all rows | none |
 //! | Y10 | `Y10 ` | 10 bits in each little-endian word | none |
 //! | Y16 | `Y16 ` | little-endian words | none |
 //! | Yuyv | `YUYV` | Y U Y V | the luma is copied |
 //! | Y10 | `Y10P` | 4 high bytes, then the low bits of the four | unpacked |
 //! | Y10 | `Y10B` | 4 samples in 5 bytes, highest bit first | unpacked |
 //!
-//! Rows may be padded. What is copied goes to memory that is allocated once.
+//! Rows may be padded. The memory for copies is allocated once.
 
 use anyhow::{Context, Result, bail};
 use plumbline::config::PixelFormat;
@@ -21,7 +21,7 @@ use plumbline::image::GreyImage;
 
 use super::super::Pixels;
 
-// Words are read where they lie, in the byte order of the formats.
+// Words are read in place, in the byte order of the formats.
 const _: () = assert!(cfg!(target_endian = "little"));
 
 /// White of 10-bit samples.
@@ -38,7 +38,7 @@ pub fn codes(format: PixelFormat) -> &'static [&'static [u8; 4]] {
     }
 }
 
-/// A camera's layout, and the memory for what must be copied.
+/// The layout of a camera's frames, and the memory for samples that must be copied.
 #[derive(Debug)]
 pub struct Luma {
     width_px: usize,
@@ -61,8 +61,8 @@ enum Samples {
 }
 
 impl Luma {
-    /// The layout of the kernel's code; `stride_bytes` is from row to row, 0
-    /// when rows are not padded.
+    /// The layout for a format's code; `stride_bytes` is the distance between rows, 0
+    /// if they are not padded.
     ///
     /// # Errors
     /// When rows do not fit in the stride, or the size cannot be tracked or packed.
@@ -96,12 +96,12 @@ impl Luma {
         Ok(luma)
     }
 
-    /// What a whole frame takes; the last row's padding and colours are not needed.
+    /// The size of a whole frame, without the last row's padding and without colours.
     pub fn bytes_min(&self) -> usize {
         self.stride_bytes * (self.height_px - 1) + self.row_bytes
     }
 
-    /// Copies what cannot be read where it lies. `bytes` holds a whole frame.
+    /// Copies samples that cannot be read in place. `bytes` holds a whole frame.
     pub fn load(&mut self, bytes: &[u8]) {
         let rows = bytes.chunks(self.stride_bytes).map(|row| &row[..self.row_bytes]);
         match &mut self.samples {
@@ -124,8 +124,8 @@ impl Luma {
         }
     }
 
-    /// The frame: its own `bytes`, the same as `words`, or what
-    /// [`load`](Self::load) has copied of them. `None` when they are too short.
+    /// The frame, in `bytes`, in the same memory as `words`, or in the samples that
+    /// [`load`](Self::load) has copied. `None` if they are too short.
     pub fn view<'a>(&'a self, bytes: &'a [u8], words: &'a [u16]) -> Option<Pixels<'a>> {
         let (width, height) = (self.width_px, self.height_px);
         let grey8 = |luma, stride| GreyImage::new(luma, width, height, stride).ok();

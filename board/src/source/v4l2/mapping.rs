@@ -1,4 +1,4 @@
-//! The memory of one buffer of the driver's, mapped into this process.
+//! The memory of one of the driver's buffers, mapped into this process.
 
 // Mapped memory is a raw pointer; this type bounds it and unmaps it.
 #![allow(unsafe_code)]
@@ -17,7 +17,7 @@ pub struct Mapping {
     bytes: usize,
 }
 
-// SAFETY: the memory belongs to this value alone and is bound to no thread.
+// SAFETY: the memory belongs to this value alone and is not tied to a thread.
 unsafe impl Send for Mapping {}
 
 impl Mapping {
@@ -37,13 +37,13 @@ impl Mapping {
         Ok(Self { start, bytes })
     }
 
-    /// How long it is.
+    /// Its length.
     pub fn len_bytes(&self) -> usize {
         self.bytes
     }
 
-    /// What is in it. The proof that the buffer is ours, and so that the driver
-    /// does not write to it, must be that of this very buffer.
+    /// Its content. `_ours` must be the proof for this very buffer that it is ours,
+    /// and therefore not written to by the driver.
     pub fn bytes<'a>(&'a self, _ours: &'a Ours) -> &'a [u8] {
         // SAFETY: mapped for this long, readable, unmapped only on drop, and
         // not written to while the buffer is ours.

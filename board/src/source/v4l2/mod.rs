@@ -1,15 +1,15 @@
-//! A Video4Linux camera: USB cameras, HDMI grabbers, and others whose driver
-//! gives whole pictures.
+//! Video4Linux cameras: USB cameras, HDMI grabbers, and others whose driver
+//! gives complete pictures.
 //!
 //! `device` finds the camera and settles format, size and rate; `controls` fixes
 //! exposure and gain; `intake` takes the frames off the driver's queue, with
-//! `buffers` to know who owns which buffer and `stamp` to know when a frame was
+//! `buffers` to track who owns which buffer and `stamp` to tell when a frame was
 //! captured; `luma` finds the grey values. `driver` and `mapping` are the only
 //! parts that touch the kernel, and the only ones with unsafe code.
 //!
 //! Frames are read in the driver's own memory where the format allows. Waiting
-//! and handing out allocate nothing; losing the camera does, once. A frame that
-//! is handed out stays whole until the next wait.
+//! for frames and giving them does not allocate; losing the camera does, once. A
+//! frame that was given stays intact until the next wait.
 
 mod buffers;
 mod controls;
@@ -33,12 +33,11 @@ use intake::{BUFFERS_MIN, Intake};
 use luma::Luma;
 use mapping::Mapping;
 
-/// Three may be away from the driver at once, and as many are left to it: that
-/// is more than the two newest frames, which are all that is ever wanted of a
-/// backlog.
+/// The program may hold three at once, which leaves as many to the driver: more
+/// than the newest two frames, which are all that is ever used of a backlog.
 const BUFFERS_ASKED: u32 = 6;
 
-/// A camera that runs.
+/// A running camera.
 #[derive(Debug)]
 pub struct V4l2 {
     path: String,
@@ -49,8 +48,8 @@ pub struct V4l2 {
 
 /// The driver's buffers in this process's memory.
 ///
-/// Dropped in the one order that the kernel accepts: the flow of frames stops,
-/// the memory is unmapped, the buffers are freed, the device is closed.
+/// Dropped in the only order that the kernel accepts: streaming stops, the memory
+/// is unmapped, the buffers are freed, the device is closed.
 #[derive(Debug)]
 struct Stream {
     mappings: Vec<Mapping>,
@@ -84,7 +83,7 @@ impl Stream {
 
 impl Drop for Stream {
     fn drop(&mut self) {
-        // A device that is gone answers with errors, and has stopped all the same.
+        // A device that is gone answers with errors, but it has stopped anyway.
         let _ = self.driver.stop();
         self.mappings.clear();
         let _ = self.driver.request_buffers(0);

@@ -1,12 +1,12 @@
-//! When a frame was captured, by its driver's word.
+//! When a frame was captured, according to its driver.
 //!
-//! A driver says with its stamps what they mark. Start of exposure is taken at
-//! its word. Its "end of frame" is the reception of the last pixel (the kernel
-//! takes it in software a little after that): exposure, read-out and transport
-//! lie before it, so that it is a [`MarkedInstant::FrameArrival`] and not the
-//! end of the exposure. Stamps of another clock than CLOCK_MONOTONIC cannot be
-//! compared with this machine's time: the instant at which the frame was taken
-//! off the queue stands in for them.
+//! A driver declares what its time stamps mark. "Start of exposure" is used as it
+//! is. "End of frame" is the reception of the last pixel (the kernel reads the
+//! clock in software a little later): exposure, read-out and transport lie before
+//! it, so it is a [`MarkedInstant::FrameArrival`] and not the end of the exposure.
+//! Stamps of another clock than CLOCK_MONOTONIC cannot be compared with this
+//! machine's time: they are replaced by the instant at which the frame was taken
+//! off the queue.
 
 use plumbline::packet::MarkedInstant;
 use v4l::v4l_sys::{
@@ -16,7 +16,7 @@ use v4l::v4l_sys::{
 
 use super::super::stamp::{Now, Stamp};
 
-/// From the driver's stamp and the flags of its buffer.
+/// The stamp of a frame, from the driver's time and the flags of its buffer.
 pub fn stamp(flags: u32, seconds: i64, microseconds: i64, now: Now) -> Stamp {
     let monotonic = flags & V4L2_BUF_FLAG_TIMESTAMP_MASK == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
     let instant = match flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK {

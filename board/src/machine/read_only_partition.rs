@@ -1,5 +1,5 @@
-//! A partition that is mounted for reading only, so that the power may be pulled at any time,
-//! and is made writable for the moment in which something is written.
+//! A partition that is mounted read-only, so that the power may be pulled at any time, and is
+//! made writable only while something is written.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -8,18 +8,18 @@ use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount};
 use nix::unistd::syncfs;
 
-/// How it is mounted, besides for reading or writing.
+/// How it is mounted, apart from read-only or writable.
 pub const MOUNT_FLAGS: MsFlags =
     MsFlags::MS_NOSUID.union(MsFlags::MS_NODEV).union(MsFlags::MS_NOEXEC);
 
-/// The partition that is mounted at a place.
+/// A mounted partition.
 #[derive(Debug, Clone)]
 pub struct ReadOnlyPartition {
     place: PathBuf,
 }
 
 impl ReadOnlyPartition {
-    /// What is mounted at `place`.
+    /// The partition that is mounted at `place`.
     #[must_use]
     pub fn at(place: &Path) -> Self {
         Self { place: place.to_owned() }
@@ -31,15 +31,15 @@ impl ReadOnlyPartition {
         self.place.join(name)
     }
 
-    /// Runs `write` while the partition can be written to.
+    /// Runs `write` while the partition is writable.
     ///
     /// # Errors
-    /// When it cannot be made writable; those of `write`.
+    /// When it cannot be made writable, and those of `write`.
     pub fn while_writable(&self, write: impl FnOnce() -> Result<()>) -> Result<()> {
         self.remount(MsFlags::empty()).context("the card cannot be written to")?;
         let written = write();
         if let Err(error) = self.remount(MsFlags::MS_RDONLY) {
-            // It is stored all the same; the next start mounts it for reading only.
+            // The data is stored nevertheless; the next start mounts it read-only.
             log::warn!("{} stays writable until the next start: {error}", self.place.display());
         }
         written
@@ -51,11 +51,12 @@ impl ReadOnlyPartition {
     }
 }
 
-/// Waits until all that was changed on the disk of this file is stored.
+/// Waits until all changes to the file system of this file are on the disk.
 ///
 /// # Errors
-/// When the disk does not take it.
+/// When the disk does not accept them.
 pub fn sync_disk_of(path: &Path) -> Result<()> {
     let sync = || -> std::io::Result<()> { Ok(syncfs(File::open(path)?)?) };
-    sync().with_context(|| format!("the disk of {} does not take it", path.display()))
+    sync()
+        .with_context(|| format!("the disk of {} does not accept what was written", path.display()))
 }

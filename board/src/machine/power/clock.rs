@@ -1,31 +1,31 @@
-//! The processor's real clock, compared with the one at which it should be held.
+//! The processor's actual clock rate, compared with the one at which it should be held.
 //!
-//! A Raspberry Pi's firmware lowers the clock without telling the kernel, whose
-//! `scaling_cur_freq` goes on to show what the kernel has asked for. So the clock is measured:
-//! the processor counts its cycles while the measuring thread runs, the kernel how long that
-//! was, and cycles / time is the clock, averaged since the last reading.
+//! A Raspberry Pi's firmware lowers the clock rate without telling the kernel, whose
+//! `scaling_cur_freq` still shows what the kernel has asked for. So the rate is measured: the
+//! processor counts its cycles while the measuring thread runs, the kernel counts that time, and
+//! cycles / time is the rate, averaged since the last reading.
 //!
-//! A lower clock means something only where the kernel does not lower it itself to save power:
-//! where it has but one frequency to choose, as with `force_turbo=1` in a Raspberry Pi's
-//! `config.txt`, or where a Raspberry Pi's governor is `performance`. Elsewhere nothing is said.
-//! A clock that was lowered for only a small part of the time passes for a full one.
+//! A lower rate means something only where the kernel does not lower it itself to save power:
+//! where only one frequency is available, as with `force_turbo=1` in a Raspberry Pi's
+//! `config.txt`, or where a Raspberry Pi's governor is `performance`. Elsewhere nothing is
+//! reported. A rate that was lowered for only a small part of the time is not detected.
 
 use std::path::Path;
 
-// Both calls of it that are needed here are safe and allocate nothing; of the crates for this
-// system call it is the smallest.
+// Both of its calls that are needed here are safe and do not allocate; it is the smallest of the
+// crates for this system call.
 use perf_event::events::{Event, Hardware};
 use perf_event::{Builder, Counter};
 
-/// Where the kernel tells at which clock the processor runs.
+/// Where the kernel describes the processor's clock rates.
 const FOLDER: &str = "/sys/devices/system/cpu/cpu0/cpufreq";
 
-/// Measured over tens of milliseconds, a clock that is held is right to a per cent or so: one
-/// that is a tenth lower was lowered.
+/// Measured over tens of milliseconds, a rate that is held is accurate to about one per cent; one
+/// that is a tenth lower has been lowered.
 const LOWEST_SHARE: f64 = 0.9;
 
-/// For less time than this the thread's coming and going, a microsecond each, is not
-/// negligible. While it tracks, the thread runs longer within each second.
+/// Over less time than this the thread's switches, a microsecond each, are not negligible. While
+/// it tracks, the thread runs longer than this in each second.
 const RAN_MIN_NS: u64 = 20_000_000;
 
 /// What the kernel has counted while the thread ran.
@@ -46,15 +46,15 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// For the calling thread. `None` where the clock is not held at one frequency, or this
-    /// program may not count: that takes root, or `kernel.perf_event_paranoid` of 1 or less.
+    /// Counts the calling thread's cycles. `None` if the clock rate is not held, or if this program
+    /// may not count, for which it must be root or `kernel.perf_event_paranoid` be 1 or less.
     pub fn open() -> Option<Self> {
         Self::count(Hardware::CPU_CYCLES, held_khz(Path::new(FOLDER))?).ok()
     }
 
     fn count(what: impl Into<Event>, held_khz: u32) -> std::io::Result<Self> {
         let mut builder = Builder::new().kind(what);
-        // The time is that of the whole thread: its system calls' cycles belong to it.
+        // The time includes system calls, so their cycles must be counted too.
         builder.include_kernel().include_hv();
         let mut counter = builder.build()?;
         counter.enable()?;
@@ -62,7 +62,8 @@ impl Clock {
         Ok(Self { counter, held_khz, before, throttled: None })
     }
 
-    /// Since the last call; as before when the thread has run for too short a time since.
+    /// Whether the rate was lowered since the last call; the previous answer if the thread has run
+    /// for too short a time since.
     pub fn is_throttled(&mut self) -> Option<bool> {
         let now = read(&mut self.counter).ok()?;
         let since = Count {
@@ -82,19 +83,19 @@ fn read(counter: &mut Counter) -> std::io::Result<Count> {
     Ok(Count { cycles: read.count, ran_ns: read.time_running })
 }
 
-/// Whether the clock was clearly lower than it should be; `None` after too short a time.
+/// Whether the rate was clearly lower than it should be; `None` after too short a time.
 fn is_below(Count { cycles, ran_ns }: Count, held_khz: u32) -> Option<bool> {
     let clock_khz = 1e6 * cycles as f64 / ran_ns as f64;
     (ran_ns >= RAN_MIN_NS).then(|| clock_khz < LOWEST_SHARE * f64::from(held_khz))
 }
 
-/// The one clock at which the processor should run, if there is one.
+/// The one rate at which the processor should run, if there is one.
 fn held_khz(folder: &Path) -> Option<u32> {
     let text = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
     let khz = |name: &str| text(name)?.trim().parse::<u32>().ok();
     let is = |name: &str, word: &str| text(name).is_some_and(|text| text.trim() == word);
     let (lowest, highest) = (khz("cpuinfo_min_freq")?, khz("cpuinfo_max_freq")?);
-    // Other drivers' highest clock is one that few cores reach at once, and not for long.
+    // With other drivers the highest rate is one that few cores reach at once, and not for long.
     let performs = is("scaling_driver", "cpufreq-dt") && is("scaling_governor", "performance");
     (highest > 0 && (lowest == highest || performs)).then_some(highest)
 }
@@ -133,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_clock_that_is_held_is_compared() {
+    fn only_a_rate_that_is_held_is_compared() {
         let folder = tempfile::tempdir().unwrap();
         let held = |lowest: &str, highest: &str, driver: &str, governor: &str| {
             for (name, text) in [
@@ -162,7 +163,7 @@ mod tests {
         while ran() < end {}
     }
 
-    /// `None`, and said, where the computer has no such counter or does not allow it.
+    /// `None`, with a message, where the computer has no such counter or does not allow it.
     fn counting(what: impl Into<Event>, held_khz: u32) -> Option<Clock> {
         let clock = Clock::count(what, held_khz);
         clock.inspect_err(|error| eprintln!("skipped: nothing can be counted here: {error}")).ok()

@@ -1,10 +1,10 @@
-//! Durations in bounded memory: median and worst, however long the box runs.
+//! Median and worst of durations, in bounded memory however long the box runs.
 
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
 
-/// Durations are told apart to 0.1 %, from 100 ns to a minute.
+/// The range in which durations are resolved to 0.1 %: from 100 ns to a minute.
 const NS: std::ops::RangeInclusive<u64> = 100..=60_000_000_000;
 
 /// Durations seen since the start.
@@ -21,15 +21,15 @@ impl Default for Durations {
 }
 
 impl Durations {
-    /// None yet. Allocates everything that it will ever need.
+    /// No durations yet. Allocates all the memory that it will ever need.
     #[must_use]
     pub fn new() -> Self {
         let histogram = Histogram::new_with_bounds(*NS.start(), *NS.end(), 3)
-            .expect("constant bounds, twice as far apart as they must be");
+            .expect("constant bounds, at least a factor of two apart");
         Self { histogram, worst: Duration::ZERO }
     }
 
-    /// Takes one.
+    /// Adds one.
     pub fn record(&mut self, duration: Duration) {
         let ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
         self.histogram.saturating_record(ns);
@@ -42,7 +42,7 @@ impl Durations {
         self.worst
     }
 
-    /// Half of them are shorter; never above [`Durations::worst`].
+    /// The median; never above [`Durations::worst`].
     #[must_use]
     pub fn median(&self) -> Duration {
         // The histogram answers with the upper end of a bucket.

@@ -1,7 +1,7 @@
-//! A network interface's address and route, by the kernel's old `ioctl` requests.
+//! Sets a network interface's address and route, with the kernel's old `ioctl` requests.
 //!
-//! They are six and will not change; the way of today, netlink, would need a
-//! crate with an asynchronous runtime for the same five calls.
+//! There are five of them, and they will not change. Their modern replacement, netlink,
+//! would need a crate with an asynchronous runtime for the same calls.
 
 // The requests take pointers to C structures, which no safe interface offers.
 #![allow(unsafe_code)]
@@ -12,7 +12,31 @@ use std::os::fd::AsRawFd;
 
 use anyhow::{Context, Result};
 
-use super::address::Address;
+/// A box's address and its route to other networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Address {
+    /// The box's own address.
+    pub address: Ipv4Addr,
+    /// The number of leading bits that all addresses of its network share, 32 at most.
+    pub prefix_bits: u8,
+    /// The router to other networks.
+    pub gateway: Option<Ipv4Addr>,
+}
+
+impl Address {
+    /// The bits of the network, as a mask.
+    pub fn netmask(&self) -> Ipv4Addr {
+        let host_bits = 32 - u32::from(self.prefix_bits.min(32));
+        u32::MAX.checked_shl(host_bits).unwrap_or(0).into()
+    }
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}/{}", self.address, self.prefix_bits)?;
+        self.gateway.map_or(Ok(()), |gateway| write!(formatter, " by {gateway}"))
+    }
+}
 
 /// Brings an interface up.
 ///
@@ -30,11 +54,11 @@ pub fn bring_up(name: &str) -> Result<()> {
     call(libc::SIOCSIFFLAGS, &mut request).with_context(fault)
 }
 
-/// Gives an interface this address and no other, brings it up, and sends what
-/// goes elsewhere to the gateway. What is so already stays untouched.
+/// Gives an interface this address and no other, brings it up, and adds a default route to
+/// the gateway. Does nothing where this is already the case.
 ///
 /// # Errors
-/// When the kernel refuses one of them.
+/// When the kernel refuses a request.
 pub fn configure(name: &str, to: &Address) -> Result<()> {
     let fault = || format!("the network interface {name} does not take {to}");
     set_address(libc::SIOCSIFADDR, name, to.address).with_context(fault)?;
@@ -46,7 +70,7 @@ pub fn configure(name: &str, to: &Address) -> Result<()> {
     Ok(())
 }
 
-/// Takes an interface's address away, and with it the routes that use it.
+/// Removes an interface's address, and with it the routes that use it.
 ///
 /// # Errors
 /// When there is no such interface.
@@ -60,7 +84,7 @@ fn set_address(kind: libc::Ioctl, name: &str, address: Ipv4Addr) -> io::Result<(
     call(kind, &mut request(name, content)?)
 }
 
-/// The kernel's `struct rtentry`, which the libc crate has for other C libraries only.
+/// The kernel's `struct rtentry`, which the libc crate defines for other C libraries only.
 #[repr(C)]
 struct Route {
     pad1: libc::c_ulong,
@@ -138,6 +162,18 @@ fn call<T>(kind: libc::Ioctl, content: &mut T) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn masks_have_the_bits_of_the_network() {
+        let mask = |prefix_bits| {
+            Address { address: Ipv4Addr::LOCALHOST, prefix_bits, gateway: None }.netmask()
+        };
+        assert_eq!(mask(0), Ipv4Addr::new(0, 0, 0, 0));
+        assert_eq!(mask(1), Ipv4Addr::new(128, 0, 0, 0));
+        assert_eq!(mask(23), Ipv4Addr::new(255, 255, 254, 0));
+        assert_eq!(mask(24), Ipv4Addr::new(255, 255, 255, 0));
+        assert_eq!(mask(32), Ipv4Addr::new(255, 255, 255, 255));
+    }
 
     #[test]
     fn the_structures_are_as_long_as_the_kernels() {

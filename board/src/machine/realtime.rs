@@ -1,5 +1,5 @@
-//! Puts the measurement before the computer's other work: no page of it is ever
-//! swapped out, no ordinary program delays it, and it stays on one core if asked.
+//! Gives the measurement priority over the computer's other work: none of its pages is
+//! ever swapped out, no ordinary program delays it, and it stays on one core if asked to.
 
 // Two system calls have no safe wrapper; both take plain numbers.
 #![allow(unsafe_code)]
@@ -12,13 +12,13 @@ use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::unistd::Pid;
 use plumbline::config::Machine;
 
-/// Stack that is touched beforehand: the frame path needs at most 64 KiB, the
-/// rest of the loop far less.
+/// The size of the stack that is touched beforehand: the frame path needs at most 64 KiB,
+/// the rest of the loop far less.
 const STACK_BYTES: usize = 256 * 1024;
 
-/// Applies what the configuration asks for to the calling thread, which must be
-/// the one that runs the loop, before the first frame. What the computer does
-/// not grant is said, with the remedy; the measurement runs without it.
+/// Applies the configuration's settings to the calling thread, which must be the one that
+/// runs the loop, before the first frame. A setting that the computer does not grant is
+/// logged with the remedy; the measurement runs without it.
 pub fn set_up(machine: &Machine) {
     if let Some(cpu) = machine.cpu {
         pin(cpu);
@@ -36,12 +36,12 @@ fn pin(cpu: u8) {
     let pinned = cpus.set(cpu.into()).and_then(|()| sched_setaffinity(Pid::from_raw(0), &cpus));
     if let Err(error) = pinned {
         let count = std::thread::available_parallelism().map_or(1, usize::from);
-        log::warn!("machine.cpu: core {cpu} cannot be had: {error}; this computer has {count}");
+        log::warn!("machine.cpu: core {cpu} is not available: {error}; this computer has {count}");
     }
 }
 
 fn prioritise(priority: u8) {
-    // SAFETY: an all-zero sched_param is valid: it holds nothing but integers.
+    // SAFETY: an all-zero sched_param is valid: it consists of integers.
     let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
     parameters.sched_priority = priority.into();
     // SAFETY: the pointer is to a local that outlives the call; 0 is this thread.
@@ -54,7 +54,7 @@ fn prioritise(priority: u8) {
     }
 }
 
-/// Makes the kernel give the stack its pages now.
+/// Makes the kernel allocate the stack's pages now.
 #[inline(never)]
 fn touch_stack() {
     black_box([0_u8; STACK_BYTES]);
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_core_that_is_not_there_is_no_reason_to_stop() {
+    fn a_core_that_does_not_exist_is_no_reason_to_stop() {
         set_up(&Machine { cpu: Some(255), ..Machine::default() });
     }
 }

@@ -1,12 +1,15 @@
-//! The box's network: an address for its Ethernet, fixed or from a DHCP server.
+//! The box's network: gives its Ethernet interface an address, fixed or from a DHCP server.
 //!
-//! This is a process of its own, beside the measurement. It waits, lists and
-//! starts programs, which takes heap, and it may do so at any time: an adapter
-//! is unplugged, a lease is lost. The measurement knows nothing of it; what is
-//! said here goes to the box's own process, which tells the hosts.
+//! This is a separate process beside the measurement. It waits, lists and starts programs,
+//! which allocates, and it may do so at any time: an adapter is unplugged, a lease is lost.
+//! The measurement is not affected; what is logged here goes to the box's first process,
+//! which passes it on to the hosts.
 //!
-//! The interface is the first Ethernet hardware in the order of names, whenever
-//! it appears; one that vanishes and comes back is set up again.
+//! The interface is the first Ethernet hardware in the order of names, whenever it appears;
+//! one that disappears and comes back is set up again.
+
+mod interface;
+pub mod lease;
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -15,30 +18,29 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use plumbline::config::Network;
 
-use super::address::Address;
-use super::interface;
+use interface::Address;
 
-/// The process is called so.
+/// The process's name.
 pub const NAME: &str = "plumbline-network";
 
 const INTERFACES: &str = "/sys/class/net";
 
-/// While no interface is there.
+/// The pause between two searches while there is no interface.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
-/// Looks without an interface before that is said: ten seconds' worth.
+/// The number of searches before a missing interface is logged: ten seconds' worth.
 const LOOKS_IN_SILENCE: u32 = 100;
 
-/// While one is there: so soon is its loss noticed.
+/// The time between two checks that the interface is still there.
 const CHECK: Duration = Duration::from_secs(1);
 
-/// After an address that the interface did not take, or a client that ended.
+/// The pause after an address that the interface did not accept, or after the client ended.
 const TRY_AGAIN: Duration = Duration::from_secs(5);
 
 /// The DHCP client.
 const BUSYBOX: &str = "/sbin/busybox";
 
-/// What the client calls: this program, by the name of that part.
+/// What the client runs: this program, under the name of its role.
 const LEASE_PROGRAM: &str = "/sbin/network-lease";
 
 /// The arguments with which the process is started.
@@ -66,10 +68,10 @@ fn network(arguments: &[String]) -> Option<Network> {
     Some(Network::Static { address, prefix_bits: prefix_bits.parse().ok()?, gateway })
 }
 
-/// The process: looks after the network until the computer restarts.
+/// Runs the process: manages the network until the computer restarts.
 ///
 /// # Errors
-/// When the arguments are not those of [`arguments`].
+/// When the arguments are not those that [`arguments`] gives.
 pub fn run(given: &[String]) -> Result<()> {
     let Some(network) = network(given) else {
         bail!(
@@ -94,7 +96,7 @@ pub fn run(given: &[String]) -> Result<()> {
             None => {
                 looks += 1;
                 if looks == LOOKS_IN_SILENCE {
-                    log::error!("no Ethernet is there: plug the adapter in");
+                    log::error!("no Ethernet interface found: plug in an adapter");
                 }
                 std::thread::sleep(LOOK_AGAIN);
             }
@@ -102,8 +104,8 @@ pub fn run(given: &[String]) -> Result<()> {
     }
 }
 
-/// Gives the interface its address, and stays with it until it is gone or the
-/// DHCP client has ended.
+/// Gives the interface its address, and waits until it is gone or the DHCP client has
+/// ended.
 fn look_after(found: &Interface, network: Network) -> Result<()> {
     let mut client = match network {
         Network::Dhcp => Some(start_client(&found.name)?),
@@ -124,34 +126,34 @@ fn look_after(found: &Interface, network: Network) -> Result<()> {
     }
     log::warn!("network: {} is gone", found.name);
     if let Some(mut client) = client {
-        // It may have ended just now, which is as good.
+        // Fails if it has just ended, which is just as well.
         let _ = client.kill();
         let _ = client.wait();
     }
     Ok(())
 }
 
-/// The client asks five times in five seconds, then pauses for ten; with the
-/// answers it calls [`lease`](super::lease).
+/// Starts the client, which asks five times in five seconds, then pauses for ten; it runs
+/// [`lease`] with the answers.
 fn start_client(interface: &str) -> Result<Child> {
     Command::new(BUSYBOX)
         .args(["udhcpc", "-f", "-i", interface, "-s", LEASE_PROGRAM])
         .args(["-t", "5", "-T", "1", "-A", "10"])
         .stdin(Stdio::null())
-        // It repeats itself; what comes of it, `lease` says on standard output.
+        // Repetitive; `lease` prints the outcome on standard output.
         .stderr(Stdio::null())
         .spawn()
         .with_context(|| format!("the DHCP client {BUSYBOX} cannot be started"))
 }
 
-/// An interface as the kernel knows it: the number is never used twice.
+/// An interface as the kernel knows it: its number is never used twice.
 #[derive(Debug, PartialEq, Eq)]
 struct Interface {
     name: String,
     number: String,
 }
 
-/// The first Ethernet hardware that is no radio.
+/// The first Ethernet hardware that is not wireless.
 fn ethernet(class: &Path) -> Option<Interface> {
     let read = |name: &str, file: &str| {
         std::fs::read_to_string(class.join(name).join(file)).map(|text| text.trim().to_owned())
@@ -160,7 +162,7 @@ fn ethernet(class: &Path) -> Option<Interface> {
         .ok()?
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
         .filter(|name| {
-            // ARPHRD_ETHER, of which bridges and the like have no hardware below them.
+            // ARPHRD_ETHER; bridges and the like have that type too, but no device.
             read(name, "type").is_ok_and(|kind| kind == "1")
                 && class.join(name).join("device").exists()
                 && !class.join(name).join("phy80211").exists()

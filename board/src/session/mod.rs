@@ -1,13 +1,14 @@
 //! The main loop: frames through the pipeline, packets to the links, a
 //! heartbeat once a second, and the figures at the end.
 //!
-//! One thread does all of it, in this order: what it is doing is always plain,
-//! and nothing waits for anything but the next frame. (A configuration that is
-//! stored, and a picture in set-up mode, hold it up for some frames.)
+//! One thread does all of it in a fixed order, so that it is always clear what it is doing,
+//! and it waits for nothing but the next frame. (Storing a configuration, and a picture in
+//! set-up mode, delay it by some frames.)
 
 mod aim;
 mod commands;
 mod counters;
+mod durations;
 mod outgoing;
 mod picture;
 mod summary;
@@ -18,54 +19,54 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{BLOB_BYTES_MAX, Capture, Config};
 use plumbline::packet::{
-    CameraState, Command, Document, FRAME_BYTES_MAX, Hello, LINKS_MAX, LinkKind, Message,
-    PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, View, encode_datagram, encode_frame,
+    CameraState, Command, Document, Hello, LINKS_MAX, LinkKind, Message, PosePacket, ResetReason,
+    TargetInfo, View,
 };
 use plumbline::pipeline::Pipeline;
 
-use crate::clock;
 use crate::config_store::ConfigStore;
-use crate::link::{Encoded, Link, Links};
+use crate::link::{Link, Links, send};
 use crate::logger;
+use crate::machine::clock;
+use crate::machine::watchdog::Watchdog;
 use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
 use crate::status::{self, Status};
-use crate::watchdog::Watchdog;
 use aim::Aim;
 use counters::Counters;
 use outgoing::Outgoing;
 pub use summary::{Ended, Summary};
 
-/// Hello and Health go out this often.
-pub const HEARTBEAT: Duration = Duration::from_secs(1);
+/// How often Hello and Health are sent.
+const HEARTBEAT: Duration = Duration::from_secs(1);
 
-/// The loop turns at least this often: so soon is a signal or a command noticed.
+/// The longest iteration of the loop: within this time a signal or a command is noticed.
 const TURN_MAX: Duration = Duration::from_millis(20);
 
-/// At the end, links get this long to hand on what waits.
+/// How long the links may take at the end to send their waiting packets.
 const FINISH: Duration = Duration::from_secs(2);
 
-/// While a document goes over a serial line, poses leave room for it: one goes this often.
+/// How often a pose is sent over a serial line that is also sending a document.
 const POSE_BESIDE_DOCUMENT: Duration = Duration::from_millis(200);
 
-/// What a session starts with, besides the configuration.
+/// What a session needs besides the configuration.
 #[derive(Debug)]
 pub struct Setup {
     /// Where the packets go.
     pub links: Links,
-    /// How often the program has started, where that is kept.
+    /// How often the program has started, if that is counted.
     pub boot_count: Option<u32>,
-    /// Why it started this time.
+    /// Why the box started this time.
     pub reset_reason: ResetReason,
-    /// Restarts the computer when no frame is processed.
+    /// Restarts the computer when no frames are processed.
     pub watchdog: Option<Watchdog>,
-    /// Where a configuration that a host sends is kept.
+    /// Where a configuration that a host sends is stored.
     pub store: Option<ConfigStore>,
-    /// The host may ask for a restart, which the caller then carries out.
+    /// Whether the host may ask for a restart, which the caller then carries out.
     pub may_reboot: bool,
 }
 
-/// Tracks until the source ends, the host asks for a restart or `stop` is raised.
+/// Tracks until the source ends, the host asks for a restart, or `stop` is set.
 pub fn run(
     pipeline: &mut Pipeline,
     config: &Config,
@@ -75,17 +76,16 @@ pub fn run(
 ) -> Ended {
     let mut session = Session::new(config, setup);
     let broken = session.run(pipeline, source, stop);
-    let reboot = session.reboot;
     let (summary, unrecorded) = session.finish();
-    Ended { summary, broken, unrecorded, reboot }
+    Ended { summary, broken, unrecorded }
 }
 
 struct Session {
     started: Instant,
     hello: Hello,
-    /// The configuration in use, as a host gets it.
+    /// The configuration in use, encoded for hosts.
     blob: heapless::Vec<u8, BLOB_BYTES_MAX>,
-    /// The checksum of the one that is in use from the next start on.
+    /// The checksum of the configuration that takes effect at the next start.
     next_crc: u32,
     capture: Option<Capture>,
     links: Links,
@@ -93,14 +93,14 @@ struct Session {
     may_reboot: bool,
     reboot: bool,
     counters: Counters,
-    /// What came of the last frame.
+    /// The status after the last frame.
     tracking: Status,
     aim: Aim,
     outgoing: Outgoing,
     provisioning: Provisioning,
-    /// The links that want a View of the next frame.
+    /// Whether a View of the next frame is wanted, per link.
     views_wanted: [bool; LINKS_MAX],
-    /// When the last pose went out beside a document.
+    /// When the last pose was sent beside a document.
     pose_beside: Instant,
 }
 
@@ -132,7 +132,7 @@ impl Session {
         }
     }
 
-    /// The loop itself; the source's message when it broke.
+    /// The loop itself; returns the source's message if that failed.
     fn run(
         &mut self,
         pipeline: &mut Pipeline,
@@ -146,11 +146,11 @@ impl Session {
             if now >= beat {
                 self.send_hello();
                 self.send_health();
-                // Beats that were missed are not made up for.
+                // Missed beats are not caught up.
                 beat = (beat + HEARTBEAT).max(now);
             }
             if self.aim.end_in_time(now) {
-                // A recording has nothing to go back from.
+                // Does nothing to a recording, which has only one exposure.
                 let _ = source.expose(Exposure::default());
                 self.counters.forget_allocations();
                 self.send_health();
@@ -167,8 +167,8 @@ impl Session {
         None
     }
 
-    /// Takes note of how the source is doing, and says what that makes of the box: at every
-    /// turn, so that silence means that the loop hangs.
+    /// Reads the source's condition and sets the box's status: in every iteration, so that a
+    /// status that is not refreshed means that the loop hangs.
     fn look_after(&mut self, source: &impl FrameSource) {
         let before = std::mem::replace(&mut self.counters.source, source.condition());
         let camera = self.counters.source.camera;
@@ -184,13 +184,13 @@ impl Session {
         {
             watchdog.stop();
         }
-        // A camera that is lost or back is no news that can wait for the next beat.
+        // A camera that is lost or back is reported without waiting for the next beat.
         if self.counters.frames > 0 || camera == CameraState::Lost {
             self.send_health();
         }
     }
 
-    /// One frame: measured, sent, counted.
+    /// Measures, sends and counts one frame.
     fn process(&mut self, pipeline: &mut Pipeline, frame: &Frame<'_>, exposure: Exposure) {
         let began = Instant::now();
         let time_ns = frame.capture_time_ns;
@@ -213,7 +213,7 @@ impl Session {
         self.show(pipeline, frame, report.sequence, exposure);
     }
 
-    /// Sends what hosts want to know of how the frame looks.
+    /// Sends the Views and the picture of the frame that hosts have asked for.
     fn show(
         &mut self,
         pipeline: &mut Pipeline,
@@ -237,7 +237,7 @@ impl Session {
         }
     }
 
-    /// To every link, but for those whose room a document needs.
+    /// Sends a pose to every link, except where a document needs the room.
     fn send_pose(&mut self, packet: PosePacket) {
         let is_due = self.pose_beside.elapsed() >= POSE_BESIDE_DOCUMENT;
         if is_due {
@@ -267,7 +267,7 @@ impl Session {
         }
     }
 
-    /// Sends what has been logged, carries out commands, hands on what waits.
+    /// Sends what has been logged, carries out commands, and sends waiting packets.
     fn serve_links(&mut self, source: &mut impl FrameSource) {
         self.send_logs();
         for index in 0..self.links.len() {
@@ -296,7 +296,7 @@ impl Session {
         send(&mut self.links, message);
     }
 
-    /// Tells the host that this is the end, and hands on what waits. The figures,
+    /// Tells the hosts that the session ends, and sends waiting packets. Returns the figures,
     /// and why packets could not be recorded, if so.
     fn finish(mut self) -> (Summary, Option<String>) {
         let source = self.counters.source;
@@ -342,22 +342,8 @@ fn hello(config: &Config, setup: &Setup) -> Hello {
     }
 }
 
-/// A number that no earlier start is likely to have had.
+/// A number that very probably differs from that of every earlier start.
 fn boot_id() -> u32 {
     // The keys of the standard hasher are drawn at random by the operating system.
     std::collections::hash_map::RandomState::new().hash_one(0_u8) as u32
-}
-
-/// Sends one message over each of the links.
-fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message) {
-    let mut datagram = [0; PACKET_BYTES_MAX];
-    let mut frame = [0; FRAME_BYTES_MAX];
-    let encoded = (encode_datagram(message, &mut datagram), encode_frame(message, &mut frame));
-    let (Ok(datagram), Ok(frame)) = encoded else {
-        // The buffers hold every message: the packet module computes them so.
-        unreachable!("a message larger than the largest");
-    };
-    for link in links {
-        link.send(Encoded { datagram, frame });
-    }
 }

@@ -1,32 +1,31 @@
-//! What the DHCP client calls when a server has told it something.
+//! The program that the DHCP client runs when something has happened to its lease.
 //!
-//! busybox's `udhcpc` starts a program of our choice with the event as its
-//! argument and the lease in the environment: `interface`, `ip`, `subnet`,
-//! `router`. The program is this one, by another name.
+//! busybox's `udhcpc` runs a program of our choice with the event as its argument and the
+//! lease in the environment: `interface`, `ip`, `subnet`, `router`. That is this program,
+//! under another name.
 
 use std::io::Write;
 use std::net::Ipv4Addr;
 
 use anyhow::{Context, Result};
 
-use super::address::Address;
-use super::interface;
+use super::interface::{self, Address};
 
-/// The client calls the program by this name.
+/// The name under which the client runs the program.
 pub const NAME: &str = "network-lease";
 
-/// Carries out one event; `variable` is the environment.
+/// Handles one event; `variable` reads the environment.
 ///
-/// What came of it goes to standard output, and so through the network's process
-/// to the box: the client's own words, on standard error, are not shown.
+/// The outcome goes to standard output, and so through the network process to the box;
+/// the client's own messages, on standard error, are not shown.
 pub fn run(event: &str, variable: impl Fn(&str) -> Option<String>) {
-    let said = match carry_out(event, variable) {
+    let line = match carry_out(event, variable) {
         Ok(None) => return,
         Ok(Some(news)) => format!("INFO: network: {news}"),
         Err(error) => format!("ERROR: network: {error:#}"),
     };
-    // A console that has gone away is no reason to fail.
-    let _ = writeln!(std::io::stdout(), "{said}");
+    // A closed output is no reason to fail.
+    let _ = writeln!(std::io::stdout(), "{line}");
 }
 
 fn carry_out(event: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Option<String>> {
@@ -43,7 +42,7 @@ fn carry_out(event: &str, variable: impl Fn(&str) -> Option<String>) -> Result<O
             Ok((event == "bound").then(|| format!("{name} has {address}, from a DHCP server")))
         }
         "leasefail" => Ok(Some(format!("no DHCP server answers on {name}"))),
-        // A refusal, after which the client begins anew by itself.
+        // A refusal, after which the client starts over by itself.
         _ => Ok(None),
     }
 }
@@ -96,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_in_a_lease_is_named() {
+    fn the_fault_of_a_lease_is_named() {
         let table: [(&[(&str, &str)], &str); 5] = [
             (&[("subnet", "255.0.0.0")], "no ip"),
             (&[("ip", "10.0.2.15")], "no subnet"),
@@ -104,9 +103,9 @@ mod tests {
             (&[("ip", "10.0.2"), ("subnet", "255.0.0.0")], "\"10.0.2\""),
             (&[("ip", "10.0.2.15"), ("subnet", "255.0.0.0"), ("router", "none")], "\"none\""),
         ];
-        for (set, said) in table {
+        for (set, words) in table {
             let error = format!("{:#}", address(environment(set)).unwrap_err());
-            assert!(error.contains(said), "{error}");
+            assert!(error.contains(words), "{error}");
         }
         assert!(carry_out("bound", environment(&[])).is_err());
     }

@@ -8,12 +8,12 @@
 //!                      └─────┘ a frame feeds it
 //! ```
 //!
-//! Nothing else feeds it: a loop that turns without measuring is as good as one
-//! that hangs. A camera that is known to be lost is no fault of the computer, and
-//! a restart would not bring it back; then it is stopped.
+//! Nothing else feeds it: a loop that runs without measuring is as bad as one that
+//! hangs. A lost camera is no fault of the computer, and a restart would not bring it
+//! back, so the watchdog is then stopped.
 //!
-//! When the program ends in good order it is stopped as well. When it ends in a
-//! panic it runs on, and restarts the computer.
+//! It is also stopped when the program ends normally. When the program ends in a panic
+//! it keeps running, and restarts the computer.
 
 // The kernel's ioctls are unsafe functions; each gets a pointer to an integer
 // that lives through the call.
@@ -29,7 +29,7 @@ use nix::libc::c_int;
 use plumbline::config::Machine;
 use plumbline::packet::ResetReason;
 
-/// Where the first watchdog of the computer is.
+/// The computer's first watchdog.
 const DEVICE: &str = "/dev/watchdog0";
 
 /// From linux/watchdog.h: the watchdog has restarted the computer.
@@ -43,7 +43,7 @@ mod ioctl {
     use nix::libc::c_int;
 
     nix::ioctl_read!(boot_status, b'W', 2, c_int);
-    // Declared as reading, although it is given the options.
+    // Declared as a read, although it takes the options.
     nix::ioctl_read!(set_options, b'W', 4, c_int);
     nix::ioctl_read!(keep_alive, b'W', 5, c_int);
     nix::ioctl_readwrite!(set_timeout, b'W', 6, c_int);
@@ -58,19 +58,19 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// The watchdog, where the configuration asks for it. One that cannot be had
-    /// is said: the measurement runs without it.
+    /// The watchdog, if the configuration asks for it. A watchdog that cannot be opened is
+    /// logged, and the measurement runs without it.
     #[must_use]
     pub fn of(machine: &Machine) -> Option<Self> {
         let opened = Self::open(machine.watchdog_s?);
         opened.inspect_err(|error| log::error!("machine.watchdog_s: {error:#}")).ok()
     }
 
-    /// Takes the watchdog, tells it the longest time without a frame, and leaves
-    /// it stopped until the first one.
+    /// Opens the watchdog, sets the longest time without a frame, and leaves it stopped
+    /// until the first one.
     ///
     /// # Errors
-    /// When there is none, another program has it, or it does not take the time.
+    /// When there is none, another program uses it, or it does not accept the time.
     pub fn open(seconds: u16) -> Result<Self> {
         Self::open_device(Path::new(DEVICE), seconds)
     }
@@ -99,13 +99,13 @@ impl Watchdog {
         watchdog.stop();
         set.with_context(|| {
             format!(
-                "machine.watchdog_s: {} does not take {seconds} s: ask for less",
+                "machine.watchdog_s: {} does not accept {seconds} s: ask for less",
                 path.display()
             )
         })?;
         if granted != c_int::from(seconds) {
-            // Some hardware rounds; a much longer time would not be what was asked for.
-            log::warn!("the watchdog waits {granted} s instead of {seconds} s");
+            // Some hardware rounds; a much longer time is not what was asked for.
+            log::warn!("the watchdog's timeout is {granted} s instead of {seconds} s");
         }
         if watchdog.running {
             log::warn!(
@@ -130,11 +130,11 @@ impl Watchdog {
         }
         let mut unused = 0;
         // SAFETY: `unused` outlives the call, which touches at most one integer.
-        // A failure shows as a restart, and there is nothing better to do about it.
+        // A failure shows as a restart, which is the best that can be done about it.
         let _ = unsafe { ioctl::keep_alive(self.device.as_raw_fd(), &raw mut unused) };
     }
 
-    /// The camera is lost: there will be no frames for a while.
+    /// The camera is lost, so that there will be no frames for a while.
     pub fn stop(&mut self) {
         if self.running {
             self.running = !self.set(WDIOS_DISABLECARD);
@@ -151,7 +151,7 @@ impl Drop for Watchdog {
     fn drop(&mut self) {
         if !std::thread::panicking() {
             self.stop();
-            // The kernel takes this letter as leave to stop it when the device is closed.
+            // This letter permits the kernel to stop it when the device is closed.
             let _ = self.device.write_all(b"V");
         }
     }
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_watchdog_is_refused_by_name() {
+    fn a_device_that_is_not_a_watchdog_is_refused_by_name() {
         let absent = Watchdog::open_device(Path::new("/no/such/watchdog"), 10).unwrap_err();
         assert!(format!("{absent:#}").contains("/no/such/watchdog"), "{absent:#}");
         let other = Watchdog::open_device(Path::new("/dev/null"), 10).unwrap_err();

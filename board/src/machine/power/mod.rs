@@ -1,7 +1,8 @@
 //! Whether the computer's power supply is too weak, and whether its processor is slowed down.
 //!
-//! A supply whose voltage drops under load, or heat, makes a Raspberry Pi lower its clock: then
-//! frames come late, and some are dropped. How that is known depends on the kernel:
+//! When the supply's voltage drops under load, or the processor gets hot, a Raspberry Pi lowers
+//! its clock: frames are then late, and some are dropped. How this is detected depends on the
+//! kernel:
 //!
 //! | kernel | supply | processor |
 //! |---|---|---|
@@ -9,7 +10,7 @@
 //! | Debian's, on the box's own card | not known | its clock, measured ([`clock`]) |
 //! | others | not known | not known, unless their clock is held at one frequency |
 //!
-//! Reading takes microseconds, waits for nothing and allocates nothing.
+//! Reading takes microseconds, and neither waits nor allocates.
 
 mod clock;
 mod firmware;
@@ -17,7 +18,7 @@ mod firmware;
 use clock::Clock;
 use firmware::Firmware;
 
-/// What is known of the power; `None` where the computer does not tell.
+/// The state of the power; `None` where the computer does not report it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Power {
     /// The supply's voltage is or was too low.
@@ -26,7 +27,7 @@ pub struct Power {
     pub throttled: Option<bool>,
 }
 
-/// What the computer has to tell it with.
+/// The computer's means of reporting its power.
 #[derive(Debug)]
 pub struct PowerMonitor {
     firmware: Option<Firmware>,
@@ -34,14 +35,14 @@ pub struct PowerMonitor {
 }
 
 impl PowerMonitor {
-    /// Begins to watch. The clock is measured while the calling thread runs: this must be the
+    /// Starts monitoring. The clock is measured while the calling thread runs: this must be the
     /// thread that measures.
     #[must_use]
     pub fn open() -> Self {
         Self { firmware: Firmware::open(), clock: Clock::open() }
     }
 
-    /// Now, and since the last call.
+    /// The state now and since the last call.
     pub fn read(&mut self) -> Power {
         match self.firmware.as_ref().and_then(Firmware::power) {
             Some(power) => power,

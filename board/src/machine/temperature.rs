@@ -1,9 +1,9 @@
-//! The processor's temperature, where the kernel tells it.
+//! The processor's temperature, where the kernel reports it.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 
-/// An open sensor; reading it allocates nothing.
+/// An open sensor; reading it does not allocate.
 #[derive(Debug)]
 pub struct Sensor {
     file: Option<File>,

@@ -1,16 +1,16 @@
-//! The flags that a Raspberry Pi's firmware keeps, where the kernel passes them on: a
-//! hexadecimal number without a prefix.
+//! The power flags of a Raspberry Pi's firmware, where the kernel passes them on: a hexadecimal
+//! number without a prefix.
 //!
-//! | bit | since the kernel has asked before | now |
+//! | flag | bit: since the kernel's previous query | bit: now |
 //! |---|---|---|
 //! | the supply's voltage is too low | 16 | 0 |
 //! | the processor's clock is limited | 17 | 1 |
 //! | the processor is throttled | 18 | 2 |
-//! | it is so hot that its clock is lowered | 19 | 3 |
+//! | the processor is so hot that its clock is lowered | 19 | 3 |
 //!
-//! The kernel's driver `raspberrypi-hwmon` asks the firmware every 2 s and clears the upper
-//! bits with it; the file has what it was told last. So a sag of a few milliseconds stands in
-//! the file for 2 s, and who reads it once a second misses none.
+//! The kernel's driver `raspberrypi-hwmon` queries the firmware every 2 s, which clears the upper
+//! bits; the file holds the latest answer. So a voltage drop of a few milliseconds stays in the
+//! file for 2 s, and reading it once a second misses none.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use super::Power;
 
-/// Where the kernel of Raspberry Pi OS has the firmware.
+/// The firmware's directory in the kernel of Raspberry Pi OS.
 const FOLDER: &str = "/sys/devices/platform/soc/soc:firmware";
 
 const UNDERVOLTAGE: u32 = 1 | 1 << 16;
@@ -28,12 +28,12 @@ const THROTTLED: u32 = 0b1110 | 0b1110 << 16;
 #[derive(Debug)]
 pub struct Firmware {
     flags: File,
-    /// There as long as the driver runs.
+    /// Exists as long as the driver runs.
     driver: PathBuf,
 }
 
 impl Firmware {
-    /// `None` where the kernel has no such file.
+    /// `None` if the kernel has no such file.
     pub fn open() -> Option<Self> {
         Self::open_in(Path::new(FOLDER))
     }
@@ -43,9 +43,9 @@ impl Firmware {
         Some(Self { flags, driver: folder.join("raspberrypi-hwmon/driver") })
     }
 
-    /// `None` where the file cannot be read, or nobody keeps it up to date.
+    /// `None` if the file cannot be read, or nothing keeps it up to date.
     pub fn power(&self) -> Option<Power> {
-        // Without the driver the file has what the firmware said when the kernel started.
+        // Without the driver the file holds what the firmware reported at the kernel's start.
         if !self.driver.exists() {
             return None;
         }
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_flag_is_taken_for_what_it_says() {
+    fn each_flag_has_its_meaning() {
         let table = [
             ("0\n", Some((false, false))),
             ("1\n", Some((true, false))),
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_is_read_anew_each_time_and_believed_only_while_it_is_kept() {
+    fn the_file_is_reread_each_time_and_trusted_only_while_the_driver_runs() {
         let folder = tempfile::tempdir().unwrap();
         assert!(Firmware::open_in(folder.path()).is_none());
         let file = folder.path().join("get_throttled");
