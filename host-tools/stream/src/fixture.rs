@@ -89,7 +89,7 @@ pub fn hello(config: &Config) -> Hello {
     }
 }
 
-/// The verdict.
+/// Its Health: all is well.
 pub fn health() -> Health {
     Health {
         uptime_ms: 600_000,

@@ -14,8 +14,8 @@ const ROUND_TRIP_WARN_MS: f64 = 100.0;
 /// The share of questions that may be lost: they are lost as easily as frames.
 const UNANSWERED_WARN: f64 = 0.05;
 
-/// Two crystals differ by 100 ppm at most, 50 each; more than twice that is no
-/// crystal. Against another instrument, a trial of a minute would be off by a frame.
+/// Two crystals differ by 100 ppm at most, 50 each; more than twice that is not a
+/// crystal's. Against another instrument, a trial of a minute would be off by a frame.
 const DRIFT_WARN_PPM: f64 = 200.0;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
