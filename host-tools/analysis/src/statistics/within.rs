@@ -395,7 +395,7 @@ mod tests {
         assert_eq!(error.to_string(), "subject Z has two values in b, z");
         rows[0].value = f64::NAN;
         let error = design(&rows).unwrap_err();
-        assert_eq!(error.to_string(), "subject Z has a value that is no number in b, z");
+        assert_eq!(error.to_string(), "subject Z has a value that is not a number in b, z");
         assert_eq!(design(&[]), Err(DesignError::Empty));
         for factors in [&[][..], &["time", "time"]] {
             assert_eq!(WithinDesign::new(factors, &rows), Err(DesignError::Factors));

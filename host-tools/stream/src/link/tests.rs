@@ -96,7 +96,7 @@ fn a_configuration_goes_to_the_box_that_was_met_and_to_no_other() {
     ] {
         let (mut link, got) = link(now.clone());
         let error = link.store_config(met.as_ref(), &config).unwrap_err().to_string();
-        assert!(error.contains(words) && error.contains("nothing is changed"), "{error}");
+        assert!(error.contains(words) && error.contains("nothing was changed"), "{error}");
         assert!(!got.borrow().iter().any(is_stored));
         // Held no longer.
         link.send(Action::SendHello);

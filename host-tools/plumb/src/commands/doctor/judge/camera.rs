@@ -159,7 +159,7 @@ mod tests {
         once.healths.as_mut().unwrap().0.camera_losses = 2;
         assert_says(&check(&once, "camera"), Verdict::Warn, &["2 times since", "plug"]);
         once.healths = None;
-        assert_says(&check(&once, "camera"), Verdict::Skipped, &["does not say"]);
+        assert_says(&check(&once, "camera"), Verdict::Skipped, &["does not report"]);
     }
 
     #[test]

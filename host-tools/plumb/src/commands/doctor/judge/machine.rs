@@ -292,6 +292,6 @@ mod tests {
         let warning = say(LogLevel::Warn, "the clock is coarse");
         assert_says(&warning, Verdict::Warn, &["the clock is coarse"]);
         let failure = say(LogLevel::Error, "/dev/video0 is gone");
-        assert_says(&failure, Verdict::Fail, &["/dev/video0 is gone", "mend"]);
+        assert_says(&failure, Verdict::Fail, &["/dev/video0 is gone", "correct what it names"]);
     }
 }
