@@ -1,13 +1,14 @@
 //! A configuration that comes over the network, to a box that nobody can log in to.
 
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
-use plumbline::packet::Action;
-use plumbline_stream::link::{BoxLink, LinkArguments};
+use plumbline::packet::{Action, Hello, LinkKind, Message};
+use plumbline_stream::link::BoxLink;
+use plumbline_stream::transport::Udp;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -16,12 +17,18 @@ use crate::scene::{self, run};
 
 /// The host's own end of a link, and what the box calls it.
 fn link() -> (BoxLink, SocketAddr) {
-    let any = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-    let port = any.local_addr().expect("it is bound").port();
-    drop(any);
-    let udp = Some((Ipv4Addr::LOCALHOST, port).into());
-    let link = LinkArguments { udp, serial: None, baud: 115_200 }.open();
-    (link.expect("the port is free"), (HOST, port).into())
+    let udp = Udp::bind((Ipv4Addr::LOCALHOST, 0).into()).expect("a free port");
+    let port = udp.local_address().expect("it is bound").port();
+    (BoxLink::new(Box::new(udp), "the box".to_owned(), LinkKind::Udp), (HOST, port).into())
+}
+
+/// Who the box is, once it says so by itself: it may be starting.
+fn hello(link: &mut BoxLink) -> Hello {
+    let hello = link.messages(Instant::now() + PATIENCE, |message| match message {
+        Message::Hello(hello) => Some(hello.clone()),
+        _ => None,
+    });
+    hello.expect("the link works").expect("a Hello in time")
 }
 
 /// The configuration on a disk, as a box finds it at its next start.
@@ -82,7 +89,7 @@ pub fn assert_power_cuts_leave_one(
     let mut stored = 0;
     for cut in 1..=cuts {
         computer.switch_on();
-        let met = link.hello_within(PATIENCE).unwrap();
+        let met = hello(link);
         // Stored one after the other without a pause, until the power goes.
         let moment = Duration::from_millis(random.random_range(300..1500));
         let storing = std::thread::scope(|scope| {
@@ -156,7 +163,7 @@ fn a_refused_box_takes_a_better_configuration_and_starts_with_it() {
     println!("{heard:?}");
     assert_eq!(link.store_config(None, &config).unwrap().1, config.crc());
     link.request(Action::Reboot, "to restart").unwrap();
-    let hello = link.hello_within(PATIENCE).unwrap();
+    let hello = hello(&mut link);
     assert_eq!((hello.device.as_str(), hello.config_crc), ("boot test", config.crc()));
     assert_eq!(link.config().unwrap(), config);
     drop(machine);

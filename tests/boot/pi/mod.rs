@@ -12,12 +12,12 @@ use std::time::{Duration, Instant};
 
 use ::image::{Rgb, RgbImage};
 use plumbline::config::{Config, SerialLink};
-use plumbline::packet::{Action, CameraState, Hello, Message, ResetReason};
+use plumbline::packet::{Action, CameraState, Hello, LinkKind, Message, ResetReason};
 use plumbline_board::boot::panel::Panel;
 use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
-use plumbline_files;
-use plumbline_stream::link::{BoxLink, LinkArguments};
+use plumbline_stream::link::BoxLink;
+use plumbline_stream::transport::Serial;
 
 use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, two_of};
@@ -139,7 +139,7 @@ fn a_card_records_a_trial_over_the_serial_line() {
     let directory = tempfile::tempdir().unwrap();
     let receive = format!("receive --frames 72 --out trial --serial {}", pi.line());
     binary::plumb_in(directory.path(), &receive);
-    let rows = files::poses::read(&directory.path().join("trial/samples.csv")).unwrap();
+    let rows = plumbline_files::poses::read(&directory.path().join("trial/samples.csv")).unwrap();
     let measured = rows.iter().filter(|row| row.z_mm.is_some()).count();
     assert_eq!((rows.len(), measured), (2 * 72, 2 * 72), "frames without a pose");
     // The card's own core on another processor: each pose is that of one of the frames.
@@ -215,9 +215,8 @@ fn a_power_cut_while_the_card_is_written_to_leaves_the_old_or_the_new_configurat
 
 /// The host's end of the line.
 fn link(pi: &Pi) -> BoxLink {
-    let serial = Some(pi.line().to_owned());
-    let link = LinkArguments { udp: None, serial, baud: 115_200 }.open();
-    link.expect("the line is there")
+    let serial = Serial::open(pi.line(), 115_200).expect("the line is there");
+    BoxLink::new(Box::new(serial), pi.line().to_owned(), LinkKind::Serial)
 }
 
 fn nearest_mm(known: &[Position], found: &Position) -> f64 {
