@@ -1,4 +1,4 @@
-//! What a person at the box sees: its green LED blinks the [status](crate::status), and a
+//! What a person at the box sees: its green LED blinks the [status], and a
 //! screen, if one is plugged in, shows the box's name, its network, its status, and what is
 //! wrong.
 //!

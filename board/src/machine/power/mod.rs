@@ -6,8 +6,8 @@
 //!
 //! | kernel | supply | processor |
 //! |---|---|---|
-//! | Raspberry Pi OS's | the firmware's flags ([`firmware`]) | the same |
-//! | Debian's, on the box's own card | not known | its clock, measured ([`clock`]) |
+//! | Raspberry Pi OS's | the firmware's flags (`firmware`) | the same |
+//! | Debian's, on the box's own card | not known | its clock, measured (`clock`) |
 //! | others | not known | not known, unless their clock is held at one frequency |
 //!
 //! Reading takes microseconds, and neither waits nor allocates.
