@@ -316,7 +316,7 @@ mod tests {
     #[test]
     fn what_cannot_be_meant_is_named() {
         let cases = [
-            (WHOLE.replace("-15", "15"), "physiology.baseline_s: [-45, 15] is no time before"),
+            (WHOLE.replace("-15", "15"), "physiology.baseline_s: [-45, 15] is not a span before"),
             (WHOLE.replace("-45", "-1e12"), "physiology.baseline_s: [-1000000000000, -15]"),
             (WHOLE.replace("%dry", "torr"), "co2, unit: \"torr\""),
             (WHOLE.replace("%dry", "kPa"), "barometric_mmhg: not needed in kPa"),
