@@ -26,6 +26,9 @@ use card::START_BYTES;
 use common::binary;
 use machine::{LINE, Pi};
 
+/// What a box says of its network where there is none: QEMU has no Ethernet for this machine.
+const NO_NETWORK: &str = "no Ethernet interface found: plug in an adapter";
+
 /// As in the test of the other board: the same frames, but others before them.
 const DIFFERENCE_MM_MAX: f64 = 0.1;
 
@@ -67,8 +70,8 @@ fn assert_shows(pi: &Pi, status: Status, name: &str, complaint: &str) {
     assert!(blinks_seen.abs_diff(blinks) <= 1, "{blinks_seen} times, not {blinks}");
     assert!((share_seen - share).abs() < 0.05, "{share_seen}, not {share} of the time");
     // The box draws twice a second, and looks for Ethernet for ten seconds before it says this.
-    let network = "no Ethernet interface found: plug in an adapter";
-    let (expected, give_up) = (drawn(status, name, network, complaint), Instant::now() + PATIENCE);
+    let (expected, give_up) =
+        (drawn(status, name, NO_NETWORK, complaint), Instant::now() + PATIENCE);
     loop {
         let seen = pi.screen();
         let different = seen.pixels().zip(expected.pixels()).filter(|(a, b)| a != b).count();
@@ -155,6 +158,10 @@ fn a_card_records_a_trial_over_the_serial_line() {
     });
     assert_eq!((health.heap_allocations, health.camera), (Some(0), CameraState::Running));
     assert_eq!((health.throttled, health.undervoltage), (Some(false), None));
+    // The log brings these words to the host too. (A box without a configuration sends no log.)
+    pi.wait_for("the network's words", |seen| {
+        logs(&seen.serial).contains(NO_NETWORK).then_some(())
+    });
     let name = format!("{} ({})", config().device, config().serial_number);
     assert_shows(&pi, Status::Tracking, &name, "");
 }
