@@ -9,9 +9,9 @@
 //!
 //! # Data flow
 //!
-//! [`pipeline::Pipeline::step`] takes a frame and its time, and returns a report. On the left are
-//! the folders of `src/`, each with a front page in its `mod.rs`; to the right of each, its
-//! modules in the order of the work.
+//! [`pipeline::Pipeline::step`] takes a frame and its time, and returns a report. The left column
+//! names the folders of `src/`, each of which is described in its `mod.rs`; to the right of each
+//! are its modules, in the order in which they work.
 //!
 //! ```text
 //!  model     image, lens, target, pose, scene, config: what is given
@@ -47,15 +47,15 @@
 //!  tell                          report, and packet: the same as bytes
 //! ```
 //!
-//! The line that fits one edge is in `src/fit/edge/fit/mod.rs`: `fit_edge`. Each folder uses only
-//! those before it in the list `common`, `model`, `find`, `fit`, `follow`, `tell`; all of them use
-//! [`limits`], and only [`pipeline`] knows them all.
+//! A single edge is fitted by `fit_edge` in `src/fit/edge/fit/mod.rs`. Each folder uses only those
+//! before it in the list `common`, `model`, `find`, `fit`, `follow`, `tell`; all of them use
+//! [`limits`], and only [`pipeline`] uses all of them.
 //!
 //! # What is public
 //!
-//! The modules listed below, under these names only: `plumbline::lens::Lens` is in
-//! `src/model/lens.rs`. A program that measures frames needs none of [`parts`], which are for
-//! calibration, benchmarks and tests.
+//! Only the modules listed below, under the names given there: `plumbline::lens::Lens`, for
+//! example, is defined in `src/model/lens.rs`. A program that measures frames needs nothing from
+//! [`parts`], which serves calibration, benchmarks and tests.
 //!
 //! # Example
 //!

@@ -1,9 +1,9 @@
 //! Every capacity of the pipeline, in one place, and the relations between
 //! them, checked when the crate is compiled.
 //!
-//! Those that decide how much memory the pipeline takes come in two sets. The feature
-//! `small-limits` selects the smaller one, for a microcontroller. Where both sets hold what
-//! is seen, the poses are the same. Packets have the same shape with both.
+//! The capacities that determine the pipeline's memory come in two sets; the feature `small-limits`
+//! selects the smaller one, for a microcontroller. As long as neither set overflows, both give the
+//! same poses. Packets have the same shape with both.
 
 /// The capacities that differ between the two sets.
 struct Capacities {
@@ -28,14 +28,14 @@ pub const TARGETS_MAX: usize = 3;
 /// Largest number of corners of one target.
 pub const TARGET_CORNERS_MAX: usize = SELECTED.target_corners;
 
-/// Largest frame side. Memory does not depend on it, the time of a full search does.
+/// Largest frame side. The memory does not depend on it; the duration of a full search does.
 pub const FRAME_SIDE_PX_MAX: u16 = 4096;
 
-/// Smallest frame side: one detector kernel must fit with room to move.
+/// Smallest frame side: a detector kernel must fit with room to spare.
 pub const FRAME_SIDE_PX_MIN: u16 = 64;
 
-/// Columns of the longest grid, which has 3 rows. Of all grids of as many corners it has the
-/// most nodes, edges and squares.
+/// Columns of the longest grid, which has 3 rows. Among all grids with the same number of corners
+/// it has the most nodes, edges and squares.
 const GRID_COLUMNS_MAX: usize = TARGET_CORNERS_MAX / 3;
 
 /// Grid lines of the longest grid.
@@ -44,24 +44,24 @@ const GRID_LINES_MAX: usize = GRID_COLUMNS_MAX + 3;
 /// Nodes of one target, see [`Nodes`](crate::parts::Nodes): (columns + 2) x (rows + 2).
 pub const TARGET_NODES_MAX: usize = (GRID_COLUMNS_MAX + 2) * 5;
 
-/// Edges of one target: two per corner, one more per line, and those of the dark squares at
-/// the border, half of twice as many as there are lines and two.
+/// Edges of one target: two per corner, one more per line, and those of the dark squares at the
+/// border, which are half of its 2 (lines + 2) sides of squares.
 pub const TARGET_EDGES_MAX: usize = 2 * TARGET_CORNERS_MAX + GRID_LINES_MAX + (GRID_LINES_MAX + 2);
 
 /// Squares of one colour of one target: half of (columns + 1) x (rows + 1).
 pub const TARGET_SQUARES_MAX: usize = (GRID_COLUMNS_MAX + 1) * 4 / 2;
 
-/// What one pose is made from, at most: every edge of a target.
+/// Largest number of observations for one pose: every edge of a target.
 pub const OBSERVATIONS_MAX: usize = TARGET_EDGES_MAX;
 
-// A node's index is a byte, and a set of corners the bits of a u128.
+// A node's index is a byte, and a set of corners is the bits of a u128.
 const _: () = assert!(TARGET_NODES_MAX <= 256 && TARGET_CORNERS_MAX <= 128);
 
-// The longest grid has all the corners that there may be.
+// The longest grid has exactly the largest number of corners.
 const _: () = assert!(GRID_COLUMNS_MAX * 3 == TARGET_CORNERS_MAX);
 
-/// Pixels that a search looks at in one step while another target is tracked: a twelfth of
-/// a frame, so that a sweep of all of it takes less than a quarter of a second at 60 Hz.
+/// Pixels that a search examines in one step while another target is tracked: a twelfth of a frame,
+/// so that a sweep of the whole frame takes less than a quarter of a second at 60 Hz.
 pub const SEARCH_PIXELS_PER_STEP: usize = SELECTED.search_pixels_per_step;
 
 /// Longest name of a target, in bytes.
@@ -70,8 +70,9 @@ pub const NAME_BYTES_MAX: usize = 16;
 /// Longest device name, serial number or firmware version, in bytes.
 pub const DEVICE_TEXT_BYTES_MAX: usize = 24;
 
-/// Largest number of corners that a search of a frame keeps, the strongest.
+/// Largest number of corners that a search of a frame keeps: the strongest ones.
 pub const CORNERS_MAX: usize = SELECTED.corners;
 
-// All targets' corners fit beside as many of other things; an index of one is two bytes.
+// There is room for the corners of all targets and for as many spurious ones; a corner's index
+// takes two bytes.
 const _: () = assert!(2 * TARGETS_MAX * TARGET_CORNERS_MAX <= CORNERS_MAX && CORNERS_MAX < 65_536);

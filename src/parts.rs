@@ -1,9 +1,8 @@
-//! The parts of the measurement, one by one.
+//! The individual parts of the measurement.
 //!
-//! A program that measures frames needs none of them: [`Pipeline`](crate::pipeline::Pipeline) has
-//! them all. They are public for those that do something else with the same parts: a camera is
-//! calibrated with them, benchmarks time each one, and tests look at one alone. They change
-//! whenever the measurement does.
+//! A program that measures frames needs none of them: [`Pipeline`](crate::pipeline::Pipeline)
+//! contains them all. They are public for other uses: cameras are calibrated with them, benchmarks
+//! time each one, and tests examine them one at a time. They change whenever the measurement does.
 
 pub use crate::find::corner::{Corner, CornerList, Detector};
 pub use crate::find::grid::{Grid, GridFinder};

@@ -25,7 +25,7 @@ use crate::tell::view::{FrameView, TargetView, frame_view, squares};
 /// One configured target and its track.
 struct Track {
     geometry: TargetGeometry,
-    /// As the last grid that gave a pose had it.
+    /// As in the last grid that gave a pose.
     first_square_dark: bool,
     /// As it was last measured.
     appearance: Appearance,
@@ -42,7 +42,7 @@ pub struct Pipeline {
     scene: Option<SceneFrame>,
     tracks: Vec<Track, TARGETS_MAX>,
     search: Search,
-    /// The target for which the next sweep is made, if it is missing.
+    /// The target that the next sweep is for, if it is missing.
     search_turn: usize,
     workspace: Workspace,
     corners_dropped: u32,
@@ -68,8 +68,7 @@ impl Pipeline {
     /// Takes a configuration and starts afresh.
     ///
     /// # Errors
-    /// The first field that is out of range; the pipeline is then without a
-    /// configuration.
+    /// The first field that is out of range; the pipeline then has no configuration.
     pub fn configure(&mut self, config: &Config) -> Result<(), ConfigError> {
         self.lens = NO_LENS;
         self.tracks.clear();
@@ -104,8 +103,7 @@ impl Pipeline {
 
     /// Measures one frame.
     ///
-    /// `capture_time_ns` is the capture clock's time of the frame; only
-    /// differences matter.
+    /// `capture_time_ns` is the frame's time on the capture clock; only differences matter.
     pub fn step<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
         let lens = self.lens;
         if lens_fits(&lens, frame) {
@@ -125,8 +123,8 @@ impl Pipeline {
         report
     }
 
-    /// How the frame that was measured last looks, and each target that was measured in it.
-    /// It changes nothing, and takes about as long as a tracked frame.
+    /// The appearance of the frame that was measured last, and of each target measured in it. This
+    /// changes no result, and takes about as long as a tracked frame.
     #[must_use]
     pub fn view<P: Pixel>(
         &mut self,
@@ -181,7 +179,7 @@ impl Pipeline {
         }
     }
 
-    /// Goes on with the search, and measures what it has found.
+    /// Continues the search, and measures the targets that it has found.
     fn search_missing<P: Pixel>(&mut self, lens: &Lens, frame: &GreyImage<'_, P>, time_ns: u64) {
         let missing = self.tracks.iter().filter(|track| track.outcome.is_err()).count();
         if missing == 0 {
@@ -208,7 +206,7 @@ impl Pipeline {
         let dropped = self.search.corners().dropped();
         self.corners_dropped = self.corners_dropped.saturating_add(dropped);
         for (index, (track, grid)) in self.tracks.iter_mut().zip(&grids).enumerate() {
-            // A region may cut another target, and says nothing about it.
+            // A region may cut through another target, and says nothing about that one.
             let searched_for = goal.is_none_or(|goal| match goal {
                 Goal::WholeFrame => true,
                 Goal::Region { target } => target == index,
@@ -224,13 +222,13 @@ impl Pipeline {
                         View { image: frame, lens, target: &track.geometry, first_square_dark };
                     let fitted = self.workspace.acquire(&view, grid, corners);
                     track.outcome = fitted.map_err(NoPose::from).map(|fitted| {
-                        // A grid that was refused must not mislead a coasting target.
+                        // A rejected grid must not change what is known of a coasting target.
                         track.first_square_dark = first_square_dark;
                         track.appearance = fitted.appearance;
                         fitted.measurement
                     });
                 }
-                // A coasting target keeps the reason that its edges gave.
+                // A coasting target keeps the reason why its edges gave no pose.
                 Err(rejection) if track.state == State::Acquiring => {
                     track.outcome = Err(NoPose::NotFound(*rejection));
                 }
@@ -239,7 +237,7 @@ impl Pipeline {
         }
     }
 
-    /// The next sweep: for the missing targets in turn, each where it may be.
+    /// The next sweep: the missing targets take turns, each searched for where it may be.
     fn next_sweep<P: Pixel>(
         &mut self,
         lens: &Lens,
@@ -307,7 +305,8 @@ impl Default for Pipeline {
     }
 }
 
-/// What an unconfigured pipeline holds, so that it is all zero in a program's file.
+/// The lens of an unconfigured pipeline: all zero, so that a static pipeline takes no space in a
+/// program's file.
 const NO_LENS: Lens = Lens {
     width_px: 0,
     height_px: 0,

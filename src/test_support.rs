@@ -13,19 +13,19 @@ use crate::model::pose::{Cam, Pose, Target};
 /// The corners of one target, as a tracker would see them.
 pub type SeenCorners = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;
 
-/// How often a test does its work: `count` times, and a tenth as often in an emulator,
-/// where each time takes ten times as long or more. `cargo xtask test` sets the variable.
+/// How often a test repeats its work: `count` times, or a tenth of that in an emulator, where each
+/// repetition takes at least ten times as long. `cargo xtask test` sets the variable.
 pub fn repetitions(count: usize) -> usize {
     if std::env::var_os("PLUMBLINE_RUNNER").is_some() { count.div_ceil(10) } else { count }
 }
 
-/// Steele, Lea and Flood's SplitMix64 (2014): 64 bits of state, every seed good.
+/// Steele, Lea and Flood's SplitMix64 (2014): 64 bits of state; every seed is good.
 pub struct Random {
     state: u64,
 }
 
 impl Random {
-    /// The generator of a seed.
+    /// A generator with this seed.
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
@@ -57,7 +57,7 @@ impl Random {
     }
 }
 
-/// The lens of the design's scene.
+/// The lens of the bedside scene that the design assumes.
 pub fn bedside_lens() -> Lens {
     Lens {
         width_px: 1456,
@@ -71,7 +71,7 @@ pub fn bedside_lens() -> Lens {
     }
 }
 
-/// A checker of 12 mm pitch seen at a pose, each raw coordinate with noise of
+/// The corners of a checkerboard of 12 mm pitch seen at a pose; each raw coordinate has noise of
 /// `sigma_px`.
 pub fn observe(
     lens: &Lens,
@@ -87,7 +87,7 @@ pub fn observe(
         let point_target_mm = Vector3::new(x, y, 0.0) * 12.0;
         let true_px = lens.project(&cam_from_target.transform(&point_target_mm)).unwrap();
         let seen_px = true_px + random.normal2() * sigma_px;
-        // Exact corners still need a sigma to be weighed by.
+        // Exact corners still need a sigma for their weights.
         let sigma_px = if sigma_px > 0.0 { sigma_px } else { 0.01 };
         let seen = SeenCorner::new(point_target_mm, lens, &seen_px, sigma_px).unwrap();
         observations.push(seen).unwrap();

@@ -136,7 +136,7 @@ fn a_configuration_is_checked_as_a_box_does() {
     let mut flipped = sound.clone();
     flipped[sound.len() / 2] ^= 1;
     assert_refused(&check(&flipped), &["box.plb", "checksum", "plumb provision"]);
-    assert_refused(&check(b"[capture]\n"), &["box.plb", "no Plumbline configuration"]);
+    assert_refused(&check(b"[capture]\n"), &["box.plb", "not a Plumbline configuration"]);
     let no_camera = blob(&|config| config.capture = None);
     assert_refused(&check(&no_camera), &["box.plb", "capture: ", "names no camera"]);
     let no_link = blob(&|config| config.links.udp = None);

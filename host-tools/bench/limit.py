@@ -8,16 +8,16 @@ frame's noise allows. The bound follows from how the pixels change with the pose
   (Gaussian) and the pixel's square (taken as a Gaussian of its variance, 1/12 px^2).
 - Its derivatives by the six numbers of the pose are central differences. Offset, contrast
   and blur are unknown as well: a measurement does not know them beforehand.
-- The noise is the simulated sensor's, photons' and reading's, and the rounding's.
+- The noise is that of the simulated sensor (photon and read noise) and of the rounding.
 
 With F = sum over pixels of (derivative derivative^T / noise variance), the bound of the
 covariance is F^-1. Not counted: that the noise itself depends on the grey, and the
-paper's outer edges, which nobody promised to cut exactly.
+paper's outer edges, which need not be cut exactly.
 
     python3 host-tools/bench/limit.py trial --black 20 --white 220 --psf 0.6 --noise 2
 
 Needs numpy and scipy. Prints one line per figure: name, tab, value; `limit_mm` is 1.96
-standard deviations of the depth, `limit_x_mm` and `limit_y_mm` those beside it.
+standard deviations of the depth, `limit_x_mm` and `limit_y_mm` those along x and y.
 """
 
 import argparse
@@ -28,22 +28,22 @@ from pathlib import Path
 import numpy as np
 from scipy.special import erf
 
-# Of `plumb simulate`'s sensor: the grey at which the noise is the given one, and the
-# share of it that is not the photons'.
+# The sensor of `plumb simulate`: the grey at which the noise has the given value, and the
+# share of its variance that is not photon noise.
 NOISE_AT_GREY, READ_VARIANCE_SHARE = 120.0, 0.25
 PIXEL_VARIANCE = ROUNDING_VARIANCE = 1 / 12
 
-# Pixels looked at around the printed grid; the blur ends well before.
+# Pixels included around the printed grid; the blur ends well before.
 MARGIN_PX = 8
 
 # Steps of the central differences, radians and millimetres.
 STEP_RAD, STEP_MM = 1e-5, 1e-3
-# And of offset (grey levels), contrast and blur (relative).
+# Those of offset (grey levels), contrast and blur (relative).
 STEPS_OF_APPEARANCE = (1.0, 1e-3, 1e-3)
 
 
 def distort(camera, x, y):
-    """Raw pixels of rays, as OpenCV has it."""
+    """Raw pixels of rays, as in OpenCV."""
     k1, k2, p1, p2, k3 = (list(camera["distortion"]) + [0.0] * 5)[:5]
     square = x * x + y * y
     radial = 1 + square * (k1 + square * (k2 + square * k3))
@@ -67,7 +67,7 @@ def undistort(camera, x_px, y_px):
 
 
 def read_pose(path, name):
-    """Of frame 0: rotation, position in mm."""
+    """A target in frame 0: rotation, position in mm."""
     rows = csv.DictReader(path.open())
     row = next(row for row in rows if row["frame"] == "0" and row["target"] == name)
     t1, t2, t3 = (float(row[f"theta{i}_rad"]) for i in (1, 2, 3))

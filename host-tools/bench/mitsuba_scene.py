@@ -2,8 +2,8 @@
 
 `plumb simulate` and the tracker have the same authors, and could share a mistake
 about where a pixel's centre or a print's edge lies. Here the ray tracer Mitsuba 3
-draws the same prints at the same true poses; of the project's own renderer nothing
-is used but its numbers.
+draws the same prints at the same true poses; of the project's own renderer only the
+parameters are used.
 
     python3 -m venv venv && venv/bin/pip install mitsuba
     cargo build --release --package plumb
@@ -11,21 +11,21 @@ is used but its numbers.
     venv/bin/python host-tools/bench/mitsuba_scene.py trial trial-mitsuba
 
 The second directory gets frames.y4m, and the first one's other files, so that
-everything that takes the first takes the second. `cargo xtask bench` does the same
-when its python3 has Mitsuba. It is no part of the tests. A frame takes some two seconds
-on two cores; where Mitsuba finds no LLVM (Debian has it as libllvm), four times that.
+whatever reads the first can read the second. `cargo xtask bench` does the same when
+its python3 has Mitsuba. It is not part of the tests. A frame takes about two seconds on
+two cores; where Mitsuba finds no LLVM (Debian's libllvm), four times that.
 
-What is drawn: each target is a rectangle whose picture has one texel per square,
+What is drawn: each target is a rectangle whose texture has one texel per square,
 unfiltered, so that its edges are the ray tracer's own. It glows with the grey that
 the paper would reflect, which is how paper looks in even light. Every pixel is
-cut into 8 x 8, each the mean of 4 rays. The lens's blur (Gaussian), the pixel's
-square, and the sensor's noise and 8 bits are numpy's. Around the prints all is grey:
-only their surroundings are traced.
+divided into 8 x 8 cells, each the mean of 4 rays. The lens's blur (Gaussian), the
+pixel's square, and the sensor's noise and 8 bits are computed with numpy. Everything
+else is grey: only the prints and their surroundings are traced.
 
 Prints, after tracking, one line per figure: name, tab, value. Errors are what
-`plumb track` found less the truth, in millimetres in the camera's frame: `spread`
-is 1.96 standard deviations over the frames, `bias` the mean; both of the depth where no
-axis is named.
+`plumb track` found minus the truth, in millimetres in the camera's frame: `spread`
+is 1.96 standard deviations over the frames, `bias` the mean; where no axis is named,
+both are those of the depth.
 """
 
 import argparse
@@ -55,17 +55,17 @@ NOISE, NOISE_AT_GREY, READ_VARIANCE_SHARE = 2.0, 120.0, 0.25
 
 FINE = 8
 RAYS = 4
-# The blur's reach: beyond 6 standard deviations and half a pixel lies nothing.
+# The blur's reach: beyond 6 standard deviations and half a pixel nothing is left.
 REACH_PX = math.ceil(6 * BLUR_PX + 0.5)
 
-# A pose further from the truth than this is of something else.
+# A pose farther from the truth than this belongs to something else.
 FALSE_MM = 20.0
 
 PROGRESS_EVERY = 20
 
 
 def choose_variant():
-    """The fast one compiles with LLVM, which is not everywhere."""
+    """Chooses the fast variant, which compiles with LLVM, or else the slow one."""
     for variant in ("llvm_ad_mono", "scalar_rgb"):
         try:
             mi.set_variant(variant)
@@ -111,7 +111,7 @@ def crop_around(camera, half_mm, pose):
     outline_px = np.array(
         [camera["fx_px"] * x / z + camera["cx_px"], camera["fy_px"] * y / z + camera["cy_px"]]
     )
-    # One more, so that what the blur adds at the crop's own border is grey as well.
+    # Twice the reach, so that what the blur mixes in at the crop's own border is grey too.
     low = np.floor(outline_px.min(1)).astype(int) - 2 * REACH_PX
     high = np.ceil(outline_px.max(1)).astype(int) + 2 * REACH_PX
     if low.min() < 0 or high[0] >= camera["width_px"] or high[1] >= camera["height_px"]:
@@ -128,8 +128,8 @@ def sensor(camera, crop):
         "to_world": mi.ScalarTransform4f().scale([-1, -1, 1]),
         "fov": math.degrees(2 * math.atan(width / 2 / camera["fx_px"])),
         "fov_axis": "x",
-        # From the film's middle, as shares of its sides; it moves the picture the
-        # other way. Mitsuba's origin is the first pixel's corner, not its centre.
+        # From the film's middle, as shares of its sides; it moves the picture in the
+        # opposite direction. Mitsuba's origin is the first pixel's corner, not its centre.
         "principal_point_offset_x": 0.5 - (camera["cx_px"] + 0.5) / width,
         "principal_point_offset_y": 0.5 - (camera["cy_px"] + 0.5) / height,
         "near_clip": 10.0,
@@ -194,7 +194,7 @@ def draw(camera, targets, poses, number):
     here = {name: poses[number, name] for name in targets}
     scene = {
         "type": "scene",
-        # What glows is seen, and nothing is lit by it.
+        # Glowing surfaces are seen, but light nothing.
         "integrator": {"type": "path", "max_depth": 1},
         "background": {"type": "constant", "radiance": {"type": "rgb", "value": BACKGROUND}},
     }
@@ -216,7 +216,7 @@ def draw(camera, targets, poses, number):
 
 
 def expose(frame, random):
-    """With the sensor's noise, photons' and reading's, in 8 bits."""
+    """The frame with the sensor's photon and read noise, in 8 bits."""
     photons = (1 - READ_VARIANCE_SHARE) * frame / NOISE_AT_GREY
     sd = NOISE * np.sqrt(READ_VARIANCE_SHARE + photons)
     return np.clip(np.rint(random.normal(frame, sd)), 0, 255).astype(np.uint8)
@@ -245,7 +245,7 @@ def find_plumb():
     built = Path(__file__).resolve().parents[2] / "target/release/plumb"
     found = built if built.exists() else shutil.which("plumb")
     if not found:
-        sys.exit("error: no program plumb; `cargo build --release --package plumb` makes it")
+        sys.exit("error: no program plumb; make it with `cargo build --release --package plumb`")
     return found
 
 
@@ -279,8 +279,8 @@ def main():
     )
     arguments.add_argument("simulated", type=Path, help="directory that plumb simulate has written")
     arguments.add_argument("out", type=Path, help="directory to write into")
-    arguments.add_argument("--frames", type=int, help="only so many of the simulated frames")
-    arguments.add_argument("--plumb", type=Path, help="the program plumb, where it is not found")
+    arguments.add_argument("--frames", type=int, help="draw only the first FRAMES frames")
+    arguments.add_argument("--plumb", type=Path, help="the program plumb, if not found")
     arguments = arguments.parse_args()
     plumb = arguments.plumb or find_plumb()
     camera = read_camera(arguments.simulated / "camera.toml")

@@ -3,9 +3,9 @@
 Two chains, each on every frame and on both targets, one thread:
 
 - warm: projectPoints of the previous pose, cornerSubPix around the projected
-  corners, solvePnP with that pose as its guess. The window is the one with the
-  least spread of those tried; only its time counts.
-- search: remap (undistortion, its maps made beforehand), findChessboardCorners,
+  corners, solvePnP with that pose as its guess. Of the windows tried, the one with
+  the least spread is reported, and only its time counts.
+- search: remap (undistortion, with its maps made beforehand), findChessboardCorners,
   cornerSubPix, solvePnP.
 
 Reads the directory that `plumb simulate --out` has written.
@@ -57,7 +57,7 @@ def read_camera(path):
         ]
     )
     if matrix[0, 1] != 0.0:
-        sys.exit("OpenCV has no skew; choose a camera without")
+        sys.exit("OpenCV's model has no skew; choose a camera without it")
     distortion = list(camera["distortion"])
     return matrix, np.array(distortion + [0.0] * (5 - len(distortion)))
 

@@ -3,15 +3,15 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// Finds every burst of up to 32 wrong bits, and every three wrong bits in a
-/// packet or a blob of the sizes used here.
+/// Detects every burst of up to 32 wrong bits, and any three wrong bits in a packet or a blob of
+/// the sizes used here.
 pub(crate) static CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Bytes of a checksum on a wire or in a blob, little endian.
 pub(crate) const CRC_BYTES: usize = 4;
 
-/// Splits bytes into what the checksum covers and whether it agrees; `None`
-/// when they are too few to hold one.
+/// Returns the bytes that the checksum covers, and whether it agrees; `None` when there are too few
+/// bytes to hold one.
 pub(crate) fn checked(bytes: &[u8]) -> Option<(&[u8], bool)> {
     let (covered, stored) = bytes.split_last_chunk::<CRC_BYTES>()?;
     Some((covered, CRC32.checksum(covered) == u32::from_le_bytes(*stored)))

@@ -2,10 +2,10 @@
 
 use core::cmp::Ordering;
 
-/// The middle value, or the upper one of the two in the middle; `None` of no values. The median
-/// is right as long as fewer than half of the values are wrong.
+/// The middle value, or the upper one of the two in the middle; `None` if there are no values. The
+/// median is reliable as long as fewer than half of the values are wrong.
 ///
-/// Leaves the values in another order. Takes time in proportion to their number.
+/// Reorders the values. Takes time proportional to their number.
 pub(crate) fn median<T: Copy>(
     values: &mut [T],
     order: impl FnMut(&T, &T) -> Ordering,
@@ -25,18 +25,18 @@ pub(crate) struct Mean {
 }
 
 impl Mean {
-    /// Adds a value of a weight that is not negative.
+    /// Adds a value with a weight that is not negative.
     pub(crate) fn add(&mut self, value: f64, weight: f64) {
         self.sum += weight * value;
         self.weights += weight;
     }
 
-    /// True while nothing of any weight was added.
+    /// True until a value with a positive weight has been added.
     pub(crate) fn is_empty(&self) -> bool {
         self.weights <= 0.0
     }
 
-    /// The mean; 0 of no values.
+    /// The mean; 0 if there are no values.
     pub(crate) fn value(&self) -> f64 {
         if self.is_empty() { 0.0 } else { self.sum / self.weights }
     }

@@ -1,11 +1,10 @@
 //! The search for targets that are not being tracked, in slices.
 //!
-//! A sweep works through an area of the frame in bands from top to bottom, as
-//! many rows in one step as the step's share of pixels allows, and gathers
-//! corners. When it has reached the bottom, the corners are turned into grids.
-//! While other targets are tracked a step's share is small, so that a lost
-//! target does not slow them; the bands then come from consecutive frames, and
-//! what the sweep finds is measured afresh in the frame in which it ends.
+//! A sweep works through an area of the frame in bands from top to bottom, as many rows per step as
+//! the step's share of pixels allows, and collects corners. When it has reached the bottom, the
+//! corners are turned into grids. While other targets are tracked a step's share is small, so that
+//! a lost target does not slow them; the bands then come from consecutive frames, and what the
+//! sweep finds is measured afresh in the frame in which it ends.
 
 use core::ops::Range;
 
@@ -38,13 +37,13 @@ pub struct Area {
     pub rows: Range<usize>,
 }
 
-/// The searcher: the detector, the grid finder, and the sweep under way.
+/// The searcher: the detector, the grid finder, and the current sweep.
 pub struct Search {
     detector: Detector,
     finder: GridFinder,
     corners: CornerList,
-    /// Whether a sweep is under way; the rest is then its own, else the last one's. (No
-    /// `Option`: an idle search is all zero, and takes no place in a program's file.)
+    /// Whether a sweep is under way. The other fields describe it, or else the last one. (Not an
+    /// `Option`: an idle search is all zero, and takes no space in a program's file.)
     under_way: bool,
     goal: Goal,
     area: Area,
@@ -56,7 +55,7 @@ pub struct Search {
 pub type Grids = Vec<Result<Grid, GridRejection>, TARGETS_MAX>;
 
 impl Search {
-    /// A searcher at rest.
+    /// An idle searcher.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -76,13 +75,12 @@ impl Search {
         self.under_way.then_some(self.goal)
     }
 
-    /// Drops the sweep under way.
+    /// Abandons the current sweep.
     pub fn stop(&mut self) {
         self.under_way = false;
     }
 
-    /// Begins a sweep of an area. What of it lies beyond the frames to come is
-    /// passed over.
+    /// Begins a sweep of an area. Any part of it outside the frames is skipped.
     pub fn begin(&mut self, goal: Goal, area: Area) {
         self.corners.clear();
         self.under_way = true;
@@ -91,8 +89,8 @@ impl Search {
         self.area = area;
     }
 
-    /// Works on the sweep: all of it, or one step's share of it. True when it
-    /// has come to its end; the corners are then complete.
+    /// Continues the sweep: all of it, or one step's share. True when it is finished; the corners
+    /// are then complete.
     pub fn advance<P: Pixel>(&mut self, image: &GreyImage<'_, P>, all_at_once: bool) -> bool {
         if !self.under_way {
             return false;
@@ -110,14 +108,14 @@ impl Search {
         !self.under_way
     }
 
-    /// The corners gathered by the last sweep.
+    /// The corners collected by the last sweep.
     #[must_use]
     pub fn corners(&self) -> &CornerList {
         &self.corners
     }
 
-    /// The grids of these shapes among the gathered corners. `image` is the frame in
-    /// which the sweep came to its end.
+    /// The grids of these shapes among the collected corners. `image` is the frame in which the
+    /// sweep ended.
     pub fn grids<P: Pixel>(&mut self, image: &GreyImage<'_, P>, wanted: &[GridShape]) -> Grids {
         let mut grids = Grids::new();
         for _ in wanted.iter().take(TARGETS_MAX) {
@@ -144,7 +142,7 @@ mod tests {
 
     use super::*;
 
-    /// Rows that each step of a sweep worked on, to its end.
+    /// The number of rows that each step of a sweep covers, until its end.
     fn bands(image: &GreyImage<'_, u8>, area: &Area, all_at_once: bool) -> vec::Vec<usize> {
         let mut search = Box::new(Search::new());
         search.begin(Goal::WholeFrame, area.clone());
@@ -184,7 +182,7 @@ mod tests {
                 assert_eq!(rows_at_once, [area.rows.len()]);
             }
         }
-        // What `SEARCH_PIXELS_PER_STEP` says: a quarter of a second at 60 Hz.
+        // As promised at `SEARCH_PIXELS_PER_STEP`: a quarter of a second at 60 Hz.
         let image = GreyImage::new(&pixels, 1456, 1088, 1456).unwrap();
         let steps = bands(&image, &Area { columns: 0..1456, rows: 0..1088 }, false).len();
         assert!(steps <= 15, "{steps} steps");

@@ -3,7 +3,7 @@
 //! In: a frame, a lens, a target, and where it is expected or its grid was found. Out: its pose and
 //! covariance, a [`measure::Measurement`], or why there is none.
 //!
-//! [`measure`] has the steps. [`nodes`] are where the expected pose puts the grid in the frame;
+//! [`measure`] runs the steps. [`nodes`] projects the grid into the frame at the expected pose;
 //! [`edge`] fits each edge between them to the pixels beside it; [`solve`] fits the pose to the
 //! edges. A grid that was just found gets its first pose from [`planar`].
 

@@ -1,9 +1,9 @@
 //! The nodes of a target's grid, where an expected pose puts them in the picture.
 //!
-//! A node is where squares meet: every inner corner, and a ring around them, where the
-//! outermost squares end. Between two neighbouring nodes runs an *edge*, dark on one
-//! side and light on the other; see [`crate::fit::edge`]. On the ring only the dark squares
-//! have one, with the paper's margin.
+//! A node is where squares meet: every inner corner, and a ring around them, where the outermost
+//! squares end. Between two neighbouring nodes runs an *edge*, dark on one side and light on the
+//! other; see [`crate::fit::edge`]. On the ring only the dark squares have edges, with the paper's
+//! margin.
 //!
 //! ```text
 //!   ┌───┐   ┌───┐
@@ -21,7 +21,7 @@ use crate::model::lens::{Lens, ray_of};
 use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::TargetGeometry;
 
-/// One node, and how its raw pixel follows its ray.
+/// One node, and how its raw pixel changes with its ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Node {
     /// In the target frame.
@@ -35,8 +35,8 @@ pub struct Node {
 }
 
 impl Node {
-    /// Raw pixels from the expected place to the one at another pose, to first order
-    /// in the lens; `None` when the node lies behind the camera there.
+    /// The displacement, in raw pixels, from the expected position to that at another pose, to
+    /// first order in the lens; `None` when the node lies behind the camera there.
     #[inline]
     #[must_use]
     pub(crate) fn moved_px(&self, cam_from_target: &Pose<Cam, Target>) -> Option<Vector2<f64>> {
@@ -63,7 +63,7 @@ pub struct Edge {
     pub nodes: [u8; 2],
     /// Whether the side to the right, seen along the edge in the picture, is light.
     pub is_right_light: bool,
-    /// Whether it is where a dark square of the outermost ones ends in the paper's margin.
+    /// Whether it divides one of the outermost dark squares from the paper's margin.
     pub is_border: bool,
 }
 
@@ -94,8 +94,8 @@ impl Nodes {
         Self { columns: 0, rows: 0, nodes: Vec::new() }
     }
 
-    /// Puts every node where the pose has it. Returns whether that could be done: no node
-    /// lies behind the camera, and the target's front is seen.
+    /// Projects every node at a pose. Returns whether that is possible: no node lies behind the
+    /// camera, and the target's front is seen.
     #[must_use]
     pub fn project(
         &mut self,
@@ -105,7 +105,7 @@ impl Nodes {
     ) -> bool {
         self.nodes.clear();
         (self.columns, self.rows) = (target.columns() + 2, target.rows() + 2);
-        // The target's z axis points away from who sees its front.
+        // The target's z axis points away from a camera that sees its front.
         if cam_from_target.rotation.column(2).dot(&cam_from_target.translation_mm) <= 0.0 {
             return false;
         }
@@ -116,7 +116,7 @@ impl Nodes {
             };
             let (raw_px, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
             let node = Node { point_target_mm, ray, raw_px, raw_by_ray };
-            // A target has as many nodes as there is room for, at most.
+            // A target has no more nodes than there is room for.
             let _ = self.nodes.push(node);
         }
         true
@@ -128,7 +128,7 @@ impl Nodes {
         &self.nodes
     }
 
-    /// Index of the corner that a node is; `None` for those of the ring around the corners.
+    /// Index of the corner at a node; `None` for the nodes of the ring around the corners.
     #[must_use]
     pub fn corner(&self, node: u8) -> Option<usize> {
         let (row, column) = (usize::from(node) / self.columns, usize::from(node) % self.columns);
@@ -153,7 +153,7 @@ impl Nodes {
                 (above != below).then(|| Edge {
                     direction: Direction::X,
                     nodes: [index(column, row), index(column + 1, row)],
-                    // What is right of an edge to the right is below it.
+                    // The right-hand side of an edge that runs to the right is below it.
                     is_right_light: above,
                     is_border: row == 0 || row == rows - 1,
                 })
@@ -165,7 +165,8 @@ impl Nodes {
                 (left != right).then(|| Edge {
                     direction: Direction::Y,
                     nodes: [index(column, row), index(column, row + 1)],
-                    // What is right of an edge downwards is on its left in the picture.
+                    // The right-hand side of an edge that runs downwards is on its left in the
+                    // picture.
                     is_right_light: right,
                     is_border: column == 0 || column == columns - 1,
                 })
@@ -182,7 +183,7 @@ impl Nodes {
             let at = |node: usize| self.nodes[node].raw_px;
             let (left, above, across) = (at(node - 1), at(node - columns), at(node - columns - 1));
             let here = at(node);
-            // The shorter way between opposite sides.
+            // The shorter distance between opposite sides.
             let [x, y] = [here + above - left - across, here + left - above - across];
             Square {
                 node: node as u8,
@@ -193,8 +194,8 @@ impl Nodes {
         })
     }
 
-    /// The squares on both sides of an edge, by the nodes at their lower right; a border has
-    /// one.
+    /// The squares on both sides of an edge, given by the nodes at their lower right; a border edge
+    /// has only one.
     pub(crate) fn squares_beside(&self, edge: &Edge) -> impl Iterator<Item = u8> {
         let end = usize::from(edge.nodes[1]);
         let (has_first, has_second, second) = match edge.direction {
@@ -217,12 +218,13 @@ impl Nodes {
         let at = |node: usize| self.nodes[node].raw_px;
         let [start, end] = edge.nodes.map(usize::from);
         let (row, column) = (start / self.columns, start % self.columns);
-        // From a node to the next one beside the edge and along it, and how many there are.
+        // Across the edge, then along it: the step in node indices, the place of the edge's first
+        // node, and the number of places.
         let (beside, line, lines, along, place, places) = match edge.direction {
             Direction::X => (self.columns, row, self.rows, 1, column, self.columns),
             Direction::Y => (1, column, self.columns, self.columns, row, self.rows),
         };
-        // The lines on both sides; a border has one.
+        // The lines on both sides; a border has only one.
         let before = if line == 0 { 0 } else { beside };
         let after = if line == lines - 1 { 0 } else { beside };
         let next = at(start + after) + at(end + after) - at(start - before) - at(end - before);
@@ -233,8 +235,8 @@ impl Nodes {
         // An arc's height over its chord is an eighth of its points' second difference.
         let bend_at =
             |node: usize| right.dot(&(at(node) * 2.0 - at(node - along) - at(node + along))) / 8.0;
-        // Between two nodes it is their mean; half a step beyond the last node that has
-        // neighbours on both sides it goes on as it was.
+        // Between two nodes it is their mean; half a step beyond the last node with neighbours on
+        // both sides it is extrapolated linearly.
         let bend_px = match (place == 0, place + 2 == places) {
             (true, _) => 1.5 * bend_at(end) - 0.5 * bend_at(end + along),
             (_, true) => 1.5 * bend_at(start) - 0.5 * bend_at(start - along),
@@ -243,8 +245,8 @@ impl Nodes {
         Chord { start_px: at(start), end_px: at(end), across_px, right, bend_px }
     }
 
-    /// The longest way of any corner from here to another pose; `None` when one is behind
-    /// the camera there.
+    /// The largest displacement of any node between the expected pose and another, in raw pixels;
+    /// `None` when a node lies behind the camera at the other pose.
     #[must_use]
     pub(crate) fn farthest_px(&self, cam_from_target: &Pose<Cam, Target>) -> Option<f64> {
         let mut farthest = 0.0_f64;
@@ -268,7 +270,7 @@ pub struct Chord {
     pub start_px: Vector2<f64>,
     /// Raw pixel of its second node.
     pub end_px: Vector2<f64>,
-    /// From here to the next line of its direction, along the crossing lines.
+    /// To the next line of the same direction, along the crossing lines.
     pub across_px: Vector2<f64>,
     /// Unit normal, to the right.
     pub right: Vector2<f64>,
@@ -276,13 +278,13 @@ pub struct Chord {
     pub bend_px: f64,
 }
 
-/// Each node's place on a target, row by row.
+/// Each node's position on a target, row by row.
 pub fn points_mm(target: &TargetGeometry) -> impl Iterator<Item = Vector3<f64>> + '_ {
     let (columns, rows) = (target.columns() + 2, target.rows() + 2);
     (0..rows).flat_map(move |row| (0..columns).map(move |column| point_mm(target, column, row)))
 }
 
-/// A node's place on the target. Those beyond the corners go on in a straight line.
+/// A node's position on the target. Nodes beyond the corners are extrapolated linearly.
 fn point_mm(target: &TargetGeometry, column: usize, row: usize) -> Vector3<f64> {
     let along = |place: usize, count: usize| -> (usize, usize, f64) {
         // The inner place, its inner neighbour, and how much of their difference to add.
@@ -395,7 +397,7 @@ mod tests {
         for node in nodes.as_slice() {
             let exact =
                 lens.project(&moved.transform(&node.point_target_mm)).unwrap() - node.raw_px;
-            // A millionth of the focal length per px of the way.
+            // A millionth of the focal length per px of displacement.
             assert!((node.moved_px(&moved).unwrap() - exact).norm() < 2e-5);
             farthest = farthest.max(exact.norm());
         }

@@ -1,13 +1,12 @@
 //! Closed-form pose of a plane, with both of its minima.
 //!
-//! In: corners of a flat target and the rays along which they were seen. Out:
-//! one or two poses, best first, good enough to start [`crate::fit::solve`]. The
-//! homography of the plane is Zhang's (2000, appendix A: normalised direct linear
-//! transform, least squares). Its decomposition is that of Collins and Bartoli
-//! ("Infinitesimal plane-based pose estimation", 2014), which needs the homography
-//! only to first order about the target's middle. Zhang's own decomposition
-//! (section 3.1 and appendix C) reads the tilt from the perspective terms, which
-//! for a target that is small against its distance are mostly noise.
+//! In: corners of a flat target and the rays along which they were seen. Out: one or two poses,
+//! best first, good enough to start [`crate::fit::solve`]. The homography of the plane is Zhang's
+//! (2000, appendix A: normalised direct linear transform, least squares). The decomposition is that
+//! of Collins and Bartoli ("Infinitesimal plane-based pose estimation", 2014), which needs the
+//! homography only to first order about the target's middle. Zhang's own decomposition (section 3.1
+//! and appendix C) reads the tilt from the perspective terms, which for a target that is small
+//! against its distance are mostly noise.
 //!
 //! To first order a plane and its mirror image about the line of sight look the
 //! same, so that the reprojection error has two minima (Schweighofer and Pinz
@@ -25,16 +24,16 @@ use crate::fit::solve::{Observations, by_increment};
 use crate::model::lens::{Lens, ray_by_point, ray_of};
 use crate::model::pose::{Cam, Pose, Target};
 
-/// A homography has 8 parameters and a point 2 equations.
+/// Fewest points: a homography has 8 parameters, and a point gives 2 equations.
 pub const POINTS_MIN: usize = 4;
 
 /// Width over length below which points count as collinear. The narrowest target,
 /// 3 corners by 40, has 0.06 face on, and 0.005 seen at 5 degrees from its edge.
 const WIDTH_OVER_LENGTH_MIN: f64 = 1e-3;
 
-/// Smallest pivot of a homography's normal equations over their largest: below
-/// it the points leave a parameter open. Rounding leaves 1e-16 of a singular
-/// system; 3 x 40 corners have 3e-3.
+/// Smallest ratio of a pivot of a homography's normal equations to their largest: below it the
+/// points leave a parameter undetermined. Rounding leaves 1e-16 for a singular system; 3 x 40
+/// corners have 3e-3.
 const PIVOT_RATIO_MIN: f64 = 1e-6;
 
 /// Why a plane has no pose.
@@ -66,12 +65,12 @@ impl core::fmt::Display for PlanarFailure {
 
 impl core::error::Error for PlanarFailure {}
 
-/// One corner seen: where it is on the target, along which ray it was seen, and how
-/// raw pixels change with the ray there.
+/// A corner that was seen: its position on the target, the ray along which it was seen, and how raw
+/// pixels change with the ray there.
 ///
-/// Its residual is in raw pixels although it arrives as a ray: the difference of two
-/// rays times `raw_by_ray`. Noise is even on the sensor; a wide-angle lens makes it
-/// several times larger in undistorted pixels at the frame's edge than in the middle.
+/// Its residual is in raw pixels although it arrives as a ray: the difference of two rays times
+/// `raw_by_ray`. Noise is uniform on the sensor; a wide-angle lens makes it several times larger in
+/// undistorted pixels at the frame's edge than in the middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeenCorner {
     /// The corner in the target frame.
@@ -149,7 +148,7 @@ impl Observations for [SeenCorner] {
     }
 }
 
-/// One of the poses of a plane.
+/// One of the two poses of a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPose {
     /// The pose, not yet refined.
@@ -164,8 +163,8 @@ pub type PlanarPoses = Vec<PlanarPose, 2>;
 /// Both poses of a plane, best first. One is left out only when it puts a corner
 /// behind the camera.
 ///
-/// The homography takes the target as flat and ignores its points' z; the
-/// translation and the ranking use it.
+/// The homography treats the target as flat and ignores the z of its points; the translation and
+/// the ranking use it.
 ///
 /// # Errors
 /// [`PlanarFailure`].
@@ -188,7 +187,7 @@ pub fn planar_poses(observations: &[SeenCorner]) -> Result<PlanarPoses, PlanarFa
         let Some(translation_mm) = translation(observations, &rotation) else { continue };
         let cam_from_target = Pose::new(rotation, translation_mm);
         let Some(rms_px) = rms(observations, &cam_from_target) else { continue };
-        // Two rotations, two places: the second push cannot fail.
+        // There are two rotations and room for two poses: this cannot fail.
         let _ = poses.push(PlanarPose { cam_from_target, rms_px });
     }
     if poses.is_empty() {
@@ -227,16 +226,16 @@ impl Normalisation {
     }
 }
 
-/// The homography from normalised target points to normalised rays, its last
-/// element 1: the middle of what is seen is in front of the camera, so that its
-/// depth, which this element is, is not 0.
+/// The homography from normalised target points to normalised rays, its last element 1. That
+/// element is the depth of the middle of what is seen, which is in front of the camera, so that it
+/// is not 0.
 fn homography(
     observations: &[SeenCorner],
     plane: &Normalisation,
     image: &Normalisation,
 ) -> Option<Matrix3<f64>> {
-    // Whether the points fix a homography depends on the target alone, and is asked
-    // of the target seen face on: the noise of rays hides a singular system.
+    // Whether the points determine a homography depends on the target alone, and is tested with the
+    // target seen face on: noise in the rays would hide a singular system.
     let mut face_on = HomographyEquations::zero();
     let mut seen_equations = HomographyEquations::zero();
     for seen in observations {
@@ -244,7 +243,7 @@ fn homography(
         face_on.add(&from, &from);
         seen_equations.add(&from, &image.apply(&seen.ray));
     }
-    // The factor's diagonal holds the pivots' roots.
+    // The factor's diagonal holds the square roots of the pivots.
     let pivots = face_on.normal.cholesky()?.l_dirty().diagonal();
     if pivots.min() < libm::sqrt(PIVOT_RATIO_MIN) * pivots.max() {
         return None;
@@ -329,7 +328,7 @@ fn rotations(
     let first = libm::sqrt(missing[(0, 0)].max(0.0));
     let second = libm::copysign(libm::sqrt(missing[(1, 1)].max(0.0)), missing[(0, 1)]);
     Ok([1.0, -1.0].map(|sign: f64| {
-        // Of length 1 and perpendicular by construction.
+        // Of length 1, and perpendicular to each other by construction.
         let x_axis = Vector3::new(upper[(0, 0)], upper[(1, 0)], sign * first);
         let y_axis = Vector3::new(upper[(0, 1)], upper[(1, 1)], sign * second);
         turn * Matrix3::from_columns(&[x_axis, y_axis, x_axis.cross(&y_axis)])
@@ -412,8 +411,8 @@ mod tests {
                 .map(|place: usize| poses[place].cam_from_target.rotation.column(2).into_owned());
             let sight = wanted.translation_mm.normalize();
             let mirrored = sight * (2.0 * normals[0].dot(&sight)) - normals[0];
-            // The line of sight to the corners' centroid, of which the target's middle
-            // is off by the second order of its size over the distance.
+            // The line of sight to the corners' centroid, which differs from the target's middle to
+            // second order in size over distance.
             assert!((mirrored - normals[1]).norm() < 1e-5, "{}", (mirrored - normals[1]).norm());
             assert!(poses[0].rms_px <= poses[1].rms_px);
         }
@@ -463,7 +462,7 @@ mod tests {
         // One row and one corner more: a pencil of homographies.
         assert_eq!(refused(&good[..7]), PlanarFailure::Degenerate);
         assert_eq!(refused(&[good[3]; 5]), PlanarFailure::Degenerate);
-        // Right corners all seen in one place.
+        // Correct corners, all seen in one place.
         let mut squeezed = good.clone();
         squeezed.iter_mut().for_each(|seen| seen.ray = good[0].ray);
         assert_eq!(refused(&squeezed), PlanarFailure::Degenerate);

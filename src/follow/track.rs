@@ -9,10 +9,9 @@
 //!   missed for COASTING_NS_MAX
 //! ```
 //!
-//! Acquiring knows nothing: only a search of the whole frame helps. Tracking and
-//! Coasting know a motion, and look for the edges where it
-//! predicts; Coasting has not seen the target in the frame before, and is
-//! searched for in the region around the prediction as well.
+//! Acquiring: nothing is known, and the whole frame must be searched. Tracking and Coasting: a
+//! motion is known, and the edges are looked for where it predicts them. Coasting: the target was
+//! not seen in the previous frame, and the region around the prediction is searched as well.
 
 use nalgebra::Vector6;
 
@@ -21,12 +20,12 @@ use crate::model::pose::{Cam, Pose, Target, vector_from_rotation};
 /// A target that was not seen for this long is searched for in the whole frame.
 const COASTING_NS_MAX: u64 = 1_000_000_000;
 
-/// A velocity is believed for this long: two frames at 20 Hz. Longer gaps say
-/// nothing about where in its sway the body is.
+/// A velocity is trusted for this long: two frames at 20 Hz. After a longer gap it says nothing
+/// about where in its sway the body is.
 const VELOCITY_NS_MAX: u64 = 100_000_000;
 
-/// The strongest acceleration of a trunk that stands, recovery steps included,
-/// about half of gravity.
+/// The largest acceleration of a standing person's trunk, recovery steps included: about half of
+/// gravity.
 const ACCELERATION_MM_PER_S2_MAX: f64 = 5_000.0;
 
 /// Where a target was, and how it moves.
@@ -41,8 +40,8 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Time since the last measurement. Time that runs backwards (a recording
-    /// that starts again) is as good as a very long gap.
+    /// Time since the last measurement. Time that runs backwards (a recording that starts again)
+    /// counts as a very long gap.
     fn gap_ns(&self, time_ns: u64) -> u64 {
         time_ns.checked_sub(self.time_ns).unwrap_or(u64::MAX)
     }
@@ -84,7 +83,7 @@ impl Motion {
     }
 }
 
-/// What a target's track knows.
+/// What is known about a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum State {
     /// Nothing: the whole frame must be searched.
@@ -178,7 +177,7 @@ mod tests {
         let moving = motion(0).continued(pose(0.5), FRAME_NS);
         let expected = moving.predict(2 * FRAME_NS);
         assert!((expected.translation_mm.x - 1.0).abs() < 1e-9);
-        // And no further than the velocity is believed.
+        // And no further than the velocity is trusted.
         let far = moving.predict(FRAME_NS + 10 * VELOCITY_NS_MAX);
         assert!((far.translation_mm.x - 3.5).abs() < 1e-6);
     }

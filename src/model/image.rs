@@ -1,8 +1,8 @@
 //! A borrowed grey picture with a row stride.
 //!
-//! The pipeline never owns pixels: the camera driver's buffer, a file's frame or
-//! a flash page is borrowed for the length of one step. Construction checks the
-//! sizes once; afterwards every row has `width` pixels.
+//! The pipeline never owns pixels: the camera driver's buffer, a file's frame or a flash page is
+//! borrowed for the duration of one step. Construction checks the sizes once; afterwards every row
+//! has `width` pixels.
 
 use crate::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
 

@@ -34,14 +34,14 @@ impl Distortion {
         }
     }
 
-    /// The distorted ray and its 2 x 2 Jacobian by the ray.
+    /// The distorted ray and its 2 x 2 Jacobian with respect to the ray.
     #[must_use]
     pub fn distort_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let [k1, k2, p1, p2, k3] = self.coefficients();
         let (x, y) = (ray.x, ray.y);
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        // Derivative of `radial` by r2.
+        // Derivative of `radial` with respect to r2.
         let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
         let distorted = Vector2::new(
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
@@ -121,8 +121,8 @@ pub struct Lens {
     pub distortion: Distortion,
 }
 
-/// Newton steps of [`Lens::ray_from_raw`]: convergence is quadratic, and the
-/// strongest lens of the tests needs 6.
+/// Most Newton steps of [`Lens::ray_from_raw`]: convergence is quadratic, and the strongest lens of
+/// the tests needs 6.
 const INVERSION_STEPS_MAX: usize = 20;
 
 /// Halvings of one Newton step before the inversion gives up.
@@ -195,7 +195,7 @@ impl Lens {
         Matrix2::new(self.fx_px, self.skew_px, 0.0, self.fy_px)
     }
 
-    /// The raw pixel of a ray, and its 2 x 2 Jacobian by the ray.
+    /// The raw pixel of a ray, and its 2 x 2 Jacobian with respect to the ray.
     #[must_use]
     pub fn raw_from_ray_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (distorted, jacobian) = self.distortion.distort_with_jacobian(ray);
@@ -236,7 +236,7 @@ impl Lens {
                 }
                 halvings += 1;
                 if halvings > INVERSION_HALVINGS_MAX {
-                    // At the rounding floor no step improves: the ray is there already.
+                    // At the rounding floor no step improves the residual: the ray has been found.
                     return (residual < INVERSION_STEP_END).then_some(ray);
                 }
                 step *= 0.5;

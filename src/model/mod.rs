@@ -3,7 +3,7 @@
 //! [`image`] is a frame. [`lens`] takes points in front of the camera to pixels, and pixels to
 //! rays. [`target`] says where a target's corners are printed. [`pose`] takes coordinates from one
 //! frame of reference to another, and [`scene`] a pose to the body's axes. A [`config`] holds all
-//! of it for one box. Nothing in here looks at a pixel's value.
+//! of it for one box. Nothing here looks at a pixel's value.
 
 pub mod config;
 pub mod image;

@@ -39,7 +39,7 @@ impl<To, From> Pose<To, From> {
         Self { rotation, translation_mm, frames: PhantomData }
     }
 
-    /// The transform that changes nothing.
+    /// The identity transform.
     #[must_use]
     pub fn identity() -> Self {
         Self::new(Matrix3::identity(), Vector3::zeros())
@@ -54,7 +54,7 @@ impl<To, From> Pose<To, From> {
         Self::new(angles.rotation(), Vector3::new(theta[3], theta[4], theta[5]))
     }
 
-    /// theta1..6, from which [`from_theta`](Self::from_theta) makes this transform again.
+    /// theta1..6, from which [`from_theta`](Self::from_theta) rebuilds this transform.
     #[must_use]
     pub fn theta(&self) -> [f64; 6] {
         let EulerAngles { theta1_rad, theta2_rad, theta3_rad } = self.euler();
@@ -68,7 +68,7 @@ impl<To, From> Pose<To, From> {
         self.rotation * point_mm + self.translation_mm
     }
 
-    /// The transform back.
+    /// The inverse transform.
     #[must_use]
     pub fn inverse(&self) -> Pose<From, To> {
         let rotation = self.rotation.transpose();

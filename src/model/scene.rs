@@ -10,10 +10,9 @@
 //! SI (superior-inferior)  = -y': up
 //! ```
 //!
-//! The camera stands behind the person, so that its right is the person's right
-//! and away from it is forward. Millimetres; the zero is the board's origin. The
-//! axes are as true as the board stands: a board that leans by 1 degree leaks
-//! 1.7 % of the vertical motion into AP.
+//! The camera stands behind the person, so that its right is the person's right and away from it is
+//! forward. Millimetres; the zero is the board's origin. The axes are only as true as the board is
+//! upright: if it leans by 1 degree, 1.7 % of the vertical motion leaks into AP.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -37,7 +36,7 @@ pub struct SceneFrame {
 }
 
 impl SceneFrame {
-    /// The scene of a board at this pose.
+    /// The scene frame of a board at this pose.
     #[must_use]
     pub const fn new(cam_from_scene: Pose<Cam, Scene>) -> Self {
         Self { cam_from_scene }
@@ -58,7 +57,7 @@ impl SceneFrame {
     }
 
     /// The rotation that takes a direction of the camera frame to the anatomical axes: AP, ML and
-    /// SI, in this order. It takes covariances there as well.
+    /// SI, in this order. It transforms covariances as well.
     #[must_use]
     pub fn anatomical_from_cam(&self) -> Matrix3<f64> {
         // AP is the scene's z, ML its x, SI its -y.

@@ -86,8 +86,8 @@ pub struct TargetGeometry {
     points_mm: Vec<[f64; 3], TARGET_CORNERS_MAX>,
 }
 
-/// A geometry as it comes from outside: the fields of [`TargetGeometry`], in
-/// their order, before anyone looked whether they agree.
+/// A geometry as it comes from outside: the fields of [`TargetGeometry`], in their order, before it
+/// has been checked that they agree.
 #[derive(Deserialize)]
 struct Unchecked {
     columns: u8,
@@ -179,7 +179,7 @@ impl TargetGeometry {
         usize::from(self.rows)
     }
 
-    /// Distance of the first two corners: the size of a square.
+    /// Distance between the first two corners: the size of a square.
     #[must_use]
     pub fn pitch_mm(&self) -> f64 {
         (self.corner_mm(1) - self.corner_mm(0)).norm()

@@ -1,8 +1,8 @@
 //! What goes out.
 //!
 //! In: what the other groups found in a frame. Out: the [`report`] on the frame's poses, the
-//! [`view`] of its brightness and sharpness, and [`packet`]s that carry both, and all else that
-//! box and host say to each other, as bytes.
+//! [`view`] of its brightness and sharpness, and [`packet`]s that carry both, and everything else
+//! that box and host exchange, as bytes.
 
 pub mod packet;
 pub mod report;

@@ -40,13 +40,13 @@ impl TargetState {
 pub enum NoPose {
     /// The frame is not of the size that the camera was calibrated for.
     FrameSize,
-    /// The search of the frame has not come to its end yet.
+    /// The search of the frame has not ended yet.
     Searching,
-    /// The search came to its end without this target's grid.
+    /// The search ended without finding this target's grid.
     NotFound(GridRejection),
     /// Fewer corners visible than a pose needs.
     TooFewCorners,
-    /// Too long out of sight for the visible part to say which corners it holds.
+    /// Out of sight for too long for the visible part to tell which corners it contains.
     ExtentUnknown,
     /// The corners do not fit the target's geometry.
     PoorFit,
@@ -105,7 +105,7 @@ pub struct Report {
     pub upper_trunk: Option<Anatomical>,
     /// The lower target's virtual point in anatomical axes (the paper's z_l').
     pub lower_trunk: Option<Anatomical>,
-    /// Corners that searches have lost since the configuration because a buffer was full:
+    /// Corners that searches have lost since the pipeline was configured because a buffer was full:
     /// 0 unless the scene is full of patterns.
     pub corners_dropped: u32,
 }

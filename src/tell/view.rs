@@ -1,7 +1,7 @@
-//! How a frame and the targets in it look: how bright, how sharp, how large. It is what a
-//! camera is aimed, focused and exposed by, and it is not needed for a pose.
+//! How a frame and the targets in it look: how bright, how sharp, how large. This serves to aim,
+//! focus and expose a camera; it is not needed for a pose.
 //!
-//! Levels are parts of the white level, 0 to 1.
+//! Levels are fractions of the white level, 0 to 1.
 
 use nalgebra::Vector2;
 use postcard_schema::Schema;
@@ -11,7 +11,7 @@ use crate::fit::nodes::Nodes;
 use crate::model::image::{GreyImage, Pixel};
 use crate::model::target::Role;
 
-/// One row in this many is looked at for the frame as a whole.
+/// One row in this many is sampled for the frame as a whole.
 const ROW_STEP: usize = 4;
 
 /// Half the distances over which grey levels are compared: within an edge, and across all
@@ -19,16 +19,16 @@ const ROW_STEP: usize = 4;
 const NEAR_PX: usize = 1;
 const FAR_PX: usize = 4;
 
-/// Difference across an edge that makes one, as a part of the white level.
+/// Smallest difference that counts as an edge, as a fraction of the white level.
 const EDGE_MIN: f32 = 0.1;
 
-/// Fewer places at edges say nothing about their blur.
+/// Fewest places at edges from which their blur is estimated.
 const EDGE_PLACES_MIN: u32 = 100;
 
-/// The blurs that [`edge_blur_px`] tells apart.
+/// The range of blurs that [`edge_blur_px`] covers.
 const BLUR_PX: [f64; 2] = [0.2, 12.0];
 
-/// Half width of the window in a square's middle: a share of the square, and at most.
+/// Half width of the window in a square's middle, as a share of the square, and its upper bound.
 const REACH_SHARE: f64 = 0.25;
 const REACH_PX_MAX: usize = 8;
 
@@ -39,15 +39,15 @@ pub struct FrameView {
     pub level: f32,
     /// Part of the pixels that are at the white level.
     pub saturated: f32,
-    /// Standard deviation of the blur of the edges that cross its rows, whatever they belong
-    /// to, raw pixels; `None` where there is hardly one.
+    /// Standard deviation of the blur of the edges that cross its rows, whatever they belong to,
+    /// raw pixels; `None` where there are hardly any.
     pub blur_px: Option<f32>,
 }
 
 /// A target in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct TargetView {
-    /// Which one.
+    /// Which target.
     pub role: Role,
     /// Mean level of the light squares.
     pub light: f32,
@@ -71,7 +71,7 @@ pub(crate) fn frame_view<P: Pixel>(image: &GreyImage<'_, P>) -> FrameView {
     let (mut near, mut far, mut places) = (0.0_f64, 0.0_f64, 0_u32);
     for y in (0..image.height()).step_by(ROW_STEP) {
         let row = image.row(y);
-        // Single precision is enough for a row, and faster; not for a frame.
+        // Single precision is faster, and enough for a row, but not for a frame.
         let (mut row_sum, mut row_near, mut row_far) = (0.0_f32, 0.0_f32, 0.0_f32);
         for &pixel in row {
             row_sum += Into::<f32>::into(pixel);
@@ -116,7 +116,7 @@ fn edge_blur_px(ratio: f64) -> f64 {
             - 2.0 * sigma / libm::sqrt(core::f64::consts::PI) * tail
     };
     let [mut sharp, mut blurred] = BLUR_PX;
-    // Half a thousandth of a pixel.
+    // To half a thousandth of a pixel.
     for _ in 0..15 {
         let middle = 0.5 * (sharp + blurred);
         if sum(NEAR_PX, middle) / sum(FAR_PX, middle) > ratio {
@@ -141,8 +141,8 @@ pub(crate) struct Squares {
     pub pitch_px: f32,
 }
 
-/// Looks at the middle of each square; `None` where those of a colour are outside the frame,
-/// or none too small.
+/// Measures the middle of each square; `None` where no square of one of the colours is inside the
+/// frame.
 #[must_use]
 pub(crate) fn squares<P: Pixel>(
     image: &GreyImage<'_, P>,
@@ -215,7 +215,7 @@ mod tests {
             let pixels = stripes(blur_px, 40.0, 200.0);
             let view = frame_view(&GreyImage::new(&pixels, 480, 64, 480).unwrap());
             let found_px = f64::from(view.blur_px.unwrap());
-            // Places where the difference is just above the threshold are few of all.
+            // Only a few places have a difference just above the threshold.
             assert!((found_px / blur_px - 1.0).abs() < 0.08, "{blur_px} px: {found_px}");
         }
     }

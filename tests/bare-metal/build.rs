@@ -1,4 +1,4 @@
-//! Chooses the linker scripts of the board that is built for.
+//! Chooses the linker scripts of the target board.
 
 use std::env;
 
@@ -10,10 +10,10 @@ fn main() {
         return;
     }
     println!("cargo:rustc-link-search={}/link", cargo("MANIFEST_DIR"));
-    // The start-up crates' scripts lay the program out; this package's say where memory is.
+    // The start-up crates' scripts lay out the program; those of this package say where memory is.
     let arguments: &[&str] = match cargo("CFG_TARGET_ARCH").as_str() {
         "aarch64" => &["-Timage.ld", "-Tvirt.ld"],
-        // No headers of the file in memory: the vectors are at its very start.
+        // The file's headers must not be in memory: the vectors are at its very start.
         _ => &["--nmagic", "-Tlink.x"],
     };
     for argument in arguments {

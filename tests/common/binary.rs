@@ -26,6 +26,13 @@ pub fn messages(output: &Output) -> String {
 /// Runs it in a directory with these words, and expects it to succeed; what it says.
 #[track_caller]
 pub fn plumb_in(directory: &Path, arguments: &str) -> String {
+    let (code, said) = plumb_judges_in(directory, arguments);
+    assert_eq!(code, Some(0), "plumb {arguments}: {said}");
+    said
+}
+
+/// The same for a command whose exit code is a verdict: its exit code, and what it says.
+pub fn plumb_judges_in(directory: &Path, arguments: &str) -> (Option<i32>, String) {
     let output = plumb()
         .args(arguments.split_whitespace())
         .current_dir(directory)
@@ -33,6 +40,5 @@ pub fn plumb_in(directory: &Path, arguments: &str) -> String {
         .expect("plumb runs");
     let said = messages(&output) + &String::from_utf8_lossy(&output.stdout);
     println!("$ plumb {arguments}\n{said}");
-    assert_eq!(output.status.code(), Some(0), "plumb {arguments}: {said}");
-    said
+    (output.status.code(), said)
 }

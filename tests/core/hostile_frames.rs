@@ -1,4 +1,4 @@
-//! Frames and times that no camera should deliver: a reason, never a panic, never a pose.
+//! Frames and times that no camera should deliver: they give a reason, never a panic, never a pose.
 
 use plumbline::image::{GreyImage, ImageError};
 use plumbline::pipeline::Pipeline;
@@ -94,7 +94,7 @@ fn a_stride_wider_than_the_frame_gives_the_same_poses() {
     let mut padded_pipeline = pipeline();
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
     for (frame, packed) in recorded.frames.iter().enumerate() {
-        // The padding holds noise: nothing may look at it.
+        // The padding holds noise: nothing may read it.
         let mut padded = vec![0_u8; stride * height];
         random.fill_bytes(&mut padded);
         for (row, from) in packed.chunks(width).enumerate() {

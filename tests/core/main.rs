@@ -1,5 +1,5 @@
-//! The core, on every processor that it ships on: what it takes of memory and stack, what it
-//! makes of a rendered person, and of frames that no camera should deliver.
+//! The core, on every processor that it ships on: how much memory and stack it needs, and what it
+//! makes of a rendered person and of frames that no camera should deliver.
 //!
 //! `cargo xtask test arm` runs these in an emulator. The frames are rendered on this machine.
 

@@ -1,4 +1,4 @@
-//! The tables of memory.md against the build.
+//! Compares the tables of memory.md with the build.
 
 use core::mem::size_of;
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use plumbline::pipeline::Pipeline;
 /// The core's bound.
 const TOTAL_BYTES_MAX: usize = 1024 * 1024;
 
-/// What a row may be without a formula of its own.
+/// Largest row that needs no formula of its own.
 const SMALL_BYTES_MAX: usize = 1024;
 
 /// One row: a buffer, what it is part of, and its bytes.
@@ -42,8 +42,8 @@ fn rows(document: &str) -> Vec<Row> {
     rows
 }
 
-/// `12,288 nodes x 8 + 16` is 98,320: products of the numbers that the words
-/// begin with, summed.
+/// `12,288 nodes x 8 + 16` is 98,320: the sum of the products of the numbers with which the factors
+/// begin.
 fn evaluate(formula: &str) -> usize {
     let factor = |text: &str| -> usize {
         let number = text.split_whitespace().next().unwrap_or_default().replace(',', "");
@@ -78,19 +78,26 @@ fn faults(rows: &[Row], sizes: &BTreeMap<&str, usize>) -> Vec<String> {
             }
         } else if evaluate(&row.formula) != row.bytes {
             let value = evaluate(&row.formula);
-            faults.push(format!("{}: the formula gives {value}, the row {}", row.name, row.bytes));
+            faults.push(format!(
+                "{}: the formula gives {value}, the row says {}",
+                row.name, row.bytes
+            ));
         }
         let parts: Vec<_> = rows.iter().filter(|part| part.parent == row.name).collect();
         let sum: usize = parts.iter().map(|part| part.bytes).sum();
         if !parts.is_empty() && sum != row.bytes {
-            faults.push(format!("{}: its parts make {sum} bytes, the row {}", row.name, row.bytes));
+            faults.push(format!(
+                "{}: its parts add up to {sum} bytes, the row says {}",
+                row.name, row.bytes
+            ));
         }
     }
     for (name, &size) in sizes {
         match rows.iter().find(|row| row.name == *name) {
-            None => faults.push(format!("{name}: {size} bytes in the build, no row")),
+            None => faults.push(format!("{name}: {size} bytes in the build, but there is no row")),
             Some(row) if row.bytes != size => {
-                faults.push(format!("{name}: {size} bytes in the build, the row {}", row.bytes));
+                faults
+                    .push(format!("{name}: {size} bytes in the build, the row says {}", row.bytes));
             }
             Some(_) => {}
         }

@@ -46,7 +46,7 @@ fn spoilt(frame: usize) -> Spoilt {
 fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
     let before = allocations();
     drop(std::hint::black_box(vec![0_u8; 100]));
-    // The test's runner may still be allocating beside its beginning.
+    // The test runner may still be allocating while the test begins.
     assert!(allocations() > before, "the counter does not count");
 
     let recorded = Recorded::read(DISTINCT);
@@ -90,7 +90,7 @@ fn step_allocates_nothing_in_a_thousand_frames_of_losing_and_finding() {
     }
     println!("both {both}, none {none}, coasting {coasting}, partly {partly}, found {found_again}");
     assert_eq!(allocated, 0);
-    // The frames must really have been what this test is about: of 1,000, 787 are clean.
+    // The frames must really have been what this test is about: of 1,000, 810 are untouched.
     assert!(both >= 700, "both targets measured in {both} frames");
     assert!(none >= 64, "no target in {none} frames");
     assert!(coasting >= 10, "{coasting} times coasting");

@@ -16,18 +16,18 @@ pub const FRAME_NS: u64 = 16_666_667;
 /// Frames that show both targets whole, at the start of the recording.
 pub const CLEAN: usize = 40;
 
-/// The first frames of the standard recording, and what is true of them.
+/// The first frames of the standard recording, and their ground truth.
 pub struct Recorded {
-    /// What they are tracked with.
+    /// The configuration that they are tracked with.
     pub config: Config,
     /// The frames' pixels, row by row.
     pub frames: Vec<Vec<u8>>,
-    /// Per frame, of each target.
+    /// The true pose of each target, per frame.
     truth: Vec<Vec<Pose<Cam, Target>>>,
 }
 
 impl Recorded {
-    /// Reads so many frames.
+    /// Reads the first `count` frames.
     ///
     /// # Panics
     /// When there is no such recording.
@@ -47,7 +47,7 @@ impl Recorded {
         Self { config, frames, truth }
     }
 
-    /// A pipeline for it. On the heap: tests have one, the pipeline does not need it.
+    /// A pipeline for it, on the heap: tests have one, though the pipeline does not need it.
     pub fn pipeline(&self) -> Box<Pipeline> {
         let mut pipeline = Box::new(Pipeline::new());
         pipeline.configure(&self.config).expect("the recording's own scene");

@@ -1,7 +1,7 @@
 //! The stack that `Pipeline::step` needs.
 //!
-//! The test starts itself again with ever smaller stacks until the child
-//! overflows, so the figure contains the little that a thread needs for itself.
+//! The test starts itself again with various stacks, and bisects to the smallest with which the
+//! child survives. The figure contains the little that a thread needs for itself.
 
 use std::env;
 use std::process::Stdio;
@@ -15,10 +15,10 @@ use static_cell::ConstStaticCell;
 /// The bound of the frame path.
 const STACK_BYTES_MAX: usize = 64 * 1024;
 
-/// Steps of the measurement; also what the result may be too high by.
+/// Resolution of the measurement: the result may be too high by this much.
 const GRAIN_BYTES: usize = 4 * 1024;
 
-/// The operating system gives no thread less.
+/// The operating system gives no thread less than this.
 const THREAD_STACK_BYTES_MIN: usize = 16 * 1024;
 
 /// Set in the child: the stack of the thread that calls `step`.
@@ -65,8 +65,9 @@ fn step_stays_within_its_stack() {
             .expect("the test starts itself")
             .success()
     };
-    assert!(survives(1024 * 1024), "the run fails for another reason than its stack");
-    // The smallest number of grains that survives, between one that is too small and one that is not.
+    assert!(survives(1024 * 1024), "the run fails for a reason other than its stack");
+    // The smallest number of grains with which the child survives lies above one that is too small,
+    // and is at most one that is enough.
     let (mut too_small, mut enough) =
         (THREAD_STACK_BYTES_MIN / GRAIN_BYTES, 1024 * 1024 / GRAIN_BYTES);
     while enough - too_small > 1 {

@@ -1,4 +1,5 @@
-//! A rendered person whose targets are hidden: what is said meanwhile, and how they are found again.
+//! A rendered person whose targets are hidden: what is reported meanwhile, and how they are found
+//! again.
 
 use plumbline::report::{NoPose, TargetState};
 use recorded::{CLEAN, FRAME_NS, Recorded, place};
@@ -58,7 +59,7 @@ fn a_target_is_not_found_only_where_the_whole_frame_was_searched() {
             reasons.push(report.targets[1].measurement.unwrap_err());
         }
     }
-    // Nothing is tracked, so that each frame ends a sweep: in turn one around the place
+    // Nothing is tracked, so that each frame completes a sweep: alternately one around the place
     // where the first target was, and one of the whole frame for the second.
     let searching = reasons.iter().filter(|&&reason| reason == NoPose::Searching).count();
     assert_eq!(searching, reasons.len() / 2, "{reasons:?}");

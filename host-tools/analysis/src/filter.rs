@@ -1,19 +1,19 @@
 //! The smoothing filter of Savitzky and Golay (1964, Anal. Chem. 36:1627), second order, as the
 //! paper uses it on sway.
 //!
-//! Each sample is replaced by the value there of the parabola that fits the samples around it
-//! best. Near the ends, where there are not enough on one side, the parabola of the first or last
+//! Each sample is replaced by the value, at that sample, of the parabola that best fits the samples
+//! around it. Near the ends, where one side has too few samples, the parabola of the first or last
 //! whole window is used (scipy's `mode="interp"`). Samples are taken to be evenly spaced.
 //!
 //! # The window
-//! It is given in seconds and counted in samples: the seconds times the rate, rounded to a whole
-//! number, and one more where that is even. The paper's half second is 15 samples at 30 Hz, 31 at
-//! 60 Hz and 51 at 100 Hz. (The paper does not say how it counts: that its window *spans* half a
-//! second would be 17 at 30 Hz.) Rounding first keeps the window the same for 59.99 and 60.01 Hz.
+//! The window is given in seconds and converted to samples: seconds times rate, rounded to a whole
+//! number, plus one if that is even. The paper's half second is 15 samples at 30 Hz, 31 at 60 Hz
+//! and 51 at 100 Hz. (The paper does not say how it counts: a window that *spans* half a second
+//! would be 17 samples at 30 Hz.) Rounding first gives the same window at 59.99 and 60.01 Hz.
 //!
 //! # Gaps
-//! A parabola over a gap would invent positions, so each part without a gap is filtered by itself,
-//! and a part shorter than the window cannot be: its samples are left out, and counted.
+//! A parabola over a gap would invent positions, so each part without a gap is filtered separately.
+//! A part shorter than the window cannot be filtered: its samples are left out and counted.
 
 use std::ops::Range;
 
@@ -21,38 +21,40 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::series::{Axis, Series};
 
-/// A window of fewer samples does not smooth: a parabola passes through any three, and those who
-/// ask for a duration at a rate that gives three would get their samples back.
+/// A shorter window does not smooth: a parabola passes through any three points, so callers whose
+/// duration and rate give three samples would get their samples back unchanged.
 const WINDOW_MIN: usize = 5;
 
-/// So that a mistaken duration cannot take hours: filtering takes samples times window.
+/// Keeps a mistaken duration from taking hours: filtering costs samples times window.
 const WINDOW_MAX: usize = 2001;
 
-/// Outputs that are made together, so that they stay in the processor's first cache.
+/// The number of outputs computed together, chosen so that they stay in the L1 cache.
 const BLOCK: usize = 1024;
 
 /// The filter for one window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavitzkyGolay {
-    /// What the samples of a window weigh in the value at its centre.
+    /// The weight of each sample of a window in the value at its centre.
     weights: Vec<f64>,
-    /// From a window's moments to its parabola, `c` of `c0 + c1 x + c2 x^2`, `x` from -1 to 1.
+    /// From a window's moments to the coefficients `c` of its parabola `c0 + c1 x + c2 x^2`, with
+    /// `x` from -1 to 1.
     parabola_from_moments: Matrix3<f64>,
 }
 
-/// What the filter left of a series.
+/// The result of filtering a series.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filtered {
     /// The filtered positions.
     pub series: Series,
-    /// The parts of the original that they are, without a gap each.
+    /// The parts of the original that were kept, each without a gap.
     pub kept: Vec<Range<usize>>,
-    /// Samples in parts that are shorter than the window.
+    /// The number of samples in parts that are shorter than the window.
     pub left_out_samples: usize,
 }
 
 impl SavitzkyGolay {
-    /// A filter over this many samples; `None` when that is even, below 5 or above 2001.
+    /// A filter with a window of this many samples; `None` when that is even, below 5 or above
+    /// 2001.
     #[must_use]
     pub fn new(window: usize) -> Option<Self> {
         if window.is_multiple_of(2) || !(WINDOW_MIN..=WINDOW_MAX).contains(&window) {
@@ -67,21 +69,21 @@ impl SavitzkyGolay {
         Some(Self { weights, parabola_from_moments })
     }
 
-    /// A filter over this many seconds: see [the window](self#the-window).
+    /// A filter with a window of this many seconds: see [the window](self#the-window).
     #[must_use]
     pub fn lasting(window_s: f64, rate_hz: f64) -> Option<Self> {
-        // NaN and negative values become 0, and are refused with the other short windows.
+        // NaN and negative values become 0 and are refused like other windows that are too short.
         let samples = (window_s * rate_hz).round() as usize;
         Self::new(samples | 1)
     }
 
-    /// Samples in the window.
+    /// The number of samples in the window.
     #[must_use]
     pub fn window(&self) -> usize {
         self.weights.len()
     }
 
-    /// Evenly spaced samples, smoothed; `None` when they are fewer than the window.
+    /// Smooths evenly spaced samples; `None` when there are fewer than the window holds.
     #[must_use]
     pub fn smooth(&self, samples: &[f64]) -> Option<Vec<f64>> {
         let (window, half) = (self.window(), self.window() / 2);
@@ -95,7 +97,7 @@ impl SavitzkyGolay {
         Some(smoothed)
     }
 
-    /// Each part without a gap, smoothed; `None` when all are shorter than the window.
+    /// Smooths each part without a gap; `None` when every part is shorter than the window.
     #[must_use]
     pub fn apply(&self, series: &Series) -> Option<Filtered> {
         let kept: Vec<Range<usize>> =
@@ -117,18 +119,18 @@ impl SavitzkyGolay {
         })
     }
 
-    /// What independent errors of the samples, with these variances, become in the steps from
-    /// each smoothed sample to the next: their variances. (Covariances of two axes are carried
-    /// through in the same way.) `None` when there are fewer samples than the window.
+    /// The variances of the steps between neighbouring smoothed samples, for independent errors
+    /// with these variances in the original samples. (Covariances of two axes propagate in the same
+    /// way.) `None` when there are fewer samples than the window holds.
     ///
-    /// A step is a weighted sum of samples too, so its variance is the sum of their variances by
-    /// the squares of the weights. For equal variances, that factor is the filter's noise gain
-    /// for a step: 2 without a filter, 0.0753^2 with 31 samples.
+    /// A step, too, is a weighted sum of samples, so its variance is the sum of their variances
+    /// times the squared weights. For equal variances that factor is the filter's noise gain for a
+    /// step: 2 without a filter, 0.0753^2 with 31 samples.
     #[must_use]
     pub fn step_variances(&self, variances: &[f64]) -> Option<Vec<f64>> {
         let (window, half) = (self.window(), self.window() / 2);
         let last = variances.len().checked_sub(window)?;
-        // Between two values of one window's parabola.
+        // Between two values of the same window's parabola.
         let in_window = |variances: &[f64], index: usize| -> f64 {
             let step = (powers(index + 1, window) - powers(index, window)).transpose()
                 * self.parabola_from_moments;
@@ -163,8 +165,8 @@ fn powers(index: usize, window: usize) -> Vector3<f64> {
     Vector3::new(1.0, x, x * x)
 }
 
-/// At each place where all weights have a sample, their weighted sum. Weight by weight over a
-/// block, which takes whole vector registers, where sum by sum would take single numbers.
+/// The weighted sum at each position where all weights have a sample. It is computed weight by
+/// weight over a block, which fills whole vector registers; sum by sum would use scalars.
 fn weighted_sums(samples: &[f64], weights: &[f64]) -> Vec<f64> {
     let mut sums = vec![0.0; (samples.len() + 1).saturating_sub(weights.len())];
     for (block, sums) in sums.chunks_mut(BLOCK).enumerate() {
@@ -218,7 +220,7 @@ mod tests {
 
     #[test]
     fn blocks_give_what_the_definition_gives() {
-        // Shorter than a block, one sample to either side of a block's end, and longer.
+        // Shorter than a block, one sample on either side of the end of a block, and longer.
         for samples in [31, 32, 1053, 1054, 1055, 2500] {
             let filter = SavitzkyGolay::new(31).unwrap();
             let samples: Vec<f64> =
@@ -226,7 +228,7 @@ mod tests {
             let smoothed = filter.smooth(&samples).unwrap();
             assert_eq!(smoothed.len(), samples.len());
             for (value, expected) in smoothed.iter().zip(plainly(&filter, &samples)) {
-                // Some ten roundings of numbers up to 7.
+                // About ten roundings of numbers up to 7.
                 assert!((value - expected).abs() < 1e-13, "{value} {expected}");
             }
         }
@@ -250,7 +252,8 @@ mod tests {
         for (value, expected) in steps.iter().zip(&expected) {
             close(*value, *expected, 1e-12);
         }
-        // Inside, a published factor: 2 x (3/35)^2 + 2 x (15/35)^2 + 2 x (5/35)^2 for five points.
+        // In the interior, a published factor: 2 x (3/35)^2 + 2 x (15/35)^2 + 2 x (5/35)^2 for five
+        // points.
         let gains = SavitzkyGolay::new(5).unwrap().step_variances(&[1.0; 11]).unwrap();
         close(gains[5], 2.0 * (9.0 + 225.0 + 25.0) / 1225.0, 1e-13);
     }
@@ -263,7 +266,7 @@ mod tests {
             assert_eq!(window(0.5, rate_hz), Some(31));
         }
         assert_eq!((window(0.5, 30.0), window(0.5, 100.0)), (Some(15), Some(51)));
-        // Three samples; no number; endless.
+        // Three samples; not a number; infinite.
         assert_eq!(
             (window(0.1, 30.0), window(f64::NAN, 30.0), window(-1.0, 30.0)),
             (None, None, None)
@@ -277,7 +280,7 @@ mod tests {
     #[test]
     fn parts_are_smoothed_alone_and_short_ones_left_out() {
         let filter = SavitzkyGolay::new(5).unwrap();
-        // Gaps of one sample after 6 and after 4 more samples.
+        // Gaps of one sample, after 6 samples and after 4 more.
         let indices: Vec<usize> = (0..18).filter(|index| ![6, 11].contains(index)).collect();
         let time_s: Vec<f64> = indices.iter().map(|index| *index as f64 / 10.0).collect();
         let ap: Vec<f64> = indices.iter().map(|index| (index * index % 11) as f64).collect();

@@ -1,5 +1,5 @@
-//! From positions over time to the figures that posturography reports, and from the figures of
-//! many trials to statistics.
+//! Computes from positions over time the figures that posturography reports, and from the figures
+//! of many trials the statistics.
 //!
 //! ```text
 //! recording ─▶ series ─▶ filter ─▶ sway ────────┐
@@ -11,7 +11,7 @@
 //! frequencies hertz; positions are along the body's axes: AP (anterior-posterior, forward), ML
 //! (medial-lateral, to the person's right), SI (superior-inferior, up).
 //!
-//! What cannot be computed is absent (`None`, or an error that says why), never a number.
+//! What cannot be computed is absent (`None`, or an error that says why), never a made-up number.
 
 pub mod agreement;
 pub mod filter;

@@ -1,43 +1,45 @@
-//! When a person who rises stands: the t = 0 of a stand trial.
+//! When a person who rises is standing: the t = 0 of a stand trial.
 //!
 //! The paper takes the time at which the full weight is on a pressure platform, after the first
-//! overshoot. A camera sees the same from above: the trunk rises, and then keeps its height.
+//! overshoot. A camera sees the same from above: the trunk rises and then holds its height.
 
 use crate::filter::SavitzkyGolay;
 use crate::series::{Axis, Series};
 
-/// Rising from a chair raises a person by more than this; nobody sways this far upwards.
+/// Rising from a chair lifts a person by more than this; nobody sways this far upwards.
 const RISE_MIN_MM: f64 = 100.0;
 
-/// A trunk at rest keeps within this of its height: the knees give at first, and straighten.
+/// A trunk at rest stays within this of its height: the knees give a little at first, then
+/// straighten.
 const HEIGHT_MM: f64 = 30.0;
 
-/// It moves up and down no faster than this, for as long as [`REST_S`].
+/// A trunk at rest moves up and down no faster than this for at least [`REST_S`].
 const SPEED_MM_S: f64 = 50.0;
 
-/// Long enough that the turning point of an overshoot does not count as rest.
+/// Long enough that the turning point of an overshoot is not taken for rest.
 const REST_S: f64 = 0.5;
 
-/// The filter before the speed is taken, seconds: the paper's.
+/// The window of the filter applied before the speed is computed, seconds: the paper's.
 const FILTER_S: f64 = 0.5;
 
-/// The time at which the person stands; `None` where nobody rises, or SI was not measured.
+/// The time at which the person is standing; `None` if nobody rises, or SI was not measured.
 #[must_use]
 pub fn stand_onset_s(series: &Series) -> Option<f64> {
     let filter = SavitzkyGolay::lasting(FILTER_S, series.rate_hz())?;
     let smooth = filter.apply(series)?.series;
     let (time_s, height_mm) = (smooth.time_s(), smooth.along(Axis::Si)?);
-    // Standing is what the second half of a stand trial is.
+    // In the second half of a stand trial the person stands.
     let mut later = height_mm[height_mm.len() / 2..].to_vec();
     let middle = later.len() / 2;
     let standing_mm = *later.select_nth_unstable_by(middle, f64::total_cmp).1;
-    // Not from the lowest of all, which is after the stance when who stood sits down again.
+    // Not from the overall lowest point, which comes after the stance if the person sits down
+    // again.
     let low = height_mm.iter().position(|it| standing_mm - it >= RISE_MIN_MM)?;
     let rests = |at: usize| {
         let speed_mm_s = (height_mm[at + 1] - height_mm[at]) / (time_s[at + 1] - time_s[at]);
         (height_mm[at] - standing_mm).abs() <= HEIGHT_MM && speed_mm_s.abs() <= SPEED_MM_S
     };
-    // Each part without a gap by itself: what happened in a gap is not known to have been rest.
+    // Each part without a gap is judged separately: a gap is not known to have been rest.
     smooth.segments().find_map(|segment| {
         let mut since_s: Option<f64> = None;
         (segment.start.max(low)..segment.end - 1).find_map(|at| {
@@ -51,8 +53,8 @@ pub fn stand_onset_s(series: &Series) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Height over who sits, mm: rises by 350 mm within a second from 0 s on, overshoots by 60 mm
-    /// until 1.8 s, and stands.
+    /// Height above sitting, mm: rises by 350 mm within a second from 0 s on, overshoots by 60 mm
+    /// until 1.8 s, and then stays constant.
     fn risen_mm(time_s: f64) -> f64 {
         let part = time_s.clamp(0.0, 1.0);
         let overshoot_s = (time_s - 1.0).clamp(0.0, 0.8);
@@ -68,8 +70,9 @@ mod tests {
         Series::new(time_s, [Vec::new(), Vec::new(), height_mm]).unwrap()
     }
 
-    /// From the beginning of the rise. At its end, 1.8 s, the overshoot falls by
-    /// `60 pi / 0.8 = 236 mm/s`, and the filter, whose weights over its half window of 0.25 s are
+    /// The onset after the beginning of the rise. At the end of the rise, 1.8 s, the overshoot
+    /// falls by `60 pi / 0.8 = 236 mm/s`, and the filter, whose weights over its half window of
+    /// 0.25 s are
     /// `(9 - 15 u^2) / 8`, still sees that fall `0.25 x` seconds later:
     /// `236 times the integral from x to 1 of (9 - 15 u^2) / 8 cos(pi 0.25 (u - x) / 0.8) du`.
     /// That is 50 mm/s after 0.069 s.
@@ -97,7 +100,7 @@ mod tests {
         let down = |time_s: f64| risen_mm(time_s - 2.0) - 1.2 * risen_mm(time_s - 25.0);
         let onset_s = stand_onset_s(&trial(down)).unwrap();
         assert!((onset_s - 2.0 - ONSET_S).abs() < WITHIN_S, "{onset_s}");
-        // And who stands, sits and rises stands when all is over.
+        // A person who stands, sits and rises again is standing once all is over.
         let trial =
             super::tests::trial(|time_s| 350.0 - risen_mm(time_s - 2.0) + risen_mm(time_s - 8.0));
         let onset_s = stand_onset_s(&trial).unwrap();
@@ -106,7 +109,7 @@ mod tests {
 
     #[test]
     fn nobody_rests_while_nobody_is_seen() {
-        // Unseen from the standing height on the way up until the overshoot is over.
+        // The point is not seen from the standing height on the way up until the overshoot is over.
         let whole = rise(2.0);
         let unseen = |at_s: f64| whole.time_s().partition_point(|time_s| *time_s < at_s);
         let (from, to) = (unseen(2.9), unseen(4.0));

@@ -1,18 +1,18 @@
-//! Positions of one point of the body over time, with the gaps that they have.
+//! The positions of one point of the body over time, with their gaps.
 
 use std::fmt;
 use std::ops::Range;
 
-/// A step longer than this many periods is a gap: a sample is missing, and the jitter of the
-/// times is far smaller.
+/// A step longer than this many periods is a gap: a sample is missing, as the jitter of the times
+/// is far smaller.
 pub const GAP_PERIODS: f64 = 1.5;
 
-/// The usual step between times that increase: the mean of the steps that are not gaps. `None` for
+/// The usual step between increasing times: the mean of the steps that are not gaps. `None` for
 /// fewer than two times.
 ///
-/// Not the median, which of times in whole milliseconds is a whole number of milliseconds: 17 ms
-/// at 60 Hz, or 58.8 Hz. Whatever the rounding, the mean is off by that of the two ends of each
-/// part without a gap.
+/// It is not the median: for times in whole milliseconds that is a whole number of milliseconds,
+/// such as 17 ms at 60 Hz, which would mean 58.8 Hz. The error of the mean comes only from the
+/// rounding of the two ends of each part without a gap.
 #[must_use]
 pub fn usual_period_s(time_s: &[f64]) -> Option<f64> {
     let mut steps_s: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -21,8 +21,8 @@ pub fn usual_period_s(time_s: &[f64]) -> Option<f64> {
     }
     let middle = steps_s.len() / 2;
     let median_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
-    // From the median to the mean in two steps: at 400 Hz the steps are 2 and 3 ms, and 3 ms are
-    // 1.5 medians up to rounding, but not 1.5 of the mean of those that were counted.
+    // From the median to the mean in two steps: at 400 Hz the steps are 2 and 3 ms, and a step of 3
+    // ms is 1.5 medians up to rounding, but less than 1.5 means of the steps counted.
     Some((0..2).fold(median_s, |period_s, _| {
         let within = |step_s: &&f64| **step_s <= GAP_PERIODS * period_s;
         let (sum_s, count) = steps_s
@@ -33,7 +33,7 @@ pub fn usual_period_s(time_s: &[f64]) -> Option<f64> {
     }))
 }
 
-/// An axis of the body.
+/// A body axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Axis {
     /// Anterior-posterior, forward.
@@ -45,7 +45,7 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// All, in the order in which they are reported.
+    /// All axes, in the order in which they are reported.
     pub const ALL: [Self; 3] = [Self::Ap, Self::Ml, Self::Si];
 
     /// Its usual abbreviation.
@@ -59,7 +59,7 @@ impl Axis {
     }
 }
 
-/// A plane of the body, by the two axes that span it.
+/// A plane of the body, given by the two axes that span it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Plane {
     /// AP and ML: seen from above.
@@ -71,10 +71,10 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// All, in the order in which they are reported.
+    /// All planes, in the order in which they are reported.
     pub const ALL: [Self; 3] = [Self::Transverse, Self::Sagittal, Self::Coronal];
 
-    /// What spans it.
+    /// The two axes that span it.
     #[must_use]
     pub fn axes(self) -> [Axis; 2] {
         match self {
@@ -95,25 +95,25 @@ impl Plane {
     }
 }
 
-/// Positions over time. Samples without a position are not in it: the step over them is a gap.
+/// Positions over time. Samples without a position are left out: the step over them is a gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     time_s: Vec<f64>,
-    /// By [`Axis`]; empty where the axis was not measured.
+    /// By [`Axis`]; empty for an axis that was not measured.
     position_mm: [Vec<f64>; 3],
     period_s: f64,
 }
 
-/// Why samples make no series.
+/// Why samples do not form a series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SeriesError {
-    /// Fewer than two.
+    /// Fewer than two samples.
     TooFew,
-    /// An axis has another number of samples than there are times.
+    /// The number of samples of an axis differs from the number of times.
     Lengths(Axis),
     /// The time or a position of this sample is not a number.
     NotFinite(usize),
-    /// This sample's time is not later than that of the one before.
+    /// This sample's time is not later than that of the sample before it.
     TimeNotIncreasing(usize),
 }
 
@@ -122,7 +122,7 @@ impl fmt::Display for SeriesError {
         match self {
             Self::TooFew => write!(formatter, "fewer than two samples"),
             Self::Lengths(axis) => {
-                write!(formatter, "{} has another number of samples than time", axis.word())
+                write!(formatter, "{} and time differ in their number of samples", axis.word())
             }
             Self::NotFinite(index) => write!(formatter, "sample {index} is not a number"),
             Self::TimeNotIncreasing(index) => {
@@ -135,10 +135,10 @@ impl fmt::Display for SeriesError {
 impl std::error::Error for SeriesError {}
 
 impl Series {
-    /// Of positions in the order AP, ML, SI; an axis that was not measured is empty.
+    /// A series of positions in the order AP, ML, SI; an axis that was not measured is empty.
     ///
     /// # Errors
-    /// When times do not increase, something is not finite, or lengths differ.
+    /// When times do not increase, a number is not finite, or the lengths differ.
     pub fn new(time_s: Vec<f64>, position_mm: [Vec<f64>; 3]) -> Result<Self, SeriesError> {
         for (axis, values) in Axis::ALL.into_iter().zip(&position_mm) {
             if !values.is_empty() && values.len() != time_s.len() {
@@ -156,19 +156,19 @@ impl Series {
         Ok(Self { time_s, position_mm, period_s })
     }
 
-    /// When.
+    /// The times of the samples, seconds.
     #[must_use]
     pub fn time_s(&self) -> &[f64] {
         &self.time_s
     }
 
-    /// Where along an axis; `None` where it was not measured.
+    /// The positions along an axis, mm; `None` if it was not measured.
     #[must_use]
     pub fn along(&self, axis: Axis) -> Option<&[f64]> {
         Some(&self.position_mm[axis as usize][..]).filter(|values| !values.is_empty())
     }
 
-    /// Number of samples.
+    /// The number of samples.
     #[must_use]
     pub fn samples(&self) -> usize {
         self.time_s.len()
@@ -180,13 +180,13 @@ impl Series {
         self.period_s
     }
 
-    /// Samples per second, where none is missing.
+    /// The number of samples per second, where none is missing.
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
         self.period_s.recip()
     }
 
-    /// The parts without a gap, in order; together they are all samples.
+    /// The parts without a gap, in order; together they contain all samples.
     pub fn segments(&self) -> impl Iterator<Item = Range<usize>> + '_ {
         let is_gap =
             |at: &usize| self.time_s[*at] - self.time_s[*at - 1] > GAP_PERIODS * self.period_s;
@@ -196,14 +196,14 @@ impl Series {
         starts.zip(ends).map(|(start, end)| start..end)
     }
 
-    /// The gaps: from the last sample before to the first after, seconds.
+    /// The gaps, each from the last sample before it to the first after it, seconds.
     pub fn gaps_s(&self) -> impl Iterator<Item = Range<f64>> + '_ {
         let starts = self.segments().skip(1).map(|segment| segment.start);
         starts.map(|start| self.time_s[start - 1]..self.time_s[start])
     }
 
-    /// The samples from one time up to, and not at, another; `None` where there are fewer than
-    /// two. Its period stays that of the whole.
+    /// The samples from one time up to, but excluding, another; `None` if there are fewer than two.
+    /// The period remains that of the whole series.
     #[must_use]
     pub fn between(&self, span_s: Range<f64>) -> Option<Self> {
         let start = self.time_s.partition_point(|time| *time < span_s.start);
@@ -218,8 +218,8 @@ impl Series {
         })
     }
 
-    /// Those of its samples that lie in these ranges of indices, which increase; `None` where
-    /// they are fewer than two. Its period stays that of the whole.
+    /// The samples in these increasing ranges of indices; `None` if there are fewer than two. The
+    /// period remains that of the whole series.
     #[must_use]
     pub fn only(&self, kept: &[Range<usize>]) -> Option<Self> {
         let pick = |values: &[f64]| -> Vec<f64> {
@@ -281,14 +281,14 @@ mod tests {
     #[test]
     fn a_rate_survives_times_in_whole_milliseconds_and_gaps() {
         for rate_hz in [60.0, 120.0, 150.0, 400.0] {
-            // Half a minute, and half a minute again after a second that is missing.
+            // Half a minute, and another half a minute after one missing second.
             let half = (30.0 * rate_hz) as u32;
             let second = half + rate_hz as u32;
             let frames = (0..half).chain(second..second + half);
             let time_s: Vec<f64> =
                 frames.map(|frame| (f64::from(frame) / rate_hz * 1e3).round() / 1e3).collect();
             let series = series(&time_s).unwrap();
-            // Four ends, each off by half a millisecond at most, of a minute less two steps.
+            // Four ends, each off by at most half a millisecond, over a minute less two steps.
             let bound = 4.0 * 0.5e-3 / (60.0 - 2.0 / rate_hz);
             assert!((series.period_s() * rate_hz - 1.0).abs() < bound, "{}", series.rate_hz());
             assert_eq!(series.segments().count(), 2, "{rate_hz}");

@@ -1,4 +1,5 @@
-//! Published figures of published trials: the data set BDS (Santos & Duarte 2016, PeerJ 4:e2648).
+//! Published figures of published trials are reproduced: the data set BDS (Santos & Duarte 2016,
+//! PeerJ 4:e2648).
 
 use plumbline_test_support::data;
 use std::io::Read;
@@ -8,7 +9,7 @@ use flate2::read::GzDecoder;
 use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::{Settings, Sway, analyze};
 
-/// Of one trial, in cm as its reference is.
+/// The sway of one trial, in cm as in the reference.
 fn sway(folder: &Path, trial: &str) -> Sway {
     let file = std::fs::File::open(folder.join(format!("{trial}.txt.gz"))).unwrap();
     let mut text = String::new();
@@ -40,7 +41,8 @@ fn velocity_and_area_are_the_data_sets_own() {
         let velocity = sway.figures.path.mean_velocity_mm_s.planes.transverse.value().unwrap();
         let (area, velocity) = (area / expected(3) - 1.0, velocity / expected(4) - 1.0);
         println!("{}: area {area:.1e}, velocity {velocity:.1e} relative", fields[0]);
-        // The authors' quantile of F is good to 7.5e-13. The rate is from times with two decimals.
+        // The authors' quantile of F is accurate to 7.5e-13. The rate is computed from times with
+        // two decimals.
         assert!(area.abs() < 1e-12 && velocity.abs() < 1e-12, "{area} {velocity}");
         trials += 1;
     }

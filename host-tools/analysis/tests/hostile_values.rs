@@ -1,4 +1,5 @@
-//! Whatever the values, a statistic is refused or a number: nothing panics, is infinite or NaN.
+//! Whatever the values, a statistic is either refused or finite: nothing panics, is infinite or
+//! NaN.
 
 use std::fmt::Debug;
 
@@ -13,11 +14,12 @@ use plumbline_analysis::statistics::regression::line;
 use plumbline_analysis::statistics::shapiro_wilk::shapiro_wilk;
 use plumbline_analysis::statistics::within::{Observation, WithinDesign};
 
-/// Zeros of both signs, neighbours, what underflows and overflows when squared, and no numbers.
+/// Zeros of both signs, neighbouring numbers, values that underflow or overflow when squared,
+/// infinities and NaN.
 const VALUES: [f64; 11] =
     [0.0, -0.0, 1.0, 1.0 + f64::EPSILON, 3.0, 1e-308, -1e-160, 9e99, -9e99, 1e200, f64::NAN];
 
-/// Whether it was a number.
+/// Asserts that the result is an error or finite; returns whether it was finite.
 fn assert_sound<E>(result: &Result<impl Debug, E>, values: &[f64]) -> bool {
     let Ok(it) = result else { return false };
     let text = format!("{it:?}");
@@ -25,8 +27,8 @@ fn assert_sound<E>(result: &Result<impl Debug, E>, values: &[f64]) -> bool {
     true
 }
 
-/// Every 59th of all sequences of six of the values: 59 is no divisor of their number, so that
-/// every value comes at every place.
+/// Every 59th of all sequences of six of the values: 59 does not divide their number, so every
+/// value occurs at every position.
 fn sequences() -> impl Iterator<Item = [f64; 6]> {
     let count = VALUES.len();
     (0..count.pow(6)).step_by(59).map(move |index| {
@@ -59,13 +61,13 @@ fn statistics_of_pairs() {
             *sound += u32::from(result);
         }
     }
-    // Most sequences have a value that is refused; of the others many are computed.
+    // Most sequences contain a value that is refused; many of the others are computed.
     assert!(sound.iter().all(|&count| count > 1000), "{sound:?}");
 }
 
 #[test]
 fn limits_of_agreement() {
-    // Their exact intervals take some time.
+    // The exact intervals take some time.
     let mut sound = 0;
     for values in sequences().step_by(50) {
         let (x, y) = values.split_at(3);

@@ -1,5 +1,5 @@
-//! Figures and statistics against other people's numbers and programs. One program: linking one
-//! for each file takes longer than the tests.
+//! Figures and statistics compared with other people's results and programs. All in one test
+//! program: linking one for each file takes longer than the tests.
 
 mod bds;
 mod common;

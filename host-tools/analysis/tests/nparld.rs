@@ -1,6 +1,6 @@
-//! The analysis of ranks agrees with R's nparLD on the data sets of that package. They are under
-//! the GPL and not in this repository: the tests look for them where `PLUMBLINE_DATA` points, and
-//! skip where they are absent.
+//! The rank analysis agrees with R's nparLD on the data sets of that package. They are under the
+//! GPL and not in this repository: the tests look for them where `PLUMBLINE_DATA` points, and are
+//! skipped if they are absent.
 
 use plumbline_test_support::data;
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::path::Path;
 use crate::common::{assert_close, columns, design};
 use plumbline_analysis::statistics::ranks::{RankAnalysis, RankTest, rank_analysis};
 
-/// What the package prints has 15 digits, the tails have 13.
+/// The package prints 15 digits; the tails have 13.
 const RELATIVE: f64 = 5e-13;
 
 fn assert_agrees(found: &RankAnalysis, folder: &Path, prefix: &str) {

@@ -1,5 +1,6 @@
 //! The statistics agree with those of statsmodels, pingouin, scipy and mpmath on the same data:
-//! `tests/oracles/`. Every bound is a few times what is reached, and says what limits it.
+//! `tests/oracles/`. Every bound is a few times the error reached, and its comment says what limits
+//! it.
 
 use std::path::{Path, PathBuf};
 
@@ -14,11 +15,11 @@ use plumbline_analysis::statistics::shapiro_wilk::shapiro_wilk;
 use plumbline_analysis::statistics::within::WithinDesign;
 use serde_json::Value;
 
-/// Sums of some hundred products, each program's in its own order: 1e-13 is reached, by what the
-/// others take as the rest of a total.
+/// Sums of several hundred products, each program's in its own order. 1e-13 is reached; the limit
+/// is what the other programs compute as the remainder of a total.
 const SUMS: f64 = 1e-12;
-/// p, up to ten times as sensitive as the statistic that it is of, with the errors of two programs'
-/// tails: 3e-11 is reached, with 298 degrees of freedom.
+/// p is up to ten times as sensitive as its statistic, and adds the errors of two programs' tails.
+/// 3e-11 is reached, with 298 degrees of freedom.
 const P: f64 = 1e-10;
 
 fn folder() -> PathBuf {
@@ -108,7 +109,7 @@ fn one_way_analyses_of_variance_agree_with_pingouin() {
     }
 }
 
-/// The times within the condition that an oracle names.
+/// The times within the condition named by an oracle.
 fn first_condition(study: &str, expected: &Value) -> WithinDesign {
     let rows = input(&format!("study_{study}"), &["subject", "value", "time", "condition"]);
     let rows: Vec<Vec<String>> = rows
@@ -121,7 +122,7 @@ fn first_condition(study: &str, expected: &Value) -> WithinDesign {
 
 #[test]
 fn cousineau_and_moreys_errors_make_up_pingouins_mean_square_of_the_error() {
-    // The mean of the cells' variances is the error's mean square: both are what is left of the
+    // The mean of the cells' variances is the error's mean square: both are what remains of the
     // subjects' values without their levels, over (n - 1) (C - 1).
     for (name, expected) in oracle("one_way").as_object().unwrap() {
         let cells = cousineau_morey(&first_condition(name, expected)).unwrap();
@@ -164,9 +165,9 @@ fn paired_tests_agree_with_scipy_and_effect_sizes_with_pingouin() {
 
 #[track_caller]
 fn assert_shapiro(w: f64, p: f64, expected: &Value, name: &str) {
-    // scipy has the weights from a quantile of the normal distribution with seven digits.
+    // scipy computes the weights from a normal quantile with seven digits.
     assert!((w - number(&expected["w"])).abs() < 2e-9, "{name}: W {w} instead of {expected}");
-    // With p = 1e-37 the 300-fold of W's error; at ordinary p it is 1e-8.
+    // At p = 1e-37 the error of W is amplified 300 times; at ordinary p it is 1e-8.
     assert_close(p, number(&expected["p"]), 1e-6, name);
 }
 
@@ -200,7 +201,7 @@ fn assert_line(found: &Line, expected: &Value) {
     ] {
         assert_close(found, number(&expected[what]), SUMS, what);
     }
-    // scipy's p of a correlation of 0.998 over 300 pairs is 0.
+    // scipy's p for a correlation of 0.998 over 300 pairs is 0.
     match number(&expected["p"]) {
         0.0 => assert!(correlation.p < 1e-300),
         p => assert_close(correlation.p, p, P, "p"),
@@ -228,7 +229,7 @@ fn lines_and_differences_agree_with_scipy() {
 fn exact_intervals_of_limits_agree_with_the_noncentral_t_of_scipy() {
     for row in oracle("limit_quantiles").as_array().unwrap() {
         let [n, inner, outer] = numbers(row)[..] else { panic!("{row}") };
-        // Half of the differences -1, half 1, with their spread divided out.
+        // Half of the differences are -1, half 1, divided by their spread.
         let zero = vec![0.0; n as usize + 1];
         let sides: Vec<f64> =
             (0..zero.len()).map(|at| if at % 2 == 0 { -1.0 } else { 1.0 }).collect();
@@ -242,7 +243,7 @@ fn exact_intervals_of_limits_agree_with_the_noncentral_t_of_scipy() {
     }
 }
 
-/// Compares a function of the leading numbers of each row with its last.
+/// Compares a function of the leading numbers of each row with the last number of the row.
 fn assert_rows(section: &str, name: &str, relative: f64, of: impl Fn(&[f64]) -> f64) {
     let table = oracle(section)[name].clone();
     let rows = table.as_array().unwrap();
@@ -256,7 +257,7 @@ fn assert_rows(section: &str, name: &str, relative: f64, of: impl Fn(&[f64]) -> 
 
 #[test]
 fn tails_keep_their_digits_down_to_1e_300() {
-    // The worst is with thousands of degrees of freedom, where the logarithms in the leading
+    // The worst case has thousands of degrees of freedom, where the logarithms in the leading
     // factor of the incomplete beta function cancel.
     assert_rows("tails", "f", 1e-11, |it| f_upper(it[0], it[1], it[2]));
     assert_rows("tails", "t", 5e-12, |it| t_upper(it[0], it[1]));
@@ -267,7 +268,7 @@ fn tails_keep_their_digits_down_to_1e_300() {
 
 #[test]
 fn quantiles_are_where_the_tails_are() {
-    // The error of the tail, over the slope of its logarithm by that of the quantile.
+    // The error of the tail, divided by the slope of its logarithm at the quantile.
     assert_rows("quantiles", "t", 5e-11, |it| t_quantile(it[0], it[1]));
     assert_rows("quantiles", "normal", 1e-15, |it| normal_quantile(it[0]));
 }

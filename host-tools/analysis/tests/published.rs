@@ -1,4 +1,4 @@
-//! Published tables come out again.
+//! Published tables are reproduced.
 
 use crate::common::design_of;
 use crate::common::table_2::CONDITIONS;
@@ -10,7 +10,7 @@ use plumbline_analysis::statistics::within::WithinDesign;
 
 const TIMES: [&str; 3] = ["T1", "T2", "T3"];
 
-/// A value per subject and cell, as a table of these factors.
+/// A table of these factors, from one value per subject and cell.
 fn table(factors: &[&str], levels: &[Vec<&str>], values: &DMatrix<f64>) -> WithinDesign {
     let mut rows = Vec::new();
     for (subject, row) in values.row_iter().enumerate() {
@@ -49,8 +49,8 @@ fn the_papers_table_2_comes_out_of_a_study_with_its_means_and_errors() {
             }
             for (time, expected) in column(4).into_iter().enumerate() {
                 let d = cohens_d(&cells[time], &cells[TIMES.len() + time]).unwrap();
-                // The authors had means and errors with all their digits: rounded as printed,
-                // they move d by up to 0.016, most where the errors are small.
+                // The authors computed from means and errors with all digits: rounding them as
+                // printed changes d by up to 0.016, most where the errors are small.
                 assert!((d - expected).abs() < 0.016, "d {d} instead of {expected}");
                 compared += 1;
             }
@@ -92,8 +92,8 @@ fn loftus_and_massons_example() {
 
 #[test]
 fn bland_and_altmans_example() {
-    // Bland & Altman (1986), table 1: peak expiratory flow of 17 people by Wright's meter and by
-    // a mini meter, first readings, l/min.
+    // Bland & Altman (1986), table 1: peak expiratory flow of 17 people, measured with Wright's
+    // meter and a mini meter, first readings, l/min.
     const LARGE: [f64; 17] = [
         494.0, 395.0, 516.0, 434.0, 476.0, 557.0, 413.0, 442.0, 650.0, 433.0, 417.0, 656.0, 267.0,
         478.0, 178.0, 423.0, 427.0,
@@ -110,14 +110,14 @@ fn bland_and_altmans_example() {
     near(it.sd, 38.8, 0.05);
     near(it.bias_ci95[0], -22.0, 0.1);
     near(it.bias_ci95[1], 17.8, 0.1);
-    // They take 2 sd for 1.96 sd, so that limits are told from their bias and sd, each printed to
-    // 0.05: 0.05 + 1.96 x 0.05.
+    // They use 2 sd instead of 1.96 sd, so the limits are computed from their bias and sd, each
+    // printed to 0.05: 0.05 + 1.96 x 0.05.
     let (lower, upper) = (-2.1 - 1.96 * 38.8, -2.1 + 1.96 * 38.8);
     near(it.lower_limit.value, lower, 0.15);
     near(it.upper_limit.value, upper, 0.15);
-    // And sqrt(3 / n) for the limits' standard error over sd, which is sqrt(1 / n + 1.96^2 /
-    // (2 (n - 1))) (Bland & Altman 1999): half of -45.1 + 114.3, by the ratio of both. Both ends
-    // are printed to 0.05, and so is the error of 16.3 that they took 2.12 of.
+    // They use sqrt(3 / n) for the standard error of the limits over sd, which is sqrt(1 / n +
+    // 1.96^2 / (2 (n - 1))) (Bland & Altman 1999): half of -45.1 + 114.3, times the ratio of both.
+    // Both ends are printed to 0.05, and so is the error of 16.3 that they multiply by 2.12.
     let half = 34.6 * f64::sqrt((1.0 / 17.0 + 1.96 * 1.96 / 32.0) / (3.0 / 17.0));
     let [from, to] = it.lower_limit.ci95_approximate;
     near((to - from) / 2.0, half, 0.05 + 2.12 * 0.05);

@@ -1,4 +1,4 @@
-//! Movements whose figures are known, and what there is of a trial that is short, broken or odd.
+//! Movements whose figures are known, and the figures of short, broken or odd trials.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -13,7 +13,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 const RATE_HZ: f64 = 60.0;
 
-/// A minute at 60 Hz.
+/// The number of samples in a minute at 60 Hz.
 const MINUTE: usize = 3600;
 
 fn series(samples: usize, position_mm: impl Fn(f64) -> [f64; 3]) -> Series {
@@ -34,18 +34,18 @@ fn value(figure: &Figure) -> f64 {
     figure.value().unwrap_or_else(|| panic!("{figure:?}"))
 }
 
-/// Within a relative bound.
+/// Asserts that a figure is within a relative bound.
 fn close(figure: &Figure, expected: f64, relative: f64) {
     let value = value(figure);
     assert!((value - expected).abs() <= relative * expected.abs(), "{value} {expected}");
 }
 
-/// The same noise of every sample.
+/// The same noise for every sample.
 fn same_noise(series: &Series, covariance_mm2: Matrix3<f64>) -> Result<Noise, NoiseError> {
     Noise::per_sample(series, &vec![covariance_mm2; series.samples()])
 }
 
-/// The same noise of every sample, independent along the axes.
+/// The same noise for every sample, independent along the axes.
 fn independent_noise(series: &Series, sd_mm: [f64; 3]) -> Noise {
     let variances = Vector3::from(sd_mm).map(|sd| sd * sd);
     same_noise(series, Matrix3::from_diagonal(&variances)).unwrap()
@@ -58,7 +58,7 @@ fn normals(seed: u64) -> impl FnMut() -> f64 {
 
 #[test]
 fn a_circle_has_its_chords_its_radius_and_its_frequency() {
-    // In the transverse plane, a turn in 4 s: 240 chords.
+    // In the transverse plane, a revolution in 4 s: 240 chords.
     let (radius_mm, turn_s) = (10.0, 4.0);
     let circle = series(MINUTE, |time| {
         let angle = TAU * time / turn_s;
@@ -68,7 +68,7 @@ fn a_circle_has_its_chords_its_radius_and_its_frequency() {
     assert_eq!((samples, gaps), (MINUTE, 0));
     let chord_mm = 2.0 * radius_mm * (PI / 240.0).sin();
     close(&figures.path.length_mm.planes.transverse, 3599.0 * chord_mm, 1e-12);
-    // From -R to R and back; in steps: every turning point is a sample.
+    // From -R to R and back, as steps: every turning point is a sample.
     close(&figures.bins[0].length_mm.axes.ap, 5.0 * 4.0 * radius_mm, 1e-12);
     for bin in &figures.bins[..2] {
         assert_eq!((bin.samples, bin.covered), (1200, 1.0));
@@ -79,14 +79,14 @@ fn a_circle_has_its_chords_its_radius_and_its_frequency() {
     assert!((figures.bins[2].covered - 1199.0 / 1200.0).abs() < 1e-12);
     let bins: f64 = figures.bins.iter().map(|bin| value(&bin.length_mm.planes.transverse)).sum();
     close(&figures.path.length_mm.planes.transverse, bins, 1e-12);
-    // What does not move has no length, and that is known.
+    // A point that does not move has zero length, with certainty.
     close(&figures.path.length_mm.axes.si, 0.0, 0.0);
     close(&figures.path.length_mm.planes.sagittal, value(&figures.path.length_mm.axes.ap), 1e-14);
 
     close(&figures.extent.rms_mm.axes.ml, radius_mm / 2.0_f64.sqrt(), 1e-12);
     close(&figures.extent.rms_mm.planes.transverse, radius_mm, 1e-12);
     close(&figures.extent.range_mm.ap, 2.0 * radius_mm, 1e-12);
-    // Both variances are R^2 / 2 x N / (N - 1), which the definition's factors turn into this.
+    // Both variances are R^2 / 2 x N / (N - 1), from which the definition's factors give this.
     let count = MINUTE as f64;
     let quantile = 0.05_f64.powf(-2.0 / (count - 2.0)) - 1.0;
     let semi_axis_mm = radius_mm * ((count + 1.0) / 2.0 * quantile).sqrt();
@@ -94,7 +94,8 @@ fn a_circle_has_its_chords_its_radius_and_its_frequency() {
     close(&figures.ellipse.transverse.area_mm2, PI * semi_axis_mm * semi_axis_mm, 1e-12);
     assert_eq!(figures.spectrum.axes.si.mean_hz.value(), None);
 
-    // Fifteen turns: all power in one bin of 1/60 Hz, under a triangle one bin wide to each side.
+    // Fifteen revolutions: all power in one bin of 1/60 Hz, under a triangle one bin wide on each
+    // side.
     let spectrum = &figures.spectrum.axes.ap;
     for figure in [&spectrum.mean_hz, &spectrum.centroidal_hz, &spectrum.median_hz] {
         close(figure, 0.25, 1e-10);
@@ -127,7 +128,7 @@ fn velocities_and_frequencies_are_those_of_the_trial_also_at_whole_milliseconds(
         };
         let exact = of(&|time_s| time_s);
         let rounded = of(&|time_s| (time_s * 1e3).round() / 1e3);
-        // The first time is 0 in both, the last is off by half a millisecond at most.
+        // The first time is 0 in both; the last is off by at most half a millisecond.
         let bound = 0.5e-3 / (3599.0 / rate_hz - 0.5e-3);
         let velocity = |it: &SwayFigures| value(&it.path.mean_velocity_mm_s.axes.ap);
         close(&rounded.path.mean_velocity_mm_s.axes.ap, velocity(&exact), bound);
@@ -137,7 +138,7 @@ fn velocities_and_frequencies_are_those_of_the_trial_also_at_whole_milliseconds(
 
 #[test]
 fn nothing_is_counted_over_a_gap() {
-    // 1 mm each frame; frames 1000 to 1199 are missing, on either side of 16.7 and 20 s.
+    // 1 mm per frame; frames 1000 to 1199 are missing, on either side of 16.7 and 20 s.
     let frames: Vec<f64> = (0..1000).chain(1200..3601).map(f64::from).collect();
     let time_s: Vec<f64> = frames.iter().map(|frame| frame / RATE_HZ).collect();
     let line = Series::new(time_s, [frames.clone(), frames.clone(), Vec::new()]).unwrap();
@@ -154,7 +155,7 @@ fn nothing_is_counted_over_a_gap() {
     assert!((sway.figures.path.covered - 3399.0 / 3600.0).abs() < 1e-12);
     assert!((sway.figures.spectrum.from_s - 20.0).abs() < 1e-12);
 
-    // The filter leaves a steady line what it is, from end to end of each part.
+    // The filter leaves a straight line unchanged, from end to end of each part.
     let smooth = analyze(&line, None, &Settings::default()).unwrap();
     close(&smooth.figures.path.length_mm.axes.ap, 999.0 + 2400.0, 1e-12);
     assert_eq!(smooth.filter.unwrap().left_out_samples, 0);
@@ -168,7 +169,7 @@ fn the_span_cuts_after_the_filter() {
     let whole = analyze(&wave, None, &Settings::default()).unwrap();
     assert_eq!(sway.samples, 1800);
     close(&sway.figures.path.length_mm.axes.si, 30.0, 1e-12);
-    // Ends inside the series are not the filter's ends: half of the middle bin's 20 s and 10 more.
+    // Bin ends inside the series are not ends of the filter: half of the middle bin's 20 s plus 10.
     let bin = value(&whole.figures.bins[1].length_mm.axes.ap);
     close(&sway.figures.path.length_mm.axes.ap, 1.5 * bin, 1e-12);
 }
@@ -178,7 +179,7 @@ fn white_noise_does_not_diffuse_and_a_random_walk_has_exponent_one_half() {
     let mut normal = normals(1);
     let noise: Vec<f64> = (0..MINUTE).map(|_| normal()).collect();
     let mut position = 0.0;
-    // 2 D tau = 2 x 6 mm²/s / 60 Hz = 0.2 mm² each step.
+    // 2 D tau = 2 x 6 mm²/s / 60 Hz = 0.2 mm² per step.
     let mut walk = || -> Vec<f64> {
         let step = |_| {
             position += 0.2_f64.sqrt() * normal();
@@ -190,16 +191,16 @@ fn white_noise_does_not_diffuse_and_a_random_walk_has_exponent_one_half() {
     let time_s = |samples: usize| (0..samples).map(|frame| frame as f64 / RATE_HZ).collect();
     let noise = Series::new(time_s(noise.len()), [noise.clone(), Vec::new(), Vec::new()]).unwrap();
     let flat = sway(&noise).figures.diffusion.axes.ap;
-    // 2 mm² at all lags. Up to 10 of 60 s at either end leave the mean, so it wanders by
-    // 2 sqrt(1200) / 3600 = 0.02 mm² over 10 s: 0.001 mm²/s, and five times that.
+    // 2 mm² at all lags. Up to 10 of 60 s at either end are left out of the mean, so it wanders by
+    // 2 sqrt(1200) / 3600 = 0.02 mm² over 10 s: 0.001 mm²/s; the bound is five times that.
     assert!(value(&flat.long_mm2_s).abs() < 0.005, "{flat:?}");
     assert!(value(&flat.hurst_long).abs() < 0.02, "{flat:?}");
 
     let walks = Series::new(time_s(ap.len()), [ap, ml, Vec::new()]).unwrap();
     let diffusion = sway(&walks).figures.diffusion;
     for plot in [&diffusion.axes.ap, &diffusion.axes.ml] {
-        // A mean square displacement over a lag of k of n steps has a relative sampling error of
-        // sqrt(4 k / 3 n): 0.03 at 2.5 s, 0.06 at 10 s. Four times that.
+        // The mean square displacement at a lag of k of n steps has a relative sampling error of
+        // sqrt(4 k / 3 n): 0.03 at 2.5 s, 0.06 at 10 s. The bound is four times that.
         close(&plot.short_mm2_s, 6.0, 0.12);
         close(&plot.hurst_short, 0.5, 0.06);
         close(&plot.hurst_long, 0.5, 0.2);
@@ -228,8 +229,8 @@ fn a_point_at_rest_moves_by_its_noise() {
     let sd_mm = [0.05, 0.02, 0.03];
     let still = noisy(20 * MINUTE, sd_mm, 2, |_| [0.0; 3]);
     let noise = independent_noise(&still, sd_mm);
-    // The mean length of n steps scatters by 0.755 / sqrt(n) if they are independent. Unfiltered
-    // ones nearly are; of filtered ones about every tenth is: 0.0028 and 0.009, times four.
+    // The mean length of n independent steps varies by 0.755 / sqrt(n). Unfiltered steps are nearly
+    // independent; of filtered ones about every tenth is: 0.0028 and 0.009, times four.
     for (filter_s, bound) in [(None, 0.011), (Some(0.5), 0.035)] {
         let settings = Settings { filter_s, bins_s: Vec::new(), ..Default::default() };
         let sway = analyze(&still, Some(&noise), &settings).unwrap();
@@ -240,7 +241,7 @@ fn a_point_at_rest_moves_by_its_noise() {
         close(&axes.si, value(&measured.axes.si), bound);
         close(&planes.transverse, value(&measured.planes.transverse), bound);
         close(&planes.coronal, value(&measured.planes.coronal), bound);
-        // A path that is by d longer than that of noise leaves sqrt(2 d) of itself.
+        // A path longer than that of noise by the fraction d has a remainder of sqrt(2 d).
         let inflation = value(&path.inflation_mm.planes.transverse);
         assert!(
             inflation > (1.0 - (2.0 * bound).sqrt()) * value(&measured.planes.transverse),
@@ -251,7 +252,7 @@ fn a_point_at_rest_moves_by_its_noise() {
 
 #[test]
 fn inflation_is_what_noise_added() {
-    // Random movement, 0.1 mm each frame along AP and half along ML, and as much noise.
+    // Random movement, 0.1 mm per frame along AP and half as much along ML, with equal noise.
     let mut normal = normals(3);
     let steps: Vec<[f64; 2]> = (0..MINUTE).map(|_| [0.1 * normal(), 0.05 * normal()]).collect();
     let positions = |axis: usize| -> Vec<f64> {
@@ -273,8 +274,8 @@ fn inflation_is_what_noise_added() {
     let inflation = measured.noise.unwrap().total.inflation_mm;
     let truth = sway(&exact).figures.path.length_mm;
     let measured = measured.figures.path.length_mm;
-    // The path's own sampling error is 0.755 / sqrt(3600) = 1.3 % of its 290 mm along AP, and
-    // the inflation, 41 % of the true path, takes that up about twice over.
+    // The sampling error of the path itself is 0.755 / sqrt(3600) = 1.3 % of its 290 mm along AP,
+    // and the inflation, 41 % of the true path, amplifies that about twice.
     let added = |measured: &Figure, truth: &Figure| value(measured) - value(truth);
     close(&inflation.axes.ap, added(&measured.axes.ap, &truth.axes.ap), 0.1);
     close(
@@ -286,14 +287,14 @@ fn inflation_is_what_noise_added() {
 
 #[test]
 fn uncertainties_are_those_that_can_be_derived() {
-    // A line at 60 mm/s: its path is from its first to its last sample, its range too.
+    // A line at 60 mm/s: its path runs from its first to its last sample, and so does its range.
     let sd_mm = [0.1, 0.05, 0.02];
     let line = series(MINUTE, |time| [60.0 * time, 0.0, (TAU * time / 4.0).sin()]);
     let noise = independent_noise(&line, sd_mm);
     let sway = analyze(&line, Some(&noise), &unfiltered()).unwrap();
     assert_eq!(sway.noise.unwrap().copies, 40);
     let figures = sway.figures;
-    // A standard deviation of 40 is known to a part in sqrt(78); three times that.
+    // A standard deviation from 40 copies has a relative error of 1 / sqrt(78); three times that.
     let near = |figure: &Figure, expected: f64| {
         let sd = figure.noise_sd().unwrap();
         assert!((sd / expected - 1.0).abs() < 0.34, "{sd} {expected}");
@@ -303,11 +304,11 @@ fn uncertainties_are_those_that_can_be_derived() {
     // d RMS / d x_i = (x_i - mean) / (N RMS).
     near(&figures.extent.rms_mm.axes.si, 0.02 / (MINUTE as f64).sqrt());
     near(&figures.extent.rms_mm.axes.ap, 0.1 / (MINUTE as f64).sqrt());
-    // Filtered, an end's error is what the parabola of 31 samples leaves there: of the variance,
-    // 3 (3 n^2 - 3 n + 2) / (n (n + 1) (n + 2)) = 0.256.
+    // Filtered, the error of an end is what the parabola of 31 samples leaves there: of the
+    // variance, 3 (3 n^2 - 3 n + 2) / (n (n + 1) (n + 2)) = 0.256.
     let filtered = analyze(&line, Some(&noise), &Settings::default()).unwrap().figures;
     near(&filtered.path.length_mm.axes.ap, (2.0 * 0.256_f64).sqrt() * 0.1);
-    // All that is known has one, and without noise none has.
+    // Every known figure has an uncertainty, and without noise none has.
     let mut figures = figures;
     figures.each(&mut |it| assert_eq!(it.noise_sd().is_some(), it.value().is_some()));
     let mut without = self::sway(&line).figures;
@@ -316,7 +317,7 @@ fn uncertainties_are_those_that_can_be_derived() {
 
 #[test]
 fn an_ellipses_angle_is_as_uncertain_along_one_axis_as_along_another() {
-    // Upright, where the angle jumps from pi/2 to -pi/2, and elsewhere.
+    // Along the second axis, where the angle jumps from pi/2 to -pi/2, and elsewhere.
     for angle_rad in [FRAC_PI_2, -FRAC_PI_2 + 1e-4, 0.3] {
         let (sin, cos) = f64::sin_cos(angle_rad);
         let tilted = series(MINUTE, |time| {
@@ -326,13 +327,13 @@ fn an_ellipses_angle_is_as_uncertain_along_one_axis_as_along_another() {
         let sd_mm = 0.5;
         let noise = independent_noise(&tilted, [sd_mm; 3]);
         let sway = analyze(&tilted, Some(&noise), &unfiltered()).unwrap();
-        // Noise of equal size along both axes has no direction, so that all is as in the ellipse's
-        // own axes: d angle = d covariance / (difference of the variances), and the covariance
-        // has the variance sd^2 (sum of the variances) / N.
+        // Noise of equal size along both axes has no direction, so the result holds in the
+        // ellipse's own axes: d angle = d covariance / (difference of the variances), and the
+        // covariance has the variance sd^2 (sum of the variances) / N.
         let (major, minor) = (6.0 * 6.0 / 2.0, 2.0 * 2.0 / 2.0);
         let expected = sd_mm * f64::sqrt((major + minor) / MINUTE as f64) / (major - minor);
         let sd = sway.figures.ellipse.transverse.angle_rad.noise_sd().unwrap();
-        // Of 40 copies: a part in sqrt(78), three times.
+        // From 40 copies: three times 1 / sqrt(78).
         assert!((sd / expected - 1.0).abs() < 0.34, "{angle_rad}: {sd} {expected}");
     }
 }
@@ -344,7 +345,7 @@ fn noise_may_be_correlated_and_differ_from_sample_to_sample() {
         analyze(&wave, Some(noise), settings).unwrap().noise.unwrap().total.alone_mm
     };
     let filtered = Settings::default();
-    // Turned about the SI axis, the length in the transverse plane is what it was.
+    // Turning the noise about the SI axis does not change the length in the transverse plane.
     let diagonal = Matrix3::from_diagonal(&Vector3::new(0.01, 0.0025, 0.0001));
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.6);
     let turned = turn * diagonal * turn.transpose();
@@ -355,7 +356,7 @@ fn noise_may_be_correlated_and_differ_from_sample_to_sample() {
     let ap = (0.01 * cos * cos + 0.0025 * sin * sin).sqrt();
     close(&constant.axes.ap, value(&straight.axes.ap) * ap / 0.1, 1e-12);
 
-    // Every other sample without noise: half the variance of each step without a filter.
+    // Every other sample has no noise: half the variance of each step without a filter.
     let halved = |frame: usize| if frame.is_multiple_of(2) { turned } else { Matrix3::zeros() };
     let halved: Vec<Matrix3<f64>> = (0..MINUTE).map(halved).collect();
     let halved = alone(&Noise::per_sample(&wave, &halved).unwrap(), &unfiltered());
@@ -365,7 +366,7 @@ fn noise_may_be_correlated_and_differ_from_sample_to_sample() {
 
 #[test]
 fn samples_that_are_left_out_take_their_noise_with_them() {
-    // A fragment of 20 samples, which the filter cannot take, and a part that it can.
+    // A fragment of 20 samples, too short for the filter, and a part that is long enough.
     let frames: Vec<f64> = (0..20).chain(30..1030).map(f64::from).collect();
     let time_s: Vec<f64> = frames.iter().map(|frame| frame / RATE_HZ).collect();
     let series = Series::new(time_s, [frames.clone(), frames, Vec::new()]).unwrap();
@@ -442,7 +443,7 @@ fn a_short_trial_has_the_figures_that_it_can_have() {
         Figure::Absent { absent } => absent.to_string(),
         Figure::Known { .. } => panic!("{figure:?}"),
     };
-    let part = "the longest part without a gap is 5.0 s, and it takes";
+    let part = "the longest part without a gap is 5.0 s, but";
     assert_eq!(reason(&figures.spectrum.axes.ap.mean_hz), format!("{part} 10.0 s"));
     assert_eq!(reason(&figures.density.peak_s), format!("{part} 10.0 s"));
     assert_eq!(reason(&figures.diffusion.transverse.short_mm2_s), format!("{part} 20.0 s"));
@@ -482,11 +483,11 @@ fn odd_series_give_finite_figures_or_none() {
         series(1500, waves(1e-200)),
         series(1500, waves(1e160)),
         series(1500, waves(1e300)),
-        // Where it was, every five frames; a line; a step.
+        // A point that returns every five frames; a line; a step.
         series(1500, |time| {
             [(TAU * 12.0 * time).sin(), 0.1 * time, f64::from(u8::from(time > 9.0))]
         }),
-        // Every sample between two gaps; a rate of 0.2 Hz; one of 20 kHz.
+        // Every sample between two gaps; a rate of 0.2 Hz; a rate of 20 kHz.
         Series::new(
             (0..40).map(|it| f64::from(it * it)).collect(),
             [(0..40).map(f64::from).collect(), vec![], vec![]],
@@ -506,7 +507,7 @@ fn odd_series_give_finite_figures_or_none() {
         for filter_s in [None, Some(0.5)] {
             let settings = Settings { filter_s, ..Default::default() };
             let Ok(mut sway) = analyze(series, Some(&noise), &settings) else {
-                // Filters that do not suit; without one there is always something.
+                // Unsuitable filters; without a filter there is always a result.
                 assert!(filter_s.is_some(), "{index}");
                 continue;
             };
@@ -519,7 +520,7 @@ fn odd_series_give_finite_figures_or_none() {
         }
     }
     assert!(known > 500, "{known}");
-    // A constant has no frequency and does not diffuse, and rounding makes it none.
+    // A constant has no frequency and no diffusion, and rounding must not produce any.
     let ByAxis { ap, si, .. } = sway(&all[2]).figures.spectrum.axes;
     let still = Figure::Absent { absent: Absent::NoMovement };
     assert_eq!((ap.mean_hz, si.f95_hz), (still.clone(), still.clone()));

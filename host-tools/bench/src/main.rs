@@ -4,9 +4,9 @@
 //! written, with the configuration of `plumb provision` as `box.plb` beside it.
 //! It prints one line per figure: name, tab, value.
 //!
-//! Times are those of the machine's clock. In an emulator whose clock advances by
-//! one nanosecond per instruction they are instructions; there this program is the
-//! only one, process 1, and the kernel ends the machine when it returns.
+//! Times are those of the machine's clock. In an emulator whose clock advances by one nanosecond
+//! per instruction, they count instructions; there this program is the only one, process 1, and the
+//! kernel stops the machine when it exits.
 
 use std::env;
 use std::fs;
@@ -28,17 +28,17 @@ use plumbline::report::Report;
 mod paper;
 mod stages;
 
-/// Frames between two searches of the whole frame that are measured.
+/// One frame in this many is searched as a whole, and the search timed.
 const SEARCH_EVERY: usize = 5;
 
-/// A pose further from the truth than this is of something else.
+/// A pose farther from the truth than this belongs to something else.
 const FALSE_MM: f64 = 20.0;
 
-/// Half widths of windows in which the paper's step is tried.
+/// Half widths of the windows that are tried for the paper's step.
 const PAPER_WINDOWS_PX: RangeInclusive<usize> = 3..=10;
 
-/// For so long after its start a kernel has work of its own left, which would share
-/// the processor with what is measured.
+/// How long after its start a kernel may still have work of its own, which would share the
+/// processor with what is measured.
 const KERNEL_SETTLES_IN: Duration = Duration::from_secs(10);
 
 fn main() -> ExitCode {
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
         eprintln!("error: {error:#}");
     }
     if process::id() == 1 {
-        // With process 1 the machine ends; its console has not said everything yet.
+        // The machine stops when process 1 exits; its console must finish its output first.
         thread::sleep(Duration::from_secs(1));
     }
     if done.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -85,7 +85,7 @@ struct Bench<P> {
 }
 
 impl<P: Pixel> Bench<P> {
-    /// `samples` takes the samples out of a plane's bytes.
+    /// `samples` extracts the samples from a plane's bytes.
     fn read(
         directory: &Path,
         video: &mut y4m::Decoder<impl Read>,
@@ -168,7 +168,7 @@ impl<P: Pixel> Bench<P> {
         Ok(())
     }
 
-    /// The published baseline while both targets are tracked, with the window of the least
+    /// The published baseline while both targets are tracked, with the window that gives the least
     /// spread of those tried.
     fn paper(&self) {
         let runs = PAPER_WINDOWS_PX.map(|radius_px| {
@@ -281,12 +281,12 @@ impl<'a> Errors<'a> {
         }
     }
 
-    /// Of the depth, all targets together.
+    /// The spread of the depth, summed over all targets.
     fn spread(&self) -> f64 {
         self.targets.iter().map(|(errors, _)| mean_and_spread(errors)[1].z).sum()
     }
 
-    /// Depth has no axis in its name.
+    /// Prints the figures; those of the depth have no axis in their name.
     fn say(&self, run: &str) {
         for (target, (errors, lost)) in self.config.targets.iter().zip(&self.targets) {
             let name = &target.name;
@@ -300,7 +300,7 @@ impl<'a> Errors<'a> {
     }
 }
 
-/// Of each axis; the spread is 1.96 standard deviations.
+/// Mean and spread along each axis; the spread is 1.96 standard deviations.
 fn mean_and_spread(errors: &[Vector3<f64>]) -> [Vector3<f64>; 2] {
     let count = errors.len() as f64;
     let mean = errors.iter().sum::<Vector3<f64>>() / count;

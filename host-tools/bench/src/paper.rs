@@ -1,13 +1,13 @@
 //! The paper's chain, the published baseline: corners, and a pose fitted to them.
 //!
-//! Corners are refined by the paper's step (section "Feature detection"; Geiger et al.
-//! 2012; Foerstner and Guelch 1987): p = argmin_q sum_n (grad_n^T (n - q))^2 over the
-//! window's pixels n. On an edge through q the gradient is at right angles to n - q, in the
-//! flat squares it vanishes. The pose is that of the least sum of squared reprojection
-//! errors (section "Kinematic Model Fitting").
+//! Corners are refined by the paper's step (section "Feature detection"; Geiger et al. 2012;
+//! Foerstner and Guelch 1987): p = argmin_q sum_n (grad_n^T (n - q))^2 over the window's pixels n.
+//! On an edge through q the gradient is at right angles to n - q; in the flat squares it vanishes.
+//! The pose is that of the least sum of squared reprojection errors (section "Kinematic Model
+//! Fitting").
 //!
-//! Its corners scatter three times as much as a crossing of two edges allows: the noise
-//! of every flat pixel enters squared, and blur rounds the edges where they cross.
+//! Its corners scatter three times as much as the crossing of two edges would allow: the noise of
+//! every flat pixel enters squared, and blur rounds the edges where they cross.
 
 use nalgebra::{Matrix2, Vector2};
 use plumbline::image::{GreyImage, Pixel};
@@ -19,10 +19,10 @@ use plumbline::target::TargetGeometry;
 /// Iterations of the fit.
 const ITERATIONS: usize = 6;
 
-/// Windows looked at, at most: each one is centred where the last one found the corner.
+/// Most windows for one corner: each is centred where the last one found the corner.
 const WINDOWS_MAX: usize = 4;
 
-/// Standard deviation of a corner; the same for all, so that it decides nothing.
+/// Standard deviation of a corner; the same for all, so that its value does not matter.
 const SIGMA_PX: f64 = 0.1;
 
 /// The pose of a target near an expected one, from windows of half width `radius_px`.
@@ -44,7 +44,7 @@ pub fn pose<P: Pixel>(
     Some(solve(expected_cam_from_target, &corners[..], ITERATIONS).ok()?.cam_from_target)
 }
 
-/// The corner in a window around a place, and in windows around what they find.
+/// The corner in a window around a position, then in windows around the corners found.
 fn corner<P: Pixel>(
     image: &GreyImage<'_, P>,
     expected_px: &Vector2<f64>,
@@ -59,7 +59,7 @@ fn corner<P: Pixel>(
         if (found_px - expected_px).amax() > radius_px as f64 {
             return None;
         }
-        // Between two pixels noise must not send the window to and fro.
+        // Between two pixels, noise must not move the window back and forth.
         let enough_px = if window == 0 { 0.5 } else { 0.75 };
         if offset_px.amax() <= enough_px {
             return Some(found_px);
@@ -111,7 +111,7 @@ mod tests {
         (*state >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Twelve uniform numbers have a variance of 1 together.
+    /// The sum of twelve uniform numbers has a variance of 1.
     fn normal(state: &mut u64) -> f64 {
         (0..12).map(|_| uniform(state)).sum::<f64>() - 6.0
     }
@@ -147,7 +147,7 @@ mod tests {
         let bias_px = errors_px.iter().sum::<Vector2<f64>>() / count;
         let squares = errors_px.iter().map(|error| (error - bias_px).norm_squared()).sum::<f64>();
         let spread_px = f64::sqrt(squares / count / 2.0);
-        // 0.024 px; 400 pictures give it to 2.5 %.
+        // 0.024 px; 400 pictures determine it to 2.5 %.
         assert!((0.021..0.027).contains(&spread_px), "{spread_px}");
         assert!(bias_px.norm() < 0.020, "{bias_px}");
     }

@@ -1,9 +1,9 @@
 //! The parts of `Pipeline::step`, each on its own.
 //!
-//! What is measured mirrors `plumbline::parts::Workspace`, whose parts nobody else
-//! needs, on the same public functions: one pass, which nearly every frame takes, for
-//! both targets; and what a frame takes beside it where the target is not where it was
-//! expected. That is the true motion of the two frames before, continued.
+//! What is measured mirrors the private steps of `plumbline::parts::Workspace` with the same public
+//! functions: one pass for both targets, which is all that nearly every frame takes; and the
+//! additional work for a frame whose target is not where it was expected. The expected pose
+//! continues the true motion of the two frames before.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -23,7 +23,7 @@ use crate::{Bench, SEARCH_EVERY, say_times};
 /// Levenberg-Marquardt iterations, on located edges and on fitted ones.
 const ITERATIONS: usize = 2;
 
-/// Measures and prints them all.
+/// Measures and prints all the parts.
 pub fn measure<P: Pixel>(bench: &Bench<P>) -> Result<()> {
     let known = searching(bench)?;
     tracking(bench, &known)
@@ -74,14 +74,15 @@ fn searching<P: Pixel>(bench: &Bench<P>) -> Result<Vec<Known>> {
     known.context("no search found all targets")
 }
 
-/// Time spent in each part while one frame is tracked. Before the light is measured, and before
-/// edges are located, the grid is projected; each has its projection in it.
+/// Time spent in each part while one frame is tracked. The grid is projected before the light is
+/// measured, and again before edges are located; each figure includes its projection.
 #[derive(Default)]
 struct Parts {
     light: Duration,
     fit: Duration,
     solve: Duration,
-    /// With the pose solved from them: only where the first pass did not do.
+    /// Includes solving the pose from the located edges; needed only where the first pass was not
+    /// enough.
     locate: Duration,
 }
 
@@ -126,7 +127,7 @@ struct Tracker {
 }
 
 impl Tracker {
-    /// As `Workspace::track` goes about it; its bookkeeping is left out.
+    /// Follows `Workspace::track`, without its bookkeeping.
     fn track<P: Pixel>(
         &mut self,
         bench: &Bench<P>,

@@ -1,15 +1,15 @@
 //! The joint refinement: camera and all boards at once, the paper's second step.
 //!
-//! In: the numbers that were measured in each photograph ([`Seen`]), and a starting point.
-//! Out: the lens, each board's pose, the board's own shape where asked for, and the
-//! covariance of the parameters that all photographs share.
+//! Input: the quantities measured in each photograph ([`Seen`]), and a starting point. Output: the
+//! lens, each board's pose, the shape of the board if requested, and the covariance of the
+//! parameters that all photographs share.
 //!
-//! Levenberg and Marquardt's method on the sum of the squared residuals, each over its variance
-//! `sigma^2 + tau^2`: what its own pixels promise, and what is beyond them (a bent board, a
-//! poor print, a lens that no model has), the same for all. tau is found so that the residuals
-//! are on average as large as they should be (Paule and Mandel 1982), and then the covariance is
-//! the inverse of the normal equations. Boards hang together by the shared numbers alone, so
-//! that each board's six are eliminated first (Schur's complement).
+//! The Levenberg-Marquardt method minimises the sum of squared residuals, each divided by its
+//! variance `sigma^2 + tau^2`: sigma is the precision expected from the pixels, and tau stands for
+//! everything else (a bent board, a poor print, a lens that fits no model) and is the same for all.
+//! tau is chosen so that the residuals have the expected size on average (Paule and Mandel 1982);
+//! the covariance is then the inverse of the normal equations. Boards are coupled only by the
+//! shared parameters, so each board's six are eliminated first (Schur complement).
 
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
@@ -24,16 +24,16 @@ const SHAPE: usize = 4;
 /// The number of parameters of a lens before its distortion: fx fy cx cy skew.
 const PINHOLE: usize = 5;
 
-/// What is fitted.
+/// The state and result of the fit.
 #[derive(Debug, Clone)]
 pub struct Bundle {
     pub lens: Lens,
     pub photographs: Vec<Photograph>,
     pub shape: Shape,
-    /// Standard deviations of fx fy cx cy skew, then the distortion, then, where it was
-    /// fitted, the shape.
+    /// Standard deviations of fx fy cx cy skew, then of the distortion, then, if fitted, of the
+    /// shape.
     pub sd: Vec<f64>,
-    /// Standard deviation of each measured number beyond the pixels' noise.
+    /// Standard deviation of each measured quantity beyond the pixels' noise.
     tau_px: f64,
     /// Whether the shape was fitted.
     has_shape: bool,
@@ -43,9 +43,9 @@ const ITERATIONS_MAX: usize = 60;
 const DAMPING_START: f64 = 1e-3;
 const DAMPING_FACTOR: f64 = 10.0;
 const DAMPING_MAX: f64 = 1e12;
-/// A step that lowers the cost by less than this part of a variance is the last.
+/// The iteration ends at a step that lowers the cost by less than this fraction of a variance.
 const DECREASE_MIN: f64 = 1e-6;
-/// Rounds of fitting and finding tau.
+/// The number of rounds of fitting and estimating tau.
 const ROUNDS: usize = 4;
 
 impl Bundle {
@@ -82,7 +82,7 @@ impl Bundle {
         PINHOLE + coefficients(&self.lens.distortion).len() + if self.has_shape { SHAPE } else { 0 }
     }
 
-    /// Residuals of one photograph, raw pixels; `None` when a point lies behind the camera.
+    /// The residuals of one photograph, raw pixels; `None` when a point lies behind the camera.
     #[must_use]
     fn residuals_px(
         &self,
@@ -99,7 +99,7 @@ impl Bundle {
         Some(photograph.seen.iter().map(|seen| seen.residual_px(&raw_px)).collect())
     }
 
-    /// The same, each with its place and its direction.
+    /// The same residuals, each with its position and direction.
     #[must_use]
     pub fn residuals(
         &self,
@@ -116,7 +116,7 @@ impl Bundle {
                     let point_mm = self.shape.apply(&points_mm[point]);
                     self.lens.project(&photograph.cam_from_board.transform(&point_mm))
                 });
-                // The middle is the mean of both ends.
+                // The midpoint is the mean of both ends.
                 let right = seen.by_px[0] + seen.by_px[1];
                 Some(Residual { at_px: (first? + second?) * 0.5, off_px: right * residual_px })
             })
@@ -138,7 +138,7 @@ impl Bundle {
         Some(cost)
     }
 
-    /// The tau with which the cost equals its degrees of freedom, by bisection.
+    /// Finds by bisection the tau for which the cost equals its degrees of freedom.
     fn excess(&self, points_mm: &[Vector3<f64>]) -> Option<f64> {
         let mut squares = Vec::new();
         for photograph in &self.photographs {
@@ -256,7 +256,7 @@ impl Bundle {
             }
             normal.boards.push(board);
         }
-        // Only the lower triangle was added to.
+        // Only the lower triangle was accumulated.
         normal.shared.fill_upper_triangle_with_lower_triangle();
         Some(normal)
     }
@@ -304,7 +304,7 @@ impl Bundle {
     }
 }
 
-/// A distortion's coefficients, as many as its model has.
+/// The coefficients of a distortion, as many as its model has.
 fn coefficients(distortion: &Distortion) -> &[f64] {
     match distortion {
         Distortion::Radial2(coefficients) => coefficients,
@@ -319,7 +319,7 @@ fn coefficients_mut(distortion: &mut Distortion) -> &mut [f64] {
     }
 }
 
-/// d distorted ray / d each coefficient.
+/// The derivatives of the distorted ray with respect to each coefficient.
 fn by_coefficients(distortion: &Distortion, ray: &Vector2<f64>) -> Vec<Vector2<f64>> {
     let (x, y) = (ray.x, ray.y);
     let square = ray.norm_squared();
@@ -342,7 +342,7 @@ struct Projected {
     by_own: Matrix2x6<f64>,
 }
 
-/// The normal equations: what is shared, and each board's own part.
+/// The normal equations: the shared part, and each board's own part.
 struct Normal {
     shared: DMatrix<f64>,
     shared_gradient: DVector<f64>,
@@ -351,13 +351,13 @@ struct Normal {
 
 struct Board {
     own: Matrix6<f64>,
-    /// Shared by own.
+    /// The mixed block: shared parameters by the board's own.
     mixed: DMatrix<f64>,
     gradient: Vector6<f64>,
 }
 
 impl Normal {
-    /// The system of the shared numbers with the boards eliminated, under Marquardt's damping.
+    /// The system of the shared parameters after eliminating the boards, with Marquardt's damping.
     fn reduced(&self, damping: f64) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let mut matrix = self.shared.clone();
         let mut right = -&self.shared_gradient;
@@ -375,7 +375,7 @@ impl Normal {
 
     fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<Vector6<f64>>)> {
         let (matrix, right) = self.reduced(damping)?;
-        // Pixels, coefficients and 1/mm have no common measure.
+        // Scaled, because pixels, coefficients and 1/mm have no common unit.
         let scale = matrix.diagonal().map(|value| 1.0 / value.sqrt());
         let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {
             matrix[(row, column)] * scale[row] * scale[column]
@@ -428,7 +428,8 @@ mod tests {
         (0..63).map(point).collect()
     }
 
-    /// Exact photographs of a board of that shape, whose poses are known to a millimetre.
+    /// Exact photographs of a board of this shape, with initial poses off by 1 mm and 0.01 rad per
+    /// axis.
     fn photographs(shape: &Shape) -> Vec<Photograph> {
         let tilts = [[0.0, 0.5], [0.5, 0.0], [-0.4, 0.3], [0.3, -0.4], [-0.5, -0.2], [0.1, 0.1]];
         let photograph = |(place, [yaw, pitch]): (usize, [f64; 2])| {
@@ -462,7 +463,7 @@ mod tests {
         };
         let photographs = photographs(&Shape::default());
         let found = Bundle::refine(&start, &points_mm(), photographs, false).unwrap();
-        // A thousandth of what the numbers' own deviations leave unsure.
+        // A thousandth of the uncertainty from the standard deviations of the measurements.
         let errors = [found.lens.fx_px - LENS.fx_px, found.lens.cy_px - LENS.cy_px];
         assert!(errors.iter().all(|error| error.abs() < 1e-3 * found.sd[0]), "{errors:?}");
         assert_eq!(found.tau_px, 0.0);
@@ -476,11 +477,11 @@ mod tests {
         for (found, bent) in found.shape.bend_per_mm.iter().zip(&bent.bend_per_mm) {
             assert!((found - bent).abs() < 1e-8, "{found}");
         }
-        // 80 mm from the middle 6e-5 of a square millimetre are 0.38 mm, and the corners' -2e-5
-        // of 80 x 60 mm another 0.1.
+        // 80 mm from the centre, 6e-5 per mm bends by 0.38 mm, and -2e-5 over 80 x 60 mm adds
+        // another 0.1 at the corners.
         let (mm, sd_mm) = bend_mm(&found.shape, &found.sd[10..], &points_mm());
         assert!((0.38..0.6).contains(&mm) && sd_mm < 0.1, "{mm} +- {sd_mm}");
-        // Taken for flat, it makes another camera.
+        // If the bent board is taken to be flat, the camera comes out wrong.
         let flat = Bundle::refine(&LENS, &points_mm(), photographs(&bent), false).unwrap();
         assert!((flat.lens.fy_px - LENS.fy_px).abs() > 1.0, "{}", flat.lens.fy_px);
     }

@@ -1,16 +1,16 @@
 //! Zhang's closed form (2000): the camera from homographies of a plane, the paper's first step.
 //!
-//! In: for each photograph, points of a flat board and where they are seen. Out: the matrix K
-//! with skew, and each board's pose; distortion is taken for zero, which the refinement
-//! ([`super::bundle`]) corrects.
+//! Input: for each photograph, points of a flat board and where they are seen. Output: the camera
+//! matrix K with skew, and each board's pose. Distortion is assumed to be zero; the refinement
+//! ([`super::bundle`]) corrects that.
 
 use nalgebra::{DMatrix, Matrix3, SVector, Vector2, Vector3};
 use plumbline::pose::{Cam, Pose, Target};
 
-/// A point of the board, and where it is seen: millimetres and raw pixels.
+/// A point of the board, millimetres, and where it is seen, raw pixels.
 pub type Pair = (Vector2<f64>, Vector2<f64>);
 
-/// The matrix K.
+/// The camera matrix K.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pinhole {
     pub focal_px: [f64; 2],
@@ -25,12 +25,12 @@ impl Pinhole {
     }
 }
 
-/// Camera and boards from three photographs or more; `None` when they leave it undetermined, as
-/// when no board is tilted.
+/// Estimates camera and boards from three or more photographs; `None` when they leave the camera
+/// undetermined, for example when no board is tilted.
 ///
-/// Where the closed form of all five numbers is absurd, as lens distortion can make it, the
-/// principal point is taken for the frame's middle and the skew for zero, and only the two
-/// focal lengths are found.
+/// If the closed form of all five parameters gives absurd values, which lens distortion can cause,
+/// the principal point is assumed to be the centre of the frame and the skew zero, and only the two
+/// focal lengths are estimated.
 pub fn camera_and_boards(
     photographs: &[Vec<Pair>],
     [width_px, height_px]: [u16; 2],
@@ -51,7 +51,7 @@ pub fn camera_and_boards(
     Some((camera, boards))
 }
 
-/// The homography from board to picture (appendix A), normalised after Hartley.
+/// The homography from board to image (appendix A), with Hartley's normalisation.
 fn homography(pairs: &[Pair]) -> Option<Matrix3<f64>> {
     let board = normalisation(pairs.iter().map(|pair| pair.0))?;
     let picture = normalisation(pairs.iter().map(|pair| pair.1))?;
@@ -81,10 +81,10 @@ fn normalisation(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<M
     scale.is_finite().then(|| Matrix3::new(scale, 0.0, x, 0.0, scale, y, 0.0, 0.0, 1.0))
 }
 
-/// The unit vector that a system maps nearest to zero.
+/// The unit vector that minimises the norm of its product with the system.
 fn null_vector(system: DMatrix<f64>) -> Option<nalgebra::DVector<f64>> {
     let columns = system.ncols();
-    // Of the square matrix, whose decomposition always has all right vectors.
+    // Uses the square matrix, whose decomposition always has all right singular vectors.
     let square = system.transpose() * &system;
     let decomposed = nalgebra::SymmetricEigen::try_new(square, f64::EPSILON, 1000)?;
     let least = decomposed.eigenvalues.imin();
@@ -105,11 +105,11 @@ fn row(homography: &Matrix3<f64>, i: usize, j: usize) -> SVector<f64, 6> {
     ])
 }
 
-/// The two constraints of each homography (equation 8), whose unknowns are scaled to pixels of
-/// a thousand.
+/// The two constraints of each homography (equation 8), with unknowns in units of a thousand
+/// pixels.
 fn constraints(homographies: &[Matrix3<f64>]) -> impl Iterator<Item = SVector<f64, 6>> + '_ {
     homographies.iter().flat_map(|homography| {
-        // Both columns' lengths differ with the board's distance.
+        // The lengths of both columns vary with the distance of the board.
         let scaled =
             homography / (homography.column(0).norm() * homography.column(1).norm()).sqrt();
         [row(&scaled, 0, 1), row(&scaled, 0, 0) - row(&scaled, 1, 1)]
@@ -118,7 +118,7 @@ fn constraints(homographies: &[Matrix3<f64>]) -> impl Iterator<Item = SVector<f6
 
 const PIXELS: f64 = 1000.0;
 
-/// K of the image of the absolute conic (appendix B).
+/// K from the image of the absolute conic (appendix B).
 fn pinhole(homographies: &[Matrix3<f64>]) -> Option<Pinhole> {
     let unit = Matrix3::new_nonuniform_scaling(&Vector2::repeat(1.0 / PIXELS));
     let scaled: Vec<_> = homographies.iter().map(|homography| unit * homography).collect();
@@ -139,7 +139,7 @@ fn pinhole(homographies: &[Matrix3<f64>]) -> Option<Pinhole> {
     is_real.then_some(Pinhole { focal_px: [fx, fy], centre_px: [cx, cy], skew_px })
 }
 
-/// The focal lengths alone: with the principal point at the origin and no skew B is diagonal.
+/// Only the focal lengths: with the principal point at the origin and no skew, B is diagonal.
 fn pinhole_about(homographies: &[Matrix3<f64>], centre_px: [f64; 2]) -> Option<Pinhole> {
     let unit = Matrix3::new_nonuniform_scaling(&Vector2::repeat(1.0 / PIXELS))
         * Matrix3::new_translation(&-Vector2::from(centre_px));

@@ -1,30 +1,30 @@
-//! Where in the frame the boards were seen, and where one belongs next.
+//! Where in the frame boards were seen, and where one is needed next.
 
 use nalgebra::Vector2;
 
-/// Cells of the map across.
+/// The number of cells of the map across.
 pub const COLUMNS: usize = 12;
-/// Cells of the map down.
+/// The number of cells of the map down.
 pub const ROWS: usize = 8;
 
-/// What is within this part of the frame from a side has reached that side, and what is so near
-/// to two sides has reached their corner. A lens bends with the cube of the distance from the
-/// middle, or more: there by a third of what it does in the very corner, and what lies beyond is
-/// guessed. A board of 9 x 6 corners, 9 squares high with its margin, comes so near where it
-/// fills two thirds of the frame's height: its outermost corners lie two squares inside.
+/// A point within this fraction of the frame from a side has reached that side; a point that close
+/// to two sides has reached their corner. Distortion grows with the cube of the distance from the
+/// centre, or faster: there it is a third of that in the very corner, and everything beyond is
+/// extrapolated. A board of 9 x 6 corners, 9 squares high with its margin, comes this close if it
+/// fills two thirds of the frame's height: its outermost corners lie two squares inside its edge.
 const NEAR: f64 = 0.15;
 
-/// The part of the frame in which a board should have been seen.
+/// The fraction of the frame in which a board should have been seen.
 const SHARE_MIN: f64 = 0.6;
 
-/// Parts of the frame: from above, and from the left.
+/// The parts of the frame, from top to bottom and from left to right.
 const PARTS: [[&str; 3]; 3] = [
     ["in the upper left corner", "at the upper side", "in the upper right corner"],
     ["at the left side", "in the middle", "at the right side"],
     ["in the lower left corner", "at the lower side", "in the lower right corner"],
 ];
 
-/// The corners' places in [`PARTS`].
+/// The positions of the corners in [`PARTS`].
 const CORNERS: [(&str, [usize; 2]); 4] = [
     ("upper left", [0, 0]),
     ("upper right", [0, 2]),
@@ -32,17 +32,17 @@ const CORNERS: [(&str, [usize; 2]); 4] = [
     ("lower right", [2, 2]),
 ];
 
-/// In how many photographs each cell of the frame showed a part of the board.
+/// The number of photographs in which each cell of the frame showed part of the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Coverage {
     photographs: [[usize; COLUMNS]; ROWS],
-    /// Whether a board was seen near the upper side, between, near the lower one; and there near
-    /// the left side, between, near the right one.
+    /// Whether a board was seen, by rows: near the upper side, between, near the lower side; by
+    /// columns: near the left side, between, near the right side.
     reached: [[bool; 3]; 3],
 }
 
 impl Coverage {
-    /// From the corners that each photograph shows: raw pixels, in a frame of this size.
+    /// Counts the corners that each photograph shows: raw pixels, in a frame of this size.
     pub fn new<'a>(
         photographs: impl Iterator<Item = &'a [Vector2<f64>]>,
         size_px: [f64; 2],
@@ -51,7 +51,7 @@ impl Coverage {
         for places_px in photographs {
             let mut touched = [[false; COLUMNS]; ROWS];
             for place_px in places_px {
-                // The frame begins half a pixel before the middle of its first one.
+                // The frame begins half a pixel before the centre of its first pixel.
                 let x = (place_px.x + 0.5) / size_px[0];
                 let y = (place_px.y + 0.5) / size_px[1];
                 let cell =
@@ -69,14 +69,15 @@ impl Coverage {
         coverage
     }
 
-    /// The part of the frame in which a board was seen at all.
+    /// The fraction of the frame in which a board was seen at all.
     #[must_use]
     pub fn share(&self) -> f64 {
         let cells = self.photographs.as_flattened();
         cells.iter().filter(|count| **count > 0).count() as f64 / cells.len() as f64
     }
 
-    /// The sides of the frame that no board came near, and the corners between the others.
+    /// The sides of the frame that no board came near, and the corners between sides that were
+    /// reached.
     #[must_use]
     pub fn missed(&self) -> Vec<String> {
         let is_seen = |parts: [[usize; 2]; 3]| parts.iter().any(|&[y, x]| self.reached[y][x]);
@@ -93,10 +94,10 @@ impl Coverage {
         sides.chain(corners).collect()
     }
 
-    /// Where a board should be seen next; `None` when it was seen wherever it should be.
+    /// Where a board should be seen next; `None` when no part of the frame is missing.
     #[must_use]
     pub fn next(&self) -> Option<&'static str> {
-        // A board that was in all corners was at all sides.
+        // If boards reached all corners, they also reached all sides.
         let corner = CORNERS.into_iter().find(|&(_, [y, x])| !self.reached[y][x]);
         if let Some((_, [y, x])) = corner {
             return Some(PARTS[y][x]);
@@ -104,7 +105,7 @@ impl Coverage {
         (self.share() < SHARE_MIN).then(|| self.emptiest())
     }
 
-    /// The one of the nine [`PARTS`] of the frame in which the most cells were not seen.
+    /// The one of the nine [`PARTS`] of the frame with the most unseen cells.
     fn emptiest(&self) -> &'static str {
         let mut unseen = [[0; 3]; 3];
         for (row, counts) in self.photographs.iter().enumerate() {
@@ -113,13 +114,13 @@ impl Coverage {
             }
         }
         let parts = PARTS.as_flattened().iter().zip(unseen.as_flattened());
-        // Of several the first.
+        // The first of several equal ones.
         let emptiest = parts.rev().max_by_key(|(_, unseen)| **unseen);
         emptiest.map_or("in the middle", |(part, _)| part)
     }
 
-    /// The map, a line per row of cells: `.` for no photograph, else their number, 9 for nine or
-    /// more.
+    /// The map, one line per row of cells: `.` for no photograph, otherwise their number, with 9
+    /// for nine or more.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let letter = |count: usize| match count {
@@ -164,7 +165,7 @@ mod tests {
         assert_eq!(coverage(&[&[[10.0, 5.0]]]).missed(), ["the right side", "the lower side"]);
         let diagonal = coverage(&[&[[10.0, 5.0]], &[[1190.0, 795.0]]]);
         assert_eq!(diagonal.missed(), ["the upper right corner", "the lower left corner"]);
-        // The middle of every side, and no corner.
+        // The middle of every side, but no corner.
         let sides = coverage(&[&[[10.0, 400.0], [1190.0, 400.0], [600.0, 5.0], [600.0, 795.0]]]);
         let corners = CORNERS.map(|(name, _)| format!("the {name} corner"));
         assert_eq!(sides.missed(), corners);

@@ -1,4 +1,4 @@
-//! A camera from photographs of a board.
+//! Calibrates a camera from photographs of a board.
 //!
 //! ```text
 //!  photographs ─▶ boards found ─▶ closed form ─▶ refined on corners ─▶ ┌ edges measured ┐
@@ -7,8 +7,8 @@
 //! ```
 //!
 //! The paper's two steps: Zhang's closed form ([`closed_form`]) and the joint refinement
-//! ([`bundle`]). What is refined is first the detector's corners, then the edges themselves,
-//! measured as the tracker measures them through the lens found so far.
+//! ([`bundle`]). The refinement first uses the detector's corners and then the edges themselves,
+//! measured as the tracker measures them, through the lens found so far.
 
 use nalgebra::Vector3;
 use plumbline::image::GreyImage;
@@ -34,11 +34,11 @@ use observe::{Finder, Found, Measured};
 
 pub use model::Residual;
 
-/// Fewest photographs with a board: Zhang's closed form of all five numbers needs three.
+/// The fewest photographs with a board: Zhang's closed form with all five parameters needs three.
 pub const PHOTOGRAPHS_MIN: usize = 3;
 
-/// Rounds of measuring the edges and refining on them: the second sees them where the first's
-/// lens has them.
+/// The number of rounds of measuring the edges and refining on them: the second round measures them
+/// through the lens of the first.
 const ROUNDS: usize = 2;
 
 /// A photograph in memory.
@@ -73,11 +73,11 @@ pub enum Failure {
 /// What one photograph contributed.
 #[derive(Debug, Clone)]
 pub enum Outcome {
-    /// No board.
+    /// No board was found.
     NotFound(GridRejection),
-    /// A board whose edges do not support a pose.
+    /// A board was found, but its edges do not support a pose.
     Unusable,
-    /// A board that the calibration uses.
+    /// A board was found and used for the calibration.
     Used(Contribution),
 }
 
@@ -97,16 +97,16 @@ impl Outcome {
 pub struct Contribution {
     /// Root mean square reprojection error of the corners.
     pub rms_px: f64,
-    /// How many corners were used.
+    /// The number of corners used.
     pub corners: usize,
-    /// The middle of each edge, and how far across it the calibration puts it from where it is
-    /// seen, raw pixels.
+    /// The midpoint of each edge, and the offset across the edge from its observed to its
+    /// calibrated position, raw pixels.
     pub residuals: Vec<Residual>,
     /// The board's pose.
     pub cam_from_board: Pose<Cam, Target>,
 }
 
-/// A camera with its uncertainty, and the photographs' part in it.
+/// A camera with its uncertainty, and the contribution of each photograph.
 pub struct Calibration {
     /// The camera.
     pub lens: Lens,
@@ -122,8 +122,8 @@ pub struct Calibration {
     pub shape: Option<(Shape, Vec<f64>)>,
 }
 
-/// Calibrates a lens of the model that `distortion` has. `done` is told after each photograph
-/// that was searched.
+/// Calibrates a lens with the distortion model of `distortion`. `done` is called after each
+/// photograph that was searched.
 ///
 /// # Errors
 /// [`Failure`].
@@ -162,7 +162,7 @@ pub fn calibrate(
         .iter()
         .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
         .collect();
-    // Each by itself through the final lens, as a tracker would measure it.
+    // Each photograph is measured on its own through the final lens, as a tracker would.
     let last = measure(pictures, &found, board, &bundle.lens);
     let (mut squares, mut corners) = (0.0, 0.0);
     for (&place, photograph) in places.iter().zip(&bundle.photographs) {
@@ -178,7 +178,7 @@ pub fn calibrate(
             cam_from_board: photograph.cam_from_board,
         });
     }
-    // As `plumb aim` judges it while they are taken.
+    // The same criterion as in `plumb aim` while the photographs are taken.
     let seen_px: Vec<Vec<_>> = outcomes
         .iter()
         .zip(&found)
@@ -197,7 +197,7 @@ pub fn calibrate(
     })
 }
 
-/// The closed form, refined on the detector's corners.
+/// The closed form, refined using the detector's corners.
 fn start(
     pictures: &[Picture],
     found: &[Result<Found, GridRejection>],
@@ -232,7 +232,7 @@ fn start(
     Bundle::refine(&lens, points_mm, photographs, false).ok_or(Failure::Unsettled)
 }
 
-/// What each photograph shows through a lens.
+/// Measures what each photograph shows, through a lens.
 fn measure(
     pictures: &[Picture],
     found: &[Result<Found, GridRejection>],

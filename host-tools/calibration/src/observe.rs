@@ -1,9 +1,9 @@
-//! Photographs -> what they show of the board.
+//! Measures what photographs show of the board.
 //!
-//! The board is found as a tracker finds a target; then its edges are fitted as a tracker fits
-//! them, about the best lens known so far. An edge is measured from its own pixels alone, so
-//! that edges are independent of each other, as corners, of which two neighbours share an edge,
-//! are not: the refinement's standard deviations rest on that.
+//! The board is found as a tracker finds a target; its edges are then fitted as a tracker fits
+//! them, starting from the best lens known so far. Each edge is measured from its own pixels only,
+//! so edges are independent of each other, unlike corners, since two neighbouring corners share an
+//! edge. The refinement's standard deviations rely on that.
 
 use nalgebra::Vector2;
 use plumbline::image::{GreyImage, Pixel};
@@ -21,7 +21,7 @@ use super::model::Seen;
 /// The precision of the detector's corners, raw pixels.
 const FOUND_SIGMA_PX: f64 = 0.25;
 
-/// Poses that are tracked after a board was acquired, each from the one before.
+/// The number of poses tracked after a board was acquired, each starting from the one before.
 const PASSES: usize = 2;
 
 /// A board found in one photograph, before any lens is known.
@@ -45,7 +45,7 @@ impl Default for Finder {
 }
 
 impl Finder {
-    /// Nothing found yet.
+    /// A finder with empty buffers.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -59,7 +59,7 @@ impl Finder {
     /// Finds the board.
     ///
     /// # Errors
-    /// When there is none.
+    /// When no board is found.
     pub fn find<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -74,8 +74,8 @@ impl Finder {
         Ok(Found { grid: grid?, corners: corners.to_vec() })
     }
 
-    /// Measures a board that was found, through the best lens known so far; `None` when its
-    /// edges do not support a pose.
+    /// Measures a board that was found, through the best lens known so far; `None` when its edges
+    /// do not support a pose.
     pub(crate) fn measure<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -88,13 +88,13 @@ impl Finder {
         let workspace = &mut self.workspace;
         let mut fitted = workspace.acquire(&view, &found.grid, &found.corners).ok()?;
         for _ in 0..PASSES {
-            // A board's margin does not matter here: it may be cut.
+            // The board's margin is not required here: it may be cut off.
             let appearance = Appearance { has_border: false, ..fitted.appearance };
             fitted =
                 workspace.track(&view, &fitted.measurement.cam_from_target, appearance).ok()?;
         }
         let (nodes, edges) = workspace.used_edges();
-        // Beyond the outermost corners a board is only taken to go on in a straight line.
+        // Beyond the outermost corners, the board is only assumed to continue in a straight line.
         let is_inside =
             |edge: &&SeenEdge| edge.edge.nodes.iter().all(|&node| nodes.corner(node).is_some());
         let seen = edges
@@ -118,14 +118,14 @@ impl Finder {
     }
 }
 
-/// What a photograph shows through a lens.
+/// The measurements of a photograph through a lens.
 pub(crate) struct Measured {
     pub seen: Vec<Seen>,
     pub measurement: Measurement,
 }
 
 impl Found {
-    /// Each corner found: its number, and its raw pixel.
+    /// Each corner found: its index and its raw pixel.
     pub fn corners_px(&self) -> impl Iterator<Item = (usize, Vector2<f64>)> + '_ {
         self.grid.corners.iter().enumerate().filter_map(|(corner, found)| {
             let found = self.corners.get(usize::from((*found)?))?;
@@ -133,7 +133,7 @@ impl Found {
         })
     }
 
-    /// The corners as measured numbers.
+    /// The corners as measured quantities.
     pub(crate) fn seen(&self, board: &TargetGeometry) -> Vec<Seen> {
         self.corners_px()
             .flat_map(|(corner, px)| {
@@ -148,7 +148,7 @@ impl Found {
     }
 }
 
-/// Which of the board's nodes a corner is.
+/// The node of the board that a corner is.
 pub(crate) fn node_of(board: &TargetGeometry, corner: usize) -> usize {
     let (row, column) = (corner / board.columns(), corner % board.columns());
     (row + 1) * (board.columns() + 2) + column + 1

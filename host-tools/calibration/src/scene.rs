@@ -3,18 +3,19 @@
 use nalgebra::{Matrix3, Vector3};
 use plumbline::pose::{Cam, Pose, Scene, Target};
 
-/// The mean pose of a board at rest, and how single ones are spread about it.
+/// The mean pose of a board at rest, and the spread of single poses about it.
 pub struct Mean {
     /// The mean.
     pub cam_from_scene: Pose<Cam, Scene>,
-    /// Root mean square angle from the mean.
+    /// Root mean square angle of the poses from the mean.
     pub spread_deg: f64,
-    /// Root mean square distance from the mean.
+    /// Root mean square distance of the poses from the mean.
     pub spread_mm: f64,
 }
 
 impl Mean {
-    /// The rotation is the nearest one to the mean of the matrices (chordal mean).
+    /// The mean of poses. The rotation is the one nearest to the mean of the matrices (chordal
+    /// mean).
     pub fn of(poses: &[Pose<Cam, Target>]) -> Self {
         let count = poses.len() as f64;
         let sum: Matrix3<f64> = poses.iter().map(|pose| pose.rotation).sum();
@@ -58,7 +59,7 @@ mod tests {
         let mean = Mean::of(&[off(1.0), off(-1.0)]);
         assert!((mean.cam_from_scene.rotation - middle.rotation).norm() < 1e-12);
         assert!((mean.cam_from_scene.translation_mm - middle.translation_mm).norm() < 1e-12);
-        // Each is turned by 0.03 rad and moved by 0.5 mm.
+        // Each pose is turned by 0.03 rad and moved by 0.5 mm.
         assert!((mean.spread_deg - 0.03_f64.to_degrees()).abs() < 1e-9);
         assert!((mean.spread_mm - 0.5).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! The warnings about a calibration, in words.
+//! Warnings about a calibration, in words.
 
 use std::fmt;
 
@@ -9,19 +9,20 @@ use super::{Calibration, Contribution};
 
 /// With fewer photographs, a fault in one of them weighs too much.
 const PHOTOGRAPHS_ENOUGH: usize = 8;
-/// Boards should differ in tilt by this.
+/// The tilts of the boards should differ by at least this much.
 const TILT_DEG_MIN: f64 = 25.0;
-/// A focal length that is known less well than this shows in every distance.
+/// A focal length with a larger relative error affects every distance noticeably.
 const FOCAL_SHARE_MAX: f64 = 0.003;
-/// A flat board: a sheet on glass is within a tenth of it.
+/// The largest bend of a flat board: a sheet on glass is within a tenth of this.
 const BEND_MM_MAX: f64 = 0.2;
-/// Pitches along both axes agree to this on a print that was not scaled in one direction.
+/// On a print that was not scaled in one direction, the pitches along both axes agree to within
+/// this.
 const STRETCH_MAX: f64 = 0.002;
-/// A statement on the board's shape must exceed this many of its standard deviations.
+/// A finding about the board's shape must exceed this many of its standard deviations.
 const DEVIATIONS: f64 = 4.0;
-/// A photograph this many times worse than the median does not fit the others.
+/// A photograph does not fit the others if its error is this many times the median,
 const OUTLIER_RATIO: f64 = 3.0;
-/// And by at least this much, raw pixels.
+/// and at least this much larger, raw pixels.
 const OUTLIER_PX: f64 = 0.05;
 /// A good camera and board give 0.05 to 0.3 px.
 const RMS_PX_MAX: f64 = 0.5;
@@ -33,19 +34,19 @@ pub enum Concern {
     FewPhotographs(usize),
     /// The board was seen in too small a part of the frame.
     Coverage {
-        /// The part in which it was seen, 0 to 1.
+        /// The fraction in which it was seen, 0 to 1.
         share: f64,
-        /// The parts that it never reached, in words.
+        /// The parts that no board reached, in words.
         missed: Vec<String>,
-        /// Where it belongs in the next photograph.
+        /// Where the board should be in the next photograph.
         next: &'static str,
     },
-    /// The boards are tilted too much alike.
+    /// The boards are too similar in tilt.
     Tilt {
         /// The largest angle between two of them.
         deg: f64,
     },
-    /// The focal length is not known well enough.
+    /// The focal length is too uncertain.
     FocalLength {
         /// The estimate.
         px: f64,
@@ -54,14 +55,14 @@ pub enum Concern {
     },
     /// The board is not flat.
     Bent {
-        /// How far its middle is from the plane of its border.
+        /// From its lowest to its highest point above its best-fitting plane.
         mm: f64,
         /// Its standard deviation.
         sd_mm: f64,
     },
     /// The board's pitches along its two axes differ.
     Stretched {
-        /// The pitch of the rows over that of the columns, minus 1.
+        /// The ratio of the pitch of the rows to that of the columns, minus 1.
         share: f64,
         /// Its standard deviation.
         sd: f64,
@@ -197,8 +198,8 @@ fn tilt_deg(used: &[(&String, &Contribution)]) -> f64 {
     least.clamp(-1.0, 1.0).acos().to_degrees()
 }
 
-/// From the lowest to the highest point of the board above its own best plane, and the standard
-/// deviation of that as far as each coefficient's goes.
+/// The height from the lowest to the highest point of the board above its best-fitting plane, and
+/// its standard deviation, propagated from that of each coefficient.
 pub fn bend_mm(shape: &Shape, sd: &[f64], points_mm: &[Vector3<f64>]) -> (f64, f64) {
     let range = |bend_per_mm: [f64; 3]| {
         let bent = Shape { bend_per_mm, stretch: 0.0 };

@@ -174,7 +174,7 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
     let short: Vec<&str> = circle.lines().take(4502).collect();
     std::fs::write(folder.path().join("short.csv"), short.join("\n")).unwrap();
     let cases = [
-        (whole.replacen("condition = \"wild\"", "condition = \"mad\"", 1), "\"mad\" is none of"),
+        (whole.replacen("condition = \"wild\"", "condition = \"mad\"", 1), "\"mad\" is not one of"),
         (whole.replacen("participant = \"P1\"\n", "", 1), "participant = \"...\""),
         (whole.replacen("unit = \"mm\"", "unit = \"inch\"", 1), "no unit"),
         (whole.replacen("P2-calm.csv", "absent.csv", 1), "absent.csv"),
@@ -205,7 +205,7 @@ fn a_study_of_one_participant_has_its_means_and_no_plot() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output));
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 0);
-    assert!(page.contains("1, and it takes 2"), "{page}");
+    assert!(page.contains("only 1, but 2 are needed"), "{page}");
 }
 
 #[test]

@@ -288,7 +288,7 @@ fn recordings_that_cannot_be_used_are_named() {
         (kpa, "P1-calm: MAP: its median is"),
         (twice, "ECG (line 12503): its time is not later"),
         (word, "ECG (line 12503): \"loose"),
-        (slow, "monitor.csv: ECG: 50.0 samples per second, and it takes 100"),
+        (slow, "monitor.csv: ECG: 50.0 samples per second instead of 100"),
         (good.replacen("ABP", "ART", 1), "ABP: no such column; it has the columns time, ECG, ART"),
         (cut, "HR: participant P1 has no value in calm, T2"),
     ];
@@ -334,14 +334,14 @@ fn recordings_that_cannot_be_used_are_named() {
         (", transition_s = -4", "", "the baseline is counted from it"),
         ("transition_s = -4", "transition_s = 4", "4 s is not within the ten minutes before"),
         ("zero_s = 60, ", "", "it is not known when the trial's t = 0 is"),
-        ("zero_s = 60, ", "zero_s = 600, ", "HR: it is there from -59"),
+        ("zero_s = 60, ", "zero_s = 600, ", "HR: it lasts from -59"),
         ("unit = \"mmHg\"", "unit = \"bar\"", "pressure, unit: \"bar\"; give one of mmHg, kPa"),
         (
             "time = \"time\"\ncolumn = \"ECG\"",
             "time = \"time\"\nclock = \"utc\"\ncolumn = \"ECG\"",
             "the time of day of its recording is not known",
         ),
-        ("kind = \"co2\"", "kind = \"pressure\"", "two of kind \"pressure\""),
+        ("kind = \"co2\"", "kind = \"pressure\"", "two of the kind \"pressure\""),
     ] {
         std::fs::write(&study_toml, whole.replacen(from, to, 1)).unwrap();
         refused(part);

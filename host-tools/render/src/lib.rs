@@ -1,4 +1,4 @@
-//! Pictures whose truth is known, and paper.
+//! Images with known ground truth, and printed sheets.
 //!
 //! | module | what it draws |
 //! |---|---|

@@ -9,20 +9,20 @@ use plumbline_trial::points::{Point, Points};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// The figures of one trial, as the JSON has them.
+/// The figures of one trial, as written to JSON.
 #[derive(Debug, Clone, Serialize)]
 pub struct Analysis {
     /// The program that computed them.
     pub program: &'static str,
     /// Where the positions come from.
     pub source: String,
-    /// What t = 0 is.
+    /// The event at t = 0.
     pub zero: String,
-    /// The filter's window, seconds.
+    /// The window of the filter, seconds.
     pub filter_s: f64,
     /// The points of the body.
     pub points: Vec<PointFigures>,
-    /// On the same clock.
+    /// The events, on the same clock.
     pub events: Vec<EventSeen>,
     /// Warnings for the reader.
     pub warnings: Vec<String>,
@@ -33,18 +33,18 @@ pub struct Analysis {
 pub struct PointFigures {
     /// `lower`, `upper`, or `point` of a table.
     pub point: String,
-    /// Of the filtered positions: the paper's.
+    /// The figures of the filtered positions: the paper's.
     pub filtered: Sway,
-    /// Of the positions as they were measured.
+    /// The figures of the positions as measured.
     pub unfiltered: Sway,
 }
 
 impl Analysis {
-    /// Of the points of a trial: filtered with a window of `filter_s` seconds, and as they were
+    /// The figures of the points of a trial: filtered with a window of `filter_s` seconds, and as
     /// measured.
     ///
     /// # Errors
-    /// When the settings do not suit it.
+    /// When the settings do not suit the trial.
     pub fn of(points: &Points, filter_s: f64, settings: &Settings) -> Result<Self, BadInput> {
         let filtered = Settings { filter_s: Some(filter_s), ..settings.clone() };
         let unfiltered = Settings { filter_s: None, ..settings.clone() };

@@ -26,15 +26,15 @@ pub struct StudyFigures {
     pub title: String,
     /// In the order of the tables.
     pub conditions: Vec<String>,
-    /// Seconds from t = 0.
+    /// From t = 0, seconds.
     pub bins_s: Vec<[f64; 2]>,
     /// In the order of their first trials.
     pub participants: Vec<String>,
-    /// Total path length, mm, of each trunk in each direction: condition by T1, T2, ...
+    /// Total path length, mm, of each point in each direction: condition by T1, T2, ...
     pub path_lengths: Vec<PathLength>,
-    /// The times of which physiology has its values.
+    /// The time windows of the physiological values.
     pub windows: Vec<TimeWindow>,
-    /// Each quantity of the paper's Table I: condition by those times.
+    /// Each quantity of the paper's Table I: condition by time window.
     pub physiology: Vec<Physiological>,
     /// Warnings for the reader.
     pub warnings: Vec<String>,
@@ -47,36 +47,36 @@ pub struct TimeWindow {
     pub name: String,
     /// The event from which its seconds are counted.
     pub from: Event,
-    /// Its start, and its end, which is excluded.
+    /// Its start and its end (exclusive), seconds.
     pub span_s: [f64; 2],
 }
 
-/// A path's length.
+/// The length of a path.
 #[derive(Debug, Clone, Serialize)]
 pub struct PathLength {
-    /// Of which point, along what.
+    /// Its point and direction.
     #[serde(flatten)]
     pub path: Path,
     /// Condition by time.
     pub inference: Inference,
-    /// Participants without it.
+    /// Participants without a value in some cell.
     pub left_out: Vec<Incomplete>,
 }
 
 /// A physiological quantity.
 #[derive(Debug, Clone, Serialize)]
 pub struct Physiological {
-    /// Which.
+    /// The quantity.
     pub quantity: Quantity,
     /// Its unit.
     pub unit: &'static str,
     /// Condition by time.
     pub inference: Inference,
-    /// Participants without it.
+    /// Participants without a value in some cell.
     pub left_out: Vec<Incomplete>,
 }
 
-/// With fewer, the distributions on which the tests rest are only a guess.
+/// With fewer participants, the distributions assumed by the tests are only a guess.
 const PARTICIPANTS_MIN: usize = 7;
 
 /// The values of one trial.
@@ -100,7 +100,7 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
         .map(|entry| one_trial(study, entry, &settings, &windows))
         .collect::<Vec<_>>()
         .into_iter()
-        // Of several faults the first is always the one reported.
+        // Of several errors, always the first is reported.
         .collect::<Result<_, _>>()?;
     let (mut sways, mut physiologies, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
     for trial in trials {
@@ -112,7 +112,7 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
 }
 
 impl StudyFigures {
-    /// Of the values of its trials.
+    /// The figures from the values of a study's trials.
     ///
     /// # Errors
     /// When data are missing.
@@ -157,7 +157,7 @@ impl StudyFigures {
         }
         if participants.len() < PARTICIPANTS_MIN {
             warnings.push(format!(
-                "{}: with so few, p values mean little, those by ranks least",
+                "{}: with so few, p values mean little, least of all those of rank tests",
                 counted(participants.len(), "participant")
             ));
         }
@@ -197,8 +197,8 @@ fn one_trial(
         }
     };
     let place = &points.place;
-    // The study's entry goes before the trial's. As in tables, blanks around a name are not part
-    // of it.
+    // The study's entry takes precedence over the trial's. As in tables, blanks around a name are
+    // ignored.
     let named = |what: &str, names: [Option<&String>; 2]| {
         let mut names = names.into_iter().flatten().map(|it| it.trim());
         names.find(|it| !it.is_empty()).map(str::to_owned).ok_or_else(|| {
@@ -216,7 +216,7 @@ fn one_trial(
         return Err(BadInput::new(
             place,
             "condition",
-            format!("{condition:?} is none of {}", study.conditions.join(", ")),
+            format!("{condition:?} is not one of {}", study.conditions.join(", ")),
             format!("correct it, or add it to the conditions in {}", study.place),
         ));
     }

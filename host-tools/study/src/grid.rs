@@ -1,20 +1,20 @@
-//! Tables of texts, for the terminal and for reports: the reason for an absent value stands below.
+//! Text tables for the terminal and for reports, with the reasons for absent values below.
 
 use std::fmt::Write as _;
 
 use comfy_table::{CellAlignment, Table, presets};
 
-/// A table of texts: the first column names what the others are.
+/// A text table; the first column names the rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Grid {
     /// One cell for each column.
     pub header: Vec<String>,
-    /// As many cells in each.
+    /// The rows, each with as many cells as the header.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Grid {
-    /// In a terminal.
+    /// The table as text for a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let mut table = Table::new();
@@ -30,17 +30,17 @@ impl Grid {
     }
 }
 
-/// A table with marks for absent values, and the reasons below.
+/// A table with marks for absent values, and the reasons below it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Annotated {
     /// The table.
     pub grid: Grid,
-    /// Each begins with its mark.
+    /// The notes, each beginning with its mark.
     pub notes: Vec<String>,
 }
 
 impl Annotated {
-    /// In a terminal.
+    /// The table and its notes as text for a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = self.grid.text();
@@ -57,7 +57,7 @@ impl Annotated {
 pub struct Footnotes(Vec<String>);
 
 impl Footnotes {
-    /// The text of the table's cell.
+    /// The mark of an absent value, for its cell in the table.
     pub fn absent(&mut self, reason: &impl ToString) -> String {
         let reason = reason.to_string();
         let at = self.0.iter().position(|it| *it == reason).unwrap_or_else(|| {
@@ -92,7 +92,7 @@ fn superscript(number: usize) -> String {
 pub fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
-        // What is small is not nothing.
+        // A small value must not be shown as zero.
         size if size < 0.00005 => format!("{value:.1e}"),
         size if size < 0.1 => format!("{value:.4}"),
         size if size < 10.0 => format!("{value:.3}"),

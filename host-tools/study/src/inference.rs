@@ -1,5 +1,5 @@
-//! The tests behind the means, of a study or of a long table: the effects on each response,
-//! and which levels differ.
+//! Tables of the tests behind the means, of a study or of a long table: the effects on each
+//! response, and which levels differ.
 
 use plumbline_analysis::statistics::inference::{Comparison, Inference};
 use plumbline_trial::points::point_name;
@@ -11,20 +11,20 @@ use crate::sway::Path;
 /// Why there is no test of sphericity.
 const TOO_FEW: &str = "too few participants";
 
-/// Why there is no F.
-const NO_ERROR: &str = "the participants do not differ in it";
+/// Why there is no F statistic.
+const NO_ERROR: &str = "all participants show the same effect";
 
-/// Why there is no statistic of ranks.
+/// Why there is no rank statistic.
 const NO_RANKS: &str = "all participants have the same ranks";
 
 impl StudyFigures {
-    /// What acts on each response.
+    /// The effects on each response.
     #[must_use]
     pub fn effects(&self) -> Annotated {
         effects(self.responses())
     }
 
-    /// Each condition against the first, at each time.
+    /// Each condition compared with the first, at each time.
     #[must_use]
     pub fn comparisons(&self) -> Annotated {
         let control = &self.conditions[0];
@@ -50,8 +50,8 @@ impl StudyFigures {
     }
 }
 
-/// What acts on each named response: the non-parametric analysis of variance, and the parametric
-/// one with its assumptions.
+/// The effects on each named response: the non-parametric analysis of variance, and the parametric
+/// one with tests of its assumptions.
 #[must_use]
 pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>) -> Annotated {
     let header = [
@@ -79,7 +79,7 @@ pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>)
                 p_text(corrected.unwrap_or(it.p))
             });
             let mauchly = test.and_then(|it| match &it.sphericity {
-                // With one degree of freedom there is nothing that could be aspherical.
+                // With one degree of freedom, sphericity always holds.
                 None => Ok(String::new()),
                 Some(it) => it.mauchly.as_ref().map(|it| p_text(it.p)).ok_or(TOO_FEW),
             });
@@ -99,7 +99,7 @@ pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>)
     notes.below(Grid { header: header.map(str::to_owned).into(), rows })
 }
 
-/// Main effects and the interaction, in the order of both analyses, whether present or absent.
+/// Main effects and the interaction, in the order of both analyses, whether present or not.
 fn effect_names(inference: &Inference) -> Vec<String> {
     let mut names: Vec<String> = inference.factors.iter().map(|it| it.name.clone()).collect();
     if names.len() > 1 {
@@ -108,7 +108,7 @@ fn effect_names(inference: &Inference) -> Vec<String> {
     names
 }
 
-/// How pairs of levels are compared, for people.
+/// How pairs of levels are compared, in words.
 pub const COMPARED: &str = "Difference and 95 % CI: of this pair alone, not corrected. d: Cohen's, of the normalised \
      values, the difference of two means over the root of their mean variance. p: of the paired \
      t test and of the ANOVA-type statistic, times the number of tests (of), after Bonferroni.";
@@ -152,7 +152,7 @@ pub fn comparisons<'a>(pairs: impl IntoIterator<Item = (String, &'a Comparison)>
     notes.below(Grid { header: header.map(str::to_owned).into(), rows })
 }
 
-/// A probability, with as many digits as papers give.
+/// A probability, with as many digits as papers usually give.
 fn p_text(p: f64) -> String {
     if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
 }
@@ -163,7 +163,7 @@ mod tests {
 
     use super::*;
 
-    /// Of so many subjects, whose values are by condition and time.
+    /// The statistics of these subjects, whose values are given by condition and time.
     fn inference(subjects: &[&str], value: impl Fn(usize, usize, usize) -> f64) -> Inference {
         let mut observations = Vec::new();
         for (who, subject) in subjects.iter().enumerate() {
@@ -201,7 +201,7 @@ mod tests {
         let several = inference(&["a", "b", "c", "d", "e"], value);
         let pairs = several.comparisons.iter().map(|it| ("path".to_owned(), it));
         let table = comparisons(pairs);
-        // Of the conditions the three times; of the times the three pairs, under each condition.
+        // For the conditions the three times; for the times the three pairs, under each condition.
         assert_eq!(table.grid.rows.len(), 3 + 2 * 3);
         assert_eq!(names(&table)[0], "path: calm to wild");
         assert_eq!(table.grid.rows[3][..2], ["path: T1 to T2", "calm"]);

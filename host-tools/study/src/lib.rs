@@ -9,7 +9,7 @@
 //! any long table ─▶ long ─▶ the same comparisons
 //! ```
 //!
-//! Results are plain values that serialise; [`grid`] is the form in which they are shown.
+//! Results are plain values that can be serialised; [`grid`] is the form in which they are shown.
 
 pub mod analysis;
 pub mod figures;

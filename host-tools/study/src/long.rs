@@ -1,5 +1,5 @@
-//! A long table, one measurement per line, with its subject and the levels it was made under; and
-//! its statistics.
+//! Long tables, which have one measurement per line with its subject and the levels under which it
+//! was made, and their statistics.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -25,14 +25,14 @@ pub struct Columns {
     pub subject: String,
 }
 
-/// The statistics of a long table, as the JSON has them.
+/// The statistics of a long table, as written to JSON.
 #[derive(Debug, Clone, Serialize)]
 pub struct LongFigures {
     /// The program that computed them.
     pub program: &'static str,
     /// The table's file.
     pub source: String,
-    /// The column of what was measured.
+    /// The column of the measurement.
     pub response: String,
     /// The statistics of the response.
     #[serde(flatten)]
@@ -41,7 +41,7 @@ pub struct LongFigures {
     pub left_out: Vec<Incomplete>,
 }
 
-/// One line.
+/// One line of the table.
 struct Row {
     line: usize,
     subject: String,
@@ -49,7 +49,7 @@ struct Row {
     value: f64,
 }
 
-/// Reads a long table, and analyses it.
+/// Reads a long table and analyses it.
 ///
 /// # Errors
 /// As [`read`].
@@ -70,7 +70,7 @@ pub fn analyze(
 }
 
 impl LongFigures {
-    /// In a terminal.
+    /// The statistics as text for a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let Self { response, inference, .. } = self;
@@ -84,7 +84,7 @@ impl LongFigures {
         )
     }
 
-    /// Each combination of levels.
+    /// A table of all combinations of levels.
     fn cells(&self) -> Annotated {
         let ranks = self.inference.ranks.as_result();
         let relative_effect = |cell: &Cell| {
@@ -113,12 +113,12 @@ impl LongFigures {
     }
 }
 
-/// Reads a long table into a design; subjects without a value in some cell are refused or, with
+/// Reads a long table into a design. Subjects without a value in some cell are refused or, with
 /// `drop_incomplete`, left out and listed.
 ///
 /// # Errors
 /// When the file cannot be read, a column is missing, a value is not a number, or a cell has no
-/// value or two: with the line, or the subject and the cell.
+/// value or two. The error names the line, or the subject and the cell.
 pub fn read(
     path: &Path,
     columns: &Columns,
@@ -165,7 +165,7 @@ pub fn read(
 fn unusable(place: &str, error: &DesignError) -> BadInput {
     let remedy = match error {
         DesignError::Missing(_) => {
-            "measure it, or leave such subjects out with --drop-incomplete: these methods take \
+            "measure it, or leave such subjects out with --drop-incomplete: these methods need \
              complete data"
         }
         _ => "correct the table",

@@ -17,18 +17,18 @@ pub const EXAMPLE: &str = include_str!("study.toml");
 /// A study; its paths are relative to the working directory.
 #[derive(Debug, Clone)]
 pub struct Study {
-    /// Where it was read from.
+    /// The file it was read from.
     pub place: String,
     /// Its name.
     pub title: String,
     /// The conditions in the order of the tables; the others are compared with the first.
     pub conditions: Vec<String>,
-    /// Times of a trial, seconds from t = 0.
+    /// The time bins of a trial, seconds from t = 0.
     pub bins_s: Vec<Range<f64>>,
-    /// Whether a participant who lacks a value is left out of that response's statistics; else
+    /// Whether a participant who lacks a value is left out of that response's statistics; otherwise
     /// the study is refused.
     pub drop_incomplete: bool,
-    /// What else was recorded, and how its values are obtained.
+    /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
     pub trials: Vec<Entry>,
@@ -39,7 +39,7 @@ pub struct Study {
 pub struct Entry {
     /// Where its positions are.
     pub source: Source,
-    /// The participant, where the trial's own manifest lacks it or is to be overruled.
+    /// The participant, if the trial's own manifest lacks it or is to be overridden.
     pub participant: Option<String>,
     /// The condition, likewise.
     pub condition: Option<String>,
@@ -62,7 +62,7 @@ impl Entry {
 pub struct Recordings {
     /// Where the files are.
     pub folder: PathBuf,
-    /// When t = 0 is on their clock, seconds.
+    /// The time of t = 0 on their clock, seconds.
     pub zero_s: Option<f64>,
     /// When the person begins to rise, seconds from t = 0.
     pub transition_s: Option<f64>,
@@ -71,9 +71,9 @@ pub struct Recordings {
 /// Where a trial's positions are.
 #[derive(Debug, Clone)]
 pub enum Source {
-    /// A folder of `plumb receive`.
+    /// A trial folder written by `plumb receive`.
     Trial(PathBuf),
-    /// A table of another system.
+    /// A table from another system.
     Table(Table),
 }
 
@@ -118,7 +118,7 @@ fn paper_bins() -> Vec<[f64; 2]> {
 /// Reads a study; the paths in it are relative to its own directory.
 ///
 /// # Errors
-/// When it cannot be understood: with the field.
+/// When it is invalid; the error names the field.
 pub fn read(path: &Path) -> Result<Study, BadInput> {
     let place = path.display().to_string();
     let remedy = "`plumb study --new FILE` writes an example with comments";
@@ -137,7 +137,11 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     }
     let in_order = |[from, to]: &[f64; 2]| from < to && from.abs().max(to.abs()) <= SECONDS_MAX;
     if study.bins_s.is_empty() || !study.bins_s.iter().all(in_order) {
-        return wrong("bins_s", "a bin that is none", "give pairs of seconds, [[0, 20], [20, 40]]");
+        return wrong(
+            "bins_s",
+            "no bins, or one that is not in order or beyond a day",
+            "give pairs of seconds, [[0, 20], [20, 40]]",
+        );
     }
     if study.trials.is_empty() {
         return wrong(
@@ -173,7 +177,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             return Err(BadInput::new(
                 &place,
                 format!("[[trial]] {}", at + 1),
-                format!("{} is [[trial]] {} as well", entry.path().display(), first + 1),
+                format!("{} is also [[trial]] {}", entry.path().display(), first + 1),
                 "list each trial once",
             ));
         }
@@ -196,8 +200,8 @@ impl EntryToml {
         let source = match (self.folder, self.table) {
             (Some(_), None) if self.columns.is_some() || self.unit.is_some() => {
                 return Err(wrong(
-                    "columns or a unit of a trial's folder",
-                    "leave them out: they are of a table",
+                    "columns or a unit beside a folder",
+                    "leave them out: they belong to a table",
                 ));
             }
             (Some(folder), None) => Source::Trial(base.join(folder)),
@@ -210,7 +214,10 @@ impl EntryToml {
                     path: base.join(table),
                     columns: Columns::parse(&columns).map_err(|error| wrong(&columns, &error))?,
                     unit: Unit::of_word(&word).ok_or_else(|| {
-                        wrong(&format!("no unit: {word:?}"), "write unit = \"mm\", \"cm\" or \"m\"")
+                        wrong(
+                            &format!("{word:?} is not a unit of length"),
+                            "write unit = \"mm\", \"cm\" or \"m\"",
+                        )
                     })?,
                     delimiter: None,
                 })
@@ -233,7 +240,7 @@ mod tests {
 
     #[test]
     fn what_the_example_offers_is_understood() {
-        // Settings that are commented out have no space behind the sign; words have one.
+        // Settings that are commented out have no space after the sign; prose has one.
         let offered = |line: &str| match line.strip_prefix('#') {
             Some(setting) if !setting.starts_with(' ') => format!("{setting}\n"),
             _ => format!("{line}\n"),

@@ -19,7 +19,7 @@ use crate::manifest::{Recordings, Study};
 use crate::protocol::{Clock, Kind, Physiology, SignalFile};
 use crate::signals;
 
-/// The share of a window's seconds that must have a value; otherwise it has no mean.
+/// The fraction of a window's seconds that must have a value; otherwise the window has no mean.
 const COVERED_MIN: f64 = 0.5;
 
 /// A quantity of Table I.
@@ -30,28 +30,28 @@ pub enum Quantity {
     HeartRate,
     /// Mean arterial pressure of each cycle, mmHg.
     MeanPressure,
-    /// Its maximum.
+    /// Its maximum in each cycle, mmHg.
     SystolicPressure,
-    /// Its minimum.
+    /// Its minimum in each cycle, mmHg.
     DiastolicPressure,
-    /// mL.
+    /// Stroke volume, mL.
     StrokeVolume,
-    /// L/min.
+    /// Cardiac output, L/min.
     CardiacOutput,
     /// Mean cerebral blood flow velocity of each cycle, cm/s.
     MeanVelocity,
-    /// Its maximum.
+    /// Its maximum in each cycle, cm/s.
     SystolicVelocity,
-    /// Its minimum.
+    /// Its minimum in each cycle, cm/s.
     DiastolicVelocity,
-    /// Tissue saturation index, per cent.
+    /// Tissue saturation index, percent.
     Oxygenation,
     /// End-tidal partial pressure of CO2, mmHg.
     EndTidalCo2,
 }
 
 impl Quantity {
-    /// In the paper's order.
+    /// All quantities, in the paper's order.
     pub const ALL: [Self; 11] = [
         Self::HeartRate,
         Self::MeanPressure,
@@ -66,7 +66,7 @@ impl Quantity {
         Self::EndTidalCo2,
     ];
 
-    /// Its abbreviation, as in the paper, and its unit.
+    /// Its abbreviation in the paper, and its unit.
     #[must_use]
     pub fn name_and_unit(self) -> (&'static str, &'static str) {
         match self {
@@ -84,8 +84,8 @@ impl Quantity {
         }
     }
 
-    /// Between which nobody lives whose signal is in the unit that was said: half of the values
-    /// beyond are those of another unit.
+    /// The bounds within which the median of a person's values lies if the signal has the stated
+    /// unit; a median outside means that the unit is wrong.
     fn plausible(self) -> [f64; 2] {
         match self {
             Self::HeartRate => [20.0, 250.0],
@@ -112,18 +112,18 @@ pub struct Found {
 
 /// A quantity over time, and how it becomes one value per second.
 enum Course {
-    /// Once a beat or a breath.
+    /// One value per beat or breath.
     PerCycle(Signal),
-    /// Continuously.
+    /// Sampled continuously.
     Sampled(Signal),
 }
 
-/// The quantities of one trial in these windows.
+/// The values of one trial in these windows.
 ///
 /// # Errors
-/// When a file cannot be read or is absent (which a study that leaves incomplete participants
-/// out takes as nothing measured), a signal is not sampled as it must be or not in its unit, or
-/// it is not known when the trial is on the signals' clock.
+/// When a file cannot be read or is absent (a study that leaves out incomplete participants treats
+/// an absent file as nothing measured), when a signal is not sampled as required or not in its
+/// unit, or when the position of the trial on the signals' clock is unknown.
 pub fn of_trial(
     study: &Study,
     physiology: &Physiology,
@@ -165,7 +165,7 @@ pub fn of_trial(
     Ok(found)
 }
 
-/// When the person begins to rise, seconds from t = 0; without a baseline it does not matter.
+/// When the person begins to rise, seconds from t = 0; irrelevant if there is no baseline.
 fn transition_s(
     study: &Study,
     physiology: &Physiology,
@@ -186,7 +186,7 @@ fn transition_s(
     };
     match transition_s {
         None if physiology.baseline_s.is_none() => Ok(0.0),
-        None => wrong("it is not known, and the baseline is counted from it".to_owned()),
+        None => wrong("it is not known, but the baseline is counted from it".to_owned()),
         Some(it) if !(-600.0..=0.0).contains(&it) => {
             wrong(format!("{it} s is not within the ten minutes before t = 0"))
         }
@@ -204,7 +204,7 @@ struct Signals<'a> {
 }
 
 impl Signals<'_> {
-    /// The quantities that they give, in the paper's order.
+    /// The quantities that the signals give, in the paper's order.
     fn courses(&mut self) -> Result<Vec<(Quantity, Course)>, BadInput> {
         use Course::{PerCycle, Sampled};
         let ecg = self.read(Kind::Ecg)?;
@@ -245,7 +245,7 @@ impl Signals<'_> {
         Ok(courses)
     }
 
-    /// By the ECG or, without one, by the waves of pressure or flow velocity.
+    /// The cycles from the ECG or, without one, from the wave of pressure or flow velocity.
     fn cycles(
         &mut self,
         ecg: Option<&Signal>,
@@ -273,7 +273,7 @@ impl Signals<'_> {
         Ok(Some(cycles))
     }
 
-    /// Mean, systolic, diastolic.
+    /// Adds mean, systolic and diastolic values.
     fn beat_wise(
         &self,
         kind: Kind,
@@ -288,7 +288,7 @@ impl Signals<'_> {
         self.physiology.signals.iter().find(|it| it.kind == kind)
     }
 
-    /// The signal of a kind, if the study has it.
+    /// The signal of this kind, if the study has one.
     fn read(&mut self, kind: Kind) -> Result<Option<Signal>, BadInput> {
         let Some(file) = self.file(kind) else { return Ok(None) };
         let path = self.recordings.folder.join(&file.file);
@@ -302,7 +302,7 @@ impl Signals<'_> {
         Ok(Some(signal))
     }
 
-    /// When t = 0 is on a file's clock.
+    /// The time of t = 0 on the file's clock, seconds.
     fn zero_s(&self, file: &SignalFile) -> Result<f64, BadInput> {
         let (found, zero_s, remedy) = match file.clock {
             Clock::Seconds => (
@@ -334,7 +334,7 @@ impl Signals<'_> {
         )
     }
 
-    /// Refuses a signal that was recorded outside these seconds.
+    /// Refuses a signal that does not overlap these seconds.
     fn overlaps(
         &self,
         quantity: Quantity,
@@ -353,13 +353,13 @@ impl Signals<'_> {
             self.recordings.folder.display(),
             quantity.name_and_unit().0,
             format!(
-                "it is there from {first_s:.1} to {last_s:.1} s of the trial, and at no time that is analysed"
+                "it lasts from {first_s:.1} to {last_s:.1} s of the trial, outside the time that is analysed"
             ),
             "correct the trial's zero_s, or the signal's clock",
         ))
     }
 
-    /// Refuses a signal whose values do not suit its unit.
+    /// Refuses a signal whose values do not fit its unit.
     fn plausible(&self, quantity: Quantity, course: &Course) -> Result<(), BadInput> {
         let (Course::PerCycle(signal) | Course::Sampled(signal)) = course;
         let Some(median) = median(signal.present().map(|(_, value)| value)) else {

@@ -1,5 +1,5 @@
-//! The `[physiology]` section of `study.toml`: which signals were recorded, and when their values
-//! are taken.
+//! The `[physiology]` section of `study.toml`: which signals were recorded, and the times from
+//! which their values are taken.
 
 use std::ops::Range;
 
@@ -11,81 +11,81 @@ use serde::Deserialize;
 
 use crate::time::{SECONDS_MAX, time_name};
 
-/// A pressure of 1 kPa, in mmHg.
+/// Millimetres of mercury per kilopascal.
 const KPA_MMHG: f64 = 7.500_616_8;
 
-/// As in the paper: values are taken from this many seconds at the beginning of each time.
+/// As in the paper, values are taken from this many seconds at the beginning of each time.
 const STANCE_S: f64 = 10.0;
 
-/// No device answers later.
+/// No device has a longer delay.
 const DELAY_MAX_S: f64 = 60.0;
 
-/// What is recorded beside the sway.
+/// The physiology recorded along with the sway.
 #[derive(Debug, Clone)]
 pub struct Physiology {
-    /// Seconds from the transition, below zero; `None` where there is no baseline.
+    /// Seconds from the transition, negative; `None` where there is no baseline.
     pub baseline_s: Option<Range<f64>>,
-    /// The seconds at each time's beginning that are used.
+    /// The seconds that are used at the beginning of each time.
     pub stance_s: f64,
     /// The trial's mark at which the person begins to rise.
     pub transition: Option<String>,
-    /// The signals, each kind once.
+    /// The signals, at most one of each kind.
     pub signals: Vec<SignalFile>,
 }
 
-/// A signal, in a file of that name in each trial's folder.
+/// A signal, in a file of this name in each trial's folder.
 #[derive(Debug, Clone)]
 pub struct SignalFile {
-    /// What it is.
+    /// The kind of signal.
     pub kind: Kind,
     /// The file's name.
     pub file: String,
-    /// Its column with times.
+    /// The name of its column of times.
     pub time: String,
-    /// Its column with values.
+    /// The name of its column of values.
     pub column: String,
-    /// A value's size in the [kind](Kind)'s unit.
+    /// The factor from the file's values to the [kind](Kind)'s unit.
     pub scale: f64,
-    /// What the times are.
+    /// The clock of the times.
     pub clock: Clock,
-    /// The delay after which the device shows an event.
+    /// The delay between an event and its appearance in the signal, seconds.
     pub delay_s: f64,
-    /// Between columns; `None`: the one with which the columns are found.
+    /// The delimiter between columns; `None`: the one with which the columns are found.
     pub delimiter: Option<Delimiter>,
 }
 
-/// What a signal is.
+/// The kind of a signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// Electrocardiogram, in any unit.
     Ecg,
-    /// Arterial pressure, mmHg, as a wave.
+    /// Arterial pressure waveform, mmHg.
     Pressure,
     /// Stroke volume, mL, for each beat.
     StrokeVolume,
-    /// Cerebral blood flow velocity, cm/s, as a wave.
+    /// Cerebral blood flow velocity waveform, cm/s.
     FlowVelocity,
-    /// Tissue saturation index, per cent.
+    /// Tissue saturation index, percent.
     Oxygenation,
-    /// CO2 of the breath, mmHg, as a wave.
+    /// CO2 waveform of the breath, mmHg.
     Co2,
 }
 
-/// What a file's times are.
+/// The clock of a file's times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
-    /// Seconds; each trial says when its t = 0 is on this clock.
+    /// Seconds; each trial states the time of its t = 0 on this clock.
     #[default]
     Seconds,
-    /// Time of day: seconds since 1970, or as 2026-11-22T10:15:00.250Z; joined by the clock of
-    /// the computer that recorded the trial.
+    /// Time of day, as seconds since 1970 or as 2026-11-22T10:15:00.250Z; related to the trial by
+    /// the clock of the computer that recorded it.
     Utc,
 }
 
 impl Kind {
-    /// Its word in the file.
+    /// Its name in the file.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -98,13 +98,13 @@ impl Kind {
         }
     }
 
-    /// Whether a value of zero or below is none: the sensor was off.
+    /// Whether a value of zero or below counts as missing, because the sensor was off.
     #[must_use]
     pub fn is_positive(self) -> bool {
         matches!(self, Self::Pressure | Self::StrokeVolume | Self::Oxygenation)
     }
 
-    /// The units it may be given in, and how large they are; those of CO2 are elsewhere.
+    /// The permitted units and their factors to the kind's own; those of CO2 are handled elsewhere.
     fn units(self) -> &'static [(&'static str, f64)] {
         match self {
             Self::Ecg => &[("mV", 1.0), ("uV", 1.0), ("V", 1.0)],
@@ -117,7 +117,7 @@ impl Kind {
     }
 }
 
-/// The section as it stands in the file.
+/// The section as written in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhysiologyToml {
@@ -184,7 +184,7 @@ impl PhysiologyToml {
             if signals.iter().any(|it| it.kind == signal.kind) {
                 return wrong(
                     "signal",
-                    format!("two of kind {:?}", signal.kind.word()),
+                    format!("two of the kind {:?}", signal.kind.word()),
                     "name each once",
                 );
             }
@@ -209,7 +209,7 @@ impl SignalToml {
             return wrong(
                 "delay_s",
                 format!("{} s", self.delay_s),
-                "give how many seconds after the event the device shows it",
+                "give the seconds by which the device shows an event late, -60 to 60",
             );
         }
         let known = self.kind.units().iter().find(|(unit, _)| *unit == self.unit);
@@ -232,7 +232,7 @@ impl SignalToml {
                 return wrong(
                     "barometric_mmhg",
                     "absent".to_owned(),
-                    "give the air's pressure of that day, such as 760: per cent are of it",
+                    "give the barometric pressure of that day, such as 760: percentages refer to it",
                 );
             }
             (Some(_), _, Some(_)) => {
@@ -269,8 +269,8 @@ impl SignalToml {
 }
 
 impl Physiology {
-    /// The times at which values are taken: the baseline if there is one, and the beginning of
-    /// each of these times of the stand, which are called T1, T2 and so on.
+    /// The time windows of the values: the baseline, if there is one, and the beginning of each of
+    /// these times of the stand, which are called T1, T2 and so on.
     #[must_use]
     pub fn windows(&self, bins_s: &[Range<f64>]) -> Vec<Window> {
         let baseline = self.baseline_s.clone().map(|span_s| Window {
@@ -302,7 +302,7 @@ mod tests {
     #[test]
     fn values_are_of_the_baseline_and_of_each_times_beginning() {
         let physiology = check(WHOLE).unwrap();
-        // A hundredth of the dry gas, at 747 - 47 mmHg.
+        // One percent of the dry gas, at 747 - 47 mmHg.
         assert!((physiology.signals[0].scale - 7.0).abs() < 1e-12);
         let windows = physiology.windows(&[0.0..20.0, 20.0..25.0]);
         let found: Vec<(&str, Range<f64>)> =
@@ -327,7 +327,7 @@ mod tests {
             (WHOLE.replace("co2", "co3"), "unknown variant `co3`"),
             (format!("stance_s = 0.5\n{WHOLE}"), "stance_s: 0.5 s"),
             ("stance_s = 5".to_owned(), "there is none"),
-            (format!("{WHOLE}{}", &WHOLE[WHOLE.find("[[").unwrap()..]), "two of kind \"co2\""),
+            (format!("{WHOLE}{}", &WHOLE[WHOLE.find("[[").unwrap()..]), "two of the kind \"co2\""),
         ];
         for (text, part) in cases {
             let error = check(&text).unwrap_err();

@@ -10,26 +10,26 @@ use plumbline_files::counting::counted;
 
 use crate::protocol::{Clock, SignalFile};
 
-/// 1990 and 2100, seconds since 1970: a value outside is not a time of day.
+/// 1990 and 2100, in seconds since 1970: a value outside this range is not a time of day.
 const UTC_S: std::ops::Range<f64> = 631_152_000.0..4_102_444_800.0;
 
 /// A signal on the trial's clock.
 #[derive(Debug)]
 pub struct Read {
-    /// Its times are seconds from t = 0.
+    /// The signal; its times are seconds from t = 0.
     pub signal: Signal,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
-/// Reads the signal that `file` describes from `path`; `zero_s` is when the trial's t = 0 is on
-/// the file's clock, seconds.
+/// Reads the signal that `file` describes from `path`; `zero_s` is the time on the file's clock at
+/// which the trial's t is 0, seconds.
 ///
-/// An empty cell, NaN, and a zero of what cannot be zero are missing values.
+/// Empty cells, NaN, and zeros of quantities that cannot be zero are missing values.
 ///
 /// # Errors
-/// When it cannot be read, a column is missing, a cell is not a number, or times do not increase:
-/// with the line.
+/// When it cannot be read, a column is missing, a cell is not a number, or times do not increase.
+/// The error names the line.
 pub fn read(path: &Path, file: &SignalFile, zero_s: f64) -> Result<Read, BadInput> {
     let remedy = "name the columns in study.toml as they stand in the file";
     let text = TextTable::open(path, &[&file.time, &file.column], file.delimiter, remedy)?;
@@ -130,7 +130,7 @@ mod tests {
             "t,P\n2026-11-22T10:15:01.25Z,1\n2026-11-22T11:15:01.5+01:00,2\n",
         ] {
             let read = read_text(text, Clock::Utc, zero_s).unwrap();
-            // A double has 0.24 us at this size.
+            // The resolution of a double of this size is 0.24 us.
             for (found, expected) in read.signal.time_s().iter().zip([0.75, 1.0]) {
                 assert!((found - expected).abs() < 5e-7, "{found}");
             }

@@ -1,5 +1,5 @@
-//! The sway of a trial: path lengths of each trunk by direction and time, as in the paper's
-//! Table II.
+//! The sway of a trial: path lengths of each point by direction and time, as in the paper's Table
+//! II.
 
 use plumbline_analysis::sway::figure::{ByDirection, Figure};
 use plumbline_analysis::sway::{self, Settings};
@@ -10,22 +10,22 @@ use serde::Serialize;
 /// The directions, as the paper calls them.
 pub const DIRECTIONS: [&str; 6] = ["AP", "ML", "SI", "APML", "APSI", "MLSI"];
 
-/// Where less than this share of a bin was measured, its path does not stand for the bin.
+/// If less than this fraction of a bin was measured, its path does not represent the bin.
 const COVERED_MIN: f64 = 0.9;
 
-/// A path: its point and its direction.
+/// A path, given by its point and its direction.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Path {
     /// `lower`, `upper`, or `point` of a table.
     pub point: String,
-    /// Of [`DIRECTIONS`].
+    /// One of [`DIRECTIONS`].
     pub direction: &'static str,
 }
 
 /// The values of a trial.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// Each path's length at each time, mm.
+    /// The length of each path at each time, mm.
     pub responses: Vec<(Path, Vec<Option<f64>>)>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
@@ -34,7 +34,7 @@ pub struct Found {
 /// The path lengths of one trial.
 ///
 /// # Errors
-/// When its positions do not give figures.
+/// When no figures can be computed from its positions.
 pub fn of_trial(points: &Points, settings: &Settings) -> Result<Found, BadInput> {
     let place = &points.place;
     let mut found = Found::default();

@@ -15,49 +15,49 @@ use crate::time::time_name;
 #[path = "../../analysis/tests/common/table_2.rs"]
 mod paper;
 
-/// The text of an absent value; its reason stands beside the tests.
+/// The text of an absent value; the reason is given with the tests.
 const NONE: &str = "–";
 
-/// The number of times that a table of physiology has side by side.
+/// The number of times side by side in a table of physiology.
 const TIMES_ABREAST: usize = 2;
 
 /// A table in the paper's layout: columns in groups, rows in sections.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PaperTable {
-    /// What it is.
+    /// The title.
     pub title: String,
-    /// What the rows' names are: of the section, if those have names, and of the row.
+    /// The headings of the row names: of the section, if sections are named, and of the row.
     pub stub: Vec<&'static str>,
-    /// Columns that have a heading in common.
+    /// Groups of columns with a common heading.
     pub groups: Vec<Group>,
-    /// Rows that belong together.
+    /// Groups of rows.
     pub sections: Vec<Section>,
-    /// The meaning of its signs.
+    /// Notes that explain the marks.
     pub notes: Vec<String>,
 }
 
-/// Some columns.
+/// A group of columns.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Group {
     /// Their common heading.
     pub name: String,
-    /// Their own.
+    /// Their own headings.
     pub columns: Vec<String>,
 }
 
-/// Some rows.
+/// A group of rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
     /// Their common name.
     pub name: Option<&'static str>,
-    /// Names and cells.
+    /// The name and cells of each row.
     pub rows: Vec<(String, Vec<Cell>)>,
 }
 
-/// A number, and signs for what it differs from.
+/// A number, with marks for significant differences.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cell {
-    /// Mean and error, or d.
+    /// Mean and error, or Cohen's d.
     pub text: String,
     /// An asterisk and letters; the notes say what they mean.
     pub marks: String,
@@ -75,7 +75,7 @@ impl fmt::Display for Cell {
 }
 
 impl PaperTable {
-    /// In a terminal.
+    /// The table as text for a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let columns = self.groups.iter().flat_map(|group| {
@@ -95,7 +95,7 @@ impl PaperTable {
 
 impl StudyFigures {
     /// The paper's Table I: physiology by quantity; for each time the conditions side by side.
-    /// As many tables as needed, each with two times, as in the paper; none where no
+    /// There are as many tables as needed, each with two times, as in the paper, and none if no
     /// physiology was recorded.
     #[must_use]
     pub fn physiology_tables(&self) -> Vec<PaperTable> {
@@ -160,8 +160,8 @@ impl StudyFigures {
         ]
     }
 
-    /// The paper's Table II: total path length by direction and time; for each point the
-    /// conditions side by side, and Cohen's d of each against the first.
+    /// The paper's Table II: total path length by direction and time; for each point the conditions
+    /// side by side, with Cohen's d of each against the first.
     #[must_use]
     pub fn sway_table(&self) -> PaperTable {
         let points = self.points();
@@ -264,7 +264,7 @@ impl StudyFigures {
     }
 }
 
-/// The letter of a time in Table I: `a` for the first, and none after `z`.
+/// The letter of a time in Table I: `a` for the first; times after `z` have none.
 fn letter(time: usize) -> char {
     u8::try_from(time)
         .ok()
@@ -273,7 +273,7 @@ fn letter(time: usize) -> char {
         .map_or('?', char::from)
 }
 
-/// Mean and error of a cell, as the paper gives them.
+/// The mean and error of a cell, in the paper's format.
 fn mean(inference: &Inference, condition: &str, time: &str) -> String {
     let cell = inference.cells.iter().find(|it| it.levels == [condition, time]);
     let description = cell.and_then(|it| it.normalised.known());
@@ -329,7 +329,7 @@ mod tests {
                 let values = paper::study(&means, &sems);
                 for (trial, it) in trials.iter_mut().enumerate() {
                     let (participant, condition) = (trial / 4, trial / 2 % 2);
-                    // One as much longer as the other is shorter.
+                    // One trial is longer by as much as the other is shorter.
                     let more = if trial % 2 == 0 { 3.0 } else { -3.0 };
                     let cells = values.row(participant);
                     let lengths = cells.iter().skip(3 * condition).take(3);
@@ -366,8 +366,8 @@ mod tests {
                     );
                     let other = format!("{other_mean:.1} ± {other_sem:.1}");
                     assert_eq!(cells[1].text, other, "{direction} {time}");
-                    // The printed means and errors are rounded, which moves d by up to 0.016; two
-                    // digits of it are shown.
+                    // The printed means and errors are rounded, which changes d by up to 0.016; two
+                    // digits of d are shown.
                     let found: f64 = cells[2].text.parse().unwrap();
                     assert!((found - d).abs() < 0.016 + 0.005, "{direction} {time}: {found} {d}");
                     compared += 1;
@@ -390,12 +390,14 @@ mod tests {
         });
         let shown = figures.sway_table().text().matches(" *").count();
         assert_eq!(shown, asterisks.count() + 1, "and one in the note");
-        // With these spreads a difference of d = 0.9 in fourteen people is seen, one of 0.1 not.
+        // With these spreads a difference of d = 0.9 among fourteen people is significant, one of
+        // 0.1 is not.
         let cells = &figures.sway_table().sections[0].rows;
         assert_eq!((&*cells[0].1[1].marks, &*cells[2].1[1].marks), ("*", ""));
     }
 
-    /// Four participants; by condition and time, what each has beyond its own level.
+    /// Four participants; `cells` gives, by condition and time, each one's deviation from their own
+    /// level.
     fn heart_rates(cells: [[f64; 4]; 6]) -> Vec<Cell> {
         let people = [("P1", 100.0), ("P2", 80.0), ("P3", 120.0), ("P4", 90.0)];
         let mut trials = Vec::new();
@@ -436,7 +438,7 @@ mod tests {
             [20.0, 20.0, 21.0, 19.0],
             none.map(|it| -it),
         ]);
-        // By time, and control first.
+        // In the order of the times, control first.
         assert_eq!(marks(&cells), ["b", "*bc", "ac", "ac", "b", "ab"]);
         assert!(cells[2].text.starts_with("117.5 ± "), "{cells:?}");
     }

@@ -1,4 +1,4 @@
-//! From the values of trials to the statistics of a response.
+//! Combines the values of trials into the statistics of a response.
 
 use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::within::{Incomplete, Observation, WithinDesign};
@@ -9,9 +9,9 @@ use crate::manifest::Study;
 /// The values of one trial.
 #[derive(Debug, Clone)]
 pub struct TrialValues<M> {
-    /// Its participant.
+    /// The participant.
     pub participant: String,
-    /// Its condition.
+    /// The condition.
     pub condition: String,
     /// Each response's value at each time; `None` where it was not measured.
     pub responses: Vec<(M, Vec<Option<f64>>)>,
@@ -38,12 +38,12 @@ pub fn responses<M: PartialEq + Clone>(trials: &[TrialValues<M>]) -> Vec<M> {
     found
 }
 
-/// The statistics of one response. Trials of one participant under one condition are averaged
-/// first, each time by itself, as in the paper; `None` where nobody was measured.
+/// The statistics of one response. Trials of one participant under one condition are first
+/// averaged, separately for each time, as in the paper. `None` if nobody was measured.
 ///
 /// # Errors
-/// When a participant lacks a value and the study does not leave such out, or there is no value
-/// under some condition or at some time; `name` names the response.
+/// When a participant lacks a value and the study does not leave out such participants, or when
+/// there is no value under some condition or at some time; `name` names the response.
 pub fn analyse<M: PartialEq>(
     study: &Study,
     times: &[String],
@@ -74,11 +74,11 @@ pub fn analyse<M: PartialEq>(
     }
 }
 
-const REMEDY: &str = "these methods take complete data: record what is missing, or write \
+const REMEDY: &str = "these methods need complete data: record what is missing, or write \
                       drop_incomplete = true to leave such participants out of this response";
 
-/// Condition by condition and time by time, so that the tables have the study's order;
-/// participants in the order of their first trials.
+/// Ordered by condition and time, so that the tables have the study's order; participants are in
+/// the order of their first trials.
 fn means<'a, M: PartialEq>(
     study: &'a Study,
     times: &'a [String],

@@ -101,11 +101,11 @@ impl Columns {
                 "ap" => &mut axes[0],
                 "ml" => &mut axes[1],
                 "si" => &mut axes[2],
-                other => return Err(format!("{other:?} is no column of a trial: {REMEDY}")),
+                other => return Err(format!("{other:?} is not a column of a trial: {REMEDY}")),
             };
             let name = name.trim();
             if name.is_empty() || place.replace(name.to_owned()).is_some() {
-                return Err(format!("{what} is named twice, or with nothing: {REMEDY}"));
+                return Err(format!("{what} is named twice, or without a name: {REMEDY}"));
             }
         }
         match (time, axes.iter().any(Option::is_some)) {
@@ -174,7 +174,7 @@ impl Table {
             let row = row?;
             let line = row.line;
             let time_s = time.number(&row)?.ok_or_else(|| {
-                time.wrong(&row, "there is no time", "remove that line: nobody knows when it was")
+                time.wrong(&row, "there is no time", "remove that line: its time is not known")
             })?;
             let mut position_mm = [0.0; 3];
             let mut is_whole = true;

@@ -1,9 +1,9 @@
-//! The same poses on every processor: the standard recording is tracked on this machine and
-//! under QEMU.
+//! Checks that every processor computes the same poses: the standard recording is tracked on this
+//! machine and under QEMU.
 //!
-//! Rust neither reorders nor fuses floating-point operations, and the core takes
-//! its functions from one library, so that the two should give the same bits.
-//! What is asked of them is [`DIFFERENCE_MAX`]; what they reach is printed.
+//! Rust neither reorders nor fuses floating-point operations, and the core takes its mathematical
+//! functions from one library, so both should give the same bits. The check requires them to agree
+//! to [`DIFFERENCE_MAX`] and prints the difference reached.
 
 use std::path::Path;
 
@@ -13,21 +13,21 @@ use plumbline_test_support::{RECORDINGS, STANDARD_FRAMES};
 use crate::command::Task;
 use crate::cross::{Linking, Toolchain};
 
-/// Farthest that a number may be from the other processor's, mm or rad.
+/// The largest difference allowed between the numbers of the two processors, mm or rad.
 pub const DIFFERENCE_MAX: f64 = 1e-6;
 
-/// The standard scene has two.
+/// The number of targets in the standard scene.
 const TARGETS: usize = 2;
 
-/// The numbers of a row: the target's pose, and the trunk point it carries.
+/// The numeric columns of a row: the target's pose, and the trunk point that it carries.
 const NUMBERS: [&str; 9] =
     ["theta1_rad", "theta2_rad", "theta3_rad", "x_mm", "y_mm", "z_mm", "ap_mm", "ml_mm", "si_mm"];
 
-/// What must be the very same: what was seen, and how.
+/// The columns that must be identical: what was seen, and how.
 const IDENTICAL: [&str; 4] = ["frame", "target", "state", "points"];
 
-/// Tracks the recording twice and compares every pose: by the program in `native`, built first
-/// where it is not, and by the one that was built with the tests for the other processor.
+/// Tracks the recording twice and compares every pose: with the program in `native`, which is built
+/// first if it is missing, and with the one built along with the tests for the other processor.
 pub fn check(native: Option<&Path>, toolchain: &Toolchain, recordings: &Path) -> Result<()> {
     let name = "poses";
     let native = match native {
@@ -40,7 +40,7 @@ pub fn check(native: Option<&Path>, toolchain: &Toolchain, recordings: &Path) ->
     let (native, emulated) = (poses(native)?, poses(emulated)?);
     let compared = compare_rows(&native, &emulated)?;
     println!("{compared}");
-    // The other target is seen in every frame, the hidden one before and after.
+    // The other target is seen in every frame; the hidden one is seen before and after.
     ensure!(
         compared.rows == STANDARD_FRAMES * TARGETS && compared.poses > STANDARD_FRAMES,
         "that is too little for {STANDARD_FRAMES} frames of {TARGETS} targets"
@@ -53,14 +53,14 @@ pub fn check(native: Option<&Path>, toolchain: &Toolchain, recordings: &Path) ->
     Ok(())
 }
 
-/// How two tables of poses differ.
+/// How much two tables of poses differ.
 #[derive(Debug, PartialEq)]
 pub struct Compared {
-    /// All rows.
+    /// The number of rows.
     pub rows: usize,
-    /// Rows with a pose.
+    /// The number of rows with a pose.
     pub poses: usize,
-    /// The largest difference of a number, mm or rad.
+    /// The largest difference between two numbers, mm or rad.
     pub largest: f64,
 }
 
@@ -74,7 +74,7 @@ impl std::fmt::Display for Compared {
     }
 }
 
-/// Compares the rows of two tables in pairs; an error where they tell of different things.
+/// Compares the rows of two tables in pairs; an error where they describe different things.
 pub fn compare_rows(one: &str, other: &str) -> Result<Compared> {
     let [mut one, mut other] = [one, other].map(|text| csv::Reader::from_reader(text.as_bytes()));
     let header = one.headers()?.clone();
@@ -90,7 +90,7 @@ pub fn compare_rows(one: &str, other: &str) -> Result<Compared> {
         let (left, right) = match (one.next(), other.next()) {
             (Some(left), Some(right)) => (left?, right?),
             (None, None) => return Ok(compared),
-            _ => bail!("only one of them goes on after row {}", compared.rows),
+            _ => bail!("only one of the tables continues after row {}", compared.rows),
         };
         compared.rows += 1;
         for &column in &identical {
@@ -150,7 +150,7 @@ mod tests {
         let row = "0,lumbar,tracking,7,8,9,1,2,1000,30,4,5,6";
         let one = file(&[row]);
         for (other, part) in [
-            (file(&[row, row]), "only one of them goes on after row 1"),
+            (file(&[row, row]), "only one of the tables continues after row 1"),
             (one.replace("tracking", "coasting"), "state is \"tracking\" and \"coasting\""),
             (one.replace(",30,", ",29,"), "points"),
             (one.replace("1000", ""), "z_mm is \"\""),

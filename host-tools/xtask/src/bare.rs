@@ -1,12 +1,11 @@
-//! The core in a final artefact that has no allocator.
+//! Links the core into a final artefact that has no allocator.
 //!
-//! A `no_std` library that uses `alloc` still compiles; only linking a final
-//! artefact shows that nothing allocates. The package `tests/bare` is that
-//! artefact: a shared library of nothing but the core, a panic handler and one
-//! entry that configures the pipeline and steps it. The compiler refuses to
-//! make it when any crate in it uses `alloc`. Its list of undefined symbols
-//! then says all that it asks of others: the memory routines that the compiler
-//! itself calls, and no `malloc`.
+//! A `no_std` library that uses `alloc` still compiles; only linking a final artefact shows that
+//! nothing allocates. The package `tests/bare` is that artefact: a shared library that contains
+//! only the core, a panic handler and one entry point, which configures the pipeline and steps it.
+//! The compiler refuses to build it if any crate in it uses `alloc`. Its list of undefined symbols
+//! then shows everything it needs from elsewhere: the memory routines that the compiler itself
+//! calls, and no `malloc`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -15,20 +14,20 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::command::{Task, target_directory};
 
-/// The entry of the artefact.
+/// The entry point of the artefact.
 const ENTRY: &str = "plumbline_bare_step";
 
-/// Functions that compiled Rust may call without anybody's asking: the target
-/// always has them, and none allocates.
+/// Functions that compiled Rust may call implicitly: the target always has them, and none of them
+/// allocates.
 const COMPILERS_OWN: &[&str] = &["memcpy", "memmove", "memset", "memcmp", "bcmp"];
 
-/// Largest initialised data of the artefact. An idle pipeline is all zero, so that its
-/// quarter of a megabyte costs no place in a program's file or a board's flash.
+/// The largest initialised data allowed in the artefact. An idle pipeline is all zero, so its
+/// quarter of a megabyte takes no space in a program's file or a board's flash.
 const DATA_BYTES_MAX: usize = 4096;
 
-/// Builds the artefact, reads its symbols and the size of its data.
+/// Builds the artefact and checks its symbols and the size of its data.
 pub fn check() -> Result<()> {
-    // Apart from the other builds, so that nobody's choice of features reaches it.
+    // Separate from the other builds, so that their choice of features does not affect it.
     let directory = target_directory().join("bare");
     Task::cargo()
         .args(["rustc", "--package", "plumbline-bare", "--profile", "bare"])
@@ -46,7 +45,7 @@ pub fn check() -> Result<()> {
         .filter(|symbol| !COMPILERS_OWN.contains(symbol))
         .collect();
     if !foreign.is_empty() {
-        bail!("the core without an allocator needs {} from others", foreign.join(", "));
+        bail!("the core without an allocator needs {} from elsewhere", foreign.join(", "));
     }
     let data_bytes = data_bytes(&artefact)?;
     ensure!(
@@ -55,7 +54,7 @@ pub fn check() -> Result<()> {
         artefact.display()
     );
     println!(
-        "{}: linked without an allocator, {data_bytes} bytes of data; of others it needs only {}",
+        "{}: linked without an allocator, {data_bytes} bytes of data; from elsewhere it needs only {}",
         artefact.display(),
         undefined.into_iter().collect::<Vec<_>>().join(" ")
     );
@@ -67,10 +66,10 @@ fn data_bytes(artefact: &Path) -> Result<usize> {
     let listing = Task::new("size").args(["--format=berkeley"]).args([artefact]).output()?;
     let data = listing.lines().nth(1).and_then(|line| line.split_whitespace().nth(1));
     data.and_then(|data| data.parse().ok())
-        .with_context(|| format!("`size` does not tell the data's size: {listing}"))
+        .with_context(|| format!("`size` does not report the size of the data: {listing}"))
 }
 
-/// The names in the artefact's dynamic symbol table.
+/// The names in the artefact's dynamic symbol table, as selected by `which`.
 fn symbols(artefact: &Path, which: &str) -> Result<BTreeSet<String>> {
     let listing = Task::new("nm")
         .args(["--dynamic", "--format=just-symbols", which])

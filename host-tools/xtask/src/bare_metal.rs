@@ -1,12 +1,13 @@
-//! The core as the only program of a computer, on two emulated boards.
+//! Runs the core as the only program of a computer, on two emulated boards.
 //!
 //! The package `tests/bare-metal` is linked with start-up code, a configuration and one rendered
 //! frame: no operating system, no allocator. On each board it measures the frame a few times,
 //! prints the poses and ends the emulator. The same package, run on this machine with the same
 //! limits, must print the same poses.
 //!
-//! How deep `Pipeline::step` takes the stack is measured there, and on this machine, by painting
-//! it; and from the very same programs it is told by the compiler. memory.md holds both.
+//! The stack depth of `Pipeline::step` is measured there, and on this machine, by painting the
+//! stack; it is also computed from the same programs with the compiler's stack sizes. memory.md
+//! contains both.
 
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -25,19 +26,19 @@ use crate::stack::{self, Deepest, Processor, Program, table};
 
 const PACKAGE: &str = "plumbline-bare-metal";
 
-/// Rows of a table: the firmware's `STEPS` times the standard scene's two targets.
+/// The number of rows in a table: the firmware's `STEPS` times the standard scene's two targets.
 const ROWS: usize = 5 * 2;
 
-/// Most that [`memory.md`](../../../memory.md) allows `step` of the stack.
+/// The largest stack depth of `step` that [`memory.md`](../../../memory.md) allows.
 const STEP_STACK_BYTES_MAX: u64 = 64 * 1024;
 
-/// The largest static that memory.md need not list.
+/// The largest static that need not be listed in memory.md.
 const STATIC_BYTES_MAX: u64 = 1024;
 
-/// What functions may take whose frames nobody tells: the C library's `memcpy` and its like.
+/// An allowance for functions whose frame size is unknown: the C library's `memcpy` and the like.
 const UNTOLD_BYTES_MAX: u64 = 256;
 
-/// Longest run of an emulator, in seconds; it takes a few.
+/// The time limit for an emulator, in seconds; a run takes a few.
 const WITHIN_S: &str = "120";
 
 /// The variable that tells the firmware's build where its frame and its configuration are.
@@ -46,26 +47,26 @@ const STORED: &str = "PLUMBLINE_STORED";
 /// The name of `Pipeline::step` in the program.
 const STEP: &str = "plumbline_bare_metal::step";
 
-/// What is done with the tables in memory.md.
+/// What to do with the tables in memory.md.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Document {
     Compare,
     Write,
 }
 
-/// A board, and what is built for it.
+/// A board and the settings to build for it.
 pub struct Board {
-    /// QEMU's name of it, or what stands in for it.
+    /// QEMU's name for it, or a substitute.
     pub name: &'static str,
-    /// What memory.md calls it.
+    /// Its title in memory.md.
     title: &'static str,
     triple: &'static str,
     processor: Processor,
-    /// What a compiler must know besides the target.
+    /// The compiler flags needed besides the target.
     rustflags: &'static str,
-    /// Of the program's package.
+    /// The features of the program's package.
     features: &'static [&'static str],
-    /// Nothing where the program runs on this machine.
+    /// The emulator's command line; empty if the program runs on this machine.
     emulator: &'static [&'static str],
     needs: &'static [Need],
     emulator_needs: &'static [Need],
@@ -73,7 +74,7 @@ pub struct Board {
     recording: &'static str,
 }
 
-/// All of them that this machine can have.
+/// All boards available on this machine.
 pub const BOARDS: &[Board] =
     if cfg!(target_arch = "x86_64") { &[VIRT, MPS2_AN500, HERE] } else { &[VIRT, MPS2_AN500] };
 
@@ -111,7 +112,7 @@ const MPS2_AN500: Board = Board {
     title: "Cortex-M7 (QEMU's `mps2-an500`, the smaller limits)",
     triple: "thumbv7em-none-eabihf",
     processor: Processor { binutils: "arm-linux-gnueabihf-", address_bytes: 4, call_bytes: 0 },
-    // The target alone has arithmetic of single precision only.
+    // The target by default has single-precision arithmetic only.
     rustflags: "-Ctarget-cpu=cortex-m7",
     features: &["--features", "small-limits"],
     emulator: &["qemu-system-arm", "-M", "mps2-an500"],
@@ -129,7 +130,7 @@ const HERE: Board = Board {
     name: "x86-64",
     title: "x86-64",
     triple: "x86_64-unknown-linux-gnu",
-    // The address to return to.
+    // The return address.
     processor: Processor { binutils: "", address_bytes: 8, call_bytes: 8 },
     rustflags: "",
     features: &[],
@@ -149,8 +150,8 @@ pub fn prepare() -> Result<()> {
 }
 
 impl Board {
-    /// Builds the program, runs it on the board, and compares its poses with this machine's
-    /// and its stack with memory.md.
+    /// Builds the program, runs it on the board, and compares its poses with this machine's and its
+    /// stack with memory.md.
     pub fn check(&self, recordings: &Path, document: Document) -> Result<()> {
         let stored = target_directory().join("bare-metal").join(self.name);
         self.store(recordings, &stored)?;
@@ -191,15 +192,15 @@ impl Board {
         for name in statics(&symbols) {
             ensure!(
                 memory.contains(&format!("| `{name}` | static |")),
-                "the core has a static {name} of more than {STATIC_BYTES_MAX} bytes: put it into \
-                 memory.md's first table, and its type into tests/memory.rs"
+                "the core has a static {name} of more than {STATIC_BYTES_MAX} bytes: add it to \
+                 memory.md's first table, and its type to tests/core/memory.rs"
             );
         }
         let deepest = Program::read(&program, &self.processor)?.deepest_from(STEP)?;
         self.check_stack(&deepest, printed.step_stack_bytes, document)
     }
 
-    /// Compares both figures with the bound, with each other, and with memory.md.
+    /// Compares both stack depths with the bound, with each other, and with memory.md.
     fn check_stack(&self, deepest: &Deepest, painted: u64, document: Document) -> Result<()> {
         let title = format!("{}, rustc {}", self.title, self.compiler()?.version()?);
         let measured = table::table(&title, deepest, painted);
@@ -210,8 +211,8 @@ impl Board {
             Document::Write => part.write(&measured)?,
             Document::Compare => table::compare(&part.read()?, &measured).with_context(|| {
                 format!(
-                    "memory.md differs from the build. If that is as it should be, write it by \
-                     `cargo xtask test bare-metal --write-memory`. For {} it is to hold:\n\n{measured}\n\n",
+                    "memory.md differs from the build. If this is intended, update it with \
+                     `cargo xtask test bare-metal --write-memory`. For {} it should contain:\n\n{measured}\n\n",
                     self.name
                 )
             })?,
@@ -220,8 +221,8 @@ impl Board {
         let untold = if deepest.uncounted.is_empty() { 0 } else { UNTOLD_BYTES_MAX };
         ensure!(
             painted <= sum + untold,
-            "{painted} bytes of stack were painted, and the deepest path makes {sum}: a call \
-             is not seen in the program"
+            "{painted} bytes of stack were used, but the deepest path adds up to {sum}: a call \
+             in the program was missed"
         );
         ensure!(
             sum <= STEP_STACK_BYTES_MAX,
@@ -245,7 +246,7 @@ impl Board {
         fs::write(&stored, frame).with_context(|| stored.display().to_string())
     }
 
-    /// What the program prints.
+    /// The output of the program.
     fn run(&self, program: &Path, stored: &Path) -> Result<Printed> {
         let task = Task::new("timeout").args([WITHIN_S]).args(self.emulator);
         let task = if self.emulator.is_empty() {
@@ -260,18 +261,18 @@ impl Board {
         Printed::read(&printed)
     }
 
-    /// The path of the program, where it is firmware with what is in `stored`.
+    /// Builds the program and returns its path; firmware includes the files in `stored`.
     fn build(&self, stored: &Path) -> Result<PathBuf> {
         let own = format!("CARGO_TARGET_{}", self.triple.replace('-', "_").to_uppercase());
         let directory = target_directory().join(self.triple);
         let compiler = self.compiler()?;
         let mut cargo = compiler.cargo(Some("core"));
         cargo = match compiler {
-            // Nobody else brings `memcpy`. rustup's library has it.
+            // `memcpy` has no other source. rustup's library includes it.
             Compiler::Debian => {
                 cargo.env("CARGO_UNSTABLE_BUILD_STD_FEATURES", "compiler-builtins-mem")
             }
-            // To tell the frames of functions is not stable.
+            // Emitting the frame sizes of functions is unstable.
             Compiler::Rustup => cargo.env("RUSTC_BOOTSTRAP", "1"),
         };
         if !self.emulator.is_empty() {
@@ -290,7 +291,7 @@ impl Board {
     }
 }
 
-/// The beginning of a grey Y4M file, up to the end of its first frame.
+/// The beginning of a grey Y4M file, up to and including its first frame.
 fn first_frame(place: &Path) -> Result<Vec<u8>> {
     let mut file = BufReader::new(File::open(place)?);
     let mut beginning = Vec::new();
@@ -305,8 +306,8 @@ fn first_frame(place: &Path) -> Result<Vec<u8>> {
     Ok(beginning)
 }
 
-/// The core's statics of more than [`STATIC_BYTES_MAX`], from the lines `address size kind name`
-/// of a program's symbols.
+/// The core's statics of more than [`STATIC_BYTES_MAX`], from the lines `address size kind name` of
+/// a program's symbol table.
 fn statics(symbols: &str) -> Vec<&str> {
     let large = symbols.lines().filter_map(|line| {
         let mut words = line.splitn(4, ' ').skip(1);
@@ -318,7 +319,7 @@ fn statics(symbols: &str) -> Vec<&str> {
     large.collect()
 }
 
-/// What the firmware says.
+/// The output of the firmware.
 #[derive(Debug, PartialEq)]
 struct Printed {
     table: String,
@@ -334,7 +335,7 @@ impl Printed {
             lines
                 .iter()
                 .find_map(|line| line.strip_prefix(name)?.strip_prefix('\t')?.trim().parse().ok())
-                .with_context(|| format!("the board does not tell {name}"))
+                .with_context(|| format!("the board did not print {name}"))
         };
         let rows = lines.iter().filter(|line| line.contains(',') && !line.contains('\t'));
         Ok(Self {

@@ -1,11 +1,11 @@
-//! `cargo xtask bench`: the figures of README.md.
+//! `cargo xtask bench`: measures the figures of README.md.
 //!
-//! `plumb simulate` renders the standard scene. On those frames the core is
-//! measured by `host-tools/bench/src/main.rs`, with the paper's chain beside it, and
-//! OpenCV by `host-tools/bench/opencv_chain.py`; `host-tools/bench/limit.py` says how good
-//! any method could be. All print lines `name, tab, value`; here they become tables. The
-//! core is measured on frames of other forms as well, and on an emulated ARM board, in
-//! instructions; `plumb` is measured on recorded trials.
+//! `plumb simulate` renders the standard scene. On those frames `host-tools/bench/src/main.rs`
+//! measures the core and, for comparison, the paper's chain; `host-tools/bench/opencv_chain.py`
+//! measures OpenCV; and `host-tools/bench/limit.py` computes how good any method could be. All of
+//! them print lines `name, tab, value`, which are turned into tables here. The core is also
+//! measured on frames in other formats and, in instructions, on an emulated ARM board; `plumb` is
+//! measured on recorded trials.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -24,7 +24,7 @@ mod calibration;
 mod formats;
 mod recordings;
 
-/// What `cargo xtask bench` takes.
+/// The arguments of `cargo xtask bench`.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Put the figures into README.md, between its markers.
@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         arm = Some(figures_of(|each_line| instructions::count(&debian, &directory, each_line))?);
         booted = Some(figures_of(|each_line| boot_with_camera()?.run_and_read(each_line))?);
     }
-    // Half a gigabyte that nobody wants to find again.
+    // Half a gigabyte that is of no further use.
     fs::remove_dir_all(&directory).context(format!("{}", directory.display()))?;
     let mut tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
     for table in [recordings, calibrations].iter().filter(|table| !table.is_empty()) {
@@ -87,8 +87,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 type Figures = BTreeMap<String, String>;
 
-/// The standard scene's recording, its truth, and a box's configuration; `options` are
-/// more of `plumb simulate`'s.
+/// Renders the standard scene's recording, its ground truth, and a box's configuration; `options`
+/// are further options of `plumb simulate`.
 fn render(directory: &Path, frames: u32, options: &[&str]) -> Result<()> {
     let plumb = || Task::cargo().args(["run", "--release", "--package", "plumb", "--"]);
     let place = |name: &str| directory.join(name).display().to_string();
@@ -102,7 +102,7 @@ fn render(directory: &Path, frames: u32, options: &[&str]) -> Result<()> {
         .run()
 }
 
-/// The core's figures on what was rendered into a directory.
+/// The core's figures on the recording rendered into a directory.
 fn measure(directory: &Path) -> Result<Figures> {
     let bench = Task::cargo()
         .args(["run", "--release", "--package", "plumbline-bench", "--"])
@@ -110,8 +110,8 @@ fn measure(directory: &Path) -> Result<Figures> {
     figures_of(|each_line| bench.run_and_read(each_line))
 }
 
-/// The Cramer-Rao bounds of what was rendered into a directory; `options` are those of
-/// `plumb simulate` that matter. Nothing where Python cannot calculate them.
+/// The Cramer-Rao bounds for the recording rendered into a directory; `options` are the relevant
+/// options of `plumb simulate`. Empty if Python lacks the modules to compute them.
 fn limit(directory: &Path, options: &[&str]) -> Result<Figures> {
     if !python_has("numpy, scipy") {
         println!("No Cramer-Rao bound: this machine's python3 has no numpy or no scipy");
@@ -127,7 +127,7 @@ fn python_has(modules: &str) -> bool {
     Task::new("python3").args(["-c", &format!("import {modules}")]).output().is_ok()
 }
 
-/// What `run` prints as `name, tab, value`.
+/// The figures that `run` prints as `name, tab, value`.
 fn figures_of(run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>) -> Result<Figures> {
     let mut figures = Figures::new();
     run(&mut |line| {
@@ -151,7 +151,7 @@ fn times(figures: &Figures, run: &str) -> Result<String> {
     Ok(format!("{:.3} / {:.3}", ms("median")?, ms("worst")?))
 }
 
-/// The median in millions of instructions, of figures whose nanoseconds are instructions.
+/// The median in millions of instructions, from figures whose nanoseconds are instructions.
 fn instructions(figures: &Figures, run: &str) -> Result<String> {
     let thousands = get(figures, &format!("{run}_median_us"))?.parse::<f64>()?;
     Ok(format!("{:.2}", thousands / 1e3))
@@ -173,7 +173,7 @@ fn share(figures: &Figures, run: &str, of_figures: &Figures, of_run: &str) -> Re
     Ok(format!("{:.2}", median(figures, run)? / median(of_figures, of_run)?))
 }
 
-/// The targets' cells of the table of spreads, and the frames without a pose.
+/// The cells for the targets in the table of spreads, and the number of frames without a pose.
 fn spreads(figures: &Figures, run: &str, targets: &[&str]) -> Result<String> {
     let mut cells = String::new();
     let mut lost = 0;
@@ -293,7 +293,7 @@ fn tables(
     Ok(text)
 }
 
-/// The processor's own name.
+/// The model name of the processor.
 fn processor() -> String {
     let about = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = about.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));

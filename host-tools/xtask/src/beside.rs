@@ -1,9 +1,9 @@
 //! Debian's programs, unpacked into the target directory.
 //!
-//! For those that apt could only install by removing other packages, such as an
-//! emulator beside newer tools of its family: the packages that are missing are
-//! downloaded and unpacked, and a script per program starts it with their
-//! libraries. The system stays as it is, and `cargo clean` removes all of it.
+//! Used for programs that apt could only install by removing other packages, such as an emulator
+//! alongside newer tools of its family. The missing packages are downloaded and unpacked, and a
+//! script for each program starts it with their libraries. The system is not changed, and `cargo
+//! clean` removes everything.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -13,8 +13,8 @@ use anyhow::{Context, Result, bail};
 
 use crate::command::{Task, quoted, unpacked, unpacked_programs};
 
-/// Unpacks `packages` and what they need and the machine lacks, so that
-/// `programs` can be run.
+/// Unpacks `packages`, and those of their dependencies that the machine lacks, so that `programs`
+/// can be run.
 pub fn unpack(
     as_root: impl Fn(&str, &[&str]) -> Task,
     packages: &[&str],
@@ -53,8 +53,8 @@ pub fn unpack(
     Ok(())
 }
 
-/// The unpacked libraries' directories, each named for an architecture, as a
-/// dynamic linker's list.
+/// The directories of the unpacked libraries, each named after an architecture, as a list for the
+/// dynamic linker.
 fn library_directories(root: &Path) -> Result<String> {
     let mut places = Vec::new();
     for directory in ["usr/lib", "lib"].map(|name| root.join(name)) {

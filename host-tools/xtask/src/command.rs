@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
-/// What the user gave cannot be used; the text says which, why and what to do. Exit code 2.
+/// The user's input cannot be used; the text says what is wrong, why, and what to do. Exit code 2.
 #[derive(Debug)]
 pub struct BadInput(pub String);
 
@@ -33,18 +33,18 @@ pub fn root() -> &'static Path {
     own.ancestors().nth(2).expect("the package lies two directories deep")
 }
 
-/// Where cargo puts what it builds.
+/// The directory into which cargo builds.
 pub fn target_directory() -> PathBuf {
-    // An absolute CARGO_TARGET_DIR replaces the root, a relative one hangs below it.
+    // An absolute CARGO_TARGET_DIR replaces the root, a relative one is below it.
     root().join(env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
-/// Where [`beside`](crate::beside) unpacks packages.
+/// The directory into which [`beside`](crate::beside) unpacks packages.
 pub fn unpacked() -> PathBuf {
     target_directory().join("beside")
 }
 
-/// Where the programs of unpacked packages are.
+/// The directory of the programs of unpacked packages.
 pub fn unpacked_programs() -> PathBuf {
     unpacked().join("bin")
 }
@@ -56,14 +56,14 @@ pub struct Task {
 }
 
 impl Task {
-    /// `program` with no arguments yet. It and its children find what was
-    /// unpacked beside the system as well.
+    /// `program` without arguments. The program and its children also find what was unpacked beside
+    /// the system.
     pub fn new(program: impl AsRef<OsStr>) -> Self {
         let mut command = Command::new(program.as_ref());
         command.current_dir(root());
         let path = env::var_os("PATH").unwrap_or_default();
         let places = env::split_paths(&path).chain([unpacked_programs()]);
-        // A PATH that has no form with one more place stays as it is.
+        // If the extended PATH cannot be represented, PATH stays as it is.
         if let Ok(path) = env::join_paths(places) {
             command.env("PATH", path);
         }
@@ -77,7 +77,7 @@ impl Task {
         task
     }
 
-    /// With more arguments.
+    /// Adds arguments.
     pub fn args<A: AsRef<OsStr>>(mut self, arguments: impl IntoIterator<Item = A>) -> Self {
         for argument in arguments {
             self.command.arg(argument.as_ref());
@@ -86,15 +86,15 @@ impl Task {
         self
     }
 
-    /// With a variable of the environment, shown in the printed line.
+    /// Sets an environment variable, which is shown in the printed line.
     pub fn env(mut self, name: &str, value: &str) -> Self {
         self.command.env(name, value);
         self.line = format!("{name}={} {}", quoted(value.as_ref()), self.line);
         self
     }
 
-    /// With the variables that another task's program is given, unless it has its own, and with
-    /// its program as cargo. They are not shown.
+    /// Adds the environment variables of another task, except those that this task sets itself, and
+    /// sets that task's program as cargo. They are not shown.
     pub fn with_environment_of(mut self, cargo: &Self) -> Self {
         let own: Vec<OsString> = self.command.get_envs().map(|(name, _)| name.to_owned()).collect();
         for (name, value) in cargo.command.get_envs() {
@@ -106,27 +106,27 @@ impl Task {
         self
     }
 
-    /// In another directory than the root of the checkout.
+    /// Runs in this directory instead of the root of the checkout.
     pub fn current_dir(mut self, directory: &Path) -> Self {
         self.command.current_dir(directory);
         self.line = format!("cd {} && {}", quoted(directory.as_os_str()), self.line);
         self
     }
 
-    /// As one would type it.
+    /// The command line as one would type it.
     #[cfg(test)]
     pub fn line(&self) -> &str {
         &self.line
     }
 
-    /// Prints the line and runs it with this program's own input and output.
+    /// Prints the line and runs it with this program's input and output.
     pub fn run(mut self) -> Result<()> {
         self.announce();
         let status = self.command.status();
         self.judge(status)
     }
 
-    /// As [`Self::run`], but ends the program when it takes longer than `limit`.
+    /// As [`Self::run`], but kills the program if it takes longer than `limit`.
     pub fn run_within(mut self, limit: Duration) -> Result<()> {
         self.announce();
         let deadline = Instant::now() + limit;
@@ -145,14 +145,14 @@ impl Task {
         }
     }
 
-    /// As [`Self::run`], but hands each line of output and error output, in the
-    /// order of writing, to `each_line` as well as to the terminal.
+    /// As [`Self::run`], but passes each line of output and error output, in the order of writing,
+    /// to `each_line` as well as to the terminal.
     pub fn run_and_read(mut self, mut each_line: impl FnMut(&str)) -> Result<()> {
         self.announce();
         let (reader, writer) = io::pipe()?;
         self.command.stdout(writer.try_clone()?).stderr(writer);
         let child = self.command.spawn();
-        // The command still holds the pipe's writing ends; without this, reading never ends.
+        // The command still holds the write ends of the pipe; otherwise reading would never end.
         self.command.stdout(Stdio::null()).stderr(Stdio::null());
         let mut child = child.with_context(|| format!("cannot start `{}`", self.line))?;
         for line in BufReader::new(reader).split(b'\n') {
@@ -164,7 +164,7 @@ impl Task {
         self.judge(child.wait())
     }
 
-    /// Prints the line, and takes the standard output; the error output is this program's own.
+    /// Prints the line and returns the standard output; error output goes to this program's own.
     pub fn run_and_take(mut self) -> Result<String> {
         self.announce();
         let output = self.command.stderr(Stdio::inherit()).output();
@@ -173,7 +173,8 @@ impl Task {
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// Output and error output in the order of writing, in silence, and how it ended.
+    /// Returns output and error output in the order of writing, printing nothing, and the exit
+    /// status.
     pub fn capture(mut self) -> io::Result<(String, ExitStatus)> {
         let (mut reader, writer) = io::pipe()?;
         self.command.stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
@@ -186,12 +187,12 @@ impl Task {
         Ok((String::from_utf8_lossy(&bytes).into_owned(), child.wait()?))
     }
 
-    /// The standard output, in silence.
+    /// Returns the standard output, printing nothing.
     pub fn output(self) -> Result<String> {
         Ok(String::from_utf8_lossy(&self.output_bytes()?).into_owned())
     }
 
-    /// As [`Self::output`], for what is no text.
+    /// As [`Self::output`], for output that is not text.
     pub fn output_bytes(mut self) -> Result<Vec<u8>> {
         let output = self
             .command

@@ -1,4 +1,5 @@
-//! README's table of crates against their manifests: which crate uses which, and which never may.
+//! Compares README's table of crates with their manifests: which crates each one uses, and which it
+//! never may.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -9,17 +10,17 @@ use toml::{Table, Value};
 use crate::command::root;
 use crate::generated::Part;
 
-/// What tests of every crate may use, and what depends on nothing itself.
+/// The crate that the tests of every crate may use; it depends on no other crate itself.
 const TEST_SUPPORT: &str = "plumbline-test-support";
 
 /// A package of the workspace.
 #[derive(Debug)]
 struct Package {
-    /// Its directory from the root; empty for the root itself.
+    /// Its directory relative to the root; empty for the root itself.
     directory: String,
-    /// The packages of the workspace that it uses.
+    /// The workspace packages that it uses.
     uses: BTreeSet<String>,
-    /// Those that its tests use besides.
+    /// The workspace packages that only its tests use.
     tests_use: BTreeSet<String>,
 }
 
@@ -50,7 +51,7 @@ fn packages() -> Result<BTreeMap<String, Package>> {
     Ok(packages.collect())
 }
 
-/// The names in a manifest's tables of these kinds, for any processor.
+/// The names in a manifest's dependency tables of these kinds, for all processors.
 fn dependencies(manifest: &Table, kinds: &[&str]) -> BTreeSet<String> {
     let targets = manifest.get("target").and_then(Value::as_table).into_iter().flatten();
     let tables = targets.filter_map(|(_, table)| table.as_table()).chain([manifest]);
@@ -68,14 +69,16 @@ fn rows(table: &str) -> Result<BTreeMap<String, BTreeSet<String>>> {
     let mut rows = BTreeMap::new();
     for row in table.lines().skip(2) {
         let cells: Vec<&str> = row.trim().trim_matches('|').split('|').collect();
-        let [name, _, uses] = cells[..] else { anyhow::bail!("three cells belong into {row}") };
+        let [name, _, uses] = cells[..] else {
+            anyhow::bail!("there should be three cells in {row}")
+        };
         let name = quoted(name).pop_first().with_context(|| format!("no name in {row}"))?;
         ensure!(rows.insert(name, quoted(uses)).is_none(), "twice: {row}");
     }
     Ok(rows)
 }
 
-/// Everything that is wrong with the table and with the packages' arrows.
+/// All errors in the table and in the packages' dependencies.
 fn faults(
     rows: &BTreeMap<String, BTreeSet<String>>,
     packages: &BTreeMap<String, Package>,
@@ -100,14 +103,14 @@ fn faults(
             };
         let lies_in = |used: &str, folder: &str| packages[used].directory.starts_with(folder);
         match package.directory.split('/').next().unwrap_or_default() {
-            // The core knows nothing of the workspace, nor do its tests.
+            // Neither the core nor its tests depend on the workspace.
             "" => {
                 forbid(&package.uses, "must not", &|_| true);
                 forbid(&package.tests_use, "its tests must not", &|_| true);
             }
-            // The tests of the whole may use everything.
+            // The tests of the whole workspace may use everything.
             "tests" => {}
-            // Host and box share the core and nothing else; a crate's own tests, no other's.
+            // Host and box share only the core; a crate's own tests may not cross that line either.
             place => {
                 let other = if place == "board" { "host-tools" } else { "board" };
                 forbid(&package.uses, "must not", &|used| {

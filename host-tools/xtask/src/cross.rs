@@ -1,13 +1,12 @@
-//! Building for ARM on this machine, and running what was built under QEMU.
+//! Builds for ARM on this machine and runs the result under QEMU.
 //!
-//! rustup's own standard library for the target is used where it is installed.
-//! Where it is not, a download may hang, so Debian's compiler is taken: it
-//! comes with a standard library for 64-bit ARM, and with the sources of one
-//! for 32-bit ARM. Both ways link with Debian's cross gcc.
+//! rustup's own standard library for the target is used if it is installed. If not, a download
+//! might hang, so Debian's compiler is used instead: it has a standard library for 64-bit ARM, and
+//! the sources of one for 32-bit ARM. Both link with Debian's cross gcc.
 //!
-//! A [`Toolchain`] is a set of cargo's environment variables, so that every
-//! printed line can be typed again as it is. What it builds lies below
-//! `target/`, apart from the native build: artefacts of two compilers do not mix.
+//! A [`Toolchain`] is a set of environment variables for cargo, so every printed line can be typed
+//! again as it is. Its output lies below `target/`, separate from the native build: artefacts of
+//! two compilers must not be mixed.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -18,7 +17,7 @@ use plumbline_test_support::RUNNER;
 use crate::command::{Task, target_directory};
 use crate::setup::{self, Need, Probe};
 
-/// An ARM processor's way of running Linux programs.
+/// A kind of ARM processor that runs Linux programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// 64-bit: the box.
@@ -28,7 +27,7 @@ pub enum Target {
 }
 
 impl Target {
-    /// Rust's name of it.
+    /// Rust's name for it.
     pub const fn triple(self) -> &'static str {
         match self {
             Self::Aarch64 => "aarch64-unknown-linux-gnu",
@@ -36,7 +35,7 @@ impl Target {
         }
     }
 
-    /// The program that runs its static programs on this machine.
+    /// The program that runs static programs for it on this machine.
     const fn emulator(self) -> &'static str {
         match self {
             Self::Aarch64 => "qemu-aarch64-static",
@@ -51,7 +50,7 @@ impl Target {
         }
     }
 
-    /// What every build for it needs.
+    /// The packages that every build for it needs.
     const fn linking_needs(self) -> &'static [Need] {
         match self {
             Self::Aarch64 => AARCH64_LINKING,
@@ -59,7 +58,7 @@ impl Target {
         }
     }
 
-    /// What stands in for rustup's standard library.
+    /// The packages that replace rustup's standard library.
     const fn compiler_needs(self) -> &'static [Need] {
         match self {
             Self::Aarch64 => AARCH64_COMPILER,
@@ -67,7 +66,7 @@ impl Target {
         }
     }
 
-    /// What Debian's compiler has to build of the standard library.
+    /// The parts of the standard library that must be built with Debian's compiler.
     const fn built_library(self) -> Option<&'static str> {
         match self {
             Self::Aarch64 => None,
@@ -80,7 +79,7 @@ impl Target {
         self.toolchain().map(drop)
     }
 
-    /// Installs what is missing, and tells how to build.
+    /// Installs what is missing and returns the toolchain.
     pub fn toolchain(self) -> Result<Toolchain> {
         setup::ensure(&[setup::LINKER, setup::VIDEO, self.linking_needs()])?;
         let compiler = Compiler::of(self.triple(), self.compiler_needs())?;
@@ -88,7 +87,7 @@ impl Target {
     }
 }
 
-/// Rust's standard library for processors that Debian has none of.
+/// Rust's standard library for processors for which Debian has none.
 pub const BUILT_LIBRARY: &[Need] = &[
     RUSTC,
     CARGO,
@@ -157,18 +156,18 @@ const CARGO: Need = Need {
     why: "the cargo that belongs to this compiler",
 };
 
-/// Whose compiler and standard library.
+/// The source of the compiler and standard library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Compiler {
-    /// The one that runs this program.
+    /// The compiler that builds this program.
     Rustup,
-    /// Debian's, with a standard library of its own or one that is built.
+    /// Debian's, with its own standard library or one that is built here.
     Debian,
 }
 
 impl Compiler {
-    /// rustup's where it has a standard library for `triple`, else Debian's, for which
-    /// `needs` are installed.
+    /// rustup's if it has a standard library for `triple`, otherwise Debian's, for which `needs`
+    /// are installed.
     pub fn of(triple: &str, needs: &[Need]) -> Result<Self> {
         let compiler = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
         let sysroot = Task::new(compiler).args(["--print", "sysroot"]).output();
@@ -180,8 +179,8 @@ impl Compiler {
         }
         if !setup::are_there(needs) {
             println!(
-                "This Rust cannot build for {triple}: Debian's is taken. \
-                 Instead, `rustup target add {triple}` does where its download works."
+                "This Rust cannot build for {triple}: Debian's is used. \
+                 Where its download works, `rustup target add {triple}` does instead."
             );
         }
         setup::ensure(&[needs])?;
@@ -195,11 +194,11 @@ impl Compiler {
             Self::Debian => "/usr/bin/rustc".into(),
         };
         let line = Task::new(compiler).args(["--version"]).output()?;
-        line.split(' ').nth(1).map(str::to_owned).context("rustc does not tell its version")
+        line.split(' ').nth(1).map(str::to_owned).context("rustc did not print its version")
     }
 
-    /// Its cargo; `built` names what of the standard library is to be built, where it does
-    /// not come with it.
+    /// Its cargo; `built` names the parts of the standard library to be built, if they are not
+    /// supplied.
     pub fn cargo(self, built: Option<&str>) -> Task {
         match self {
             Self::Rustup => Task::cargo(),
@@ -209,12 +208,12 @@ impl Compiler {
         }
     }
 
-    /// Debian's, as cargo is told.
+    /// The environment variables that make cargo use Debian's compiler.
     fn environment(built: Option<&str>) -> Vec<(&'static str, &str)> {
         let mut environment = vec![("RUSTC", "/usr/bin/rustc"), ("RUSTDOC", "/usr/bin/rustdoc")];
         if let Some(built) = built {
-            // Building the standard library is not stable, and needs no more than this: the
-            // sources are those of the very compiler.
+            // Building the standard library is unstable but needs only this: the sources are those
+            // of this very compiler.
             environment.push(("RUSTC_BOOTSTRAP", "1"));
             environment.push(("CARGO_UNSTABLE_BUILD_STD", built));
         }
@@ -225,9 +224,9 @@ impl Compiler {
 /// Where a program finds its C library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Linking<'a> {
-    /// In itself: it runs in any root file system, also as the first process.
+    /// Linked into the program: it runs in any root file system, even as the first process.
     Static,
-    /// As shared libraries in a root file system of the target, which lies here.
+    /// As shared libraries in a root file system of the target, which is at this path.
     Root(&'a Path),
 }
 
@@ -258,7 +257,7 @@ impl Linking<'_> {
     }
 }
 
-/// What builds programs for one target.
+/// A compiler and settings for building programs for one target.
 #[derive(Debug, Clone, Copy)]
 pub struct Toolchain {
     target: Target,
@@ -271,14 +270,15 @@ impl Toolchain {
         self.target.emulator()
     }
 
-    /// A cargo whose `build`, `test` and `run` are for the target. Its tests and
-    /// runs happen under QEMU, which wants [`Linking::Static`].
+    /// A cargo whose `build`, `test` and `run` are for the target. Tests and runs use QEMU, which
+    /// requires [`Linking::Static`].
     pub fn cargo(&self, linking: Linking) -> Task {
         let task = self.compiler.cargo(self.target.built_library());
         self.environment(linking).iter().fold(task, |task, (name, value)| task.env(name, value))
     }
 
-    /// Where the cargo of the same linking puts programs; `profile` is `debug` or `release`.
+    /// The directory into which cargo with the same linking puts programs; `profile` is `debug` or
+    /// `release`.
     pub fn programs(&self, linking: Linking, profile: &str) -> PathBuf {
         self.target_directory(linking).join(self.target.triple()).join(profile)
     }
@@ -305,8 +305,8 @@ impl Toolchain {
         environment
     }
 
-    /// Where build scripts find the headers and libraries of the root: pkg-config by its
-    /// own files, bindgen and the C++ compiler by their arguments.
+    /// The environment with which build scripts find the headers and libraries of the root: for
+    /// pkg-config by its own files, for bindgen and the C++ compiler by arguments.
     fn headers_and_libraries(&self, root: &Path) -> Vec<(String, String)> {
         let root = root.display();
         let triple = self.target.triple().replace('-', "_");

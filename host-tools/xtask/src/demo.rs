@@ -7,7 +7,7 @@ use anyhow::Result;
 use crate::command::Task;
 use crate::setup;
 
-/// What `cargo xtask demo` takes.
+/// The arguments of `cargo xtask demo`.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Passed on to `plumb demo`; `cargo xtask demo -- --help` lists them.
@@ -18,7 +18,7 @@ pub struct Arguments {
 /// Builds both release programs and runs the demo.
 pub fn run(arguments: &Arguments) -> Result<()> {
     setup::ensure(&[setup::LINKER, setup::VIDEO])?;
-    // `plumb demo` starts the box's program, which lies beside its own.
+    // `plumb demo` starts the box's program, which lies in the same directory.
     let packages = ["--package", "plumb", "--package", "plumbline-board"];
     Task::cargo().args(["build", "--release"]).args(packages).run()?;
     Task::cargo()

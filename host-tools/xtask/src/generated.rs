@@ -1,4 +1,5 @@
-//! Parts of documents that tasks write: the lines between `<!-- name -->` and `<!-- /name -->`.
+//! Parts of documents that are written by tasks: the lines between `<!-- name -->` and `<!-- /name
+//! -->`.
 
 use std::fs;
 
@@ -6,23 +7,23 @@ use anyhow::{Context, Result};
 
 use crate::command::root;
 
-/// Where such a part is.
+/// The location of such a part.
 pub struct Part<'a> {
-    /// The document's path from the root.
+    /// The document's path, relative to the root.
     pub document: &'a str,
-    /// The markers' name.
+    /// The name in the markers.
     pub name: &'a str,
 }
 
 impl Part<'_> {
-    /// What the document has there.
+    /// The current text of the part.
     pub fn read(&self) -> Result<String> {
         let [_, part, _] =
             split(&self.text()?, self.name).with_context(|| self.document.to_owned())?;
         Ok(part)
     }
 
-    /// Puts `text` there.
+    /// Replaces the part with `text`.
     pub fn write(&self, text: &str) -> Result<()> {
         let [before, _, after] =
             split(&self.text()?, self.name).with_context(|| self.document.to_owned())?;
@@ -37,7 +38,8 @@ impl Part<'_> {
     }
 }
 
-/// What comes before the part, markers included, the part, and what comes after it.
+/// The text before the part with the opening marker, the part, and the text from the closing marker
+/// on.
 fn split(text: &str, name: &str) -> Result<[String; 3]> {
     let [begin, end] = [format!("<!-- {name} -->\n"), format!("\n<!-- /{name} -->")];
     let place = text.find(&begin).map(|place| place + begin.len());

@@ -1,12 +1,10 @@
-//! How many instructions the box's processor needs: a count, so that it is the
-//! same on every machine, however busy.
+//! How many instructions the box's processor executes: a count, which is the same on every machine,
+//! however busy.
 //!
-//! QEMU emulates a whole 64-bit ARM board and advances its clock by one
-//! nanosecond per instruction (`-icount shift=0`). `plumbline-bench` measures
-//! with that clock what it measures with this machine's own, and its
-//! microseconds are thousands of instructions. It is the only program on the
-//! board; what the kernel does in between, mostly its timer's interrupts, is
-//! counted too.
+//! QEMU emulates a whole 64-bit ARM board and advances its clock by one nanosecond per instruction
+//! (`-icount shift=0`). `plumbline-bench` measures with that clock what it otherwise measures with
+//! this machine's, so its microseconds are thousands of instructions. It is the only program on the
+//! board; what the kernel does in between, mostly timer interrupts, is included.
 
 use std::fs;
 use std::path::Path;
@@ -17,14 +15,14 @@ use crate::command::{Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::{Archive, DebianRoot};
 
-/// The frames are in the emulated board's memory, and a search takes seconds there.
+/// The number of frames: they are in the emulated board's memory, and a search takes seconds there.
 pub const FRAMES: u32 = 16;
 
-/// Longest run of the emulator, in seconds; it takes one or two minutes.
+/// The time limit for the emulator, in seconds; a run takes one or two minutes.
 const WITHIN_S: &str = "900";
 
-/// Runs `plumbline-bench` on a board, with the recording in `directory`, and hands
-/// its lines to `each_line`.
+/// Runs `plumbline-bench` on a board with the recording in `directory`, and passes its lines to
+/// `each_line`.
 pub fn count(debian: &DebianRoot, directory: &Path, each_line: impl FnMut(&str)) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     toolchain
@@ -40,8 +38,8 @@ pub fn count(debian: &DebianRoot, directory: &Path, each_line: impl FnMut(&str))
     }
     let initramfs = target_directory().join("instructions.cpio");
     fs::write(&initramfs, archive.to_bytes()?).with_context(|| initramfs.display().to_string())?;
-    // The machine ends when its only program does: without a process 1 the kernel
-    // panics, and restarts at once.
+    // The machine stops when its only program ends: without a process 1 the kernel panics, and
+    // restarts at once.
     Task::new("timeout")
         .args([WITHIN_S, "qemu-system-aarch64", "-M", "virt", "-cpu", "cortex-a72", "-smp", "1"])
         .args(["-m", "512", "-icount", "shift=0", "-nographic", "-no-reboot", "-nic", "none"])

@@ -1,4 +1,4 @@
-//! `cargo xtask`: the project's own tasks, with no tool to install but Rust.
+//! `cargo xtask`: the project's own tasks, which need no tool but Rust.
 //!
 //! | task | does |
 //! |---|---|
@@ -7,9 +7,8 @@
 //! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
 //! | `bench` | measures the figures that README.md quotes |
 //!
-//! Exit codes: 0 done, 1 something failed, 2 what was given cannot be used, or
-//! the machine lacks something that could not be installed (the message holds
-//! the remedy, or the line to run).
+//! Exit codes: 0 done, 1 something failed, 2 the input cannot be used, or the machine lacks
+//! something that could not be installed (the message contains the remedy, or the line to run).
 
 mod agreement;
 mod bare;

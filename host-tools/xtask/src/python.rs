@@ -1,5 +1,5 @@
-//! Python with the packages that some tests ask for a second opinion: in the target directory, so
-//! that the system stays as it is and `cargo clean` removes them.
+//! Python with the packages that some tests use as a second opinion. They are installed in the
+//! target directory, so the system is not changed and `cargo clean` removes them.
 
 use std::fs;
 use std::path::PathBuf;
@@ -12,17 +12,17 @@ use crate::command::{Task, root, target_directory};
 /// The variable that tells tests which Python has the packages.
 pub const VARIABLE: &str = "PLUMBLINE_PYTHON";
 
-/// The packages, each of one version.
+/// The packages, with pinned versions.
 const REQUIREMENTS: &str = "host-tools/plumb/tests/export/requirements.txt";
 
-/// Longest wait for the packages, which some networks let hang.
+/// The time limit for installing the packages: on some networks the download hangs.
 const INSTALLED_WITHIN: Duration = Duration::from_secs(600);
 
-/// Installs what is missing. What is there is used as it is, without the network.
+/// Installs what is missing. What is present is used as it is, without the network.
 pub fn prepare() -> Result<()> {
     let wanted = fs::read(root().join(REQUIREMENTS)).context(REQUIREMENTS)?;
     let place = place();
-    // Written last, so that an installation that broke off is begun anew.
+    // Written last, so that an interrupted installation starts again.
     let installed = place.join("requirements.txt");
     if fs::read(&installed).is_ok_and(|there| there == wanted) {
         return Ok(());
@@ -35,7 +35,7 @@ pub fn prepare() -> Result<()> {
     fs::write(&installed, wanted).with_context(|| installed.display().to_string())
 }
 
-/// The interpreter.
+/// The Python interpreter.
 pub fn program() -> PathBuf {
     place().join("bin/python")
 }

@@ -1,10 +1,9 @@
 //! What the tasks need from the machine, and how to get it on Debian.
 //!
-//! A task names its needs; those that are missing are listed with their reason
-//! and then installed, as root or through sudo. What is there already is left
-//! alone: programs that apt could only install in another package's place are
-//! unpacked beside the system, see [`beside`]. Without root, sudo or apt nothing
-//! is tried: the error holds the one line to run.
+//! A task names its needs; missing ones are listed with their reason and then installed, as root or
+//! through sudo. What is already there is not touched: programs that apt could only install by
+//! replacing another package are unpacked beside the system, see [`beside`]. Without root, sudo or
+//! apt nothing is attempted: the error contains the one line to run.
 
 use std::env;
 use std::fmt::{self, Write as _};
@@ -17,10 +16,10 @@ use nix::sys::statvfs::statvfs;
 use crate::beside;
 use crate::command::{Task, unpacked_programs};
 
-/// Longest wait for a download through rustup, which some networks let hang.
+/// The time limit for a download through rustup: on some networks it hangs.
 const RUSTUP_WITHIN: Duration = Duration::from_secs(300);
 
-/// How to see that something is there.
+/// How to detect that something is present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Probe {
     /// A program in PATH.
@@ -29,20 +28,20 @@ pub enum Probe {
     File(&'static str),
     /// A module of Python.
     PythonModule(&'static str),
-    /// A shared library that a program loads by itself.
+    /// A shared library that a program loads at run time.
     Library(&'static str),
-    /// The very package, for what is used because it is Debian's.
+    /// The package itself, for what is needed precisely because it is Debian's.
     Package(&'static str),
 }
 
 /// One thing that comes from a Debian package.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Need {
-    /// Whether it is there.
+    /// How to detect it.
     pub probe: Probe,
-    /// Where it is in; `name:architecture` where it is of another processor.
+    /// The package that contains it; `name:architecture` for another processor.
     pub package: &'static str,
-    /// For whoever is to install it.
+    /// The reason, for the person who is to install it.
     pub why: &'static str,
 }
 
@@ -56,28 +55,28 @@ pub const LINKER: &[Need] = &[
     },
 ];
 
-/// For the box's program: its V4L2 interface is made from the kernel's headers.
+/// For the box's program: its V4L2 interface is generated from the kernel's headers.
 pub const VIDEO: &[Need] = &[Need {
     probe: Probe::Library("libclang"),
     package: "libclang-dev",
     why: "reads the kernel's headers for the V4L2 cameras",
 }];
 
-/// What measures a program as a whole.
+/// Measures a program as a whole.
 pub const TIME: &[Need] = &[Need {
     probe: Probe::Program("time"),
     package: "time",
     why: "tells how much memory a program had at its peak",
 }];
 
-/// What looks into a linked program.
+/// Inspects a linked program.
 pub const BINUTILS: &[Need] = &[Need {
     probe: Probe::Program("nm"),
     package: "binutils",
-    why: "nm lists what the core without an allocator asks of others",
+    why: "nm lists what the core without an allocator needs from elsewhere",
 }];
 
-/// What turns printed sheets into pictures.
+/// Turns printed sheets into pictures.
 pub const RENDERERS: &[Need] = &[
     Need {
         probe: Probe::Program("pdftocairo"),
@@ -91,14 +90,14 @@ pub const RENDERERS: &[Need] = &[
     },
 ];
 
-/// What shows and prints pages.
+/// Shows and prints pages.
 pub const BROWSER: &[Need] = &[Need {
     probe: Probe::Program("chromium"),
     package: "chromium",
     why: "the tests open what `plumb report` writes",
 }];
 
-/// What makes a directory with Python packages of its own.
+/// Makes a directory with its own Python packages.
 pub const PYTHON: &[Need] = &[Need {
     probe: Probe::PythonModule("ensurepip"),
     package: "python3-venv",
@@ -119,7 +118,7 @@ pub const QEMU_MICROCONTROLLER: &[Need] = &[Need {
     why: "the board with a Cortex-M7 that the core runs on",
 }];
 
-/// A part of the Rust toolchain that a minimal installation leaves out.
+/// A part of the Rust toolchain that a minimal installation omits.
 struct Component {
     name: &'static str,
     subcommand: &'static str,
@@ -143,7 +142,7 @@ impl fmt::Display for Lacking {
 
 impl std::error::Error for Lacking {}
 
-/// Whether nothing of `needs` is missing.
+/// Whether all of `needs` are present.
 pub fn are_there(needs: &[Need]) -> bool {
     needs.iter().all(|need| is_there(need.probe))
 }
@@ -162,8 +161,8 @@ pub fn ensure(needs: &[&[Need]]) -> Result<()> {
     install(&missing)
 }
 
-/// Checks that there is room to build in `directory`, which need not exist yet. What it holds
-/// already, of an earlier run, is counted as room: it is replaced.
+/// Checks that there is room to build in `directory`, which need not exist yet. What it already
+/// contains from an earlier run counts as room, because it is replaced.
 pub fn ensure_disk(directory: &Path, needed_mb: u64) -> Result<()> {
     std::fs::create_dir_all(directory)
         .with_context(|| format!("{} cannot be made", directory.display()))?;
@@ -181,7 +180,7 @@ pub fn ensure_disk(directory: &Path, needed_mb: u64) -> Result<()> {
     Ok(())
 }
 
-/// How much a directory holds, with all below it; what cannot be read counts nothing.
+/// The size of a directory with everything below it; what cannot be read counts as nothing.
 fn bytes_in(directory: &Path) -> u64 {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let bytes = entries.filter_map(|entry| {
@@ -191,7 +190,7 @@ fn bytes_in(directory: &Path) -> u64 {
     bytes.sum()
 }
 
-/// Adds rustfmt and clippy to the toolchain where they are missing.
+/// Adds rustfmt and clippy to the toolchain if they are missing.
 pub fn ensure_components() -> Result<()> {
     let missing: Vec<&Component> = COMPONENTS
         .iter()
@@ -265,11 +264,12 @@ fn install(missing: &[&Need]) -> Result<()> {
     for architecture in &foreign {
         as_root("dpkg", &["--add-architecture", architecture]).run().map_err(lacking)?;
     }
-    // A list that cannot be refreshed (one dead mirror of several) may still be good enough.
+    // Package lists that cannot be refreshed (one of several mirrors is down) may still be good
+    // enough.
     if let Err(error) = as_root("apt-get", &["update"]).run() {
         println!("{error}; trying with the package lists that are there");
     }
-    // What is there stays: a package that only fits in another's place is an error.
+    // Nothing is removed: a package that could only replace another is an error.
     let install = ["DEBIAN_FRONTEND=noninteractive", "apt-get", "install", "--yes", "--no-remove"];
     let installed =
         as_root("env", &install).args(["--no-install-recommends"]).args(&packages).run();
@@ -287,7 +287,7 @@ fn install(missing: &[&Need]) -> Result<()> {
     beside::unpack(as_root, &packages, &programs).map_err(|error| lacking(error).into())
 }
 
-/// The architectures whose packages apt can install here, one to a line.
+/// The architectures whose packages apt can install here, one per line.
 fn known_architectures() -> Result<String> {
     let own = Task::new("dpkg").args(["--print-architecture"]).output()?;
     Ok(own + &Task::new("dpkg").args(["--print-foreign-architectures"]).output()?)
@@ -305,7 +305,7 @@ fn foreign_architectures<'a>(packages: &[&'a str], known: &str) -> Vec<&'a str> 
     foreign
 }
 
-/// The line that installs `packages` for somebody who may become root.
+/// The command line that installs `packages`, for a person who may become root.
 fn by_hand(packages: &[&str], foreign: &[&str]) -> String {
     let mut line = String::new();
     for architecture in foreign {
@@ -342,7 +342,7 @@ fn is_there(probe: Probe) -> bool {
     }
 }
 
-/// Where distributions put shared libraries: the common directories, those of an
+/// The directories in which distributions put shared libraries: the common ones, those of an
 /// architecture, and those of a versioned package such as `llvm-14/lib`.
 fn library_directories() -> Vec<PathBuf> {
     let mut places: Vec<PathBuf> =
@@ -429,7 +429,7 @@ mod tests {
 
     #[test]
     fn what_is_there_is_not_installed() {
-        // Would ask for root, and fail, if it tried.
+        // Would ask for root, and fail, if it tried to install anything.
         const SHELL: &[Need] =
             &[Need { probe: Probe::Program("sh"), package: "no-such-package", why: "a test" }];
         ensure(&[SHELL]).unwrap();

@@ -1,12 +1,13 @@
-//! How deep a function's calls can take the stack, by the compiler.
+//! How deep a function's calls can go into the stack, computed from the compiler's output.
 //!
-//! The compiler writes each function's frame into the section `.stack_sizes` of the linked
-//! program, and the program's instructions say who calls whom. The depth is the largest sum of
-//! frames from a function down. A jump to another function counts as a call, though the frame
-//! may be gone by then.
+//! The compiler writes the size of each function's frame into the section `.stack_sizes` of the
+//! linked program, and the program's instructions show who calls whom. The depth is the largest sum
+//! of frames from a function downwards. A jump to another function counts as a call, though the
+//! frame may be gone by then.
 //!
-//! Not counted are panics: the core writes text only when it is lost. Functions of others, whose
-//! frame the compiler does not tell, and calls through a pointer count nothing, and are named.
+//! Panics are not counted: the core formats text only when it is about to stop. Functions from
+//! elsewhere whose frame size is unknown, and calls through a pointer, count as nothing and are
+//! listed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,17 +21,17 @@ use crate::command::Task;
 
 pub mod table;
 
-/// What the compiler must be told for it, with names that are alike for every compiler.
+/// The compiler flags needed for this, with symbol names that every compiler mangles alike.
 pub const RUSTFLAGS: &str = "-Zemit-stack-sizes -Csymbol-mangling-version=v0";
 
-/// Recursion of Rust's own library, and how many calls deep it goes: all other is refused.
-/// Nothing sorts more than a search's 1,024 corners.
+/// Recursion in Rust's own library, and how many calls deep it goes: any other recursion is
+/// refused. Nothing sorts more than the 1,024 corners of a search.
 const RECURSIONS: &[(&str, u64)] = &[
-    // 2 log2(1024) times, and the one that calls heapsort instead.
+    // 2 log2(1024) times, plus the call that switches to heapsort.
     ("core::slice::sort::unstable::quicksort::quicksort", 21),
-    // An eighth of the slice each time, down to 8: 128, 16, 2.
+    // To an eighth of the slice each time, down to 8: 128, 16, 2.
     ("core::slice::sort::shared::pivot::median3_rec", 3),
-    // A twelfth each time, down to 16: 1024, 85, 7.
+    // To a twelfth each time, down to 16: 1024, 85, 7.
     ("core::slice::sort::select::median_of_medians", 3),
 ];
 
@@ -47,42 +48,42 @@ pub struct Program {
     names: BTreeMap<u64, String>,
     frames: BTreeMap<u64, u64>,
     calls: DiGraphMap<u64, ()>,
-    /// Those that call through a pointer.
+    /// The functions that call through a pointer.
     callers_unknown: BTreeSet<u64>,
 }
 
 /// The deepest path.
 #[derive(Debug, PartialEq)]
 pub struct Deepest {
-    /// From the outermost function on.
+    /// Its levels, from the outermost function on.
     pub levels: Vec<Level>,
-    /// What is called somewhere below and counts nothing.
+    /// What is called somewhere below but counts as nothing.
     pub uncounted: BTreeSet<String>,
 }
 
 /// A function on the path.
 #[derive(Debug, PartialEq)]
 pub struct Level {
-    /// Its name, and how often it calls itself.
+    /// Its name, and how many times it calls itself.
     pub name: String,
-    /// All its frames.
+    /// The size of all its frames.
     pub bytes: u64,
 }
 
 impl Deepest {
-    /// All levels.
+    /// The sum over all levels.
     pub fn bytes(&self) -> u64 {
         self.levels.iter().map(|level| level.bytes).sum()
     }
 }
 
-/// What of a processor matters here.
+/// The properties of a processor that matter here.
 #[derive(Clone, Copy)]
 pub struct Processor {
-    /// The first letters of its binutils' names.
+    /// The prefix of the names of its binutils.
     pub binutils: &'static str,
     pub address_bytes: usize,
-    /// What a call itself leaves on the stack.
+    /// The number of bytes that a call itself puts on the stack.
     pub call_bytes: u64,
 }
 
@@ -104,7 +105,7 @@ impl Program {
         Ok(Self::of(&disassembly, frames(&sizes, processor)?))
     }
 
-    /// From objdump's text and what each function's call and frame take.
+    /// From objdump's output and the size of each function's call and frame.
     fn of(disassembly: &str, frames: BTreeMap<u64, u64>) -> Self {
         let mut this = Self { frames, ..Self::default() };
         let mut branches = Vec::new();
@@ -122,7 +123,7 @@ impl Program {
             } else if let Some((is_call, operands)) = branch(line) {
                 if let Some((to, name)) = target(operands) {
                     if operands.starts_with('*') {
-                        // In a shared library, through a table that the loader fills.
+                        // In a shared library, the call goes through a table that the loader fills.
                         this.names.insert(to, name.to_owned());
                     }
                     branches.push(Branch { from: function, to, is_call });
@@ -151,7 +152,8 @@ impl Program {
             reached.insert(function);
         }
         let mut below = BTreeMap::<u64, Depth>::new();
-        // Functions that call each other come together, and after those that they call.
+        // Functions that call each other form one component, which comes after those that they
+        // call.
         for functions in tarjan_scc(&self.calls) {
             if functions.iter().all(|function| reached.contains(function)) {
                 let level = self.level(&functions)?;
@@ -168,7 +170,8 @@ impl Program {
         let mut levels = Vec::new();
         let mut place = Some(root);
         while let Some(depth) = place.and_then(|function| below.remove(&function)) {
-            // A function that keeps all in registers, or whose frame nobody knows, adds nothing.
+            // A function that keeps everything in registers, or whose frame is unknown, adds
+            // nothing.
             levels.extend((depth.level.bytes > 0).then_some(depth.level));
             place = depth.next;
         }
@@ -185,7 +188,7 @@ impl Program {
         Ok(Deepest { levels, uncounted })
     }
 
-    /// One function, or some that call each other.
+    /// The level of one function, or of several that call each other.
     fn level(&self, functions: &[u64]) -> Result<Level> {
         let own = functions.iter().filter_map(|function| self.frames.get(function)).sum::<u64>();
         let names: Vec<&str> = functions.iter().map(|one| self.names[one].as_str()).collect();
@@ -197,22 +200,22 @@ impl Program {
             RECURSIONS.iter().find(|(known, _)| names.iter().any(|one| one.starts_with(known)));
         let Some((_, times)) = known else {
             bail!(
-                "{name}: recursion, whose depth nobody knows. Write a loop instead, or, where it \
-                 is Rust's library, add the bound to RECURSIONS in host-tools/xtask/src/stack.rs"
+                "{name}: recursion of unknown depth. Write a loop instead, or, if it is \
+                 in Rust's library, add the bound to RECURSIONS in host-tools/xtask/src/stack.rs"
             );
         };
         Ok(Level { name: format!("{name}, {times} deep"), bytes: times * own })
     }
 }
 
-/// What is below a function, itself included.
+/// The stack below a function, including the function itself.
 struct Depth {
     bytes: u64,
     level: Level,
     next: Option<u64>,
 }
 
-/// The section `.stack_sizes`: an address and a number in LEB128 for each function.
+/// Parses the section `.stack_sizes`: an address and a number in LEB128 for each function.
 fn frames(section: &[u8], processor: &Processor) -> Result<BTreeMap<u64, u64>> {
     let mut frames = BTreeMap::new();
     let mut rest = section;
@@ -244,32 +247,32 @@ fn branch(line: &str) -> Option<(bool, &str)> {
     let (_, instruction) = line.split_once(":\t")?;
     let (name, operands) = instruction.split_once(char::is_whitespace)?;
     let is_call = matches!(name, "call" | "bl" | "blr" | "blx");
-    // Conditional ones included: jne, b.ne, bne.w, cbz, tbnz.
+    // Includes conditional ones: jne, b.ne, bne.w, cbz, tbnz.
     let is_jump = ["j", "b", "cb", "tb"].iter().any(|start| name.starts_with(start));
     (is_call || is_jump).then(|| (is_call, operands.trim_start()))
 }
 
-/// Where to: `2260 <memcpy>` at the end of the operands.
+/// The target of a branch: `2260 <memcpy>` at the end of the operands.
 fn target(operands: &str) -> Option<(u64, &str)> {
     let (before, name) = operands.strip_suffix('>')?.split_once(" <")?;
     let address = before.rsplit([' ', '\t']).next()?;
     Some((u64::from_str_radix(address, 16).ok()?, own_name(name)))
 }
 
-/// A shared library's function whose address is put into a register, to call it more than once:
-/// `    1130:\tmov    0x5a528(%rip),%rbp        # 9a048 <memcpy@GLIBC_2.14>`. Calls through
-/// registers of the same function are taken for its; the registers are not followed.
+/// A shared library's function whose address is loaded into a register, to be called more than
+/// once: `    1130:\tmov    0x5a528(%rip),%rbp        # 9a048 <memcpy@GLIBC_2.14>`. Calls through
+/// registers in the same function are attributed to it; the registers are not tracked.
 fn load(line: &str) -> Option<(u64, &str)> {
     let (_, instruction) = line.split_once(":\tmov ")?;
     instruction.contains('@').then(|| target(instruction))?
 }
 
-/// A name without its library's version, or how it is reached: `memcpy@plt`.
+/// A name without its library's version, or the way it is reached: `memcpy@plt`.
 fn own_name(name: &str) -> &str {
     name.split('@').next().unwrap_or(name)
 }
 
-/// The library's functions that end a program.
+/// Whether this is a function of the library that ends a program.
 fn is_panic(name: &str) -> bool {
     name.starts_with("core::")
         && (name.contains("panic") || name.ends_with("_fail") || name.ends_with("_failed"))

@@ -1,9 +1,9 @@
-//! The test programs of the workspace, several at a time.
+//! Runs the test programs of the workspace, several at a time.
 //!
-//! `cargo test` runs one program after the other, and many of ours wait: for sockets, for frames
-//! of a paced recording. Here cargo builds them all and says where they are; they run as many at a
-//! time as there are processor cores. What a program prints is shown when it ends, whole and in
-//! cargo's own form. Documentation tests have no program; cargo runs them.
+//! `cargo test` runs one program after the other, and many of ours wait for sockets or for frames
+//! of a paced recording. Here cargo builds all of them and reports where they are; as many run at a
+//! time as there are processor cores. The output of a program is shown when it ends, complete and
+//! in cargo's own format. Documentation tests have no program, so cargo runs them.
 
 use std::cmp::Reverse;
 use std::io;
@@ -18,13 +18,13 @@ use crate::command::{Task, root};
 
 /// Which tests to build and run.
 pub struct Suite<'a> {
-    /// The cargo that builds them, with its environment and that of the tests.
+    /// The cargo that builds them, with its environment, which the tests also get.
     pub cargo: &'a (dyn Fn() -> Task + Sync),
-    /// What chooses packages, targets and features, as `cargo test` takes it.
+    /// The selection of packages, targets and features, as arguments of `cargo test`.
     pub selection: &'a [&'a str],
-    /// What runs the programs, where they are of another processor.
+    /// The emulator that runs the programs, if they are for another processor.
     pub emulator: Option<&'a str>,
-    /// Whether documentation tests belong to it.
+    /// Whether documentation tests are included.
     pub with_documentation: bool,
 }
 
@@ -32,17 +32,17 @@ pub struct Suite<'a> {
 #[derive(Debug, PartialEq, Eq)]
 struct Program {
     path: PathBuf,
-    /// The directory of its package, in which it runs.
+    /// The directory of its package, in which it is run.
     package: PathBuf,
-    /// Its source, from the root of the checkout.
+    /// Its source, relative to the root of the checkout.
     source: PathBuf,
-    /// Whether it is a crate's own tests, and not one of those that start programs.
+    /// Whether it contains a crate's own tests rather than tests that start programs.
     is_unit: bool,
 }
 
 impl Suite<'_> {
-    /// Builds and runs them; each line that they print goes to `each_line` as well. An error when
-    /// something does not build or a program fails.
+    /// Builds and runs the tests; each line that they print is also passed to `each_line`. An error
+    /// if something does not build or a program fails.
     pub fn run(&self, mut each_line: impl FnMut(&str)) -> Result<()> {
         let build = ["test", "--no-run", "--message-format=json-render-diagnostics"];
         let messages = (self.cargo)().args(build).args(self.selection).run_and_take()?;
@@ -68,7 +68,7 @@ impl Suite<'_> {
         Ok(())
     }
 
-    /// As `cargo test` starts it.
+    /// The task that starts a program as `cargo test` does.
     fn task(&self, program: &Program) -> Task {
         let cargo = (self.cargo)();
         let task = match self.emulator {
@@ -77,13 +77,13 @@ impl Suite<'_> {
         };
         let package = program.package.display().to_string();
         let task = task.current_dir(&program.package).env("CARGO_MANIFEST_DIR", &package);
-        // Some tests build programs of the same processor.
+        // Some tests build programs for the same processor.
         task.with_environment_of(&cargo)
     }
 }
 
-/// The test programs in what `cargo test --message-format=json` prints. The largest come first:
-/// they have the most of the project in them, and take longest.
+/// The test programs reported by `cargo test --message-format=json`. The largest come first: they
+/// contain most of the project and take longest.
 fn programs(messages: &str) -> Result<Vec<Program>> {
     let mut programs = Vec::new();
     for line in messages.lines() {
@@ -105,7 +105,7 @@ fn programs(messages: &str) -> Result<Vec<Program>> {
     Ok(programs)
 }
 
-/// Runs them and shows what each has printed, as soon as it has ended; which of them failed.
+/// Runs them and shows the output of each as soon as it has ended; returns those that failed.
 fn run_programs(
     programs: Vec<Program>,
     task: impl Fn(&Program) -> Task + Sync,
@@ -122,7 +122,7 @@ fn run_programs(
             scope.spawn(move || {
                 while let Some(program) = next() {
                     let done = task(&program).capture();
-                    // Nobody listens after an error.
+                    // After an error nobody receives.
                     let _ = sender.send((program, done));
                 }
             });
@@ -142,7 +142,7 @@ fn run_programs(
     Ok(failed)
 }
 
-/// From the root of the checkout where it is below it.
+/// The path relative to the root of the checkout, if it is below it.
 fn shortened(path: &Path) -> &Path {
     path.strip_prefix(root()).unwrap_or(path)
 }

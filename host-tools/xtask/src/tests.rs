@@ -1,8 +1,8 @@
 //! `cargo xtask test`: every check of the project, in one run.
 //!
-//! A part is one way to run the checks (on this machine; on another processor).
-//! A part consists of steps. A step that fails does not stop those that can
-//! still tell something; the run as a whole fails at the end.
+//! A part is one way to run the checks (on this machine, or for another processor). It consists of
+//! steps. A step that fails does not stop later steps that can still give information; the run as a
+//! whole fails at the end.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ use crate::cross::{Linking, Target};
 use crate::suite::{self, Suite};
 use crate::{agreement, bare, bare_metal, image, python, setup};
 
-/// What `cargo xtask test` takes.
+/// The arguments of `cargo xtask test`.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// What to check; everything (which contains `quick`) when left out.
@@ -65,11 +65,11 @@ enum Part {
 }
 
 impl Part {
-    /// What is checked when nothing is named.
+    /// The parts that are checked if none is named.
     const EVERYTHING: [Self; 5] =
         [Self::Native, Self::Arm, Self::Armhf, Self::BareMetal, Self::Boot];
 
-    /// Its word on the command line.
+    /// Its name on the command line.
     fn word(self) -> String {
         self.to_possible_value().expect("no part is hidden").get_name().to_owned()
     }
@@ -96,7 +96,8 @@ impl Part {
         }
     }
 
-    /// What the part writes below the target directory, megabytes: as seen, and a fifth more.
+    /// The number of megabytes that the part writes below the target directory: as measured, plus a
+    /// fifth.
     fn disk_mb(self) -> u64 {
         match self {
             Self::Quick | Self::Native => 3500,
@@ -126,7 +127,7 @@ impl Arguments {
     }
 }
 
-/// Runs the parts and sums up.
+/// Runs the parts and prints a summary.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let parts =
         if arguments.parts.is_empty() { &Part::EVERYTHING[..] } else { &arguments.parts[..] };
@@ -139,7 +140,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             bail!(BadInput(format!("{option}: only the part `{part}` {why}")));
         }
     }
-    // What a later part lacks is known before an earlier one takes its minutes.
+    // What a later part lacks should be known before an earlier one takes its minutes.
     setup::ensure_disk(&target_directory(), parts.iter().map(|part| part.disk_mb()).sum())?;
     for part in parts {
         part.prepare()?;
@@ -152,7 +153,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     journal.close()
 }
 
-/// What `quick` runs of the tests that start programs, and every crate's own tests.
+/// The tests that `quick` runs: some of those that start programs, and every crate's own.
 const QUICK: &[&str] = &["--workspace", "--lib", "--bins", "--test", "published", "--test", "core"];
 
 fn quick(journal: &mut Journal) {
@@ -169,13 +170,13 @@ fn format_and_lint(journal: &mut Journal) {
     journal.check("lint", || {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
-        // "All targets" are those that `cargo test` runs, and this one runs by itself.
+        // "All targets" are those that `cargo test` runs; this one is separate.
         let lint = ["clippy", "--package", "plumbline-tests", "--test", "boot", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
 }
 
-/// Renders the recordings that tests read, on this machine; where they are.
+/// Renders the recordings that the tests read, on this machine; returns their directory.
 fn recordings(journal: &mut Journal) -> Option<PathBuf> {
     let mut directory = None;
     let built = journal.programs.as_ref().map(|programs| programs.join("plumb"));
@@ -189,22 +190,22 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
 }
 
 fn native(journal: &mut Journal) {
-    // A download, beside what compiles.
+    // A download, in parallel with compiling.
     let python = thread::spawn(python::prepare);
     format_and_lint(journal);
-    // With all targets, although the tests come later: what is built without them is built anew
-    // for them, with the features that they ask of others.
+    // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
+    // the tests, with the features that these request.
     let build = ["build", "--workspace", "--all-targets"];
     let built = journal.check("build", || Task::cargo().args(build).run());
     let programs = target_directory().join("debug");
     journal.programs = built.then(|| programs.clone());
     if built && let Some(recordings) = recordings(journal) {
         say_where_the_data_are();
-        // Ubuntu has it as a snap alone, which apt does not install.
+        // Ubuntu has it only as a snap, which apt does not install.
         if let Err(error) = setup::ensure(&[setup::BROWSER]) {
             journal.cannot_be_had("a browser", &error);
         }
-        // A second opinion: where its index of packages cannot be reached, all else still counts.
+        // A second opinion: if the package index cannot be reached, everything else still counts.
         let python = python.join().expect("it does not panic");
         if let Err(error) = &python {
             journal.cannot_be_had("other people's readers", error);
@@ -229,7 +230,7 @@ fn native(journal: &mut Journal) {
     journal.check("bare", bare::check);
 }
 
-/// What ships on ARM; its tests in `tests/core` read rendered frames.
+/// The packages that ship on ARM; the tests in `tests/core` read rendered frames.
 const SHIPPED: &[&str] = &[
     "--package",
     "plumbline",
@@ -242,8 +243,8 @@ const SHIPPED: &[&str] = &[
     "--tests",
 ];
 
-/// The tests of what ships on the box's processor, or all. They start the programs through QEMU
-/// as well.
+/// The tests of what ships on the box's processor, or all tests. Programs that they start also run
+/// through QEMU.
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
@@ -287,7 +288,7 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     Ok(())
 }
 
-/// The core on computers with nothing else on them, and as the same program here.
+/// The core on computers with no other software, and as the same program on this machine.
 fn bare_metal(journal: &mut Journal, document: Document) {
     let Some(recordings) = recordings(journal) else { return };
     for board in bare_metal::BOARDS {
@@ -295,26 +296,20 @@ fn bare_metal(journal: &mut Journal, document: Document) {
     }
 }
 
-/// The boot of a box with a camera, which prints its figures as the bench's programs do.
+/// Of the whole workspace, so that what it uses has the features, and so the builds, of the other
+/// tests.
+const BOOT_TESTS: [&str; 5] = ["test", "--workspace", "--test", "boot", "--"];
+
+/// The test that boots a box with a camera; it prints its figures in the same format as the bench.
 pub fn boot_with_camera() -> Result<Task> {
     let images = image::make_for_tests(image::Profile::Release)?;
     let name = "poses::a_camera_is_tracked_over_both_links_as_well_as_here";
-    let test = [
-        "test",
-        "--package",
-        "plumbline-tests",
-        "--test",
-        "boot",
-        "--",
-        "--nocapture",
-        "--exact",
-        name,
-    ];
+    let test = [&BOOT_TESTS[..], &["--nocapture", "--exact", name]].concat();
     Ok(Task::cargo().args(test).env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and looks at it from outside. Two machines at a time: each keeps one
-/// processor core busy.
+/// Boots the box and observes it from outside, on two machines at a time: each keeps one processor
+/// core busy.
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
@@ -322,15 +317,14 @@ fn boot(journal: &mut Journal) {
         Ok(())
     });
     if made {
-        let boot = ["test", "--package", "plumbline-tests", "--test", "boot", "--"];
-        let test = [&boot[..], &["--test-threads=2", "--nocapture"]].concat();
+        let test = [&BOOT_TESTS[..], &["--test-threads=2", "--nocapture"]].concat();
         let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
         let task = task.env(SKIPS, &journal.skips.to_string_lossy());
         journal.tests("tests", |each_line| task.run_and_read(each_line));
     }
 }
 
-/// Tests on photographs skip where there are none: what to do is said before they run.
+/// Tests on photographs are skipped if there are none: says beforehand where to put them.
 fn say_where_the_data_are() {
     let data = data_directory();
     let place = data.display();
@@ -341,7 +335,7 @@ fn say_where_the_data_are() {
     }
 }
 
-/// The run failed, and the summary has said how: its count stays the last line.
+/// The run failed, and the summary has said how; its count remains the last line.
 #[derive(Debug)]
 pub struct Told;
 
@@ -353,18 +347,18 @@ impl std::fmt::Display for Told {
 
 impl std::error::Error for Told {}
 
-/// What has been run so far.
+/// The steps that have been run so far.
 #[derive(Default)]
 struct Journal {
     /// The part that is being run.
     part: String,
     steps: Vec<Step>,
     summaries: Vec<String>,
-    /// The file that tests write into when they skip.
+    /// The file into which tests write when they skip.
     skips: PathBuf,
-    /// Where this machine's programs are, once they are built.
+    /// The directory of this machine's programs, once they are built.
     programs: Option<PathBuf>,
-    /// What tests want of other people and this machine cannot have, with the reason.
+    /// Third-party software that tests need and this machine cannot have, with the reason.
     lacking: Vec<String>,
 }
 
@@ -373,7 +367,7 @@ struct Step {
     name: &'static str,
     took: Duration,
     failure: Option<String>,
-    /// Where the step is a run of tests: their counts.
+    /// The counts, if the step is a run of tests.
     tests: Option<Tally>,
     skips: Vec<Skip>,
 }
@@ -385,14 +379,14 @@ impl Journal {
         Ok(Self { skips, ..Self::default() })
     }
 
-    /// Notes what could not be installed: tests that skip for want of it are excused.
+    /// Records what could not be installed: tests that skip for lack of it are excused.
     fn cannot_be_had(&mut self, what: &str, error: &anyhow::Error) {
         let lacking = format!("{what}: {error:#}");
         println!("{lacking}\nThe tests that need this skip");
         self.lacking.push(lacking);
     }
 
-    /// Runs one check; true when it passed.
+    /// Runs one check; returns whether it passed.
     fn check(&mut self, name: &'static str, run: impl FnOnce() -> Result<()>) -> bool {
         println!("\n== {}: {name}", self.part);
         let start = Instant::now();
@@ -420,7 +414,7 @@ impl Journal {
         self.tests(name, |each_line| suite.run(each_line));
     }
 
-    /// Runs tests, whose lines `run` hands on, and collects their summaries.
+    /// Runs tests, whose lines `run` passes on, and collects their summaries.
     fn tests(&mut self, name: &'static str, run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>) {
         let mut tally = Tally::default();
         let mut summaries = Vec::new();
@@ -436,7 +430,7 @@ impl Journal {
                 } else if let Some(suite) = Tally::of_summary(line) {
                     tally.passed += suite.passed;
                     tally.failed += suite.failed;
-                    // Where a crate has no tests, its summary says nothing.
+                    // The summary of a crate without tests is meaningless.
                     if suite != Tally::default() {
                         summaries.push(format!("{running}\n{line}"));
                     }
@@ -462,7 +456,7 @@ impl Journal {
         self.summaries.append(&mut summaries);
     }
 
-    /// Prints the summaries and the verdict; an error when anything failed.
+    /// Prints the summaries and the verdict; an error if anything failed.
     fn close(self) -> Result<()> {
         println!("\n== summary");
         for summary in &self.summaries {
@@ -482,8 +476,8 @@ impl Journal {
         Ok(())
     }
 
-    /// Whether a test may skip for want of this. What the run builds itself is never absent, and
-    /// what it installs only where it could not.
+    /// Whether a test may skip for lack of this. What the run builds itself is never excused, and
+    /// what it installs only if it could not be installed.
     fn is_excused(&self, absent: Absent) -> bool {
         match absent {
             Absent::Data | Absent::Machine | Absent::Emulator => true,
@@ -504,7 +498,7 @@ impl Journal {
         text
     }
 
-    /// What took how long.
+    /// The duration of each step.
     fn table(&self) -> String {
         let mut text = String::from("part        step             seconds\n");
         let mut row = |part: &str, step: &str, took: Duration, verdict| {
@@ -519,9 +513,9 @@ impl Journal {
         text
     }
 
-    /// The tests, and each step that is not a run of tests as one more; a run
-    /// that broke off without a failed test counts as one failure. A test that was skipped has
-    /// not passed, and has failed where there is no excuse.
+    /// The tests, plus one for each step that is not a run of tests; a run that ended early without
+    /// a failed test counts as one failure. A test that was skipped has not passed, and has failed
+    /// if it is not excused.
     fn total(&self) -> Tally {
         let mut total = Tally::default();
         for step in &self.steps {
@@ -548,7 +542,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// From a line such as `test result: ok. 12 passed; 0 failed; 1 ignored; ...`.
+    /// Parses a line such as `test result: ok. 12 passed; 0 failed; 1 ignored; ...`.
     fn of_summary(line: &str) -> Option<Self> {
         let (_, counts) = line.strip_prefix("test result: ")?.split_once(". ")?;
         let count = |kind: &str| {
@@ -606,7 +600,7 @@ mod checks {
     fn a_skip_is_no_pass_and_without_an_excuse_a_failure() {
         let journal = |absent, lacking: &[&str]| {
             let skip = Skip { absent, test: "main: it_shows".into(), reason: "no such".into() };
-            // Once for each thing that the same test lacks.
+            // One line for each thing that the same test lacks.
             let again = Skip { reason: "nor such".into(), ..skip.clone() };
             let mut step = step("tests", None, Some(Tally { passed: 10, failed: 0 }));
             step.skips = vec![skip, again];

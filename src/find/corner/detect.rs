@@ -10,13 +10,13 @@ use crate::model::image::{GreyImage, Pixel};
 
 /// The frame is searched at its own size and at half of it.
 const LEVELS: usize = 2;
-/// Smallest likelihood, relative to white: a contrast of 2 %, where Geiger's default is 1 %
-/// of the likelihood too.
+/// Smallest likelihood, relative to white: it corresponds to a contrast of 2 %. Geiger's default is
+/// a likelihood of 1 % as well.
 const LIKELIHOOD_MIN: f32 = 0.01;
-/// Steps from the pixel of the best ring response to that of the best likelihood.
+/// Most steps from the pixel of the best ring response to that of the best likelihood.
 const CLIMB_STEPS_MAX: usize = 4;
 /// How far beyond the ranges candidates are looked for. A corner is seldom farther from its
-/// candidate, and without it the corners between two bands would belong to neither.
+/// candidate; without this, corners between two bands would be missed by both.
 const REACH_PX: usize = CLIMB_STEPS_MAX;
 
 /// Finds checkerboard corners. Holds one tile of the frame; its own size does not depend on the
@@ -39,11 +39,11 @@ impl Detector {
         Self { tile: Tile::new() }
     }
 
-    /// Appends the corners within `columns` and `rows` of the picture to
-    /// `corners`, each once: its score, directions and position to about a
-    /// quarter of a pixel. Nothing is found within 5 px of the frame's border.
+    /// Appends the corners within `columns` and `rows` of the picture to `corners`, each once, with
+    /// its score, its directions and its position to about a quarter of a pixel. Nothing is found
+    /// within 5 px of the frame's border.
     ///
-    /// Parts of the ranges that are outside of the picture are ignored.
+    /// Parts of the ranges outside the picture are ignored.
     pub fn detect<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -72,7 +72,7 @@ impl Detector {
                         self.tile.search(image, level, [x0, y0], [width, height]);
                     corners.count_dropped(dropped);
                     for candidate in candidates {
-                        // Most corners of the half size are known from the whole.
+                        // Most corners found at half size are already known from the full size.
                         let place = [candidate.x, candidate.y]
                             .map(|value| f32::from(value << level) + 0.5 * level as f32);
                         if level > 0 && corners.has_near(place) {
@@ -108,11 +108,11 @@ fn examine<P: Pixel>(
     let least = LIKELIHOOD_MIN * white;
     let mut x = usize::from(candidate.x) << level;
     let mut y = usize::from(candidate.y) << level;
-    // A pixel or two beside the corner the likelihood is still half of its maximum.
+    // A pixel or two away from the corner the likelihood is still half of its maximum.
     if !kernels.reaches(image, x, y, 0.5 * least) {
         return None;
     }
-    // The way up by the smallest kernels that are not lost in the blur: their peak is the sharpest.
+    // Climb with the smallest kernels that are not lost in the blur: their peak is the sharpest.
     let size = level;
     let mut likelihood = kernels.of_size(image, x, y, size)?;
     for _ in 0..CLIMB_STEPS_MAX << level {

@@ -1,12 +1,11 @@
 //! The two edges of a corner, its position from them, and its score.
 //!
-//! As in Geiger et al.: the two highest modes of the histogram of gradient
-//! orientations give the edges, each of which is then turned so that the
-//! gradients along it are perpendicular to it (the smallest eigenvector of
-//! their second moments). The point that all these edge elements point at is
-//! the position, good to about a quarter of a pixel. The score compares the
-//! window with the corner that these edges make: four sectors of equal
-//! brightness two by two, and no gradient but along the edges.
+//! As in Geiger et al.: the two highest modes of the histogram of gradient orientations give the
+//! edges, each of which is then turned so that the gradients along it are perpendicular to it (the
+//! smallest eigenvector of their second moments). The point towards which all these edge elements
+//! run is the position, accurate to about a quarter of a pixel. The score compares the window with
+//! an ideal corner of these edges: four sectors, of which opposite ones are equally bright, and no
+//! gradient except along the edges.
 
 use core::f32::consts::PI;
 
@@ -15,9 +14,9 @@ use heapless::Vec;
 use super::list::Corner;
 use crate::model::image::{GreyImage, Pixel};
 
-/// Radius of the largest window: more does not help the direction, and costs.
+/// Radius of the largest window: a larger one costs more and does not improve the direction.
 const HALF_MAX: usize = 9;
-/// Radius of the smallest: less of a corner says nothing of its edges.
+/// Radius of the smallest window: a smaller one says nothing about the edges.
 const HALF_MIN: usize = 3;
 const SIDE_MAX: usize = 2 * HALF_MAX + 1;
 
@@ -26,17 +25,20 @@ const BINS: usize = 32;
 /// The two edges are at least this many bins apart: 28 degrees. A right angle
 /// tilted by 60 degrees is at least 53 degrees wide.
 const BINS_APART: usize = 5;
-/// Weight of the second edge, relative to the first. Edges of one corner have equal contrast.
+/// Smallest weight of the second edge, relative to the first. Both edges of a corner have the same
+/// contrast.
 const SECOND_EDGE_MIN: f32 = 0.15;
-/// A gradient belongs to an edge when it is this near to the perpendicular of it (sine).
+/// A gradient belongs to an edge when it is within this angle of the edge's normal (sine).
 const ALONG_SINE_MAX: f32 = 0.35;
 /// Half the width of an edge in the template of the gradient, Geiger's value.
 const EDGE_HALF_WIDTH_PX: f32 = 1.5;
-/// What is farther from the centre's edge is the parallel edge of the next square.
+/// Elements farther than this from the edge through the centre belong to the parallel edge of the
+/// next square.
 const OWN_EDGE_PX: f32 = 3.5;
-/// The position may leave the pixel of the best likelihood by this much.
+/// Largest distance of the position from the pixel of the best likelihood.
 const SHIFT_MAX_PX: f32 = 2.0;
-/// The edge itself, blurred, belongs to neither side: pixels of a sector are this far from both.
+/// The blurred edge itself belongs to neither side: the pixels of a sector are at least this far
+/// from both edges.
 const CLEAR_OF_EDGE_PX: f32 = 0.75;
 /// Smallest angle between the two edges (sine): 24 degrees.
 const BETWEEN_EDGES_SINE_MIN: f32 = 0.4;
@@ -46,10 +48,10 @@ const GAP_MIN: f32 = 0.3;
 /// Smallest correlation of the gradient with the edges.
 const CORRELATION_MIN: f32 = 0.2;
 
-/// Gradients weaker than this part of the strongest are noise and the flanks of the blur.
+/// Gradients weaker than this fraction of the strongest are noise, or the flanks of the blur.
 const GRADIENT_MIN: f32 = 0.15;
 
-/// A pixel of some gradient.
+/// A pixel with a significant gradient.
 #[derive(Clone, Copy)]
 struct Element {
     /// From the centre of the window.
@@ -61,14 +63,14 @@ struct Element {
 
 type Elements = Vec<Element, { SIDE_MAX * SIDE_MAX }>;
 
-/// The corner at a pixel of high likelihood, or `None` when its window is not that of a corner.
+/// The corner at a pixel of high likelihood, or `None` when the window around it does not show one.
 pub(super) fn describe<P: Pixel>(
     image: &GreyImage<'_, P>,
     place: [usize; 2],
     radius: usize,
 ) -> Option<Corner> {
     let [x, y] = place;
-    // One pixel more for the differences.
+    // One more pixel for the differences.
     let room = x.min(y).min(image.width() - 1 - x).min(image.height() - 1 - y);
     let half = (radius + 3).min(HALF_MAX).min(room.checked_sub(1)?);
     if half < HALF_MIN {
@@ -97,21 +99,21 @@ pub(super) fn describe<P: Pixel>(
     })
 }
 
-/// The gradients around a pixel. The window is round, of Gaussian weight, so that no direction is
-/// favoured.
+/// The gradients around a pixel. The window is round, with Gaussian weights, so that no direction
+/// is favoured.
 struct Window {
     /// From the pixel in the middle to the border.
     half: usize,
     /// Weight by the distance along x or y.
     gaussian: [f32; HALF_MAX + 1],
-    /// Along x and y, and the length of both.
+    /// The gradient along x and along y, and its magnitude.
     gradients: [[[f32; 3]; SIDE_MAX]; SIDE_MAX],
-    /// Length of the longest.
+    /// The largest magnitude.
     strongest: f32,
 }
 
 impl Window {
-    /// An empty one.
+    /// An empty window.
     #[inline]
     fn new(half: usize) -> Self {
         Self {
@@ -122,7 +124,7 @@ impl Window {
         }
     }
 
-    /// Takes the gradients around a pixel, which must be farther from the frame's border than
+    /// Computes the gradients around a pixel, which must be farther from the frame's border than
     /// `half`.
     fn fill<P: Pixel>(&mut self, image: &GreyImage<'_, P>, [x, y]: [usize; 2]) {
         let (half, side) = (self.half, self.side());
@@ -148,7 +150,7 @@ impl Window {
         2 * self.half + 1
     }
 
-    /// Appends the pixels whose gradient is more than noise.
+    /// Appends the pixels whose gradient exceeds the noise.
     #[inline]
     fn collect(&self, elements: &mut Elements) {
         let (half, side) = (self.half, self.side());
@@ -160,16 +162,17 @@ impl Window {
                 if weight > 0.0 && magnitude > GRADIENT_MIN * self.strongest {
                     let offset = [column as f32 - half as f32, row as f32 - half as f32];
                     let gradient = [gx, gy];
-                    // One place per pixel of the window: it cannot be full.
+                    // There is room for every pixel of the window: this cannot fail.
                     let _ = elements.push(Element { offset, gradient, magnitude, weight });
                 }
             }
         }
     }
 
-    /// Compares the window with a corner of these edges, `shift` away from its middle: the mean
-    /// grey level of each of the four sectors, by the signs of the distances from both edges, and
-    /// the correlation of the gradient with the edges. `None` when a sector has no pixel.
+    /// Compares the window with a corner of these edges, `shift` away from its middle. Returns the
+    /// mean grey level of each of the four sectors, indexed by the signs of the distances from both
+    /// edges, and the correlation of the gradient with the edges. `None` when a sector has no
+    /// pixel.
     fn compare<P: Pixel>(
         &self,
         image: &GreyImage<'_, P>,
@@ -210,11 +213,11 @@ impl Window {
     }
 }
 
-/// What the four sectors between two edges look like: two by two opposite each other, a dark pair
-/// and a bright one.
+/// The brightness of the four sectors between two edges: at a corner, one pair of opposite sectors
+/// is dark and the other bright.
 struct Sectors {
     /// From the brighter of the dark sectors to the darker of the bright ones; negative where
-    /// they are not two by two.
+    /// opposite sectors do not form such pairs.
     gap: f32,
     /// From the darkest sector to the brightest.
     span: f32,
@@ -225,8 +228,8 @@ struct Sectors {
 impl Sectors {
     /// From the levels of [`Window::compare`].
     fn of([behind, between, between_opposite, behind_opposite]: [f32; 4]) -> Self {
-        // Sectors 1 and 2 lie on one side of one edge only: they are opposite each other, as are
-        // 0 and 3.
+        // Sectors 1 and 2 lie on the positive side of one edge only: they are opposite each other,
+        // as are 0 and 3.
         let swept = (between.min(between_opposite), between.max(between_opposite));
         let other = (behind.min(behind_opposite), behind.max(behind_opposite));
         let is_between_dark = swept.1 <= other.0;
@@ -238,7 +241,7 @@ impl Sectors {
     /// The edges in the order that [`Corner::edges_rad`] promises.
     fn in_order(&self, edges_rad: [f32; 2]) -> [f32; 2] {
         // For edges[0] < edges[1] the sweep from 0 to 1 has cross(edge0, offset) > 0 and
-        // cross(edge1, offset) < 0; else it passes pi, where an edge's direction turns round.
+        // cross(edge1, offset) < 0; otherwise it passes pi, where an edge's direction reverses.
         let swept_by_increase = edges_rad[0] < edges_rad[1];
         match (self.is_between_dark, swept_by_increase) {
             (true, true) | (false, false) => edges_rad,
@@ -267,7 +270,7 @@ fn modes(elements: &Elements) -> Option<[f32; 2]> {
         bins[bin] += mass * (1.0 - part);
         bins[(bin + 1) % BINS] += mass * part;
     }
-    // Smoothed by 1 4 6 4 1, about the paper's mean shift of one bin.
+    // Smoothed by 1 4 6 4 1, roughly the paper's mean shift of one bin.
     let at = |bin: usize, step: usize| bins[(bin + step) % BINS];
     let mut smooth = [0.0_f32; BINS];
     for (bin, value) in smooth.iter_mut().enumerate() {
@@ -334,12 +337,12 @@ fn is_along(element: &Element, edge: [f32; 2]) -> bool {
     along.abs() < ALONG_SINE_MAX * element.magnitude
 }
 
-/// The point that the edge elements point at, relative to the centre of the window.
+/// The point towards which the edge elements run, relative to the centre of the window.
 fn intersection(elements: &Elements, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
     let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
     for element in elements {
         let Element { offset: [dx, dy], gradient: [x, y], weight, .. } = *element;
-        // The gradient of the middle has no direction yet.
+        // In the middle the gradient has no clear direction.
         let middle = dx * dx + dy * dy < 1.5;
         let is_own = |&edge: &[f32; 2]| {
             is_along(element, edge) && cross(edge, element.offset).abs() < OWN_EDGE_PX
@@ -356,7 +359,7 @@ fn intersection(elements: &Elements, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
     }
     let determinant = xx * yy - xy * xy;
     let trace = xx + yy;
-    // The ratio of the eigenvalues: below this one edge is missing.
+    // This bounds the ratio of the eigenvalues: below it one edge is missing.
     if determinant <= 0.01 * trace * trace {
         return None;
     }

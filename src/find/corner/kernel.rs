@@ -1,12 +1,12 @@
 //! The corner likelihood of Geiger et al.: two prototypes of four kernels.
 //!
-//! Prototype 1 is a corner whose edges run along x and y, prototype 2 one that
-//! is turned by 45 degrees. Each has four kernels, the wedges A and B (opposite
-//! each other) and C and D, weighted by a Gaussian of half the radius and of
-//! sum 1. With mu the mean of the four answers, a corner whose A and B are bright
-//! scores min(min(a, b) - mu, mu - max(c, d)), and one whose A and B are dark
-//! the same with the signs exchanged; the likelihood is the best over both
-//! signs, both prototypes and all sizes. It is half the contrast at a perfect corner.
+//! Prototype 1 is a corner whose edges run along x and y, prototype 2 one that is turned by 45
+//! degrees. Each has four kernels, the wedges A and B (opposite each other) and C and D, weighted
+//! by a Gaussian whose sigma is half the radius, and normalised to a sum of 1. With mu the mean of
+//! the four responses, a corner whose A and B are bright scores
+//! `min(min(a, b) - mu, mu - max(c, d))`, and one whose A and B are dark the same with the signs
+//! exchanged; the likelihood is the best over both signs, both prototypes and all sizes. It is half
+//! the contrast at a perfect corner.
 
 use crate::model::image::{GreyImage, Pixel};
 
@@ -15,7 +15,7 @@ pub(super) const RADII_PX: [usize; 3] = [4, 8, 12];
 const RADIUS_MAX: usize = 12;
 const SIDE_MAX: usize = 2 * RADIUS_MAX + 1;
 
-/// The kernels of one size. The Gaussian is a product of its two axes, so one axis says it all.
+/// The kernels of one size. The Gaussian is separable, so one axis is enough.
 #[derive(Debug, Clone, Copy)]
 struct Size {
     radius: usize,
@@ -36,8 +36,8 @@ impl Kernels {
         Self { sizes: RADII_PX.map(Size::new) }
     }
 
-    /// The likelihood at a pixel and the index of the size that gave it, over the
-    /// sizes that fit into the frame; `None` where none does. Grey levels.
+    /// The largest likelihood at a pixel, in grey levels, over the sizes that fit into the frame,
+    /// and the index of its size; `None` where none fits.
     pub(super) fn best<P: Pixel>(
         &self,
         image: &GreyImage<'_, P>,
@@ -55,7 +55,8 @@ impl Kernels {
         best
     }
 
-    /// Whether the likelihood at a pixel is at least this, by whatever size is asked first.
+    /// Whether the likelihood at a pixel reaches `least` at any size; the first that does settles
+    /// it.
     pub(super) fn reaches<P: Pixel>(
         &self,
         image: &GreyImage<'_, P>,
@@ -99,7 +100,8 @@ impl Size {
             *weight = libm::expf(-0.5 * ratio * ratio);
         }
         let half: f32 = gaussian[1..=radius].iter().sum();
-        // A wedge of prototype 2: for each distance d along its axis, what is nearer to it than d.
+        // A wedge of prototype 2: at each distance d along its axis, the pixels that are nearer to
+        // the axis than d.
         let mut wedge = 0.0;
         let mut across = gaussian[0];
         for weight in &gaussian[1..=radius] {
@@ -117,9 +119,9 @@ impl Size {
         y: usize,
     ) -> f32 {
         let radius = SIDE / 2;
-        // Sums along the columns of the window: rows above and below the centre
-        // for prototype 1; of these what lies inside the upper and the lower wedge,
-        // and what lies beside them, for prototype 2.
+        // Sums along the columns of the window. For prototype 1: the rows above and below the
+        // centre. For prototype 2: the pixels inside the upper and the lower wedge, and those
+        // beside them.
         let mut above = [0.0_f32; SIDE];
         let mut below = [0.0_f32; SIDE];
         let mut upper = [0.0_f32; SIDE];
@@ -170,8 +172,8 @@ impl Size {
     }
 }
 
-/// Which columns of a window lie inside and outside of the wedges of prototype
-/// 2, 1 or 0, for each distance of the row from the centre. On the diagonal neither.
+/// Which columns of a window lie inside, and which outside, the upper and lower wedges of prototype
+/// 2 (1 or 0), for each distance of the row from the centre. Pixels on the diagonal are neither.
 struct Wedges<const SIDE: usize>;
 
 impl<const SIDE: usize> Wedges<SIDE> {
@@ -196,7 +198,7 @@ impl<const SIDE: usize> Wedges<SIDE> {
     }
 }
 
-/// The better of both signs; `answers` are A, B, C, D before the norm.
+/// The better of both signs; the arguments are the responses of A, B, C and D before normalisation.
 fn combine([a, b, c, d]: [f32; 4], norm: f32) -> f32 {
     let mean = 0.25 * (a + b + c + d);
     let bright = (a.min(b) - mean).min(mean - c.max(d));

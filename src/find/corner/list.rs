@@ -1,4 +1,4 @@
-//! A corner, and the list of the strongest.
+//! A corner, and the list of the strongest corners.
 
 use heapless::Vec;
 
@@ -7,14 +7,13 @@ use crate::limits::CORNERS_MAX;
 /// Two corners nearer than this are one: the radius of Geiger's non-maxima suppression.
 const SEPARATION_PX: f32 = 3.0;
 
-/// A checkerboard corner to about a quarter of a pixel.
+/// A checkerboard corner, located to about a quarter of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corner {
-    /// Where, x and y.
+    /// Its position, x and y.
     pub position_px: [f32; 2],
-    /// How good, above 0 and at most 0.5: the correlation of the gradient with
-    /// the two edges (at most 1) times the likelihood along these edges
-    /// (half the contrast, white level = 1).
+    /// Its quality, above 0 and at most 0.5: the correlation of the gradient with the two edges (at
+    /// most 1) times the likelihood along these edges (half the contrast, white level = 1).
     pub score: f32,
     /// Directions of the two edges through the corner, `[0, pi)`, from x towards
     /// y. The sector swept from edge 0 to edge 1 by INCREASING angle (mod pi) is
@@ -43,7 +42,7 @@ impl CornerList {
         Self { corners: Vec::new(), dropped: 0 }
     }
 
-    /// Forgets everything, the count of the dropped too.
+    /// Removes all corners, and resets the count of dropped ones.
     pub fn clear(&mut self) {
         self.corners.clear();
         self.dropped = 0;
@@ -66,8 +65,8 @@ impl CornerList {
         self.corners.iter().any(|corner| is_near(corner.position_px, position_px))
     }
 
-    /// Adds a corner. Of two within 3 px of each other the stronger stays; when
-    /// the list is full the weakest goes.
+    /// Adds a corner. Of two within 3 px of each other the stronger is kept; when the list is full
+    /// the weakest is dropped.
     pub fn push(&mut self, corner: Corner) {
         let mut others = self.corners.iter_mut();
         if let Some(twin) = others.find(|other| is_near(other.position_px, corner.position_px)) {
@@ -85,7 +84,7 @@ impl CornerList {
         }
     }
 
-    /// Counts candidates that a full buffer lost before they were examined.
+    /// Counts candidates that were lost to a full buffer before they were examined.
     pub(super) fn count_dropped(&mut self, dropped: u32) {
         self.dropped = self.dropped.saturating_add(dropped);
     }

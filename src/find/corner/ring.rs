@@ -1,22 +1,20 @@
-//! The ring test: which pixels are worth the kernels.
+//! The ring test, which selects the pixels to which the kernels are applied.
 //!
-//! Sixteen samples on a ring of 4 px around a pixel, and the pixel's four
-//! neighbours. At a checkerboard corner opposite samples are equal, samples a
-//! quarter turn apart differ, and the middle is as bright as the ring on
-//! average (the idea of Bennett and Lasenby's ChESS detector, 2014). All in
-//! bytes, so that a compiler makes vector code of it: rounded means and
+//! Sixteen samples on a ring of 4 px around a pixel, and the pixel's four neighbours. At a
+//! checkerboard corner opposite samples are equal, samples a quarter turn apart differ, and the
+//! middle is as bright as the ring on average (the idea of Bennett and Lasenby's ChESS detector,
+//! 2014). All arithmetic is in bytes, so that the compiler can vectorise it: rounded means and
 //! absolute differences of bytes are single instructions on x86 and ARM.
 //!
-//! The response at a corner whose contrast is c is about c for right angles
-//! and c / 2 for the sharpest wedges of a board tilted by 60 degrees. Noise
-//! makes it smaller, not larger: the noise of the differences of opposite
-//! samples is subtracted, and outweighs that of the signal. The disorder (differences
-//! of opposite samples, and of the middle) must stay below half of the signal: at
-//! corners tilted by 60 degrees, half a pixel aside, it is at most 0.4 of it,
-//! in clutter mostly more.
+//! The response at a corner whose contrast is c is about c for right angles and c / 2 for the
+//! sharpest wedges of a board tilted by 60 degrees. Noise makes it smaller, not larger: the noise
+//! of the differences of opposite samples is subtracted, and outweighs that of the signal. The
+//! disorder (the differences of opposite samples, and that of the middle from the ring) must stay
+//! below half of the signal: half a pixel away from corners tilted by 60 degrees it is at most 0.4
+//! of the signal; in clutter it is usually more.
 //!
-//! The frame is worked through in tiles, once as it is and once at half its
-//! size, where squares are blurred by more than a pixel or so.
+//! The frame is processed in tiles, once at full size and once at half size, for squares that are
+//! blurred by more than a pixel or so.
 
 use heapless::Vec;
 
@@ -37,17 +35,17 @@ const HALO: usize = RING + MAXIMUM;
 const RESPONSE_BLOCKS: usize = (TILE_WIDTH + 2 * MAXIMUM).div_ceil(LANES);
 const PIXELS_WIDTH: usize = RESPONSE_BLOCKS * LANES + 2 * RING;
 
-/// Smallest response, grey levels of 255. Rounding alone makes 2.
+/// Smallest response, in grey levels of 255. Rounding alone gives 2.
 const RESPONSE_MIN: u8 = 5;
 
-/// What the rounded means add to twice the disorder, at most.
+/// Most that rounding the means adds to twice the disorder.
 const ROUNDING: u8 = 4;
 
-/// Candidates of one tile: one per 64 pixels, many times what a checkerboard of
-/// the smallest squares has.
+/// Most candidates of one tile: one per 64 pixels, many times as many as a checkerboard of the
+/// smallest squares has.
 const CANDIDATES_MAX: usize = TILE_WIDTH * TILE_HEIGHT / 64;
 
-/// A maximum of the ring response, in pixels of the level.
+/// Position of a maximum of the ring response, in pixels of the level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Candidate {
     pub(super) x: u16,
@@ -132,7 +130,7 @@ impl Tile {
     }
 }
 
-/// Bits to drop so that white fits a byte.
+/// Bits to drop so that white fits into a byte.
 fn shift_to_bytes(white_level: u16) -> u32 {
     (u16::BITS - white_level.leading_zeros()).saturating_sub(8)
 }
@@ -160,7 +158,8 @@ fn fill_half<P: Pixel>(bytes: &mut [u8], upper: &[P], lower: &[P], shift: u32) {
     for ((block, upper), lower) in blocks.iter_mut().zip(uppers).zip(lowers) {
         let columns: [u8; 2 * LANES] =
             core::array::from_fn(|n| mean_of_2(to_byte(upper[n], shift), to_byte(lower[n], shift)));
-        // Two neighbours in one word: even and odd pixels without moving any byte.
+        // Two neighbours are read as one word, which separates even and odd pixels without moving a
+        // byte.
         for (byte, pair) in block.iter_mut().zip(columns.as_chunks::<2>().0) {
             let pair = u16::from_le_bytes(*pair);
             *byte = (((pair & 255) + (pair >> 8) + 1) >> 1) as u8;
@@ -178,7 +177,8 @@ fn mean_of_2(a: u8, b: u8) -> u8 {
     ((u16::from(a) + u16::from(b) + 1) >> 1) as u8
 }
 
-/// Strictly larger than what comes before in reading order, at least as large as what follows.
+/// Whether a response is larger than its neighbours before it in reading order, and at least as
+/// large as those after it.
 fn is_maximum(responses: &[[Lanes; RESPONSE_BLOCKS]], x: usize, y: usize, response: u8) -> bool {
     let side = 2 * MAXIMUM + 1;
     for (dy, row) in responses[y..y + side].iter().enumerate() {
@@ -192,11 +192,11 @@ fn is_maximum(responses: &[[Lanes; RESPONSE_BLOCKS]], x: usize, y: usize, respon
     true
 }
 
-/// Neighbouring pixels that are worked on together: one vector register of x86 or ARM.
+/// Neighbouring pixels that are processed together: one vector register of x86 or ARM.
 const LANES: usize = 16;
 type Lanes = [u8; LANES];
 
-/// Rounded means, one instruction.
+/// Rounded means: one instruction.
 #[inline(always)]
 fn mean(a: Lanes, b: Lanes) -> Lanes {
     core::array::from_fn(|n| mean_of_2(a[n], b[n]))
@@ -207,13 +207,13 @@ fn difference(a: Lanes, b: Lanes) -> Lanes {
     core::array::from_fn(|n| a[n].max(b[n]) - a[n].min(b[n]))
 }
 
-/// a + b, not above 255.
+/// a + b, saturating at 255.
 #[inline(always)]
 fn sum(a: Lanes, b: Lanes) -> Lanes {
     core::array::from_fn(|n| a[n].saturating_add(b[n]))
 }
 
-/// a - b, not below 0.
+/// a - b, saturating at 0.
 #[inline(always)]
 fn less(a: Lanes, b: Lanes) -> Lanes {
     core::array::from_fn(|n| a[n].saturating_sub(b[n]))
@@ -289,7 +289,7 @@ mod tests {
     fn the_ring_is_its_definition_at_every_pixel_of_odd_tiles() {
         let (width, height) = (97, 83);
         let mut random = crate::find::corner::tests::Random(3);
-        // Coarse blocks, so that corners occur; the first rows are of two values only.
+        // Coarse blocks, so that corners occur.
         let bytes: Vec<u8> = (0..width * height)
             .map(|n| {
                 let block = (n % width / 7 + n / width / 6) % 2;
@@ -334,7 +334,7 @@ mod tests {
         for (n, byte) in bytes.iter().enumerate() {
             let four = [rows[0][2 * n], rows[0][2 * n + 1], rows[1][2 * n], rows[1][2 * n + 1]];
             let mean = four.iter().map(|&value| f64::from(value)).sum::<f64>() / 16.0;
-            // Cut to 8 bits, then rounded up at most twice.
+            // Truncated to 8 bits, then rounded up at most twice.
             assert!((f64::from(*byte) - mean).abs() <= 1.0, "{n}: {byte} {mean}");
         }
     }

@@ -280,7 +280,7 @@ fn the_kernels_are_their_definition_at_every_place() {
     }
 }
 
-/// Boards over clutter, some reaching over the frame's border, at strides and depths.
+/// Boards over clutter, some extending beyond the frame's border, in frames of different widths.
 fn scenes() -> Vec<(Vec<f64>, usize, usize)> {
     let mut random = Random(7);
     (0..8)
@@ -302,7 +302,7 @@ fn scenes() -> Vec<(Vec<f64>, usize, usize)> {
 
 #[test]
 fn the_search_finds_what_the_plain_one_finds() {
-    /// Corners this good must agree. Below it lies clutter at the edge of what is one.
+    /// Corners this good must agree. Weaker ones are clutter that barely counts as a corner.
     const CLEAR: f32 = 0.05;
     let mut compared = 0;
     let scenes_used = repetitions(8);
@@ -362,7 +362,7 @@ fn corners_are_where_they_were_drawn_with_dark_from_edge_0_to_edge_1() {
                     if (column + row) % 2 == 0 { [x_rad, y_rad] } else { [y_rad, x_rad] };
                 for (edge, expected) in corner.edges_rad.into_iter().zip(expected) {
                     let apart = f64::from(edge) - expected;
-                    // 8 degrees: far less than the half of the narrowest wedge.
+                    // 8 degrees: far less than half of the narrowest wedge.
                     assert!(
                         apart.sin().abs() < 0.14,
                         "turn {turn_deg} tilt {tilt_rad}: {corner:?}, {expected}"

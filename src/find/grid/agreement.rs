@@ -1,24 +1,24 @@
-//! Whether each corner of a lattice lies where its neighbours say.
+//! Whether each corner of a lattice lies where its neighbours predict it.
 //!
-//! A quadratic surface per coordinate through the corners at most two steps
-//! away, the tested one left out: perspective and lens distortion are
-//! quadratic over four squares to a few hundredths of a square.
+//! For each coordinate, a quadratic surface is fitted to the corners at most two steps away,
+//! without the tested one: over four squares, perspective and lens distortion are quadratic to
+//! within a few hundredths of a square.
 
 use nalgebra::{SMatrix, SVector};
 
 use super::lattice::{Bounds, Lattice};
 use crate::find::corner::Corner;
 
-/// Steps to the farthest neighbours that are asked.
+/// Steps to the farthest neighbours that are used.
 const REACH: i32 = 2;
-/// Fewest neighbours that determine the surface with something to spare.
+/// Fewest neighbours that overdetermine the surface.
 const NEIGHBOURS_MIN: usize = 8;
-/// Largest distance from the prediction, in steps to the neighbours.
+/// Largest distance from the prediction, in steps to the nearest neighbour.
 const ERROR_MAX: f64 = 0.12;
-/// What the error of the positions, a quarter pixel, may add at the lattice's corners, where the
-/// surface is extrapolated.
+/// What the error of the positions, a quarter of a pixel, may add at the lattice's own corners,
+/// where the surface is extrapolated.
 const ERROR_MAX_PX: f64 = 1.0;
-/// Corners that may be removed before the rest says nothing any more.
+/// Most corners that may be removed before the rest is no longer reliable.
 const REMOVALS_MAX: usize = 8;
 
 /// Removes the corners that disagree, the worst first.
@@ -35,8 +35,8 @@ pub(super) fn remove_disagreeing(lattice: &mut Lattice, corners: &[Corner], boun
     }
 }
 
-/// The distance of a corner from its prediction over the allowed one; `None` where there is no
-/// corner or no prediction.
+/// The distance of a corner from its prediction, divided by the allowed distance; `None` where
+/// there is no corner or no prediction.
 fn excess(lattice: &Lattice, corners: &[Corner], cell: [i32; 2]) -> Option<f64> {
     let position = |index: u16| corners[usize::from(index)].position_px.map(f64::from);
     let here = position(lattice.corner(cell)?);

@@ -1,10 +1,9 @@
 //! Whether the squares of a checkerboard go on beyond a border of its lattice.
 //!
-//! The squares just outside of the border corners belong to the board. In the
-//! next row outwards the paper's margin follows, or, if corners were missed
-//! there, more squares, which alternate in step with those inside. A row is
-//! compared with the row just inside: a board goes on when, in both rows outside,
-//! each square differs from the next one in the right sense.
+//! The squares just outside the border corners belong to the board. In the next row outwards the
+//! paper's margin follows, or, if corners were missed there, more squares, which alternate in step
+//! with those inside. A row is compared with the row just inside: a board goes on when, in both
+//! rows outside, each square differs from the next one in the right sense.
 
 use heapless::Vec;
 
@@ -13,19 +12,20 @@ use crate::find::corner::Corner;
 use crate::limits::TARGET_CORNERS_MAX;
 use crate::model::image::{GreyImage, Pixel};
 
-/// Difference of neighbouring squares outside, relative to the mean one inside. A margin has
-/// none; squares of a board that goes on have all of it, less what blur takes.
+/// Difference of neighbouring squares outside, relative to the mean one inside. A margin shows no
+/// difference; a board that goes on shows all of it, less what the blur takes away.
 const DIFFERENCE_MIN: f32 = 0.25;
-/// Fewest differences that are evidence: clutter agrees with one of them in half of the cases.
+/// Fewest differences that count as evidence: clutter agrees with any one of them in half of the
+/// cases.
 const fn differences_min(possible: usize) -> usize {
     let most = (3 * possible).div_ceil(4);
     if most < 2 { 2 } else { most }
 }
-/// Where the farther squares are looked at: the nearer part of them, because the last
-/// squares of a board are often cut, and a narrow margin ends soon.
+/// Where the farther squares are sampled: in their nearer part, because the last squares of a board
+/// are often cut, and a narrow margin ends soon.
 const FARTHER_STEPS: f32 = 1.3;
 
-/// Brightness along a row of squares, just inside, just outside, and one farther.
+/// Brightness of the squares along a border line: just inside, just outside, and one farther out.
 type Rows = Vec<Option<[f32; 3]>, TARGET_CORNERS_MAX>;
 
 /// Whether the second row of squares outside of a border line alternates like the board.
@@ -58,7 +58,8 @@ pub(super) fn squares_go_on<P: Pixel>(
         let _ = rows.push(squares);
         previous = here;
     }
-    // Each difference inside, and both outside in the sense of a board that goes on.
+    // Each difference inside, and both outside, with the signs that a board that goes on would
+    // have.
     let differences = rows.windows(2).filter_map(|pair| {
         let (here, next) = (pair[0]?, pair[1]?);
         let inside = here[0] - next[0];

@@ -8,20 +8,23 @@ const SIDE: usize = 2 * (TARGET_CORNERS_MAX / 3) + 16;
 const CENTRE: i32 = SIDE as i32 / 2;
 const _: () = assert!(CORNERS_MAX < u16::MAX as usize);
 
-/// Rounds of growing: the first finds nearly all, the others what lies behind gaps.
+/// Most rounds of growing: the first finds nearly all corners, the others those behind gaps.
 const ROUNDS_MAX: usize = 4;
 /// Fewest corners of a lattice: 3 x 3.
 const LATTICE_MIN: usize = 9;
 /// Largest angle between an edge and the line to the neighbour (sine): 15 degrees. Over one square
 /// even a fisheye bends a line by less.
 const LINE_SINE_MAX: f32 = 0.26;
-/// Edges of neighbours, sine: 25 degrees. Directions of 8 px squares are good to about 5.
+/// Largest angle between corresponding edges of neighbours (sine): 25 degrees. The directions at
+/// squares of 8 px are accurate to about 5.
 const EDGE_SINE_MAX: f32 = 0.42;
-/// Opposite sides of the first cell, ratio. Tilted by 60 degrees at 10 squares' distance: 1.2.
+/// Largest ratio of opposite sides of the first cell. Tilted by 60 degrees at a distance of 10
+/// squares, it is 1.2.
 const SIDES_RATIO_MAX: f32 = 1.4;
-/// Neighbouring sides of the first cell, ratio: a square seen at 70 degrees is 1 : 2.9.
+/// Largest ratio of adjacent sides of the first cell: a square seen at 70 degrees is 1 : 2.9.
 const ASPECT_MAX: f32 = 3.0;
-/// Distance of a corner from its prediction, in steps. Half of it is perspective in the worst case.
+/// Largest distance of a corner from its prediction, in steps. In the worst case half of it is due
+/// to perspective.
 const PREDICTION_ERROR_MAX: f32 = 0.25;
 
 /// Extent of a lattice in its own coordinates, both ends included.
@@ -94,12 +97,12 @@ impl Bounds {
 /// A lattice: axis u along one family of lines, v along the other, right-handed with y down.
 #[derive(Debug)]
 pub(super) struct Lattice {
-    /// The corner at each place, by v and u, the seed at the centre: its index + 1, and 0
-    /// where there is none, so that an empty map takes no place in a program's file.
+    /// The corner at each place, by v and u, the seed at the centre: its index + 1, and 0 where
+    /// there is none, so that an empty map takes no space in a program's file.
     map: [[u16; SIDE]; SIDE],
     /// Which edge of the seed lies along u.
     seed_edge: usize,
-    /// Corners of lattices that are done.
+    /// Corners that belong to a lattice already.
     used: [bool; CORNERS_MAX],
     /// Unit vectors of both edges of each corner.
     edges: [[[f32; 2]; 2]; CORNERS_MAX],
@@ -152,8 +155,8 @@ impl Lattice {
         }
     }
 
-    /// Which of its edges, 0 or 1, the corner at a place has along u. The sector from u to v is
-    /// dark when it is 0.
+    /// Which edge, 0 or 1, of the corner at a place lies along u. When it is 0, the sector from u
+    /// to v is dark.
     pub(super) fn edge_along_u(&self, [i, j]: [i32; 2]) -> usize {
         (self.seed_edge + (i + j).rem_euclid(2) as usize) % 2
     }
@@ -178,8 +181,8 @@ impl Lattice {
         }
         self.clear();
         let bounds = self.place_first_cell(corners, seed).and_then(|()| {
-            // Beside a gap a corner can often be predicted only once its other
-            // neighbours are there, so the rounds go on while they add something.
+            // Beside a gap a corner can often be predicted only once its other neighbours have been
+            // placed, so the rounds go on as long as they add something.
             for _ in 0..ROUNDS_MAX {
                 let before = self.count;
                 let mut next = 0;
@@ -227,9 +230,9 @@ impl Lattice {
         self.count += 1;
     }
 
-    /// The seed and three neighbours around one square, so that both ways to the far one agree.
-    /// Of the squares around the seed the smallest: at a board's border the others reach out
-    /// to whatever lies beyond.
+    /// Places the seed and three neighbours around one square, such that both ways to the opposite
+    /// corner agree. Of the squares around the seed it takes the smallest: at a board's border the
+    /// others extend to whatever lies beyond.
     fn place_first_cell(&mut self, corners: &[Corner], seed: u16) -> Option<()> {
         let [edge0, mut edge1] = self.edges[usize::from(seed)];
         if cross(edge0, edge1) < 0.0 {
@@ -279,7 +282,7 @@ impl Lattice {
         edge: usize,
     ) -> Option<u16> {
         let own = self.edges[usize::from(from)];
-        // The edge itself, on the side of the direction.
+        // The edge itself, oriented along the direction.
         let sign = if dot(own[edge], direction) < 0.0 { -1.0 } else { 1.0 };
         let line = own[edge].map(|value| sign * value);
         let mut nearest: Option<(f32, u16)> = None;

@@ -1,16 +1,16 @@
-//! Corners -> indexed grids, in a cluttered room.
+//! From corners to indexed grids, in a cluttered room.
 //!
-//! Corners are joined to lattices: from a cell of four corners that close,
-//! breadth first, each next corner near the place that its neighbours predict,
-//! with the roles of its two edges exchanged. A lattice becomes the grid of a
-//! wanted shape only when it has exactly its columns and rows, its four border
-//! lines are seen, nothing goes on beyond them, and every corner agrees with
-//! its neighbours; else there is a reason, never a guess.
+//! Corners are joined into lattices, breadth first, starting from a cell of four corners that
+//! closes: each further corner lies near the position that its neighbours predict, with the roles
+//! of its two edges exchanged. A lattice becomes the grid of a wanted shape only when it has
+//! exactly its columns and rows, its four border lines are seen, the board does not go on beyond
+//! them, and every corner agrees with its neighbours; otherwise the result is a reason, never a
+//! guess.
 //!
-//! What it cannot know: a board with a whole border line, and the squares beyond
-//! it, hidden by something is a smaller board. What the frame's own border cuts
-//! off is known, and is refused; so is a line too blurred to be detected, because
-//! the squares beyond it are still seen to alternate.
+//! What it cannot detect: a board whose whole border line, with the squares beyond it, is hidden by
+//! something looks like a smaller board. A board cut by the frame's border is recognised and
+//! rejected; so is one with a line too blurred to be detected, because the squares beyond it are
+//! still seen to alternate.
 //!
 //! The work is bounded by the square of [`CORNERS_MAX`]; with the one or two
 //! hundred corners of a room it is a fraction of a millisecond.
@@ -35,10 +35,10 @@ use lattice::{Bounds, Lattice};
 
 /// One target's grid as seen in the picture.
 ///
-/// Right-handed as seen (x to y turns from the picture's right to its bottom).
-/// The square up and left of corner 0 is dark if one of the possible
-/// numberings makes it so; of the numberings that are left (two when columns +
-/// rows is even) it is the one whose x axis points most to the picture's right.
+/// Right-handed as seen (x turns to y as the picture's right turns to its bottom). The square up
+/// and left of corner 0 is dark if any of the possible numberings makes it so; of the remaining
+/// numberings (two when columns + rows is even) it is the one whose x axis points most nearly to
+/// the picture's right.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Grid {
     /// Columns and rows, as wanted.
@@ -56,7 +56,7 @@ pub struct Grid {
 pub enum GridRejection {
     /// Fewer than 3 x 3 corners make a lattice anywhere.
     NoLattice,
-    /// There are lattices, none with these columns and rows.
+    /// There are lattices, but none with these numbers of columns and rows.
     OtherDimensions,
     /// A lattice of this shape is cut by the border of the picture: it may be a part of a larger
     /// one.
@@ -64,7 +64,8 @@ pub enum GridRejection {
     /// A lattice of this shape lacks too many corners, or border corners, for its extent to be
     /// certain.
     Incomplete,
-    /// There are corners beyond the border of a lattice of this shape.
+    /// The board seems to go on beyond the border of a lattice of this shape: there are more
+    /// corners, or more squares that alternate.
     GoesOn,
     /// Two lattices have this shape.
     Ambiguous,
@@ -85,25 +86,25 @@ impl core::fmt::Display for GridRejection {
 
 impl core::error::Error for GridRejection {}
 
-/// Corners of a border line that must be seen: all but one.
+/// How many corners of a border line must be seen: all but one.
 const fn border_corners_min(length: usize) -> usize {
     length - 1
 }
 
-/// Part of all corners that must be seen: five sixths.
+/// How many of all corners must be seen: five sixths.
 const fn corners_min(count: usize) -> usize {
     (5 * count).div_ceil(6)
 }
 
-/// A corner beyond the border counts as a part of the board from this fraction of the
-/// board's median score. The corners of one board differ by less than that unless a
-/// shadow's edge lies between them.
+/// A corner beyond the border counts as part of the board if its score is at least this fraction of
+/// the board's median. The corners of one board differ by less than that unless a shadow's edge
+/// lies between them.
 const BEYOND_SCORE_MIN: f32 = 0.3;
 
 /// How near to the frame's border a corner can be detected, with one pixel to spare.
 const DETECTABLE_PX: f32 = 7.0;
 
-/// Finds grids. Holds the lattice under work.
+/// Finds grids. Holds the lattice that is being grown.
 #[derive(Debug)]
 pub struct GridFinder {
     lattice: Lattice,
@@ -123,9 +124,9 @@ impl GridFinder {
         Self { lattice: Lattice::new(), order: [0; CORNERS_MAX] }
     }
 
-    /// Writes one entry of `found` per wanted shape, from the corners of a search
-    /// of the picture, or of a part of it. The picture is asked whether a grid goes
-    /// on beyond its border. Corners past [`CORNERS_MAX`] are ignored.
+    /// Writes one entry of `found` per wanted shape, from the corners of a search of the picture,
+    /// or of a part of it. The picture itself shows whether a grid goes on beyond its border.
+    /// Corners past [`CORNERS_MAX`] are ignored.
     ///
     /// # Panics
     /// When `found` is shorter than `wanted`: a caller's bug.
@@ -140,7 +141,7 @@ impl GridFinder {
         let corners = &corners[..corners.len().min(CORNERS_MAX)];
         let found = &mut found[..wanted.len()];
         found.fill(Err(GridRejection::NoLattice));
-        // The strongest corners first: what grows from them is what they belong to.
+        // The strongest corners first: the lattices that grow from them are the most reliable.
         let order = &mut self.order[..corners.len()];
         for (index, entry) in order.iter_mut().enumerate() {
             *entry = index as u16;
@@ -166,14 +167,14 @@ impl GridFinder {
     }
 }
 
-/// Keeps the reason that came nearest to a grid.
+/// Keeps the rejection that came closest to a grid.
 fn note(entry: &mut Result<Grid, GridRejection>, rejection: GridRejection) {
     if let Err(known) = entry {
         *known = (*known).max(rejection);
     }
 }
 
-/// Whether a lattice of these bounds could have this shape once its weak border lines are cut.
+/// Whether a lattice of these bounds could have this shape once its weak border lines are removed.
 fn may_be(bounds: Bounds, shape: GridShape) -> bool {
     /// Lines that clutter may add, both sides together.
     const EXTRA_MAX: usize = 2;
@@ -195,8 +196,8 @@ fn judge<P: Pixel>(
 ) -> Result<Grid, GridRejection> {
     agreement::remove_disagreeing(lattice, corners, bounds);
     let median = median_score(lattice, corners, bounds);
-    // Border lines with few and weak corners are clutter beside the board; with few
-    // strong ones the board goes on there, mostly hidden.
+    // Border lines with few and weak corners are clutter beside the board; few but strong ones mean
+    // that the board goes on there, mostly hidden.
     let mut bounds = bounds;
     let mut goes_on = false;
     for _ in 0..8 {
@@ -223,7 +224,7 @@ fn judge<P: Pixel>(
         if seen < border_corners_min(line.length()) {
             return Err(GridRejection::Incomplete);
         }
-        // The next line, were there one, would have to be visible.
+        // The next line, if there were one, would have to be visible.
         let (mut next, mut next_visible) = (0, 0);
         for cell in line.cells() {
             if let Some(place) = lattice.beyond(corners, cell, line.outwards) {
@@ -242,7 +243,7 @@ fn judge<P: Pixel>(
     for row in 0..i32::from(shape.rows) {
         for column in 0..i32::from(shape.columns) {
             let cell = numbering.cell(column, row);
-            // The shape was checked to fit.
+            // The shape has been checked to fit.
             let _ = grid.corners.push(lattice.corner(cell));
         }
     }

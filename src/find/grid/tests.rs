@@ -72,7 +72,7 @@ impl Scene {
 
 #[test]
 fn both_targets_are_told_apart_and_numbered_in_any_attitude() {
-    for (seed, turn_deg) in (0..360_u32).step_by(30).enumerate() {
+    for (seed, turn_deg) in (0..360_u32).step_by(360 / repetitions(12)).enumerate() {
         let turn_rad = f64::from(turn_deg).to_radians();
         let tilt_rad = [0.0, 0.5, 0.9][seed % 3];
         let boards = [lumbar(turn_rad, tilt_rad), shoulder(turn_rad + 1.0, -tilt_rad)];

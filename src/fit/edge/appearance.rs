@@ -1,8 +1,8 @@
-//! How a target looks, apart from where it is: found with each fit, and used by the next.
+//! How a target looks, apart from where it is: estimated by each fit, and used by the next.
 
 use crate::fit::nodes::Direction;
 
-/// How the camera shows a target's edges; what one frame finds serves the next.
+/// How the camera shows a target's edges; the estimate from one frame serves the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Appearance {
     /// Standard deviation of the blur and the pixel's box together, raw pixels, of the
@@ -19,13 +19,14 @@ pub struct Appearance {
     pub has_border: bool,
 }
 
-/// Below this the samples cannot tell: only pictures sharpened by the camera ask for less.
+/// Smallest blur. Below it the samples do not determine the blur: only pictures sharpened by the
+/// camera call for less.
 pub(super) const BLUR_PX_MIN: f64 = 0.4;
-/// Above this a target is out of focus beyond use.
+/// Largest blur. Above it a target is too far out of focus to be of use.
 pub(super) const BLUR_PX_MAX: f64 = 4.0;
-/// One correction's bound, of ln s: the model is far from linear beyond it.
+/// Largest correction of ln s at once: the model is far from linear beyond it.
 pub(super) const LN_BLUR_STEP_MAX: f64 = 0.3;
-/// More growth than this is none.
+/// Largest growth; anything more is not growth.
 pub(super) const GROWTH_PX_MAX: f64 = 1.0;
 
 impl Appearance {
@@ -40,8 +41,8 @@ impl Appearance {
         }
     }
 
-    /// Corrected by the fitted edges: the corrections of each blur's logarithm, and of the
-    /// growth. Returns the larger relative change of a blur. NaN corrects nothing.
+    /// Applies the fitted edges' corrections: those of each blur's logarithm, and of the growth.
+    /// Returns the larger relative change of a blur. A NaN corrects nothing.
     pub fn correct(&mut self, [ln_x, ln_y]: [f64; 2], growth_px: f64) -> f64 {
         let mut largest = 0.0_f64;
         for (blur_px, correction) in [(&mut self.x_blur_px, ln_x), (&mut self.y_blur_px, ln_y)] {

@@ -1,13 +1,12 @@
 //! How bright the light and the dark squares are, across one target.
 //!
-//! An edge knows its two grey levels from its own pixels, but their uncertainty costs it a
-//! fifth of its precision. Where the light falls evenly the whole target knows them far
-//! better. So the middle of each square is looked at first, a plane is fitted to the light
-//! ones and one to the dark ones, and each edge gets their levels as prior knowledge, to
-//! be trusted as far as the squares agree with the planes, and not at all beside a square
-//! that does not: under a shadow, or behind something. Where the squares confirm the planes,
-//! their slopes are also subtracted from the edges' pixels: a slope of the light along an edge
-//! looks like a turn of it.
+//! An edge's two grey levels follow from its own pixels, but their uncertainty costs a fifth of its
+//! precision. Under even light the whole target determines them far better. So the middle of each
+//! square is measured first, a plane is fitted to the light squares and one to the dark ones, and
+//! each edge gets their levels as prior knowledge. It is trusted as far as the squares agree with
+//! the planes, and not at all beside a square that does not agree: under a shadow, or behind
+//! something. Where the squares confirm the planes, their slopes are also subtracted from the
+//! edges' pixels: a slope of the light along an edge looks like a turn of it.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -17,25 +16,25 @@ use crate::fit::nodes::{Edge, Nodes};
 use crate::limits::{TARGET_NODES_MAX, TARGET_SQUARES_MAX};
 use crate::model::image::{GreyImage, Pixel};
 
-/// Half width of the window in a square's middle: a share of the square, and at most.
+/// Half width of the window in a square's middle, as a share of the square, and its upper bound.
 const REACH_SHARE: f64 = 0.2;
 const REACH_PX_MAX: usize = 3;
 
-/// Fewest squares of a colour that make a plane.
+/// Fewest squares of one colour to which a plane is fitted.
 const SQUARES_MIN: usize = 5;
 
-/// Squared deviations within which a square agrees with its plane.
+/// A square agrees with its plane within this many standard deviations, squared.
 const AGREEMENT_SQUARE: f64 = 16.0;
 
-/// Reweightings of a plane.
+/// Iterations of the reweighted fit of a plane.
 const ITERATIONS: usize = 4;
 
-/// Variance about a plane, as a share of its own over the squares, above which it is not
-/// what the light is like.
+/// Variance about a plane, as a share of the plane's own variance over the squares, above which it
+/// does not describe the light.
 const SLOPELESS_SHARE: f64 = 1.0 / 16.0;
 
-/// The planes are never believed beyond this share of the pixels' own noise: squares are
-/// not so even, nor the light so plane.
+/// The planes are never trusted to better than this share of the pixels' own noise: neither squares
+/// nor light are that even.
 const DEVIATION_IN_NOISE_MIN: f64 = 0.05;
 
 /// Grey levels of one colour: a plane over the picture, and how far squares are from it.
@@ -43,7 +42,7 @@ const DEVIATION_IN_NOISE_MIN: f64 = 0.05;
 struct Plane {
     /// At the origin, and per 100 px to the right and down.
     coefficients: Vector3<f64>,
-    /// Variance of the squares' levels about it, the pixels' noise taken out.
+    /// Variance of the squares' levels about it, without the pixels' noise.
     variance: f64,
     /// Variance of its own levels over the squares.
     spread: f64,
@@ -55,25 +54,25 @@ pub struct Light {
     origin_px: Vector2<f64>,
     light: Plane,
     dark: Plane,
-    /// Of the pixels within squares, grey levels squared.
+    /// Noise variance of the pixels within squares, grey levels squared.
     noise_variance: f64,
-    /// Whether the squares bear both slopes out.
+    /// Whether the squares confirm the slopes of both planes.
     is_even: bool,
     /// The squares, by their nodes, that agree with their colour's plane.
     agree: [bool; TARGET_NODES_MAX],
 }
 
-/// What is known of the levels at an edge beforehand.
+/// What is known beforehand about the levels at an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Levels {
     pub(super) light: f64,
     pub(super) dark: f64,
-    /// What each counts, in pixels.
+    /// Weight of each level, in pixels.
     pub(super) light_weight: f64,
     pub(super) dark_weight: f64,
     /// Slope of their mean in the picture, per px.
     pub(super) mean_per_px: Vector2<f64>,
-    /// Slope of their difference, as a part of it, per px.
+    /// Slope of their difference, relative to the difference, per px.
     pub(super) contrast_per_px: Vector2<f64>,
 }
 
@@ -86,8 +85,8 @@ struct Square {
 }
 
 impl Light {
-    /// Looks at the middle of each square. `None` where too few are inside the frame or
-    /// none too small; edges then know only what their own pixels say.
+    /// Measures the middle of each square. `None` where too few squares are inside the frame and
+    /// large enough; each edge then has only its own pixels.
     #[must_use]
     pub fn measure<P: Pixel>(
         image: &GreyImage<'_, P>,
@@ -119,7 +118,8 @@ impl Light {
             noise += f64::from(sum_squares) - mean * mean * count;
             noise_count += count - 1.0;
             pixels_per_square = count;
-            // Of the window, not the square: up to half a pixel is between their middles.
+            // The position of the window, not of the square: their middles differ by up to half a
+            // pixel.
             let offset = (Vector2::new(x as f64, y as f64) - origin_px) / 100.0;
             let level = f64::from(base) + mean;
             let _ = squares[usize::from(square.is_dark)].push(Square {
@@ -190,7 +190,7 @@ impl Light {
 
 impl Plane {
     /// Robust: squares that something covers do not count. `of_mean` is the variance that the
-    /// pixels' noise gives each level, `floor` the least that is left of the scatter.
+    /// pixels' noise gives each level, `floor` the smallest variance of the result.
     fn fit(squares: &[Square], of_mean: f64, floor: f64) -> Option<Self> {
         if squares.len() < SQUARES_MIN {
             return None;
@@ -212,7 +212,7 @@ impl Plane {
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
             for square in squares {
                 let off = square.level - coefficients.dot(&square.place);
-                // Tukey's biweight, gone at 5 deviations.
+                // Tukey's biweight, which vanishes at 5 standard deviations.
                 let left = (1.0 - off * off / (25.0 * variance)).max(0.0);
                 let weight = left * left;
                 normal += square.place * square.place.transpose() * weight;
@@ -230,9 +230,9 @@ impl Plane {
         })
     }
 
-    /// Whether the squares are as near to it as pixels are to their square, or much nearer than
-    /// if there were no slope. A shadow's edge through the middle leaves a quarter of the
-    /// squares' variance to the plane that fits it best.
+    /// Whether the squares scatter about the plane no more than pixels do within a square, or much
+    /// less than they would without a slope. With a shadow's edge through the middle, even the best
+    /// plane leaves a quarter of the squares' variance.
     fn is_borne_out(&self, noise_variance: f64) -> bool {
         self.variance < noise_variance + SLOPELESS_SHARE * self.spread
     }
@@ -333,7 +333,7 @@ mod tests {
         let levels = measured(&scene, &shaded).unwrap().at(&Vector2::new(100.0, 80.0));
         assert!(open.light_weight > 20.0 && open.dark_weight > 20.0, "{open:?}");
         assert!(levels.light_weight < 3.0, "{levels:?}");
-        // Nor are its slopes, which are no slopes of the light.
+        // Nor are its slopes, which are not those of the light.
         assert_eq!(
             (levels.mean_per_px, levels.contrast_per_px),
             (Vector2::zeros(), Vector2::zeros())

@@ -6,11 +6,12 @@ use super::seen::{CONTRAST_MIN, SeenEdge};
 use crate::fit::nodes::{Edge, Nodes};
 use crate::model::image::{GreyImage, Pixel};
 
-/// Where the lines cross the edge, from its middle in its own lengths: clear of the
-/// crossings at its ends.
+/// Where the lines cross the edge, from its middle, in units of its length: clear of the crossings
+/// at its ends.
 const PLACES: [f64; 2] = [-0.2, 0.2];
 
-/// Longest way from the expected place, px, and its share of the way to the next line.
+/// Largest distance from the expected position, in px, and as a share of the distance to the next
+/// line.
 const REACH_PX_MAX: f64 = 12.0;
 const REACH_SHARE: f64 = 0.42;
 /// Shortest line on each side, px.
@@ -19,20 +20,20 @@ const REACH_PX_MIN: usize = 2;
 /// Pixels of the longest line: both sides and the middle.
 const LINE_PX_MAX: usize = 2 * REACH_PX_MAX as usize + 1;
 
-/// Of a pixel's coordinates, which stay below 32,768.
+/// One pixel in fixed point; a pixel's coordinates stay below 32,768.
 const ONE_PX: i32 = 1 << 16;
 
-/// What is on both sides of an edge must differ by this part of the line's whole range.
+/// The two sides of an edge must differ by this share of the line's whole range.
 const STEP_SHARE_MIN: f32 = 0.4;
 
-/// Standard deviation of a place found; it only weighs edges against each other.
+/// Standard deviation of a located position; it only weights edges against each other.
 const SIGMA_PX: f64 = 0.2;
 
-/// Finds an edge near the expected one; `None` where there is none of its colours.
+/// Finds an edge near the expected one; `None` where there is none with its colours.
 ///
-/// On a line that a step divides into light and dark, the sum of the pixels says where:
-/// neither the blur nor a start far away matters, as long as no other edge comes in. The lines
-/// run at right angles to the edge, however the target is turned, over the nearest pixels.
+/// On a line that a step divides into light and dark, the sum of the pixels gives the step's
+/// position: neither the blur nor a distant start matters, as long as no other edge intrudes. The
+/// lines run at right angles to the edge, however the target is turned, through the nearest pixels.
 pub fn locate_edge<P: Pixel>(
     image: &GreyImage<'_, P>,
     nodes: &Nodes,
@@ -54,7 +55,7 @@ pub fn locate_edge<P: Pixel>(
     }
     let [start, end] = shifts_px;
     let (shift, turn) = (0.5 * (start + end), (end - start) / (PLACES[1] - PLACES[0]));
-    // Of a mean of two, and of a slope by two.
+    // The precisions of a mean of two, and of a slope from two.
     let precisions = [libm::sqrt(2.0), libm::sqrt(2.0) * PLACES[1]].map(|root| root / SIGMA_PX);
     let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
     let whitener = [precisions[0], 0.0, precisions[1]];
@@ -62,7 +63,7 @@ pub fn locate_edge<P: Pixel>(
     Some(SeenEdge::new(*edge, ends, &right, whitener, seen))
 }
 
-/// From the expected place to the step on a line to the right, px.
+/// From the expected position to the step, along a line to the right, in px.
 fn step_on_line<P: Pixel>(
     image: &GreyImage<'_, P>,
     expected_px: &Vector2<f64>,
@@ -70,7 +71,7 @@ fn step_on_line<P: Pixel>(
     reach: usize,
     is_right_light: bool,
 ) -> Option<f64> {
-    // All of the line is inside the frame.
+    // The whole line must be inside the frame.
     image.window_centre((*expected_px).into(), reach)?;
     let count = 2 * reach + 1;
     let mut line = [0.0_f32; LINE_PX_MAX];
@@ -81,11 +82,11 @@ fn step_on_line<P: Pixel>(
     let [mut x, mut y] = [fixed(start_px.x), fixed(start_px.y)];
     let step = [fixed(right.x), fixed(right.y)];
     let per_px = right.map(|part| part as f32 / ONE_PX as f32);
-    // How far along the line the nearest pixels really lie, from the expected place.
+    // How far along the line the nearest pixels really lie, from the expected position.
     let mut distances = [0.0_f32; LINE_PX_MAX];
     let distances = distances.get_mut(..count)?;
-    // Little but loads, so that the processor waits for many of them at once: these are the
-    // first looks at a frame's pixels.
+    // Little but loads, so that the processor waits for many of them at once: these are the first
+    // accesses to a frame's pixels.
     for (place, (value, distance)) in line.iter_mut().zip(distances.iter_mut()).enumerate() {
         let [column, row] = [x, y].map(|at| (at + ONE_PX / 2) >> ONE_PX.trailing_zeros());
         *value = image.pixel(column as usize, row as usize).into();
@@ -104,14 +105,14 @@ fn step_on_line<P: Pixel>(
     if range < CONTRAST_MIN * f32::from(image.white_level()) {
         return None;
     }
-    // The outer thirds must be what they should.
+    // The outer thirds must have the expected colours.
     let third = count.div_ceil(3);
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
     let step = mean(&line[count - third..]) - mean(&line[..third]);
     if (if is_right_light { step } else { -step }) < STEP_SHARE_MIN * range {
         return None;
     }
-    // The area under the pixels' levels, each as wide as its neighbours are apart; the line
+    // The area under the pixels' levels, each of which extends halfway to its neighbours; the line
     // begins and ends half a pixel beyond its outermost ones.
     let (start, end) = (distances[0] - 0.5, distances[count - 1] + 0.5);
     let mut light = 0.0;

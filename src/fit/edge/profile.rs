@@ -1,16 +1,15 @@
 //! A step seen through a Gaussian blur, and its slope.
 //!
-//! E(x) = erf(x / sqrt 2), the integral of the normal density from -x to x, as an odd
-//! polynomial up to |x| = 3.2 and constant beyond. Neither branch, table, division
-//! nor call: a loop over lanes becomes vector code on any processor. The slope is
-//! exactly that of the polynomial.
+//! E(x) = erf(x / sqrt 2), the integral of the normal density from -x to x, as an odd polynomial up
+//! to |x| = 3.2 and constant beyond. There is no branch, table, division or call, so that a loop
+//! over lanes is vectorised on any processor. The slope is exactly that of the polynomial.
 
 /// From here outwards the profile is constant.
 const REACH: f32 = 3.2;
 
-/// Minimax for E under the condition of no slope at [`REACH`], largest error 1.6e-4 of
-/// the step's half height inside, 1.4e-3 (and constant) beyond: below the noise of any
-/// sensor, and odd, so that it cannot move an edge.
+/// Minimax polynomial for E, constrained to zero slope at [`REACH`]. Its largest error is 1.6e-4 of
+/// the step's half height inside, 1.4e-3 (and constant) beyond: below the noise of any sensor, and
+/// odd, so that it cannot move an edge.
 const COEFFICIENTS: [f32; 6] =
     [0.797_244_1, -0.131_062_15, 0.018_275_095, -0.001_722_625, 9.539_856_7e-5, -2.297_245e-6];
 

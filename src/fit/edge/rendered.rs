@@ -24,8 +24,8 @@ pub(super) const COLUMNS: u8 = 4;
 pub(super) const ROWS: u8 = 3;
 pub(super) const PITCH_MM: f64 = 12.0;
 
-/// Abscissas from a pixel's centre and weights of Gauss and Legendre's rule of three points:
-/// of a blur of 0.5 px and a whole pixel it misses 1e-4.
+/// Abscissas, from a pixel's centre, and weights of the three-point Gauss-Legendre rule: over a
+/// whole pixel, with a blur of 0.5 px, its error is 1e-4.
 const RULE: [(f64, f64); 3] = [
     (-0.387_298_334_620_741_7, 5.0 / 18.0),
     (0.0, 8.0 / 18.0),
@@ -65,12 +65,12 @@ pub(super) struct Scene {
     pub(super) target: TargetGeometry,
     pub(super) cam_from_target: Pose<Cam, Target>,
     pub(super) first_square_dark: bool,
-    /// Standard deviation of the lens's blur; the pixel's box comes on top.
+    /// Standard deviation of the lens's blur, without the pixel's box.
     pub(super) psf_px: f64,
     /// How much larger dark squares are printed, on each side.
     pub(super) growth_mm: f64,
-    /// Parts of white in the middle of the picture, and what they gain from its left to its
-    /// right edge.
+    /// Levels in the middle of the picture, as fractions of white, and their increase from its left
+    /// to its right edge.
     pub(super) light: f64,
     pub(super) dark: f64,
     pub(super) light_gain: f64,
@@ -98,7 +98,8 @@ impl Scene {
         }
     }
 
-    /// Through another lens, the target's origin at raw pixel `place_px` and as far away.
+    /// Through another lens, with the target's origin at raw pixel `place_px` and at the same
+    /// depth.
     pub(super) fn seen_at(mut self, lens: Lens, place_px: [f64; 2]) -> Self {
         let z_mm = self.cam_from_target.translation_mm.z;
         let ray = lens.ray_from_raw(&place_px.into()).expect("a place in the picture");
@@ -107,7 +108,7 @@ impl Scene {
         self
     }
 
-    /// The same target moved in the picture by about so many pixels.
+    /// The same target moved in the picture by about this many pixels.
     pub(super) fn moved_px(&self, [x, y]: [f64; 2]) -> Pose<Cam, Target> {
         let mut pose = self.cam_from_target;
         let mm_per_px = pose.translation_mm.z / self.lens.fx_px;
@@ -140,7 +141,7 @@ impl Scene {
         Picture { levels }
     }
 
-    /// The part of a pixel's light that comes from dark squares.
+    /// The share of a pixel that dark squares cover, after the blur.
     fn dark_share(&self, raw_px: &Vector2<f64>) -> f64 {
         let ray = self.lens.ray_from_raw(raw_px).expect("a pixel of the picture");
         // Where the ray meets the plane.
@@ -164,8 +165,8 @@ impl Scene {
         share
     }
 
-    /// The sum of all dark squares behind a Gaussian blur: products of their sides', and to
-    /// first order what the correlation of x and y adds at their corners.
+    /// The sum of all dark squares after a Gaussian blur: products of their profiles along x and y,
+    /// plus, to first order, what the correlation of x and y adds at their corners.
     fn blurred_dark(&self, place_mm: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
         let [columns, rows] = [self.target.columns(), self.target.rows()];
         let along = |place_mm: f64, corners: usize, variance: f64| {
@@ -203,7 +204,7 @@ pub(super) fn checker(columns: u8, rows: u8) -> TargetGeometry {
         .expect("a usual grid")
 }
 
-/// Of the standard normal density up to `x`, and its slope.
+/// The integral of the standard normal density up to `x`, and its slope.
 fn normal_integral(x: f64) -> (f64, f64) {
     // Beyond, what is left is less than 1e-9.
     if x.abs() > 6.0 {
@@ -213,13 +214,13 @@ fn normal_integral(x: f64) -> (f64, f64) {
     (0.5 + 0.5 * libm::erf(x * core::f64::consts::FRAC_1_SQRT_2), density)
 }
 
-/// Parts of white, before noise and rounding.
+/// Levels as fractions of white, before noise and rounding.
 pub(super) struct Picture {
     pub(super) levels: Vec<f64>,
 }
 
 impl Picture {
-    /// With Gaussian noise of so many parts of white.
+    /// The samples, with Gaussian noise whose standard deviation is this fraction of white.
     pub(super) fn sampled(&self, noise: f64, random: &mut Random) -> Vec<u16> {
         let white = f64::from(WHITE);
         self.levels

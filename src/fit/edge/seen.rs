@@ -1,4 +1,4 @@
-//! What an edge says once its pixels were looked at, and how it follows the pose.
+//! What the pixels of an edge have shown, and how that depends on the pose.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -13,7 +13,7 @@ use crate::model::pose::{Cam, Pose, Target};
 /// 255 grey levels.
 pub(super) const CONTRAST_MIN: f32 = 0.025;
 
-/// One end of an edge, and how its distance from the expected line follows the pose.
+/// One end of an edge, and how its distance from the expected line depends on the pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct End {
     /// d distance / d ray: raw pixels to the right of the line.
@@ -34,13 +34,13 @@ impl End {
     }
 }
 
-/// An edge seen: its distance from the expected line, to the right of it in the
-/// picture, and its turn, with their precision.
+/// An edge that was seen: its distance from the expected line, to the right of it in the picture,
+/// and its turn, with their precision.
 ///
 /// The residual is `whitener * [mean of the ends' distances, their difference] - seen`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeenEdge {
-    /// Which one.
+    /// Which edge.
     pub edge: Edge,
     ends: [End; 2],
     /// Upper triangle: 00, 01, 11; standard deviations per raw pixel.
@@ -61,14 +61,14 @@ impl SeenEdge {
         Self { edge, ends: nodes.map(|node| End::new(node, right)), whitener, seen }
     }
 
-    /// With standard deviations `factor` times as large.
+    /// Makes the standard deviations `factor` times as large.
     pub fn scale_uncertainty(&mut self, factor: f64) {
         let per = 1.0 / factor;
         self.whitener = self.whitener.map(|value| value * per);
         self.seen = self.seen.map(|value| value * per);
     }
 
-    /// As if dark squares looked larger by this: what is seen is less of a shift.
+    /// Attributes this much of the shift to dark squares that look larger than they are.
     pub(crate) fn take_out_growth(&mut self, growth_px: f64) {
         let shift_px = if self.edge.is_right_light { growth_px } else { -growth_px };
         self.seen[0] -= self.whitener[0] * shift_px;
@@ -84,14 +84,14 @@ impl SeenEdge {
         (shift_px, libm::hypot(1.0, shift_by_turn / turn_by_turn) / shift_by_shift)
     }
 
-    /// How far the pose of a residual puts the edge to the right of where it is seen.
+    /// How far to the right of where the edge is seen the pose of a residual puts it.
     #[must_use]
     pub(crate) fn distance_px(&self, residual: &[f64; 2]) -> f64 {
         residual[0] / self.whitener[0]
     }
 
-    /// How much farther than at the pose of a residual the dark side reaches, and the
-    /// precision of that.
+    /// How much farther the dark side reaches than at the pose of a residual, and the precision of
+    /// that.
     #[must_use]
     pub(crate) fn growth_px(&self, residual: &[f64; 2]) -> (f64, f64) {
         let [precision, ..] = self.whitener;
@@ -115,7 +115,7 @@ impl SeenEdge {
         [first - self.seen[0], second - self.seen[1]]
     }
 
-    /// The residual's derivatives by an increment.
+    /// The residual's derivatives with respect to an increment.
     #[inline]
     fn rows(&self, rotation: &Matrix3<f64>, ends: [(&Node, &Sight); 2]) -> [[f64; 6]; 2] {
         let [start, end] = [0, 1].map(|end| {
@@ -140,10 +140,10 @@ impl SeenEdge {
 
 /// The edges seen of one target, and the nodes between which they run.
 ///
-/// Nodes are shared: each has its ray found once, not once per edge.
+/// Nodes are shared: the ray of each is computed once, not once per edge.
 #[derive(Clone, Copy)]
 pub struct SeenEdges<'a> {
-    /// Where they were expected.
+    /// The nodes, where they were expected.
     pub nodes: &'a Nodes,
     /// The edges.
     pub edges: &'a [SeenEdge],
@@ -156,8 +156,8 @@ struct Sight {
 }
 
 impl Sight {
-    /// The gradient by the point, in the camera frame, of a distance whose gradient by the ray
-    /// is known.
+    /// The gradient, with respect to the point in the camera frame, of a distance whose gradient
+    /// with respect to the ray is known.
     #[inline]
     fn by_point(&self, by_ray: &Vector2<f64>) -> Vector3<f64> {
         Vector3::new(by_ray.x, by_ray.y, -by_ray.dot(&self.ray)) * self.per_depth
@@ -165,7 +165,7 @@ impl Sight {
 }
 
 impl SeenEdges<'_> {
-    /// Of every node; `None` when one lies behind the camera.
+    /// The sights of all nodes; `None` when one lies behind the camera.
     #[inline]
     fn sights(
         &self,
@@ -175,7 +175,7 @@ impl SeenEdges<'_> {
         for node in self.nodes.as_slice() {
             let point_cam_mm = cam_from_target.transform(&node.point_target_mm);
             let sight = Sight { ray: ray_of(&point_cam_mm)?, per_depth: 1.0 / point_cam_mm.z };
-            // There are at most as many as there is room for.
+            // There are no more than there is room for.
             let _ = sights.push(sight);
         }
         Some(())

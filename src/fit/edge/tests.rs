@@ -10,7 +10,7 @@ use crate::fit::solve::Observations;
 use crate::model::pose::{Cam, Pose, Target};
 use crate::test_support::{Random, repetitions};
 
-/// Tilt and turn of targets that a camera sees: upright, turned, and turned on a tilted one.
+/// Tilt and turn of targets that a camera sees: upright, turned, and both tilted and turned.
 const VIEWS: [[f64; 2]; 5] = [[0.0, 0.0], [0.0, 0.2], [0.4, 0.1], [-0.4, 0.8], [0.3, -2.3]];
 
 const EDGES: usize = 40;
@@ -30,7 +30,7 @@ fn errors_px(seen: &SeenEdge, scene: &Scene) -> [f64; 2] {
     [shift, shift.abs() + 0.5 * turn.abs()]
 }
 
-/// The appearance that the scene has.
+/// The true appearance of the scene.
 fn appearance(scene: &Scene) -> Appearance {
     let growth_px = scene.growth_mm * scene.lens.fx_px / scene.cam_from_target.translation_mm.z;
     Appearance {
@@ -113,7 +113,7 @@ fn what_is_no_edge_is_not_located() {
         assert_eq!(locate_all(&scene, &pixels, &scene.moved_px(off)).len(), 0);
         assert_eq!(fit_all(&scene, &pixels, &scene.moved_px(off), &upright, false).len(), 0);
     }
-    // Squares so small that there are no two pixels on each side before the next line.
+    // Squares so small that on each side there are fewer than two pixels before the next line.
     let tiny = Scene::new(4.5, 0.0, 0.0);
     assert_eq!(locate_all(&tiny, &tiny.render().noise_free(), &tiny.cam_from_target).len(), 0);
 }
@@ -142,11 +142,12 @@ fn a_target_at_the_frames_border_shows_the_edges_inside() {
 
 #[test]
 fn a_fit_without_noise_gives_the_truth() {
+    let phases = repetitions(4);
     for psf_px in [0.5, 0.7, 1.0, 1.5] {
         let (mut worst_px, mut worst_end_px) = ([0.0_f64; 2], [0.0_f64; 2]);
         for [tilt, turn] in VIEWS {
-            for phase in 0..4 {
-                let phase = f64::from(phase) / 4.0;
+            for phase in 0..phases {
+                let phase = phase as f64 / phases as f64;
                 let mut scene = Scene { psf_px, ..Scene::new(21.0, tilt, turn) };
                 scene.cam_from_target = scene.moved_px([phase, 0.6 * phase]);
                 let pixels = scene.render().noise_free();
@@ -162,14 +163,15 @@ fn a_fit_without_noise_gives_the_truth() {
                 }
             }
         }
-        // A pixel's box is no Gaussian, which shows where the blur is small; and the model is
-        // linear, which leaves a term with the cube of the way over the square of the blur.
+        // A pixel's box is not a Gaussian, which matters where the blur is small; and the model is
+        // linear, which leaves a term with the cube of the displacement over the square of the
+        // blur.
         assert!(worst_px[0] < 0.0025 && worst_px[1] < 0.004, "{psf_px}: {worst_px:?}");
         assert!(worst_end_px[0] < 0.011 && worst_end_px[1] < 0.012, "{psf_px}: {worst_end_px:?}");
     }
 }
 
-/// The scene in light that grows by 30 % of its mean from one side of the target to the other.
+/// The scene in light that increases by 30 % of its mean from one side of the target to the other.
 fn graded(scene: Scene) -> Scene {
     // Five squares lie beside each other.
     let per_picture = 0.3 * f64::from(WIDTH) / (5.0 * 21.0);
@@ -192,10 +194,10 @@ fn graded_light_neither_shifts_nor_turns_edges() {
                 [shift_px.max(shift.abs()), end_px.max(end), scatter.max(off)]
             })
         });
-        // As in even light: the pixel's box, which is no Gaussian, and the model's polynomial.
+        // As in even light: the pixel's box, which is not a Gaussian, and the model's polynomial.
         let [shift_px, end_px, scatter] = known;
         assert!(shift_px < 6e-4 && end_px < 0.002 && scatter < 8e-4, "{tilt} {turn}: {known:?}");
-        // Where the light is not known its slope is a turn.
+        // Where the light is not known, its slope appears as a turn.
         assert!(unknown[1] > 0.05 && unknown[2] > 0.005, "{tilt} {turn}: {unknown:?}");
     }
 }
@@ -211,8 +213,8 @@ fn the_lenss_bend_is_no_shift() {
     assert!(fitted.len() > 20 && worst < 0.003, "{worst}");
 }
 
-/// Standard deviations of shift and turn in those that the edges state, and the mean of
-/// the noise's variance in what it is.
+/// Standard deviations of shift and turn relative to those that the edges state, and the mean
+/// estimate of the noise variance relative to the true one.
 fn normalised(scene: &Scene, has_light: bool) -> ([f64; 2], f64) {
     const NOISE: f64 = 0.01;
     let picture = scene.render();

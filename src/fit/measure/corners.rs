@@ -3,11 +3,12 @@
 use crate::fit::nodes::Direction;
 use crate::model::target::TargetGeometry;
 
-/// Edges that a corner has to have of its four.
+/// How many of its four edges a corner needs.
 pub(super) const EDGES_OF_CORNER_MIN: u8 = 3;
 
-/// The edges that meet at a corner, two of each direction where all were used. Each lies across
-/// one direction, and the mean of the two on both sides of a corner is how far the corner is off.
+/// The edges that meet at a corner, two of each direction where all were used. Each gives the
+/// displacement across itself, and the mean of the two on both sides of a corner is the
+/// displacement of the corner.
 #[derive(Default, Clone, Copy)]
 pub(super) struct Crossing {
     distances_px: [f64; 2],
@@ -24,7 +25,7 @@ impl Crossing {
         self.counts.iter().sum()
     }
 
-    /// With at least one edge of each direction.
+    /// The squared displacement of the corner, which needs at least one edge of each direction.
     pub(super) fn square_px2(&self) -> f64 {
         let [x, y] = [0, 1].map(|place| self.distances_px[place] / f64::from(self.counts[place]));
         x * x + y * y
@@ -58,7 +59,7 @@ mod tests {
             TargetGeometry::checker(5, 4, 12.0, Origin::Center, Role::Upper, [0.0; 3]).unwrap();
         let all = (1_u128 << 20) - 1;
         assert!(extent_is_certain(&target, all));
-        // Without the left column, without the bottom row but one corner.
+        // Without the left column; without the bottom row except one corner.
         let left = 1 | 1 << 5 | 1 << 10 | 1 << 15;
         assert!(!extent_is_certain(&target, all & !left));
         assert!(!extent_is_certain(&target, all & !(0b11110 << 15)));

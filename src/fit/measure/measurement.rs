@@ -1,4 +1,4 @@
-//! What is measured, what comes of it, and why nothing does.
+//! What is measured, the result, and why there may be none.
 
 use nalgebra::{Matrix6, Vector3};
 
@@ -18,12 +18,12 @@ pub struct Measurement {
     pub cam_from_target: Pose<Cam, Target>,
     /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`].
     pub covariance: Matrix6<f64>,
-    /// The reprojection error: root mean square distance, raw pixels, of the corners used,
-    /// where the edges that meet there are seen, from where the pose puts them.
+    /// The reprojection error: root mean square distance, in raw pixels, between the corners used,
+    /// as given by the edges that meet there, and where the pose puts them.
     pub rms_px: f64,
-    /// Corners used: those of which at least three of the four edges were.
+    /// Corners used: those of which at least three of the four edges were used.
     pub corners: u8,
-    /// Corners of the target. Fewer used than it has: a part is hidden.
+    /// Corners of the target. If fewer are used, a part of it is hidden.
     pub corners_total: u8,
 }
 

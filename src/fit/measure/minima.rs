@@ -9,12 +9,11 @@ use crate::model::pose::{Cam, Pose, Target};
 
 /// The pose that explains the edges, from a pose near it.
 ///
-/// A plane seen from afar has two poses that explain it nearly equally well, one
-/// the other's mirror image (Schweighofer and Pinz 2006). Both are looked at in every
-/// frame, and the mirrored one is taken when it is better beyond doubt: a warm
-/// start alone would stay in the wrong one for ever once noise had led it there
-/// while the target passed through frontal. Of a mirrored pose that is not better after
-/// one step, more steps make none that is beyond doubt.
+/// A plane seen from afar has two poses that explain it nearly equally well, one the other's mirror
+/// image (Schweighofer and Pinz 2006). Both are considered in every frame, and the mirrored one is
+/// taken when it is better beyond doubt: a warm start alone would stay in the wrong one for ever
+/// once noise had led it there while the target was seen frontally. If a mirrored pose is not
+/// better after one step, more steps do not make it better beyond doubt.
 pub(super) fn both_minima(
     near_cam_from_target: &Pose<Cam, Target>,
     seen: &SeenEdges<'_>,

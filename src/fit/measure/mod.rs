@@ -7,9 +7,9 @@
 //!  found corners ──▶ both closed forms ────────┘
 //! ```
 //!
-//! A body sways so evenly that the edges are where they are expected to a tenth of a pixel
-//! in nearly every frame: one pass of the fit is all. Where they are not, they are located
-//! first, which makes the start good to a few hundredths.
+//! A body sways so evenly that the edges are where they are expected to a tenth of a pixel in
+//! nearly every frame: one pass of the fit is enough. Where they are not, they are located first,
+//! which makes the start good to a few hundredths.
 
 mod corners;
 mod measurement;

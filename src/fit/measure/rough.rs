@@ -16,7 +16,7 @@ use crate::model::pose::{Cam, Pose, Target};
 /// Levenberg-Marquardt iterations from the closed form.
 pub(super) const ITERATIONS_FOUND: usize = 15;
 
-/// What the detector's corners are good to.
+/// Accuracy of the detector's corners.
 const FOUND_SIGMA_PX: f64 = 0.25;
 
 /// The pose of the corners that a search has found.

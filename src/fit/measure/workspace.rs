@@ -31,10 +31,10 @@ struct Pass {
 pub struct Workspace {
     nodes: Nodes,
     edges: Vec<SeenEdge, TARGET_EDGES_MAX>,
-    /// Of each edge, while they are fitted.
+    /// For each edge, while the edges are fitted.
     pixels: Vec<PixelFit, TARGET_EDGES_MAX>,
     batch: Batch,
-    /// The edges that the last pass believed.
+    /// The edges that the last pass accepted.
     inliers: Inliers,
 }
 
@@ -57,36 +57,37 @@ const ITERATIONS_LOCATED: usize = 2;
 /// a single pass of the fit suffices in nearly every frame.
 const LOCATED_EDGES: usize = 120;
 
-/// On fitted edges, from the pose of the located ones, and from its mirror image.
+/// Levenberg-Marquardt iterations on fitted edges, from the pose of the located ones, and from its
+/// mirror image.
 const ITERATIONS_FITTED: usize = 2;
 
-/// Passes of the fit at most. One is enough when the start is good.
+/// Most passes of the fit. One is enough when the start is good.
 const PASSES_MAX: usize = 3;
 
-/// The fit is repeated where a pass moves a node by more than this, because it is
-/// linear: what it neglects falls with the cube, and is 0.001 px here.
+/// The fit is repeated where a pass moves a node by more than this, because it is linear: what it
+/// neglects falls with the cube of the move, and is 0.001 px at this limit.
 const MOVED_PX_MAX: f64 = 0.15;
 
-/// And where it changes a blur by more than this part.
+/// It is also repeated where a pass changes a blur by more than this fraction.
 const BLUR_CHANGE_MAX: f64 = 0.1;
 
-/// Growth other than that of the frames before is taken out of the edges at once where it is
+/// A change of growth, relative to earlier frames, is removed from the edges at once where it is
 /// more than this.
 const GROWN_PX_MAX: f64 = 0.01;
 
-/// A border farther than this from where the inner edges have it is not the target's: a
-/// thousandth of the size of a small one.
+/// A border farther than this from where the inner edges put it is not the target's: a thousandth
+/// of the size of a small target.
 const BORDER_OFF_PX_MAX: f64 = 0.1;
 
-/// An edge whose pixels scatter by more than this many times what those of the middle one
-/// do (as a variance) is covered by something, or is none.
+/// An edge whose pixels have a variance of more than this many times that of the median edge is
+/// covered by something, or is not an edge.
 const NOISE_RATIO_MAX: f32 = 4.0;
 
-/// But for scatter below this share of the white level, two of 255 levels, no edge is
-/// refused: uneven light and a lens's true blur are never quite as the model has them.
+/// But no edge is rejected for scatter below this share of the white level, two of 255 levels:
+/// uneven light and a lens's true blur are never quite as modelled.
 const MISFIT_OF_WHITE: f32 = 0.008;
 
-/// Rounding to whole grey levels: pixels are never better known than that.
+/// Rounding to whole grey levels: pixels are never known better than that.
 const ROUNDING_VARIANCE: f32 = 1.0 / 12.0;
 
 impl Workspace {
@@ -134,8 +135,8 @@ impl Workspace {
         self.fit(view, &rough.cam_from_target, appearance, DOUBT_COST)
     }
 
-    /// Measures a target whose grid a search has found. Should both minima be equally
-    /// good, the frames to come will tell.
+    /// Measures a target whose grid a search has found. If both minima are equally good, later
+    /// frames will decide.
     ///
     /// # Errors
     /// [`MeasureFailure::TooFewCorners`] and [`MeasureFailure::PoorFit`].
@@ -153,8 +154,8 @@ impl Workspace {
         Ok(fitted)
     }
 
-    /// Whether the border is where a pose found without it has it, so that the next frames
-    /// can use it.
+    /// Whether the border is where a pose found without it puts it, so that the next frames can use
+    /// it.
     fn border_agrees<P: Pixel>(&mut self, view: &View<'_, P>, fitted: &Fitted) -> bool {
         let pose = &fitted.measurement.cam_from_target;
         let appearance = Appearance { has_border: true, ..fitted.appearance };
@@ -172,7 +173,7 @@ impl Workspace {
         seen.is_some() && !outwards.is_empty() && outwards.value().abs() < BORDER_OFF_PX_MAX
     }
 
-    /// Locates edges near an expected pose: every one of a usual target.
+    /// Locates edges near an expected pose: all those of a target of ordinary size.
     fn locate<P: Pixel>(
         &mut self,
         view: &View<'_, P>,
@@ -183,19 +184,19 @@ impl Workspace {
             return Err(MeasureFailure::PoorFit);
         }
         let edges = self.nodes.edges(view.first_square_dark);
-        // A part of a large target is plenty.
+        // A part of a large target's edges is enough.
         let stride = (edges.count() / LOCATED_EDGES).max(1);
         for edge in self.nodes.edges(view.first_square_dark).step_by(stride) {
             if let Some(seen) = locate_edge(view.image, &self.nodes, &edge) {
-                // One per edge of the target: the capacity is never reached.
+                // One per edge of the target: the capacity is never exceeded.
                 let _ = self.edges.push(seen);
             }
         }
         self.enough_edges()
     }
 
-    /// Fits the pose to all edges near a start good to a few tenths of a pixel; `doubt`: by
-    /// how much the mirrored pose must be better to replace it.
+    /// Fits the pose to all edges near a start good to a few tenths of a pixel; `doubt` is by how
+    /// much the mirrored pose must be better to replace it.
     fn fit<P: Pixel>(
         &mut self,
         view: &View<'_, P>,
@@ -247,7 +248,7 @@ impl Workspace {
         (&self.nodes, used.map(|(_, seen)| seen))
     }
 
-    /// Fits every edge expected at a pose, with the noise that the middle one has.
+    /// Fits every edge expected at a pose, with the noise of the median edge.
     fn fit_edges<P: Pixel>(
         &mut self,
         view: &View<'_, P>,
@@ -300,7 +301,7 @@ impl Workspace {
     }
 
     fn enough_edges(&self) -> Result<(), MeasureFailure> {
-        // As many as six corners in two rows have: seven between them.
+        // As many as there are between six corners in two rows: seven.
         if self.edges.len() < CORNERS_MIN + 1 { Err(MeasureFailure::TooFewCorners) } else { Ok(()) }
     }
 
@@ -309,8 +310,8 @@ impl Workspace {
         SeenEdges { nodes: &self.nodes, edges: &self.edges }
     }
 
-    /// Corrects the appearance by what the edges used say; returns the larger relative
-    /// change of a blur.
+    /// Corrects the appearance according to the edges used; returns the larger relative change of a
+    /// blur.
     fn correct(&self, appearance: &mut Appearance, solution: &Solution) -> f64 {
         let [mut x_blur, mut y_blur, mut growth] = [Mean::default(); 3];
         let visited = self.seen().residuals(&solution.cam_from_target, |place, residual| {
@@ -323,7 +324,7 @@ impl Workspace {
                 Direction::Y => &mut y_blur,
             };
             blur.add(pixels.ln_blur.into(), pixels.ln_blur_weight.into());
-            // The border's edges have it all in one direction, like a nearer target.
+            // Growth moves all edges of the border outwards, as a nearer target does.
             if !seen.edge.is_border {
                 let (growth_px, precision) = seen.growth_px(&residual);
                 growth.add(growth_px, precision);
@@ -333,7 +334,7 @@ impl Workspace {
         appearance.correct([x_blur.value(), y_blur.value()], growth.value())
     }
 
-    /// Refuses what the edges do not really support.
+    /// Rejects a pose that the edges do not really support.
     fn judge(
         &self,
         target: &TargetGeometry,
@@ -361,11 +362,11 @@ impl Workspace {
         }
     }
 
-    /// The corners at which at least three edges end that were used, and the root mean square
-    /// of their distances, raw pixels, from where the pose has them; `None` when it has a node
-    /// behind the camera.
+    /// The corners at which at least three of the edges used end, and the root mean square of their
+    /// distances, in raw pixels, from where the pose puts them; `None` when it puts a node behind
+    /// the camera.
     ///
-    /// Two edges would not do: where a dark square at the border ends, an edge of each
+    /// Two edges would not be enough: where a dark square at the border ends, an edge of each
     /// direction ends too, and a grid shifted by a square would look whole.
     fn corners(&self, solution: &Solution) -> Option<(u128, f64)> {
         let mut met = [Crossing::default(); TARGET_CORNERS_MAX];

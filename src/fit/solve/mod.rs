@@ -1,27 +1,25 @@
 //! The pose of a target from what was seen of it: robust Levenberg-Marquardt on (t, R).
 //!
-//! In: a pose to start from and the [`Observations`]: edges
-//! ([`crate::fit::edge::SeenEdges`]) or corners ([`crate::fit::planar::SeenCorner`]). Out: the pose
-//! that minimises the paper's sum of squared reprojection errors (section "Kinematic
-//! Model Fitting"), each weighted by its precision, with a covariance and the
-//! observations that were believed.
+//! In: a pose to start from and the [`Observations`]: edges ([`crate::fit::edge::SeenEdges`]) or
+//! corners ([`crate::fit::planar::SeenCorner`]). Out: the pose that minimises the paper's sum of
+//! squared reprojection errors (section "Kinematic Model Fitting"), each weighted by its precision,
+//! with a covariance and the observations that were accepted.
 //!
-//! *Steps* turn the target about its own origin and move that origin, see
-//! [`Pose::moved_by`]. A step that does not lower the cost is undone and its
-//! damping raised. A step too short to matter is the last one. The caller bounds their
-//! number, and so the time.
+//! *Steps* turn the target about its own origin and move that origin, see [`Pose::moved_by`]. A
+//! step that does not lower the cost is undone and its damping raised. The iteration ends when a
+//! step would be too short to matter. The caller bounds the number of steps, and so the time.
 //!
-//! *Robust weights* are Tukey's biweight with a flat top: 1 for residuals
-//! up to 2.4 scales, 0 beyond 5, so that a wrong observation has no influence at all,
-//! and right ones almost always have all of theirs (which keeps the covariance
-//! honest). The scale is the residuals' median, or what they promise where that is more;
-//! it is found again after every accepted step, so that a far start, which makes all
-//! residuals large, rejects nothing. Fewer than half of the observations may be wrong.
+//! *Robust weights* are Tukey's biweight with a flat top: 1 for residuals up to 2.4 scales, 0
+//! beyond 5, so that a wrong observation has no influence at all, and correct ones almost always
+//! have their full weight (which keeps the covariance honest). The scale comes from the residuals'
+//! median, or is what the observations promise where that is more; it is computed again after every
+//! accepted step, so that a distant start, which makes all residuals large, rejects nothing. Fewer
+//! than half of the observations may be wrong.
 //!
-//! *Covariance* is the inverse of the weighted normal equations, times the
-//! observed variance of the residuals where that is more than predicted: what the
-//! observations do not know (a bent target, a poor calibration) makes the answer less
-//! certain, and luck never makes it more so.
+//! *Covariance* is the inverse of the weighted normal equations, times the observed variance of the
+//! residuals where that is more than predicted: errors that the observations do not account for (a
+//! bent target, a poor calibration) make the result less certain, and luck never makes it more
+//! certain.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
@@ -30,16 +28,16 @@ use crate::common::statistics::median;
 use crate::limits::OBSERVATIONS_MAX;
 use crate::model::pose::{Cam, Pose, Target};
 
-/// 3 observations of two numbers each fix a pose but leave nothing to tell a wrong one by.
+/// Three observations of two numbers each determine a pose, but leave nothing by which to recognise
+/// a wrong one.
 pub const OBSERVATIONS_MIN: usize = 4;
 
-/// Square of the residual, in scales, up to which an observation has full weight: 95 %
-/// of right ones lie below (the square of a 2-D normal's length is exponential
-/// with mean 2).
+/// Square of the residual, in scales, up to which an observation has full weight: 95 % of correct
+/// ones lie below (the square of a 2-D normal's length is exponential with mean 2).
 const FULL_WEIGHT_SQUARE: f64 = 6.0;
 
-/// Square of the residual, in scales, from which an observation has no weight: 4 right
-/// ones in a million lie beyond.
+/// Square of the residual, in scales, from which an observation has no weight: 4 correct ones in a
+/// million lie beyond.
 const NO_WEIGHT_SQUARE: f64 = 25.0;
 
 /// Median of the squared length of a 2-D normal: 2 ln 2.
@@ -48,25 +46,26 @@ const MEDIAN_SQUARE: f64 = 2.0 * core::f64::consts::LN_2;
 /// First damping, as a share of the normal equations' diagonal: small enough for a
 /// warm start to converge as fast as Gauss and Newton's method.
 const DAMPING_START: f64 = 1e-4;
-/// An accepted step divides the damping by this, a refused one multiplies by it.
+/// An accepted step divides the damping by this, a rejected one multiplies it.
 const DAMPING_FACTOR: f64 = 10.0;
-/// Bounds that keep the damping a number that matters.
+/// Bounds within which the damping has an effect.
 const DAMPING_MIN: f64 = 1e-12;
 const DAMPING_MAX: f64 = 1e6;
 
-/// Smallest pivot of the normal equations, scaled to a diagonal of ones, of a pose
-/// that is fixed by what was seen. Rounding leaves 1e-16 of a singular system; a
-/// 10 mm target at 10 m has 1e-7.
+/// Smallest pivot of the normal equations, scaled to a diagonal of ones, for which the observations
+/// determine the pose. Rounding leaves 1e-16 for a singular system; a 10 mm target at 10 m has
+/// 1e-7.
 const PIVOT_MIN: f64 = 1e-11;
 
-/// A step shorter than this, in standard deviations of the pose, squared, is not taken: a
-/// ten-thousandth of one.
+/// Squared length, in standard deviations of the pose, below which a step is not taken: a
+/// ten-thousandth of one standard deviation.
 const STEP_SQUARE_MIN: f64 = 1e-8;
 
-/// All that was seen of the target: of each observation two numbers that follow its pose.
+/// Everything that was seen of the target: observations of two numbers each, which depend on its
+/// pose.
 ///
-/// Residuals are whitened: independent numbers of standard deviation 1, which are 0 on
-/// average at the true pose. Observations go by their places, from 0.
+/// Residuals are whitened: independent numbers of standard deviation 1, which are 0 on average at
+/// the true pose. Observations are identified by their places, from 0.
 pub trait Observations {
     /// How many there are.
     fn count(&self) -> usize;
@@ -81,7 +80,7 @@ pub trait Observations {
         visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()>;
 
-    /// Visits each residual, and its numbers' derivatives by an increment of
+    /// Visits each residual, and the derivatives of its numbers with respect to an increment of
     /// [`Pose::moved_by`].
     fn residuals_with_jacobian(
         &self,
@@ -90,8 +89,8 @@ pub trait Observations {
     ) -> Option<()>;
 }
 
-/// The gradient by an increment of a quantity whose gradient by the point, in the
-/// camera frame, is known.
+/// The gradient, with respect to an increment, of a quantity whose gradient with respect to the
+/// point in the camera frame is known.
 #[inline]
 #[must_use]
 pub fn by_increment(
@@ -107,9 +106,9 @@ pub fn by_increment(
 /// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolveFailure {
-    /// Fewer than 4, or fewer left without the wrong ones.
+    /// Fewer than 4 observations, or fewer than 4 without the wrong ones.
     TooFew,
-    /// The observations leave a direction of the pose open.
+    /// The observations leave a direction of the pose undetermined.
     Degenerate,
     /// A number that came in is not finite, or a standard deviation not positive.
     NotFinite,
@@ -138,7 +137,7 @@ pub struct Solution {
     /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the order
     /// of [`Pose::moved_by`].
     pub covariance: Matrix6<f64>,
-    /// The observations that have weight, by their places in the slice.
+    /// The observations that have weight.
     pub inliers: Inliers,
     /// The robust scale: 1 when the residuals are what the observations promise, more
     /// when they are larger.
@@ -159,13 +158,13 @@ impl Default for Inliers {
 }
 
 impl Inliers {
-    /// None.
+    /// The empty set.
     #[must_use]
     pub const fn new() -> Self {
         Self([0; OBSERVATIONS_MAX.div_ceil(32)])
     }
 
-    /// Whether the observation at a place is one.
+    /// Whether the set contains the observation at a place.
     #[must_use]
     pub fn contains(&self, place: usize) -> bool {
         self.0.get(place / 32).is_some_and(|word| word >> (place % 32) & 1 == 1)
@@ -182,9 +181,9 @@ impl Inliers {
     }
 }
 
-/// Refines a pose with a bounded number of iterations: for a start from the last frame
-/// 4 do, or 6 where observations may be wrong; 15 for one from the closed form, whose
-/// second pose has residuals that slow the convergence.
+/// Refines a pose with a bounded number of iterations. From the last frame's pose 4 are enough, or
+/// 6 where observations may be wrong; the closed form needs 15, because the residuals of its second
+/// pose slow the convergence.
 ///
 /// # Errors
 /// [`SolveFailure`].
@@ -203,7 +202,8 @@ pub fn solve<O: Observations + ?Sized>(
 
 /// The robust cost after one step from a start, at a given scale; `None` when there is none.
 ///
-/// That is enough to see that a start is not worth following, at a fraction of a solution.
+/// That is enough to see that a start is not worth following, at a fraction of the cost of a
+/// solution.
 #[must_use]
 pub fn robust_cost_after_step<O: Observations + ?Sized>(
     start: &Pose<Cam, Target>,
@@ -216,8 +216,8 @@ pub fn robust_cost_after_step<O: Observations + ?Sized>(
     Some(descent.squares.cost(variance) / variance)
 }
 
-/// The robust cost of a pose at a given scale: the sum of the squared residuals in
-/// scales, those of wrong ones capped. `None` when a point lies behind the camera.
+/// The robust cost of a pose at a given scale: the sum of the squared residuals, in scales, with
+/// those of wrong observations capped. `None` when a point lies behind the camera.
 ///
 /// Poses of one set of observations are compared by it; the difference of two costs
 /// is twice the logarithm of their likelihood ratio.
@@ -235,11 +235,11 @@ pub fn robust_cost<O: Observations + ?Sized>(
     Some(cost)
 }
 
-/// The way down from a start.
+/// A descent from a start.
 struct Descent {
     pose: Pose<Cam, Target>,
     squares: Squares,
-    /// At the pose, where it was not the last step that led there.
+    /// The normal equations at the pose, where they have been computed.
     normal: Option<NormalEquations>,
 }
 
@@ -269,9 +269,9 @@ impl Descent {
         let mut next_squares = Squares::new();
         let mut damping = DAMPING_START;
         for _ in 0..iterations {
-            // Judged by one scale, before and after the step; the next has its own.
+            // The same scale is used before and after a step; the next step has its own.
             let variance = squares.robust_variance();
-            // A refused step changes the damping alone.
+            // A rejected step changes only the damping.
             let current =
                 normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
             let step = current.step(damping);
@@ -296,7 +296,7 @@ impl Descent {
         Ok(())
     }
 
-    /// What the pose says about itself.
+    /// The solution at the pose that was reached.
     fn conclude<O: Observations + ?Sized>(
         &self,
         observations: &O,
@@ -331,7 +331,7 @@ impl Descent {
         let covariance = covariance.ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
         let finite =
             (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
-        // Finite numbers came in, so that only a nearly singular system overflows.
+        // The input was finite, so that only a nearly singular system overflows.
         if !finite {
             return Err(SolveFailure::Degenerate);
         }
@@ -371,7 +371,7 @@ impl Squares {
         Self(Vec::new())
     }
 
-    /// Measures them; `None` when a point lies behind the camera.
+    /// Computes them at a pose; `None` when a point lies behind the camera.
     fn measure<O: Observations + ?Sized>(
         &mut self,
         pose: &Pose<Cam, Target>,
@@ -379,14 +379,14 @@ impl Squares {
     ) -> Option<()> {
         self.0.clear();
         observations.residuals(pose, |_, residual| {
-            // There are at most as many as there is room for.
+            // There are no more than there is room for.
             let _ = self.0.push(square(&residual));
         })
     }
 
-    /// The variance of which the squares' median speaks, in units of what was
-    /// promised, at least 1. The fit has made the residuals smaller than the noise; the share of
-    /// degrees of freedom that is left makes up for that.
+    /// The variance that follows from the squares' median, relative to the promised one, and not
+    /// less than 1. The fit has made the residuals smaller than the noise; dividing by the share of
+    /// the degrees of freedom that is left makes up for that.
     fn robust_variance(&self) -> f64 {
         let mut sorted = self.0.clone();
         let count = sorted.len() as f64;
@@ -452,14 +452,14 @@ impl NormalEquations {
         step.dot(&(self.symmetric() * step))
     }
 
-    /// The inverse, `None` when the system is nearly singular. Scaled to a diagonal
-    /// of ones first: radians and millimetres have no common measure.
+    /// The inverse, `None` when the system is nearly singular. It is first scaled to a diagonal of
+    /// ones, since radians and millimetres have no common scale.
     fn inverse(&self) -> Option<Matrix6<f64>> {
         let matrix = self.symmetric();
         let scale = matrix.diagonal().map(|value| 1.0 / libm::sqrt(value));
         let scaled = Matrix6::from_fn(|i, j| matrix[(i, j)] * scale[i] * scale[j]);
         let cholesky = scaled.cholesky()?;
-        // The factor's diagonal holds the pivots' roots, positive numbers.
+        // The factor's diagonal holds the square roots of the pivots, which are positive.
         let pivot = cholesky.l_dirty().diagonal().min();
         if pivot * pivot < PIVOT_MIN {
             return None;

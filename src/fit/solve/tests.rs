@@ -27,7 +27,7 @@ fn tilted() -> Pose<Cam, Target> {
     Pose::from_theta([0.1, 0.3, -0.2, 50.0, -80.0, 1000.0])
 }
 
-/// Where a target lies from where it was a frame ago: 0.5 mm and 2 mrad.
+/// A pose as a target has it one frame later: 0.5 mm and 2 mrad away.
 fn nearby(pose: &Pose<Cam, Target>, random: &mut Random) -> Pose<Cam, Target> {
     let spread = Vector6::new(2e-3, 2e-3, 2e-3, 0.5, 0.5, 0.5);
     pose.moved_by(&spread.map(|spread| spread * random.normal()))
@@ -101,8 +101,7 @@ fn exact_corners_give_the_exact_pose_from_10_mm_and_10_degrees() {
     assert!(off.norm() < 1e-4, "{off}");
 }
 
-/// Standard deviations of the pose's errors over what the covariance says,
-/// `[omega, delta]`.
+/// Standard deviations of the pose's errors, relative to those of the covariance, `[omega, delta]`.
 fn normalised_sd(
     pose: &Pose<Cam, Target>,
     shape: [u8; 2],
@@ -146,8 +145,8 @@ fn errors_are_as_large_as_the_covariance_says() {
             }
         }
     }
-    // Face on, the tilt's effect is of second order and its errors are not
-    // normal; where the target is stays known.
+    // Face on, the tilt's effect is of second order and its errors are not normal; the position is
+    // still known.
     let face_on = Pose::from_theta([0.0, 0.0, 0.0, 0.0, 0.0, 1000.0]);
     let sd = normalised_sd(&face_on, LUMBAR, 0.02, 2000);
     assert!(sd[3..].iter().all(|sd| (0.93..1.07).contains(sd)), "{sd:?}");
@@ -162,14 +161,14 @@ fn sigmas_that_promise_too_much_are_not_believed() {
         seen.sigma_px = 0.01;
     }
     let boasting = solve(&tilted(), &seen[..], 6).unwrap();
-    // The observed spread decides: the same answer, as uncertain as before. The
-    // honest one is at least as large as predicted, and the soft weights differ
-    // by the scale, which is why not exactly.
+    // The observed spread decides: the same result, as uncertain as before, though not exactly,
+    // because the honest variance is at least the predicted one, and the soft weights differ with
+    // the scale.
     let ratio = sd_mm(&boasting)[2] / sd_mm(&honest)[2];
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
     assert_eq!(boasting.inliers.count(), 30);
     assert!((6.0..15.0).contains(&boasting.scale), "{}", boasting.scale);
-    // Sigmas that promise too little make nothing better.
+    // Sigmas that are too large improve nothing.
     for seen in &mut seen {
         seen.sigma_px = 1.0;
     }
@@ -178,7 +177,7 @@ fn sigmas_that_promise_too_much_are_not_believed() {
     assert!(sd_mm(&modest)[2] > 5.0 * sd_mm(&honest)[2]);
 }
 
-/// Moves the first `count` of the shuffled corners by `size_px`, each its own way.
+/// Moves the first `count` of the shuffled corners by `size_px`, each in a direction of its own.
 fn spoil(seen: &mut SeenCorners, count: usize, size_px: f64, random: &mut Random) {
     for place in (1..seen.len()).rev() {
         seen.swap(place, (random.bits() % (place as u64 + 1)) as usize);
@@ -189,8 +188,8 @@ fn spoil(seen: &mut SeenCorners, count: usize, size_px: f64, random: &mut Random
     }
 }
 
-/// Largest move of an axis by the wrong corners, in its standard deviations,
-/// against the pose that the right ones give alone.
+/// Largest displacement along an axis caused by the wrong corners, in standard deviations, relative
+/// to the pose from the correct ones alone.
 fn outlier_influence(shape: [u8; 2], count: usize, size_px: f64) -> f64 {
     let mut random = Random::new(9);
     let mut worst = 0.0_f64;
@@ -214,9 +213,9 @@ fn outlier_influence(shape: [u8; 2], count: usize, size_px: f64) -> f64 {
 
 #[test]
 fn wrong_corners_do_not_move_the_pose() {
-    // They have no weight in the end. What is left is that the median, and with it
-    // the weights of right corners between 2.4 and 5 scales, differs between n
-    // and n + 3 residuals: below one standard deviation in the worst of 500.
+    // They have no weight in the end. What remains is that the median, and with it the weights of
+    // correct corners between 2.4 and 5 scales, differs between n and n + 3 residuals: below one
+    // standard deviation in the worst of 500.
     for size_px in [3.0, 30.0] {
         for (shape, count, sds_max) in
             [(LUMBAR, 1, 0.5), (LUMBAR, 3, 0.7), (SHOULDER, 1, 0.9), (SHOULDER, 3, 1.2)]
@@ -257,7 +256,7 @@ fn each_of_a_planes_two_poses_is_a_minimum_of_its_own() {
     assert!(apart(&best, &far) < 1e-6);
     // Twice the angle between the line of sight and the normal, 26 degrees.
     assert!((45.0..60.0).contains(&apart(&second, &far)), "{}", apart(&second, &far));
-    // Further steps stay; and the start was close.
+    // Further steps stay there; and the start was close.
     for (place, solution) in solutions.iter().enumerate() {
         let more = solve(&solution.cam_from_target, &seen[..], 15).unwrap();
         assert!(apart(&more.cam_from_target, &solution.cam_from_target) < 1e-5);
@@ -331,7 +330,7 @@ fn absurd_but_finite_numbers_give_a_result_or_a_reason() {
 fn a_pose_followed_for_hours_stays_a_rotation() {
     let mut random = Random::new(14);
     let seen = observe(&bedside_lens(), &tilted(), SHOULDER, 0.1, &mut random);
-    // What many products would leave behind.
+    // As rounding in many products would leave it.
     let mut pose = tilted();
     pose.rotation *= 1.0 + 1e-5;
     pose.rotation[(0, 1)] += 1e-5;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::DEVICE_PATH_BYTES_MAX;
 
-/// What the box reads its camera through.
+/// The interface through which the box reads its camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CaptureDriver {
     /// Video4Linux: USB and other cameras that give whole pictures.
@@ -19,7 +19,7 @@ pub enum CaptureDriver {
 pub enum PixelFormat {
     /// 8-bit grey.
     Grey,
-    /// 10-bit grey, packed or in 16-bit words, as the camera has it.
+    /// 10-bit grey, packed or in 16-bit words, as the camera delivers it.
     Y10,
     /// 16-bit grey.
     Y16,
@@ -29,13 +29,13 @@ pub enum PixelFormat {
     Nv12,
 }
 
-/// The camera's settings. Size comes from the lens: a calibration holds for one size.
+/// The camera's settings. The frame size comes from the lens: a calibration holds for one size.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Capture {
-    /// What to read it through.
+    /// The interface through which to read it.
     pub driver: CaptureDriver,
-    /// A device such as `/dev/video0`, or libcamera's name of it; empty for the
-    /// first camera that can do what is asked for.
+    /// A device such as `/dev/video0`, or libcamera's name for the camera; empty for the first
+    /// camera that supports these settings.
     pub device: String<DEVICE_PATH_BYTES_MAX>,
     /// Layout of the grey values.
     pub pixel_format: PixelFormat,

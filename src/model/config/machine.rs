@@ -1,5 +1,5 @@
-//! What the box's computer is to do besides measuring: its network address, the
-//! weight of the measurement among the other programs, the watchdog.
+//! The settings of the box's computer besides the measurement: its network address, the
+//! measurement's priority among the other programs, the watchdog.
 
 use core::net::Ipv4Addr;
 
@@ -17,11 +17,11 @@ pub enum Network {
     Dhcp,
     /// A fixed one.
     Static {
-        /// The box.
+        /// The box's address.
         address: Ipv4Addr,
-        /// Leading bits that all addresses of its network share.
+        /// The number of leading bits that all addresses of its network share.
         prefix_bits: u8,
-        /// The way to other networks.
+        /// The gateway to other networks.
         gateway: Option<Ipv4Addr>,
     },
 }
@@ -31,9 +31,10 @@ pub enum Network {
 pub struct Machine {
     /// The box's own address.
     pub network: Network,
-    /// SCHED_FIFO priority of the measurement, 1 to 99; `None` leaves it among the others.
+    /// SCHED_FIFO priority of the measurement, 1 to 99; `None` gives it no priority over other
+    /// programs.
     pub realtime_priority: Option<u8>,
-    /// The processor core that the measurement has to itself, from 0.
+    /// The processor core on which the measurement runs, from 0.
     pub cpu: Option<u8>,
     /// The hardware watchdog restarts the computer after this many seconds without
     /// a processed frame; `None` leaves it off.
@@ -43,7 +44,7 @@ pub struct Machine {
 /// Which field of a [`Machine`] is out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MachineError {
-    /// The fixed address or the gateway is no host's, or the prefix is not within 1 to 30.
+    /// The fixed address or the gateway is not that of a host, or the prefix is not within 1 to 30.
     Network,
     /// The priority is not within 1 to 99.
     RealtimePriority,

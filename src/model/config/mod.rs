@@ -9,9 +9,9 @@
 //! | n | the [`Config`], postcard |
 //! | 4 | CRC-32 (ISO-HDLC) of all of the above, little endian |
 //!
-//! Bytes with a right checksum are still outside bytes: [`decode`](Config::decode)
-//! checks every value, and so does [`encode`](Config::encode), so that no blob
-//! is written that a box would refuse.
+//! Bytes with a correct checksum still come from outside: [`decode`](Config::decode) checks every
+//! value, and so does [`encode`](Config::encode), so that no blob is written that a box would
+//! refuse.
 
 use core::net::SocketAddr;
 
@@ -51,8 +51,8 @@ const MAGIC: [u8; 4] = *b"PLMB";
 /// Magic, version, length.
 const HEADER_BYTES: usize = 10;
 
-/// Everything in a blob but the targets: header, checksum, texts, lens (87),
-/// scene (49), links (91), capture (82), machine (18), rounded up.
+/// Everything in a blob except the targets: header, checksum, texts, lens (87), scene (49), links
+/// (91), capture (82), machine (18), rounded up.
 const FIXED_BYTES_MAX: usize = 416;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
@@ -63,7 +63,7 @@ pub const BLOB_BYTES_MAX: usize =
 /// One target and its name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TargetConfig {
-    /// Its name in targets.toml; unlike any other's.
+    /// Its name in targets.toml; no other target has it.
     pub name: String<NAME_BYTES_MAX>,
     /// Its corners and its role.
     pub geometry: TargetGeometry,
@@ -96,10 +96,10 @@ pub struct Config {
     pub serial_number: String<DEVICE_TEXT_BYTES_MAX>,
     /// The camera.
     pub lens: Lens,
-    /// The targets, one at most per role.
+    /// The targets, at most one per role.
     pub targets: Vec<TargetConfig, TARGETS_MAX>,
-    /// Where the scene is, as theta1..6 of `cam_from_scene`; `None` until it has
-    /// been measured, and then there are no trunk points.
+    /// Where the scene is, as theta1..6 of `cam_from_scene`; `None` until it has been measured;
+    /// until then there are no trunk points.
     pub cam_from_scene_theta: Option<[f64; 6]>,
     /// Where the packets go.
     pub links: Links,
@@ -112,13 +112,13 @@ pub struct Config {
 /// Why a configuration cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConfigError {
-    /// The bytes do not start as a blob does.
+    /// The bytes do not start like a blob.
     NotAConfig,
     /// The blob was cut, or something follows it.
     Length {
-        /// Bytes that the blob says it has.
+        /// The number of bytes that the blob states.
         expected: usize,
-        /// Bytes that there are.
+        /// The number of bytes that there are.
         found: usize,
     },
     /// The checksum does not agree.
@@ -128,7 +128,7 @@ pub enum ConfigError {
         /// The blob's format.
         found: u16,
     },
-    /// The checksum agrees, and yet the body is no configuration.
+    /// The checksum agrees, but the body is not a configuration.
     Body,
     /// The buffer is too small for the blob.
     BufferTooSmall,
@@ -141,14 +141,14 @@ pub enum ConfigError {
         /// Position in the list of targets.
         index: usize,
     },
-    /// Two targets have one name.
+    /// Two targets have the same name.
     SameName {
         /// Position of the first.
         first: usize,
         /// Position of the second.
         second: usize,
     },
-    /// Two targets have one role.
+    /// Two targets have the same role.
     SameRole {
         /// Position of the first.
         first: usize,
@@ -162,7 +162,7 @@ pub enum ConfigError {
         /// Position of the second.
         second: usize,
     },
-    /// The scene's theta: not finite, an angle above 2 pi, or 100 m away.
+    /// The scene's theta: not finite, an angle above 2 pi, or a distance of 100 m or more.
     Scene,
     /// The UDP address or port is 0.
     Udp,
@@ -177,7 +177,9 @@ pub enum ConfigError {
 impl core::fmt::Display for ConfigError {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::NotAConfig => formatter.write_str("these bytes are no Plumbline configuration"),
+            Self::NotAConfig => {
+                formatter.write_str("these bytes are not a Plumbline configuration")
+            }
             Self::Length { expected, found } => {
                 write!(formatter, "the configuration has {found} bytes and should have {expected}")
             }
@@ -199,7 +201,7 @@ impl core::fmt::Display for ConfigError {
             Self::NoTarget => formatter.write_str("targets: there must be at least one"),
             Self::TargetName { index } => write!(
                 formatter,
-                "targets[{index}].name: must not be empty nor hold control characters"
+                "targets[{index}].name: must not be empty or contain control characters"
             ),
             Self::SameName { first, second } => {
                 write!(formatter, "targets[{first}].name and targets[{second}].name are the same")
@@ -252,7 +254,7 @@ impl Config {
         self.cam_from_scene_theta.map(Pose::from_theta)
     }
 
-    /// Checks every value and how they go together.
+    /// Checks every value, and that they are consistent.
     ///
     /// # Errors
     /// The first [`ConfigError`] found.
@@ -306,13 +308,13 @@ impl Config {
         Ok(())
     }
 
-    /// The target of a role.
+    /// The target with a role.
     #[must_use]
     pub fn target(&self, role: Role) -> Option<&TargetConfig> {
         self.targets.iter().find(|target| target.geometry.role() == role)
     }
 
-    /// Writes the blob. A buffer of [`BLOB_BYTES_MAX`] holds every one.
+    /// Writes the blob. A buffer of [`BLOB_BYTES_MAX`] is large enough for any.
     ///
     /// # Errors
     /// What [`check`](Self::check) finds, or [`ConfigError::BufferTooSmall`].
@@ -360,7 +362,7 @@ impl Config {
         Ok(config)
     }
 
-    /// The blob's checksum, by which a host knows which configuration a box runs.
+    /// The blob's checksum, by which a host recognises which configuration a box runs.
     #[must_use]
     pub fn crc(&self) -> u32 {
         // Neither pass can fail: both sinks take every byte, and every type here
@@ -379,8 +381,8 @@ fn header(body_bytes: usize) -> [u8; HEADER_BYTES] {
     [m0, m1, m2, m3, v0, v1, l0, l1, l2, l3]
 }
 
-/// The two sides of a grid, the longer first: a grid turned by a quarter is the
-/// same grid to a camera.
+/// The two sides of a grid, the longer first: to a camera, a grid rotated by a quarter turn is the
+/// same grid.
 fn sides(geometry: &TargetGeometry) -> (usize, usize) {
     let (columns, rows) = (geometry.columns(), geometry.rows());
     (columns.max(rows), columns.min(rows))

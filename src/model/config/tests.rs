@@ -72,7 +72,7 @@ fn blob(config: &Config) -> StdVec<u8> {
     config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec()
 }
 
-/// A body with its header and a right checksum.
+/// A body with its header and a correct checksum.
 fn sealed(version: u16, body: &[u8]) -> StdVec<u8> {
     let mut blob = header(body.len()).to_vec();
     blob[4..6].copy_from_slice(&version.to_le_bytes());
@@ -181,7 +181,7 @@ fn every_fault_of_a_value_is_named() {
         let mut wrong = config();
         change(&mut wrong);
         assert_eq!(wrong.encode(&mut [0; BLOB_BYTES_MAX]), Err(error));
-        // And a blob made by other means, with a right checksum.
+        // And a blob made by other means, with a correct checksum.
         let body = postcard::to_slice(&wrong, &mut [0; BLOB_BYTES_MAX]).unwrap().to_vec();
         assert_eq!(Config::decode(&sealed(FORMAT_VERSION, &body)), Err(error));
         assert!(!error.to_string().is_empty());

@@ -1,5 +1,5 @@
-//! What is longer than a packet goes in parts: a configuration to the box or back, a
-//! picture from a box in set-up mode.
+//! Anything longer than a packet is sent in parts: a configuration to the box or back, a picture
+//! from a box in set-up mode.
 //!
 //! The sender never retransmits unasked. The receiver knows the length, and asks again for
 //! what is missing ([`Action::SendParts`](super::Action::SendParts)) or tells
@@ -18,14 +18,14 @@ pub const PART_BYTES_MAX: usize = 224;
 pub enum Document {
     /// A configuration: the blob of [`Config::encode`](crate::model::config::Config::encode).
     Config,
-    /// The file of the [`Picture`] of this number.
+    /// The file of the [`Picture`] with this number.
     Picture(u16),
 }
 
 /// A piece of a document.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Part {
-    /// Of which.
+    /// The document that it is a piece of.
     pub document: Document,
     /// Where in it the bytes begin.
     pub offset: u32,
@@ -33,17 +33,17 @@ pub struct Part {
     pub bytes: Vec<u8, PART_BYTES_MAX>,
 }
 
-/// A picture that was taken, and can be asked for.
+/// A picture that was taken, and can be requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Picture {
-    /// Its number: there is one picture at a time, the last.
+    /// Its number: there is only one picture at a time, the last one.
     pub number: u16,
-    /// The frame it was made of, as in its pose packet.
+    /// The frame that it was made from, as in its pose packet.
     pub sequence: u32,
-    /// Pixels of the frame, in either direction, that one of the picture is the mean of.
+    /// How many pixels of the frame, in either direction, are averaged into one of the picture.
     pub reduction: u8,
-    /// Length of its file: PNG for a whole frame, every bit as the camera gave it; JPEG for
-    /// a reduced one.
+    /// Length of its file: PNG for a whole frame, with every bit that the camera gave; JPEG for a
+    /// reduced one.
     pub bytes: u32,
     /// [`document_crc`] of its file.
     pub crc: u32,

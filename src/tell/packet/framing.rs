@@ -1,5 +1,5 @@
-//! Packets and frames: checksum, versions, COBS, and finding one's way back in
-//! a stream that was cut or garbled.
+//! Packets and frames: checksum, versions, COBS, and resynchronisation in a stream that was cut or
+//! garbled.
 
 use super::{Message, PROTOCOL_VERSION, SCHEMA_HASH};
 use crate::common::checksum::{CRC_BYTES, CRC32, checked};
@@ -16,7 +16,7 @@ pub const FRAME_BYTES_MAX: usize = PACKET_BYTES_MAX + 2;
 /// The byte that ends every frame, and occurs nowhere else.
 pub const DELIMITER: u8 = 0;
 
-/// The message does not fit the buffer; it was not sent, nor any part of it.
+/// The message does not fit the buffer; no part of it was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncodeError;
 
@@ -28,11 +28,11 @@ impl core::fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
-/// Why bytes are not a message. Each is worth a counter of its own.
+/// Why bytes are not a message. Each deserves a counter of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PacketError {
-    /// The first frame after the start of listening, joined in its middle.
-    /// Once per opened line it is no fault.
+    /// The first frame after listening began, whose start was missed. Once per opened line this is
+    /// not a fault.
     Fragment,
     /// More bytes than any frame has, without a delimiter.
     Oversize,
@@ -115,7 +115,7 @@ pub fn encode_frame<'a>(message: &Message, buffer: &'a mut [u8]) -> Result<&'a [
     Ok(frame)
 }
 
-/// Reads one packet: a datagram, or a frame out of its COBS form.
+/// Reads one packet: a datagram, or a frame after COBS decoding.
 ///
 /// # Errors
 /// Any [`PacketError`] but those of the serial line.
@@ -141,11 +141,11 @@ pub fn decode_datagram(packet: &[u8]) -> Result<Message, PacketError> {
     }
 }
 
-/// Takes a serial line's bytes as they come and gives the messages in them.
+/// Takes a serial line's bytes as they come and returns the messages in them.
 ///
-/// `N` is the longest frame without its delimiter; [`FRAME_BYTES_MAX`] takes
-/// every frame of this version. After damage it goes on at the next delimiter,
-/// so that damage costs the frames it touches and no other.
+/// `N` is the longest frame without its delimiter; [`FRAME_BYTES_MAX`] is enough for every frame of
+/// this version. After damage it resumes at the next delimiter, so that only the damaged frames are
+/// lost.
 #[derive(Debug)]
 pub struct Deframer<const N: usize = FRAME_BYTES_MAX> {
     frame: heapless::Vec<u8, N>,
@@ -160,21 +160,21 @@ impl<const N: usize> Default for Deframer<N> {
 }
 
 impl<const N: usize> Deframer<N> {
-    /// At the start of listening: perhaps in the middle of a frame.
+    /// A deframer that starts to listen, perhaps in the middle of a frame.
     #[must_use]
     pub const fn new() -> Self {
         Self { frame: heapless::Vec::new(), overflow: false, synchronised: false }
     }
 
-    /// Forgets a frame begun; for a line that was opened anew.
+    /// Discards an incomplete frame; for a line that has been reopened.
     pub fn restart(&mut self) {
         self.frame.clear();
         self.overflow = false;
         self.synchronised = false;
     }
 
-    /// Takes one byte; an outcome when it ended a frame. Delimiters in a row
-    /// are idle line, not frames.
+    /// Takes one byte; returns an outcome when the byte ends a frame. Consecutive delimiters are an
+    /// idle line, not frames.
     pub fn feed(&mut self, byte: u8) -> Option<Result<Message, PacketError>> {
         if byte != DELIMITER {
             self.overflow |= self.frame.push(byte).is_err();
@@ -193,7 +193,7 @@ impl<const N: usize> Deframer<N> {
             }
         };
         let outcome = match outcome {
-            // What was missed may have held anything.
+            // The part that was missed may have held anything.
             Err(
                 PacketError::Oversize
                 | PacketError::Cobs

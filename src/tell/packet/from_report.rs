@@ -1,4 +1,4 @@
-//! A report as a packet: f64 inside, what the wire carries outside.
+//! Converts a report into a packet: from f64 to the numbers on the wire.
 
 use super::pose::{
     AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, PosePacket, TargetPacket, pairs,
@@ -8,8 +8,8 @@ use crate::model::scene::Anatomical;
 use crate::tell::report::{Report, TargetReport};
 
 impl PosePacket {
-    /// The packet of one frame. `instant` is what the report's capture time
-    /// marks; `latency_us` counts up to the handing over of this packet.
+    /// The packet of one frame. `instant` is what the report's capture time marks; `latency_us`
+    /// counts until this packet is handed over.
     #[must_use]
     pub fn from_report(report: &Report, instant: MarkedInstant, latency_us: u32) -> Self {
         Self {

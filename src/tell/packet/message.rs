@@ -1,5 +1,5 @@
-//! The messages besides the pose: who the box is, how it is doing, what it
-//! logs, and the few commands it takes.
+//! The messages besides the pose: the box's identity, its condition, its log, and the few commands
+//! that it accepts.
 
 use heapless::{String, Vec};
 use postcard_schema::Schema;
@@ -21,7 +21,7 @@ pub const LOG_TEXT_BYTES_MAX: usize = 128;
 /// Longest text of a refusal, in bytes.
 pub const REASON_BYTES_MAX: usize = 200;
 
-/// Longest time in set-up mode that can be asked for at once.
+/// Longest time in set-up mode that can be requested at once.
 pub const AIM_S_MAX: u16 = 60;
 
 /// Why the box started.
@@ -29,7 +29,7 @@ pub const AIM_S_MAX: u16 = 60;
 pub enum ResetReason {
     /// The box cannot tell.
     Unknown,
-    /// Power came on, or a host had the box restarted.
+    /// The power came on, or a host restarted the box.
     PowerOn,
     /// The watchdog restarted the box: no frame was processed for too long, or the kernel failed.
     Watchdog,
@@ -40,13 +40,13 @@ pub enum ResetReason {
 pub struct TargetInfo {
     /// Its name in targets.toml.
     pub name: String<NAME_BYTES_MAX>,
-    /// What it is for; pose packets refer to it by this.
+    /// What it is for; pose packets refer to the target by its role.
     pub role: Role,
     /// How many corners it has.
     pub corners: u8,
 }
 
-/// Who is speaking. The protocol version is in front of every packet.
+/// The identity of the box. The protocol version is at the start of every packet.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Hello {
     /// The box's name, for people.
@@ -59,7 +59,7 @@ pub struct Hello {
     pub config_crc: u32,
     /// Drawn at random at each start; a new number is a new session.
     pub boot_id: u32,
-    /// How often the program has started, where that is kept.
+    /// How often the program has started, where that is recorded.
     pub boot_count: Option<u32>,
     /// Why it started this time.
     pub reset_reason: ResetReason,
@@ -87,9 +87,9 @@ pub enum LinkKind {
 pub struct LinkHealth {
     /// Which link.
     pub kind: LinkKind,
-    /// Packets handed over.
+    /// Packets handed to the link.
     pub packets_sent: u32,
-    /// Packets that the link did not take in time.
+    /// Packets that the link did not accept in time.
     pub packets_dropped: u32,
 }
 
@@ -100,11 +100,11 @@ pub enum CameraState {
     Starting,
     /// Frames come.
     Running,
-    /// It is there, and no frame has come for a second; it is being reopened.
+    /// It is present, but no frame has come for a second; it is being reopened.
     Stalled,
-    /// It is absent or reports errors; opening it is tried again and again.
+    /// It is absent or reports errors; opening it is retried again and again.
     Lost,
-    /// The recording is over.
+    /// The recording has ended.
     Ended,
 }
 
@@ -123,19 +123,19 @@ pub struct Health {
     pub camera_losses: u32,
     /// Corners that searches have lost because a buffer was full.
     pub corners_dropped: u32,
-    /// Heap allocations since the first frame after the camera was last opened, a picture
-    /// was taken or a configuration was stored;
-    /// `None` when they are not counted.
+    /// Heap allocations since the first frame after the camera was last opened, a picture was last
+    /// taken or a configuration was last stored; `None` when they are not counted.
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.
     pub temperature_decicelsius: Option<i16>,
-    /// Whether the supply's voltage is too low, or was for a moment: within 3 s of the moment
-    /// at least one `Health` says so, however short it was, and within 5 s none does any more.
-    /// `None` where the computer does not tell.
+    /// Whether the supply's voltage is too low, or was for a moment: within 3 s of that moment,
+    /// however short, at least one `Health` says so, and after 5 s none does any more. `None` where
+    /// the computer does not tell.
     pub undervoltage: Option<bool>,
-    /// Whether heat or a weak supply slows the processor down: where the computer's firmware
-    /// tells it, as for `undervoltage`; else whether its clock since the last `Health` was, on
-    /// average, more than a tenth below its full one. `None` where neither can be known.
+    /// Whether heat or a weak supply slows the processor down: as the computer's firmware tells it,
+    /// where it does, in the same way as `undervoltage`; otherwise whether the processor's clock
+    /// since the last `Health` was, on average, more than a tenth below its full rate. `None` where
+    /// neither can be known.
     pub throttled: Option<bool>,
     /// The source of the frames.
     pub camera: CameraState,
@@ -169,11 +169,11 @@ pub enum LogLevel {
 pub struct Log {
     /// Since the start.
     pub uptime_ms: u64,
-    /// Weight.
+    /// Severity.
     pub level: LogLevel,
-    /// The module that speaks.
+    /// The module that wrote the record.
     pub target: String<LOG_TARGET_BYTES_MAX>,
-    /// What it says.
+    /// The message.
     pub text: String<LOG_TEXT_BYTES_MAX>,
     /// Bytes of target and text that did not fit.
     pub cut: u16,
@@ -195,71 +195,70 @@ pub enum Action {
     QueryConfig,
     /// Send a [`View`](super::View) of the next frame.
     SendView,
-    /// Send these bytes of a document, as [`Part`](super::Part)s.
+    /// Send some bytes of a document, as [`Part`](super::Part)s.
     SendParts {
-        /// Of which.
+        /// Which document.
         document: Document,
-        /// From here on.
+        /// Where in it the bytes begin.
         offset: u32,
-        /// So many.
+        /// The number of bytes.
         bytes: u32,
     },
-    /// Keep the configuration that has come in parts: it is in use from the next start on.
+    /// Store the configuration that has come in parts: it is in use from the next start on.
     StoreConfig {
         /// Its length.
         bytes: u32,
         /// Its [`Config::crc`](crate::model::config::Config::crc).
         crc: u32,
     },
-    /// Set-up mode for this many seconds from now, at most [`AIM_S_MAX`]; 0 ends it. Only in
-    /// it do pictures leave the box, and only over the link on which it was asked for.
+    /// Set-up mode for this many seconds from now, at most [`AIM_S_MAX`]; 0 ends it. Pictures leave
+    /// the box only in this mode, and only over the link on which it was requested.
     Aim {
         /// How long.
         seconds: u16,
     },
-    /// In set-up mode: make a [`Picture`](super::Picture) of the next frame, and send word
-    /// of it.
+    /// In set-up mode: make a [`Picture`](super::Picture) of the next frame, and announce it.
     TakePicture {
         /// Pixels of the frame per pixel of the picture, in either direction.
         reduction: u8,
     },
-    /// In set-up mode, until it ends: expose so.
+    /// In set-up mode, until it ends: use these settings of the camera.
     Expose {
         /// Exposure time; `None` as configured.
         exposure_us: Option<u32>,
         /// Gain, in the camera's unit; `None` as configured.
         gain: Option<f32>,
     },
-    /// Start anew.
+    /// Restart.
     Reboot,
 }
 
-/// A request, with a number of the host's choice that the reply repeats.
+/// A request, with a number that the host chooses and the reply repeats.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Command {
     /// Chosen by the host.
     pub id: u16,
-    /// What is asked for.
+    /// What is requested.
     pub action: Action,
 }
 
 /// Why a command was not carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Refusal {
-    /// This box, or this link, does not take it.
+    /// This box, or this link, does not accept it.
     NotSupported,
     /// Not now; try again.
     Busy,
     /// Only in set-up mode.
     NotAiming,
-    /// Bytes are missing from here on.
+    /// Bytes are missing.
     Incomplete {
-        /// The first that is missing.
+        /// Where in the document the first missing byte is.
         from: u32,
     },
     /// What was sent cannot be used; the reason names the field.
     Unusable,
-    /// It could not be stored; what was stored before still is.
+    /// It could not be stored; what was stored before is unchanged.
     NotStored,
 }
 
@@ -270,7 +269,7 @@ pub enum ReplyOutcome {
     Pong {
         /// As sent by the host.
         host_sent_ns: u64,
-        /// The capture clock when the command came in.
+        /// The capture clock when the command arrived.
         box_received_ns: u64,
         /// The capture clock when this reply was handed to the link.
         box_sent_ns: u64,
@@ -281,11 +280,11 @@ pub enum ReplyOutcome {
         crc: u32,
         /// Length of its blob.
         bytes: u32,
-        /// The checksum of the one that is in use from the next start on: the same, until
-        /// another is stored.
+        /// The checksum of the configuration that will be in use from the next start on: the same,
+        /// until another is stored.
         next_crc: u32,
     },
-    /// To [`Action::StoreConfig`]: it is on the disk, whatever happens to the power now.
+    /// To [`Action::StoreConfig`]: it is on the disk, and survives a loss of power.
     Stored {
         /// [`Config::crc`](crate::model::config::Config::crc), as read back.
         crc: u32,

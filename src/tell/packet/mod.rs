@@ -17,20 +17,19 @@
 //!
 //! # What the schema hash covers
 //!
-//! Every type, field name, variant name and their order below [`Message`], and
-//! the fixed-point steps and capacities that the types alone do not show. It is
-//! computed by the compiler from the types (`postcard-schema`), so that it
-//! cannot be forgotten. What a field MEANS is not in it: a change of meaning
-//! needs a new [`PROTOCOL_VERSION`].
+//! Every type, field name, variant name and their order below [`Message`], and the fixed-point
+//! steps and capacities that the types alone do not show. It is computed by the compiler from the
+//! types (`postcard-schema`), so that no change can be forgotten. What a field MEANS is not in it:
+//! a change of meaning needs a new [`PROTOCOL_VERSION`].
 //!
 //! # Size
 //!
-//! A pose packet of two targets is at most 170 bytes on a serial line, of three
-//! targets at most 227; both hold for every value, and a test computes them. At
-//! 60 Hz two targets take 10,200 of the 11,520 bytes per second of 115,200 baud;
-//! three take 13,620 and want 230,400 baud. A quarter of it is the covariance.
+//! A pose packet of two targets is at most 170 bytes on a serial line, of three targets at most
+//! 227; both hold for every value, and a test computes them. At 60 Hz two targets take 10,200 of
+//! the 11,520 bytes per second of 115,200 baud; three take 13,620 and need 230,400 baud. A third
+//! of it is the covariance.
 //!
-//! Outside bytes never panic, whatever they are.
+//! Decoding never panics, whatever bytes come from outside.
 
 mod document;
 mod framing;
@@ -64,7 +63,7 @@ use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
 /// Changes when a field's meaning changes, or the layout of the packet itself.
 pub const PROTOCOL_VERSION: u8 = 1;
 
-/// Changes by itself when the shape of any message changes.
+/// Changes automatically when the shape of any message changes.
 pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
     pose::SD_STEPS_PER_MM as u64,
     pose::SD_STEPS_PER_RAD as u64,
@@ -85,9 +84,9 @@ pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
 pub enum Message {
     /// One frame's result.
     Pose(PosePacket),
-    /// Who is speaking; sent at start, then now and then, and on request.
+    /// The sender's identity; sent at start, then from time to time, and on request.
     Hello(Hello),
-    /// How the box is doing; sent now and then, and on request.
+    /// The condition of the box; sent from time to time, and on request.
     Health(Health),
     /// One log record.
     Log(Log),
@@ -97,7 +96,7 @@ pub enum Message {
     Reply(Reply),
     /// What the camera sees, in numbers; sent on request.
     View(View),
-    /// Word of a picture that was taken in set-up mode.
+    /// Announces a picture that was taken in set-up mode.
     Picture(Picture),
     /// A piece of a document, in either direction.
     Part(Part),

@@ -78,7 +78,7 @@ pub struct MeasuredPose {
     /// Reprojection error, root mean square of the residuals' lengths; sent in
     /// steps of [`RMS_STEP_PX`].
     pub rms_px: f32,
-    /// Corners used; how many the target has is in the [`Hello`](super::Hello).
+    /// Corners used; the target's total is in the [`Hello`](super::Hello).
     pub corners: u8,
 }
 
@@ -100,7 +100,7 @@ impl MeasuredPose {
     }
 }
 
-/// Places of the upper triangle of a 6 x 6, row by row, without the diagonal.
+/// Indices of the upper triangle of a 6 x 6 matrix, row by row, without the diagonal.
 pub(super) fn pairs() -> impl Iterator<Item = (usize, usize)> {
     (0..6).flat_map(|i| (i + 1..6).map(move |j| (i, j)))
 }
@@ -120,13 +120,13 @@ pub struct TargetPacket {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "PosePacketWire", into = "PosePacketWire")]
 pub struct PosePacket {
-    /// Counts the frames since the box's start, lost packets included.
+    /// Counts the frames since the box's start, including those whose packets were lost.
     pub sequence: u32,
     /// When the frame was taken, on the capture clock.
     pub capture_time_ns: u64,
     /// Which instant of the frame that is.
     pub instant: MarkedInstant,
-    /// From the marked instant to the handing over of this packet to the links.
+    /// Time from the marked instant until this packet is handed to the links.
     pub latency_us: u32,
     /// One entry per configured target.
     pub targets: Vec<TargetPacket, TARGETS_MAX>,
@@ -148,8 +148,8 @@ struct MeasuredPoseWire {
     corners: u8,
 }
 
-/// [`PosePacket`] as sent. The integers have a fixed width: postcard's varints
-/// would be shorter at first, and longer in the worst case, which counts.
+/// [`PosePacket`] as sent. The integers have a fixed width: postcard's varints would be shorter for
+/// small values, but longer in the worst case, which is what counts.
 #[derive(Clone, Serialize, Deserialize, Schema)]
 struct PosePacketWire {
     sequence: [u8; 4],
@@ -179,10 +179,10 @@ impl core::fmt::Display for NotFinite {
     }
 }
 
-/// Fixed point, rounded; what is too large, or not a number, is the largest.
+/// Fixed point, rounded; a value that is too large, or NaN, becomes the largest.
 fn steps(value: f32, steps_per_unit: f32) -> [u8; 2] {
     let scaled = value * steps_per_unit + 0.5;
-    // `as` saturates at both ends, and NaN, which it would make 0, goes up here.
+    // `as` saturates at both ends; it would turn NaN into 0, which becomes the largest here.
     let steps = if scaled.is_nan() { u16::MAX } else { scaled as u16 };
     steps.to_le_bytes()
 }
@@ -198,7 +198,7 @@ impl From<MeasuredPose> for MeasuredPoseWire {
             translation_mm: pose.translation_mm,
             sd_steps: pose.sd_mm.map(|sd_mm| steps(sd_mm, SD_STEPS_PER_MM.into())),
             sd_turn_steps: pose.sd_rad.map(|sd_rad| steps(sd_rad, SD_STEPS_PER_RAD)),
-            // Rounded away from 0 by half a step; `as` saturates, and makes 0 of a NaN.
+            // Rounded, half steps away from 0; `as` saturates, and turns NaN into 0.
             correlation_steps: pose.correlations.map(|correlation| {
                 let scaled = correlation * f32::from(CORRELATION_STEPS);
                 (scaled + libm::copysignf(0.5, scaled)) as i8

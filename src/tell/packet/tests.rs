@@ -24,6 +24,12 @@ const POSE: MeasuredPose = MeasuredPose {
     corners: 29,
 };
 
+/// How many kinds of messages there are.
+const KINDS: usize = 9;
+
+/// Where the body of a datagram begins: after the version and the schema's hash.
+const BODY_AT: usize = 5;
+
 fn full<const N: usize>() -> String<N> {
     let mut text = String::new();
     while text.push('x').is_ok() {}
@@ -179,7 +185,7 @@ fn received(bytes: &[u8]) -> StdVec<Result<Message, PacketError>> {
     outcomes
 }
 
-/// A body with its header and a right checksum.
+/// A body with its header and a correct checksum.
 fn sealed(version: u8, hash: u32, body: &[u8]) -> StdVec<u8> {
     let mut packet = std::vec![version];
     packet.extend(hash.to_le_bytes());
@@ -188,7 +194,7 @@ fn sealed(version: u8, hash: u32, body: &[u8]) -> StdVec<u8> {
     packet
 }
 
-/// `SplitMix64`: seeded, so that a failure comes again.
+/// `SplitMix64`: seeded, so that a failure can be reproduced.
 struct Random(u64);
 
 impl Random {
@@ -521,17 +527,18 @@ fn is_sound(outcome: Result<Message, PacketError>) -> bool {
 fn no_bytes_panic() {
     let mut random = Random(1);
     let samples: StdVec<_> = longest_messages().iter().map(datagram).collect();
-    let mut decoded = 0;
+    // Messages decoded, by their kind, which is the first byte of a body.
+    let mut decoded = [0; KINDS];
     for _ in 0..repetitions(300_000) {
-        // Random bodies, and good bodies with a few bytes changed, cut or
-        // doubled, under a right header and checksum: these reach postcard.
+        // Random bodies, and good bodies with a few bytes changed, cut or doubled, under a correct
+        // header and checksum: these reach postcard.
         let sample = &samples[random.below(samples.len())];
-        let mut body = sample[5..sample.len() - 4].to_vec();
+        let mut body = sample[BODY_AT..sample.len() - 4].to_vec();
         match random.below(4) {
             0 => {
                 body = (0..random.below(200)).map(|_| random.next() as u8).collect();
                 if let Some(kind) = body.first_mut() {
-                    *kind %= 6;
+                    *kind %= KINDS as u8;
                 }
             }
             1 => body.truncate(random.below(body.len() + 1)),
@@ -546,11 +553,15 @@ fn no_bytes_panic() {
                 }
             }
         }
-        decoded +=
-            usize::from(is_sound(decode_datagram(&sealed(PROTOCOL_VERSION, SCHEMA_HASH, &body))));
+        let outcome = decode_datagram(&sealed(PROTOCOL_VERSION, SCHEMA_HASH, &body));
+        if is_sound(outcome.clone()) {
+            let message = outcome.expect("it is sound");
+            decoded[usize::from(datagram(&message)[BODY_AT])] += 1;
+        }
     }
-    // Many changes hit a number and give another good message: postcard was reached.
-    assert!(decoded > repetitions(15_000), "{decoded}");
+    // Many changes hit a number and give another good message: postcard was reached, for each kind.
+    assert!(decoded.iter().sum::<usize>() > repetitions(15_000), "{decoded:?}");
+    assert!(decoded.iter().all(|&count| count > repetitions(100)), "{decoded:?}");
 
     // Streams of random bytes, with many delimiters, and of damaged frames.
     let mut deframer = Deframer::<FRAME_BYTES_MAX>::new();

@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 use crate::limits::TARGETS_MAX;
 use crate::tell::view::{FrameView, TargetView};
 
-/// One frame, as it looks.
+/// How one frame looks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct View {
     /// Which frame, as in its pose packet.
     pub sequence: u32,
-    /// The exposure time that the camera was asked for; `None` where it was left alone.
+    /// The exposure time that the camera was asked for; `None` where it was left unchanged.
     pub exposure_us: Option<u32>,
     /// The gain that it was asked for, likewise.
     pub gain: Option<f32>,

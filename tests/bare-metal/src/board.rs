@@ -1,8 +1,9 @@
 //! What both boards have: the stored files, the static pipeline, and where the stack is.
 //!
-//! Output and the end of the run are semihosting: the emulator prints for the program, and
-//! ends with its exit code. That of a panic, which a fault of the processor is too, is 101.
-// Start-up code is what safe Rust has no words for.
+//! Output and the end of the run are semihosting: the emulator prints for the program, and ends
+//! with its exit code. The exit code of a panic is 101, and a fault of the processor is a panic
+//! too.
+// Start-up code cannot be written in safe Rust.
 #![allow(unsafe_code)]
 
 use core::fmt;
@@ -18,7 +19,7 @@ use crate::watch;
 #[cfg_attr(target_arch = "arm", path = "board/mps2_an500.rs")]
 mod start;
 
-// PLUMBLINE_STORED is given by whoever builds: rendered frames are in no repository.
+// PLUMBLINE_STORED must be set for the build: rendered frames are not in the repository.
 static BLOB: &[u8] = include_bytes!(concat!(env!("PLUMBLINE_STORED"), "/box.plb"));
 static RECORDING: &[u8] = include_bytes!(concat!(env!("PLUMBLINE_STORED"), "/frames.y4m"));
 

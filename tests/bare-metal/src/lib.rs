@@ -1,4 +1,4 @@
-//! What the boards and this machine do alike: one stored frame is measured again and again,
+//! What the boards and this machine have in common: one stored frame is measured again and again,
 //! and the poses are written as rows of a table.
 //!
 //! First the whole frame is searched, then the targets are tracked in it. A number is written
@@ -15,16 +15,16 @@ use plumbline::report::Report;
 use plumbline::scene::Anatomical;
 use plumbline::target::Role;
 
-/// The blob of `plumb provision`, in the directory of what is stored.
+/// The blob of `plumb provision`, in the directory of stored files.
 pub const CONFIG_FILE: &str = "box.plb";
 
 /// The recording of `plumb simulate`: one frame.
 pub const RECORDING_FILE: &str = "frames.y4m";
 
-/// One search, and enough of tracking to trust an expected pose.
+/// One search, and enough tracking to trust an expected pose.
 pub const STEPS: u32 = 5;
 
-/// Of a camera with 60 frames per second.
+/// The frame interval of a camera with 60 frames per second.
 const STEP_NS: u64 = 16_666_667;
 
 const COLUMNS: &str = "frame,target,state,points,theta1_rad,theta2_rad,theta3_rad,\
@@ -55,7 +55,7 @@ impl From<fmt::Error> for NoTable {
 
 /// Measures the frame of a recording [`STEPS`] times and writes a row per step and target.
 ///
-/// `step` is to call [`Pipeline::step`] with what it is given; whoever passes it may measure
+/// `step` must call [`Pipeline::step`] with the arguments it is given; this lets the caller measure
 /// the call.
 ///
 /// # Errors
@@ -81,8 +81,8 @@ pub fn measure(
     Ok(())
 }
 
-/// [`Pipeline::step`] as a function of its own, from which on its stack is counted: alone it may
-/// become a part of whatever calls it.
+/// [`Pipeline::step`] as a function of its own, at which the count of its stack begins: otherwise
+/// it could be inlined into its caller.
 #[inline(never)]
 pub fn step(pipeline: &mut Pipeline, frame: &GreyImage<'_>, time_ns: u64) -> Report {
     pipeline.step(frame, time_ns)

@@ -9,7 +9,7 @@
 mod board;
 mod watch;
 
-/// The directory's table, on a thread whose stack is known.
+/// Prints the table for a directory, made on a thread whose stack is known.
 #[cfg(not(target_os = "none"))]
 fn main() -> anyhow::Result<()> {
     use std::{env, fs, path::Path, thread};
@@ -18,7 +18,7 @@ fn main() -> anyhow::Result<()> {
     use plumbline::pipeline::Pipeline;
     use plumbline_bare_metal::{CONFIG_FILE, RECORDING_FILE};
 
-    /// What is painted, and twice that for the thread.
+    /// The part of the stack that is painted; the thread gets twice that.
     const WATCHED_BYTES: usize = 256 * 1024;
 
     let directory = env::args_os().nth(1).context("usage: plumbline-bare-metal DIRECTORY")?;

@@ -1,6 +1,6 @@
 //! The table and the figures of a board or of this machine: the stack is painted before each
 //! call that is watched, and looked at afterwards.
-// What looks at the stack is what safe Rust has no words for.
+// Safe Rust cannot inspect the stack.
 #![allow(unsafe_code)]
 
 use core::arch::asm;
@@ -13,8 +13,8 @@ use plumbline::image::GreyImage;
 use plumbline::pipeline::Pipeline;
 use plumbline_bare_metal::{NoTable, measure, step};
 
-/// Writes the poses of a configuration and a recording, then the figures: lines of a name, a
-/// tab and a value. `stack` is what the program has of it.
+/// Writes the poses of a configuration and a recording, then the figures: lines of a name, a tab
+/// and a value. `stack` is the range of addresses of the program's stack.
 pub fn run(
     stack: Range<usize>,
     pipeline: &mut Pipeline,
@@ -38,7 +38,7 @@ pub fn run(
     Ok(())
 }
 
-/// Where the stack ends at present; it grows to lower addresses.
+/// The current end of the stack, which grows towards lower addresses.
 #[inline(always)]
 pub fn stack_pointer() -> usize {
     let pointer: usize;
@@ -55,13 +55,13 @@ pub fn stack_pointer() -> usize {
     pointer
 }
 
-/// What `call` returns, and what it has used of the stack.
+/// What `call` returns, and the part of the stack that it has used.
 ///
 /// All of the stack from `bottom` on is filled with a pattern first; where the pattern ends
-/// afterwards is the deepest place. A call that leaves nothing of it ends the run.
+/// afterwards is the deepest place. A call that leaves none of the pattern ends the run.
 #[inline(never)]
 fn watched<T>(bottom: usize, call: impl FnOnce() -> T) -> (T, Range<usize>) {
-    /// No address of the boards, and no number that measuring leaves behind.
+    /// Neither an address on the boards nor a number that the measurement leaves behind.
     const PATTERN: u32 = 0xA5C3_96E1;
     const WORD_BYTES: usize = size_of::<u32>();
     let top = stack_pointer();

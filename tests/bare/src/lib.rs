@@ -1,9 +1,8 @@
 //! The core in a final artefact without an allocator.
 //!
-//! Linked as a shared library, this crate holds the whole core and a panic
-//! handler, no standard library and no allocator. That it links at all shows
-//! that nothing in it uses `alloc`; `cargo xtask test` also reads which symbols
-//! it asks of others.
+//! Linked as a shared library, this crate holds the whole core and a panic handler, no standard
+//! library and no allocator. That it links at all shows that nothing in it uses `alloc`;
+//! `cargo xtask test` also checks which symbols it imports.
 #![no_std]
 
 use core::hint::black_box;
@@ -21,7 +20,7 @@ static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new(
 static GREY: ConstStaticCell<[u8; WIDTH * HEIGHT]> = ConstStaticCell::new([0; WIDTH * HEIGHT]);
 static DEEP: ConstStaticCell<[u16; WIDTH * HEIGHT]> = ConstStaticCell::new([0; WIDTH * HEIGHT]);
 
-/// Stops. A panic of the core has nobody to be reported to here.
+/// Stops. There is nobody here to whom a panic of the core could be reported.
 #[cfg(panic = "abort")]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -30,9 +29,8 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     }
 }
 
-/// Everything that a box does with the core: reads a configuration, measures
-/// frames of both depths, and reads and writes packets. Nobody calls it; it is
-/// there to be linked.
+/// Everything that a box does with the core: reads a configuration, measures frames of both depths,
+/// and reads and writes packets. It is never called, only linked.
 // The name is the artefact's entry: without an exported function the linker would drop everything.
 #[allow(unsafe_code)]
 #[unsafe(no_mangle)]

@@ -174,7 +174,7 @@ fn a_card_that_would_not_start_is_told_by_what_is_wrong_with_it() {
         (card.with("recovery.bin", ""), "recovery.bin is on the card"),
         (with_words("8250.nr_uarts=1"), "`8250.nr_uarts=1`: there is no rule"),
         (card.with("cmdline.txt", "quiet\npanic=10\n"), "cmdline.txt is not one line"),
-        (card.with("bcm2711-rpi-400.dtb", ""), "Pi 400: bcm2711-rpi-400.dtb is no device tree"),
+        (card.with("bcm2711-rpi-400.dtb", ""), "Pi 400: bcm2711-rpi-400.dtb is not a device tree"),
         (other_order, "not the driver that restarts the computer"),
         (other_kernel, "the kernel has no FB_SIMPLE built in"),
     ];

@@ -220,7 +220,7 @@ impl Firmware<'_> {
     fn check_tree(&mut self, start: &Start) {
         let Some(tree) = self.card.file(&start.device_tree) else { return };
         if !tree.starts_with(b"\xd0\x0d\xfe\xed") {
-            return self.complain(format!("{} is no device tree", start.device_tree));
+            return self.complain(format!("{} is not a device tree", start.device_tree));
         }
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("tree.dtb");

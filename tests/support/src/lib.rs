@@ -1,9 +1,10 @@
 //! What the tests of several packages share, and `cargo xtask test` with them.
 //!
 //! - [`data`]: photographs and other people's recordings, which are not in the repository.
-//! - [`skip`]: how a test says that it cannot run here. A test that returns early counts as
-//!   passed; what it says through this function is listed at the end of the run.
-//! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, also in an emulator.
+//! - [`skip`]: how a test says that it cannot run here. A test that returns early counts as passed;
+//!   the reason that it gives through this function is listed at the end of the run.
+//! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, in an
+//!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
@@ -33,8 +34,8 @@ pub use skips::{Absent, SKIPS, Skip, read_skips, skip};
 /// Names the directory with photographs and recordings by others.
 pub const DATA: &str = "PLUMBLINE_DATA";
 
-/// Names what runs this project's programs where they are of another processor than the
-/// machine: the tests run in an emulator then, and cannot start a program without it.
+/// Names the emulator that runs this project's programs where they are built for another processor:
+/// the tests then run in an emulator themselves, and cannot start a program without it.
 pub const RUNNER: &str = "PLUMBLINE_RUNNER";
 
 /// The root of the checkout.
@@ -48,7 +49,7 @@ pub fn data_directory() -> PathBuf {
     root().join(env::var_os(DATA).unwrap_or_else(|| "../shared/data".into()))
 }
 
-/// A file or folder of the data. `None`, and skipped, where it is absent.
+/// A file or folder of the data. `None`, with the test recorded as skipped, where it is absent.
 pub fn data(name: &str) -> Option<PathBuf> {
     let path = data_directory().join(name);
     if path.exists() {
@@ -63,7 +64,7 @@ pub fn is_emulated() -> bool {
     env::var_os(RUNNER).is_some()
 }
 
-/// `program`, to be given its arguments and started: on any processor.
+/// A command that starts `program` on any processor; the caller adds its arguments.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     match env::var_os(RUNNER) {
         Some(runner) => {
@@ -75,9 +76,9 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
     }
 }
 
-/// Whether a serial line can be opened; skipped where it cannot. The emulator does not know the
-/// request that sets a line's rate (TCSETS2). The tests that boot the box have a line on that
-/// processor.
+/// Whether a serial line can be opened; where it cannot, the test is recorded as skipped. The
+/// emulator does not know the request that sets a line's rate (TCSETS2). The tests that boot the
+/// box use a serial line on that processor.
 pub fn serial_lines() -> bool {
     if is_emulated() {
         skip(Absent::Emulator, "the emulator cannot set a serial line's rate");
@@ -85,8 +86,8 @@ pub fn serial_lines() -> bool {
     !is_emulated()
 }
 
-/// The box's program, which lies beside `plumb`. `None`, and skipped, where it is not built: a
-/// package's own tests do not build another's programs.
+/// The box's program, which lies beside `plumb`. `None`, with the test recorded as skipped, where
+/// it is not built: a package's own tests do not build the programs of another.
 pub fn board_beside(plumb: &str) -> Option<PathBuf> {
     let board = Path::new(plumb).with_file_name("plumbline-board");
     if board.exists() {

@@ -1,5 +1,5 @@
-//! Rendered recordings that several tests read, also those that run in an emulator: it would take
-//! minutes for what this machine renders in seconds.
+//! Rendered recordings that several tests read, including those that run in an emulator, which
+//! would take minutes for what this machine renders in seconds.
 
 use std::env;
 use std::fs::{self, File};
@@ -13,14 +13,14 @@ use crate::root;
 pub const RECORDINGS: &str = "PLUMBLINE_RECORDINGS";
 
 /// Names the directory with this project's programs, where they are built; without it they are
-/// built when a test starts one. Cargo builds them anew for each choice of packages.
+/// built when a test starts one. Cargo rebuilds them for each selection of packages.
 pub const PROGRAMS: &str = "PLUMBLINE_PROGRAMS";
 
 /// Frames of the standard recording.
 pub const STANDARD_FRAMES: usize = 130;
 
-/// [`STANDARD_FRAMES`] of the standard scene at 60 Hz. From frame 43 to 116 an arm hides the lower target
-/// wholly, for longer than a target coasts.
+/// [`STANDARD_FRAMES`] of the standard scene at 60 Hz. From frame 43 to 116 an arm hides the lower
+/// target completely, for longer than a target coasts.
 pub const STANDARD: &str = "standard";
 
 /// One frame of a camera with 640 x 480 pixels.
@@ -38,7 +38,7 @@ const SETTINGS: [(&str, &[&str]); 2] = [
     (VGA, &["--frames", "1", "--lens", "vga"]),
 ];
 
-/// The folder of a recording, which is made first where it is not there.
+/// The folder of a recording, which is made first if it is missing.
 ///
 /// # Panics
 /// When it cannot be made.
@@ -53,8 +53,8 @@ pub fn recording(name: &str) -> PathBuf {
     MADE.get_or_init(directory).join(name)
 }
 
-/// Makes the recordings below the target directory, where they are missing or older than `plumb`,
-/// which renders them; where they are.
+/// Makes those recordings below the target directory that are missing or older than `plumb`, which
+/// renders them. Returns the directory that they are in.
 ///
 /// # Errors
 /// When a recording cannot be written.
@@ -62,13 +62,13 @@ pub fn make_recordings(target: &Path, plumb: &Path) -> Result<PathBuf, String> {
     let directory = target.join("recordings");
     let named = |error| format!("{}: {error}", directory.display());
     fs::create_dir_all(&directory).map_err(named)?;
-    // Several test programs may want them at the same time.
+    // Several test programs may need them at the same time.
     let lock = File::create(directory.join("lock")).map_err(named)?;
     lock.lock().map_err(named)?;
     let built = fs::metadata(plumb).and_then(|about| about.modified()).map_err(named)?;
     for (name, settings) in SETTINGS {
         let folder = directory.join(name);
-        // It is written last.
+        // This file is written last.
         let made = fs::metadata(folder.join(CONFIG_FILE)).and_then(|about| about.modified());
         if made.is_ok_and(|made| made > built) {
             continue;
@@ -91,7 +91,7 @@ fn make(plumb: &Path, folder: &Path, settings: &[&str]) -> Result<(), String> {
     run(provision).map(drop)
 }
 
-/// The program of the package of the same name: where [`PROGRAMS`] says, or else built.
+/// The program of the package with the same name: where [`PROGRAMS`] says, or otherwise built here.
 ///
 /// # Errors
 /// When it does not build.

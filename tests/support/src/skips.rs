@@ -27,7 +27,7 @@ pub enum Absent {
 impl Absent {
     const ALL: [Self; 5] = [Self::Data, Self::Machine, Self::Emulator, Self::Tool, Self::Build];
 
-    /// Its word in the file.
+    /// The word for it in the file.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Data => "data",
@@ -46,7 +46,7 @@ pub struct Skip {
     pub absent: Absent,
     /// The test program and the test in it.
     pub test: String,
-    /// For the reader.
+    /// The reason, for people.
     pub reason: String,
 }
 
@@ -64,7 +64,7 @@ impl Skip {
     }
 }
 
-/// Says that the test of this thread cannot run, and why. The test returns afterwards.
+/// Records that the test of this thread cannot run, and why. The test must return afterwards.
 ///
 /// # Panics
 /// When the file that [`SKIPS`] names cannot be written.
@@ -83,16 +83,16 @@ fn this_test() -> String {
     format!("{program}: {}", thread::current().name().unwrap_or("a thread without a name"))
 }
 
-/// One write: the lines of programs that run at the same time do not mix.
+/// A single write, so that the lines of programs that run at the same time do not mix.
 fn append(file: &Path, skip: &Skip) -> io::Result<()> {
     let mut file = OpenOptions::new().create(true).append(true).open(file)?;
     file.write_all(skip.line().as_bytes())
 }
 
-/// The skips in a file, in order and each once; none where there is no file.
+/// The skips in a file, sorted and without duplicates; none where there is no file.
 ///
 /// # Errors
-/// When the file cannot be read or a line of it is no skip.
+/// When the file cannot be read, or a line of it is not a skip.
 pub fn read_skips(file: &Path) -> io::Result<Vec<Skip>> {
     let text = match fs::read_to_string(file) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),

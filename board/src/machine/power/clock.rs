@@ -106,6 +106,7 @@ mod tests {
 
     use nix::time::ClockId;
     use perf_event::events::Software;
+    use plumbline_test_support::{Absent, skip};
 
     use super::*;
 
@@ -163,10 +164,12 @@ mod tests {
         while ran() < end {}
     }
 
-    /// `None`, with a message, where the computer has no such counter or does not allow it.
+    /// `None`, and skipped, where the computer has no such counter or does not allow it.
     fn counting(what: impl Into<Event>, held_khz: u32) -> Option<Clock> {
         let clock = Clock::count(what, held_khz);
-        clock.inspect_err(|error| eprintln!("skipped: nothing can be counted here: {error}")).ok()
+        let refused =
+            |error: &_| skip(Absent::Machine, &format!("nothing can be counted: {error}"));
+        clock.inspect_err(refused).ok()
     }
 
     #[test]

@@ -125,7 +125,7 @@ impl Libcamera {
             .ok()
             .and_then(|buffer| Some((buffer, self.mappings.get(buffer)?)));
         let Some((buffer, mapping)) = mapping else {
-            return Err("the camera has returned a request that is none of its own".into());
+            return Err("the camera has returned a request with an unknown buffer".into());
         };
         mapping.begin_read();
         self.layout.copy_luma(mapping.bytes(), &mut self.luma);

@@ -2,8 +2,8 @@
 
 use crate::series::Axis;
 
-/// For each axis of the body, the reference's axis (0 to 2 for X to Z) and its sign, where the
-/// reference has it. It turns and mirrors, and does not scale: X, Y and Z stay perpendicular.
+/// For each body axis, the reference's axis (0 to 2 for X to Z) and its sign, if the reference has
+/// it. The mapping only permutes and mirrors axes; it never scales.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Axes([Option<(usize, bool)>; 3]);
 
@@ -14,16 +14,16 @@ impl Axes {
     /// From `ap=X,ml=-Y,si=Z`; an axis that is left out is not compared.
     ///
     /// # Errors
-    /// The text says what to give instead.
+    /// The message says what to give instead.
     pub fn parse(text: &str) -> Result<Self, String> {
         const REMEDY: &str =
-            "give them as ap=X,ml=-Y,si=Z, each axis once, a minus where it points the other way";
+            "give them as ap=X,ml=-Y,si=Z, each axis once, with a minus if it points the other way";
         let mut axes = [None; 3];
         for part in text.split(',') {
             let (body, name) = part.split_once('=').ok_or_else(|| REMEDY.to_owned())?;
             let (body, name) = (body.trim(), name.trim());
             let axis = Axis::ALL.into_iter().find(|it| it.word().eq_ignore_ascii_case(body));
-            let axis = axis.ok_or_else(|| format!("{body:?} is no axis of the body: {REMEDY}"))?;
+            let axis = axis.ok_or_else(|| format!("{body:?} is not a body axis: {REMEDY}"))?;
             let (is_negative, letter) = match name.strip_prefix('-') {
                 Some(letter) => (true, letter),
                 None => (false, name.strip_prefix('+').unwrap_or(name)),
@@ -32,13 +32,13 @@ impl Axes {
             let place = place.ok_or_else(|| format!("{name:?} is not X, Y or Z: {REMEDY}"))?;
             let is_taken = axes.iter().flatten().any(|(taken, _)| *taken == place);
             if is_taken || axes[axis as usize].replace((place, is_negative)).is_some() {
-                return Err(format!("{part:?} gives an axis for the second time: {REMEDY}"));
+                return Err(format!("{part:?} names an axis again: {REMEDY}"));
             }
         }
         Ok(Self(axes))
     }
 
-    /// The body's coordinates of points given by the columns X, Y and Z; empty where an axis is
+    /// The body coordinates of points given by their columns X, Y and Z; empty for an axis that is
     /// left out.
     #[must_use]
     pub fn apply(&self, columns: [&[f64]; 3]) -> [Vec<f64>; 3] {

@@ -1,4 +1,4 @@
-//! As how many independent values a series of dependent ones counts.
+//! The effective sample size: how many independent values a series of dependent values is worth.
 //!
 //! The mean of n values with the autocorrelations r_k has the variance s^2 / n_eff, with
 //!
@@ -6,25 +6,28 @@
 //! n_eff = n / (1 + 2 sum over k of (n_k / n) r_k)
 //! ```
 //!
-//! (Bartlett 1946), with n_k the number of pairs of values that are k apart: n - k in one run, and
-//! fewer in several, which are independent of each other. With r_k the mean of the n_k products
-//! over the variance, a term is the sum of these products over the sum of the squares.
+//! (Bartlett 1946), where n_k is the number of pairs of values that are k apart: n - k in a single
+//! run, fewer in several runs, which are independent of each other. Since r_k is the mean of the
+//! n_k products divided by the variance, each term is the sum of those products over the sum of
+//! squares.
 //!
-//! Estimated r_k are noise beyond some k, and their sum is ended where the terms of 2m and 2m + 1
-//! together are no longer positive, as r_2m + r_2m+1 is for every reversible process (Geyer 1992,
-//! Statistical Science 7:473, initial positive sequence). Nothing is assumed of the shape, such as
-//! one exponential: differences of two systems are white noise on top of slow drifts.
+//! Beyond some k the estimated r_k are only noise. The sum therefore ends where the terms 2m and
+//! 2m + 1 together are no longer positive, because r_2m + r_2m+1 is positive for every reversible
+//! process (Geyer 1992, Statistical Science 7:473, initial positive sequence). No shape, such as a
+//! single exponential, is assumed: differences between two systems are white noise on top of slow
+//! drifts.
 
 use realfft::RealFftPlanner;
 
-/// Fewer are not told apart from none: intervals with them are as wide as intervals get.
+/// A smaller number cannot be told apart from zero: confidence intervals are then as wide as they
+/// get.
 const EFFECTIVE_MIN: f64 = 3.0;
 
-/// The effective number of values in runs of equally spaced ones, which are of one process; from
-/// 3 to their number. Deviations are from the mean of all.
+/// The effective number of values in runs of equally spaced values from one process: between 3 and
+/// the number of values. Deviations are taken from the mean of all runs.
 ///
-/// Where values do not differ, or r_k alternate so that the mean is better than n independent
-/// values would make it, that is n. Costs n log n.
+/// If the values do not differ, or if r_k alternate so that the mean is better than n independent
+/// values would make it, the result is n. Costs O(n log n).
 #[must_use]
 pub fn effective_samples(runs: &[Vec<f64>]) -> f64 {
     let all = || runs.iter().flatten();
@@ -39,9 +42,9 @@ pub fn effective_samples(runs: &[Vec<f64>]) -> f64 {
     (n / sum.max(1.0)).clamp(EFFECTIVE_MIN.min(n), n)
 }
 
-/// For each lag up to the end of the longest run, the sum of the products of the values that lie
-/// so far apart in one run: by FFT, with zeros after each run, so that its end does not meet its
-/// start.
+/// For each lag up to the length of the longest run, the sum of the products of values that are
+/// this far apart within one run. Computed by FFT, with zeros after each run so that its end does
+/// not wrap around to its start.
 fn sums_of_products(runs: &[Vec<f64>]) -> Vec<f64> {
     let mut planner = RealFftPlanner::<f64>::new();
     let mut sums = vec![0.0; runs.iter().map(Vec::len).max().unwrap_or_default()];
@@ -69,7 +72,7 @@ mod tests {
 
     use super::*;
 
-    /// An autoregressive process of first order.
+    /// A first-order autoregressive process.
     fn process(seed: u64, count: usize, phi: f64) -> Vec<f64> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut value = 0.0;
@@ -78,12 +81,12 @@ mod tests {
             value = phi * value + (1.0 - phi * phi).sqrt() * drawn;
             value
         };
-        // Without the start, which is not yet of the process.
+        // Drops the start-up, before the process is stationary.
         (0..200 + count).map(|_| next()).skip(200).collect()
     }
 
-    /// For this process n_eff is n (1 - phi) / (1 + phi). The estimate's own spread over runs of
-    /// 20,000 is 6 % at phi = 0.9, and the mean of 20 of them is within 4 %.
+    /// For this process n_eff is n (1 - phi) / (1 + phi). At phi = 0.9 the estimate itself varies
+    /// by 6 % between runs of 20,000 values, and the mean of 20 such runs is within 4 %.
     #[test]
     fn it_is_what_theory_says_of_a_first_order_process() {
         for (phi, share) in [(0.0, 1.0), (0.5, 1.0 / 3.0), (0.9, 0.1 / 1.9)] {
@@ -93,7 +96,7 @@ mod tests {
         }
     }
 
-    /// The definition: the variance of means is s^2 / n_eff. 400 means give it to 7 %.
+    /// The definition: the variance of means is s^2 / n_eff. 400 means determine it to 7 %.
     #[test]
     fn it_predicts_how_means_spread() {
         let runs = |trial: u64| -> Vec<Vec<f64>> {
@@ -106,8 +109,8 @@ mod tests {
         assert!((predicted / variance - 1.0).abs() < 0.2, "{predicted} {variance}");
     }
 
-    /// Of short runs, whose ends cut most products off, as of one long run: with independent runs
-    /// of m values, n / n_eff is 1 + 2 sum over k of (1 - k / m) phi^k.
+    /// Short runs, whose ends cut off most products, follow the theory as a long run does: with
+    /// independent runs of m values, n / n_eff is 1 + 2 sum over k of (1 - k / m) phi^k.
     #[test]
     fn it_is_what_theory_says_of_short_runs() {
         let (count, length) = (100_u64, 20_i32);
@@ -121,8 +124,8 @@ mod tests {
                 2000.0 / effective_samples(&runs)
             };
             let mean = (0..100).map(found).sum::<f64>() / 100.0;
-            // Each spreads by 9 %, their mean by 0.9 %; that the sum goes on while noise lets it
-            // makes it up to 3 % too large.
+            // Each varies by 9 %, their mean by 0.9 %; the sum is up to 3 % too large because it
+            // continues for as long as noise keeps its terms positive.
             assert!((mean / expected - 1.0).abs() < 0.05, "{phi}: {mean} instead of {expected}");
         }
     }
@@ -137,7 +140,7 @@ mod tests {
                 run.iter().zip(run.iter().skip(lag)).map(|(a, b)| a * b).sum()
             };
             let expected = runs.iter().map(products).sum::<f64>();
-            // Each of some ten stages of the transforms rounds by 1e-16 of the sum of the squares.
+            // Each of about ten transform stages rounds by 1e-16 of the sum of squares.
             assert!((found - expected).abs() < 1e-14 * sums[0], "{lag}: {found} {expected}");
         }
     }
@@ -146,12 +149,12 @@ mod tests {
     fn edges_have_a_number() {
         assert_eq!(effective_samples(&[vec![2.0; 10]]), 10.0);
         assert_eq!(effective_samples(&[vec![1.0, 2.0]]), 2.0);
-        // A drift says next to nothing; signs that alternate say no more than n.
+        // A drift is worth next to nothing; alternating signs are worth no more than n.
         let drift: Vec<f64> = (0..100).map(f64::from).collect();
         assert!((3.0..6.0).contains(&effective_samples(&[drift])));
         let alternating: Vec<f64> = (0..100).map(|it| f64::from(it % 2)).collect();
         assert_eq!(effective_samples(&[alternating]), 100.0);
-        // Single values, as a recording in pieces has them, have no autocorrelation.
+        // Single values, as in a recording broken into pieces, have no autocorrelation.
         assert_eq!(effective_samples(&[vec![1.0], vec![2.0], vec![4.0], vec![1.0]]), 4.0);
     }
 }

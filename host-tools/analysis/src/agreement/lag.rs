@@ -1,14 +1,14 @@
-//! How much later one clock shows a movement than another: the lag at which two recordings
-//! correlate most.
+//! How much later one clock shows a movement than another: the lag that maximises the correlation
+//! of two recordings.
 //!
-//! Both are brought to the measurement's rate; along all axes together the correlation at a lag
-//! is the sum of the covariances over the root of the product of the sums of the variances, of
-//! those samples that overlap there. Axes that move most count most. The largest of these
-//! correlations and its two neighbours define a parabola, whose top is between samples.
+//! Both recordings are resampled at the measurement's rate. The correlation at a lag, over all axes
+//! together, is the sum of the covariances divided by the square root of the product of the summed
+//! variances, taken over the samples that overlap at that lag. Axes that move most therefore count
+//! most. A parabola through the largest of these correlations and its two neighbours gives the
+//! maximum between samples.
 //!
-//! Every sum over an overlap is the correlation of two columns that are 0 where a value is
-//! missing, and comes for all lags at once from their spectra (Padfield 2012, IEEE Trans. Image
-//! Process. 21:2706).
+//! Every sum over an overlap is a correlation of two columns that are 0 where a value is missing;
+//! their spectra give it for all lags at once (Padfield 2012, IEEE Trans. Image Process. 21:2706).
 
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -20,36 +20,36 @@ use serde::Serialize;
 use super::pairs::{PairError, places};
 use crate::series::{Axis, Series};
 
-/// Recordings that overlap in less than this part of the shorter one are not compared: few
+/// Recordings that overlap in less than this fraction of the shorter one are not compared: a few
 /// samples correlate by chance.
 const OVERLAP_MIN: f64 = 0.5;
 
-/// Samples of the longest recording, an hour at 200 Hz ten times over: the grid of a recording
-/// with a pause of days would fill the memory.
+/// The most samples a recording may have, ten hours at 200 Hz: the grid of a recording with a pause
+/// of days would exhaust the memory.
 const GRID_MAX: f64 = 7.2e6;
 
-/// A recording that moves less where both overlap than this part of its squares has no
-/// correlation there: what is left of that by the spectra's rounding, some 1e-15 of the squares, is
-/// then a millionth.
+/// A recording whose movement in the overlap is below this fraction of its squares has no
+/// correlation there. Above it, rounding in the spectra, about 1e-15 of the squares, is at most a
+/// millionth of the movement.
 const MOVEMENT_MIN: f64 = 1e-9;
 
-/// A lag between clocks.
+/// The lag between two clocks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Lag {
-    /// The measurement's time of a movement less the reference's, seconds.
+    /// The time of a movement in the measurement minus its time in the reference, seconds.
     pub lag_s: f64,
-    /// The correlation there, -1 to 1.
+    /// The correlation at this lag, -1 to 1.
     pub correlation: f64,
-    /// It is at the end of the search range: a larger correlation may lie beyond.
+    /// Whether the lag is at the end of the search range: a larger correlation may lie beyond.
     pub is_at_bound: bool,
 }
 
 /// The lag of a measurement behind its reference, from -`lag_max_s` to `lag_max_s`. For n samples
-/// of both together it takes the time of n log n operations and at most some 120 n bytes, however
-/// many lags there are.
+/// in both together it costs O(n log n) operations and at most about 120 n bytes, however many lags
+/// there are.
 ///
 /// # Errors
-/// When one of both does not move, or they do not overlap at any of these lags.
+/// When one of the two does not move, or they do not overlap at any of these lags.
 pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag, PairError> {
     let shared: Vec<Axis> = Axis::ALL
         .into_iter()
@@ -76,7 +76,7 @@ pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag,
         return Err(PairError::Constant("reference"));
     }
     let enough = OVERLAP_MIN * a.filled().min(b.filled()) as f64;
-    // Sample i of one against i - shift of the other is the lag start_s + shift period_s.
+    // Pairing sample i of one with i - shift of the other means a lag of start_s + shift period_s.
     let start_s = spans[0][0] - spans[1][0];
     let shift_of = |lag_s: f64| (lag_s - start_s) / period_s;
     let first = shift_of(-lag_max_s).ceil().max(-(b.samples() as f64)) as i64;
@@ -93,7 +93,7 @@ pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag,
         Some((left, right)) => {
             let bend = left - 2.0 * correlation + right;
             let slope = 0.5 * (right - left);
-            // Of equal neighbours the top is anywhere.
+            // Between equal neighbours the maximum may be anywhere.
             let top = if bend < 0.0 { -slope / bend } else { 0.0 };
             (top, (correlation + 0.5 * slope * top).min(1.0))
         }
@@ -103,8 +103,8 @@ pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag,
     Ok(Lag { lag_s, correlation, is_at_bound: around.is_none() })
 }
 
-/// A recording on evenly spaced times: about its mean along each axis, and where there is a
-/// value at all.
+/// A recording at evenly spaced times: the deviations from its mean along each axis, and where it
+/// has a value at all.
 struct Grid {
     is_there: Vec<bool>,
     axes: Vec<Vec<f64>>,
@@ -136,7 +136,7 @@ impl Grid {
         self.is_there.iter().filter(|it| **it).count()
     }
 
-    /// Along all axes, but for the rounding of values some metres from the origin.
+    /// Along all axes, apart from the rounding of values some metres from the origin.
     fn is_constant(&self) -> bool {
         self.axes.iter().flatten().all(|it| it.abs() < 1e-9)
     }
@@ -146,24 +146,24 @@ impl Grid {
         self.is_there.iter().map(|it| f64::from(u8::from(*it)))
     }
 
-    /// The squares of all axes together.
+    /// The squares, summed over the axes.
     fn squares(&self) -> impl Iterator<Item = f64> {
         (0..self.samples()).map(|at| self.axes.iter().map(|values| values[at] * values[at]).sum())
     }
 
-    /// Of variances over an overlap, the least that is more than rounding.
+    /// The smallest variance over an overlap that is more than rounding.
     fn movement_min(&self) -> f64 {
         MOVEMENT_MIN * self.squares().sum::<f64>()
     }
 }
 
-/// The correlation at each shift; `None` where fewer than `enough` samples of both are there, or
-/// do not differ.
+/// The correlation at each shift; `None` where fewer than `enough` samples overlap or one side does
+/// not vary.
 fn correlations(a: &Grid, b: &Grid, shifts: RangeInclusive<i64>, enough: f64) -> Vec<Option<f64>> {
     let overlaps = Overlaps::new(a.samples() + b.samples(), shifts);
     let sums = |a: &_, b: &_| overlaps.sums(a, b);
     let masks = [a, b].map(|it| overlaps.spectrum(it.mask()));
-    // A count, but for rounding.
+    // Counts, apart from rounding.
     let counts: Vec<f64> = sums(&masks[0], &masks[1]).iter().map(|it| it.round()).collect();
     let mut variances = [
         sums(&overlaps.spectrum(a.squares()), &masks[1]),
@@ -196,8 +196,8 @@ struct Overlaps {
 }
 
 impl Overlaps {
-    /// For two columns with this many samples together: shifted by any `shifts` that leave an
-    /// overlap, they do not meet themselves around the transform's end.
+    /// For two columns with this many samples together. At any of the `shifts` that leave an
+    /// overlap, the columns do not wrap around the end of the transform.
     fn new(samples: usize, shifts: RangeInclusive<i64>) -> Self {
         let (length, mut planner) = (samples.next_power_of_two(), RealFftPlanner::new());
         let (forward, inverse) =
@@ -213,11 +213,11 @@ impl Overlaps {
         spectrum
     }
 
-    /// Sample i of `a` times sample i - shift of `b`, over all i: for each shift.
+    /// The sum over all i of sample i of `a` times sample i - shift of `b`, for each shift.
     fn sums(&self, a: &[Complex<f64>], b: &[Complex<f64>]) -> Vec<f64> {
         let mut products: Vec<_> = a.iter().zip(b).map(|(a, b)| a * b.conj()).collect();
         let mut sums = self.inverse.make_output_vec();
-        // Real at both ends, as the product of two that are.
+        // Both ends are real, being products of two real numbers.
         self.inverse.process(&mut products, &mut sums).expect("the plan's own lengths");
         let length = sums.len() as i64;
         let at = |shift: i64| sums[shift.rem_euclid(length) as usize] / length as f64;
@@ -232,7 +232,7 @@ mod tests {
 
     use super::*;
 
-    /// A person's sway, without a period: sums of sines up to 1.3 Hz.
+    /// A person's sway, without a period: a sum of sines up to 1.3 Hz.
     fn sway(time_s: f64) -> [f64; 3] {
         let sum = |parts: [(f64, f64); 3]| {
             parts.iter().map(|(hz, mm)| mm * (std::f64::consts::TAU * hz * time_s).sin()).sum()
@@ -251,7 +251,7 @@ mod tests {
         Series::new(time_s.clone(), [along(0), along(1), along(2)]).unwrap()
     }
 
-    /// Linear interpolation and the parabola leave some 1e-5 s of the 17 ms of a sample.
+    /// Linear interpolation and the parabola leave an error of about 1e-5 s; a sample lasts 17 ms.
     #[test]
     fn a_delay_is_found_between_samples() {
         for delay_s in [-4.1234, -0.0042, 0.0, 0.0098, 2.3456] {
@@ -300,7 +300,7 @@ mod tests {
         (both.len() as f64 >= enough).then(|| covariance / (variances[0] * variances[1]).sqrt())
     }
 
-    /// Noise about steps, of lengths and with gaps drawn at random: nothing of it is smooth, and
+    /// Noise about steps, with lengths and gaps drawn at random: nothing is smooth, and
     /// neighbouring lags have nothing in common.
     #[test]
     fn all_correlations_are_those_of_the_direct_sums() {
@@ -326,16 +326,16 @@ mod tests {
             for (shift, found) in shifts.zip(found) {
                 let wanted = correlation(&a, &b, shift, 20.0);
                 assert_eq!(found.is_some(), wanted.is_some(), "at {shift}");
-                // Rounding, some 1e-16 of squares that the step makes 1e5 times, and samples that
-                // do not overlap ten times, those of the noise alone.
+                // Rounding: about 1e-16 of squares that the step makes 1e5 times larger, and ten
+                // times that where the samples that overlap are those of the noise alone.
                 let differs = found.zip(wanted).map_or(0.0, |(a, b)| (a - b).abs());
                 assert!(differs < 1e-9, "{differs} at {shift}");
             }
         }
     }
 
-    /// Over the last 20 s the measurement is still: the lags that pair these with the reference
-    /// alone leave rounding, whose correlation could be anything.
+    /// During the last 20 s the measurement is still. At lags that pair only these samples with the
+    /// reference, nothing but rounding is left, whose correlation could be anything.
     #[test]
     fn what_is_still_where_both_overlap_has_no_lag() {
         let moving = series(60.0, 0.0..30.0, 0.0);
@@ -349,7 +349,8 @@ mod tests {
         };
         let [a, b] = [&until(600), &moving].map(|it| Grid::new(it, 1.0 / 60.0, &Axis::ALL));
         let found = correlations(&a, &b, -1800..=1800, 900.0);
-        // Shift 600 is the first that leaves samples 600 and later; at 900 the overlap ends.
+        // Shift 600 is the first to leave only samples from 600 on; at 900 the overlap becomes too
+        // short.
         let known = |shift: i64| found[(shift + 1800) as usize].is_some();
         assert!((-900..590).all(known), "they move together");
         assert!(!(600..=1800).any(known), "one is still");

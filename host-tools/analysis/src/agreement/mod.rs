@@ -1,5 +1,5 @@
-//! How well a measurement agrees with a reference, such as motion capture: from two recordings of
-//! the same movement to bias, limits of agreement and a regression line for each axis.
+//! How well a measurement agrees with a reference, such as motion capture: turns two recordings of
+//! the same movement into a bias, limits of agreement and a regression line for each axis.
 //!
 //! ```text
 //! measured  ─────────────────────┐
@@ -7,10 +7,10 @@
 //!                     ... other trials ─────┴─▶ Bland-Altman, regression
 //! ```
 //!
-//! As in the paper, the reference is brought to the camera's times by linear interpolation, the
-//! origins are aligned, and the trials are concatenated. Nothing is interpolated over gaps.
+//! As in the paper, the reference is linearly interpolated at the camera's times, the origins are
+//! aligned, and the trials are concatenated. Gaps are not interpolated.
 //!
-//! Aligned origins make the bias 0 by construction: it then says nothing, and the limits say all.
+//! Aligning the origins makes the bias 0 by construction; only the limits are then informative.
 
 pub mod axes;
 pub mod effective;
@@ -32,7 +32,7 @@ use pairs::Paired;
 pub struct AxisAgreement {
     /// `AP`, `ML` or `SI`.
     pub axis: &'static str,
-    /// Bias and limits, mm: measured less reference.
+    /// Bias and limits, mm, of measured minus reference.
     pub bland_altman: BlandAltman,
     /// measured = intercept + slope reference; `None` where the reference does not move.
     pub regression: Option<Line>,
@@ -40,8 +40,8 @@ pub struct AxisAgreement {
     pub rms_mm: f64,
 }
 
-/// The agreement over trials, along each axis that all of them have. Its confidence intervals
-/// go by [`effective_samples`] of the differences.
+/// The agreement over trials, along each axis that all of them have. Its confidence intervals use
+/// the [`effective_samples`] of the differences.
 ///
 /// # Errors
 /// When an axis has too few pairs.

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::series::{Axis, Series};
 
-/// Fewer pairs make no trial.
+/// A trial with fewer pairs is rejected.
 const PAIRS_MIN: usize = 10;
 
 /// One trial: the values of both systems at the camera's times.
@@ -18,35 +18,35 @@ pub struct Paired {
 /// The values along one axis, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pairs {
-    /// Of the reference.
+    /// The reference's values.
     pub reference_mm: Vec<f64>,
-    /// Of the measurement.
+    /// The measurement's values.
     pub measured_mm: Vec<f64>,
-    /// What was taken off measured less reference to align the origins.
+    /// The offset subtracted from measured minus reference to align the origins.
     pub offset_mm: f64,
 }
 
 impl Pairs {
-    /// Measured less reference.
+    /// Measured minus reference.
     #[must_use]
     pub fn differences(&self) -> Vec<f64> {
         self.measured_mm.iter().zip(&self.reference_mm).map(|(a, b)| a - b).collect()
     }
 }
 
-/// Why two recordings make no pairs.
+/// Why two recordings cannot be paired.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PairError {
-    /// Neither axis was measured by both.
+    /// No axis was measured by both.
     NoAxis,
-    /// At no time, or at so few, there is a value of both. With the spans of the measurement and
-    /// of the reference on the same clock, seconds.
+    /// There are no, or too few, times at which both have a value. The spans of the measurement and
+    /// of the reference are on the same clock, in seconds.
     Overlap {
-        /// How many there are.
+        /// The number of such times.
         pairs: usize,
-        /// First and last time of the measurement.
+        /// The first and last time of the measurement.
         measured_s: [f64; 2],
-        /// First and last time of the reference.
+        /// The first and last time of the reference.
         reference_s: [f64; 2],
     },
     /// The measurement, or the reference, does not move: no lag can be found.
@@ -56,10 +56,10 @@ pub enum PairError {
 impl fmt::Display for PairError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NoAxis => write!(formatter, "no axis is in both"),
+            Self::NoAxis => write!(formatter, "no axis was measured by both"),
             Self::Overlap { pairs, measured_s: [a, b], reference_s: [c, d] } => write!(
                 formatter,
-                "both have a value at {pairs} times only: the measurement is from {a:.2} to \
+                "both have a value at only {pairs} times: the measurement is from {a:.2} to \
                  {b:.2} s, the reference from {c:.2} to {d:.2} s"
             ),
             Self::Constant(which) => write!(formatter, "the {which} does not move"),
@@ -70,12 +70,12 @@ impl fmt::Display for PairError {
 impl std::error::Error for PairError {}
 
 impl Paired {
-    /// Brings the reference to the measurement's times: at t it is what the reference was at
-    /// t - `lag_s`, between neighbouring samples by linear interpolation, and not over gaps. With
-    /// `align_origins` the means over the pairs are taken off both.
+    /// Brings the reference to the measurement's times: its value at t is the reference at t -
+    /// `lag_s`, interpolated linearly between neighbouring samples but not across gaps. With
+    /// `align_origins`, both have their mean over the pairs subtracted.
     ///
     /// # Errors
-    /// When too few pairs are left.
+    /// When too few pairs remain.
     pub fn new(
         measured: &Series,
         reference: &Series,
@@ -109,13 +109,13 @@ impl Paired {
         Ok(Self { series, along })
     }
 
-    /// The pairs along an axis, where both have it.
+    /// The pairs along an axis, if both have it.
     #[must_use]
     pub fn along(&self, axis: Axis) -> Option<&Pairs> {
         self.along[axis as usize].as_ref()
     }
 
-    /// When, on the measurement's clock.
+    /// The times of the pairs, on the measurement's clock.
     #[must_use]
     pub fn time_s(&self) -> &[f64] {
         self.series.time_s()
@@ -143,23 +143,23 @@ impl Pairs {
     }
 }
 
-/// A place between two neighbouring samples.
+/// A position between two neighbouring samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     before: usize,
-    /// Of the way to the next, from 0 to 1.
+    /// The fraction of the way to the next sample, from 0 to 1.
     share: f64,
 }
 
 impl Place {
-    /// The linear interpolation there.
+    /// The linearly interpolated value at this position.
     pub(super) fn value(self, values: &[f64]) -> f64 {
         let (a, b) = (values[self.before], values[(self.before + 1).min(values.len() - 1)]);
         a + self.share * (b - a)
     }
 }
 
-/// Where times that increase lie among a series' samples; `None` before, after, and in gaps.
+/// Where increasing times lie among a series' samples; `None` before, after, and in gaps.
 pub(super) fn places(series: &Series, times_s: &[f64]) -> Vec<Option<Place>> {
     let at_s = series.time_s();
     let mut segments = series.segments().peekable();
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_line_is_interpolated_exactly_and_not_over_gaps() {
-        // The reference at 10 Hz without 1.0 to 1.4, later by 0.25 s, and ten times as large.
+        // The reference: 10 Hz, samples 1.0 to 1.4 missing, 0.25 s later, and ten times as large.
         let mut time_s = steps(0, 10, 0.1);
         time_s.extend(steps(15, 30, 0.1));
         let reference = series(time_s, |it| 10.0 * it);

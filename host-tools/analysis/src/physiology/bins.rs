@@ -1,13 +1,13 @@
-//! Whole seconds, and the means of a stand's parts.
+//! Values at whole seconds, and their means over the parts of a stand trial.
 //!
-//! As the paper does it: what comes once a beat or a breath is interpolated linearly to one value
-//! a second, what is sampled faster (oxygenation at 50 Hz) is averaged into bins of a second; then
-//! all have the same times, and are averaged over parts of the trial. Second k lies from k to
-//! k + 1, and is interpolated in its middle, so that a part from 0 to 10 s has nothing in it of
-//! what was before.
+//! As in the paper, quantities that come once a beat or a breath are interpolated linearly to one
+//! value per second, and quantities sampled faster (oxygenation at 50 Hz) are averaged over bins of
+//! one second. All then have the same times and are averaged over parts of the trial. Second k runs
+//! from k to k + 1 and is interpolated at its middle, so that a part from 0 to 10 s contains
+//! nothing of what came before.
 //!
-//! Nothing is extrapolated, nor interpolated over a gap longer than a bound, nor averaged where
-//! most is missing. Such seconds are missing, and each mean says how many it had.
+//! There is no extrapolation, no interpolation across gaps longer than a bound, and no average
+//! where most samples are missing. Such seconds are missing, and each mean reports how many it had.
 
 use std::ops::Range;
 
@@ -15,29 +15,30 @@ use serde::Serialize;
 
 use super::signal::{SamplingError, Signal};
 
-/// A bin has at least this part of the samples that the rate promises.
+/// A bin needs at least this fraction of the samples that the rate promises.
 const BIN_COVERAGE_MIN: f64 = 0.5;
 
-/// What is averaged into seconds comes several times a second.
+/// A quantity averaged over seconds must be sampled several times a second.
 const RATE_HZ: [f64; 2] = [2.0, 20_000.0];
 
-/// Slow breaths are 10 s apart, and what changes within a part of the stand is lost in more.
+/// Slow breaths are 10 s apart; a longer gap would hide changes within a part of the stand.
 pub const GAP_MAX_S: f64 = 10.0;
 
 /// A quantity at whole seconds after t = 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seconds {
-    /// The first.
+    /// The first second.
     pub first_s: i64,
     /// At each second from the first on; `None` where it is missing.
     pub values: Vec<Option<f64>>,
 }
 
 impl Seconds {
-    /// What comes once a beat or a breath, in each second's middle: on the line between its values
-    /// where they are no further apart than the bound.
+    /// Interpolates a quantity that comes once a beat or a breath at the middle of each second,
+    /// linearly between values that are no further apart than the bound.
     ///
-    /// `zero_s` is when t = 0 in the signal's time, `span` which seconds; each takes 16 bytes.
+    /// `zero_s` is t = 0 on the signal's clock; `span` is the range of seconds, which take 16 bytes
+    /// each.
     #[must_use]
     pub fn interpolated(signal: &Signal, zero_s: f64, span: Range<i64>, gap_max_s: f64) -> Self {
         let first_s = span.start;
@@ -46,10 +47,10 @@ impl Seconds {
         Self { first_s, values }
     }
 
-    /// What is sampled all the time, averaged over each second.
+    /// Averages a continuously sampled quantity over each second.
     ///
     /// # Errors
-    /// When it is not evenly sampled at 2 to 20 000 Hz.
+    /// When the signal is not evenly sampled at 2 to 20 000 Hz.
     pub fn averaged(signal: &Signal, zero_s: f64, span: Range<i64>) -> Result<Self, SamplingError> {
         let needed = BIN_COVERAGE_MIN * signal.rate_hz(RATE_HZ[0], RATE_HZ[1])?;
         let first_s = span.start;
@@ -71,7 +72,7 @@ impl Seconds {
     }
 }
 
-/// What a part of a trial is counted from.
+/// The event from which a part of a trial is counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Event {
@@ -81,21 +82,21 @@ pub enum Event {
     Stance,
 }
 
-/// A part of a trial. The paper's are a supine baseline from 45 to 15 s before the transition,
-/// and the first 10 s of early, mid and late stance. (Its words, "the first 10 s of stance time",
-/// can be read otherwise; its three values differ, so that each must have its own 10 s.)
+/// A part of a trial. The paper's are a supine baseline from 45 to 15 s before the transition, and
+/// the first 10 s of early, mid and late stance. (The paper's words, "the first 10 s of stance
+/// time", could mean something else; but its three values differ, so each must have its own 10 s.)
 #[derive(Debug, Clone, PartialEq)]
 pub struct Window {
     /// Its name in the tables.
     pub name: String,
-    /// What it is counted from.
+    /// The event it is counted from.
     pub from: Event,
-    /// Its start, and its end, which is not in it, seconds after the event.
+    /// Its start and its end (exclusive), seconds after the event.
     pub span_s: Range<f64>,
 }
 
 impl Window {
-    /// Its whole seconds after t = 0, when the transition is at this time.
+    /// The whole seconds after t = 0 that it covers, given the time of the transition.
     #[must_use]
     pub fn seconds(&self, transition_s: f64) -> Range<i64> {
         let event_s = match self.from {
@@ -113,15 +114,15 @@ pub struct WindowMean {
     pub name: String,
     /// `None` where too much is missing.
     pub mean: Option<f64>,
-    /// The part's seconds.
+    /// The number of seconds in the part.
     pub seconds: usize,
-    /// Those of them with a value.
+    /// The number of those that have a value.
     pub known: usize,
 }
 
-/// The means over parts of a trial in which at least this share of the seconds has a value.
+/// The means over parts of a trial in which at least this fraction of the seconds has a value.
 ///
-/// `transition_s`: when the transition begins, seconds after t = 0, so below zero.
+/// `transition_s`: when the transition begins, seconds after t = 0, so it is negative.
 #[must_use]
 pub fn window_means(
     seconds: &Seconds,
@@ -168,10 +169,10 @@ mod tests {
 
     #[test]
     fn beats_are_interpolated_to_seconds_and_no_further() {
-        // A value that is its own time, each 0.8 s from 100.4 to 106, but for 102.8 to 104.4.
+        // A value equal to its own time, every 0.8 s from 100.4 to 106, except from 102.8 to 104.4.
         let beats = [100.4, 101.2, 102.0, 102.8, 104.4, 105.2, 106.0];
         let signal = Signal::of(beats.map(|it| (it, it)));
-        // Middles from 99 s on are those of seconds that begin half a second before.
+        // Middles from 99 s on belong to seconds that begin half a second earlier.
         let it = Seconds::interpolated(&signal, 99.5, -1..8, 1.5);
         let expected =
             [None, None, Some(101.0), Some(102.0), None, None, Some(105.0), Some(106.0), None];
@@ -189,7 +190,7 @@ mod tests {
 
     #[test]
     fn a_second_is_the_mean_of_what_lies_about_it() {
-        // At 50 Hz second k has the samples k to k + 0.98: of a ramp, k + 0.49.
+        // At 50 Hz, second k has the samples k to k + 0.98: the mean of a ramp is k + 0.49.
         let ramp = evenly(50.0, -10.0..10.0, |time_s| time_s);
         let it = Seconds::averaged(&ramp, 0.0, -11..12).unwrap();
         for second in -10..10 {
@@ -218,14 +219,14 @@ mod tests {
     #[test]
     fn the_papers_windows_are_counted_from_their_own_events() {
         let [baseline, early, mid, late] = windows_of_the_paper();
-        // Who takes 4.6 s to stand up: -49.6 to -19.6.
+        // A person who takes 4.6 s to stand up: -49.6 to -19.6.
         assert_eq!(baseline.seconds(-4.6), -49..-19);
         assert_eq!([early, mid, late].map(|it| it.seconds(-4.6)), [0..10, 20..30, 40..50]);
     }
 
     #[test]
     fn a_mean_says_what_it_is_of() {
-        // A value that is its own second from -60 to 44.
+        // A value equal to its own second, from -60 to 44.
         let signal = Signal::of((-60..45).map(|it| (f64::from(it), f64::from(it))));
         let it = Seconds::interpolated(&signal, -0.5, -60..60, GAP_MAX_S);
         let means = window_means(&it, &windows_of_the_paper(), -5.0, 0.6);
@@ -233,7 +234,7 @@ mod tests {
         // -50 to -21.
         assert_eq!((means[0].name.as_str(), of(0)), ("baseline", (Some(-35.5), 30, 30)));
         assert_eq!((of(1), of(2)), ((Some(4.5), 10, 10), (Some(24.5), 10, 10)));
-        // 40 to 44: half, and it takes 60 %.
+        // 40 to 44: half of the part, where 60 % are needed.
         assert_eq!(of(3), (None, 10, 5));
         assert_eq!(window_means(&it, &windows_of_the_paper(), -5.0, 0.5)[3].mean, Some(42.0));
         let empty = Window { name: String::new(), from: Event::Stance, span_s: 3.0..-3.0 };

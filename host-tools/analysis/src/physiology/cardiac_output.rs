@@ -1,21 +1,20 @@
-//! Cardiac output: what the heart pumps, heart rate times stroke volume.
+//! Cardiac output, the volume that the heart pumps: heart rate times stroke volume.
 
 use super::cycles::Cycles;
 use super::signal::Signal;
 
-/// A stroke volume is used for cycles between two of its values that are no further apart. It
-/// comes once a beat, and two beats are at most 4 s.
+/// The longest gap between two stroke volumes over which they are interpolated. They come once a
+/// beat, and two beats take at most 4 s.
 const GAP_MAX_S: f64 = 4.0;
 
-/// Millilitres in a litre.
+/// Millilitres per litre.
 const ML_PER_L: f64 = 1000.0;
 
-/// Cardiac output of each cycle, litres per minute: 60 / RR times the stroke volume in
-/// millilitres.
+/// The cardiac output of each cycle, litres per minute: 60 / RR times the stroke volume in litres.
 ///
-/// The stroke volume may come once a beat, as from a finger pressure monitor, or at any rate; it
-/// is taken at the cycle's middle, on the line between its values. Missing where the cycle is not
-/// to be believed, or the stroke volume is not known.
+/// The stroke volume may come once a beat, as from a finger pressure monitor, or at any rate; it is
+/// interpolated linearly at the middle of the cycle. The output is missing where the cycle is not
+/// plausible or the stroke volume is unknown.
 #[must_use]
 pub fn cardiac_output_l_min(cycles: &Cycles, stroke_volume_ml: &Signal) -> Signal {
     cycles.figures(|cycle| {
@@ -31,12 +30,12 @@ mod tests {
 
     #[test]
     fn it_is_the_heart_rate_times_the_stroke_volume() {
-        // The paper's supine control: 63.1 per minute, 92.8 mL, 5.8 L/min.
+        // The paper's supine control: 63.1 beats per minute, 92.8 mL, 5.8 L/min.
         let beats_s: Vec<f64> = (0..5).map(|beat| f64::from(beat) * 60.0 / 63.1).collect();
         let cycles = Cycles::new(Beats::RWaves, &[beats_s]);
         let volume = Signal::new(vec![0.0, 2.0, 6.5], vec![92.8, 92.8, 92.8]).unwrap();
         let output = cardiac_output_l_min(&cycles, &volume);
-        // The third and fourth middle lie in a gap of 4.5 s.
+        // The middles of the third and fourth cycles lie in a gap of 4.5 s.
         let known: Vec<(f64, f64)> = output.present().collect();
         assert_eq!((output.values().len(), known.len()), (4, 2));
         for (_, litres) in known {

@@ -1,30 +1,29 @@
-//! Cardiac cycles: the intervals between beats, and which of them are to be believed.
+//! Cardiac cycles: the intervals between beats, and which of them are plausible.
 //!
-//! Beats are R waves, or the feet of a pressure wave. An interval is left out, never repaired,
-//! when
+//! Beats are R waves, or the feet of a pressure wave. An interval is excluded, never repaired, when
 //!
 //! - the recording has a gap in it: a beat may be in the gap;
 //! - it is shorter than 0.3 s or longer than 2 s (200 and 30 beats per minute);
-//! - it differs by more than a fifth from the median of the eleven intervals around it. The
-//!   shorter is a premature beat or what was taken for one, the longer a missed beat or the pause
-//!   after a premature one. A fifth is Malik's bound (Malik et al. 1989, Eur. Heart J. 10:1060);
-//!   the median, unlike the interval before, lets a steady rise of the heart rate pass, as when
-//!   a person stands up.
+//! - it differs by more than a fifth from the median of the eleven intervals around it. A shorter
+//!   one ends in a premature beat or a false detection; a longer one spans a missed beat or the
+//!   pause after a premature beat. A fifth is Malik's bound (Malik et al. 1989, Eur. Heart J.
+//!   10:1060). Unlike the preceding interval, the median lets a steady rise of the heart rate pass,
+//!   as when a person stands up.
 //!
-//! Five false beats in a row are as many as the median can take. Where every second beat is
-//! premature it is of both kinds, and nearly all are left out.
+//! The median tolerates up to five false beats in a row. Where every second beat is premature,
+//! short and long intervals alternate, and nearly all are excluded.
 
 use serde::Serialize;
 
 use super::signal::Signal;
 
-/// The shortest and the longest cycle that a heart is believed to have, seconds.
+/// The shortest and the longest plausible cardiac cycle, seconds.
 const PLAUSIBLE_S: std::ops::RangeInclusive<f64> = 0.3..=2.0;
 
-/// On either side of an interval, those that it is compared with.
+/// The number of intervals on either side with which an interval is compared.
 const AROUND: usize = 5;
 
-/// As a part of their median.
+/// The largest plausible difference from their median, as a fraction of it.
 const DIFFERENCE_MAX: f64 = 0.2;
 
 /// What the beats are.
@@ -37,47 +36,47 @@ pub enum Beats {
     PulseFeet,
 }
 
-/// Whether an interval is one cardiac cycle.
+/// Whether an interval is a single cardiac cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// It is.
+    /// It is one.
     Normal,
     /// The recording has a gap in it.
     Gap,
-    /// No heart beats so fast, or so slowly.
+    /// No heart beats this fast or this slowly.
     Implausible,
-    /// Shorter than those around it.
+    /// Shorter than the intervals around it.
     Short,
-    /// Longer than those around it.
+    /// Longer than the intervals around it.
     Long,
 }
 
-/// From one beat to the next.
+/// The interval from one beat to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Cycle {
-    /// The beat that begins it.
+    /// The time of the beat that begins it.
     pub start_s: f64,
-    /// The next.
+    /// The time of the next beat.
     pub end_s: f64,
-    /// Whether to believe it.
+    /// Whether it is plausible.
     pub verdict: Verdict,
 }
 
 impl Cycle {
-    /// How long it is: RR, where the beats are R waves.
+    /// The duration: RR, if the beats are R waves.
     #[must_use]
     pub fn interval_s(&self) -> f64 {
         self.end_s - self.start_s
     }
 
-    /// Where its figures stand.
+    /// The time at which its figures are reported.
     #[must_use]
     pub fn middle_s(&self) -> f64 {
         0.5 * (self.start_s + self.end_s)
     }
 
-    /// The figure, or NaN where the cycle is not to be believed.
+    /// The time and the figure, which is NaN if the cycle is not plausible.
     fn figure(&self, figure: impl FnOnce(&Self) -> Option<f64>) -> (f64, f64) {
         let known = (self.verdict == Verdict::Normal).then(|| figure(self)).flatten();
         (self.middle_s(), known.unwrap_or(f64::NAN))
@@ -87,14 +86,14 @@ impl Cycle {
 /// All cycles of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cycles {
-    /// What they were taken from.
+    /// What the beats are.
     pub beats: Beats,
-    /// In order.
+    /// In order of time.
     pub cycles: Vec<Cycle>,
 }
 
 impl Cycles {
-    /// Between beats in parts of a recording that have a gap between them.
+    /// From the beats of each part of a recording; parts are separated by gaps.
     pub(super) fn new(beats: Beats, parts: &[Vec<f64>]) -> Self {
         let beats_s = parts.iter().enumerate();
         let beats_s: Vec<(usize, f64)> =
@@ -118,26 +117,26 @@ impl Cycles {
         Self { beats, cycles }
     }
 
-    /// The instantaneous heart rate, 60 / RR, beats per minute: at each cycle's middle, and
-    /// missing where the cycle is not to be believed.
+    /// The instantaneous heart rate, 60 / RR, beats per minute: at the middle of each cycle, and
+    /// missing where the cycle is not plausible.
     #[must_use]
     pub fn heart_rate_bpm(&self) -> Signal {
         self.figures(|cycle| Some(60.0 / cycle.interval_s()))
     }
 
-    /// A figure of each cycle, at its middle.
+    /// One figure per cycle, at its middle.
     pub(super) fn figures(&self, figure: impl Fn(&Cycle) -> Option<f64>) -> Signal {
         Signal::of(self.cycles.iter().map(|cycle| cycle.figure(&figure)))
     }
 
-    /// How many have this verdict.
+    /// The number of cycles with this verdict.
     #[must_use]
     pub fn count(&self, verdict: Verdict) -> usize {
         self.cycles.iter().filter(|cycle| cycle.verdict == verdict).count()
     }
 }
 
-/// The verdict on a cycle after a look at those around it.
+/// The verdict on a cycle by comparison with those around it.
 fn compare(cycles: &[Cycle], at: usize) -> Verdict {
     if cycles[at].verdict != Verdict::Normal {
         return cycles[at].verdict;
@@ -160,7 +159,7 @@ mod tests {
     use super::Verdict::*;
     use super::*;
 
-    /// Of beats with these intervals, from 10 s on.
+    /// The verdicts on beats with these intervals, starting at 10 s.
     fn verdicts(intervals_s: &[f64]) -> Vec<Verdict> {
         let beats = intervals_s.iter().scan(10.0, |beat_s, interval_s| {
             *beat_s += interval_s;
@@ -193,7 +192,8 @@ mod tests {
 
     #[test]
     fn a_rise_of_the_heart_rate_passes() {
-        // From 60 to 120 per minute, each beat a tenth shorter than the one before: in ten beats.
+        // From 60 to 120 per minute within ten beats, each interval a tenth shorter than the one
+        // before.
         let rise: Vec<f64> = (0..20).map(|at| 0.9_f64.powi((at - 6).clamp(0, 7))).collect();
         assert_eq!(verdicts(&rise), [Normal; 20]);
         // As on standing up: from 63 to 109 per minute within ten beats, and back within fifteen.
@@ -213,7 +213,7 @@ mod tests {
         let expected =
             [Normal, Implausible, Implausible, Implausible, Implausible, Implausible, Normal];
         assert_eq!(found, expected);
-        // Two that disagree: nothing tells which is right.
+        // Two intervals that disagree: nothing tells which is right.
         assert_eq!(verdicts(&[0.7, 1.4]), [Short, Long]);
     }
 

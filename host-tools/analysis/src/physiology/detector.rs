@@ -1,50 +1,51 @@
-//! Finds what recurs, beats or pulses, in a strength that is high where one may be: the rules of
+//! Finds recurring events, beats or pulses, as peaks of a signal's strength, by the rules of
 //! Hamilton (2002), "Open source ECG analysis", Computers in Cardiology 29:101.
 //!
-//! Peaks of the strength near a larger one are not looked at. A peak counts when it is above a
-//! threshold between the medians of the last eight that counted and the last eight that did not.
-//! One soon after another that is less than half as strong is its echo, a T wave or a dicrotic
-//! wave, and counts nowhere. When the next is overdue, the strongest that did not count does if
-//! it is above half the threshold.
+//! Peaks close to a larger one are ignored. A peak is accepted when it exceeds a threshold between
+//! the medians of the last eight accepted and the last eight rejected peaks. A peak that soon
+//! follows an accepted one and is less than half as strong is its echo, a T wave or a dicrotic
+//! wave, and counts as neither. When the next event is overdue, the strongest rejected peak is
+//! accepted after all if it exceeds half the threshold.
 //!
-//! Levels are learned from eight seconds, and anew from where the last was found when none has
-//! been for eight seconds, so that a sudden fall of the amplitude loses nothing, unless the first
-//! smaller beat comes so soon that it looks like an echo. Where the level does not stand out from
-//! the rest there are no beats, but noise.
+//! The levels are learned from eight seconds. If nothing has been found for eight seconds, they are
+//! learned again from the last event found, so that a sudden fall of the amplitude loses nothing,
+//! unless the first smaller beat comes so soon that it looks like an echo. Where the level does not
+//! stand out from the rest, the signal is noise and there are no events.
 
 use std::collections::VecDeque;
 use std::ops::Range;
 
 use crate::statistics::describe::median;
 
-/// How many of the last count towards a level.
+/// The number of recent peaks that determine a level.
 const RECENT: usize = 8;
 
-/// Levels are learned from so much, and anew after as much without anything.
+/// The time from which levels are learned, and after which, without an event, they are learned
+/// again.
 const LEARN_S: f64 = 8.0;
 
-/// Each part that is learned from has at least one beat, at 30 per minute or more.
+/// Each part used for learning has at least one beat, at 30 per minute or more.
 const LEARN_PART_S: f64 = 2.0;
 
-/// An echo has less than this part of the strength.
+/// An echo has less than this fraction of the strength of the event it follows.
 const ECHO: f64 = 0.5;
 
-/// One is overdue after this many usual intervals.
+/// The next event is overdue after this many usual intervals.
 const OVERDUE: f64 = 1.5;
 
-/// What recurs.
+/// The properties of the events to be found.
 pub(super) struct Rules {
-    /// None follows another sooner.
+    /// The least time between two events.
     pub apart_s: f64,
-    /// An echo comes up to so much later.
+    /// The longest time by which an echo follows its event.
     pub echo_s: f64,
-    /// Where the threshold is, from the level of the others (0) to that of the counted (1).
+    /// The threshold, from the level of the rejected peaks (0) to that of the accepted ones (1).
     pub threshold: f64,
-    /// The counted stand out from the quiet quarter of the time by this factor at least.
+    /// The least ratio of the accepted level to the first quartile of the strength.
     pub contrast: f64,
 }
 
-/// Where they are, in samples of a strength that is not negative.
+/// The sample indices of the events, given a strength that is not negative.
 pub(super) fn detect(strength: &[f64], rate_hz: f64, rules: &Rules) -> Vec<usize> {
     let samples = |duration_s: f64| (duration_s * rate_hz).round() as usize;
     let learn = samples(LEARN_S);
@@ -63,7 +64,7 @@ pub(super) fn detect(strength: &[f64], rate_hz: f64, rules: &Rules) -> Vec<usize
             );
         }
         start = match found.last() {
-            // What is left is too short to learn from: a T wave may be the largest in it.
+            // The rest is too short to learn from: a T wave may be its largest peak.
             Some(last) if strength.len() - last <= learn => break,
             Some(last) if found.len() > before => last + samples(rules.apart_s),
             _ => start + learn,
@@ -72,7 +73,7 @@ pub(super) fn detect(strength: &[f64], rate_hz: f64, rules: &Rules) -> Vec<usize
     found
 }
 
-/// The local maxima, but for those with a larger one nearer than this.
+/// The local maxima, except those with a larger one closer than this.
 fn peaks(strength: &[f64], apart: usize) -> Vec<usize> {
     let mut peaks: Vec<usize> = Vec::new();
     for at in 1..strength.len().saturating_sub(1) {
@@ -88,7 +89,7 @@ fn peaks(strength: &[f64], apart: usize) -> Vec<usize> {
     peaks
 }
 
-/// The median of the parts' largest strengths, when it stands out.
+/// The median of the largest strengths of the parts, if it stands out.
 fn level(strength: &[f64], span: Range<usize>, part: usize, contrast: f64) -> Option<f64> {
     let strength = &strength[span];
     let largest = strength.chunks(part).map(|part| part.iter().copied().fold(0.0, f64::max));
@@ -99,7 +100,7 @@ fn level(strength: &[f64], span: Range<usize>, part: usize, contrast: f64) -> Op
     (level > contrast * *quiet).then_some(level)
 }
 
-/// The passage over peaks with levels that follow them.
+/// A scan over peaks, with levels that adapt to them.
 struct Scan<'a> {
     strength: &'a [f64],
     rules: &'a Rules,
@@ -109,12 +110,12 @@ struct Scan<'a> {
 }
 
 impl Scan<'_> {
-    /// Until none has been found for as long as [`LEARN_S`].
+    /// Runs until nothing has been found for [`LEARN_S`].
     fn run(&mut self, peaks: &[usize], start: usize, found: &mut Vec<usize>) {
         let mut intervals = VecDeque::new();
-        // The one that the levels are learned anew from: its echo is still to come.
+        // The event from which the levels are learned again: its echo is still to come.
         let mut last = found.last().copied().filter(|last| start - last <= self.apart());
-        // The first peak that came after the last found.
+        // The first peak after the last event.
         let mut since = 0;
         let mut at = 0;
         while at < peaks.len() {
@@ -129,7 +130,7 @@ impl Scan<'_> {
             } else if self.counts(peak, last) {
                 at
             } else {
-                // An echo follows what it is of, and says nothing about the next.
+                // An echo belongs to the event before it and says nothing about the next.
                 if !self.is_echo(peak, last) {
                     push(&mut self.others, self.strength[peak]);
                 }
@@ -168,7 +169,7 @@ impl Scan<'_> {
         })
     }
 
-    /// The strongest of those that did not count, if it is above half the threshold.
+    /// The strongest rejected peak, if it exceeds half the threshold.
     fn missed(&self, peaks: &[usize], last: Option<usize>) -> Option<usize> {
         let strength = |at: usize| self.strength[peaks[at]];
         let candidates = (0..peaks.len()).filter(|&at| !self.is_echo(peaks[at], last));

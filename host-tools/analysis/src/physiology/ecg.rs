@@ -1,19 +1,21 @@
-//! R waves.
+//! R waves of an ECG.
 //!
 //! The detector is that of Hamilton (2002), "Open source ECG analysis", Computers in Cardiology
-//! 29:101, after Pan & Tompkins (1985): the band from about 8 to 16 Hz, by running means; the
-//! absolute slope in it, averaged over 80 ms; and rules about its peaks, see `detector.rs`.
+//! 29:101, after Pan & Tompkins (1985): a band-pass from about 8 to 16 Hz made of running means;
+//! the absolute slope in that band, averaged over 80 ms; and rules for its peaks, see
+//! `detector.rs`.
 //!
-//! A wave's time is that of the extremum of the ECG itself, smoothed over 20 ms by a parabola
-//! (Savitzky & Golay) and interpolated between samples. Upwards or downwards is decided once for
-//! the recording, by what most beats are, so that intervals are always between the same waves;
-//! in a lead whose S wave is the larger it is the S wave that is taken.
+//! The time of a wave is that of the extremum of the ECG itself, smoothed over 20 ms by a parabola
+//! (Savitzky & Golay) and interpolated between samples. The polarity is decided once per recording,
+//! by the majority of beats, so that intervals are always between the same waves; in a lead whose S
+//! wave is the larger, the S wave is taken.
 //!
-//! Noise of half the R waves' height (one sigma, white) for some seconds makes no false beat; as
-//! high as they are it does, and some of the false intervals pass as cycles.
+//! White noise with a standard deviation of half the R waves' height, lasting some seconds, causes
+//! no false beats; noise as high as the R waves does, and some of the false intervals pass as
+//! cycles.
 //!
-//! The unit of the ECG does not matter. It takes 100 samples per second; each part without a gap
-//! is searched by itself; a part shorter than a second is not searched.
+//! The unit of the ECG does not matter. At least 100 samples per second are required. Each part
+//! without a gap is searched separately; a part shorter than a second is not searched.
 
 use std::ops::Range;
 
@@ -23,43 +25,43 @@ use super::running;
 use super::signal::{SamplingError, Signal};
 use crate::filter::SavitzkyGolay;
 
-/// Below, an R wave is one or two samples; above, seconds are something else.
+/// Below, an R wave is only one or two samples; above, the times are probably not in seconds.
 const RATE_HZ: [f64; 2] = [100.0, 20_000.0];
 
-/// A shorter part may have no beat in it.
+/// A shorter part may contain no beat.
 const PART_MIN_S: f64 = 1.0;
 
-/// The running means that make the band, seconds: twice the first, less the second.
+/// The lengths of the running means of the band-pass, seconds: twice the first, minus the second.
 const LOW_PASS_S: f64 = 0.025;
 const HIGH_PASS_S: f64 = 0.125;
 
 /// The slope is averaged over about the width of a QRS complex.
 const AVERAGED_S: f64 = 0.08;
 
-/// T waves come up to 0.36 s after the R wave. Noise alone reaches twice its quiet quarter, and
-/// an R wave of a poor ECG five times.
+/// T waves follow the R wave by up to 0.36 s. Noise alone reaches twice its first quartile, an R
+/// wave in a poor ECG five times.
 const RULES: Rules = Rules { apart_s: 0.2, echo_s: 0.36, threshold: 0.3125, contrast: 3.5 };
 
-/// On either side of the strongest slope, where its wave is.
+/// On either side of the strongest slope, the range searched for its wave.
 const WAVE_S: f64 = 0.08;
 
-/// On either side of the extremum in the band, where that of the ECG is.
+/// On either side of the extremum in the band, the range searched for that of the ECG.
 const PEAK_S: f64 = 0.025;
 
-/// What an R wave is smoothed over.
+/// The time over which an R wave is smoothed.
 const SMOOTHED_S: f64 = 0.02;
 
 /// The R waves of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RWaves {
-    /// Times, by part of the recording without a gap.
+    /// The times, by part of the recording without a gap.
     parts_s: Vec<Vec<f64>>,
-    /// Whether the waves go down.
+    /// Whether the waves point downwards.
     pub downwards: bool,
 }
 
 impl RWaves {
-    /// When they are.
+    /// The times of the waves.
     pub fn time_s(&self) -> impl Iterator<Item = f64> + '_ {
         self.parts_s.iter().flatten().copied()
     }
@@ -71,7 +73,7 @@ impl RWaves {
     }
 }
 
-/// Finds them.
+/// Finds the R waves of an ECG.
 ///
 /// # Errors
 /// When the ECG is not evenly sampled at 100 to 20 000 Hz.
@@ -97,17 +99,17 @@ pub fn r_waves(ecg: &Signal) -> Result<RWaves, SamplingError> {
 struct Part<'a> {
     time_s: &'a [f64],
     rate_hz: f64,
-    /// Smoothed.
+    /// The smoothed ECG.
     ecg: Vec<f64>,
     band: Vec<f64>,
-    /// Where the slope is strongest.
+    /// The samples at which the slope is strongest.
     found: Vec<usize>,
 }
 
 impl<'a> Part<'a> {
     fn new(ecg: &'a Signal, range: Range<usize>, rate_hz: f64) -> Self {
         let window = |duration_s: f64| running::window(duration_s, rate_hz);
-        // Less its first sample, so that an offset costs no digits and a flat line is zero.
+        // Subtracts the first sample, so that an offset costs no precision and a flat line is zero.
         let (time_s, values) = (&ecg.time_s()[range.clone()], &ecg.values()[range]);
         let values: Vec<f64> = values.iter().map(|value| value - values[0]).collect();
         let low = running::mean(&values, window(LOW_PASS_S));
@@ -122,7 +124,7 @@ impl<'a> Part<'a> {
         Self { time_s, rate_hz, ecg: smoothed, band, found }
     }
 
-    /// Samples up to so far from this one, when the part has them all.
+    /// The samples within this distance of one, if the part has them all.
     fn around(&self, at: usize, reach_s: f64) -> Option<Range<usize>> {
         let reach = (reach_s * self.rate_hz).round() as usize;
         let start = at.checked_sub(reach)?;
@@ -136,8 +138,8 @@ impl<'a> Part<'a> {
         -lowest > highest
     }
 
-    /// When the waves are that go this way. Those at the part's ends, which are not whole, are
-    /// left out.
+    /// The times of the waves with this polarity. Incomplete waves at the ends of the part are left
+    /// out.
     fn times_s(&self, downwards: bool) -> Vec<f64> {
         let sign = if downwards { -1.0 } else { 1.0 };
         let highest = |samples: &[f64], range: Range<usize>| {
@@ -147,7 +149,7 @@ impl<'a> Part<'a> {
             let in_band = highest(&self.band, self.around(at, WAVE_S)?)?;
             let near = self.around(in_band, PEAK_S)?;
             let peak = highest(&self.ecg, near.clone())?;
-            // Not a peak but a slope: a wave too distorted to have its own.
+            // A slope, not a peak: the wave is too distorted to have a peak of its own.
             let peak = if near.start < peak && peak + 1 < near.end { peak } else { in_band };
             let three = self.ecg.get(peak.checked_sub(1)?..peak + 2)?;
             let offset = running::vertex([three[0], three[1], three[2]]);

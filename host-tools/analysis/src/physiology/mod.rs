@@ -1,5 +1,5 @@
-//! From physiological recordings to beat-wise and breath-wise figures, and from those to the
-//! means of a stand's parts: the figures of the paper's Table I.
+//! Computes beat-wise and breath-wise figures from physiological recordings, and from those the
+//! means over the parts of a stand trial: the figures of the paper's Table I.
 //!
 //! ```text
 //! ECG ─▶ ecg ─────────┬─▶ cycles ─▶ heart rate ──▶ cardiac_output ─┐
@@ -8,9 +8,9 @@
 //! oxygenation ─────────────────────────────────────────────────────┘
 //! ```
 //!
-//! Every quantity over time is a [`signal::Signal`], sampled by a device or once in each beat or
-//! breath; what is missing in it stays missing. A cycle's figures stand at its middle, where a
-//! steadily changing quantity has its mean.
+//! Every quantity over time is a [`signal::Signal`], sampled by a device or once per beat or
+//! breath; what is missing stays missing. The figures of a cycle are given at its middle, where a
+//! steadily changing quantity takes its mean value.
 
 pub mod bins;
 pub mod cardiac_output;

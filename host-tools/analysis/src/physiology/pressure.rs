@@ -1,47 +1,47 @@
-//! Systolic, diastolic and mean pressure of each cardiac cycle; and of blood flow velocity, which
+//! Systolic, diastolic and mean pressure of each cardiac cycle; also for blood flow velocity, which
 //! has the same figures.
 //!
-//! The paper: the maximum, minimum and mean within each cycle. Cycles are from R wave to R wave,
-//! or, without an ECG, from foot to foot of the wave itself; [`Cycles::beats`] says which. A
-//! cycle that is not to be believed, or in which a sample is missing, has no figures: the highest
-//! or lowest may be the one that is missing. Figures are in the wave's own unit.
+//! As in the paper, these are the maximum, minimum and mean within each cycle. Cycles run from R
+//! wave to R wave or, without an ECG, from foot to foot of the pressure wave itself;
+//! [`Cycles::beats`] says which. A cycle that is not plausible, or in which a sample is missing,
+//! has no figures: the missing sample may be the highest or the lowest. Figures are in the wave's
+//! own unit.
 //!
 //! # Cycles from the wave
-//! Upstrokes are found in the slope sum of Zong et al. (2003), "An open-source algorithm to
-//! detect onset of arterial blood pressure pulses", Computers in Cardiology 30:259: how far the
-//! wave has risen within 128 ms. The foot is the minimum of the 0.2 s before the
-//! middle of that rise. A foot is blunter
-//! than an R wave, so that intervals from feet scatter more than RR.
+//! Upstrokes are found in the slope sum of Zong et al. (2003), "An open-source algorithm to detect
+//! onset of arterial blood pressure pulses", Computers in Cardiology 30:259: how far the wave has
+//! risen within 128 ms. The foot is the minimum in the 0.2 s before the middle of that rise. A foot
+//! is blunter than an R wave, so intervals between feet vary more than RR.
 
 use super::cycles::{Beats, Cycle, Cycles};
 use super::detector::{Rules, detect};
 use super::running;
 use super::signal::{SamplingError, Signal};
 
-/// Below, the extremes of a pulse lie too far between samples.
+/// At lower rates the extremes of a pulse fall too far between samples.
 const RATE_HZ: [f64; 2] = [40.0, 20_000.0];
 
-/// A cycle of fewer samples has no mean.
+/// A cycle with fewer samples has no reliable mean.
 const SAMPLES_MIN: usize = 10;
 
-/// A pulse's rise is summed over so much.
+/// The time over which the rise of a pulse is summed.
 const RISE_S: f64 = 0.128;
 
-/// Noise above some 10 Hz does not count as a rise.
+/// Noise above about 10 Hz does not count as a rise.
 const LOW_PASS_S: f64 = 0.04;
 
-/// Before the middle of the rise, where the foot is: twice what the slowest upstroke needs, and
-/// not so far that noise on the late, flat part of the wave before is taken for it.
+/// How long before the middle of the rise the foot is searched for: twice what the slowest upstroke
+/// needs, but not so long that noise on the late, flat part of the previous wave is taken for it.
 const FOOT_S: f64 = 0.2;
 
-/// Dicrotic waves come up to 0.45 s after the upstroke, and rise by less than half of it. Noise
-/// alone, at the few samples of 50 Hz, reaches four times its quiet quarter.
+/// Dicrotic waves follow the upstroke by up to 0.45 s and rise by less than half of it. Noise
+/// alone, with the few samples at 50 Hz, reaches four times its first quartile.
 const RULES: Rules = Rules { apart_s: 0.25, echo_s: 0.45, threshold: 0.45, contrast: 6.0 };
 
-/// A wave's figures by cycle, each at its middle.
+/// The figures of a wave by cycle, each at the middle of its cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BeatWise {
-    /// What the cycles were taken from.
+    /// What the beats of the cycles are.
     pub beats: Beats,
     /// Maximum.
     pub systolic: Signal,
@@ -52,10 +52,10 @@ pub struct BeatWise {
 }
 
 impl BeatWise {
-    /// Of a wave in these cycles.
+    /// The figures of a wave in these cycles.
     ///
     /// # Errors
-    /// When it is not evenly sampled at 40 to 20 000 Hz.
+    /// When the wave is not evenly sampled at 40 to 20 000 Hz.
     pub fn new(wave: &Signal, cycles: &Cycles) -> Result<Self, SamplingError> {
         let rate_hz = wave.rate_hz(RATE_HZ[0], RATE_HZ[1])?;
         let parts = wave.parts();
@@ -83,7 +83,7 @@ impl BeatWise {
 /// The cardiac cycles of a pressure or velocity wave, from foot to foot.
 ///
 /// # Errors
-/// When it is not evenly sampled at 40 to 20 000 Hz.
+/// When the wave is not evenly sampled at 40 to 20 000 Hz.
 pub fn pulse_cycles(wave: &Signal) -> Result<Cycles, SamplingError> {
     let rate_hz = wave.rate_hz(RATE_HZ[0], RATE_HZ[1])?;
     let parts = wave.parts().into_iter();
@@ -96,7 +96,7 @@ pub fn pulse_cycles(wave: &Signal) -> Result<Cycles, SamplingError> {
     Ok(Cycles::new(Beats::PulseFeet, &parts_s))
 }
 
-/// The samples with the minima before upstrokes; not those that may lie before the first sample.
+/// The samples of the minima before upstrokes, except those that may lie before the first sample.
 fn feet(wave: &[f64], rate_hz: f64) -> Vec<usize> {
     let window = |duration_s: f64| running::window(duration_s, rate_hz);
     let from_first: Vec<f64> = wave.iter().map(|value| value - wave[0]).collect();

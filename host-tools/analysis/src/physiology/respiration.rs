@@ -1,59 +1,59 @@
 //! End-tidal CO2: the peak at the end of each exhalation, as a partial pressure.
 //!
 //! An exhalation begins where CO2 rises above 40 % of its usual range (from its 5 % to its 95 %
-//! quantile) and ends where it falls below 20 %; a shallow one that stays below is not seen. Its
-//! end-tidal value is the largest of its second half, where the gas is alveolar, and stands at
-//! that time. An exhalation counts when it began and ended in the recording, lasted for half a
-//! second, and nothing is missing in it.
+//! quantile) and ends where it falls below 20 %; a shallow one that stays below 40 % is not seen.
+//! Its end-tidal value is the largest in its second half, where the gas is alveolar, and is
+//! reported at that time. An exhalation counts if it began and ended within the recording, lasted
+//! at least half a second, and has no missing samples.
 //!
 //! # Concentration and partial pressure
-//! Of a concentration F of dry gas the partial pressure in the airways is F (B - 47 mmHg), with B
-//! the barometric pressure and 47 mmHg the pressure of water vapour at 37 °C. An analyser that
-//! measures moist gas as it is needs no such correction: F B. Which of the two an analyser's
-//! per cent are is in its manual; they differ by 6 %.
+//! For a concentration F of dry gas, the partial pressure in the airways is F (B - 47 mmHg), where
+//! B is the barometric pressure and 47 mmHg the pressure of water vapour at 37 °C. For an analyser
+//! that measures moist gas as breathed, it is F B without the correction. The analyser's manual
+//! says which of the two its percentages are; they differ by 6 %.
 
 use std::fmt;
 
 use super::signal::{SamplingError, Signal};
 
-/// Below, an exhalation has too few samples.
+/// At lower rates an exhalation has too few samples.
 const RATE_HZ: [f64; 2] = [5.0, 20_000.0];
 
-/// Water vapour, saturated at 37 °C.
+/// The pressure of saturated water vapour at 37 °C.
 const WATER_VAPOUR_MMHG: f64 = 47.0;
 
-/// From the highest inhabited places to below the sea; kilopascals are not in it.
+/// From the highest inhabited places to below sea level; values in kilopascals fall outside.
 const BAROMETRIC_MMHG: std::ops::RangeInclusive<f64> = 350.0..=850.0;
 
-/// Where an exhalation begins and ends, as parts of the usual range.
+/// The levels at which an exhalation begins and ends, as fractions of the usual range.
 const BEGINS: f64 = 0.4;
 const ENDS: f64 = 0.2;
 
-/// Quantiles that are the usual range: spikes are rarer.
+/// The quantiles that bound the usual range: spikes are rarer.
 const USUAL: [f64; 2] = [0.05, 0.95];
 
 /// A shorter one is a cough or a spike.
 const EXHALATION_MIN_S: f64 = 0.5;
 
-/// Who breathes changes CO2 by more.
+/// Breathing changes CO2 by more than this.
 const RANGE_MIN_MMHG: f64 = 5.0;
 
 /// How a concentration of CO2 is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Concentration {
-    /// Per cent of dry gas.
+    /// Percent of dry gas.
     PercentDry {
         /// The barometric pressure.
         barometric_mmhg: f64,
     },
-    /// Per cent of the gas as it is breathed.
+    /// Percent of the moist gas as breathed.
     PercentMoist {
         /// The barometric pressure.
         barometric_mmhg: f64,
     },
 }
 
-/// This is not a barometric pressure in millimetres of mercury.
+/// This is not a plausible barometric pressure in millimetres of mercury.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoBarometricPressure(pub f64);
 
@@ -61,7 +61,7 @@ impl fmt::Display for NoBarometricPressure {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             formatter,
-            "a barometric pressure of {} mmHg: it is {} to {} (1 kPa is 7.50 mmHg)",
+            "a barometric pressure of {} mmHg is not within {} to {} (1 kPa is 7.50 mmHg)",
             self.0,
             BAROMETRIC_MMHG.start(),
             BAROMETRIC_MMHG.end()
@@ -72,7 +72,7 @@ impl fmt::Display for NoBarometricPressure {
 impl std::error::Error for NoBarometricPressure {}
 
 impl Concentration {
-    /// The partial pressure of one per cent, millimetres of mercury.
+    /// The partial pressure that corresponds to one percent, millimetres of mercury.
     ///
     /// # Errors
     /// When the barometric pressure is implausible.
@@ -89,8 +89,8 @@ impl Concentration {
     }
 }
 
-/// The end-tidal partial pressure of each breath, mmHg, of the partial pressure over time, mmHg.
-/// Empty where there is no breath.
+/// The end-tidal partial pressure of each breath, mmHg, from the partial pressure over time, mmHg.
+/// Empty if there is no breath.
 ///
 /// # Errors
 /// When the CO2 is not evenly sampled at 5 to 20 000 Hz.
@@ -110,7 +110,7 @@ pub fn end_tidal_mmhg(co2_mmhg: &Signal) -> Result<Signal, SamplingError> {
     let mut end_tidal = Vec::new();
     for part in co2_mmhg.parts() {
         let values = &co2_mmhg.values()[part.clone()];
-        // Exhaling since this sample. The part must begin with inspired gas.
+        // The sample since which the person exhales. The part must begin with inspired gas.
         let mut inspired = false;
         let mut since = None;
         for (at, &value) in values.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Running means, the filters of the detectors: centred, so that nothing is delayed.
+//! Centred running means, the filters of the detectors: they cause no delay.
 
 /// The running mean over an odd number of samples; near the ends, over the samples that exist.
 pub(super) fn mean(samples: &[f64], window: usize) -> Vec<f64> {
@@ -18,13 +18,13 @@ pub(super) fn mean(samples: &[f64], window: usize) -> Vec<f64> {
     (0..samples.len()).map(mean).collect()
 }
 
-/// An odd number of samples that last about so long.
+/// An odd number of samples of about this duration.
 pub(super) fn window(duration_s: f64, rate_hz: f64) -> usize {
     (duration_s * rate_hz).round() as usize | 1
 }
 
-/// Where between the samples before and after it the extremum of the parabola through all three
-/// is, in samples from the middle one, which is no less extreme than the others.
+/// The extremum of the parabola through three samples, in samples from the middle one, which must
+/// be at least as extreme as the other two.
 pub(super) fn vertex([before, middle, after]: [f64; 3]) -> f64 {
     let curvature = before - 2.0 * middle + after;
     if curvature == 0.0 { 0.0 } else { (0.5 * (before - after) / curvature).clamp(-0.5, 0.5) }

@@ -1,31 +1,32 @@
-//! One quantity over time, with what is missing in it.
+//! One quantity over time, with its missing values.
 
 use std::fmt;
 use std::ops::Range;
 
 use crate::series::{GAP_PERIODS, usual_period_s};
 
-/// A step shorter than this part of a period is not jitter: the samples are not evenly spaced.
+/// A step shorter than this fraction of a period is more than jitter: the samples are not evenly
+/// spaced.
 const UNEVEN_PERIODS: f64 = 0.25;
 
-/// A rate is not out of bounds by a clock's error, or that of rounded times.
+/// The relative tolerance of the bounds of a rate, for errors of the clock and rounded times.
 const RATE_TOLERANCE: f64 = 0.01;
 
-/// Values over increasing time, evenly spaced or not. NaN is a missing value.
+/// Values at increasing times, evenly spaced or not. NaN marks a missing value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signal {
     time_s: Vec<f64>,
     values: Vec<f64>,
 }
 
-/// Why numbers make no signal.
+/// Why numbers do not form a signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SignalError {
     /// The number of times and the number of values.
     Lengths(usize, usize),
     /// This sample's time is not a number.
     Time(usize),
-    /// This sample's time is not later than that of the one before.
+    /// This sample's time is not later than that of the sample before it.
     TimeNotIncreasing(usize),
     /// This sample's value is infinite, or beyond 1e100.
     Value(usize),
@@ -46,21 +47,21 @@ impl fmt::Display for SignalError {
 
 impl std::error::Error for SignalError {}
 
-/// Why a signal is not sampled as a method needs it.
+/// Why a signal is not sampled in the way a method requires.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SamplingError {
-    /// Fewer than two samples have no rate.
+    /// Fewer than two samples, which have no rate.
     TooFew,
-    /// The rate is not one that the method is made for: seconds may be milliseconds.
+    /// The rate is not one that the method is made for: the times may be in milliseconds.
     Rate {
-        /// What it is.
+        /// The rate found.
         rate_hz: f64,
-        /// The least it may be.
+        /// The lowest rate allowed.
         min_hz: f64,
-        /// The most.
+        /// The highest rate allowed.
         max_hz: f64,
     },
-    /// This sample comes far too soon after the one before.
+    /// This sample comes far too soon after the one before it.
     Uneven(usize),
 }
 
@@ -70,7 +71,7 @@ impl fmt::Display for SamplingError {
             Self::TooFew => write!(formatter, "fewer than two samples"),
             Self::Rate { rate_hz, min_hz, max_hz } => write!(
                 formatter,
-                "{rate_hz:.1} samples per second, and it takes {min_hz} to {max_hz}: is the time \
+                "{rate_hz:.1} samples per second instead of {min_hz} to {max_hz}: is the time \
                  in seconds?"
             ),
             Self::Uneven(index) => write!(
@@ -84,10 +85,10 @@ impl fmt::Display for SamplingError {
 impl std::error::Error for SamplingError {}
 
 impl Signal {
-    /// Of values at these times, seconds.
+    /// A signal of values at these times, seconds.
     ///
     /// # Errors
-    /// When times do not increase, a number is infinite, or lengths differ.
+    /// When times do not increase, a number is infinite, or the lengths differ.
     pub fn new(time_s: Vec<f64>, values: Vec<f64>) -> Result<Self, SignalError> {
         if time_s.len() != values.len() {
             return Err(SignalError::Lengths(time_s.len(), values.len()));
@@ -104,33 +105,33 @@ impl Signal {
         Ok(Self { time_s, values })
     }
 
-    /// Of pairs whose times are known to increase.
+    /// A signal of pairs (time, value) whose times are known to increase.
     pub(super) fn of(pairs: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let (time_s, values): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
         debug_assert!(time_s.is_sorted_by(|a, b| a < b));
         Self { time_s, values }
     }
 
-    /// When.
+    /// The times of the samples, seconds.
     #[must_use]
     pub fn time_s(&self) -> &[f64] {
         &self.time_s
     }
 
-    /// What; NaN where it is missing.
+    /// The values; NaN where one is missing.
     #[must_use]
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// The samples with a value.
+    /// The samples that have a value.
     pub fn present(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         let samples = self.time_s.iter().copied().zip(self.values.iter().copied());
         samples.filter(|(_, value)| !value.is_nan())
     }
 
-    /// Samples per second outside gaps, when it lies between these bounds and the samples are
-    /// evenly spaced.
+    /// The number of samples per second outside gaps, if it lies between these bounds and the
+    /// samples are evenly spaced.
     ///
     /// # Errors
     /// When it does not, or they are not.
@@ -148,7 +149,7 @@ impl Signal {
         }
     }
 
-    /// The parts in which nothing is missing, in order: neither a value nor a sample.
+    /// The parts with neither a missing value nor a missing sample, in order.
     #[must_use]
     pub fn parts(&self) -> Vec<Range<usize>> {
         let Some(period_s) = usual_period_s(&self.time_s) else {
@@ -168,14 +169,14 @@ impl Signal {
         parts
     }
 
-    /// The indices of the samples from one time up to, and not at, another.
+    /// The indices of the samples from one time up to, but excluding, another.
     pub(super) fn within(&self, span_s: Range<f64>) -> Range<usize> {
         let start = self.time_s.partition_point(|time| *time < span_s.start);
         start..start + self.time_s[start..].partition_point(|time| *time < span_s.end)
     }
 
-    /// The value at a time, on the line between the values before and after it; `None` where
-    /// those are further apart than the bound, and outside them.
+    /// The value at a time, interpolated linearly between the values before and after it; `None`
+    /// where those are further apart than the bound, and outside them.
     #[must_use]
     pub fn at(&self, time_s: f64, gap_max_s: f64) -> Option<f64> {
         let after = self.time_s.partition_point(|time| *time < time_s);
@@ -234,11 +235,11 @@ mod tests {
 
     #[test]
     fn a_rate_survives_rounded_times_and_gaps() {
-        // 600 Hz, to milliseconds: steps of 1 and 2 ms; and a second is missing.
+        // 600 Hz rounded to milliseconds: steps of 1 and 2 ms; and one second is missing.
         let times = (0..600).chain(1200..1800).map(|at| (f64::from(at) / 0.6).round() / 1e3);
         let it = signal(&times.map(|time| (time, 0.0)).collect::<Vec<_>>());
         let rate_hz = it.rate_hz(100.0, 2000.0).unwrap();
-        // Half a millisecond at either end of two seconds.
+        // Half a millisecond at each end of two seconds.
         assert!((rate_hz - 600.0).abs() < 0.5, "{rate_hz}");
         assert_eq!(it.parts(), [0..600, 600..1200]);
         let out_of_bounds = it.rate_hz(1000.0, 2000.0);

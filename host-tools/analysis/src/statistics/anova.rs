@@ -1,9 +1,9 @@
-//! Repeated measures analysis of variance, every factor within subjects.
+//! Repeated-measures analysis of variance with all factors within subjects.
 //!
-//! With Y the subjects' values on an effect's orthonormal contrasts (n x d): the effect's sum of
-//! squares is n |mean Y|^2, its error's the sum of the squares of Y about its mean, and the
-//! covariance M of Y's columns says how far from spherical the error is. A subject's level is
-//! not in Y, so that nothing large is subtracted.
+//! Let Y be the subjects' values on the orthonormal contrasts of an effect (n x d). The effect's
+//! sum of squares is n |mean Y|^2, that of its error is the sum of squares of Y about its mean, and
+//! the covariance M of Y's columns shows how far the error is from spherical. A subject's overall
+//! level does not enter Y, so nothing large is subtracted.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
@@ -35,35 +35,36 @@ pub struct AnovaEffect {
     pub error_sum_of_squares: f64,
     /// Degrees of freedom of the error.
     pub error_df: usize,
-    /// The test; `None` where the error is no more than rounding.
+    /// The test; `None` where the error is mere rounding.
     pub test: Option<AnovaTest>,
 }
 
-/// The F test of one effect.
+/// The F test of an effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AnovaTest {
     /// The ratio of the mean squares.
     pub f: f64,
-    /// Its p value if the error is spherical.
+    /// The p value if the error is spherical.
     pub p: f64,
-    /// The effect's share of all variance, subjects' included: SS / (SS + SS of subjects + SS of
-    /// all errors), comparable between designs (Olejnik & Algina 2003, Bakeman 2005).
+    /// Generalised eta squared, the effect's share of all variance including that between subjects:
+    /// SS / (SS + SS of subjects + SS of all errors); comparable between designs (Olejnik & Algina
+    /// 2003, Bakeman 2005).
     pub generalized_eta_squared: f64,
     /// SS / (SS + SS of its error).
     pub partial_eta_squared: f64,
-    /// `None` with one degree of freedom, where the error cannot be other than spherical.
+    /// `None` with one degree of freedom, where the error is always spherical.
     pub sphericity: Option<Sphericity>,
 }
 
 /// How far the error is from spherical, and p corrected for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sphericity {
-    /// `None` when the covariance is singular: fewer subjects than it takes.
+    /// `None` when the covariance is singular because there are too few subjects.
     pub mauchly: Option<Mauchly>,
     /// Greenhouse & Geisser (1959): tr(M)^2 / (d tr(M^2)), from 1/d to 1.
     pub greenhouse_geisser: Corrected,
-    /// Huynh & Feldt (1976): (n d e - 2) / (d (n - 1 - d e)) with e the former, at most 1.
-    /// `None` where n - 1 <= d e, for which it is not defined.
+    /// Huynh & Feldt (1976): (n d e - 2) / (d (n - 1 - d e)), where e is the Greenhouse-Geisser
+    /// epsilon; at most 1. `None` where n - 1 <= d e, for which it is not defined.
     pub huynh_feldt: Option<Corrected>,
 }
 
@@ -79,16 +80,16 @@ pub struct Corrected {
 /// Mauchly's test (1940) of whether the error is spherical.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Mauchly {
-    /// det M / (tr M / d)^d, from 0 to 1 when spherical.
+    /// det M / (tr M / d)^d, from 0 to 1; 1 for a spherical error.
     pub w: f64,
     /// Bartlett's approximation, -(n - 1) (1 - (2 d^2 + d + 2) / (6 d (n - 1))) ln W.
     pub chi_squared: f64,
     /// Its degrees of freedom, d (d + 1) / 2 - 1.
     pub df: usize,
     /// From the chi-squared distribution with Box's second term (Anderson 2003, section 10.7).
-    /// Where that has 3 d, this has 3 times the number of cells in the design, as have R's
-    /// `mauchly.test` and `car` and the table of pingouin's `rm_anova`, so that p is the one
-    /// that they print.
+    /// Where that term has 3 d, this uses 3 times the number of cells in the design, as do R's
+    /// `mauchly.test` and `car` and the table of pingouin's `rm_anova`, so that p is the one they
+    /// print.
     pub p: f64,
 }
 
@@ -126,8 +127,8 @@ pub fn anova(design: &WithinDesign) -> Result<Anova, Undefined> {
     Ok(Anova { subjects, subjects_sum_of_squares, effects: effects.collect() })
 }
 
-/// What the additive model leaves of each value: value - cell mean - subject mean + grand mean.
-/// The analysis supposes them normal; [`shapiro_wilk`](super::shapiro_wilk) tests that.
+/// The residuals of the additive model: value - cell mean - subject mean + grand mean. The analysis
+/// assumes that they are normal; [`shapiro_wilk`](super::shapiro_wilk) tests that.
 #[must_use]
 pub fn residuals(design: &WithinDesign) -> Vec<f64> {
     let (_, deviations) = centred(design.values().as_slice());
@@ -143,7 +144,7 @@ pub fn residuals(design: &WithinDesign) -> Vec<f64> {
     rest.as_slice().to_vec()
 }
 
-/// The subjects' values on one effect's contrasts, summed up.
+/// A summary of the subjects' values on the contrasts of one effect.
 struct Part {
     subjects: usize,
     mean: DVector<f64>,
@@ -177,7 +178,7 @@ impl Part {
         (self.subjects - 1) as f64 * self.covariance.trace()
     }
 
-    /// `total_error`: the sums of squares of the subjects and of all errors.
+    /// `total_error`: the sum of squares of the subjects and of all errors.
     fn test(&self, total_error: f64, cells: usize) -> AnovaTest {
         let (effect, error) = (self.sum_of_squares(), self.error_sum_of_squares());
         let (df, error_df) = (self.df() as f64, self.error_df() as f64);
@@ -206,7 +207,7 @@ impl Part {
     fn huynh_feldt(&self, greenhouse_geisser: f64) -> Option<f64> {
         let (n, used) = (self.subjects as f64, self.df() as f64 * greenhouse_geisser);
         let left = n - 1.0 - used;
-        // n - 1 = d e is met but for rounding, by two subjects always.
+        // n - 1 = d e up to rounding, which is always so with two subjects.
         (left > SINGULAR).then(|| ((n * used - 2.0) / (self.df() as f64 * left)).min(1.0))
     }
 
@@ -236,7 +237,7 @@ mod tests {
     use super::super::testing::{LEVELS, table};
     use super::*;
 
-    /// Numbers without a pattern, from 0 to 1.
+    /// Irregular numbers from 0 to 1.
     fn scattered(row: usize, column: usize) -> f64 {
         ((13.0 * row as f64 + 78.2 * column as f64).sin() * 43_758.5).rem_euclid(1.0)
     }
@@ -271,14 +272,14 @@ mod tests {
         assert!((sum_of_squares(&residuals(&values)) / error_of(&plain) - 1.0).abs() < 1e-14);
         for (near, far) in plain.effects.iter().zip(&far.effects) {
             let (near, far) = (near.test.as_ref().unwrap(), far.test.as_ref().unwrap());
-            // The values' own rounding at 1e6 is 1e-10.
+            // The rounding of the values themselves at 1e6 is 1e-10.
             assert!((far.f / near.f - 1.0).abs() < 1e-8, "{} {}", far.f, near.f);
         }
     }
 
     #[test]
     fn a_spherical_error_has_epsilons_of_one() {
-        // Each subject departs from the mean along a contrast of its own, equally far.
+        // Each subject departs from the mean along its own contrast, all equally far.
         let table = table(&[3], 4, |subject, cell| {
             let contrasts =
                 [[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, -2.0], [-1.0, -1.0, 2.0]];
@@ -294,7 +295,7 @@ mod tests {
 
     #[test]
     fn without_an_error_there_is_no_test() {
-        // Decimals, so that the sums are rounded.
+        // Decimal fractions, so that the sums are rounded.
         let constant = anova(&table(&[2, 3], 4, |_, _| 0.1)).unwrap();
         assert!(constant.effects.iter().all(|effect| effect.test.is_none()));
         let additive = table(&[2, 3], 4, |subject, cell| {
@@ -311,7 +312,7 @@ mod tests {
         };
         let two = sphericity(2);
         assert_eq!((two.mauchly, two.huynh_feldt), (None, None));
-        // One direction of four.
+        // One of four directions.
         assert!((two.greenhouse_geisser.epsilon - 0.25).abs() < 1e-14);
         assert_eq!(sphericity(4).mauchly, None);
         assert!(sphericity(4).greenhouse_geisser.epsilon < 0.75);

@@ -1,12 +1,12 @@
-//! How far two methods of measurement disagree: bias and 95 % limits of agreement (Bland &
-//! Altman 1986, 1999).
+//! How far two methods of measurement disagree: bias and 95 % limits of agreement (Bland & Altman
+//! 1986, 1999).
 
 use serde::Serialize;
 
 use super::regression::{Line, line};
 use super::{Undefined, centred, checked_pairs, distributions, sum_of_squares};
 
-/// The limits are this many standard deviations from the bias.
+/// The distance of the limits from the bias, in standard deviations.
 const LIMIT_SDS: f64 = 1.96;
 
 /// The agreement of a measurement with a reference.
@@ -14,9 +14,10 @@ const LIMIT_SDS: f64 = 1.96;
 pub struct BlandAltman {
     /// Number of pairs.
     pub n: usize,
-    /// As many independent pairs would say as much; the confidence intervals go by it.
+    /// The number of independent pairs that would be as informative; the confidence intervals use
+    /// it.
     pub effective_samples: f64,
-    /// Mean of the differences, measured less reference.
+    /// The mean of the differences, measured minus reference.
     pub bias: f64,
     /// Its 95 % confidence interval.
     pub bias_ci95: [f64; 2],
@@ -26,32 +27,32 @@ pub struct BlandAltman {
     pub lower_limit: Limit,
     /// bias + 1.96 sd.
     pub upper_limit: Limit,
-    /// The proportional error: the line of the differences over the pairs' means. `None` where
-    /// the means do not differ, or there are two pairs.
+    /// The proportional error: the regression line of the differences on the pairs' means. `None`
+    /// where the means do not differ, or there are only two pairs.
     pub proportional: Option<Line>,
 }
 
 /// A limit of agreement.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Limit {
-    /// Where it is.
+    /// The limit itself.
     pub value: f64,
-    /// The usual 95 % confidence interval, value +- t sd sqrt(1 / n + 1.96^2 / (2 (n - 1)))
-    /// (Bland & Altman 1999, with their approximation undone).
+    /// The usual 95 % confidence interval, value +- t sd sqrt(1 / n + 1.96^2 / (2 (n - 1))) (Bland
+    /// & Altman 1999, without their approximation).
     pub ci95_approximate: [f64; 2],
-    /// The exact one, from the noncentral t distribution (Carkeet 2015): it reaches farther
+    /// The exact interval, from the noncentral t distribution (Carkeet 2015): it reaches farther
     /// outwards than inwards.
     pub ci95_exact: [f64; 2],
 }
 
 /// Compares paired values of two methods.
 ///
-/// Samples of a movement taken many times per second are not independent, and intervals that
-/// take them for it are far too narrow: `effective_samples` is how many are. It does not change
-/// bias, sd and limits.
+/// Samples of a movement taken many times per second are not independent, and intervals that assume
+/// independence are far too narrow: `effective_samples` is the number of independent ones. It does
+/// not change the bias, sd and limits.
 ///
 /// # Errors
-/// With fewer than two pairs, values that are not finite, or not 2 <= `effective_samples` <= n.
+/// With fewer than two pairs, values that are not finite, or unless 2 <= `effective_samples` <= n.
 pub fn bland_altman(
     reference: &[f64],
     measured: &[f64],
@@ -92,9 +93,9 @@ pub fn bland_altman(
     })
 }
 
-/// The k that, with probability `p`, puts mean + k sd of n independent normal values above their
-/// distribution's own 1.96: the p quantile of the noncentral t distribution with n - 1 degrees of
-/// freedom and noncentrality 1.96 sqrt(n), over sqrt(n).
+/// The k for which the mean + k sd of n independent normal values exceeds their distribution's own
+/// 1.96 sigma with probability `p`: the p quantile of the noncentral t distribution with n - 1
+/// degrees of freedom and noncentrality 1.96 sqrt(n), divided by sqrt(n).
 fn limit_quantile(p: f64, n: f64) -> f64 {
     let spread = SpreadDistribution::new(n - 1.0);
     let probability =
@@ -103,7 +104,7 @@ fn limit_quantile(p: f64, n: f64) -> f64 {
     while probability(high) < p {
         high *= 2.0;
     }
-    // To the last bits.
+    // Bisects to the last bits.
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         *if probability(middle) < p { &mut low } else { &mut high } = middle;
@@ -111,20 +112,20 @@ fn limit_quantile(p: f64, n: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// The distribution of sd / sigma in a normal sample, for means over it.
+/// The distribution of sd / sigma in a normal sample, for averaging over it.
 struct SpreadDistribution {
     /// Values and their probabilities.
     nodes: Vec<(f64, f64)>,
 }
 
 impl SpreadDistribution {
-    /// In u = ln s the density is exp(df (u - e^2u / 2)) but for a factor. It and its
-    /// derivatives vanish at both ends, for which the trapezoidal rule converges faster than
-    /// any power of its step.
+    /// In u = ln s the density is exp(df (u - e^2u / 2)) up to a factor. It and its derivatives
+    /// vanish at both ends, so the trapezoidal rule converges faster than any power of its step.
     fn new(df: f64) -> Self {
         const NODES: usize = 400;
-        // Here the density is e^-45 of its largest, or less: on the right its logarithm falls
-        // faster than -df u^2, on the left than the slower of that parabola and a line.
+        // Beyond these ends the density is at most e^-45 of its maximum: on the right its logarithm
+        // falls faster than -df u^2, on the left faster than the slower of that parabola and a
+        // line.
         const DECAY: f64 = 45.0;
         let right = (DECAY / df).sqrt();
         let left = -right - DECAY / df;
@@ -164,7 +165,8 @@ mod tests {
         let t = |n: f64| distributions::t_quantile(0.975, n - 1.0) / n.sqrt();
         let ratio = width(few.bias_ci95) / width(all.bias_ci95);
         assert!((ratio / (t(16.5) / t(400.0)) - 1.0).abs() < 1e-13);
-        // Exact and approximate intervals: alike for many, with few the exact one lies outwards.
+        // The exact and approximate intervals agree for many pairs; with few the exact one lies
+        // outwards.
         let off = |it: Limit| (it.ci95_exact[0] - it.ci95_approximate[0]) / all.sd;
         assert!(off(all.upper_limit).abs() < 0.01 && off(few.upper_limit) > 0.1);
     }
@@ -189,7 +191,7 @@ mod tests {
         let it = bland_altman(&[1.0, 2.0], &[1.0, 4.0], 2.0).unwrap();
         assert!((it.sd - 2.0_f64.sqrt()).abs() < 1e-15);
         assert_eq!((it.bias, it.proportional), (1.0, None));
-        // With one degree of freedom nearly nothing is known: sd / sigma may be 0.03.
+        // With one degree of freedom almost nothing is known: sd / sigma may be 0.03.
         assert!(it.upper_limit.ci95_exact[1] > 50.0 * it.sd);
     }
 

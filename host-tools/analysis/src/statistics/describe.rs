@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::within::WithinDesign;
 use super::{Undefined, centred, checked, checked_pairs, distributions, rounding, sum_of_squares};
 
-/// A sample by its mean and spread.
+/// A sample summarised by its mean and spread.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Description {
     /// Number of values.
@@ -22,10 +22,10 @@ pub struct Description {
 }
 
 impl Description {
-    /// Of two values or more.
+    /// The description of two or more values.
     ///
     /// # Errors
-    /// With fewer, or when one is not finite.
+    /// With fewer values, or when one is not finite.
     pub fn new(values: &[f64]) -> Result<Self, Undefined> {
         checked(values, 2)?;
         let (mean, deviations) = centred(values);
@@ -40,8 +40,8 @@ impl Description {
     }
 }
 
-/// The middle one of the values in their order, or the upper of the two in the middle: always
-/// one of them. `None` of no values.
+/// The median; of an even number of values the upper of the two in the middle, so that it is always
+/// one of the values. `None` if there are no values.
 #[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().collect();
@@ -52,8 +52,8 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The table without the differences between people's levels: from each value its subject's mean
-/// is taken, and the grand mean added (Cousineau 2005). A row per subject, a column per cell.
+/// The table without the differences between subjects: each value minus its subject's mean plus the
+/// grand mean (Cousineau 2005). One row per subject, one column per cell.
 #[must_use]
 pub fn normalised(design: &WithinDesign) -> DMatrix<f64> {
     let mut values = design.values().clone();
@@ -65,9 +65,9 @@ pub fn normalised(design: &WithinDesign) -> DMatrix<f64> {
     values.add_scalar(grand_mean)
 }
 
-/// Each cell of a within-subject table by its mean and the spread of its normalised values, the
-/// variance times C / (C - 1) for the degree of freedom that the normalisation takes from C
-/// cells (Morey 2008). With two cells both errors are the same.
+/// Each cell of a within-subject table by its mean and the spread of its normalised values, with
+/// the variance times C / (C - 1) to make up for the degree of freedom that the normalisation takes
+/// from C cells (Morey 2008). With two cells both have the same error.
 ///
 /// # Errors
 /// With fewer than two subjects or two cells.
@@ -85,12 +85,12 @@ pub fn cousineau_morey(design: &WithinDesign) -> Result<Vec<Description>, Undefi
     normalised.as_slice().chunks(normalised.nrows()).map(describe).collect()
 }
 
-/// Cohen's d from one mean to another, in units of the mean spread sqrt((sd1^2 + sd2^2) / 2):
-/// d_av (Cumming 2012) on raw values. On those of [`cousineau_morey`] over all cells of a
-/// measure it is the d of the paper's Table II, positive where `to` is larger.
+/// Cohen's d from one mean to another, in units of the average spread sqrt((sd1^2 + sd2^2) / 2):
+/// d_av (Cumming 2012) on raw values. On the values of [`cousineau_morey`] over all cells of a
+/// measure it is the d of the paper's Table II. Positive where `to` is larger.
 ///
 /// # Errors
-/// When neither has a spread.
+/// When neither sample has any spread.
 pub fn cohens_d(from: &Description, to: &Description) -> Result<f64, Undefined> {
     let spread = (0.5 * (from.sd * from.sd + to.sd * to.sd)).sqrt();
     if spread <= rounding([from.mean, to.mean]) {
@@ -99,9 +99,9 @@ pub fn cohens_d(from: &Description, to: &Description) -> Result<f64, Undefined> 
     Ok((to.mean - from.mean) / spread)
 }
 
-/// Cohen's d of paired values in units of the differences' spread: d_z = mean / sd of
-/// `to - from`, which is t / sqrt(n). It grows with the correlation between the two, so that it
-/// is not comparable with [`cohens_d`].
+/// Cohen's d of paired values in units of the spread of the differences: d_z = mean / sd of `to -
+/// from`, which is t / sqrt(n). It grows with the correlation between the two, so it is not
+/// comparable with [`cohens_d`].
 ///
 /// # Errors
 /// With fewer than two pairs, values that are not finite, or differences that are all the same.
@@ -110,7 +110,7 @@ pub fn cohens_d_z(from: &[f64], to: &[f64]) -> Result<f64, Undefined> {
     Ok(differences.mean / differences.sd)
 }
 
-/// The differences `to - from` of pairs, when they have a spread.
+/// The differences `to - from` of pairs, if they have any spread.
 pub(super) fn differences(from: &[f64], to: &[f64]) -> Result<Description, Undefined> {
     checked_pairs(from, to, 2)?;
     let differences: Vec<f64> = from.iter().zip(to).map(|(from, to)| to - from).collect();
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn with_two_cells_the_normalised_error_is_that_of_the_difference() {
-        // Morey (2008): sd(difference) / sqrt(2 n) for both, whatever their own spreads.
+        // Morey (2008): sd(difference) / sqrt(2 n) for both, whatever their own spreads are.
         let (first, second) = ([3.1, 5.0, 9.4, 2.2], [4.0, 5.5, 14.0, 2.0]);
         let cells = cousineau_morey(&one_factor(&[&first, &second])).unwrap();
         let difference = differences(&first, &second).unwrap();
@@ -172,7 +172,7 @@ mod tests {
         let constant = Description::new(&[0.1; 7]).unwrap();
         assert_eq!((constant.mean, constant.sd), (0.1, 0.0));
         assert_eq!(cohens_d(&constant, &constant), Err(Undefined::NoSpread));
-        // Each 0.1 more, which no two of these differences are in binary.
+        // Each is 0.1 larger, but in binary no two of these differences are equal.
         let values = [0.1, 0.2, 0.3, 0.7];
         assert_eq!(cohens_d_z(&values, &values.map(|it| it + 0.1)), Err(Undefined::NoSpread));
         assert_eq!(cohens_d_z(&values, &values[1..]), Err(Undefined::Lengths(4, 3)));

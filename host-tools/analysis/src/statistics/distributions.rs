@@ -1,11 +1,11 @@
 //! Upper tails of the normal, t, F and chi-squared distributions, and quantiles of the normal and
 //! t distributions.
 //!
-//! Tails keep their relative precision far out, where the cumulative function is 1: 1e-11 for F
-//! and t with up to thousands of degrees of freedom, 5e-13 for the others, down to 1e-300
-//! (`tests/oracles.rs`). The normal tail is libm's, because that of statrs has ten digits only.
-//! Quantiles take statrs' only as a start, since its search stops early (at 1.6e-7 for t with
-//! 50,000 degrees of freedom), and polish it by Newton's method.
+//! Tails keep their relative precision far out, where the cumulative function is 1: 1e-11 for F and
+//! t with up to thousands of degrees of freedom, 5e-13 for the others, down to 1e-300
+//! (`tests/oracles.rs`). The normal tail is libm's, because that of statrs has only ten digits. For
+//! quantiles, the result of statrs is only a starting value, since its search stops early (at
+//! 1.6e-7 for t with 50,000 degrees of freedom); Newton's method refines it.
 
 use std::f64::consts::SQRT_2;
 
@@ -19,7 +19,7 @@ pub fn normal_upper(z: f64) -> f64 {
     0.5 * libm::erfc(z / SQRT_2)
 }
 
-/// P(T > t), T of Student's t distribution.
+/// P(T > t) of Student's t distribution.
 ///
 /// # Panics
 /// When `df` is not positive or `t` is not a number.
@@ -39,8 +39,7 @@ pub fn t_two_sided(t: f64, df: f64) -> f64 {
     f_upper(t * t, 1.0, df)
 }
 
-/// P(F > f), F of Fisher's distribution. With infinitely many `df2` it is
-/// `chi_squared_upper(f * df1, df1)`.
+/// P(F > f) of Fisher's F distribution. For infinite `df2` it is `chi_squared_upper(f * df1, df1)`.
 ///
 /// # Panics
 /// When a number of degrees of freedom is not positive and finite, or `f` is not a number.
@@ -53,7 +52,7 @@ pub fn f_upper(f: f64, df1: f64, df2: f64) -> f64 {
     beta_reg(0.5 * df2, 0.5 * df1, df2 / (df2 + df1 * f))
 }
 
-/// P(X > x), X of the chi-squared distribution.
+/// P(X > x) of the chi-squared distribution.
 ///
 /// # Panics
 /// When `df` is not positive and finite, or `x` is not a number.
@@ -69,7 +68,7 @@ pub fn chi_squared_upper(x: f64, df: f64) -> f64 {
     gamma_ur(0.5 * df, 0.5 * x)
 }
 
-/// The z that the standard normal distribution stays below with probability `p`.
+/// The p quantile of the standard normal distribution.
 ///
 /// # Panics
 /// When `p` is not between 0 and 1.
@@ -81,7 +80,7 @@ pub fn normal_quantile(p: f64) -> f64 {
     })
 }
 
-/// The t that Student's t distribution stays below with probability `p`.
+/// The p quantile of Student's t distribution.
 ///
 /// # Panics
 /// When `p` is not between 0 and 1, or `df` is not positive and finite.
@@ -94,8 +93,8 @@ pub fn t_quantile(p: f64, df: f64) -> f64 {
     })
 }
 
-/// A quantile of a distribution symmetric about 0, from the one that leaves a tail of at most a
-/// half above it.
+/// A quantile of a distribution symmetric about 0, from the quantile by upper tails of at most one
+/// half.
 fn symmetric_quantile(p: f64, upper_quantile: impl Fn(f64) -> f64) -> f64 {
     assert!(p > 0.0 && p < 1.0);
     if p < 0.5 {
@@ -107,8 +106,8 @@ fn symmetric_quantile(p: f64, upper_quantile: impl Fn(f64) -> f64) -> f64 {
     }
 }
 
-/// Where the upper tail is `tail`: two of Newton's steps from a start with six digits or more.
-/// The slope is a difference of the tails, 1e-8 beside the density.
+/// The point at which the upper tail is `tail`: two Newton steps from a start with six or more
+/// digits. The slope is a difference of tails, within 1e-8 of the density.
 fn polished(start: f64, tail: f64, upper: impl Fn(f64) -> f64) -> f64 {
     (0..2).fold(start, |x, _| {
         let step = 1e-4 * x;
@@ -143,7 +142,7 @@ mod tests {
         // exp(-x / 2), and (1 + 2 f / m)^(-m / 2).
         assert!((chi_squared_upper(9.0, 2.0) / (-4.5_f64).exp() - 1.0).abs() < 1e-13);
         let (f, m) = (3.0, 5998.0);
-        // As much as the tail has.
+        // The precision of the tail.
         assert!((f_upper(f, 2.0, m) / (1.0 + 2.0 * f / m).powf(-m / 2.0) - 1.0).abs() < 1e-11);
     }
 }

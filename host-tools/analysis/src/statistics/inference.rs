@@ -1,4 +1,4 @@
-//! The statistics of one response within subjects: everything that a paper reports of it.
+//! The within-subject statistics of one response: everything that a paper reports about it.
 
 use serde::Serialize;
 
@@ -19,9 +19,9 @@ pub const SIGNIFICANT: f64 = 0.05;
 pub enum Stated<T> {
     /// It is defined for these data.
     Known(T),
-    /// It is not.
+    /// It is not defined.
     Absent {
-        /// Why.
+        /// The reason.
         absent: String,
     },
 }
@@ -57,16 +57,17 @@ impl<T> Stated<T> {
     }
 }
 
-/// All of it.
+/// The statistics of one response.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Inference {
     /// The factors and their levels.
     pub factors: Vec<Factor>,
-    /// The subjects that were analysed.
+    /// The subjects included in the analysis.
     pub subjects: Vec<String>,
-    /// Each combination of levels, the last factor's changing fastest.
+    /// Each combination of levels, with the level of the last factor changing fastest.
     pub cells: Vec<Cell>,
-    /// Of the residuals of the analysis of variance (value - cell - subject + all).
+    /// The normality of the residuals of the analysis of variance (value - cell - subject + grand
+    /// mean).
     pub normality_of_residuals: Stated<ShapiroWilk>,
     /// Repeated-measures analysis of variance.
     pub anova: Stated<Anova>,
@@ -81,13 +82,13 @@ pub struct Inference {
 pub struct Cell {
     /// A level of each factor.
     pub levels: Vec<String>,
-    /// As it was measured.
+    /// The values as measured.
     pub raw: Stated<Description>,
-    /// Without the differences between subjects (Cousineau 2005, Morey 2008).
+    /// The values without the differences between subjects (Cousineau 2005, Morey 2008).
     pub normalised: Stated<Description>,
 }
 
-/// Two levels of one factor, under one level of the other if there is one.
+/// Two levels of one factor, at one level of the other factor if there is one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// The factor that differs.
@@ -99,16 +100,16 @@ pub struct Comparison {
     pub under: Option<String>,
     /// Paired t test, from the first to the second.
     pub t_test: Stated<PairedT>,
-    /// The same by ranks.
+    /// The same comparison by ranks.
     pub ranks: Stated<RankComparison>,
-    /// Cohen's d of the normalised values, as the paper's Table II has it: the difference of
-    /// the means over the root of the mean variance.
+    /// Cohen's d of the normalised values, as in the paper's Table II: the difference of the means
+    /// divided by the square root of the mean variance.
     pub d: Stated<f64>,
-    /// Cohen's d of the differences: their mean over their standard deviation.
+    /// Cohen's d of the differences: their mean divided by their standard deviation.
     pub d_z: Stated<f64>,
 }
 
-/// Two levels compared by the ranks of their values alone: nparLD's LD-F1 with two levels.
+/// Two levels compared by the ranks of their values only: nparLD's LD-F1 with two levels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankComparison {
     /// The ANOVA-type statistic.
@@ -128,7 +129,7 @@ impl RankComparison {
 }
 
 impl Inference {
-    /// Of a design with one or two factors.
+    /// The statistics of a design with one or two factors.
     #[must_use]
     pub fn of(design: &WithinDesign) -> Self {
         let normalised = cousineau_morey(design);
@@ -153,16 +154,16 @@ impl Inference {
         }
     }
 
-    /// A comparison by its levels.
+    /// The comparison of two levels.
     #[must_use]
     pub fn comparison(&self, levels: [&str; 2], under: Option<&str>) -> Option<&Comparison> {
         self.comparisons.iter().find(|it| it.levels == levels && it.under.as_deref() == under)
     }
 }
 
-/// Each factor's levels against each other, under each level of the other. Bonferroni's family:
-/// of the first factor, all its pairs under all levels of the second (what a condition changes,
-/// at any time); of the second, all its pairs under one level of the first.
+/// The levels of each factor compared pairwise, at each level of the other. The Bonferroni family
+/// of the first factor is all its pairs at all levels of the second (what a condition changes, at
+/// any time); that of the second is all its pairs at one level of the first.
 fn comparisons(design: &WithinDesign, cells: &[Cell]) -> Vec<Comparison> {
     let factors = design.factors();
     let mut comparisons = Vec::new();
@@ -234,8 +235,8 @@ mod tests {
 
     #[test]
     fn three_subjects_can_be_ranked_by_hand() {
-        // At time 1 each is three ranks above its value under a, or four, or two; at 2 all are
-        // three.
+        // At time 1 the values of b lie three, four and two ranks above those of a; at time 2 all
+        // lie three above.
         let cells = [[10.0, 20.0, 30.0], [1.0, 2.0, 3.0], [40.0, 60.0, 50.0], [4.0, 5.0, 6.0]];
         let inference = Inference::of(&table(&[2, 2], 3, |subject, cell| cells[cell][subject]));
         let at = |time| inference.comparison(["a", "b"], Some(time)).unwrap();
@@ -247,7 +248,7 @@ mod tests {
         assert_eq!((ranks.family.tests, ranks.p_bonferroni), (2, 2.0 * ranks.anova_type.p));
         assert_eq!(
             at("2").ranks.as_result(),
-            Err("the ranks of all subjects differ alike: there are too few")
+            Err("the ranks of all subjects differ in the same way: there are too few")
         );
     }
 

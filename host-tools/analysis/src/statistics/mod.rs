@@ -1,4 +1,4 @@
-//! From one figure per trial to what a study can say about it.
+//! From one figure per trial to the statistics of a study.
 //!
 //! ```text
 //! observations ─▶ within ─┬─▶ describe           means and errors, Cohen's d
@@ -11,9 +11,9 @@
 //! within ───────────────────▶ inference          all of it, of one response
 //! ```
 //!
-//! Sums are taken after centring, so that a large offset costs no digits. A spread that is no
-//! more than the rounding of the values themselves counts as none ([`Undefined::NoSpread`]): a
-//! test on it would answer with an enormous statistic.
+//! Sums are taken after centring, so that a large offset costs no precision. A spread no larger
+//! than the rounding of the values counts as none ([`Undefined::NoSpread`]): a test on it would
+//! report an enormous statistic.
 
 pub mod anova;
 pub mod bland_altman;
@@ -30,24 +30,24 @@ pub mod within;
 
 use std::fmt;
 
-/// Eigenvalues of a covariance smaller than this share of the largest are rounding.
+/// Eigenvalues of a covariance below this fraction of the largest are rounding.
 const SINGULAR: f64 = 1e-10;
 
-/// Why a statistic is not defined for what was given.
+/// Why a statistic is not defined for its input.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Undefined {
-    /// It takes this many values, or subjects, at least.
+    /// There are fewer values, or subjects, than needed.
     TooFew {
-        /// How many there are.
+        /// The number found.
         found: usize,
-        /// How many it takes.
+        /// The least number needed.
         needed: usize,
     },
-    /// It is not defined beyond this many values.
+    /// There are more values than the statistic is defined for.
     TooMany {
-        /// How many there are.
+        /// The number found.
         found: usize,
-        /// How many it takes at most.
+        /// The largest number allowed.
         limit: usize,
     },
     /// Two columns that belong together have different lengths.
@@ -58,28 +58,36 @@ pub enum Undefined {
     NoSpread,
     /// The ranks of all subjects differ in the same way, which leaves nothing to judge chance by.
     EqualRanks,
-    /// This factor has one level: there is nothing to compare.
+    /// This factor has only one level: there is nothing to compare.
     OneLevel(String),
-    /// More effective samples than samples, or too few.
+    /// The number of effective samples exceeds that of the samples, or is too small.
     EffectiveSamples(f64),
 }
 
 impl fmt::Display for Undefined {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TooFew { found, needed } => write!(formatter, "{found}, and it takes {needed}"),
+            Self::TooFew { found, needed } => {
+                write!(formatter, "only {found}, but {needed} are needed")
+            }
             Self::TooMany { found, limit } => {
-                write!(formatter, "{found}, and it is defined up to {limit}")
+                write!(formatter, "{found}, but at most {limit} are allowed")
             }
             Self::Lengths(left, right) => write!(formatter, "{left} values against {right}"),
             Self::NotFinite(index) => write!(formatter, "value {index} is not a number"),
             Self::NoSpread => write!(formatter, "the values do not differ"),
             Self::EqualRanks => {
-                write!(formatter, "the ranks of all subjects differ alike: there are too few")
+                write!(
+                    formatter,
+                    "the ranks of all subjects differ in the same way: there are too few"
+                )
             }
-            Self::OneLevel(factor) => write!(formatter, "{factor} has one level only"),
+            Self::OneLevel(factor) => write!(formatter, "{factor} has only one level"),
             Self::EffectiveSamples(count) => {
-                write!(formatter, "{count} effective samples: too few, or more than there are")
+                write!(
+                    formatter,
+                    "{count} effective samples: too few, or more than there are samples"
+                )
             }
         }
     }
@@ -87,12 +95,12 @@ impl fmt::Display for Undefined {
 
 impl std::error::Error for Undefined {}
 
-/// Whether a value is a number, and one whose powers do not overflow.
+/// Whether a value is finite and small enough that its powers do not overflow.
 fn is_number(value: f64) -> bool {
     value.abs() < 1e100
 }
 
-/// Checks that the values are finite, and at least this many.
+/// Checks that the values are finite, and that there are at least this many.
 fn checked(values: &[f64], needed: usize) -> Result<&[f64], Undefined> {
     if let Some(at) = values.iter().position(|&value| !is_number(value)) {
         return Err(Undefined::NotFinite(at));
@@ -103,7 +111,7 @@ fn checked(values: &[f64], needed: usize) -> Result<&[f64], Undefined> {
     Ok(values)
 }
 
-/// Two columns of one table, checked as [`checked`].
+/// Checks two columns of one table in the same way as [`checked`].
 fn checked_pairs(x: &[f64], y: &[f64], needed: usize) -> Result<(), Undefined> {
     if x.len() != y.len() {
         return Err(Undefined::Lengths(x.len(), y.len()));
@@ -113,7 +121,7 @@ fn checked_pairs(x: &[f64], y: &[f64], needed: usize) -> Result<(), Undefined> {
     Ok(())
 }
 
-/// A table whose effects can be tested: two subjects or more, and two levels of each factor.
+/// Checks that a table has effects to test: at least two subjects, and two levels of each factor.
 fn checked_factors(design: &within::WithinDesign) -> Result<(), Undefined> {
     if let Some(factor) = design.factors().iter().find(|factor| factor.levels.len() < 2) {
         return Err(Undefined::OneLevel(factor.name.clone()));
@@ -124,15 +132,15 @@ fn checked_factors(design: &within::WithinDesign) -> Result<(), Undefined> {
     }
 }
 
-/// A difference up to which numbers computed from these few are equal: some units in the last
-/// place of the largest.
+/// The largest difference at which numbers computed from these few values count as equal: some
+/// units in the last place of the largest.
 fn rounding(values: impl IntoIterator<Item = f64>) -> f64 {
     8.0 * f64::EPSILON
         * values.into_iter().fold(0.0, |largest: f64, value| largest.max(value.abs()))
 }
 
-/// The mean, and the values less it. Centred twice: the second takes out the rounding that the
-/// first has left.
+/// The mean, and the values minus the mean. Centres twice: the second pass removes the rounding
+/// left by the first.
 fn centred(values: &[f64]) -> (f64, Vec<f64>) {
     let count = values.len() as f64;
     let first = values.iter().sum::<f64>() / count;

@@ -1,44 +1,44 @@
-//! Student's t test of paired values, and Bonferroni's correction for several of them.
+//! Student's t test for paired values, with Bonferroni's correction for several tests.
 
 use serde::Serialize;
 
 use super::describe::differences;
 use super::{Undefined, distributions};
 
-/// The tests that are made together, and for which p is corrected. It belongs into every report:
-/// which tests make a family is a choice, and p is proportional to it.
+/// The tests that are made together, and for whose number p is corrected. It belongs in every
+/// report: which tests form a family is a choice, and p is proportional to their number.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Family {
-    /// What they are, such as "control against hypoventilation, at each time".
+    /// What is compared, such as "control against hypoventilation, at each time".
     pub name: String,
-    /// How many.
+    /// The number of tests.
     pub tests: usize,
 }
 
-/// What became of a paired t test.
+/// The result of a paired t test.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairedT {
     /// Number of pairs.
     pub n: usize,
-    /// Mean of the differences, second less first.
+    /// Mean of the differences, second minus first.
     pub mean_difference: f64,
     /// Their standard deviation.
     pub sd_difference: f64,
-    /// The mean difference's 95 % confidence interval, not corrected for the family.
+    /// The 95 % confidence interval of the mean difference, not corrected for the family.
     pub difference_ci95: [f64; 2],
     /// Student's t.
     pub t: f64,
     /// Its degrees of freedom, n - 1.
     pub df: usize,
-    /// Two-sided, of this test alone.
+    /// The two-sided p of this test alone.
     pub p: f64,
-    /// Times the number of tests in the family, at most 1 (Bonferroni).
+    /// p times the number of tests in the family, at most 1 (Bonferroni).
     pub p_bonferroni: f64,
     /// The family.
     pub family: Family,
 }
 
-/// Whether `to` differs from `from`.
+/// Tests whether `to` differs from `from`.
 ///
 /// # Errors
 /// With fewer than two pairs, values that are not finite, or differences that are all the same.

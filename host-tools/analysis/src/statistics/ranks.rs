@@ -1,10 +1,10 @@
-//! Analysis of variance without a distribution: relative treatment effects by ranks (Brunner,
-//! Domhof & Langer 2002, designs LD-F1 and LD-F2; the statistics of the R package nparLD, Noguchi
-//! et al. 2012).
+//! Non-parametric analysis of variance: relative treatment effects by ranks (Brunner, Domhof &
+//! Langer 2002, designs LD-F1 and LD-F2; the statistics of the R package nparLD, Noguchi et al.
+//! 2012).
 //!
-//! All N = subjects x cells values are ranked together, ties by their mean rank. With p the
-//! cells' relative effects, V the covariance of sqrt(n) p and C the orthonormal contrasts of an
-//! effect, both statistics measure z = C p against S = C V C'.
+//! All N = subjects x cells values are ranked together; ties get their mean rank. With p the
+//! relative effects of the cells, V the covariance of sqrt(n) p and C the orthonormal contrasts of
+//! an effect, both statistics compare z = C p with S = C V C'.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -14,28 +14,28 @@ use serde::Serialize;
 use super::within::{Factor, WithinDesign};
 use super::{SINGULAR, Undefined, distributions, rounding};
 
-/// What the ranks say.
+/// The result of a rank analysis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankAnalysis {
     /// Number of subjects.
     pub subjects: usize,
-    /// Of the cells; with several factors then of each factor's levels.
+    /// The effects of the cells and, with several factors, of the levels of each factor.
     pub relative_effects: Vec<RelativeEffect>,
     /// Main effects and interactions: A, B, A:B.
     pub effects: Vec<RankEffect>,
 }
 
-/// How the values under some levels stand among all.
+/// How the values at some levels rank among all values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RelativeEffect {
-    /// Under which level of which factors.
+    /// The levels, with their factors.
     pub levels: Vec<FactorLevel>,
     /// Number of values.
     pub observations: usize,
     /// Their mean rank, from 1 to N.
     pub mean_rank: f64,
-    /// (mean rank - 1/2) / N, from 0 to 1: the probability that a value drawn from all is
-    /// smaller than one drawn here, half of the ties counted.
+    /// (mean rank - 1/2) / N, from 0 to 1: the probability that a value drawn from all values is
+    /// smaller than one drawn from these, counting half of the ties.
     pub relative_treatment_effect: f64,
 }
 
@@ -44,7 +44,7 @@ pub struct RelativeEffect {
 pub struct FactorLevel {
     /// The factor's name.
     pub factor: String,
-    /// The level's.
+    /// The name of the level.
     pub level: String,
 }
 
@@ -53,16 +53,16 @@ pub struct FactorLevel {
 pub struct RankEffect {
     /// Its factors' names, with a colon between them.
     pub effect: String,
-    /// ANOVA-type: n |z|^2 / tr S with tr(S)^2 / tr(S^2) degrees of freedom and infinitely many
-    /// in the denominator (Box's approximation). The one to report for few subjects. `None`
-    /// where no subject's ranks differ from the others'.
+    /// ANOVA-type: n |z|^2 / tr S with tr(S)^2 / tr(S^2) degrees of freedom, and infinitely many in
+    /// the denominator (Box's approximation). The one to report for few subjects. `None` where the
+    /// ranks of all subjects differ in the same way.
     pub anova_type: Option<RankTest>,
-    /// Wald-type: n z' S^-1 z, chi-squared with as many degrees of freedom as contrasts. Far too
-    /// liberal unless there are many more subjects than cells. `None` where S is singular.
+    /// Wald-type: n z' S^-1 z, chi-squared with one degree of freedom per contrast. Far too liberal
+    /// unless there are many more subjects than cells. `None` where S is singular.
     pub wald_type: Option<RankTest>,
 }
 
-/// One statistic.
+/// One test statistic.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RankTest {
     /// Its value.
@@ -94,10 +94,10 @@ pub fn rank_analysis(design: &WithinDesign) -> Result<RankAnalysis, Undefined> {
     })
 }
 
-/// Two paired columns: the ANOVA-type statistic of one factor with two levels.
+/// The ANOVA-type statistic of two paired columns: one factor with two levels.
 ///
 /// # Errors
-/// With fewer than two pairs, values that are not finite, or ranks that differ alike in all.
+/// With fewer than two pairs, values that are not finite, or ranks that differ alike in all pairs.
 pub fn rank_comparison(from: &[f64], to: &[f64]) -> Result<RankTest, Undefined> {
     super::checked_pairs(from, to, 2)?;
     let ranks = DMatrix::from_vec(from.len(), 2, mid_ranks(&[from, to].concat()));
@@ -105,13 +105,13 @@ pub fn rank_comparison(from: &[f64], to: &[f64]) -> Result<RankTest, Undefined> 
     tests(&ranks, &contrast).0.ok_or(Undefined::EqualRanks)
 }
 
-/// The rank of each value among all, from 1; equal values share the mean of their ranks.
+/// The rank of each value among all, starting at 1; equal values share the mean of their ranks.
 fn mid_ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&left, &right| values[left].total_cmp(&values[right]));
     let mut ranks = vec![0.0; values.len()];
     let mut below = 0;
-    // Not total_cmp's equality, for which -0 is less than 0.
+    // `total_cmp` would order -0 before 0.
     for ties in order.chunk_by(|&left, &right| values[left] == values[right]) {
         for &index in ties {
             ranks[index] = below as f64 + (ties.len() + 1) as f64 / 2.0;
@@ -121,8 +121,8 @@ fn mid_ranks(values: &[f64]) -> Vec<f64> {
     ranks
 }
 
-/// Both statistics of the effect with these contrasts. In ranks instead of relative effects: N
-/// cancels.
+/// Both statistics of the effect with these contrasts, computed from ranks instead of relative
+/// effects: N cancels.
 fn tests(ranks: &DMatrix<f64>, contrasts: &DMatrix<f64>) -> (Option<RankTest>, Option<RankTest>) {
     let n = ranks.nrows() as f64;
     let mut scores = ranks * contrasts.transpose();
@@ -154,7 +154,7 @@ fn tests(ranks: &DMatrix<f64>, contrasts: &DMatrix<f64>) -> (Option<RankTest>, O
     (anova_type, wald_type)
 }
 
-/// Of the cells, and of the levels of each factor if there are several.
+/// The effects of the cells and, if there are several factors, of the levels of each.
 fn relative_effects(design: &WithinDesign, ranks: &DMatrix<f64>) -> Vec<RelativeEffect> {
     let of = |(factor, level): (&Factor, &String)| FactorLevel {
         factor: factor.name.clone(),
@@ -226,7 +226,7 @@ mod tests {
         let plain = rank_analysis(&table(&[2, 3], 9, tied)).unwrap();
         let other = table(&[2, 3], 9, |row, column| 1e6 + tied(row, column).exp());
         assert_eq!(rank_analysis(&other).unwrap(), plain);
-        // The relative effects average one half: of the cells, and of each factor's levels.
+        // The relative effects average one half, over the cells and over the levels of each factor.
         for (effects, count) in [(0..6, 6.0), (6..8, 2.0), (8..11, 3.0)] {
             let effects = &plain.relative_effects[effects];
             let sum: f64 = effects.iter().map(|it| it.relative_treatment_effect).sum();
@@ -243,7 +243,7 @@ mod tests {
             assert_eq!((it.anova_type, it.wald_type), (None, None));
         }
         assert!(constant.relative_effects.iter().all(|it| it.relative_treatment_effect == 0.5));
-        // Everybody alike, however different the cells.
+        // All subjects alike, however different the cells.
         let alike = rank_analysis(&table(&[3], 7, |_, cell| cell as f64)).unwrap();
         assert_eq!((alike.effects[0].anova_type, alike.effects[0].wald_type), (None, None));
     }

@@ -1,17 +1,17 @@
-//! The least squares line through pairs of values.
+//! The least-squares line through pairs of values.
 
 use serde::Serialize;
 
 use super::{Undefined, centred, checked_pairs, distributions, rounding, sum_of_squares};
 
-/// y = intercept + slope x, with the errors that follow from the residuals.
+/// y = intercept + slope x, with the standard errors that follow from the residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Line {
     /// Number of pairs.
     pub n: usize,
-    /// As many independent pairs would say as much.
+    /// The number of independent pairs that would be as informative.
     pub effective_samples: f64,
-    /// Change of y with x.
+    /// Change of y per unit of x.
     pub slope: f64,
     /// Its standard error.
     pub slope_se: f64,
@@ -25,7 +25,7 @@ pub struct Line {
     pub intercept_ci95: [f64; 2],
     /// Standard deviation of the residuals, with n - 2.
     pub residual_sd: f64,
-    /// Pearson's correlation and its p value; `None` where y does not differ.
+    /// Pearson's correlation and its p value; `None` where y does not vary.
     pub correlation: Option<Correlation>,
 }
 
@@ -34,22 +34,22 @@ pub struct Line {
 pub struct Correlation {
     /// From -1 to 1.
     pub r: f64,
-    /// The share of y's variance that is along the line.
+    /// The fraction of y's variance that the line explains.
     pub r_squared: f64,
-    /// Two-sided, of no correlation, which is that of a slope of 0.
+    /// Two-sided p for no correlation, which is also that for a slope of 0.
     pub p: f64,
 }
 
 /// Fits a line to pairs of values.
 ///
-/// Samples of a movement taken many times per second are not independent, and say less than
-/// their number. With `effective_samples` of them independent, the variances of slope and
-/// intercept are those of n pairs times n / effective_samples, and Student's t has
+/// Samples of a movement taken many times per second are not independent and carry less information
+/// than their number suggests. With `effective_samples` independent ones, the variances of slope
+/// and intercept are those of n pairs times n / effective_samples, and Student's t has
 /// effective_samples - 2 degrees of freedom; with n it is the ordinary regression.
 ///
 /// # Errors
-/// With fewer than three pairs, values that are not finite, an x that does not differ, or not
-/// 2 < `effective_samples` <= n.
+/// With fewer than three pairs, values that are not finite, an x that does not vary, or unless 2 <
+/// `effective_samples` <= n.
 pub fn line(x: &[f64], y: &[f64], effective_samples: f64) -> Result<Line, Undefined> {
     checked_pairs(x, y, 3)?;
     let n = x.len() as f64;
@@ -101,7 +101,8 @@ mod tests {
 
     #[test]
     fn a_small_example_by_hand() {
-        // Sxx 5, Sxy 4, Syy 5: slope 0.8, residuals 5 - 16/5 = 1.8 of 2 degrees of freedom.
+        // Sxx 5, Sxy 4, Syy 5: slope 0.8, residual sum of squares 5 - 16/5 = 1.8 with 2 degrees of
+        // freedom.
         let it = line(&X, &[1.0, 3.0, 2.0, 4.0], 4.0).unwrap();
         assert!((it.slope - 0.8).abs() < 1e-15 && (it.intercept - 0.5).abs() < 1e-15);
         assert!((it.residual_sd.powi(2) - 0.9).abs() < 1e-14);
@@ -109,9 +110,9 @@ mod tests {
         assert!((it.intercept_se.powi(2) - 0.9 * (0.25 + 6.25 / 5.0)).abs() < 1e-14);
         let correlation = it.correlation.unwrap();
         assert!((correlation.r - 0.8).abs() < 1e-15);
-        // With two degrees of freedom Student's tail is closed, and p = 1 - |r|.
+        // With two degrees of freedom the tail of Student's t has a closed form, and p = 1 - |r|.
         assert!((correlation.p - 0.2).abs() < 1e-14);
-        // t of two degrees of freedom: q = 0.95 / sqrt(2 * 0.975 * 0.025).
+        // The t quantile for two degrees of freedom: q = 0.95 / sqrt(2 * 0.975 * 0.025).
         let q = 0.95 / (2.0_f64 * 0.975 * 0.025).sqrt();
         assert!(((it.slope_ci95[1] - it.slope) / (q * it.slope_se) - 1.0).abs() < 1e-13);
     }

@@ -1,10 +1,10 @@
-//! The test of normality of Shapiro and Wilk (1965), as Royston (1995, algorithm AS R94) extended
-//! it to 5000 values.
+//! The normality test of Shapiro and Wilk (1965), extended to 5000 values by Royston (1995,
+//! algorithm AS R94).
 //!
-//! W is the squared correlation of the sorted values with weights near the expected ones of a
-//! normal sample, close to 1 for normal values. A transform of 1 - W is nearly normal; its
-//! moments are the paper's polynomials in n or in ln n, fitted to simulations: p is an
-//! approximation, whatever its digits.
+//! W is the squared correlation of the sorted values with weights close to the expected order
+//! statistics of a normal sample; it is close to 1 for normal values. A transform of 1 - W is
+//! nearly normal; its moments are the paper's polynomials in n or ln n, fitted to simulations, so p
+//! is an approximation however many digits it has.
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3, FRAC_PI_6};
 
@@ -12,39 +12,38 @@ use serde::Serialize;
 
 use super::{Undefined, centred, checked, distributions, rounding, sum_of_squares};
 
-/// Beyond, the polynomials were not fitted.
+/// The polynomials were fitted up to this number of values.
 const VALUES_MAX: usize = 5000;
 
-// Royston (1995), tables of coefficients, the constant first. The outermost two weights, in
-// powers of 1 / sqrt(n).
+// Royston (1995), tables of coefficients, constant term first. The two outermost weights, in powers
+// of 1 / sqrt(n).
 const OUTERMOST: [f64; 6] = [0.0, 0.221157, -0.147981, -2.07119, 4.434685, -2.706056];
 const SECOND: [f64; 6] = [0.0, 0.042981, -0.293762, -1.752461, 5.682633, -3.582633];
-// Up to 11 values: bound, mean and ln of the standard deviation in powers of n.
+// Up to 11 values: the bound, the mean, and ln of the standard deviation in powers of n.
 const SMALL_BOUND: [f64; 2] = [-2.273, 0.459];
 const SMALL_MEAN: [f64; 4] = [0.544, -0.39978, 0.025054, -6.714e-4];
 const SMALL_LN_SD: [f64; 4] = [1.3822, -0.77857, 0.062767, -0.0020322];
 const SMALL_MAX: usize = 11;
-// From 12 on: the same in powers of ln n.
+// From 12 values on: the same in powers of ln n.
 const LARGE_MEAN: [f64; 4] = [-1.5861, -0.31082, -0.083751, 0.0038915];
 const LARGE_LN_SD: [f64; 3] = [-0.4803, -0.082676, 0.0030302];
 
-/// W, and its p value.
+/// W and its p value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ShapiroWilk {
     /// Number of values.
     pub n: usize,
-    /// From 0 to 1, 1 for values spaced as those of a normal sample.
+    /// From 0 to 1; 1 for values spaced like the expected order statistics of a normal sample.
     pub w: f64,
-    /// Probability of a smaller W from normal values. 0 where, for 11 values or fewer, W is
-    /// below all that the approximation can express.
+    /// The probability of a smaller W for normal values. 0 where, for 11 values or fewer, W is
+    /// below everything the approximation can express.
     pub p: f64,
 }
 
 /// Tests whether values are a sample of a normal distribution.
 ///
 /// # Errors
-/// With fewer than 3 or more than 5000 values, values that are not finite, or that do not
-/// differ.
+/// With fewer than 3 or more than 5000 values, or values that are not finite or do not differ.
 pub fn shapiro_wilk(values: &[f64]) -> Result<ShapiroWilk, Undefined> {
     let n = checked(values, 3)?.len();
     if n > VALUES_MAX {
@@ -64,18 +63,18 @@ pub fn shapiro_wilk(values: &[f64]) -> Result<ShapiroWilk, Undefined> {
     let along: f64 =
         weights.iter().zip(upper).map(|(weight, (high, low))| weight * (high - low)).sum();
     let total = (2.0 * sum_of_squares(&weights) * sum_of_squares(&deviations)).sqrt();
-    // 1 - W by its factors: the difference of squares would cancel where W is close to 1.
+    // 1 - W, factorised: the difference of squares would cancel where W is close to 1.
     let rest = ((total - along) * (total + along) / (total * total)).max(0.0);
     Ok(ShapiroWilk { n, w: 1.0 - rest, p: p_value(n, rest) })
 }
 
-/// The weights of the largest, the second largest ... value; those of the smallest are their
+/// The weights of the largest value, the second largest, and so on; those of the smallest are their
 /// negatives, and a median has none. Their squares sum to about one half.
 fn weights(n: usize) -> Vec<f64> {
     if n == 3 {
         return vec![FRAC_1_SQRT_2];
     }
-    // Blom's approximation of the expected values of a normal sample.
+    // Blom's approximation of the expected order statistics of a normal sample.
     let expected =
         |rank: usize| -distributions::normal_quantile((rank as f64 - 0.375) / (n as f64 + 0.25));
     let scores: Vec<f64> = (1..=n / 2).map(expected).collect();
@@ -88,7 +87,7 @@ fn weights(n: usize) -> Vec<f64> {
         .map(|(coefficients, score)| polynomial(coefficients, root) + score / squares.sqrt())
         .collect();
     let (outer, inner) = scores.split_at(fitted.len());
-    // So that all squares sum to 1.
+    // Scaled so that all squares sum to 1.
     let scale =
         ((squares - 2.0 * sum_of_squares(outer)) / (1.0 - 2.0 * sum_of_squares(&weights))).sqrt();
     weights.extend(inner.iter().map(|score| score / scale));
@@ -98,7 +97,7 @@ fn weights(n: usize) -> Vec<f64> {
 /// The probability that 1 - W is larger than `rest`.
 fn p_value(n: usize, rest: f64) -> f64 {
     if n == 3 {
-        // Exact (Shapiro & Wilk 1965, corollary 4): W is 3/4 at least.
+        // Exact (Shapiro & Wilk 1965, corollary 4): W is at least 3/4.
         return ((1.0 - rest).sqrt().asin() - FRAC_PI_3).max(0.0) / FRAC_PI_6;
     }
     let y = rest.ln();
@@ -116,7 +115,7 @@ fn p_value(n: usize, rest: f64) -> f64 {
     distributions::normal_upper((z - mean) / ln_sd.exp())
 }
 
-/// The constant first.
+/// Evaluates a polynomial whose constant term comes first.
 fn polynomial(coefficients: &[f64], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
 }
@@ -127,7 +126,8 @@ mod tests {
 
     #[test]
     fn three_values_have_the_exact_distribution() {
-        // Equal steps are the straightest three values can be: W = 1. Two equal ones: W = 3/4.
+        // Three values in equal steps are as straight as possible: W = 1. With two equal ones, W =
+        // 3/4.
         let straight = shapiro_wilk(&[1.0, 2.0, 3.0]).unwrap();
         assert!((straight.w - 1.0).abs() < 1e-15 && (straight.p - 1.0).abs() < 1e-7);
         let bent = shapiro_wilk(&[1.0, 1.0, 3.0]).unwrap();

@@ -1,4 +1,4 @@
-//! Tables by formula, for the tests.
+//! Tables made by a formula, for the tests.
 
 use super::within::{Observation, WithinDesign};
 

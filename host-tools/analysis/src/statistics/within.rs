@@ -1,10 +1,10 @@
 //! A complete within-subject table: each subject measured once in every combination of levels
 //! of one or more factors.
 //!
-//! The methods on it ([`anova`](super::anova), [`ranks`](super::ranks)) see an effect as the
-//! orthonormal contrasts of the cells that it is about: for a factor in the effect all
-//! differences among its levels, for another the average over them. With that one matrix a main
-//! effect and an interaction are the same computation.
+//! The methods for it ([`anova`](super::anova), [`ranks`](super::ranks)) represent an effect by
+//! orthonormal contrasts of the cells: for a factor in the effect, all differences among its
+//! levels; for any other factor, the average over its levels. With that one matrix, main effects
+//! and interactions are the same computation.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -14,18 +14,18 @@ use serde::Serialize;
 
 use super::is_number;
 
-/// One measurement, as it stands in a long table.
+/// One measurement, as in a long table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation<'a> {
     /// The subject.
     pub subject: &'a str,
-    /// Under which level of each factor, in the order of the factors.
+    /// The level of each factor, in the order of the factors.
     pub levels: Vec<&'a str>,
     /// The measurement.
     pub value: f64,
 }
 
-/// A within-subject factor, such as time with early, mid and late.
+/// A within-subject factor, such as time with the levels early, mid and late.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Factor {
     /// Its name.
@@ -39,17 +39,17 @@ pub struct Factor {
 pub struct Effect {
     /// Its factors' names, with a colon between them.
     pub name: String,
-    /// By factor: whether it is in it.
+    /// For each factor, whether the effect includes it.
     includes: Vec<bool>,
 }
 
-/// The table: subjects by cells, none empty. Cells are in the order of the levels, the last
-/// factor's changing fastest.
+/// The table: subjects by cells, none empty. Cells are in the order of the levels, with the level
+/// of the last factor changing fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WithinDesign {
     factors: Vec<Factor>,
     subjects: Vec<String>,
-    /// A row per subject, a column per cell.
+    /// One row per subject, one column per cell.
     values: DMatrix<f64>,
 }
 
@@ -58,21 +58,21 @@ pub struct WithinDesign {
 pub struct Incomplete {
     /// The subject.
     pub subject: String,
-    /// The first cell without one: its levels.
+    /// The levels of the first cell without one.
     pub cell: Vec<String>,
 }
 
-/// What is done with cells grows with their square, and with the square of that.
+/// The cost of the methods grows with the second to fourth power of the number of cells.
 const CELLS_MAX: usize = 200;
 
-/// Why observations make no complete table.
+/// Why observations do not form a complete table.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DesignError {
-    /// There is no factor, or two have one name.
+    /// There is no factor, or two have the same name.
     Factors,
     /// Too many combinations of levels for a design: one of the columns is not a factor.
     Cells(usize),
-    /// There are none.
+    /// There are no measurements.
     Empty,
     /// A measurement is missing.
     Missing(Incomplete),
@@ -80,14 +80,14 @@ pub enum DesignError {
     Duplicate {
         /// The subject.
         subject: String,
-        /// The cell's levels.
+        /// The levels of the cell.
         cell: Vec<String>,
     },
     /// A value is not a number, or beyond 1e100.
     NotFinite {
         /// The subject.
         subject: String,
-        /// The cell's levels.
+        /// The levels of the cell.
         cell: Vec<String>,
     },
 }
@@ -96,12 +96,15 @@ impl fmt::Display for DesignError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (subject, cell, fault) = match self {
             Self::Factors => {
-                return write!(formatter, "factors: one at least, and each with its own name");
+                return write!(
+                    formatter,
+                    "factors: at least one is needed, each with its own name"
+                );
             }
             Self::Cells(cells) => {
                 return write!(
                     formatter,
-                    "the factors have {cells} combinations of levels, and {CELLS_MAX} are the most"
+                    "the factors have {cells} combinations of levels, but at most {CELLS_MAX} are allowed"
                 );
             }
             Self::Empty => return write!(formatter, "there are no measurements"),
@@ -118,14 +121,14 @@ impl fmt::Display for DesignError {
 impl std::error::Error for DesignError {}
 
 impl WithinDesign {
-    /// Of measurements in any order; every subject must have one in every cell.
+    /// From measurements in any order; every subject must have one in every cell.
     ///
     /// # Errors
-    /// Without factors, or with two of one name. Else it names the first subject and cell with
-    /// no value, with two, or with one that is not a number.
+    /// Without factors, or with two of the same name. Otherwise the error names the first subject
+    /// and cell with no value, with two values, or with one that is not a number.
     ///
     /// # Panics
-    /// When an observation has not one level of each factor.
+    /// When an observation does not have exactly one level of each factor.
     pub fn new(factors: &[&str], observations: &[Observation<'_>]) -> Result<Self, DesignError> {
         let (design, mut dropped) = Self::of_complete_subjects(factors, observations)?;
         if dropped.is_empty() {
@@ -135,10 +138,10 @@ impl WithinDesign {
         }
     }
 
-    /// The same without the subjects that lack a value in some cell; they are listed.
+    /// The table without the subjects that lack a value in some cell; those are listed.
     ///
     /// # Errors
-    /// As [`new`](Self::new), and when no subject is left.
+    /// As [`new`](Self::new), and when no subject remains.
     ///
     /// # Panics
     /// As [`new`](Self::new).
@@ -183,7 +186,7 @@ impl WithinDesign {
         &self.subjects
     }
 
-    /// The measurements: a row per subject, a column per cell.
+    /// The measurements: one row per subject, one column per cell.
     #[must_use]
     pub fn values(&self) -> &DMatrix<f64> {
         &self.values
@@ -199,12 +202,12 @@ impl WithinDesign {
         &self.values.as_slice()[index * count..(index + 1) * count]
     }
 
-    /// The cells' levels, in their order.
+    /// The levels of each cell, in the order of the cells.
     pub fn cells(&self) -> impl Iterator<Item = Vec<String>> + '_ {
         (0..self.values.ncols()).map(|cell| levels_of(&self.factors, cell))
     }
 
-    /// Which cell has these levels; `None` where none has.
+    /// The index of the cell with these levels; `None` if there is none.
     #[must_use]
     pub fn cell_with(&self, levels: &[&str]) -> Option<usize> {
         self.cells().position(|cell| cell == levels)
@@ -228,8 +231,8 @@ impl WithinDesign {
         subsets.map(effect).collect()
     }
 
-    /// An effect's contrasts, orthonormal: a row per contrast, a column per cell. As many rows
-    /// as the effect has degrees of freedom.
+    /// The orthonormal contrasts of an effect: one row per contrast, one column per cell. There are
+    /// as many rows as the effect has degrees of freedom.
     #[must_use]
     pub fn contrasts(&self, effect: &Effect) -> DMatrix<f64> {
         let parts = self.factors.iter().zip(&effect.includes).map(|(factor, included)| {
@@ -244,7 +247,7 @@ impl WithinDesign {
     }
 }
 
-/// Helmert's contrasts, normalised: each level against the mean of those before it.
+/// Normalised Helmert contrasts: each level against the mean of the levels before it.
 fn differences(levels: usize) -> DMatrix<f64> {
     DMatrix::from_fn(levels - 1, levels, |row, level| {
         let before = (row + 1) as f64;
@@ -269,11 +272,11 @@ fn levels_of(factors: &[Factor], cell: usize) -> Vec<String> {
     levels
 }
 
-/// The observations in their places, some of which may be empty.
+/// The observations arranged by subject and cell; some cells may be empty.
 struct LongTable {
     factors: Vec<Factor>,
     subjects: Vec<String>,
-    /// A row per subject, by cell.
+    /// One row per subject, with a value per cell.
     rows: Vec<Vec<Option<f64>>>,
 }
 
@@ -413,7 +416,7 @@ mod tests {
             dropped,
             [Incomplete { subject: "Z".into(), cell: vec!["a".into(), "x".into()] }]
         );
-        // With the last complete subject gone there is nothing left to analyse.
+        // With the last complete subject gone, nothing is left to analyse.
         rows.retain(|it| it.levels != ["b", "z"]);
         let error = WithinDesign::of_complete_subjects(&["condition", "time"], &rows).unwrap_err();
         assert_eq!(error.to_string(), "subject Z has no value in b, z");

@@ -1,13 +1,13 @@
-//! Sway density: how long a point stays near where it is (Baratto et al. 2002, Motor Control
+//! Sway density: how long a point stays close to where it is (Baratto et al. 2002, Motor Control
 //! 6:246; Jacono et al. 2004).
 //!
-//! For each sample, how many consecutive samples around it lie within a radius of it in the
-//! transverse plane, over the rate: a curve of times, in seconds. It is smoothed (Butterworth,
-//! 2.5 Hz, no delay), and its peaks are the times at which the point is held.
+//! For each sample, the number of consecutive samples around it that lie within a radius of it in
+//! the transverse plane, divided by the rate: a curve of times, in seconds. The curve is smoothed
+//! (Butterworth, 2.5 Hz, no delay), and its peaks are the times at which the point is held.
 //!
-//! It comes from the longest part without a gap, whose times [the spectrum](super::spectrum) has.
-//! The radius must suit what is measured: 3 mm (or 2.5 mm) are in use for the centre of pressure,
-//! and nothing is published for the trunk.
+//! It is computed from the longest part without a gap, whose start and end [the
+//! spectrum](super::spectrum) reports. The radius must suit what is measured: 3 mm (or 2.5 mm) is
+//! used for the centre of pressure, and nothing is published for the trunk.
 
 use serde::Serialize;
 
@@ -17,31 +17,31 @@ use super::path::along;
 use super::spectrum::{long_enough, longest_segment};
 use crate::series::{Axis, Series};
 
-/// Cut-off of the smoothing, as in the literature.
+/// The cut-off frequency of the smoothing, as in the literature.
 const CUT_OFF_HZ: f64 = 2.5;
 
 /// The rate must be above twice the cut-off.
 const RATE_MIN_HZ: f64 = 2.0 * CUT_OFF_HZ;
 
 /// A point that stays within the radius for longer than this to one side is not swaying between
-/// places that it holds; it bounds the time too.
+/// positions that it holds. The limit also bounds the computing time.
 const LIMIT_S: f64 = 60.0;
 
-/// Samples that are looked at together.
+/// The number of samples examined together.
 const BLOCK: usize = 16;
 
-/// A few peaks, of which there are one or two each second.
+/// Enough for several peaks, of which there are one or two per second.
 const SHORTEST_S: f64 = 10.0;
 
-/// How the sway density is made.
+/// The settings of the sway density.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Settings {
-    /// How near is near, mm.
+    /// The radius, mm.
     pub radius_mm: f64,
 }
 
 impl Default for Settings {
-    /// The usual one for the centre of pressure.
+    /// The radius commonly used for the centre of pressure.
     fn default() -> Self {
         Self { radius_mm: 3.0 }
     }
@@ -50,13 +50,13 @@ impl Default for Settings {
 /// Means over the peaks of the curve.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Density {
-    /// How it was made.
+    /// The settings used.
     pub settings: Settings,
-    /// Height of a peak, MP, s.
+    /// Mean height of a peak (MP), s.
     pub peak_s: Figure,
-    /// From a peak to the next, MT, s.
+    /// Mean time from one peak to the next (MT), s.
     pub interval_s: Figure,
-    /// Between the positions at a peak and at the next, MD, mm.
+    /// Mean distance between the positions at one peak and at the next (MD), mm.
     pub distance_mm: Figure,
 }
 
@@ -109,10 +109,10 @@ fn times(positions_mm: [&[f64]; 2], radius_mm: f64, rate_hz: f64) -> Result<Vec<
     Ok(samples.map(|samples| samples as f64 / rate_hz).collect())
 }
 
-/// For each sample, how many after it stay within the radius; `None` when one is followed by
-/// more than the limit.
+/// For each sample, the number of samples after it that stay within the radius; `None` if one
+/// exceeds the limit.
 fn stays([x_mm, y_mm]: [&[f64]; 2], radius_mm: f64, limit: usize) -> Option<Vec<usize>> {
-    // A block whose bounding box lies within the radius need not be looked into.
+    // A block whose bounding box lies within the radius need not be examined.
     let span = |block: &[f64]| {
         let least = block.iter().copied().fold(f64::INFINITY, f64::min);
         (least, block.iter().copied().fold(f64::NEG_INFINITY, f64::max))
@@ -141,7 +141,7 @@ fn stays([x_mm, y_mm]: [&[f64]; 2], radius_mm: f64, limit: usize) -> Option<Vec<
     (0..samples).map(stays).collect()
 }
 
-/// Samples above both neighbours; of several equal ones the middle.
+/// The samples above both neighbours; of several equal ones the middle.
 fn peaks(curve: &[f64]) -> Vec<usize> {
     let mut peaks = Vec::new();
     let mut rose_at = None;

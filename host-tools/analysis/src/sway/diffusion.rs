@@ -1,18 +1,18 @@
-//! Stabilogram diffusion: how far a point strays within a lag (Collins & De Luca 1993, Exp. Brain
-//! Res. 95:308).
+//! Stabilogram diffusion: how far a point moves within a given lag (Collins & De Luca 1993, Exp.
+//! Brain Res. 95:308).
 //!
 //! The mean square displacement `<(x(t + lag) - x(t))^2>`, for lags up to 10 s, rises steeply at
-//! short lags and less at long ones. A line is fitted to each range; half its slope is the
-//! diffusion coefficient (as the authors define it for an axis; in the plane the displacements of
-//! both axes are added, and it is half the slope too), and where the lines cross is the critical
-//! point. Half the slope of log displacement over log lag is the Hurst exponent: 0.5 for a random
-//! walk, above it where movement persists, below where it turns back.
+//! short lags and more slowly at long ones. A line is fitted to each range. Half its slope is the
+//! diffusion coefficient (as the authors define it for an axis; in the plane, where the
+//! displacements of both axes are added, half the slope is used too), and the intersection of the
+//! lines is the critical point. Half the slope of log displacement over log lag is the Hurst
+//! exponent: 0.5 for a random walk, more where movement persists, less where it turns back.
 //!
-//! Where to split the ranges is not settled. Here it is where both lines together leave the least
-//! squared error, between two bounds; a split that lies at a bound is the bound's doing, and is
-//! flagged.
+//! Where to split the ranges is not settled in the literature. Here the split minimises the squared
+//! error of both lines together, between two bounds; a split at a bound was determined by that
+//! bound and is flagged.
 //!
-//! All pairs within the parts without a gap count, none over a gap.
+//! All pairs within the parts without a gap count, but none across a gap.
 
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
@@ -23,18 +23,18 @@ use super::path::along;
 use super::spectrum::{long_enough, longest_segment};
 use crate::series::{Axis, Series};
 
-/// The longest part without a gap must be this many times the longest lag: at that lag, most
-/// displacements would otherwise start from the same few seconds.
+/// The longest part without a gap must be this many times the longest lag: otherwise most
+/// displacements at that lag would start from the same few seconds.
 const LAGS_MIN: f64 = 2.0;
 
-/// Points that make a line with something left over to tell how good it is.
+/// The fewest points that determine a line and leave one over to judge the fit.
 const POINTS_MIN: usize = 3;
 
-/// Lags up to this, as Collins & De Luca.
+/// The longest lag, as in Collins & De Luca.
 const LONGEST_LAG_S: f64 = 10.0;
 
-/// The short range ends within these: the critical points that Collins & De Luca report are near
-/// 1 s.
+/// The bounds between which the short range ends: the critical points that Collins & De Luca report
+/// are near 1 s.
 const SPLIT_MIN_S: f64 = 0.1;
 const SPLIT_MAX_S: f64 = 2.5;
 
@@ -65,8 +65,7 @@ pub struct Plot {
     pub hurst_long: Figure,
     /// Last lag of the short range, s.
     pub split_s: Figure,
-    /// The split lies at a bound of its search, so that the bound made these figures what they
-    /// are.
+    /// Whether the split lies at a bound of its search, which then determined these figures.
     pub split_at_bound: bool,
 }
 
@@ -121,7 +120,7 @@ impl Plot {
     }
 }
 
-/// Both lines.
+/// The two fitted lines.
 struct Fitted {
     short: Line,
     long: Line,
@@ -132,7 +131,7 @@ struct Fitted {
 }
 
 impl Fitted {
-    /// To mean square displacements at 1, 2, 3 ... periods.
+    /// Fits mean square displacements at 1, 2, 3 ... periods.
     fn to(displacements: &[f64], period_s: f64) -> Result<Self, Absent> {
         if displacements.iter().any(|it| !it.is_finite()) {
             return Err(Absent::Overflow);
@@ -153,7 +152,7 @@ impl Fitted {
         };
         let split = (first..=last).min_by(|a, b| error(*a).total_cmp(&error(*b))).unwrap_or(first);
         let logs = Moments::running(points().map(|(lag, mm2)| (lag.ln(), mm2.ln())));
-        // Zero has no logarithm: then neither slope is a number.
+        // Zero has no logarithm: then both slopes are NaN.
         let exponent = |points: Moments| {
             let hurst = Line::of(points).slope / 2.0;
             if hurst.is_finite() { Ok(hurst) } else { Err(Absent::Returns) }
@@ -168,7 +167,7 @@ impl Fitted {
         })
     }
 
-    /// Lag at which the lines cross.
+    /// The lag at which the lines cross.
     fn critical_s(&self) -> Result<f64, Absent> {
         let lag_s =
             (self.long.intercept - self.short.intercept) / (self.short.slope - self.long.slope);
@@ -181,7 +180,7 @@ impl Fitted {
 struct Moments([f64; 6]);
 
 impl Moments {
-    /// Of the first 0, 1, 2 ... points.
+    /// The sums over the first 0, 1, 2 ... points.
     fn running(points: impl Iterator<Item = (f64, f64)>) -> Vec<Self> {
         let mut all = vec![Self::default()];
         let mut sums = Self::default();
@@ -203,7 +202,7 @@ impl std::ops::Sub for Moments {
     }
 }
 
-/// The line that fits points best.
+/// The least-squares line through points.
 struct Line {
     slope: f64,
     intercept: f64,
@@ -224,9 +223,9 @@ impl Line {
 
 /// Mean square displacement at lags of 1, 2, 3 ... periods.
 ///
-/// `sum (x(i + lag) - x(i))^2` is the sum of both squares less twice that of the products, which
-/// is a correlation: block after block by FFT, for lags far shorter than the trial. A block is
-/// taken relative to its mean, so that the difference does not lose digits to a slow drift.
+/// `sum (x(i + lag) - x(i))^2` is the sum of both squares minus twice the sum of the products,
+/// which is a correlation: computed block by block with FFTs, for lags far shorter than the trial.
+/// The mean of each block is subtracted, so that a slow drift does not cost precision.
 fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
     let positions_mm = along(series, axis)?;
     if positions_mm.iter().all(|it| *it == positions_mm[0]) {
@@ -246,7 +245,7 @@ fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
     for segment in series.segments() {
         let positions_mm = &positions_mm[segment];
         for start in (0..positions_mm.len()).step_by(block) {
-            // Displacements start in the block, and end in it or up to the longest lag after.
+            // Displacements start in the block and end in it or within the longest lag after it.
             let near = &positions_mm[start..positions_mm.len().min(start + length)];
             let in_block = near.len().min(block);
             let mean = near.iter().sum::<f64>() / near.len() as f64;
@@ -254,13 +253,13 @@ fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
             ends.fill(0.0);
             near.iter().zip(&mut ends).for_each(|(from, to)| *to = from - mean);
             starts[..in_block].copy_from_slice(&ends[..in_block]);
-            // Of the first 0, 1, 2 ... squares.
+            // The sums of the first 0, 1, 2 ... squares.
             let mut squares = Vec::with_capacity(near.len() + 1);
             squares.push(0.0);
             for value in &ends[..near.len()] {
                 squares.push(squares[squares.len() - 1] + value * value);
             }
-            // Lengths are those of the plans: there is no other error.
+            // The lengths are those of the plans, and no other error is possible.
             let transformed = forward
                 .process(&mut ends, &mut spectrum)
                 .and_then(|()| forward.process(&mut starts, &mut starts_spectrum));
@@ -268,7 +267,7 @@ fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
                 return Err(Absent::Overflow);
             }
             spectrum.iter_mut().zip(&starts_spectrum).for_each(|(a, b)| *a *= b.conj());
-            // Purely real in theory, and what is not is ignored.
+            // Purely real in theory; any imaginary remainder is ignored.
             let _ = inverse.process(&mut spectrum, &mut ends);
             for lag in 1..=lags.min(near.len() - 1) {
                 let count = in_block.min(near.len() - lag);
@@ -278,7 +277,7 @@ fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
             }
         }
     }
-    // Rounding can make a sum that is zero negative. (`max` would turn NaN into zero.)
+    // Rounding can make a zero sum negative. (`max` would turn NaN into zero.)
     let mean = |lag: usize| if sums[lag] < 0.0 { 0.0 } else { sums[lag] / pairs[lag] as f64 };
     Ok((1..=lags).map(mean).collect())
 }
@@ -289,7 +288,7 @@ mod tests {
 
     #[test]
     fn displacements_are_those_of_all_pairs_without_a_gap() {
-        // 60 s and 25 s at 20 Hz, a gap between; a drift of 1 m.
+        // 60 s and 25 s at 20 Hz with a gap between them; a drift of 1 m.
         let time_s: Vec<f64> =
             (0..1200).chain(1203..1703).map(|index| f64::from(index) / 20.0).collect();
         let ap: Vec<f64> = time_s
@@ -305,7 +304,7 @@ mod tests {
             };
             let all = [squares(&ap[..1200]), squares(&ap[1200..])].concat();
             let expected = all.iter().sum::<f64>() / all.len() as f64;
-            // Rounding of squares over a block, (12 mm/s x 20 s)^2, against 1.5 mm².
+            // Rounding of the squares over a block, (12 mm/s x 20 s)^2, compared with 1.5 mm².
             assert!((value / expected - 1.0).abs() < 1e-10, "{lag}: {value} {expected}");
         }
     }

@@ -1,11 +1,11 @@
-//! The 95 % prediction ellipse: where one more point would lie with 95 % probability.
+//! The 95 % prediction ellipse: the region in which one more point would lie with 95 % probability.
 //!
-//! For N points, normally distributed with sample covariance `S` (over N - 1), the ellipse's
-//! semi-axes are `sqrt(k lambda)` with the eigenvalues of `S`, and its area is
-//! `pi k sqrt(det S)`, where `k = 2 (N - 1) (N + 1) / (N (N - 2)) F` and `F` is the 0.95 quantile
-//! of Fisher's distribution with 2 and N - 2 degrees of freedom (Schubert & Kirchner 2014, Gait
+//! For N normally distributed points with sample covariance `S` (over N - 1), the semi-axes of the
+//! ellipse are `sqrt(k lambda)` with the eigenvalues `lambda` of `S`, and its area is `pi k
+//! sqrt(det S)`, where `k = 2 (N - 1) (N + 1) / (N (N - 2)) F` and `F` is the 0.95 quantile of
+//! Fisher's distribution with 2 and N - 2 degrees of freedom (Schubert & Kirchner 2014, Gait
 //! Posture 39:518). This is the `COParea` of the data set BDS. The points of a trial are not
-//! independent, so that 95 % is a name rather than a probability.
+//! independent, so 95 % is a name rather than a probability.
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 use serde::Serialize;
@@ -14,20 +14,20 @@ use super::figure::{Absent, ByPlane, Figure, Figures};
 use super::path::along;
 use crate::series::{Plane, Series};
 
-/// With two points, Fisher's distribution has no degree of freedom left.
+/// With two points, Fisher's distribution would have no degrees of freedom left.
 const SAMPLES_MIN: usize = 3;
 
 /// An ellipse in one plane.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ellipse {
-    /// mm².
+    /// The area, mm².
     pub area_mm2: Figure,
     /// The longer semi-axis, mm.
     pub major_mm: Figure,
-    /// The shorter one, mm.
+    /// The shorter semi-axis, mm.
     pub minor_mm: Figure,
-    /// Of the longer one, from the plane's first axis towards its second, above -pi/2 and up to
-    /// pi/2.
+    /// The angle of the longer semi-axis, from the plane's first axis towards its second, above
+    /// -pi/2 and up to pi/2.
     pub angle_rad: Figure,
 }
 
@@ -51,8 +51,8 @@ pub(super) fn ellipses(series: &Series) -> ByPlane<Ellipse> {
     })
 }
 
-/// Turns angles by half a turn where that brings them nearer to those of other ellipses: an axis
-/// has no sense, and those just to either side of pi/2 are told as pi/2 and -pi/2.
+/// Turns ellipses by half a turn where that brings their angles closer to those of others: an axis
+/// has no sign, and angles just on either side of pi/2 are reported as pi/2 and -pi/2.
 pub(super) fn turn_towards(ellipses: &mut ByPlane<Ellipse>, others: &ByPlane<Ellipse>) {
     use core::f64::consts::PI;
     let turn = |ellipse: &mut Ellipse, other: &Ellipse| {
@@ -91,10 +91,10 @@ fn axes(series: &Series, plane: Plane) -> Result<Axes, Absent> {
     let scale = 2.0 * (count - 1.0) * (count + 1.0) / (count * (count - 2.0)) * f_95(count - 2.0);
     let eigen = SymmetricEigen::new(covariance);
     let longer = eigen.eigenvalues.imax();
-    // Rounding can make the lesser eigenvalue of a line negative.
+    // Rounding can make the smaller eigenvalue of a line negative.
     let semi_axis_mm = |index: usize| (scale * eigen.eigenvalues[index].max(0.0)).sqrt();
     let direction = eigen.eigenvectors.column(longer);
-    // Upwards either way along an upright axis.
+    // An axis along the plane's second axis has the angle pi/2, whatever its sign.
     let angle_rad = if direction.x == 0.0 {
         core::f64::consts::FRAC_PI_2
     } else {
@@ -119,10 +119,10 @@ mod tests {
 
     #[test]
     fn fishers_quantile_is_the_tables() {
-        // Any table of F, 5 %, 2 and 10 or 120 degrees of freedom.
+        // From any table of F: 5 %, 2 and 10 or 120 degrees of freedom.
         assert!((f_95(10.0) - 4.1028).abs() < 5e-5);
         assert!((f_95(120.0) - 3.0718).abs() < 5e-5);
-        // Towards infinity: half of chi squared, -ln 0.05, plus about (ln 0.05)^2 / m.
+        // Towards infinity: half of chi-squared, -ln 0.05, plus about (ln 0.05)^2 / m.
         assert!((f_95(1e9) + 0.05_f64.ln()).abs() < 1e-8);
     }
 }

@@ -1,4 +1,4 @@
-//! How far a point strays: root mean square and range.
+//! How far a point moves from its mean: root mean square and range.
 
 use serde::Serialize;
 
@@ -6,15 +6,15 @@ use super::figure::{Absent, ByAxis, ByDirection, Figure, Figures};
 use super::path::along;
 use crate::series::{Axis, Series};
 
-/// How far from its mean, and from end to end. Samples on both sides of a gap count alike.
+/// The RMS distance from the mean, and the range. Samples on both sides of a gap count alike.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Extent {
     /// Root mean square distance from the mean position, mm: along an axis the standard deviation
-    /// (over N), in a plane the square root of both variances' sum (Prieto et al. 1996, IEEE
+    /// (over N), in a plane the square root of the sum of both variances (Prieto et al. 1996, IEEE
     /// Trans. Biomed. Eng. 43:956, RDIST).
     pub rms_mm: ByDirection<Figure>,
-    /// From the least to the greatest position, mm. It grows with the duration, and noise
-    /// lengthens it: two extremes decide it alone.
+    /// From the smallest to the largest position, mm. It grows with the duration and with noise,
+    /// because it depends on two extremes only.
     pub range_mm: ByAxis<Figure>,
 }
 
@@ -41,7 +41,7 @@ pub(super) fn extent(series: &Series) -> Extent {
     }
 }
 
-/// Over N.
+/// The variance over N.
 fn variance(values: &[f64]) -> f64 {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

@@ -6,23 +6,23 @@ use serde::{Serialize, Serializer};
 
 use crate::series::{Axis, Plane};
 
-/// A figure of a trial. As text (JSON) it is `{"value": 1.2, "noise_sd": 0.1}` or
-/// `{"absent": "SI was not measured"}`.
+/// A figure of a trial. In JSON it is `{"value": 1.2, "noise_sd": 0.1}` or `{"absent": "SI was not
+/// measured"}`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Figure {
     /// It could be computed.
     Known {
-        /// In the unit that its name or its documentation says.
+        /// The value, in the unit given by its name or documentation.
         value: f64,
-        /// The standard uncertainty that it has from the noise of the positions, in the same
-        /// unit; `None` where that noise is not known.
+        /// The standard uncertainty due to the noise of the positions, in the same unit; `None`
+        /// where that noise is unknown.
         #[serde(skip_serializing_if = "Option::is_none")]
         noise_sd: Option<f64>,
     },
-    /// It could not.
+    /// It could not be computed.
     Absent {
-        /// Why.
+        /// The reason.
         absent: Absent,
     },
 }
@@ -37,7 +37,7 @@ impl Figure {
         }
     }
 
-    /// Its standard uncertainty from the positions' noise.
+    /// Its standard uncertainty due to the noise of the positions.
     #[must_use]
     pub fn noise_sd(&self) -> Option<f64> {
         match self {
@@ -51,50 +51,50 @@ impl From<Result<f64, Absent>> for Figure {
     fn from(result: Result<f64, Absent>) -> Self {
         match result {
             Ok(value) if value.is_finite() => Self::Known { value, noise_sd: None },
-            // Positions beyond 1e150 mm: their squares are not numbers any more.
+            // Positions beyond 1e150 mm: their squares overflow.
             Ok(_) => Self::Absent { absent: Absent::Overflow },
             Err(absent) => Self::Absent { absent },
         }
     }
 }
 
-/// Why there is no figure. As text it is a sentence without its full stop.
+/// Why there is no figure. Displayed, it is a sentence without its full stop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Absent {
-    /// Nothing measured this axis: a force plate knows no SI.
+    /// This axis was not measured: a force plate, for example, has no SI.
     NotMeasured(Axis),
     /// No step between consecutive samples starts in this time.
     NothingMeasured,
     /// Too few samples.
     TooFewSamples {
-        /// How many there are.
+        /// The number found.
         samples: usize,
-        /// How many it takes.
+        /// The least number needed.
         needed: usize,
     },
     /// The longest part without a gap is too short.
     TooShort {
-        /// How long that is.
+        /// Its duration.
         longest_s: f64,
-        /// How long it must be.
+        /// The least duration needed.
         needed_s: f64,
     },
     /// Too few samples per second.
     RateTooLow {
-        /// How many there are.
+        /// The rate found.
         rate_hz: f64,
-        /// How many it takes.
+        /// The least rate needed.
         needed_hz: f64,
     },
     /// All positions are the same.
     NoMovement,
-    /// The ellipse is a circle, which points nowhere.
+    /// The ellipse is a circle, which has no direction.
     NoDirection,
-    /// Stays within the radius for too long: the radius does not suit this movement.
+    /// The point stays within the radius for too long: the radius does not suit this movement.
     StaysWithin {
         /// The radius.
         radius_mm: f64,
-        /// For longer than this.
+        /// The duration that was exceeded.
         limit_s: f64,
     },
     /// The sway density has too few peaks.
@@ -103,7 +103,7 @@ pub enum Absent {
     NoCrossing,
     /// The mean square displacement is zero at some lag, and zero has no logarithm.
     Returns,
-    /// Positions are too large to be squared.
+    /// The positions are too large to be squared.
     Overflow,
 }
 
@@ -113,29 +113,29 @@ impl fmt::Display for Absent {
             Self::NotMeasured(axis) => write!(formatter, "{} was not measured", axis.word()),
             Self::NothingMeasured => write!(formatter, "nothing was measured in this time"),
             Self::TooFewSamples { samples, needed } => {
-                write!(formatter, "there are {samples} samples, and it takes {needed}")
+                write!(formatter, "there are {samples} samples, but {needed} are needed")
             }
             Self::TooShort { longest_s, needed_s } => write!(
                 formatter,
-                "the longest part without a gap is {longest_s:.1} s, and it takes {needed_s:.1} s"
+                "the longest part without a gap is {longest_s:.1} s, but {needed_s:.1} s are needed"
             ),
             Self::RateTooLow { rate_hz, needed_hz } => {
-                write!(formatter, "the rate is {rate_hz:.1} Hz, and it takes {needed_hz:.1} Hz")
+                write!(formatter, "the rate is {rate_hz:.1} Hz, but {needed_hz:.1} Hz are needed")
             }
             Self::NoMovement => write!(formatter, "all positions are the same"),
             Self::NoDirection => write!(formatter, "the ellipse is a circle"),
             Self::StaysWithin { radius_mm, limit_s } => write!(
                 formatter,
-                "it stays within {radius_mm} mm for more than {limit_s:.0} s: the radius is too \
-                 large for this movement"
+                "the point stays within {radius_mm} mm for more than {limit_s:.0} s: the radius is \
+                 too large for this movement"
             ),
             Self::TooFewPeaks(peaks) => {
-                write!(formatter, "the sway density has {peaks} peaks, and it takes 2")
+                write!(formatter, "the sway density has {peaks} peaks, but 2 are needed")
             }
             Self::NoCrossing => {
-                write!(formatter, "the short-term and the long-term line do not cross")
+                write!(formatter, "the short-term and long-term lines do not cross")
             }
-            Self::Returns => write!(formatter, "after some lag it is always where it was"),
+            Self::Returns => write!(formatter, "after some lag the point is always where it was"),
             Self::Overflow => write!(formatter, "the positions are too large to be squared"),
         }
     }
@@ -147,10 +147,10 @@ impl Serialize for Absent {
     }
 }
 
-/// Something that is made of figures, for whoever needs them all, such as
-/// [the uncertainties](super::noise).
+/// Something made of figures, for code that needs all of them, such as [the
+/// uncertainties](super::noise).
 pub trait Figures {
-    /// Shows each figure, always in the same order.
+    /// Visits each figure, always in the same order.
     fn each(&mut self, visit: &mut dyn FnMut(&mut Figure));
 }
 
@@ -166,7 +166,7 @@ impl<T: Figures> Figures for Vec<T> {
     }
 }
 
-/// One for each axis.
+/// One value for each axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ByAxis<T> {
     /// Anterior-posterior.
@@ -178,7 +178,7 @@ pub struct ByAxis<T> {
 }
 
 impl<T> ByAxis<T> {
-    /// Of each axis.
+    /// Computes a value for each axis.
     pub fn of(mut of: impl FnMut(Axis) -> T) -> Self {
         Self { ap: of(Axis::Ap), ml: of(Axis::Ml), si: of(Axis::Si) }
     }
@@ -190,7 +190,7 @@ impl<T: Figures> Figures for ByAxis<T> {
     }
 }
 
-/// One for each plane.
+/// One value for each plane.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ByPlane<T> {
     /// AP and ML.
@@ -202,7 +202,7 @@ pub struct ByPlane<T> {
 }
 
 impl<T> ByPlane<T> {
-    /// Of each plane.
+    /// Computes a value for each plane.
     pub fn of(mut of: impl FnMut(Plane) -> T) -> Self {
         Self {
             transverse: of(Plane::Transverse),
@@ -219,7 +219,7 @@ impl<T: Figures> Figures for ByPlane<T> {
     }
 }
 
-/// One for each axis and each plane, side by side as the paper's table has them.
+/// One value for each axis and each plane, side by side as in the paper's table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ByDirection<T> {
     /// Along each axis.
@@ -231,7 +231,7 @@ pub struct ByDirection<T> {
 }
 
 impl<T> ByDirection<T> {
-    /// Of each direction: of an axis, and of the second one where both span a plane.
+    /// Computes a value for each direction: for an axis, or for two axes that span a plane.
     pub fn of(mut of: impl FnMut(Axis, Option<Axis>) -> T) -> Self {
         Self {
             axes: ByAxis::of(|axis| of(axis, None)),

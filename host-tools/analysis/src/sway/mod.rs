@@ -10,9 +10,9 @@
 //! noise ───────┴─────▶ uncertainties, path of noise alone  noise
 //! ```
 //!
-//! The whole series is filtered, and then cut into the span and its bins. Figures that need
-//! positions without a gap (spectrum, density) are from the longest such part; the others leave
-//! out what a gap leaves open. Memory and time grow with the samples alone.
+//! The whole series is filtered and then cut into the span and its bins. Figures that need
+//! positions without a gap (spectrum, density) use the longest such part; the others skip what a
+//! gap leaves unknown. Memory and time grow only with the number of samples.
 
 use std::fmt;
 use std::ops::Range;
@@ -41,21 +41,22 @@ use noise::{Noise, PathNoise};
 use path::{Path, Span};
 use spectrum::Spectrum;
 
-/// How figures are made.
+/// The settings from which figures are computed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Window of the [filter](crate::filter), seconds; `None` for no filter.
+    /// The window of the [filter](crate::filter), seconds; `None` for no filter.
     pub filter_s: Option<f64>,
-    /// What is analysed; `None` for all. Positions around it still serve the filter.
+    /// The time that is analysed; `None` for all. Positions outside it are still used by the
+    /// filter.
     pub span_s: Option<Range<f64>>,
-    /// Parts of the time that have their own path length, each up to and not at its end.
+    /// Intervals with their own path length, each excluding its end.
     pub bins_s: Vec<Range<f64>>,
-    /// Of the sway density.
+    /// The settings of the sway density.
     pub density: density::Settings,
 }
 
 impl Default for Settings {
-    /// The paper's: half a second, and three bins of 20 s from the start of the stance.
+    /// The paper's settings: half a second, and three bins of 20 s from the start of the stance.
     fn default() -> Self {
         Self {
             filter_s: Some(0.5),
@@ -69,11 +70,11 @@ impl Default for Settings {
 /// Why there are no figures at all.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SwayError {
-    /// This setting is not a positive number, or a range not in order.
+    /// This setting is not a positive number, or a range is not in order.
     Setting(&'static str),
     /// The filter's window would be less than 5 samples, or more than 2001.
     FilterWindow {
-        /// What was asked for.
+        /// The window requested.
         window_s: f64,
         /// The series' rate.
         rate_hz: f64,
@@ -85,7 +86,7 @@ pub enum SwayError {
     },
     /// Fewer than two samples in the span.
     EmptySpan,
-    /// The noise is that of another number of samples.
+    /// The noise has a different number of samples.
     NoiseLength,
 }
 
@@ -93,20 +94,20 @@ impl fmt::Display for SwayError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Setting(name) => {
-                write!(formatter, "the {name} must be positive, and a range in order")
+                write!(formatter, "the {name} must be positive, and a range must be in order")
             }
             Self::FilterWindow { window_s, rate_hz } => write!(
                 formatter,
-                "a filter of {window_s} s has less than 5 or more than 2001 samples at \
+                "a filter of {window_s} s has fewer than 5 or more than 2001 samples at \
                  {rate_hz:.1} Hz"
             ),
             Self::OnlyFragments { window } => write!(
                 formatter,
-                "no part without a gap has the {window} samples that the filter takes"
+                "no part without a gap has the {window} samples that the filter needs"
             ),
             Self::EmptySpan => write!(formatter, "there are fewer than two samples in the span"),
             Self::NoiseLength => {
-                write!(formatter, "the noise is that of another number of samples")
+                write!(formatter, "the noise has a different number of samples")
             }
         }
     }
@@ -114,51 +115,51 @@ impl fmt::Display for SwayError {
 
 impl std::error::Error for SwayError {}
 
-/// All figures of one trunk point, and what they were made of.
+/// All figures of one trunk point, and how they were computed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sway {
-    /// Samples per second.
+    /// The number of samples per second.
     pub rate_hz: f64,
-    /// Samples in the span, after the filter.
+    /// The number of samples in the span, after the filter.
     pub samples: usize,
-    /// Gaps between them.
+    /// The number of gaps between them.
     pub gaps: usize,
-    /// Their length in all, seconds.
+    /// The total duration of the gaps, seconds.
     pub gaps_s: f64,
     /// The filter; `None` without one.
     pub filter: Option<Filter>,
-    /// The noise that was given; `None` without.
+    /// The given noise; `None` without.
     pub noise: Option<PathNoises>,
     /// The figures.
     #[serde(flatten)]
     pub figures: SwayFigures,
 }
 
-/// The filter as it was used.
+/// The filter that was used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Filter {
     /// Its window, samples.
     pub window_samples: usize,
-    /// Samples of the whole series that were left out because the part without a gap around them
-    /// is shorter than the window.
+    /// The number of samples of the whole series that were left out because the part without a gap
+    /// around them is shorter than the window.
     pub left_out_samples: usize,
 }
 
-/// What noise does to the paths, and how the uncertainties of all figures were found.
+/// The effect of noise on the path lengths, and how the uncertainties of all figures were found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PathNoises {
-    /// Of the total path.
+    /// The effect on the total path.
     pub total: PathNoise,
-    /// Of each bin's.
+    /// The effect on the path of each bin.
     pub bins: Vec<PathNoise>,
-    /// Copies of the trial whose spread the uncertainties are.
+    /// The number of noisy copies of the trial; their spread gives the uncertainties.
     pub copies: usize,
 }
 
 /// The figures, each with its uncertainty where noise was given.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SwayFigures {
-    /// The path in all.
+    /// The total path.
     pub path: Path,
     /// The path by bins.
     pub bins: Vec<Path>,
@@ -187,10 +188,10 @@ impl Figures for SwayFigures {
     }
 }
 
-/// All figures of a trunk point.
+/// Computes all figures of a trunk point.
 ///
 /// # Errors
-/// When the settings make no sense or do not suit the series. A single figure that cannot be had
+/// When the settings are invalid or do not suit the series. A single figure that cannot be computed
 /// is [absent](figure::Figure) instead.
 pub fn analyze(
     series: &Series,
@@ -251,7 +252,7 @@ pub fn analyze(
     })
 }
 
-/// The total and the bins.
+/// The total span and the bins.
 struct Spans {
     total: Span,
     bins: Vec<Span>,
@@ -266,7 +267,7 @@ impl Spans {
 }
 
 impl SwayFigures {
-    /// Of filtered positions; `None` when there are fewer than two in the span.
+    /// The figures of filtered positions; `None` when fewer than two lie in the span.
     fn of(smooth: &Series, spans: &Spans, settings: &Settings) -> Option<Self> {
         let span = settings.cut(smooth)?;
         Some(Self {
@@ -282,7 +283,7 @@ impl SwayFigures {
 }
 
 impl Settings {
-    /// What of a series is analysed.
+    /// The part of a series that is analysed.
     fn cut(&self, series: &Series) -> Option<Series> {
         match &self.span_s {
             Some(span_s) => series.between(span_s.clone()),

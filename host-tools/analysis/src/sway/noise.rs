@@ -1,28 +1,28 @@
-//! What the noise of the positions does to the figures.
+//! The effect of position noise on the figures.
 //!
-//! The noise is given by the covariance of each position's error along AP, ML and SI, as the
-//! poses have it. It is taken to be normal, and independent from frame to frame; errors that
-//! last, such as those of a calibration, are not in it.
+//! The noise is given as the covariance of each position's error along AP, ML and SI, as it comes
+//! with the poses. It is taken to be normal and independent from frame to frame; lasting errors,
+//! such as those of a calibration, are not included.
 //!
-//! - **The path of noise alone** is what a point at rest would seem to move. A step has the
+//! - **The path of noise alone** is how far a point at rest would seem to move. A step has the
 //!   covariance that [the filter makes of it](crate::filter::SavitzkyGolay::step_variances); with
 //!   standard deviations `a >= b` along its principal axes, its mean length is
-//!   `a sqrt(2/pi) E(1 - b^2/a^2)`, `E` the complete elliptic integral of the second kind by its
-//!   parameter m (`E(1) = 1` for one axis). Exact.
-//! - **The inflation** is what noise adds to the path of a point that moves. The true steps are
-//!   taken to be the measured ones, shortened by one common factor, such that the mean length of
-//!   `true step + noise` adds up to the measured path. Shortening matters: with the measured
-//!   steps themselves, noise would be counted twice. It is right both for noise alone (all of the
-//!   path is inflation) and for steps far beyond the noise, in between to the extent that true
-//!   steps are distributed as the measured ones. The means over the noise are a seeded Monte
-//!   Carlo in pairs of opposite noise.
-//! - **The standard uncertainty** of every figure is the standard deviation of that figure over
-//!   copies of the trial with noise added once more, through the same filter: a seeded Monte
-//!   Carlo too. With n copies it is known to a part in `sqrt(2 (n - 1))`. It is the spread that
-//!   noise causes and not the bias, which for a path is the inflation.
+//!   `a sqrt(2/pi) E(1 - b^2/a^2)`, where `E` is the complete elliptic integral of the second kind
+//!   as a function of the parameter m (`E(1) = 1` for one axis). Exact.
+//! - **The inflation** is what noise adds to the path of a moving point. The true steps are taken
+//!   to be the measured ones, shortened by one common factor chosen so that the mean lengths of
+//!   `true step + noise` add up to the measured path. Without the shortening, noise would be
+//!   counted twice. The result is correct for noise alone (the whole path is inflation) and for
+//!   steps far larger than the noise; in between, to the extent that true steps are distributed
+//!   like the measured ones. The means over the noise are a seeded Monte Carlo estimate with pairs
+//!   of opposite noise.
+//! - **The standard uncertainty** of every figure is its standard deviation over copies of the
+//!   trial, each with noise added once more and passed through the same filter: also a seeded Monte
+//!   Carlo estimate. With n copies its relative error is `1 / sqrt(2 (n - 1))`. It covers the
+//!   spread that noise causes but not the bias, which for a path is the inflation.
 //!
-//! The copies take ten to forty times as long as the figures themselves, forty for a minute at
-//! 60 Hz and ten for an hour.
+//! The copies take ten to forty times as long as the figures themselves: forty times for a minute
+//! at 60 Hz and ten times for an hour.
 
 use std::fmt;
 use std::ops::Range;
@@ -38,20 +38,21 @@ use super::path::{Span, length, steps};
 use crate::filter::SavitzkyGolay;
 use crate::series::{Axis, Series};
 
-/// The same trial always gives the same figures.
+/// Fixed, so that the same trial always gives the same figures.
 const SEED: u64 = 1;
 
-/// Copies of the trial: enough for this many samples together, within these limits. Ten tell
-/// the uncertainty to a quarter, forty to a ninth.
+/// The number of copies of the trial: enough for this many samples in total, within these limits.
+/// Ten copies give the uncertainty to within a quarter, forty to within a ninth.
 const COPIED_SAMPLES: usize = 400_000;
 const COPIES_MIN: usize = 10;
 const COPIES_MAX: usize = 40;
 
-/// Pairs of opposite noises for each step: enough for this many together, within these limits.
+/// The number of pairs of opposite noise per step: enough for this many in total, within these
+/// limits.
 const PAIRED_STEPS: usize = 100_000;
 const PAIRS_MAX: usize = 256;
 
-/// A covariance may be negative by so much of its trace: rounding of 32-bit poses.
+/// A variance may be negative by this fraction of the trace: rounding of 32-bit poses.
 const ROUNDING: f64 = 1e-6;
 
 /// The errors of a series' positions.
@@ -64,7 +65,7 @@ pub struct Noise {
 /// Why covariances cannot be used as noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoiseError {
-    /// Another number than there are samples.
+    /// The number of covariances differs from the number of samples.
     Length,
     /// The covariance of this sample is not finite, not symmetric or has a negative variance in
     /// some direction.
@@ -74,9 +75,11 @@ pub enum NoiseError {
 impl fmt::Display for NoiseError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Length => write!(formatter, "there are not as many covariances as samples"),
+            Self::Length => {
+                write!(formatter, "the number of covariances differs from that of samples")
+            }
             Self::NoCovariance(index) => {
-                write!(formatter, "what is given for sample {index} is not a covariance")
+                write!(formatter, "the matrix given for sample {index} is not a covariance")
             }
         }
     }
@@ -85,11 +88,11 @@ impl fmt::Display for NoiseError {
 impl std::error::Error for NoiseError {}
 
 impl Noise {
-    /// Of each sample of `series`: covariance along AP, ML and SI, mm². What it says of an axis that
-    /// was not measured does not matter.
+    /// The noise of each sample of `series`: the covariance along AP, ML and SI, mm². Its entries
+    /// for an axis that was not measured do not matter.
     ///
     /// # Errors
-    /// When there are not as many as samples, or one is not a covariance.
+    /// When the numbers of covariances and samples differ, or one is not a covariance.
     pub fn per_sample(
         series: &Series,
         covariance_mm2: &[Matrix3<f64>],
@@ -103,19 +106,19 @@ impl Noise {
         Ok(Self { factors: factors? })
     }
 
-    /// Checks that it is for this many samples.
+    /// Whether it is for this many samples.
     pub(super) fn fits(&self, samples: usize) -> bool {
         self.factors.len() == samples
     }
 
-    /// Of the samples in these parts.
+    /// The noise of the samples in these parts.
     pub(super) fn only(&self, kept: &[Range<usize>]) -> Self {
         let parts = kept.iter().filter_map(|part| self.factors.get(part.clone()));
         Self { factors: parts.flatten().copied().collect() }
     }
 }
 
-/// `L` of `L L^T`, also where the covariance is singular.
+/// The factor `L` of `L L^T`, also for a singular covariance.
 fn factor(covariance: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let tolerance = ROUNDING * covariance.trace();
     let asymmetric = (covariance - covariance.transpose()).abs().max() > tolerance;
@@ -135,7 +138,7 @@ fn factor(covariance: &Matrix3<f64>) -> Option<Matrix3<f64>> {
             } else if factor[(column, column)] > tolerance.sqrt() {
                 left / factor[(column, column)]
             } else if left.abs() > tolerance.max(0.0).sqrt() * covariance[(row, row)].abs().sqrt() {
-                // Correlated with what does not vary.
+                // Correlated with an axis that does not vary.
                 return None;
             } else {
                 0.0
@@ -145,17 +148,17 @@ fn factor(covariance: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     Some(factor)
 }
 
-/// What noise does to the path within one span.
+/// The effect of noise on the path within one span.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PathNoise {
-    /// The path that noise alone would give, mm.
+    /// The path length that noise alone would give, mm.
     pub alone_mm: ByDirection<Figure>,
-    /// How much of the measured path noise added, mm.
+    /// The part of the measured path length that noise added, mm.
     pub inflation_mm: ByDirection<Figure>,
 }
 
-/// The covariance of the steps of a filtered series, mm²: lower triangular factors by the step's
-/// first sample. Steps over gaps have none (zero).
+/// The covariances of the steps of a filtered series, mm²: lower triangular factors, indexed by the
+/// step's first sample. Steps over gaps have none (zero).
 pub(super) fn step_factors(
     noise: &Noise,
     series: &Series,
@@ -177,14 +180,14 @@ pub(super) fn step_factors(
             }
         }
         for (to, covariance) in factors[segment.start..].iter_mut().zip(&steps) {
-            // A sum of covariances is one, up to rounding that the factor forgives.
+            // A sum of covariances is a covariance, up to rounding that `factor` tolerates.
             *to = factor(covariance).unwrap_or_default();
         }
     }
     factors
 }
 
-/// What noise does to the path within a span of a filtered series.
+/// The effect of noise on the path within a span of a filtered series.
 pub(super) fn path_noise(series: &Series, span: &Span, step_factors: &[Matrix3<f64>]) -> PathNoise {
     let draws = Draws::of(span, step_factors);
     PathNoise {
@@ -200,8 +203,8 @@ pub(super) fn path_noise(series: &Series, span: &Span, step_factors: &[Matrix3<f
     }
 }
 
-/// The mean length of a vector along one or two axes of which `factor` is the factor of the
-/// covariance.
+/// The mean length along one or two axes of a normal vector, where `factor` is the lower triangular
+/// factor of its covariance.
 fn mean_length(factor: &Matrix3<f64>, first: Axis, second: Option<Axis>) -> f64 {
     let covariance = |a: Axis, b: Axis| factor.row(a as usize).dot(&factor.row(b as usize));
     let (greater, lesser) = match second {
@@ -218,7 +221,7 @@ fn mean_length(factor: &Matrix3<f64>, first: Axis, second: Option<Axis>) -> f64 
     (greater * core::f64::consts::FRAC_2_PI).sqrt() * elliptic_e(1.0 - lesser / greater)
 }
 
-/// The complete elliptic integral of the second kind of parameter `m`, 0 to 1, by the
+/// The complete elliptic integral of the second kind with parameter `m`, 0 to 1, by the
 /// arithmetic-geometric mean (Abramowitz & Stegun 17.6).
 fn elliptic_e(m: f64) -> f64 {
     if m >= 1.0 {
@@ -226,7 +229,7 @@ fn elliptic_e(m: f64) -> f64 {
     }
     let (mut a, mut b) = (1.0, (1.0 - m).sqrt());
     let (mut power, mut sum) = (0.5, m / 2.0);
-    // Digits double each time: from the worst m below 1, eight suffice.
+    // The number of correct digits doubles each time: even for the worst m below 1, eight suffice.
     for _doubling in 0..8 {
         let c: f64 = (a - b) / 2.0;
         (a, b) = (f64::midpoint(a, b), (a * b).sqrt());
@@ -236,7 +239,8 @@ fn elliptic_e(m: f64) -> f64 {
     core::f64::consts::FRAC_PI_2 / a * (1.0 - sum)
 }
 
-/// Noises of a span's steps: several for each step, each of which stands for its opposite too.
+/// Noise for the steps of a span: several draws for each step, each of which also stands for its
+/// opposite.
 struct Draws {
     noises_mm: Vec<Vector3<f64>>,
     pairs: usize,
@@ -251,10 +255,11 @@ impl Draws {
         Self { noises_mm, pairs }
     }
 
-    /// The path of the measured steps, less that of the shortened ones.
+    /// The path of the measured steps minus that of the shortened ones.
     fn inflation(&self, measured: &[[f64; 2]], first: Axis, second: Option<Axis>) -> f64 {
         let measured_mm = length(measured);
-        // The mean path of the steps times `factor` with noise, and its derivative by the factor.
+        // The mean path of the steps times `factor` with noise, and its derivative with respect to
+        // `factor`.
         let path = |factor: f64| -> (f64, f64) {
             let (mut sum, mut slope) = (0.0, 0.0);
             for (step, noises_mm) in measured.iter().zip(self.noises_mm.chunks(self.pairs)) {
@@ -276,9 +281,10 @@ impl Draws {
             let count = 2.0 * self.pairs as f64;
             (sum / count, slope / count)
         };
-        // The path grows with the factor, and ever faster, from that of noise alone; at 1 it is
-        // no shorter than what was measured. So Newton's method from 1 comes down to the root and
-        // does not pass it, or to 0, where the measured path is no longer than that of noise.
+        // The path length is an increasing, convex function of the factor, starting from that of
+        // noise alone; at 1 it is no shorter than the measured one. Newton's method from 1
+        // therefore descends to the root without passing it, or to 0 where the measured path is no
+        // longer than that of noise.
         let mut factor = 1.0;
         for _step in 0..NEWTON_STEPS {
             let (mm, slope) = path(factor);
@@ -294,18 +300,18 @@ impl Draws {
     }
 }
 
-/// Far more than Newton's method takes.
+/// Far more than Newton's method needs.
 const NEWTON_STEPS: usize = 30;
 
-/// Of the factor: of the path, a millionth.
+/// The tolerance of the factor: a millionth of the path.
 const FACTOR_TOLERANCE: f64 = 1e-6;
 
 fn normal(random: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::from_fn(|_, _| StandardNormal.sample(random))
 }
 
-/// Sets the standard uncertainty of all figures: `measure` gives them anew for positions with
-/// more noise. The number of copies of the trial that it took.
+/// Sets the standard uncertainty of all figures: `measure` computes them again for positions with
+/// more noise. Returns the number of copies of the trial that were used.
 pub(super) fn uncertainties<T: Figures>(
     figures: &mut T,
     noise: &Noise,
@@ -315,8 +321,8 @@ pub(super) fn uncertainties<T: Figures>(
 ) -> usize {
     let copies = (COPIED_SAMPLES / series.samples()).clamp(COPIES_MIN, COPIES_MAX);
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
-    // Running mean and sum of squares (Welford 1962); a figure that a copy does not have is not
-    // a number in either.
+    // Running mean and sum of squares (Welford 1962); for a figure that a copy lacks, both become
+    // NaN.
     let mut spreads: Vec<(f64, f64)> = Vec::new();
     for copy in 1..=copies {
         let noisy = noisy(noise, series, filter, &mut random);
@@ -345,7 +351,7 @@ pub(super) fn uncertainties<T: Figures>(
     copies
 }
 
-/// The filtered series with filtered noise added.
+/// The filtered series plus filtered noise.
 fn noisy(
     noise: &Noise,
     series: &Series,

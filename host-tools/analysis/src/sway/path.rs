@@ -1,13 +1,12 @@
-//! Total path length: how far a point moved in all.
+//! Total path length: how far a point moved in total.
 //!
 //! `L = sum of |step|` over the steps from each sample to the next, along one axis (the absolute
-//! difference) or in a plane (the distance), as the paper's `L_A(T)`. A step belongs to the time
-//! in which it starts, so that the lengths of adjacent bins add up to that of both. There is no
-//! step over a gap: what moved there is not in the length, and [`covered`](Path::covered) says
-//! how much of the time is. Nothing is scaled up for it.
+//! difference) or in a plane (the distance), as the paper's `L_A(T)`. A step belongs to the time in
+//! which it starts, so the lengths of adjacent bins add up to the length of both together. There is
+//! no step across a gap: movement there is not included, and [`covered`](Path::covered) says what
+//! fraction of the time is. The length is not scaled up to make up for it.
 //!
-//! A path length is in large part a measure of noise and of the filter: see
-//! [the noise](super::noise).
+//! A path length depends largely on the noise and on the filter: see [the noise](super::noise).
 
 use std::ops::Range;
 
@@ -16,22 +15,23 @@ use serde::Serialize;
 use super::figure::{Absent, ByDirection, Figure, Figures};
 use crate::series::{Axis, Series};
 
-/// The way within one span of time.
+/// The path within one span of time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Path {
     /// Start, seconds.
     pub from_s: f64,
-    /// End, which belongs to the next span, seconds.
+    /// End, seconds; it belongs to the next span.
     pub to_s: f64,
-    /// Samples in it.
+    /// The number of samples in it.
     pub samples: usize,
-    /// Which part of the time between start and end lies between consecutive samples, 0 to 1.
+    /// The fraction of the time between start and end that lies between consecutive samples, 0 to
+    /// 1.
     pub covered: f64,
     /// Total path length, mm.
     pub length_mm: ByDirection<Figure>,
-    /// Mean velocity, mm/s: the length over the time of the samples in it, each of which stands
-    /// for one period (Duarte's convention, that of the data set BDS). A trial of N samples has
-    /// N - 1 steps, so that this is by 1/N lower than the mean of the steps' velocities.
+    /// Mean velocity, mm/s: the length divided by the duration of the samples in the span, each of
+    /// which counts as one period (Duarte's convention, that of the data set BDS). A trial of N
+    /// samples has N - 1 steps, so this is lower by 1/N than the mean velocity of the steps.
     pub mean_velocity_mm_s: ByDirection<Figure>,
 }
 
@@ -47,19 +47,19 @@ impl Figures for Path {
 pub(super) struct Span {
     time_s: Range<f64>,
     samples: Range<usize>,
-    /// First samples of the steps that start in it.
+    /// The first samples of the steps that start in it.
     pub steps: Vec<usize>,
     covered: f64,
 }
 
 impl Span {
-    /// All of a series.
+    /// The whole of a series.
     pub fn whole(series: &Series) -> Self {
         let (first, last) = (series.time_s()[0], series.time_s()[series.samples() - 1]);
         Self::of(series, first..last, 0..series.samples())
     }
 
-    /// Between two times.
+    /// The span between two times.
     pub fn between(series: &Series, time_s: &Range<f64>) -> Self {
         let index = |time: f64| series.time_s().partition_point(|at| *at < time);
         Self::of(series, time_s.clone(), index(time_s.start)..index(time_s.end))
@@ -80,12 +80,12 @@ impl Span {
     }
 }
 
-/// Positions along an axis.
+/// The positions along an axis.
 pub(super) fn along(series: &Series, axis: Axis) -> Result<&[f64], Absent> {
     series.along(axis).ok_or(Absent::NotMeasured(axis))
 }
 
-/// The steps of a span along an axis, and along a second one, or nothing.
+/// The steps of a span along an axis and, if given, a second one.
 pub(super) fn steps(
     series: &Series,
     span: &Span,
@@ -102,7 +102,7 @@ pub(super) fn steps(
     Ok(span.steps.iter().map(both).collect())
 }
 
-/// The sum of the steps' lengths.
+/// The sum of the lengths of the steps.
 pub(super) fn length(steps: &[[f64; 2]]) -> f64 {
     steps.iter().map(|[first, second]| (first * first + second * second).sqrt()).sum()
 }

@@ -1,10 +1,10 @@
 //! How fast a point sways: figures of the power spectrum along each axis.
 //!
-//! The spectrum is the periodogram about the mean, which has no length to choose, and whose power is the
-//! variance. (What is taken off and how long a part is moves the median by up to a factor of two:
-//! Vieira et al. 2009, J. Neurosci. Methods.) It runs from 0 to half the rate, and is made of the
-//! longest part without a gap alone: a gap that is bridged or closed up is a jump, which adds
-//! power at all frequencies.
+//! The spectrum is the periodogram about the mean, which needs no choice of a length and whose
+//! total power is the variance. (The detrending and the length of the parts change the median by up
+//! to a factor of two: Vieira et al. 2009, J. Neurosci. Methods.) It runs from 0 to half the rate
+//! and uses only the longest part without a gap: a gap that is bridged or closed is a jump, which
+//! adds power at all frequencies.
 
 use std::ops::Range;
 
@@ -14,33 +14,33 @@ use serde::Serialize;
 use super::figure::{Absent, ByAxis, Figure, Figures};
 use crate::series::{Axis, Series};
 
-/// Sway has much of its power at a few tenths of a hertz: in less time they cannot be told
-/// from a drift.
+/// Sway has much of its power at a few tenths of a hertz: in a shorter time it cannot be told from
+/// a drift.
 const SHORTEST_S: f64 = 10.0;
 
-/// Fewer samples in a part have no spectrum to speak of.
+/// A part with fewer samples has no useful spectrum.
 const PART_MIN: usize = 8;
 
-/// What is left when a constant, or a line, is taken off itself, by its size.
+/// The relative remainder when a constant, or a line, is subtracted from itself.
 const ROUNDING: f64 = 1e-12;
 
-/// What is taken off each transformed part.
+/// What is subtracted from each transformed part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Detrend {
     /// Its mean.
     Mean,
-    /// The line that fits it best.
+    /// Its least-squares line.
     Line,
 }
 
 /// Figures of the spectra.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Spectrum {
-    /// When the part without a gap starts and ends that they are from, seconds.
+    /// The start of the part without a gap that was used, seconds.
     pub from_s: f64,
-    /// See `from_s`.
+    /// The end of that part, seconds.
     pub to_s: f64,
-    /// Of each axis.
+    /// The figures along each axis.
     #[serde(flatten)]
     pub axes: ByAxis<Frequencies>,
 }
@@ -48,15 +48,15 @@ pub struct Spectrum {
 /// Figures of one spectrum `P(f)`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Frequencies {
-    /// Mean frequency `sum(f P) / sum(P)`, Hz. (Not the one of that name in Prieto et al. 1996,
-    /// which is a mean velocity over a mean radius.)
+    /// Mean frequency `sum(f P) / sum(P)`, Hz. (Not the "mean frequency" of Prieto et al. 1996,
+    /// which is a mean velocity divided by a mean radius.)
     pub mean_hz: Figure,
     /// Centroidal frequency `sqrt(sum(f^2 P) / sum(P))`, Hz.
     pub centroidal_hz: Figure,
-    /// Median frequency F50: half of the power lies below, Hz. Like F95 it is interpolated on
-    /// the running integral of `P` (trapezoids), so that it is not bound to the grid.
+    /// Median frequency F50: half of the power lies below it, Hz. Like F95 it is interpolated on
+    /// the cumulative integral of `P` (trapezoids), so that it is not tied to the frequency grid.
     pub median_hz: Figure,
-    /// F95: 95 % of the power lies below, Hz.
+    /// F95: 95 % of the power lies below it, Hz.
     pub f95_hz: Figure,
 }
 
@@ -76,12 +76,13 @@ impl Figures for Spectrum {
 
 /// The longest part without a gap.
 pub(super) fn longest_segment(series: &Series) -> Range<usize> {
-    // The first of equally long ones.
+    // The first of several equally long ones.
     series.segments().fold(0..0, |a, b| if b.len() > a.len() { b } else { a })
 }
 
-/// Whether this many samples without a gap last long enough. Each stands for one period; and a span
-/// as long as is needed may hold one less than it has periods, by where they lie in it.
+/// Checks that this many samples without a gap last long enough. Each stands for one period;
+/// depending on its phase, a span of exactly the required length may hold one sample fewer than
+/// periods.
 pub(super) fn long_enough(samples: usize, series: &Series, needed_s: f64) -> Result<(), Absent> {
     let longest_s = samples as f64 * series.period_s();
     if longest_s + series.period_s() < needed_s {
@@ -121,11 +122,11 @@ pub(super) fn spectrum(series: &Series) -> Spectrum {
     Spectrum { from_s: time_s[segment.start], to_s: time_s[segment.end - 1], axes }
 }
 
-/// The one-sided power spectral density along an axis, to be looked at: pairs of a frequency in
-/// Hz and a density in mm²/Hz, without the one at 0 Hz. It is Welch's (1967), of halfway
-/// overlapping parts of `part_s`, each without its line; of the longest part without a gap.
+/// The one-sided power spectral density along an axis, for plotting: pairs of a frequency in Hz and
+/// a density in mm²/Hz, without the one at 0 Hz. Welch's method (1967): half-overlapping parts of
+/// `part_s`, each linearly detrended, from the longest part without a gap.
 ///
-/// `None` when that is shorter, or the axis was not measured.
+/// `None` when that part is shorter than `part_s`, or the axis was not measured.
 #[must_use]
 pub fn power_density(series: &Series, axis: Axis, part_s: f64) -> Option<Vec<(f64, f64)>> {
     let samples = &series.along(axis)?[longest_segment(series)];
@@ -135,15 +136,15 @@ pub fn power_density(series: &Series, axis: Axis, part_s: f64) -> Option<Vec<(f6
     }
     let sums = density(&mut RealFftPlanner::new(), samples, part, true, Detrend::Line);
     let parts = (samples.len() - part) / (part - part / 2) + 1;
-    // The sum of the squares of the periodic Hann window.
+    // The sum of squares of the periodic Hann window.
     let scale = series.rate_hz() * 0.375 * part as f64 * parts as f64;
     let resolution_hz = series.rate_hz() / part as f64;
     let at = |(index, sum): (usize, f64)| (index as f64 * resolution_hz, sum / scale);
     Some(sums.into_iter().enumerate().skip(1).map(at).collect())
 }
 
-/// The one-sided density at multiples of the rate over `part`, up to a factor, which none of the
-/// figures depends on.
+/// The one-sided density at multiples of the rate divided by `part`, up to a factor on which none
+/// of the figures depends.
 fn density(
     planner: &mut RealFftPlanner<f64>,
     samples: &[f64],
@@ -156,7 +157,7 @@ fn density(
         (transform.make_output_vec(), transform.make_scratch_vec());
     let mut density = vec![0.0; transformed.len()];
     let weight = |index: usize| {
-        // Periodic: the sample after the last would be the first.
+        // Periodic: the sample after the last would equal the first.
         let angle = core::f64::consts::TAU * index as f64 / part as f64;
         if hann { 0.5 - 0.5 * angle.cos() } else { 1.0 }
     };
@@ -164,13 +165,13 @@ fn density(
     for start in (0..=samples.len() - part).step_by((part - part / 2).max(1)) {
         let mut values = detrended(&samples[start..start + part], detrend);
         values.iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
-        // Lengths are those of the plan: there is no other error.
+        // The lengths are those of the plan, and no other error is possible.
         if transform.process_with_scratch(&mut values, &mut transformed, &mut scratch).is_err() {
             return Vec::new();
         }
         density.iter_mut().zip(&transformed).for_each(|(sum, value)| *sum += value.norm_sqr());
     }
-    // Frequencies above 0 and below half the rate stand for their negative ones too.
+    // Frequencies above 0 and below half the rate also stand for their negatives.
     let inner = 1..part.div_ceil(2);
     density[inner].iter_mut().for_each(|value| *value *= 2.0);
     density
@@ -185,7 +186,7 @@ fn detrended(samples: &[f64], detrend: Detrend) -> Vec<f64> {
         Detrend::Line => {
             let moment: f64 =
                 samples.iter().enumerate().map(|(at, it)| (at as f64 - middle) * (it - mean)).sum();
-            // Sum of the squared distances from the middle.
+            // The sum of squared distances from the middle.
             moment / (count * (count * count - 1.0) / 12.0)
         }
     };
@@ -193,7 +194,7 @@ fn detrended(samples: &[f64], detrend: Detrend) -> Vec<f64> {
     samples.iter().enumerate().map(|(at, it)| it - line(at)).collect()
 }
 
-/// Mean, centroidal, median frequency and F95.
+/// Mean frequency, centroidal frequency, median frequency and F95.
 fn figures(density: &[f64], resolution_hz: f64) -> Result<[f64; 4], Absent> {
     let moment = |power: i32| -> f64 {
         density.iter().enumerate().map(|(at, it)| (at as f64).powi(power) * it).sum()
@@ -222,7 +223,7 @@ fn figures(density: &[f64], resolution_hz: f64) -> Result<[f64; 4], Absent> {
 mod tests {
     use super::*;
 
-    /// Against scipy: see `generate.py` there.
+    /// Compared with scipy: see `generate.py` there.
     #[test]
     fn figures_are_those_of_scipys_spectra() {
         let text = include_str!("../../tests/sway_oracles/signal.csv");
@@ -235,7 +236,7 @@ mod tests {
             ("periodogram_mean", ap.len(), false, Detrend::Mean),
             ("periodogram_line", ap.len(), false, Detrend::Line),
             ("welch_mean", 600, true, Detrend::Mean),
-            // An odd number of samples in a part.
+            // Parts with an odd number of samples.
             ("welch_line", 421, true, Detrend::Line),
         ] {
             let density = density(&mut RealFftPlanner::new(), &ap, part, hann, detrend);
@@ -244,7 +245,7 @@ mod tests {
             assert_eq!(expected.len(), found.len());
             for (found, expected) in found.into_iter().zip(expected) {
                 let error = found / expected.as_f64().unwrap() - 1.0;
-                // Rounding, of transforms of 2400 samples.
+                // The rounding of transforms of 2400 samples.
                 assert!(error.abs() < 1e-12, "{name}: {error:e}");
             }
         }
@@ -252,7 +253,8 @@ mod tests {
 
     #[test]
     fn a_span_that_is_long_enough_is_so_wherever_its_samples_lie() {
-        // 10 s are 599.4 periods at 59.94 Hz: 599 or 600 samples, by where the first one lies.
+        // 10 s are 599.4 periods at 59.94 Hz: 599 or 600 samples, depending on where the first one
+        // lies.
         let time_s: Vec<f64> = (0..1200).map(|frame| f64::from(frame) / 59.94).collect();
         let series = Series::new(time_s, [Vec::new(), Vec::new(), Vec::new()]).unwrap();
         let part = |from_s: f64| series.between(from_s..from_s + 10.0).unwrap();

@@ -1,4 +1,4 @@
-//! What the tests against other people's numbers share.
+//! Shared by the tests that compare with published results.
 
 pub mod table_2;
 
@@ -35,7 +35,7 @@ pub fn design_of(factors: &[&str], rows: &[Vec<String>]) -> WithinDesign {
     WithinDesign::new(factors, &observations).unwrap()
 }
 
-/// Asserts that two numbers differ by no more than this part of the second.
+/// Asserts that two numbers differ by no more than this fraction of the second.
 #[track_caller]
 pub fn assert_close(found: f64, expected: f64, relative: f64, what: &str) {
     let error = (found - expected).abs();

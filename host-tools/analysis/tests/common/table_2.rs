@@ -1,4 +1,4 @@
-//! The paper's Table II, and subjects who have its means and errors.
+//! The paper's Table II, and simulated subjects with its means and errors.
 
 use nalgebra::{DMatrix, Vector2};
 
@@ -27,7 +27,7 @@ MLSI T3  69.7 5.2  72.3  2.5  0.17  63.8 5.1  63.4  3.9 -0.02";
 pub const SUBJECTS: usize = 14;
 pub const CONDITIONS: [&str; 2] = ["control", "hyperventilation"];
 
-/// Its rows: the direction, and the numbers.
+/// The rows of the table: the direction, and the numbers.
 pub fn rows() -> Vec<(&'static str, Vec<f64>)> {
     let row = |line: &'static str| {
         let mut words = line.split_whitespace();
@@ -37,18 +37,18 @@ pub fn rows() -> Vec<(&'static str, Vec<f64>)> {
     TABLE_2.lines().map(row).collect()
 }
 
-/// Values of the paper's fourteen subjects whose Cousineau-Morey means and errors are these.
+/// Values of the paper's fourteen subjects with these Cousineau-Morey means and errors.
 ///
-/// The deviations from the means are u v: two orthogonal columns u of unit variance and zero
-/// mean, and for each cell a vector v in the plane as long as the cell's spread. The vectors
-/// close a polygon, so that every subject's deviations sum to zero and normalisation leaves them
-/// as they are; such a polygon exists unless one error exceeds the sum of the others. Each
-/// subject's own level, which normalisation takes away, is added.
+/// The deviations from the means are u v: two orthogonal columns u of unit variance and zero mean,
+/// and for each cell a vector v in the plane, as long as the cell's spread. The vectors form a
+/// closed polygon, so that every subject's deviations sum to zero and normalisation leaves them
+/// unchanged; such a polygon exists unless one error exceeds the sum of the others. Each subject's
+/// own level, which normalisation removes, is added.
 pub fn study(means: &[f64], sems: &[f64]) -> DMatrix<f64> {
     let cells = means.len() as f64;
     let to_spread = (SUBJECTS as f64 * (cells - 1.0) / cells).sqrt();
     let sides = closed_polygon(&sems.iter().map(|sem| sem * to_spread).collect::<Vec<_>>());
-    // Waves of whole periods are orthogonal, of zero mean, and their squares average one half.
+    // Waves of whole periods are orthogonal and of zero mean; their mean square is one half.
     let scale = (2.0 * (SUBJECTS - 1) as f64 / SUBJECTS as f64).sqrt();
     DMatrix::from_fn(SUBJECTS, means.len(), |subject, cell| {
         let (sin, cos) = (std::f64::consts::TAU * subject as f64 / SUBJECTS as f64).sin_cos();
@@ -57,7 +57,7 @@ pub fn study(means: &[f64], sems: &[f64]) -> DMatrix<f64> {
     })
 }
 
-/// Vectors of these lengths that sum to zero: in three groups, each along one side of a triangle.
+/// Vectors of these lengths that sum to zero: three groups, each along one side of a triangle.
 fn closed_polygon(lengths: &[f64]) -> Vec<Vector2<f64>> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();
     order.sort_by(|&left, &right| lengths[right].total_cmp(&lengths[left]));
@@ -68,7 +68,7 @@ fn closed_polygon(lengths: &[f64]) -> Vec<Vector2<f64>> {
         sides[group[index]] += lengths[index];
     }
     let [a, b, c] = sides;
-    // The second side turned so that the way back is as long as the third.
+    // Turns the second side so that the way back is as long as the third.
     let x = (c * c - a * a - b * b) / (2.0 * a);
     let second = Vector2::new(x, (b * b - x * x).sqrt());
     let third = -Vector2::new(a, 0.0) - second;

@@ -7,10 +7,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-/// A wave of the ECG: after the R wave by this, mV, and its width (one sigma).
+/// A wave of the ECG: its delay after the R wave, its height in mV, and its width (one sigma).
 type Wave = (f64, f64, f64);
 
-/// When the T wave of a sinus beat is, after the R wave.
+/// The delay of the T wave of a sinus beat after the R wave.
 const T_S: f64 = 0.28;
 
 /// P, Q, R, S and T.
@@ -22,7 +22,7 @@ const SINUS: [Wave; 5] = [
     (T_S, 0.3, 0.05),
 ];
 
-/// From a ventricle: wide, without a P wave, and T the other way.
+/// From a ventricle: wide, without a P wave, and with an inverted T wave.
 const ECTOPIC: [Wave; 2] = [(0.0, 1.4, 0.028), (0.3, -0.5, 0.06)];
 
 /// How an ECG is recorded.
@@ -32,17 +32,17 @@ pub struct Recording {
     pub duration_s: f64,
     /// A constant, mV.
     pub offset_mv: f64,
-    /// The baseline's swing at 0.3 Hz.
+    /// The amplitude of the baseline wander at 0.3 Hz.
     pub wander_mv: f64,
-    /// Of each sample.
+    /// The noise of each sample.
     pub noise_mv: f64,
-    /// 50 Hz.
+    /// The mains hum at 50 Hz.
     pub mains_mv: f64,
-    /// How many times as high the T wave is, 0.3 mV otherwise.
+    /// The factor on the height of the T wave, normally 0.3 mV.
     pub t_wave: f64,
-    /// mV become this many units.
+    /// The number of units per mV.
     pub gain: f64,
-    /// What the amplitude becomes at a time.
+    /// The factor on the amplitude at a time.
     pub amplitude: fn(f64) -> f64,
 }
 
@@ -72,7 +72,7 @@ impl Recording {
         self.with_ectopic(beats_s, &[])
     }
 
-    /// Beats with these indices are ectopic.
+    /// The ECG of these beats; those with these indices are ectopic.
     pub fn with_ectopic(&self, beats_s: &[f64], ectopic: &[usize]) -> Vec<f64> {
         let mut random = ChaCha8Rng::seed_from_u64(6);
         let noise = Normal::new(0.0, self.noise_mv).unwrap();
@@ -102,7 +102,7 @@ impl Recording {
     }
 }
 
-/// Beats of a heart whose rate swings by a tenth with each breath.
+/// The beats of a heart whose rate varies by a tenth with each breath.
 pub fn beats(rate_bpm: f64, span_s: std::ops::Range<f64>) -> Vec<f64> {
     let next = |beat_s: &f64| {
         let interval_s = 60.0 / rate_bpm * (1.0 + 0.1 * (TAU * 0.25 * beat_s).sin());
@@ -111,8 +111,8 @@ pub fn beats(rate_bpm: f64, span_s: std::ops::Range<f64>) -> Vec<f64> {
     std::iter::successors(Some(span_s.start), next).take_while(|it| *it < span_s.end).collect()
 }
 
-/// How many found beats are none, how many were not found, and the worst error of those that
-/// were, seconds.
+/// The number of false beats, the number of missed beats, and the worst error of the beats that
+/// were found, seconds.
 pub fn compare(found_s: &[f64], beats_s: &[f64]) -> (usize, usize, f64) {
     let error_s = |one: f64, others: &[f64]| {
         others.iter().map(|it| (it - one).abs()).fold(f64::INFINITY, f64::min)

@@ -1,4 +1,4 @@
-//! Pressures of cycles, and cycles of a pressure.
+//! The pressures of cycles, and cycles from a pressure.
 
 use std::f64::consts::TAU;
 
@@ -12,16 +12,16 @@ use rand_distr::{Distribution, Normal};
 
 use super::heart::{Recording, beats, compare};
 
-/// A pulse: from its foot, at this time, up to the systolic within 0.15 s, and down to the next
-/// foot's diastolic, with a dicrotic wave.
+/// A pulse: from its foot, at this time, up to the systolic pressure within 0.15 s, and down to the
+/// diastolic pressure of the next foot, with a dicrotic wave.
 struct Pulse {
     foot_s: f64,
     systolic: f64,
     diastolic: f64,
 }
 
-/// The feet 0.2 s after these beats, systolic and diastolic changing with each breath; without
-/// what comes before the first foot and after the last.
+/// Pulses whose feet come 0.2 s after these beats, with systolic and diastolic pressures that
+/// change with each breath; nothing before the first foot or after the last.
 fn pulses(beats_s: &[f64]) -> Vec<Pulse> {
     let pulse = |beat_s: &f64| {
         let breath = (TAU * 0.25 * beat_s).sin();
@@ -37,7 +37,7 @@ fn pulses(beats_s: &[f64]) -> Vec<Pulse> {
 fn pressure(pulses: &[Pulse], time_s: f64) -> f64 {
     let at = pulses.partition_point(|pulse| pulse.foot_s <= time_s);
     let (Some(pulse), Some(next)) = (pulses.get(at.wrapping_sub(1)), pulses.get(at)) else {
-        // The end of a pulse before the first; and nothing after the last.
+        // The end of a pulse precedes the first foot; nothing follows the last.
         return pulses[0].diastolic + 40.0 * (pulses[0].foot_s - time_s).max(0.0);
     };
     let after_s = time_s - pulse.foot_s;
@@ -50,7 +50,7 @@ fn pressure(pulses: &[Pulse], time_s: f64) -> f64 {
     pulse.systolic + part * (next.diastolic - pulse.systolic) + dicrotic * (1.0 - part)
 }
 
-/// Beats on whole milliseconds, so that samples at 1 kHz have the extremes.
+/// Beats at whole milliseconds, so that samples at 1 kHz contain the extremes.
 fn beats_on_samples(rate_bpm: f64) -> Vec<f64> {
     beats(rate_bpm, 0.5..58.0).into_iter().map(|beat_s| (beat_s * 1e3).round() / 1e3).collect()
 }
@@ -76,7 +76,8 @@ fn pressures_of_cycles_from_r_waves_are_exact() {
             let span = (beats_s[at] * 1e3).round() as i32..(beats_s[at + 1] * 1e3).round() as i32;
             let count = f64::from(span.end - span.start);
             let mean = span.map(|it| pressure(&pulses, f64::from(it) / 1e3)).sum::<f64>() / count;
-            // A beat that is a sample off takes one sample, up to 45 mmHg from the mean, of 500.
+            // A beat that is off by one sample costs one sample of 500, up to 45 mmHg from the
+            // mean.
             let found = figures.mean.values()[at];
             assert!((found - mean).abs() < 0.1, "{rate_bpm} {at}: {found} {mean}");
             let middle_s = 0.5 * (beats_s[at] + beats_s[at + 1]);
@@ -126,8 +127,8 @@ fn without_an_ecg_cycles_are_those_of_the_wave() {
                 .collect();
             let (falsely, missed, worst_s) = compare(&found_s, &feet_s);
             assert_eq!((falsely, missed), (0, 0), "{rate_hz} Hz, {rate_bpm} bpm");
-            // The wave falls into its foot by some 40 mmHg/s and rises from it as slowly: noise of
-            // 0.5 mmHg, averaged over 40 ms, moves it by some hundredths of a second.
+            // The wave falls to its foot at about 40 mmHg/s and rises from it as slowly: noise of
+            // 0.5 mmHg, averaged over 40 ms, moves the foot by some hundredths of a second.
             assert!(worst_s < 0.04, "{rate_hz} Hz, {rate_bpm} bpm: {worst_s}");
         }
     }

@@ -23,13 +23,13 @@ fn capnogram(end_tidal: &[f64]) -> Signal {
 
 #[test]
 fn end_tidal_co2_is_the_end_of_each_exhalation() {
-    // Half of them hyperventilating.
+    // Half of the breaths are hyperventilation.
     let end_tidal: Vec<f64> =
         (0..30).map(|it| if it < 15 { 40.0 } else { 22.0 } + f64::from(it % 4)).collect();
     let found = end_tidal_mmhg(&capnogram(&end_tidal)).unwrap();
     assert_eq!(found.values().len(), 30);
     for (breath, (time_s, value)) in found.present().enumerate() {
-        // The 77th sample of 80, exactly.
+        // Exactly the 77th of 80 samples.
         assert!((time_s - 4.0 * breath as f64 - 3.8).abs() < 1e-9, "{time_s}");
         assert_eq!(value, end_tidal[breath]);
     }

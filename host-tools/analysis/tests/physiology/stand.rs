@@ -1,4 +1,4 @@
-//! A person gets up: means of the paper's windows.
+//! A person gets up: the means over the paper's windows.
 
 use plumbline_analysis::physiology::bins::{Event, GAP_MAX_S, Seconds, Window, window_means};
 use plumbline_analysis::physiology::cardiac_output::cardiac_output_l_min;
@@ -22,7 +22,7 @@ fn windows_of_the_paper() -> [Window; 4] {
 #[test]
 fn a_stand_comes_out_as_it_was_made() {
     // The paper's control: 63.1 per minute supine, 92.8 in the first 10 s of stance, 70.2 in the
-    // middle; the person gets up at 100 s and stands at 104 s of the recording.
+    // middle. The person begins to rise at 100 s of the recording and stands at 104 s.
     const RATES: [(f64, f64); 6] =
         [(0.0, 63.1), (100.0, 63.1), (104.0, 92.8), (114.0, 92.8), (122.0, 70.2), (165.0, 70.2)];
     let rate_bpm =
@@ -48,7 +48,7 @@ fn a_stand_comes_out_as_it_was_made() {
         assert_eq!((rate.known, output.known), (rate.seconds, output.seconds));
         let (rate, output) = (rate.mean.unwrap(), output.mean.unwrap());
         // The cycles at the ends of the early part reach into the changes around it: half a cycle
-        // of a rate that rises by 30 in 4 s, in one second of ten.
+        // of a rate that rises by 30 in 4 s, in one second out of ten.
         let bound = if expected == 92.8 { 0.005 } else { 1e-4 };
         assert!((rate / expected - 1.0).abs() < bound, "{rate} {expected}");
         assert!((output / rate / 0.08 - 1.0).abs() < 1e-9, "{output} {rate}");

@@ -1,4 +1,4 @@
-//! Against NeuroKit: see `generate.py`, which made the ECGs and `oracles.json`.
+//! Compared with NeuroKit: see `generate.py`, which made the ECGs and `oracles.json`.
 
 use plumbline_analysis::physiology::cycles::Verdict;
 use plumbline_analysis::physiology::ecg::r_waves;
@@ -21,7 +21,7 @@ fn r_waves_are_those_of_neurokit() {
         let differences: Vec<f64> = found.iter().zip(&expected).map(|(a, b)| a - b).collect();
         println!("{}: {differences:.2?}", oracle["name"]);
         assert_eq!(found.len(), expected.len(), "{found:.1?} {expected:?}");
-        // Theirs are whole samples, of a signal that was filtered otherwise.
+        // NeuroKit's peaks are whole samples of a differently filtered signal.
         assert!(differences.iter().all(|it| it.abs() < 1.5), "{differences:.2?}");
         let cycles = waves.cycles();
         assert_eq!(cycles.count(Verdict::Normal), found.len() - 1);

@@ -1,4 +1,4 @@
-//! Against scipy: see `generate.py`, which made `signal.csv` and `oracles.json`.
+//! Compared with scipy: see `generate.py`, which made `signal.csv` and `oracles.json`.
 
 use plumbline_analysis::filter::SavitzkyGolay;
 use plumbline_analysis::series::Series;
@@ -17,13 +17,13 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|it| it.as_f64().unwrap()).collect()
 }
 
-/// AP and ML, mm.
+/// The signal along AP and ML, mm.
 fn signal() -> [Vec<f64>; 2] {
     let mut reader = csv::Reader::from_reader(include_str!("signal.csv").as_bytes());
     reader.deserialize::<(f64, f64)>().map(Result::unwrap).unzip().into()
 }
 
-/// Unfiltered.
+/// The figures of the unfiltered signal.
 fn figures(radius_mm: f64) -> SwayFigures {
     let [ap, ml] = signal();
     let time_s = (0..ap.len()).map(|index| index as f64 / RATE_HZ).collect();
@@ -33,7 +33,7 @@ fn figures(radius_mm: f64) -> SwayFigures {
     analyze(&series, None, &settings).unwrap().figures
 }
 
-/// Worst relative difference, printed.
+/// Asserts and prints the worst relative difference.
 fn compare<'a>(
     name: &str,
     figures: impl IntoIterator<Item = &'a Figure>,
@@ -56,7 +56,7 @@ fn the_filter_is_scipys_also_at_the_ends() {
         let smoothed = SavitzkyGolay::new(window).unwrap().smooth(&ap).unwrap();
         for (at, expected) in numbers(&oracle["at"]).iter().zip(numbers(&oracle["value"])) {
             let value = smoothed[*at as usize];
-            // Rounding of numbers of some 10 mm; scipy's own weights are good to 1e-14.
+            // Rounding of numbers of about 10 mm; scipy's own weights are accurate to 1e-14.
             assert!((value - expected).abs() < 1e-12, "{window} {at}: {value} {expected}");
         }
         let path: f64 = smoothed.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
@@ -68,7 +68,7 @@ fn the_filter_is_scipys_also_at_the_ends() {
 fn frequencies_are_those_of_scipys_spectrum() {
     let ap = figures(2.0).spectrum.axes.ap;
     let all = [&ap.mean_hz, &ap.centroidal_hz, &ap.median_hz, &ap.f95_hz];
-    // The rate is from times that are rounded, to 1e-13 of a period.
+    // The rate is computed from rounded times, to 1e-13 of a period.
     compare("spectrum", all, &oracles()["spectra"]["periodogram_mean"], 1e-11);
 }
 

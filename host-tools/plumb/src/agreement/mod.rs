@@ -76,7 +76,7 @@ impl Against {
                 Some(option) => Err(BadInput::new(
                     &points.place,
                     option,
-                    "an option of a reference, and there is none",
+                    "an option of a reference, but no reference is given",
                     "name its file with --reference, or leave it out",
                 )),
             };

@@ -327,7 +327,7 @@ impl Pair {
         let place = self.trial.display();
         let finite = |given: Option<f64>, option: &str| match given {
             Some(value) if !value.is_finite() => {
-                Err(BadInput::new(&place, option, format!("{value} is no time"), "give seconds"))
+                Err(BadInput::new(&place, option, format!("{value} is not a time"), "give seconds"))
             }
             given => Ok(given),
         };

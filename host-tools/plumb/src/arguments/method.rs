@@ -37,7 +37,7 @@ pub struct Method {
 
 /// A span of time, `FROM-TO`; a start before t = 0 is negative, as in `-5-0`.
 fn span(text: &str) -> Result<Range<f64>, String> {
-    let remedy = || format!("{text:?} is no span: give FROM-TO in seconds, such as 0-20");
+    let remedy = || format!("{text:?} is not a span: give FROM-TO in seconds, such as 0-20");
     // A minus that begins the text is a sign.
     let dash = text.char_indices().skip(1).find(|(_, it)| *it == '-').map(|(at, _)| at);
     let (from, to) = text.split_at(dash.ok_or_else(remedy)?);

@@ -92,7 +92,7 @@ fn check(ranges: [Range<f64>; 2]) -> Drawn<[Range<f64>; 2]> {
     let is_sound =
         |it: &Range<f64>| it.start.is_finite() && it.end.is_finite() && it.start < it.end;
     if !ranges.iter().all(is_sound) {
-        return Err(format!("{:?} by {:?} is no area to draw in", ranges[0], ranges[1]).into());
+        return Err(format!("{:?} by {:?} is not an area to draw in", ranges[0], ranges[1]).into());
     }
     Ok(ranges)
 }

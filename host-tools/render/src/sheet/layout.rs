@@ -11,7 +11,7 @@ use super::tiles::several_sheets;
 /// Between targets, and between them and the legend, mm.
 const GAP_MM: f64 = 3.0;
 
-/// The sheets of some targets, printed with `pitch_mm`.
+/// The sheets for these targets, printed with `pitch_mm`.
 #[must_use]
 pub fn sheets(descriptions: &[TargetDescription], pitch_mm: f64, paper: Paper) -> Vec<Page> {
     let pieces: Vec<Piece> =
@@ -35,7 +35,7 @@ pub fn sheets(descriptions: &[TargetDescription], pitch_mm: f64, paper: Paper) -
     pieces.into_iter().zip(descriptions).flat_map(alone).collect()
 }
 
-/// The pieces one above the other, and the legend below them or, turned, to their right.
+/// The pieces one above the other, with the legend below them or, turned, to their right.
 fn one_sheet(pieces: &[Piece], legend: &Legend, paper: Paper) -> Option<Page> {
     let below = paper.upright_and_across_mm().into_iter().map(|size| below(pieces, legend, size));
     let beside = paper.upright_and_across_mm().into_iter().map(|size| beside(pieces, legend, size));
@@ -49,13 +49,13 @@ fn stacked_mm(pieces: &[Piece]) -> [f64; 2] {
     sizes.fold([0.0, gaps_mm], |[width, sum], size| [size[0].max(width), sum + size[1]])
 }
 
-/// The width that must stay free at an edge, less the margin, which may lie there.
+/// The width that must stay free at an edge, minus the margin, which may lie there.
 fn margin_edge_mm(pieces: &[Piece]) -> f64 {
     (EDGE_MM - pieces[0].pitch_mm).max(0.0)
 }
 
-/// The pieces in the middle of `room`, each with the line to cut along if that line is
-/// where a printer reaches.
+/// The pieces in the middle of `room`, each with its cutting line if that line is within the
+/// printable area.
 fn stacked(pieces: &[Piece], room: &Rectangle, page_mm: [f64; 2]) -> Vec<Shape> {
     let [width, height] = stacked_mm(pieces);
     let x = room.corner[0] + (room.size[0] - width) / 2.0;
@@ -92,8 +92,8 @@ fn below(pieces: &[Piece], legend: &Legend, page_mm: [f64; 2]) -> Option<Page> {
     Some(Page { size_mm: page_mm, shapes })
 }
 
-/// The legend reads upwards to the right of the pieces. Where a strip has no room
-/// above, the mark stands above the legend.
+/// The legend reads upwards to the right of the pieces. If a strip does not fit above a piece, the
+/// mark stands above the legend.
 fn beside(pieces: &[Piece], legend: &Legend, page_mm: [f64; 2]) -> Option<Page> {
     let side_mm = margin_edge_mm(pieces);
     let legend_left = page_mm[0] - EDGE_MM - legend.height_mm();

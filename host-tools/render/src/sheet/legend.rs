@@ -2,11 +2,11 @@
 
 use super::page::{Font, Shape, Stroke};
 
-/// Where texts and the ruler's zero are, from the legend's left edge: half a label, mm.
+/// The position of texts and of the ruler's zero from the legend's left edge: half a label, mm.
 pub const INDENT_MM: f64 = 1.0;
 /// Length of the ruler, mm.
 const RULER_MM: u8 = 100;
-/// Where the entry begins, mm.
+/// The position at which the entry begins, mm.
 const ENTRY_LEFT_MM: f64 = 112.0;
 /// 6 points: the longest line of an entry, 36 letters, is 46 mm long.
 const ENTRY_FONT_MM: f64 = 2.117;
@@ -25,7 +25,7 @@ const HINTS: [&str; 3] = [
 pub struct Legend {
     /// The contents of the sheet, in a few words.
     pub title: String,
-    /// The text of targets.toml.
+    /// The entry for targets.toml.
     pub entry: String,
 }
 
@@ -37,7 +37,7 @@ impl Legend {
         entry_mm.max(26.0)
     }
 
-    /// From its top left corner.
+    /// The shapes, relative to the legend's top left corner.
     #[must_use]
     pub fn shapes(&self) -> Vec<Shape> {
         let left = INDENT_MM;
@@ -56,7 +56,7 @@ impl Legend {
     }
 }
 
-/// A scale of 100 mm; its ends are the middles of its first and last line.
+/// A ruler of 100 mm, measured between the centres of its first and last line.
 fn ruler([left, top]: [f64; 2]) -> Vec<Shape> {
     let line = |from, to| Shape::Line { ends: [from, to], stroke: Stroke::Fine };
     let mut shapes = vec![line([left, top], [left + f64::from(RULER_MM), top])];
@@ -70,7 +70,7 @@ fn ruler([left, top]: [f64; 2]) -> Vec<Shape> {
         shapes.push(line([x, top], [x, top + length]));
         if mm % 10 == 0 {
             let label = if mm == RULER_MM { format!("{mm} mm") } else { mm.to_string() };
-            // A digit of Helvetica is 0.556 of its size wide; the number is centred, its unit follows.
+            // A Helvetica digit is 0.556 of its size wide; the number is centred, its unit follows.
             let half_mm = mm.to_string().len() as f64 * 0.556 * 2.5 / 2.0;
             shapes.push(Shape::text([x - half_mm, top + 7.0], 2.5, Font::Regular, label));
         }

@@ -24,13 +24,13 @@ impl Paper {
         }
     }
 
-    /// The sizes of a sheet in its two positions, mm.
+    /// The sizes of a sheet in both orientations, mm.
     pub(super) fn upright_and_across_mm(self) -> [[f64; 2]; 2] {
         let [width, height] = self.size_mm();
         [[width, height], [height, width]]
     }
 
-    /// Its name for people.
+    /// Its name as shown to people.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -49,7 +49,7 @@ pub struct Page {
     pub shapes: Vec<Shape>,
 }
 
-/// An upright rectangle, mm.
+/// An axis-aligned rectangle, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rectangle {
     /// Its top left corner.
@@ -65,7 +65,7 @@ impl Rectangle {
         [self.corner[0] + self.size[0], self.corner[1] + self.size[1]]
     }
 
-    /// What both have in common, `None` when that has no area.
+    /// The intersection of both, `None` when it has no area.
     #[must_use]
     pub fn common(&self, other: &Self) -> Option<Self> {
         let axis = |axis: usize| {
@@ -102,7 +102,7 @@ impl Rectangle {
 pub enum Stroke {
     /// Black.
     Fine,
-    /// Grey and dashed: cut here.
+    /// Grey and dashed: where to cut.
     Cut,
 }
 
@@ -123,7 +123,7 @@ impl Stroke {
     }
 }
 
-/// Typefaces that every viewer has: of PDF's standard fonts.
+/// Typefaces that every viewer has, from PDF's standard fonts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Font {
     /// Helvetica.
@@ -137,11 +137,11 @@ pub enum Font {
 /// Part of a page. Lengths in mm.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// Black.
+    /// A black rectangle.
     Filled(Rectangle),
-    /// Black.
+    /// A black polygon.
     Polygon(Vec<[f64; 2]>),
-    /// Along x or y.
+    /// A line along x or y.
     Line {
         /// From, to.
         ends: [[f64; 2]; 2],
@@ -150,20 +150,20 @@ pub enum Shape {
     },
     /// One line of text.
     Text {
-        /// Left end of the base line.
+        /// Left end of the baseline.
         start: [f64; 2],
         /// Size of the font.
         size_mm: f64,
         /// Typeface.
         font: Font,
-        /// Reads upwards instead of to the right.
+        /// Whether it reads upwards instead of to the right.
         upwards: bool,
         /// Latin-1, see [`is_printable`].
         text: String,
     },
 }
 
-/// Whether a text has only letters of the standard fonts: Latin-1 without control characters.
+/// Whether a text has only characters of the standard fonts: Latin-1 without control characters.
 #[must_use]
 pub fn is_printable(text: &str) -> bool {
     text.chars().all(|letter| matches!(letter, ' '..='~' | '\u{a0}'..='\u{ff}'))
@@ -182,8 +182,8 @@ impl Shape {
         self.mapped(|[x, y]| [x + by[0], y + by[1]])
     }
 
-    /// The shape after a quarter turn against the clock about the page's corner, so
-    /// that its text reads upwards; (x, y) goes to (y, -x).
+    /// The shape after a quarter turn counterclockwise about the page's corner, so that its text
+    /// reads upwards; (x, y) goes to (y, -x).
     #[must_use]
     pub fn turned(self) -> Self {
         match self.mapped(|[x, y]| [y, -x]) {
@@ -195,7 +195,7 @@ impl Shape {
         }
     }
 
-    /// `map` is a motion by quarter turns. Text keeps its direction.
+    /// `map` is a motion by quarter turns. Text keeps its orientation.
     fn mapped(self, map: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
         match self {
             Self::Filled(rectangle) => {
@@ -212,8 +212,8 @@ impl Shape {
         }
     }
 
-    /// The part within a window: rectangles and lines are cut there, a polygon and a
-    /// text belong to the window in which they start.
+    /// The part within a window: rectangles and lines are clipped to it; a polygon or a text
+    /// belongs to the window in which it starts.
     #[must_use]
     pub fn within(&self, window: &Rectangle) -> Option<Self> {
         match self {
@@ -228,7 +228,7 @@ impl Shape {
                     ]
                 };
                 let [start, end] = ends.map(clamp);
-                // A line that passes the window by is clamped off itself.
+                // Clamping moves a line that misses the window off itself.
                 let across = if ends[0][0] == ends[1][0] { 0 } else { 1 };
                 let stays = start[across] == ends[0][across] && start != end;
                 stays.then_some(Self::Line { ends: [start, end], stroke: *stroke })

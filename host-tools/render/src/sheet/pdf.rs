@@ -1,9 +1,9 @@
 //! Pages as a PDF at true scale.
 //!
-//! Written with pdf-writer: it is well kept (Typst's PDFs come from it), has no `unsafe`
-//! and needs no crate that is not here already. krilla needs a newer Rust than ours, printpdf
-//! carries a layouter of HTML, and svg2pdf a whole renderer. The fonts are three of PDF's
-//! standard fourteen, which every viewer has; their text can be marked and copied.
+//! Written with pdf-writer: it is well maintained (Typst's PDFs come from it), has no `unsafe` and
+//! needs no additional crate. krilla needs a newer Rust than ours, printpdf includes an HTML layout
+//! engine, and svg2pdf a whole renderer. The fonts are three of PDF's standard fourteen, which
+//! every viewer has; their text can be selected and copied.
 
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str, TextStr};
 
@@ -29,7 +29,7 @@ pub fn document(pages: &[Page], title: &str) -> Vec<u8> {
     let mut pdf = Pdf::new();
     let mut root = pdf.catalog(catalog);
     root.pages(tree);
-    // Asks the viewer's print dialog for 100 %; not every viewer listens.
+    // Asks the viewer's print dialog for 100 %; not every viewer complies.
     root.viewer_preferences().pair(Name(b"PrintScaling"), Name(b"None"));
     root.finish();
     pdf.document_info(info).title(TextStr(title)).creator(TextStr("plumb target"));
@@ -100,7 +100,7 @@ fn draw(shape: &Shape, content: &mut Content) {
                 if *upwards { [0.0, -1.0, -1.0, 0.0, x, y] } else { [1.0, 0.0, 0.0, -1.0, x, y] };
             let named = FONTS.iter().find(|(one, ..)| one == font);
             let (_, name, _) = named.expect("all fonts are listed");
-            // Of Latin-1, WinAnsi has the same codes.
+            // Latin-1 has the same codes in WinAnsi.
             let codes: Vec<u8> =
                 text.chars().map(|letter| u8::try_from(letter).unwrap_or(b'?')).collect();
             content.begin_text().set_font(*name, *size_mm as f32).set_text_matrix(matrix);

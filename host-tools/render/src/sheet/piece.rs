@@ -1,5 +1,5 @@
-//! One target as it is cut out: its squares, a white margin of one square, and beyond
-//! that margin, where it disturbs no search, what tells a person which end is up.
+//! One target as it is cut out: its squares, a white margin of one square and, beyond that margin,
+//! where it does not disturb the search, a strip that tells a person which end is up.
 
 use plumbline_files::targets::TargetDescription;
 
@@ -8,17 +8,18 @@ use super::page::{Font, Rectangle, Shape, Stroke};
 /// Height of the strip above the margin, mm.
 const STRIP_MM: f64 = 10.0;
 
-/// What arrow and texts of the strip need, mm.
+/// The width needed by the arrow and the texts of the strip, mm.
 const STRIP_TEXT_MM: f64 = 62.0;
 
-/// The arrow stands above the squares' left edge, which a printer reaches; above large
-/// squares it is this far from the margin's, so that one sheet holds the strip, mm.
+/// The largest distance of the arrow from the margin's left edge, mm. It normally stands above the
+/// left edge of the squares, which is printable; for large squares this limit lets the strip fit on
+/// one sheet.
 const STRIP_LEFT_MM_MAX: f64 = 12.0;
 
 /// Width and height of the arrow, mm.
 const ARROW_MM: [f64; 2] = [6.0, 8.0];
 
-/// A target's print.
+/// A target as printed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
     name: String,
@@ -26,29 +27,29 @@ pub struct Piece {
     rows: u8,
     /// Side of a square, mm; the margin is as wide.
     pub pitch_mm: f64,
-    /// Whether the strip is printed above the margin.
+    /// Whether the strip above the margin is printed.
     pub strip: bool,
 }
 
 impl Piece {
-    /// With its strip. `pitch_mm` stands in for the one of the description.
+    /// The piece with its strip. `pitch_mm` replaces the pitch of the description.
     #[must_use]
     pub fn new(description: &TargetDescription, pitch_mm: f64) -> Self {
         let &TargetDescription { columns, rows, .. } = description;
         Self { name: description.name.clone(), columns, rows, pitch_mm, strip: true }
     }
 
-    /// The target in words.
+    /// A description of the target in words.
     #[must_use]
     pub fn words(&self) -> String {
         let Self { name, columns, rows, pitch_mm, .. } = self;
         format!("{name}: {columns} x {rows} inner corners, pitch {pitch_mm} mm")
     }
 
-    /// The whole piece, margin and strip included, mm.
+    /// The size of the whole piece, including margin and strip, mm.
     #[must_use]
     pub fn size_mm(&self) -> [f64; 2] {
-        // One square more than inner corners, and the margin on both sides.
+        // One more square than inner corners, plus the margin on both sides.
         let [width, height] =
             [self.columns, self.rows].map(|corners| (f64::from(corners) + 3.0) * self.pitch_mm);
         if self.strip {
@@ -62,7 +63,7 @@ impl Piece {
         self.pitch_mm.min(STRIP_LEFT_MM_MAX)
     }
 
-    /// The border to cut along.
+    /// The outline to cut along.
     #[must_use]
     pub fn outline(&self) -> [Shape; 4] {
         Rectangle { corner: [0.0, 0.0], size: self.size_mm() }.border(Stroke::Cut)
@@ -112,7 +113,7 @@ fn arrow([x, y]: [f64; 2]) -> Shape {
 /// Width and height of [`mark`], mm.
 pub const MARK_MM: [f64; 2] = [10.0, 32.0];
 
-/// The arrow and its words as a column, for a sheet that has no room above the margin.
+/// The arrow and its words as a column, for a sheet without room above the margin.
 #[must_use]
 pub fn mark() -> Vec<Shape> {
     let words = Shape::text([0.0, 0.0], 3.3, Font::Bold, "This side up").turned();

@@ -5,7 +5,7 @@ use svg::node::element::{Line, Polygon, Rectangle, Text, Title};
 
 use super::page::{Font, Page, Shape, Stroke};
 
-/// The file's text.
+/// The text of the SVG file.
 #[must_use]
 pub fn document(page: &Page, title: &str) -> String {
     let [width, height] = page.size_mm;
@@ -19,7 +19,7 @@ pub fn document(page: &Page, title: &str) -> String {
     page.shapes.iter().fold(document, drawn).to_string()
 }
 
-/// To a nanometre: what is beyond is rounding.
+/// Rounded to a nanometre: anything finer is rounding noise.
 fn rounded(value_mm: f64) -> f64 {
     (value_mm * 1e6).round() / 1e6
 }

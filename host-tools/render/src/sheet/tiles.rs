@@ -1,13 +1,13 @@
-//! A board that is larger than a sheet, on several sheets that overlap, and how they go
-//! together.
+//! A board larger than a sheet, printed on several overlapping sheets, with instructions for
+//! putting them together.
 
 use super::legend::{self, Legend};
 use super::page::{EDGE_MM, Font, Page, Paper, Rectangle, Shape, Stroke};
 use super::piece::Piece;
 
-/// Around the part of the board on a sheet, for marks, mm.
+/// The space for marks around the part of the board on a sheet, mm.
 const FRAME_MM: f64 = EDGE_MM + 6.0;
-/// By how much neighbouring sheets show the same part of the board, mm.
+/// The width of the part of the board that neighbouring sheets share, mm.
 const OVERLAP_MM: f64 = 10.0;
 
 const STEPS: [&str; 4] = [
@@ -49,7 +49,7 @@ pub fn several_sheets(piece: &Piece, legend: &Legend, paper: Paper) -> Vec<Page>
 }
 
 fn tiles(board_mm: [f64; 2], page_mm: [f64; 2]) -> Vec<Tile> {
-    // How many along each axis, and from one to the next: equal parts.
+    // The number of equal parts along each axis, and the distance from one to the next.
     let axis = |axis: usize| {
         let window_mm = page_mm[axis] - 2.0 * FRAME_MM;
         let count = ((board_mm[axis] - OVERLAP_MM) / (window_mm - OVERLAP_MM)).ceil().max(1.0);
@@ -61,7 +61,7 @@ fn tiles(board_mm: [f64; 2], page_mm: [f64; 2]) -> Vec<Tile> {
             corner: [column as f64 * step_x, row as f64 * step_y],
             size: [step_x + OVERLAP_MM, step_y + OVERLAP_MM],
         },
-        // The letters run out only beyond the number of sheets that are printed.
+        // The letters run out only beyond the number of sheets that can be printed.
         name: format!("{}{}", ('A'..='Z').nth(row).unwrap_or('Z'), column + 1),
         neighbours: Neighbours {
             left: column > 0,
@@ -76,7 +76,7 @@ fn tiles(board_mm: [f64; 2], page_mm: [f64; 2]) -> Vec<Tile> {
         .collect()
 }
 
-/// The legend, and how the sheets go together.
+/// The legend, and instructions for putting the sheets together.
 fn first_sheet(legend: &Legend, tiles: &[Tile], paper: Paper) -> Page {
     let [width, height] = paper.size_mm();
     let left = (width - legend::WIDTH_MM) / 2.0;
@@ -107,7 +107,7 @@ fn first_sheet(legend: &Legend, tiles: &[Tile], paper: Paper) -> Page {
     Page { size_mm: [width, height], shapes }
 }
 
-/// On which sides of a part of the board there is more of it.
+/// On which sides of a part of the board there are more parts.
 struct Neighbours {
     left: bool,
     above: bool,
@@ -116,10 +116,10 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    /// Where to cut, dashed, and short fine marks where the neighbour's cut edge comes to lie.
+    /// Dashed lines where to cut, and short fine marks where the neighbour's cut edge is placed.
     fn marks(&self, window: &Rectangle) -> Vec<Shape> {
         let ([left, top], [right, bottom]) = (window.corner, window.end());
-        // Marks end before the board's picture, which must stay clean.
+        // Marks end before the board's image, which must stay clean.
         let (near, far) = (0.5, FRAME_MM - EDGE_MM);
         let across = |x: f64, stroke| {
             [[top - far, top - near], [bottom + near, bottom + far]]

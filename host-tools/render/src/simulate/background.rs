@@ -1,6 +1,6 @@
-//! A cluttered room and a clothed back: what a detector must not mistake for a
-//! target. Procedural, from a seed; drawn once per sequence in raw pixels, for
-//! only the targets need a true lens.
+//! A cluttered room and a clothed back: things that a detector must not mistake for a target.
+//! Procedural, from a seed; drawn once per sequence in raw pixels, because only the targets need
+//! the true lens.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,22 +8,22 @@ use rayon::prelude::*;
 
 use super::render::Picture;
 
-/// How far the back may move in the picture before its edge would be seen, px.
+/// How far the back may move in the image before its edge would be seen, px.
 const MARGIN_PX: usize = 96;
 
 /// The room, and in front of it the clothed trunk, which moves.
 pub struct Background {
     room: Picture,
-    /// Premultiplied [`MARGIN_PX`] larger on every side.
+    /// Premultiplied, and larger than the frame by [`MARGIN_PX`] on every side.
     cloth: Picture,
     cover: Picture,
 }
 
 impl Background {
-    /// Drawn from the seed.
+    /// Draws the background from the seed.
     ///
-    /// `midline_px` is where the back's midline at the scene's origin appears,
-    /// `px_per_mm` the scale there, `blur_px` the lens's blur.
+    /// `midline_px` is where the midline of the back appears at the scene's origin, `px_per_mm` the
+    /// scale there, and `blur_px` the lens's blur.
     #[must_use]
     pub fn new(
         [width, height]: [usize; 2],
@@ -56,7 +56,7 @@ impl Background {
         picture.width = width;
         picture.height = self.room.height;
         picture.grey.resize(self.room.grey.len(), 0.0);
-        // Where pixel (0, 0) falls on the cloth, and the bilinear weights there.
+        // The position of pixel (0, 0) on the cloth, and the bilinear weights there.
         let end = (2 * MARGIN_PX - 1) as f64;
         let start = shift_px.map(|shift| (MARGIN_PX as f64 - shift).clamp(0.0, end));
         let [left, top] = start.map(|start| start as usize);
@@ -79,7 +79,7 @@ impl Background {
                 mixed(&self.cloth, y, cloth);
                 mixed(&self.cover, y, cover);
                 let room = &self.room.grey[y * width..][..width];
-                // The light changes slowly: a line between the row's ends.
+                // The light changes slowly: linear between the ends of the row.
                 let (first, last) = (gain(0.0, y as f64), gain(width as f64, y as f64));
                 let slope = ((last - first) / width as f64) as f32;
                 for x in 0..width {
@@ -178,7 +178,7 @@ impl Canvas {
         }
     }
 
-    /// Squares of two greys: like a target's, but too few or too pale to be one.
+    /// Squares of two greys: like those of a target, but too few or too pale to be one.
     fn checks(&mut self, [left, top]: [f64; 2], counts: [usize; 2], side: f64, greys: [f64; 2]) {
         for row in 0..counts[1] {
             for column in 0..counts[0] {
@@ -293,7 +293,7 @@ fn half_breadth_mm(y_mm: f64) -> f64 {
     b0 + t * t * (3.0 - 2.0 * t) * (b1 - b0)
 }
 
-/// Blurred by a Gaussian, edges repeated.
+/// The picture blurred by a Gaussian, with its edge pixels repeated.
 fn blurred(picture: Picture, sigma_px: f64) -> Picture {
     let radius = (3.0 * sigma_px).ceil() as isize;
     let weight = |offset: isize| (-0.5 * (offset as f64 / sigma_px).powi(2)).exp();

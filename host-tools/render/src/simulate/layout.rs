@@ -1,5 +1,5 @@
-//! Where everything stands: camera, person, targets. Every figure of the
-//! standard scene is here, with its reason.
+//! Where everything stands: camera, person, targets. All numbers of the standard scene are here,
+//! with their reasons.
 
 use nalgebra::{Rotation3, Vector3};
 use plumbline::lens::{Distortion, Lens};
@@ -26,7 +26,8 @@ pub enum LensChoice {
 }
 
 impl LensChoice {
-    /// The whole camera: a 1456 x 1088 global-shutter sensor of 3.45 um pixels, but for `Hd` and `Vga`.
+    /// The whole camera: except for `Hd` and `Vga`, a 1456 x 1088 global-shutter sensor with 3.45
+    /// um pixels.
     #[must_use]
     pub fn lens(self) -> Lens {
         let standard = Lens {
@@ -46,7 +47,7 @@ impl LensChoice {
             // Barrel distortion of 3 % (26 px) in the frame's corners: usual for
             // a C-mount lens of this focal length without special correction.
             Self::Mild => Lens { distortion: Distortion::Radial2([-0.12, 0.05]), ..standard },
-            // 25 % in the corners: stronger than any lens that makes sense here.
+            // 25 % in the corners: stronger than any lens that is sensible here.
             Self::Wide => Lens {
                 fx_px: 800.0,
                 fy_px: 805.0,
@@ -54,7 +55,7 @@ impl LensChoice {
                 distortion: Distortion::Brown5([-0.28, 0.09, 0.001, -0.0008, -0.008]),
                 ..standard
             },
-            // Its rows see what the standard camera's 1088 see.
+            // Its 720 rows see what the standard camera's 1088 rows see.
             Self::Hd => Lens {
                 width_px: 1280,
                 height_px: 720,
@@ -65,7 +66,7 @@ impl LensChoice {
                 distortion: Distortion::Radial2([-0.12, 0.05]),
                 ..standard
             },
-            // So do these.
+            // So do its 480 rows.
             Self::Vga => Lens {
                 width_px: 640,
                 height_px: 480,
@@ -79,8 +80,8 @@ impl LensChoice {
         }
     }
 
-    /// From the camera to the person's back: 1 m, and for the wide angle so
-    /// close that the targets keep three quarters of their size in the picture.
+    /// From the camera to the person's back: 1 m, and for the wide angle so close that the targets
+    /// keep three quarters of their size in the image.
     #[must_use]
     pub fn distance_mm(self) -> f64 {
         match self {
@@ -90,12 +91,12 @@ impl LensChoice {
     }
 }
 
-/// The scene's origin is on the midline of the back, halfway between the
-/// targets' heights; from there to the camera's principal point: half the
-/// targets' distance to the side, so that both are equally far from the picture's middle.
+/// From the scene's origin, which is on the midline of the back halfway between the targets'
+/// heights, to the point at which the camera aims: to the side by half the lateral distance of the
+/// targets, so that both are equally far from the centre of the image.
 const AIM_MM: Vector3<f64> = Vector3::new(-85.0, 0.0, 0.0);
 
-/// Height of the shoulder target above the lumbar one: acromion above L3 of a person of 1.8 m.
+/// Height of the shoulder target above the lumbar one: acromion above L3 for a person of 1.8 m.
 pub const SHOULDER_ABOVE_LUMBAR_MM: f64 = 430.0;
 
 /// The hip joint's axis lies this far below L3.
@@ -118,8 +119,8 @@ pub fn cam_from_scene(distance_mm: f64) -> Pose<Cam, Scene> {
     Pose::new(turned.rotation, Vector3::new(0.0, 0.0, distance_mm) - aim_mm)
 }
 
-/// The ankles in the scene, plumb below the hip joints: upright, the back's skin
-/// at the lumbar target is in the scene's plane.
+/// The ankles in the scene, vertically below the hip joints: when the person stands upright, the
+/// skin of the back at the lumbar target is in the scene's plane.
 #[must_use]
 pub fn ankle_mm() -> Vector3<f64> {
     let hip_below_origin_mm = SHOULDER_ABOVE_LUMBAR_MM / 2.0 + LUMBAR_ABOVE_HIP_MM;
@@ -137,9 +138,9 @@ pub struct TargetLayout {
     pub columns: u8,
     /// Inner corners along y.
     pub rows: u8,
-    /// Between corners.
+    /// The distance between neighbouring corners.
     pub pitch_mm: f64,
-    /// The body's point in the target frame.
+    /// The body point in the target frame.
     pub virtual_point_mm: [f64; 3],
     /// The target's origin in the trunk's frame.
     origin_trunk_mm: Vector3<f64>,
@@ -186,8 +187,8 @@ pub fn targets() -> [TargetLayout; 2] {
             rows: 4,
             pitch_mm: 12.0,
             virtual_point_mm: [0.0; 3],
-            // The left acromion, half a shoulder's breadth from the midline and a
-            // little forward of the lumbar skin.
+            // The left acromion, half a shoulder breadth from the midline and slightly in front of
+            // the skin at the lumbar target.
             origin_trunk_mm: Vector3::new(
                 -170.0,
                 -SHOULDER_ABOVE_HIP_MM,
@@ -199,8 +200,8 @@ pub fn targets() -> [TargetLayout; 2] {
     ]
 }
 
-/// The scene's origin when standing upright, in the trunk's frame: the point of
-/// the back's skin that the clothing moves with.
+/// The scene's origin in the trunk's frame when standing upright: the point of the skin of the back
+/// with which the clothing moves.
 #[must_use]
 pub fn back_origin_trunk_mm() -> Vector3<f64> {
     let hip_below_origin_mm = SHOULDER_ABOVE_LUMBAR_MM / 2.0 + LUMBAR_ABOVE_HIP_MM;

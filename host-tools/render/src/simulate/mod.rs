@@ -1,5 +1,5 @@
-//! A rendered person with known truth: both targets on a swaying body, seen by
-//! a real camera.
+//! A rendered person with known ground truth: both targets on a swaying body, seen by a real
+//! camera.
 //!
 //! ```no_run
 //! use plumbline_render::simulate::{Simulation, SimulationSettings};
@@ -14,9 +14,9 @@
 //! # Ok::<(), plumbline_render::simulate::SettingsError>(())
 //! ```
 //!
-//! The targets are integrated exactly ([`render`]); the background and an
-//! occluding arm are procedural clutter. The camera has a global shutter and
-//! the exposure is an instant: nothing is smeared by motion.
+//! The targets are integrated exactly ([`render`]); the background and an occluding arm are
+//! procedural clutter. The camera has a global shutter and the exposure is instantaneous: there is
+//! no motion blur.
 
 pub mod background;
 pub mod layout;
@@ -41,32 +41,32 @@ use self::render::{Board, Ink, PSF_SIGMA_PX_MAX, PSF_SIGMA_PX_MIN, Picture, Plac
 use self::sensor::{Sample, Sensor};
 use self::sway::{Sway, SwaySettings};
 
-/// What is simulated. The default is the standard scene: 1456 x 1088, f 1740 px,
-/// 12 mm pitch, 1 m, PSF 0.6 px, noise 2 levels, 8 bits, 60 Hz, prints of 20 and 220 of
-/// 255: paper exposed to 86 % of the sensor's range, as in a camera that was set up, and
-/// toner that reflects a tenth of it. In poor light it is 60 and 180.
+/// What is simulated. The default is the standard scene: 1456 x 1088, f 1740 px, 12 mm pitch, 1 m,
+/// PSF 0.6 px, noise 2 levels, 8 bits, 60 Hz, prints with greys 20 and 220 of 255: paper exposed to
+/// 86 % of the sensor's range, as with a properly adjusted camera, and toner that reflects a tenth
+/// of that. In poor light the greys are 60 and 180.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulationSettings {
     /// Frames per second.
     pub frame_rate_hz: f64,
-    /// Determines the motion, the clutter and the noise.
+    /// The seed of the motion, the clutter and the noise.
     pub seed: u64,
-    /// Standard deviation at mid grey, in levels of 255.
+    /// Standard deviation of the noise at mid grey, in levels of 255.
     pub noise_levels: f64,
     /// Standard deviation of the lens's Gaussian blur in the raw picture.
     pub psf_sigma_px: f64,
-    /// Bits of a sample, 8 to 16.
+    /// Bits per sample, 8 to 16.
     pub bits: u8,
     /// The lens.
     pub lens: LensChoice,
-    /// From the camera to the back; `None`: the lens's own.
+    /// From the camera to the back; `None` for the lens's own distance.
     pub distance_mm: Option<f64>,
     /// Grey of the prints' black, in levels of 255.
     pub black: f64,
     /// Grey of the prints' white, in levels of 255.
     pub white: f64,
-    /// How much brighter the frame's right edge is than its left one, relative
-    /// to the middle: 0.2 is 10 % more and 10 % less.
+    /// How much brighter the right edge of the frame is than the left one, relative to the middle:
+    /// 0.2 is 10 % more and 10 % less.
     pub gradient: f64,
     /// How the person sways.
     pub sway: SwaySettings,
@@ -93,7 +93,7 @@ impl Default for SimulationSettings {
     }
 }
 
-/// A setting that cannot be simulated: which, what was found, what is possible.
+/// A setting that cannot be simulated: its name, its value, and what is possible.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SettingsError(String);
 
@@ -108,33 +108,33 @@ impl std::error::Error for SettingsError {}
 /// One target of the simulation.
 #[derive(Debug, Clone)]
 pub struct SimulatedTarget {
-    /// Name, size, role, place.
+    /// Its name, size, role and position.
     pub layout: TargetLayout,
-    /// Its geometry, as the pipeline takes it.
+    /// Its geometry, as the pipeline uses it.
     pub geometry: TargetGeometry,
-    /// What is drawn.
+    /// What is printed on it.
     pub board: Board,
 }
 
-/// The truth at one frame.
+/// The ground truth at one frame.
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// The frame's number, from 0.
     pub frame: u64,
     /// The instant of the exposure, from the first frame's.
     pub time_s: f64,
-    /// In the order of [`Simulation::targets`].
+    /// The targets, in the order of [`Simulation::targets`].
     pub targets: Vec<TargetTruth>,
 }
 
-/// The truth of one target at one frame.
+/// The ground truth of one target at one frame.
 #[derive(Debug, Clone)]
 pub struct TargetTruth {
-    /// Where it is.
+    /// The target's pose.
     pub cam_from_target: Pose<Cam, Target>,
-    /// The body's point (the target's virtual point) along the scene's axes.
+    /// The body point (the target's virtual point) along the scene's axes.
     pub trunk_point: Anatomical,
-    /// Inner corners that are inside the frame and not behind the arm.
+    /// The number of inner corners inside the frame and not behind the arm.
     pub visible_corners: usize,
 }
 
@@ -219,7 +219,7 @@ impl Simulation {
         &self.targets
     }
 
-    /// Where the scene is.
+    /// The pose of the scene.
     #[must_use]
     pub fn cam_from_scene(&self) -> Pose<Cam, Scene> {
         self.cam_from_scene
@@ -246,7 +246,7 @@ impl Simulation {
         self.settings.occlusions.iter().filter_map(arm).collect()
     }
 
-    /// The truth at a frame.
+    /// The ground truth at a frame.
     #[must_use]
     pub fn truth(&self, frame: u64) -> Truth {
         let time_s = self.time_s(frame);
@@ -295,7 +295,7 @@ impl Simulation {
         }
     }
 
-    /// How far the point of the back at the scene's origin has moved in the picture.
+    /// How far the point of the back at the scene's origin has moved in the image.
     fn trunk_shift_px(&self, time_s: f64) -> Vector2<f64> {
         let scene_from_trunk = self.sway.scene_from_trunk(time_s, &layout::ankle_mm());
         let rest_trunk_mm = layout::back_origin_trunk_mm();
@@ -307,11 +307,11 @@ impl Simulation {
         now.zip(rest).map_or_else(Vector2::zeros, |(now, rest)| now - rest)
     }
 
-    /// A frame as the sensor delivers it, row by row; `samples` is resized and
-    /// overwritten. `u8` holds 8 bits, `u16` any number.
+    /// A frame as the sensor delivers it, row by row; `samples` is resized and overwritten. `u8`
+    /// holds 8 bits, `u16` any supported number.
     ///
     /// # Panics
-    /// When the sensor's bits do not fit the samples: a caller's bug.
+    /// When the sensor's bits do not fit the samples, which is a caller's bug.
     pub fn render<S: Sample>(&self, frame: u64, samples: &mut Vec<S>) {
         let bits = self.settings.bits;
         assert!(usize::from(bits) <= size_of::<S>() * 8, "{bits} bits do not fit the samples");
@@ -335,7 +335,7 @@ impl SimulationSettings {
         within("noise", self.noise_levels, 0.0, 100.0)?;
         within("psf", self.psf_sigma_px, PSF_SIGMA_PX_MIN, PSF_SIGMA_PX_MAX)?;
         within("bits", f64::from(self.bits), 8.0, 16.0)?;
-        // Closer than this a target fills the frame, farther its squares are below a pixel.
+        // If closer, a target fills the frame; if farther, its squares are smaller than a pixel.
         within("distance", self.distance_mm.unwrap_or(1000.0), 100.0, 20_000.0)?;
         within("black", self.black, 0.0, 255.0)?;
         within("white", self.white, 0.0, 255.0)?;
@@ -422,7 +422,7 @@ mod tests {
         assert_eq!(visible(121), [30, 20]);
         let [lumbar, shoulder] = visible(90);
         assert_eq!(lumbar, 30);
-        // Half of the paper's width, with a slanted round tip: two to three columns of five.
+        // Half of the paper's width, with a slanted round tip: two to three of five columns.
         assert!((8..=12).contains(&shoulder), "{shoulder}");
         let (mut before, mut during) = (Picture::uniform(0, 0, 0.0), Picture::uniform(0, 0, 0.0));
         simulation.render_grey(59, &mut before);

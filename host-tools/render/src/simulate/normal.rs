@@ -4,8 +4,8 @@
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 use std::sync::LazyLock;
 
-/// Beyond this many standard deviations an edge is not seen: the CDF is within
-/// 3e-7 of 0 or 1, a thirty-thousandth of a grey level.
+/// Beyond this many standard deviations an edge has no visible effect: the CDF is within 3e-7 of 0
+/// or 1, a thirty-thousandth of a grey level.
 pub(super) const REACH_SD: f64 = 5.0;
 
 /// Table nodes per standard deviation.
@@ -14,9 +14,9 @@ const NODES_PER_SD: f64 = 64.0;
 /// The table spans +-7 standard deviations, a little more than [`REACH_SD`].
 const TABLE_END_SD: f64 = 7.0;
 
-/// The CDF and its slope (the density, per node distance) at each node. Cubic
-/// Hermite interpolation between them is in error by at most
-/// (1/64)^4 / 384 x 1.4 (the largest third derivative of the density), 2e-10.
+/// The CDF and its slope (the density, per node distance) at each node. The error of cubic Hermite
+/// interpolation between them is at most (1/64)^4 / 384 x 1.4 (the largest third derivative of the
+/// density), 2e-10.
 static TABLE: LazyLock<Vec<[f64; 2]>> = LazyLock::new(|| {
     let last = (2.0 * TABLE_END_SD * NODES_PER_SD) as usize;
     (0..=last)
@@ -28,7 +28,7 @@ static TABLE: LazyLock<Vec<[f64; 2]>> = LazyLock::new(|| {
         .collect()
 });
 
-/// A reader of the table, so that the lazy initialisation is checked once and not per pixel.
+/// Gives access to the table, so that its lazy initialisation is checked once and not per pixel.
 #[derive(Clone, Copy)]
 pub(super) struct NormalCdf(&'static [[f64; 2]]);
 
@@ -55,7 +55,7 @@ impl NormalCdf {
         };
         let t = position - node as f64;
         let rise = end - start;
-        // Hermite's cubic in Horner's form.
+        // The Hermite cubic in Horner's form.
         let square = 3.0 * rise - 2.0 * start_slope - end_slope;
         let cube = start_slope + end_slope - 2.0 * rise;
         start + t * (start_slope + t * (square + t * cube))
@@ -94,13 +94,13 @@ impl GaussLegendre {
     }
 }
 
-/// What the correlation adds to the product of two normal CDFs:
-/// P(X < h, Y < k) - P(X < h) P(Y < k) for unit normals of correlation rho.
+/// The term that correlation adds to the product of two normal CDFs: P(X < h, Y < k) - P(X < h) P(Y
+/// < k) for unit normals of correlation rho.
 ///
-/// Plackett's identity says that the derivative of the bivariate CDF by rho is
-/// the bivariate density; with rho = sin t the integral is smooth up to the
-/// ends (Drezner and Wesolowsky 1990; Genz 2004). 3, 8 and 20 points give 1e-7
-/// below |rho| = 0.3, 0.75 and 0.925: a hundred-thousandth of a grey level.
+/// By Plackett's identity, the derivative of the bivariate CDF with respect to rho is the bivariate
+/// density; with rho = sin t the integrand is smooth up to the ends (Drezner and Wesolowsky 1990;
+/// Genz 2004). 3, 8 and 20 points give 1e-7 below |rho| = 0.3, 0.75 and 0.925: a hundred-thousandth
+/// of a grey level.
 pub(super) struct Correlation {
     /// [sin t, 1 / (2 cos^2 t), weight / 2 pi]
     nodes: Vec<[f64; 3]>,
@@ -111,7 +111,7 @@ impl Correlation {
         [3, 8, 20].map(GaussLegendre::new)
     }
 
-    /// Prepared for one correlation; `rules` are [`rules`](Self::rules)'s.
+    /// Prepares for one correlation; `rules` are those of [`rules`](Self::rules).
     pub(super) fn prepare(&mut self, rho: f64, rules: &[GaussLegendre; 3]) {
         self.nodes.clear();
         // A correlation of 1e-7 changes no value by more than 2e-8.

@@ -1,5 +1,4 @@
-//! A forearm that comes in from the side, rests over part of a target and
-//! leaves again.
+//! A forearm that enters from the side, rests over part of a target and leaves again.
 
 use std::str::FromStr;
 
@@ -13,17 +12,17 @@ use super::render::Picture;
 /// One passage of the arm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Occlusion {
-    /// Which target.
+    /// The name of the target.
     pub target: String,
-    /// When the arm comes into reach of the target.
+    /// When the arm reaches the target, seconds.
     pub start_s: f64,
-    /// When it has left.
+    /// When it has left the target, seconds.
     pub end_s: f64,
-    /// How much of the print's width it covers at most, 0 to 1.
+    /// The largest fraction of the print's width that it covers, 0 to 1.
     pub fraction: f64,
 }
 
-/// The part that is covered unless given: about half the corners.
+/// The default for that fraction: it covers about half of the corners.
 const FRACTION_DEFAULT: f64 = 0.5;
 
 impl FromStr for Occlusion {
@@ -69,11 +68,10 @@ pub struct Arm {
     seed: u32,
 }
 
-/// Part of the passage that the arm takes to come in, and again to leave.
+/// The fraction of the passage that the arm takes to come in, and again to leave.
 const MOVING_SHARE: f64 = 0.25;
 
-/// The arm's direction is slanted by this much: an edge along the target's own
-/// lines would be too easy.
+/// The slant of the arm's direction: an edge parallel to the target's own lines would be too easy.
 const SLANT_RAD: f64 = 0.3;
 
 impl Occlusion {
@@ -135,7 +133,7 @@ impl Arm {
             }
             let local = raw_px - self.tip_px;
             let (u, v) = (local.dot(&self.along) as f32, local.perp(&self.along) as f32);
-            // Round: darker towards the edges.
+            // The arm is round, so it is darker towards its edges.
             let round = (depth_px / self.radius_px).clamp(0.0, 1.0).sqrt() as f32;
             let grey = 75.0 + 65.0 * round + 8.0 * folds.at(u, v) + 4.0 * skin.at(u, v);
             let t = ((depth_px / edge_px + 1.0) / 2.0).clamp(0.0, 1.0) as f32;

@@ -1,11 +1,11 @@
-//! The simulated scene as a box is provisioned with it.
+//! The configuration with which a box would be provisioned for the simulated scene.
 
 use plumbline::config::{Config, Links, Machine, TargetConfig};
 
 use super::Simulation;
 
 impl Simulation {
-    /// Camera, targets and scene as they truly are; no camera to read, no links.
+    /// Camera, targets and scene as they truly are; no camera device and no links.
     #[must_use]
     pub fn config(&self) -> Config {
         let targets = self.targets().iter().map(|target| TargetConfig {

@@ -1,4 +1,4 @@
-//! A simulation as files: the frames with 8 or 10 bits, or what JPEG leaves of 8 bits, and the
+//! A simulation as files: the frames with 8 or 10 bits, or 8 bits after JPEG compression, and the
 //! rows of the true poses.
 
 use image::codecs::jpeg::JpegEncoder;
@@ -9,20 +9,20 @@ use plumbline_files::poses::PoseRow;
 
 use super::Simulation;
 
-/// What becomes of a sample between the sensor and the file.
+/// How samples are stored in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// 8 bits, as they are.
+    /// 8 bits, unchanged.
     Grey8,
-    /// 10 bits, as they are.
+    /// 10 bits, unchanged.
     Grey10,
-    /// 8 bits, encoded as JPEG of this quality (1 to 100) and decoded again, as
-    /// the frames of most USB cameras are.
+    /// 8 bits, encoded as JPEG of this quality (1 to 100) and decoded again, like the frames of
+    /// most USB cameras.
     Jpeg(u8),
 }
 
 impl Form {
-    /// Bits of a sample.
+    /// Bits per sample.
     #[must_use]
     pub fn bits(self) -> u8 {
         match self {
@@ -31,7 +31,7 @@ impl Form {
         }
     }
 
-    /// The Y4M colour space. The crate `y4m` knows none of 10 bits without colour.
+    /// The Y4M colour space. The crate `y4m` has none with 10 bits and no colour.
     pub fn colorspace(self) -> y4m::Colorspace {
         match self {
             Self::Grey8 | Self::Jpeg(_) => y4m::Colorspace::Cmono,
@@ -39,7 +39,7 @@ impl Form {
         }
     }
 
-    /// Either chroma plane of every frame, in the file's bytes: no colour.
+    /// Each of the two chroma planes of every frame, as bytes of the file: no colour.
     pub fn chroma(self, width: usize, height: usize) -> Vec<u8> {
         match self {
             Self::Grey8 | Self::Jpeg(_) => Vec::new(),
@@ -47,7 +47,7 @@ impl Form {
         }
     }
 
-    /// A frame's luma in the file's bytes; `luma` is overwritten.
+    /// The luma plane of a frame, as bytes of the file; `luma` is overwritten.
     pub fn render(
         self,
         simulation: &Simulation,
@@ -72,7 +72,7 @@ impl Form {
     }
 }
 
-/// Frames per second as the fraction that Y4M holds, to a thousandth.
+/// The number of frames per second as the fraction that Y4M stores, to a thousandth.
 #[must_use]
 pub fn frame_rate(frame_rate_hz: f64) -> y4m::Ratio {
     let thousandths = (frame_rate_hz * 1000.0).round() as usize;
@@ -83,7 +83,7 @@ pub fn frame_rate(frame_rate_hz: f64) -> y4m::Ratio {
     }
 }
 
-/// One frame's rows of truth.csv: the columns of poses.csv, `points` being the
+/// The rows of truth.csv for one frame: the columns of poses.csv, where `points` is the number of
 /// corners in view.
 #[must_use]
 pub fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {

@@ -2,21 +2,18 @@
 //!
 //! A pixel's value is the mean over its square of the scene blurred by the
 //! lens. Near a pixel the map from raw pixels to the target's plane is affine
-//! (matrix A, mm/px), and a Gaussian blur of `psf_sigma_px` in the picture is a
-//! Gaussian of covariance sigma^2 A A^T on the target. A checker is constant
-//! between lines parallel to the target's axes, so that its blurred value is a
-//! sum of bivariate normal CDFs at the lattice points. Away from the corners
-//! these are univariate ones. The mean over the pixel's square is a
-//! Gauss-Legendre quadrature of that smooth function, through the lens and the
-//! perspective. No supersampling: its jagged edges would be wrong by more than
-//! what is to be measured.
+//! (matrix A, mm/px), and a Gaussian blur of `psf_sigma_px` in the image is a Gaussian of
+//! covariance sigma^2 A A^T on the target. A checker is constant between lines parallel to the
+//! target's axes, so its blurred value is a sum of bivariate normal CDFs at the lattice points.
+//! Away from the corners these reduce to univariate ones. The mean over the pixel's square is a
+//! Gauss-Legendre quadrature of that smooth function, through the lens and the perspective. There
+//! is no supersampling: its jagged edges would cause errors larger than those to be measured.
 //!
-//! Neglected: how much the map bends within the blur and, for the lens alone,
-//! within the pixel. It moves an edge by about sigma^2/2 times the map's second
-//! derivative. The tests measure it: less than 0.001 px in the corner of a
-//! wide-angle picture (f 800 px, k1 -0.28, 57 degrees off the axis), and for the
-//! standard lens no more than the 0.0001 px to which the brute force is good.
-//! A print seen at grazing incidence (beyond 75 degrees) bends more.
+//! Neglected: the curvature of the map within the blur and, for the lens alone, within the pixel.
+//! It moves an edge by about sigma^2/2 times the map's second derivative. The tests measure it:
+//! less than 0.001 px in the corner of a wide-angle image (f 800 px, k1 -0.28, 57 degrees off
+//! axis), and for the standard lens no more than 0.0001 px, the accuracy of the brute-force
+//! reference. For a print seen at grazing incidence (beyond 75 degrees) the curvature is larger.
 //!
 //! Cost: about 20 ms for both targets of the standard scene on one core.
 
@@ -28,8 +25,8 @@ use rayon::prelude::*;
 
 use super::normal::{Correlation, GaussLegendre, NormalCdf, REACH_SD};
 
-/// The narrowest blur drawn. Below it the quadrature over the pixel needs more
-/// points than it has; real lenses are wider.
+/// The narrowest blur drawn. Narrower ones would need more quadrature points per pixel; real lenses
+/// have a wider blur.
 pub const PSF_SIGMA_PX_MIN: f64 = 0.3;
 
 /// The widest blur drawn.
@@ -47,7 +44,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture of one grey.
+    /// A picture of uniform grey.
     #[must_use]
     pub fn uniform(width: usize, height: usize, grey: f32) -> Self {
         Self { width, height, grey: vec![grey; width * height] }
@@ -66,18 +63,19 @@ pub struct Ink {
 /// A printed checker on its paper: what is drawn for a target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Board {
-    /// Where the grey changes along x, mm, ascending: paper's edge, each column's edge, paper's edge.
+    /// Where the grey changes along x, mm, ascending: edge of the paper, edges of each column, edge
+    /// of the paper.
     x_lines_mm: Vec<f64>,
     y_lines_mm: Vec<f64>,
     ink: Ink,
 }
 
 impl Board {
-    /// The print of a regular checker geometry: its squares, with one more
-    /// column and row of squares than inner corners, and a white margin around.
+    /// The print of a regular checker geometry: its squares, one more column and row of them than
+    /// inner corners, and a white margin around.
     ///
     /// # Panics
-    /// When the geometry's corners are not a flat regular grid: only those are printed.
+    /// When the geometry's corners are not a flat regular grid, as only such grids are printed.
     #[must_use]
     pub fn new(geometry: &TargetGeometry, margin_mm: f64, ink: Ink) -> Self {
         let (columns, rows) = (geometry.columns(), geometry.rows());
@@ -116,8 +114,8 @@ impl Board {
         [left, top, right, bottom]
     }
 
-    /// The grey between the lines: `column` lines lie to the left and `row`
-    /// above. `None` off the paper.
+    /// The grey of the cell with `column` lines to its left and `row` lines above it. `None` off
+    /// the paper.
     fn cell(&self, column: usize, row: usize) -> Option<f64> {
         let (columns, rows) = (self.x_lines_mm.len(), self.y_lines_mm.len());
         if column == 0 || row == 0 || column == columns || row == rows {
@@ -139,12 +137,12 @@ impl Board {
     }
 }
 
-/// A board and where it is.
+/// A board with its pose.
 #[derive(Debug, Clone)]
 pub struct PlacedBoard<'a> {
     /// What is printed.
     pub board: &'a Board,
-    /// Where it is.
+    /// The pose.
     pub cam_from_target: Pose<Cam, Target>,
 }
 
@@ -154,7 +152,7 @@ struct PlaneMap {
 }
 
 impl PlaneMap {
-    /// `None` when the plane passes through the camera or shows its back.
+    /// `None` when the plane passes through the camera or faces away from it.
     fn new(cam_from_target: &Pose<Cam, Target>) -> Option<Self> {
         let rotation = &cam_from_target.rotation;
         let origin = cam_from_target.translation_mm;
@@ -173,7 +171,7 @@ impl PlaneMap {
         homogeneous.xy() / homogeneous.z
     }
 
-    /// The point, and its Jacobian by the ray, mm.
+    /// The point, mm, and its Jacobian with respect to the ray.
     #[inline]
     fn point_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let homogeneous = self.plane_by_ray * Vector3::new(ray.x, ray.y, 1.0);
@@ -187,14 +185,13 @@ impl PlaneMap {
 
 /// Draws boards over `picture`, which holds the background, in the given order.
 ///
-/// `gain` multiplies the print's grey at a raw pixel (uneven light); it must be
-/// smooth over a few pixels. What of a board lies outside the frame, or outside
-/// the lens's monotonic range, is not drawn; neither is a board that shows its
-/// back or reaches behind the camera.
+/// `gain` multiplies the print's grey at a raw pixel (uneven light); it must be smooth over a few
+/// pixels. The parts of a board outside the frame, or outside the lens's monotonic range, are not
+/// drawn; nor is a board that faces away or reaches behind the camera.
 ///
 /// # Panics
-/// When the picture's size is not the lens's or the blur is not within
-/// [`PSF_SIGMA_PX_MIN`]`..=`[`PSF_SIGMA_PX_MAX`]: a caller's bug.
+/// When the picture's size is not that of the lens, or the blur is not within
+/// [`PSF_SIGMA_PX_MIN`]`..=`[`PSF_SIGMA_PX_MAX`]: both are a caller's bug.
 pub fn render_targets(
     lens: &Lens,
     psf_sigma_px: f64,
@@ -224,7 +221,7 @@ pub fn render_targets(
     }
 }
 
-/// The quadrature rules of one blur.
+/// The quadrature rules for one blur.
 struct Rules {
     /// Offset in px and weight; the weights add up to 1.
     pixel: Vec<[f64; 2]>,
@@ -248,15 +245,15 @@ impl Rules {
     }
 }
 
-/// The frame's part that a board and its blur can reach, [left, top, right,
-/// bottom), or `None` when there is none.
+/// The part of the frame that a board and its blur can reach, [left, top, right, bottom), or `None`
+/// when there is none.
 fn bounds_px(lens: &Lens, psf_sigma_px: f64, placed: &PlacedBoard<'_>) -> Option<[usize; 4]> {
     let [left, top, right, bottom] = placed.board.paper_mm();
     let frame = [usize::from(lens.width_px), usize::from(lens.height_px)];
     let mut low = Vector2::repeat(f64::INFINITY);
     let mut high = Vector2::repeat(f64::NEG_INFINITY);
-    // The border is bent by the lens: a straight line between two of these
-    // samples is off by far less than the pixels added below.
+    // The lens bends the border: the deviation from a straight line between two of these samples is
+    // far less than the pixels added below.
     const SAMPLES: usize = 16;
     for sample in 0..=SAMPLES {
         let t = sample as f64 / SAMPLES as f64;
@@ -269,7 +266,7 @@ fn bounds_px(lens: &Lens, psf_sigma_px: f64, placed: &PlacedBoard<'_>) -> Option
             let ray = point.xy() / point.z;
             let (raw_px, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
             if raw_by_ray.determinant() <= 0.0 {
-                // Past the lens's fold: the outline says nothing, so look everywhere.
+                // Beyond the lens's fold the outline is meaningless, so the whole frame is drawn.
                 return Some([0, 0, frame[0], frame[1]]);
             }
             low = low.inf(&raw_px);
@@ -290,7 +287,7 @@ fn bounds_px(lens: &Lens, psf_sigma_px: f64, placed: &PlacedBoard<'_>) -> Option
 /// One axis of the lattice around one pixel: the lines that its blur can reach.
 #[derive(Clone, Copy)]
 struct Lines<'a> {
-    /// Lines before the ones in reach: the index of the first cell.
+    /// The number of lines before those in reach: the index of the first cell.
     before: usize,
     lines_mm: &'a [f64],
 }
@@ -325,7 +322,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Reused buffers of one thread.
+/// Reusable buffers of one thread.
 struct Scratch {
     h: Vec<f64>,
     k: Vec<f64>,
@@ -416,7 +413,7 @@ impl Painter<'_> {
             let there = ray + ray_by_raw * Vector2::new(*x_px, *y_px);
             (self.map.point_mm(&there), x_weight * y_weight)
         });
-        // Almost all pixels see one edge or one corner.
+        // Almost all pixels see only one edge or one corner.
         if columns.lines_mm.len() <= 1 && rows.lines_mm.len() <= 1 {
             let (x_line, y_line) = (columns.lines_mm.first(), rows.lines_mm.first());
             let first = cell(0, 0);
@@ -463,7 +460,7 @@ impl Painter<'_> {
     }
 }
 
-/// The rays along a row, each found from its neighbour's.
+/// The rays along a row, each computed from its neighbour's.
 struct RayWalk<'a> {
     lens: &'a Lens,
     /// Raw pixel, ray, d ray / d raw.
@@ -471,10 +468,10 @@ struct RayWalk<'a> {
 }
 
 impl RayWalk<'_> {
-    /// The ray of a raw pixel and its Jacobian by the pixel.
+    /// The ray of a raw pixel, and its Jacobian with respect to the pixel.
     fn to(&mut self, raw_px: &Vector2<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-        // The neighbour's linear prediction is off by far less than a hundredth
-        // of a pixel, and one Newton step squares that.
+        // The linear prediction from the neighbour is off by far less than a hundredth of a pixel,
+        // and one Newton step squares that error.
         let found = self.last.and_then(|(last_px, ray, ray_by_raw)| {
             let mut ray = ray + ray_by_raw * (raw_px - last_px);
             for _ in 0..3 {
@@ -485,7 +482,7 @@ impl RayWalk<'_> {
                 let ray_by_raw = raw_by_ray.try_inverse()?;
                 let error_px = raw_px - value_px;
                 ray += ray_by_raw * error_px;
-                // Squared, and times the lens's bend per pixel: below 1e-8 px.
+                // Squared, and times the lens's curvature per pixel, the error is below 1e-8 px.
                 if error_px.norm_squared() < 1e-6 {
                     return Some((ray, ray_by_raw));
                 }

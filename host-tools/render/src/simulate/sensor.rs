@@ -8,17 +8,17 @@ use rayon::prelude::*;
 
 use super::render::Picture;
 
-/// The grey (of 255) at which the total noise is the given one: midway between
-/// the prints' black and white.
+/// The grey (of 255) at which the total noise has the given value: midway between the prints' black
+/// and white.
 const MID_GREY: f32 = 120.0;
 
-/// Share of the read noise in the variance at [`MID_GREY`]; photons make the
-/// rest. A small machine-vision sensor in room light is limited by its photons.
+/// Share of the read noise in the variance at [`MID_GREY`]; photon noise makes up the rest. A small
+/// machine-vision sensor in room light is limited by photon noise.
 const READ_VARIANCE_SHARE: f32 = 0.25;
 
-/// A sample that a sensor delivers.
+/// A sample as delivered by a sensor.
 pub trait Sample: Copy + Default + Send {
-    /// The nearest whole number to a level that fits and is not negative.
+    /// The whole number nearest to a level that is not negative and fits the type.
     fn rounded(level: f32) -> Self;
 }
 
@@ -39,17 +39,17 @@ impl Sample for u16 {
 pub struct Sensor {
     /// Total noise at [`MID_GREY`], standard deviation in levels of 255.
     pub noise_levels: f32,
-    /// Bits of a sample.
+    /// Bits per sample.
     pub bits: u8,
 }
 
 impl Sensor {
-    /// The samples of a picture: noise that the seed, the frame and the row
-    /// determine (so that the number of threads changes nothing), scaled from
-    /// levels of 255 to the sensor's bits, rounded and clipped.
+    /// The samples of a picture: scaled from levels of 255 to the sensor's bits, with noise added,
+    /// rounded and clipped. The noise depends only on the seed, the frame and the row, so the
+    /// number of threads does not matter.
     ///
     /// # Panics
-    /// When `samples` is not as long as the picture: a caller's bug.
+    /// When `samples` is not as long as the picture, which is a caller's bug.
     pub fn expose<S: Sample>(&self, picture: &Picture, seed: u64, frame: u64, samples: &mut [S]) {
         assert_eq!(samples.len(), picture.grey.len());
         let variance = self.noise_levels * self.noise_levels;
@@ -72,10 +72,10 @@ impl Sensor {
     }
 }
 
-/// The generator of one row's noise.
+/// The random generator for the noise of one row.
 fn noise_of_row(seed: u64, frame: u64, row: u64) -> Xoshiro256PlusPlus {
-    // Neighbouring seeds, frames and rows must not share a state: the three are
-    // spread over the seed's bytes, which are then scrambled as a whole.
+    // Neighbouring seeds, frames and rows must not share a state: the three are spread over the
+    // seed's bytes, which are then mixed together.
     let mut bytes = [0; 32];
     for (bytes, value) in bytes.chunks_exact_mut(8).zip([seed, frame, row]) {
         bytes.copy_from_slice(&value.to_le_bytes());

@@ -1,15 +1,14 @@
 //! How a standing person sways: an inverted pendulum that hinges at the hip.
 //!
-//! Two segments, legs and trunk, stand on the ankle joint, held by stiff and
-//! damped ankle and hip (a PD controller) against gravity, and are disturbed
-//! by random torques at both joints (low-pass filtered noise). The equations are
-//! linear for angles of a degree, so that the steady motion is a sum of
-//! sinusoids: the torques' spectrum times the pendulum's frequency response.
-//! It is computed so and not integrated, because the pose at any instant then
-//! needs no history: any frame, any rate, same motion.
+//! Two segments, legs and trunk, stand on the ankle joint. Stiffness and damping at ankle and hip
+//! (a PD controller) hold them against gravity, and random torques at both joints (low-pass
+//! filtered noise) disturb them. For angles of about a degree the equations are linear, so the
+//! steady motion is a sum of sinusoids: the spectrum of the torques times the frequency response of
+//! the pendulum. It is computed in this way, not integrated, because the pose at any instant then
+//! needs no history: the motion is the same for any frame and any rate.
 //!
-//! Sagittal and frontal plane move independently with the same mechanics
-//! (wider stance: stiffer); the trunk also twists a little.
+//! The sagittal and the frontal plane move independently with the same mechanics (the frontal plane
+//! is stiffer because of the width of the stance); the trunk also twists slightly.
 
 use std::f64::consts::TAU;
 
@@ -22,7 +21,7 @@ use rand_chacha::ChaCha8Rng;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Trunk;
 
-/// How large the sway is: long-term standard deviations of the shoulder's height.
+/// The amplitude of the sway: long-term standard deviations at the height of the shoulder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SwaySettings {
     /// Forward and backward, at the shoulder.
@@ -34,7 +33,7 @@ pub struct SwaySettings {
 }
 
 impl Default for SwaySettings {
-    /// Quiet standing of a healthy adult: 5 to 10 mm and 2 to 4 mm at the shoulder.
+    /// Quiet standing of a healthy adult: 5 to 10 mm AP and 2 to 4 mm ML at the shoulder.
     fn default() -> Self {
         Self { ap_sd_mm: 6.5, ml_sd_mm: 3.0, twist_sd_rad: 0.005 }
     }
@@ -43,11 +42,11 @@ impl Default for SwaySettings {
 /// Ankle to hip joint, mm, of a person of 1.8 m.
 pub const LEGS_MM: f64 = 850.0;
 
-/// Hip joint to the shoulder's height, mm.
+/// Hip joint to the height of the shoulder, mm.
 pub const SHOULDER_ABOVE_HIP_MM: f64 = 560.0;
 
-/// Masses, lengths and moments of a person of 1.8 m and 73 kg, feet left out:
-/// segment data after Winter's tables. kg, m, kg m^2.
+/// Masses, lengths and moments of inertia of a person of 1.8 m and 73 kg, without the feet: segment
+/// data from Winter's tables. kg, m, kg m^2.
 mod body {
     pub const LEGS_KG: f64 = 23.0;
     pub const LEGS_CENTRE_M: f64 = 0.50;
@@ -58,25 +57,25 @@ mod body {
     pub const GRAVITY: f64 = 9.81;
 }
 
-/// What holds one plane's motion up.
+/// The stiffness and damping that hold the body upright in one plane.
 struct Stiffness {
-    /// N m / rad and N m s / rad.
+    /// Stiffness, N m / rad, and damping, N m s / rad.
     ankle: [f64; 2],
     hip: [f64; 2],
 }
 
-/// A third above what gravity takes (657 N m/rad for the stiff body), which
-/// gives the slow modes at 0.2 Hz of quiet standing.
+/// A third more than gravity requires (657 N m/rad for the stiff body), which gives the slow modes
+/// of quiet standing at 0.2 Hz.
 const SAGITTAL: Stiffness = Stiffness { ankle: [890.0, 180.0], hip: [600.0, 60.0] };
 
 /// The legs form a frame: stiffer sideways.
 const FRONTAL: Stiffness = Stiffness { ankle: [1100.0, 200.0], hip: [700.0, 70.0] };
 
-/// The torques' noise is flat to here, then falls.
+/// The spectrum of the torque noise is flat up to this frequency, then falls.
 const TORQUE_CORNER_HZ: f64 = 0.8;
 
-/// Share of hip torque noise: with it, the hinge opens and closes by a
-/// third of the ankle's angle.
+/// The ratio of the torque noise at the hip to that at the ankle: with it, the hip angle varies by
+/// a third of the ankle angle.
 const HIP_TORQUE_RATIO: f64 = 0.6;
 
 /// The band that is synthesised; above it lies less than a thousandth of the power.
@@ -85,7 +84,7 @@ const BAND_HZ: [f64; 2] = [0.02, 3.0];
 /// Sinusoids per noise source: the motion repeats no sooner than after hours.
 const SINUSOIDS: usize = 120;
 
-/// One frequency's part: complex amplitudes of two angles.
+/// One frequency component: complex amplitudes of two angles.
 struct Part {
     rad_per_s: f64,
     amplitude_rad: Vector2<Complex<f64>>,
@@ -95,10 +94,11 @@ struct Part {
 struct Plane(Vec<Part>);
 
 impl Plane {
-    /// Scaled so that the shoulder's displacement has this standard deviation.
+    /// Scales the motion so that the displacement of the shoulder has this standard deviation.
     fn new(stiffness: &Stiffness, shoulder_sd_mm: f64, random: &mut ChaCha8Rng) -> Self {
         let mut parts = Vec::new();
-        // Torque noise at the ankle acts on the legs; at the hip on both, oppositely.
+        // Torque noise at the ankle acts on the legs; at the hip it acts on both segments, in
+        // opposite directions.
         for source in [Vector2::new(1.0, 0.0), Vector2::new(-1.0, 1.0) * HIP_TORQUE_RATIO] {
             for (hz, width_hz) in frequencies(random) {
                 let torque = (width_hz / (1.0 + (hz / TORQUE_CORNER_HZ).powi(2))).sqrt();
@@ -119,7 +119,7 @@ impl Plane {
         Self(parts)
     }
 
-    /// [legs, trunk] from the vertical, rad.
+    /// The angles of [legs, trunk] from the vertical, rad.
     fn angles_rad(&self, time_s: f64) -> Vector2<f64> {
         self.0.iter().fold(Vector2::zeros(), |sum, part| {
             let turned = turn(part.rad_per_s * time_s);
@@ -134,7 +134,7 @@ fn turn(angle_rad: f64) -> Complex<f64> {
     Complex::new(cos, sin)
 }
 
-/// Frequencies at random within equal steps of their logarithm, and the steps' widths.
+/// Random frequencies within equal steps of their logarithm, and the widths of the steps.
 fn frequencies(random: &mut ChaCha8Rng) -> Vec<(f64, f64)> {
     let step = (BAND_HZ[1] / BAND_HZ[0]).ln() / SINUSOIDS as f64;
     let at = |position: f64| BAND_HZ[0] * (position * step).exp();
@@ -146,7 +146,7 @@ fn frequencies(random: &mut ChaCha8Rng) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Angles of [legs, trunk] per torque on [legs, trunk] at a frequency:
+/// Angles of [legs, trunk] per torque on [legs, trunk] at one frequency:
 /// (-w^2 M + i w B + K - G)^-1 of the linearised double pendulum.
 fn frequency_response(stiffness: &Stiffness, rad_per_s: f64) -> Matrix2<Complex<f64>> {
     use body::*;
@@ -190,13 +190,13 @@ impl Sway {
         Self {
             sagittal: Plane::new(&SAGITTAL, settings.ap_sd_mm, &mut random),
             frontal: Plane::new(&FRONTAL, settings.ml_sd_mm, &mut random),
-            // The twist borrows the sideways motion's spectrum.
+            // The twist has the spectrum of the sideways motion.
             twist: Plane::new(&FRONTAL, 1.0, &mut random),
             twist_scale: settings.twist_sd_rad,
         }
     }
 
-    /// Where the trunk is, in the scene; `ankle_mm` is the ankles' place there.
+    /// The pose of the trunk in the scene; `ankle_mm` is the position of the ankles there.
     #[must_use]
     pub fn scene_from_trunk(&self, time_s: f64, ankle_mm: &Vector3<f64>) -> Pose<Scene, Trunk> {
         let forward = self.sagittal.angles_rad(time_s);
@@ -204,7 +204,7 @@ impl Sway {
         let twisting = self.twist.angles_rad(time_s);
         let twist_rad =
             self.twist_scale * (twisting[0] * LEGS_MM + twisting[1] * SHOULDER_ABOVE_HIP_MM);
-        // Up is -y: leaning forward (+z) is a turn about -x, to the right (+x) about +z.
+        // Up is -y: leaning forward (+z) is a rotation about -x, leaning right (+x) about +z.
         let legs = rotation_from_vector(&Vector3::new(-forward[0], 0.0, right[0]));
         let trunk = rotation_from_vector(&Vector3::new(-forward[1], twist_rad, right[1]));
         Pose::new(trunk, ankle_mm + legs * Vector3::new(0.0, -LEGS_MM, 0.0))
@@ -215,7 +215,7 @@ impl Sway {
 mod tests {
     use super::*;
 
-    /// The shoulder's height above the hip, at rest above the scene's origin.
+    /// The position of the shoulder above the hip, which at rest is above the scene's origin.
     fn shoulder_mm(sway: &Sway, time_s: f64) -> Vector3<f64> {
         let above = Vector3::new(0.0, -SHOULDER_ABOVE_HIP_MM, 0.0);
         sway.scene_from_trunk(time_s, &Vector3::zeros()).transform(&above)
@@ -237,10 +237,10 @@ mod tests {
             let squares: f64 = path.iter().map(|point| point[axis].powi(2)).sum();
             (squares / path.len() as f64).sqrt()
         };
-        // The settings are long-term values; 20 minutes hold some 200 slow swings.
+        // The settings are long-term values; 20 minutes contain about 200 slow swings.
         assert!((sd(2) / 6.5 - 1.0).abs() < 0.1, "AP {}", sd(2));
         assert!((sd(0) / 3.0 - 1.0).abs() < 0.1, "ML {}", sd(0));
-        // 5 to 20 mm/s is what force plates and motion capture report.
+        // Force plates and motion capture report 5 to 20 mm/s.
         let speed = (rms(2, 1).hypot(rms(0, 1))) * rate_hz;
         assert!((5.0..20.0).contains(&speed), "{speed} mm/s");
         // A motion above 1 Hz would show as acceleration: at 1 Hz and full

@@ -18,7 +18,7 @@ type OfPlot = fn(&Plot) -> &Figure;
 /// One figure of an ellipse.
 type OfEllipse = fn(&Ellipse) -> &Figure;
 
-/// All figures of a trial, for people.
+/// All figures of a trial as text for people.
 #[must_use]
 pub fn text(analysis: &Analysis) -> String {
     let mut text = format!("{}, t = 0: {}\n", analysis.source, analysis.zero);
@@ -34,7 +34,7 @@ pub fn text(analysis: &Analysis) -> String {
     text
 }
 
-/// The data behind a point's figures.
+/// A description of the data behind a point's figures.
 #[must_use]
 pub fn heading(point: &PointFigures, filter_s: f64) -> String {
     let sway = &point.filtered;

@@ -80,7 +80,7 @@ impl Rows {
         let most = self.time_s.iter().enumerate().map(|it| off(it).abs()).fold(0.0, f64::max);
         (most > UNEVEN_PERIODS).then(|| {
             format!(
-                "frames are up to {:.1} ms from an even spacing, which the file takes for granted",
+                "frames are up to {:.1} ms from the even spacing that the file format assumes",
                 1e3 * most / self.rate_hz
             )
         })

@@ -1,4 +1,4 @@
-//! `plumb calibrate` beside OpenCV's calibrateCamera, on real photographs.
+//! Compares `plumb calibrate` with OpenCV's calibrateCamera on real photographs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use plumbline_test_support::data_directory;
 
 use crate::command::{Task, root, target_directory};
 
-/// A set of photographs, where the data are there.
+/// A set of photographs, if the data are present.
 struct Set {
     folder: &'static str,
     columns: u8,
@@ -24,7 +24,7 @@ const SETS: [Set; 2] = [
     Set { folder: "ur3a_cam1/intrinsic", columns: 9, rows: 7, pitch_mm: 20.0 },
 ];
 
-/// One table; empty where there are no photographs.
+/// The table; empty if there are no photographs.
 pub fn table() -> Result<String> {
     let data = data_directory();
     let mut rows = String::new();

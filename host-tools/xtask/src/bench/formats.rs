@@ -1,5 +1,5 @@
-//! What the form of the frames does to the precision: 8 bits, 10 bits, 8 bits after
-//! JPEG, poor light, and frames that are not the project's own drawing.
+//! How the format of the frames affects precision: 8 bits, 10 bits, 8 bits after JPEG, poor light,
+//! and frames drawn by another renderer.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,17 +9,17 @@ use anyhow::Result;
 use super::{Figures, figures_of, get, limit, limit_mm, measure, python_has, render};
 use crate::command::{Task, root, target_directory};
 
-/// A row's name, and the figures of its frames.
+/// The name of a row, and the figures of its frames.
 type Row = (String, Figures);
 
-/// Frames that Mitsuba draws at most: it takes some seconds for each.
+/// The most frames that Mitsuba draws: each takes some seconds.
 const MITSUBA_FRAMES: u32 = 120;
 
-/// Measures everything but the plain 8-bit frames, whose figures are known already.
-/// What is in `directory` is replaced.
+/// Measures every format except plain 8-bit frames, whose figures are already known. The contents
+/// of `directory` are replaced.
 pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec<Row>> {
     let mut rows = vec![("8 bits".to_owned(), plain.clone())];
-    // With the options that the bound must know as well. JPEG can only raise it.
+    // Includes the options that the bound must take into account. JPEG can only raise the bound.
     let (bits, light) = (["--bits", "10"], ["--black", "60", "--white", "180"]);
     let forms: [(_, &[_], &[_]); 4] = [
         ("8 bits, poor light (60 and 180)", &light, &light),
@@ -36,7 +36,7 @@ pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec
         rows.push((name.to_owned(), figures));
     }
     if python_has("mitsuba") {
-        // Of the same scene as the last ones.
+        // The same scene as in the previous format.
         let script = root().join("host-tools/bench/mitsuba_scene.py");
         let plumb = target_directory().join("release/plumb");
         let drawn = Task::new("python3")

@@ -1,5 +1,5 @@
-//! How long `plumb` takes for recordings, and how much memory: each time the whole program, from
-//! the trials' packets on the disk to its output.
+//! How long `plumb` takes for recordings, and how much memory: each time the whole program is run,
+//! from the trials' packets on disk to its output.
 
 use std::fs;
 use std::path::Path;
@@ -10,10 +10,10 @@ use super::{Figures, figures_of, get};
 use crate::command::{Task, target_directory};
 use crate::setup;
 
-/// How often each is run: the first may find its files not in memory.
+/// The number of runs of each: in the first, files may not yet be cached in memory.
 const RUNS: usize = 3;
 
-/// What a row says that it measures, with its bound, and the arguments of `plumb` in the folder
+/// What each row measures, with its bound, and the arguments of `plumb`, which runs in the folder
 /// of the trials.
 const ROWS: [(&str, &[&str]); 5] = [
     ("a study of 28 trials of a minute (at most 2 s): `plumb study`", &["study", "trials.toml"]),
@@ -29,12 +29,12 @@ const ROWS: [(&str, &[&str]); 5] = [
     ),
 ];
 
-/// One table.
+/// The table.
 pub fn table() -> Result<String> {
     setup::ensure(&[setup::TIME])?;
     let folder = target_directory().join("bench-trials");
     if folder.exists() {
-        // Of a run that was interrupted.
+        // Left by a run that was interrupted.
         fs::remove_dir_all(&folder).context(format!("{}", folder.display()))?;
     }
     let release = |what: &[&str]| {
@@ -53,12 +53,12 @@ pub fn table() -> Result<String> {
         let runs = (0..RUNS).map(|_| measure(&programs.join("plumb"), &folder, arguments));
         table += &row(name, &runs.collect::<Result<Vec<_>>>()?)?;
     }
-    // Some 200 MB that nobody wants to find again.
+    // About 200 MB that are of no further use.
     fs::remove_dir_all(&folder).context(format!("{}", folder.display()))?;
     Ok(table)
 }
 
-/// One run: its seconds, and its largest resident set in KiB.
+/// One run: the time in seconds, and the largest resident set in KiB.
 fn measure(plumb: &Path, folder: &Path, arguments: &[&str]) -> Result<Figures> {
     let timed = Task::new("time")
         .args(["--format", "seconds\\t%e\npeak_kib\\t%M"])
@@ -111,7 +111,7 @@ mod tests {
         let script = "pwd; sleep 0.3";
         let run = measure("sh".as_ref(), folder.path(), &["-c", script]).unwrap();
         let number = |figure: &str| get(&run, figure).unwrap().parse::<f64>().unwrap();
-        // A shell takes a few MiB; on a busy machine it takes its time.
+        // A shell takes a few MiB; its time depends on how busy the machine is.
         assert!((0.3..30.0).contains(&number("seconds")), "{run:?}");
         assert!((200.0..100_000.0).contains(&number("peak_kib")), "{run:?}");
     }

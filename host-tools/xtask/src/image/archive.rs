@@ -1,8 +1,7 @@
-//! An archive as the kernel unpacks it into the first root file system: cpio,
-//! format `newc`.
+//! An archive that the kernel unpacks into the initial root file system: cpio, format `newc`.
 //!
-//! The same entries give the same bytes, in whatever order they are added:
-//! sorted by name, owned by root, dated 1970.
+//! The same entries give the same bytes, whatever the order in which they are added: they are
+//! sorted by name, owned by root and dated 1970.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -10,7 +9,7 @@ use std::io::Write as _;
 use anyhow::{Context, Result};
 use cpio::newc::{Builder, ModeFileType, trailer};
 
-/// Files, directories and links by their names, which do not start with a slash.
+/// Files, directories and links by name; names do not start with a slash.
 #[derive(Debug, Default)]
 pub struct Archive {
     entries: BTreeMap<String, Entry>,
@@ -39,7 +38,7 @@ impl Archive {
         self.add(name, Entry::Link { target: target.into() });
     }
 
-    /// The directories above it come with it.
+    /// Adds an entry and the directories above it.
     fn add(&mut self, name: &str, entry: Entry) {
         for (end, _) in name.match_indices('/') {
             self.entries.entry(name[..end].into()).or_insert(Entry::Directory);
@@ -47,7 +46,7 @@ impl Archive {
         self.entries.insert(name.into(), entry);
     }
 
-    /// The archive's bytes, as many as a multiple of 4: another may follow.
+    /// The bytes of the archive, padded to a multiple of 4 so that another may follow.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         for (number, (name, entry)) in (1..).zip(&self.entries) {
@@ -73,7 +72,7 @@ impl Archive {
     }
 }
 
-/// Zeros up to a multiple of 4: there the kernel looks for the next archive.
+/// Appends zeros up to a multiple of 4, where the kernel looks for the next archive.
 pub fn pad(bytes: &mut Vec<u8>) {
     bytes.resize(bytes.len().next_multiple_of(4), 0);
 }

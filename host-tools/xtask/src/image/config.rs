@@ -1,7 +1,7 @@
-//! A configuration that a box would refuse goes into no image.
+//! Keeps a configuration that a box would refuse out of images.
 //!
-//! The box's own program judges it, built for this machine: like the one in the
-//! images it has no libcamera.
+//! It is checked by the box's own program, built for this machine: like the one in the images, it
+//! has no libcamera.
 
 use std::fs;
 use std::path::{self, Path, PathBuf};
@@ -12,10 +12,10 @@ use anyhow::{Context, Result, bail};
 use crate::command::{BadInput, Task, target_directory};
 use crate::setup;
 
-/// Where the configuration is, once it has been found usable.
+/// The path of the configuration, after it has been found valid.
 pub fn checked(config: &Path) -> Result<PathBuf> {
     let name = config.display();
-    // This costs nothing, and building the program some minutes.
+    // Checked first because it is quick, whereas building the program takes some minutes.
     if let Err(error) = fs::read(config) {
         bail!(BadInput(format!(
             "--config: {name} cannot be read: {error}; give the file that `plumb provision` wrote"

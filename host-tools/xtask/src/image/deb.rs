@@ -1,8 +1,8 @@
 //! The Debian package, for Debian trixie and Raspberry Pi OS on arm64: the box's
 //! program with libcamera, for cameras on a ribbon cable, and a systemd unit.
 //!
-//! What it depends on follows from the program itself: the shared libraries that
-//! it names, and the newest version of the C library that it takes a function from.
+//! Its dependencies follow from the program itself: the shared libraries that it names, and the
+//! newest version of the C library from which it uses a function.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,14 +15,14 @@ use super::{directory, initramfs, output};
 use crate::command::{Task, root};
 use crate::setup::{Need, Probe};
 
-/// What making it takes.
+/// The tools needed to make the package.
 pub const NEEDS: &[Need] =
     &[Need { probe: Probe::Program("dpkg-deb"), package: "dpkg", why: "makes the Debian package" }];
 
-/// The package's version: the program's.
+/// The package's version, which is that of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// The package that has a shared library, without a version but the C library's.
+/// The package that contains a shared library; only for the C library with a version.
 fn package_of(library: &str) -> Result<&'static str> {
     Ok(match library {
         "libcamera.so.0.4" | "libcamera-base.so.0.4" => "libcamera0.4",
@@ -33,7 +33,7 @@ fn package_of(library: &str) -> Result<&'static str> {
     })
 }
 
-/// The control file's `Depends`, from what readelf tells of the program.
+/// The control file's `Depends`, from readelf's output for the program.
 fn depends(dynamic: &str, versions: &str) -> Result<String> {
     let mut packages = BTreeSet::new();
     for line in dynamic.lines().filter(|line| line.contains("(NEEDED)")) {
@@ -42,7 +42,7 @@ fn depends(dynamic: &str, versions: &str) -> Result<String> {
     }
     let minor = |word: &str| word.strip_prefix("GLIBC_2.")?.parse::<u32>().ok();
     let newest = versions.split_whitespace().filter_map(minor).max();
-    let newest = newest.context("readelf tells no version of the C library")?;
+    let newest = newest.context("readelf reports no version of the C library")?;
     let text = |package: &&str| match *package {
         "libc6" => format!("libc6 (>= 2.{newest})"),
         package => package.to_owned(),
@@ -52,7 +52,7 @@ fn depends(dynamic: &str, versions: &str) -> Result<String> {
     Ok(packages.iter().map(text).collect::<Vec<_>>().join(", "))
 }
 
-/// Makes the package `out` of the program.
+/// Makes the package `out` from the program.
 pub fn make(program: &Path, out: &Path) -> Result<()> {
     let tree = directory().join("deb");
     if tree.exists() {
@@ -90,7 +90,7 @@ pub fn make(program: &Path, out: &Path) -> Result<()> {
     put("DEBIAN/control", 0o644, control.as_bytes())?;
 
     output::file(out, |out| {
-        // The date of the files, which otherwise would make each package another.
+        // The date of the files, without which every package would differ.
         Task::new("dpkg-deb")
             .env("SOURCE_DATE_EPOCH", "0")
             .args(["--root-owner-group", "-Zxz", "--build"])
@@ -105,7 +105,7 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The MIT licence as Debian's copyright files have texts: indented, empty lines dotted.
+/// The MIT licence in the format of Debian's copyright files: indented, with dots on empty lines.
 fn expat() -> Result<String> {
     let text = fs::read_to_string(root().join("LICENSE-MIT")).context("LICENSE-MIT")?;
     let mut licence = "License: Expat\n".to_owned();

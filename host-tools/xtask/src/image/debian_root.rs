@@ -1,8 +1,8 @@
 //! Debian's arm64 files: kernel, modules, boot firmware, busybox, libcamera.
 //!
-//! `mmdebstrap` fetches the packages, checks their signatures and unpacks them;
-//! nothing in them is run, so that any computer can do it. The result is kept
-//! below `target/image`; removing it fetches the newest packages anew.
+//! `mmdebstrap` fetches the packages, checks their signatures and unpacks them; nothing in them is
+//! run, so any computer can do it. The result is kept below `target/image`; if it is removed, the
+//! newest packages are fetched again.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -13,11 +13,11 @@ use anyhow::{Context, Result, ensure};
 use crate::command::{Task, target_directory};
 use crate::setup::{Need, Probe};
 
-/// The release that the packages are from: it has libcamera 0.4, which the Debian
-/// package needs, and a kernel with drivers for all that the images run on.
+/// The release from which the packages come: it has libcamera 0.4, which the Debian package needs,
+/// and a kernel with drivers for everything that the images run on.
 pub const RELEASE: &str = "trixie";
 
-/// What is fetched; what these depend on comes with them.
+/// The packages to fetch; their dependencies come with them.
 const PACKAGES: &[&str] = &[
     "linux-image-arm64",
     "busybox-static",
@@ -28,10 +28,10 @@ const PACKAGES: &[&str] = &[
     "libstdc++-14-dev",
 ];
 
-/// The Raspberry Pi's boot firmware is not free software: its own section.
+/// The Raspberry Pi's boot firmware is not free software and is in a section of its own.
 const COMPONENTS: &str = "main,non-free-firmware";
 
-/// What fetching takes.
+/// The tools needed to fetch the packages.
 pub const NEEDS: &[Need] = &[
     Need {
         probe: Probe::Program("mmdebstrap"),
@@ -62,7 +62,7 @@ pub struct DebianRoot {
 }
 
 impl DebianRoot {
-    /// Fetches the packages, unless they are there.
+    /// Fetches the packages, unless they are already there.
     pub fn fetch() -> Result<Self> {
         let path = target_directory().join("image").join(format!("{RELEASE}-arm64"));
         let packages = PACKAGES.join(",");
@@ -75,7 +75,8 @@ impl DebianRoot {
         }
         let unfinished = path.with_extension("unfinished");
         unpack("arm64", PACKAGES, &unfinished)?;
-        // Debian has moved /lib there; a script that is not run makes the link.
+        // Debian has moved /lib to /usr; the link is normally made by a script, which is not run
+        // here.
         if !unfinished.join("lib").exists() {
             symlink("usr/lib", unfinished.join("lib"))?;
         }
@@ -91,12 +92,12 @@ impl DebianRoot {
         Ok(Self { path })
     }
 
-    /// Where it is.
+    /// The path of the root.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// A file of it.
+    /// Reads a file below it.
     pub fn read(&self, name: &str) -> Result<Vec<u8>> {
         let path = self.path.join(name);
         fs::read(&path).with_context(|| path.display().to_string())
@@ -109,26 +110,31 @@ impl DebianRoot {
         for entry in fs::read_dir(&modules).with_context(|| modules.display().to_string())? {
             versions.push(entry?.file_name().to_string_lossy().into_owned());
         }
-        ensure!(versions.len() == 1, "{}: not one kernel but {versions:?}", modules.display());
+        ensure!(
+            versions.len() == 1,
+            "{}: expected one kernel, found {versions:?}",
+            modules.display()
+        );
         Ok(versions.remove(0))
     }
 
-    /// What the kernel was built with: a line `CONFIG_NAME=y` or `=m` for each part.
+    /// The configuration with which the kernel was built: a line `CONFIG_NAME=y` or `=m` for each
+    /// part.
     pub fn kernel_config_path(&self) -> Result<PathBuf> {
         Ok(self.path.join(format!("boot/config-{}", self.kernel_version()?)))
     }
 
-    /// Where the kernel's device trees for a Raspberry Pi are.
+    /// The directory of the kernel's device trees for the Raspberry Pi.
     pub fn device_trees(&self) -> Result<PathBuf> {
         Ok(self.path.join(format!("usr/lib/linux-image-{}/broadcom", self.kernel_version()?)))
     }
 
-    /// Where the kernel itself is.
+    /// The path of the kernel itself.
     pub fn kernel_path(&self) -> Result<PathBuf> {
         Ok(self.path.join(format!("boot/vmlinuz-{}", self.kernel_version()?)))
     }
 
-    /// Which module needs which, as depmod has found out.
+    /// Which module needs which, as computed by depmod.
     pub fn module_dependencies(&self) -> Result<String> {
         Ok(String::from_utf8(self.read(DEPENDENCIES)?)?)
     }
@@ -136,8 +142,8 @@ impl DebianRoot {
 
 const DEPENDENCIES: &str = "modules.dep";
 
-/// Unpacks packages of the release and what they depend on into a new directory; nothing in
-/// them is run.
+/// Unpacks packages of the release and their dependencies into a new directory; nothing in them is
+/// run.
 pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result<()> {
     if directory.exists() {
         fs::remove_dir_all(directory).with_context(|| directory.display().to_string())?;
@@ -149,7 +155,7 @@ pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result
         .args([format!("--components={COMPONENTS}"), format!("--include={}", packages.join(","))])
         .args([RELEASE.as_ref(), archive.as_os_str()])
         .run()?;
-    // Devices belong to a running system, and only root may make them.
+    // Device files belong to a running system, and only root may create them.
     Task::new("tar")
         .args(["--extract", "--no-same-owner", "--exclude=./dev/*", "--file"])
         .args([&archive])
@@ -158,7 +164,7 @@ pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result
     Ok(fs::remove_file(&archive)?)
 }
 
-/// The last file that is made, so that its content tells that all is there.
+/// The last file to be made: its content shows that everything is there.
 fn stamp(root: &Path) -> PathBuf {
     root.join("packages")
 }

@@ -1,11 +1,11 @@
-//! What an emulated Raspberry Pi 4 needs beside the card: an emulator that has that
-//! machine, and a device tree of what it emulates.
+//! What an emulated Raspberry Pi 4 needs besides the card: an emulator that has this machine, and a
+//! device tree of the hardware that it emulates.
 //!
-//! QEMU has the machine `raspi4b` since version 9, and Debian since trixie. Where the
-//! system's own emulator lacks it, trixie's is fetched as the ARM packages are, and run by
-//! its own loader with its own libraries: nothing is installed.
+//! QEMU has had the machine `raspi4b` since version 9, and Debian since trixie. If the system's own
+//! emulator lacks it, trixie's is fetched like the ARM packages and run by its own loader with its
+//! own libraries: nothing is installed.
 //!
-//! The tree is the card's own for a Pi 4 Model B, changed where QEMU 10 differs from a Pi:
+//! The device tree is the card's own for a Pi 4 Model B, changed where QEMU 10 differs from a Pi:
 //!
 //! | node | change | because |
 //! |---|---|---|
@@ -17,8 +17,7 @@
 //! | power management | in memory | QEMU resets the machine as soon as the watchdog is *started*; the tests play the registers, as the hardware does |
 //! | `/chosen/framebuffer` | new | as the firmware adds it where there is a screen |
 //!
-//! PCIe, Ethernet, the thermal sensor and the random number generator are removed by QEMU
-//! itself.
+//! QEMU itself removes PCIe, Ethernet, the thermal sensor and the random number generator.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -33,10 +32,10 @@ use crate::setup::{Need, Probe};
 /// The machine's name in QEMU.
 const MACHINE: &str = "raspi4b";
 
-/// What is fetched where the system's QEMU is older.
+/// The packages fetched if the system's QEMU is older.
 const PACKAGES: &[&str] = &["qemu-system-arm"];
 
-/// What making both takes.
+/// The tools needed for both.
 pub const NEEDS: &[Need] = &[
     Need {
         probe: Probe::Program("fdtput"),
@@ -50,15 +49,15 @@ pub const NEEDS: &[Need] = &[
     },
 ];
 
-/// Beyond the memory that the kernel is told of, which ends at 0x3c000000, and inside the
-/// emulated one. `tests/boot/pi/power_management.rs` plays the registers there.
+/// An address beyond the memory reported to the kernel, which ends at 0x3c000000, but inside the
+/// emulated memory. `tests/boot/pi/power_management.rs` simulates the registers there.
 const POWER_MANAGEMENT: u32 = 0x3e00_0000;
 
-/// Where QEMU's frame buffer is after a reset: 640 x 480 pixels of 16 bits.
+/// The address of QEMU's frame buffer after a reset: 640 x 480 pixels of 16 bits.
 const FRAME_BUFFER: u32 = 0x3c10_0000;
 
-/// What QEMU does not have, below `/soc`: names, or beginnings of names that end with `@`
-/// or an address.
+/// Nodes below `/soc` that QEMU does not have: names, or prefixes of names that end with `@` or an
+/// address.
 const ABSENT: &[&str] = &[
     "txp@",
     "hvs@",
@@ -72,7 +71,7 @@ const ABSENT: &[&str] = &[
     "interrupt-controller@7ef",
 ];
 
-/// Writes the device tree of the emulated machine: `tree`, the card's, changed into `emulated`.
+/// Writes the device tree of the emulated machine: `tree`, the card's, with changes, as `emulated`.
 pub fn make_tree(tree: &Path, emulated: &Path) -> Result<()> {
     fs::copy(tree, emulated).with_context(|| tree.display().to_string())?;
     let tree = Tree { file: emulated };
@@ -92,7 +91,7 @@ pub fn make_tree(tree: &Path, emulated: &Path) -> Result<()> {
     tree.edit(&[], &[slot, "broken-cd"])?;
     tree.disable("/emmc2bus/mmc@7e340000")?;
 
-    // On the bus this address is the same as in memory.
+    // The bus address is the same as the memory address.
     let page = [POWER_MANAGEMENT, 0, POWER_MANAGEMENT, 0x1000];
     let ranges = [tree.cells("/soc", "ranges")?, page.to_vec()].concat();
     tree.set_cells("/soc", "ranges", &ranges)?;
@@ -118,7 +117,7 @@ fn is_absent(node: &str) -> bool {
     ABSENT.iter().any(|name| node.starts_with(name))
 }
 
-/// A device tree in a file, changed with Debian's tools.
+/// A device tree in a file, edited with Debian's tools.
 struct Tree<'a> {
     file: &'a Path,
 }
@@ -158,7 +157,7 @@ impl Tree<'_> {
     }
 }
 
-/// Writes the script that starts an emulator with the machine, fetched where the system has
+/// Writes the script that starts an emulator for the machine, which is fetched if the system has
 /// none.
 pub fn make_emulator(script: &Path) -> Result<()> {
     let command = if system_has_it() {
@@ -192,7 +191,7 @@ fn fetched() -> Result<PathBuf> {
     Ok(path)
 }
 
-/// How Debian names things on the machine that emulates.
+/// Debian's names for the machine on which the emulator runs.
 struct Here {
     architecture: &'static str,
     libraries: &'static str,

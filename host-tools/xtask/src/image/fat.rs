@@ -1,5 +1,5 @@
-//! FAT file systems in files, made with dosfstools and mtools: neither needs to
-//! be root. The same content gives the same bytes.
+//! FAT file systems in files, made with dosfstools and mtools, neither of which needs root. The
+//! same content gives the same bytes.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use anyhow::Result;
 use crate::command::Task;
 use crate::setup::{Need, Probe};
 
-/// The file systems' name.
+/// The label of the file systems.
 pub const LABEL: &str = "PLUMBLINE";
 
-/// What making them takes.
+/// The tools needed to make them.
 pub const NEEDS: &[Need] = &[
     Need {
         probe: Probe::File("/usr/sbin/mkfs.fat"),
@@ -35,7 +35,7 @@ pub struct Fat<'a> {
 }
 
 impl<'a> Fat<'a> {
-    /// Makes an empty one of `size_bytes` at `start_bytes` of the file, which must be large
+    /// Makes an empty file system of `size_bytes` at `start_bytes` of the file, which must be large
     /// enough. `bits` is 12, 16 or 32.
     pub fn make(file: &'a Path, start_bytes: u64, size_bytes: u64, bits: u8) -> Result<Self> {
         Task::new("/usr/sbin/mkfs.fat")
@@ -47,10 +47,11 @@ impl<'a> Fat<'a> {
         Ok(Self { file, start_bytes })
     }
 
-    /// Copies a file into its root, under this name.
+    /// Copies a file into the root directory under this name.
     pub fn copy(&self, from: &Path, name: &str) -> Result<()> {
         let image = format!("{}@@{}", self.file.display(), self.start_bytes);
-        // mtools dates what it writes by this; otherwise each day gives another image.
+        // mtools uses this as the date of the files it writes; otherwise the image would change
+        // every day.
         Task::new("mcopy")
             .env("SOURCE_DATE_EPOCH", "0")
             .args(["-o", "-i", &image])

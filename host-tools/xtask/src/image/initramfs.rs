@@ -1,4 +1,4 @@
-//! The box's root file system, all of it: unpacked into memory by the kernel.
+//! The box's complete root file system, which the kernel unpacks into memory.
 //!
 //! | file | is |
 //! |---|---|
@@ -26,7 +26,7 @@ use crate::command::Task;
 pub fn make(debian: &DebianRoot, program: &Path) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("init", stripped(program)?);
-    // The boards' own first: with them come their watchdogs.
+    // The boards' own modules first, because they include the watchdogs.
     let names = modules::listed(&["rpi4", "virt", "common"])?;
     let list = modules::add(&mut root, debian, &names, "lib/modules")?;
     root.file("etc/plumbline/modules", (list.join("\n") + "\n").into_bytes());
@@ -35,10 +35,10 @@ pub fn make(debian: &DebianRoot, program: &Path) -> Result<Vec<u8>> {
     compressed(&root.to_bytes()?)
 }
 
-/// A program without the names that only a debugger reads: a fifth of its size.
+/// A program without its debugging symbols: a fifth of its size.
 pub fn stripped(program: &Path) -> Result<Vec<u8>> {
     let path = program.with_extension("stripped");
-    // It comes with the linker.
+    // Part of the package of the linker.
     Task::new("aarch64-linux-gnu-strip")
         .args(["-o".as_ref(), path.as_os_str()])
         .args([program])
@@ -46,7 +46,7 @@ pub fn stripped(program: &Path) -> Result<Vec<u8>> {
     fs::read(&path).with_context(|| path.display().to_string())
 }
 
-/// gzip unpacks fastest of what the kernel knows, next to lz4, which is twice the size.
+/// Of the formats known to the kernel, gzip unpacks fastest after lz4, which is twice as large.
 fn compressed(archive: &[u8]) -> Result<Vec<u8>> {
     let mut encoder = GzBuilder::new().mtime(0).write(Vec::new(), Compression::best());
     encoder.write_all(archive)?;

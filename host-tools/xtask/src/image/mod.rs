@@ -1,4 +1,4 @@
-//! `cargo xtask image`: what a box is made from.
+//! `cargo xtask image`: makes the images for a box.
 //!
 //! ```text
 //! Debian's packages ─▶ kernel, modules, busybox ─┐
@@ -7,10 +7,9 @@
 //! plumbline-board, built with libcamera for arm64 ────────────────▶ deb: Debian package
 //! ```
 //!
-//! The initramfs of `virt` and `rpi4` is one and the same, so that what the
-//! tests boot is what stands at the bedside. For that reason there is also only
-//! one kernel, Debian's ordinary one: its PREEMPT_RT twin would bring modules of
-//! its own.
+//! `virt` and `rpi4` have one and the same initramfs, so that what the tests boot is what stands at
+//! the bedside. For the same reason there is only one kernel, Debian's ordinary one: its PREEMPT_RT
+//! variant would need its own modules.
 
 mod archive;
 mod config;
@@ -37,7 +36,7 @@ use crate::setup;
 pub use archive::Archive;
 pub use debian_root::DebianRoot;
 
-/// What `cargo xtask image` takes.
+/// The arguments of `cargo xtask image`.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -68,7 +67,7 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-/// The images.
+/// The kinds of image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum What {
     /// A directory with kernel, initramfs and disk for QEMU's arm64 board.
@@ -90,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         What::Deb => format!("plumbline-board_{}_arm64.deb", deb::VERSION),
     };
     let out = arguments.out.clone().unwrap_or_else(|| directory().join(default));
-    // The programs that make the image run elsewhere.
+    // The programs that make the image run in other directories.
     let out = path::absolute(out).context("--out")?;
     output::check(&out, arguments.what == What::Virt)?;
     if arguments.what == What::Deb && arguments.config.is_some() {
@@ -107,21 +106,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         What::Rpi4 => rpi4::make(&Parts::make()?, config, &out),
         What::Deb => {
             prepare()?;
-            let program = built_with_libcamera(&DebianRoot::fetch()?, Profile::Release)?;
+            let debian = DebianRoot::fetch()?;
+            let program = built(&debian, Profile::Release, Libraries::Shared, BOARD, LIBCAMERA)?;
             deb::make(&program, &out)
         }
     }
 }
 
-/// Installs what making the images takes.
+/// Installs what making the images needs.
 pub fn prepare() -> Result<()> {
     setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian_root::NEEDS, deb::NEEDS])?;
     Target::Aarch64.prepare()
 }
 
-/// Installs what the tests take besides.
+/// Installs what the tests need in addition.
 pub fn prepare_for_tests() -> Result<()> {
-    // Apart: what cannot be installed beside other packages holds up the rest.
+    // Separately, because a package that cannot be installed beside others would hold up the rest.
     setup::ensure(&[emulated_pi::NEEDS])?;
     setup::ensure(&[setup::QEMU_SYSTEM])?;
     prepare()
@@ -130,14 +130,14 @@ pub fn prepare_for_tests() -> Result<()> {
 /// How the programs in an image are built: a profile of the root's Cargo.toml.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Profile {
-    /// As they ship.
+    /// As shipped.
     Release,
-    /// The same code, optimised less and compiled in a third of the time.
+    /// The same code with less optimisation, compiled in a third of the time.
     ImageTests,
 }
 
 impl Profile {
-    /// Its name, which is also that of cargo's directory.
+    /// Its name, which is also the name of cargo's directory.
     const fn name(self) -> &'static str {
         match self {
             Self::Release => "release",
@@ -146,10 +146,10 @@ impl Profile {
     }
 }
 
-/// Makes what the tests boot, and the SD card that they look into; the directory with it.
+/// Makes what the tests boot, and the SD card that they inspect; returns their directory.
 ///
-/// The box's program is one that the kernel's command line can tell to hang or to panic; without
-/// these words it is the one that ships.
+/// The box's program in it can be told by the kernel's command line to hang or to panic; without
+/// these words it behaves as the one that ships.
 ///
 /// | file | is |
 /// |---|---|
@@ -164,16 +164,12 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     prepare()?;
     let directory = directory().join("tests");
     fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
-    let programs = Target::Aarch64.toolchain()?.programs(Linking::Static, profile.name());
-    build(
-        profile,
-        &["--package", "plumbline-board", "--package", "plumbline-test-guest"],
-        &["--features", "plumbline-board/fault-injection"],
-    )?;
     let debian = DebianRoot::fetch()?;
-    let overlay = test_overlay::make(&debian, &programs.join("plumbline-test-guest"))?;
+    let guest = built(&debian, profile, Libraries::Inside, GUEST, &[])?;
+    let overlay = test_overlay::make(&debian, &guest)?;
     fs::write(directory.join("overlay.cpio"), overlay)?;
-    let initramfs = initramfs::make(&debian, &programs.join("plumbline-board"))?;
+    let program = built(&debian, profile, Libraries::Inside, BOARD, &["fault-injection"])?;
+    let initramfs = initramfs::make(&debian, &program)?;
     let parts = Parts { debian, initramfs };
     parts.write_to(&directory)?;
     let debian = &parts.debian;
@@ -182,7 +178,7 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     emulated_pi::make_tree(&tree, &directory.join("rpi4.dtb"))?;
     emulated_pi::make_emulator(&directory.join("qemu-raspi4b"))?;
     fs::copy(debian.kernel_config_path()?, directory.join("kernel-config"))?;
-    let program = built_with_libcamera(debian, profile)?;
+    let program = built(debian, profile, Libraries::Shared, BOARD, LIBCAMERA)?;
     deb::make(&program, &directory.join("plumbline-board.deb"))?;
     let overlay = test_overlay::make_with_libcamera(debian, &program)?;
     fs::write(directory.join("overlay-libcamera.cpio"), overlay)?;
@@ -199,7 +195,7 @@ fn directory() -> PathBuf {
     target_directory().join("image")
 }
 
-/// What an image that boots consists of.
+/// The components of a bootable image.
 struct Parts {
     debian: DebianRoot,
     initramfs: Vec<u8>,
@@ -210,13 +206,12 @@ impl Parts {
     fn make() -> Result<Self> {
         prepare()?;
         let debian = DebianRoot::fetch()?;
-        build(Profile::Release, &["--package", "plumbline-board"], &[])?;
-        let programs = Target::Aarch64.toolchain()?.programs(Linking::Static, "release");
-        let initramfs = initramfs::make(&debian, &programs.join("plumbline-board"))?;
+        let program = built(&debian, Profile::Release, Libraries::Inside, BOARD, &[])?;
+        let initramfs = initramfs::make(&debian, &program)?;
         Ok(Self { debian, initramfs })
     }
 
-    /// Puts kernel and initramfs into a directory.
+    /// Writes kernel and initramfs into a directory.
     fn write_to(&self, directory: &Path) -> Result<()> {
         fs::copy(self.debian.kernel_path()?, directory.join("vmlinuz"))?;
         fs::write(directory.join("initramfs"), &self.initramfs)?;
@@ -224,28 +219,46 @@ impl Parts {
     }
 }
 
-/// Builds the programs of packages for the box.
-fn build(profile: Profile, packages: &[&str], options: &[&str]) -> Result<()> {
-    Target::Aarch64
-        .toolchain()?
-        .cargo(Linking::Static)
-        .args(["build", "--profile", profile.name()])
-        .args(packages)
-        .args(options)
-        .run()
+/// The package of the box's program, and the program's name.
+const BOARD: &str = "plumbline-board";
+
+/// The package and name of the program that plays the camera in the tests.
+const GUEST: &str = "plumbline-test-guest";
+
+const LIBCAMERA: &[&str] = &["libcamera"];
+
+/// Where a program has its libraries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Libraries {
+    /// In itself: it runs in any root file system, even as the first process.
+    Inside,
+    /// In the root file system of a Debian.
+    Shared,
 }
 
-/// Builds the box's program with libcamera, against Debian's libraries; where it is.
-fn built_with_libcamera(debian: &DebianRoot, profile: Profile) -> Result<PathBuf> {
+/// Builds a program for the box against Debian's libraries; returns its path.
+///
+/// Only the program's own crate is told how to be linked, so that the crates that it uses are
+/// compiled once for all programs. The next build of the same program replaces it.
+fn built(
+    debian: &DebianRoot,
+    profile: Profile,
+    libraries: Libraries,
+    program: &str,
+    features: &[&str],
+) -> Result<PathBuf> {
     setup::ensure(&[LIBCAMERA_NEEDS])?;
     let toolchain = Target::Aarch64.toolchain()?;
     let linking = Linking::Root(debian.path());
-    toolchain
+    let cargo = toolchain
         .cargo(linking)
-        .args(["build", "--profile", profile.name()])
-        .args(["--package", "plumbline-board", "--features", "libcamera"])
-        .run()?;
-    Ok(toolchain.programs(linking, profile.name()).join("plumbline-board"))
+        .args(["rustc", "--profile", profile.name(), "--package", program, "--bin", program])
+        .args(features.iter().flat_map(|feature| ["--features", feature]));
+    match libraries {
+        Libraries::Inside => cargo.args(["--", "-Ctarget-feature=+crt-static"]).run()?,
+        Libraries::Shared => cargo.run()?,
+    }
+    Ok(toolchain.programs(linking, profile.name()).join(program))
 }
 
 const LIBCAMERA_NEEDS: &[setup::Need] = &[

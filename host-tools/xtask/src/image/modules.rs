@@ -1,4 +1,4 @@
-//! Which kernel modules go into the initramfs, and in which order they load.
+//! Which kernel modules go into the initramfs, and the order in which they are loaded.
 
 use std::fs;
 
@@ -8,11 +8,11 @@ use super::archive::Archive;
 use super::debian_root::DebianRoot;
 use crate::command::{Task, root};
 
-/// Puts the modules of the lists and what they need into the archive, and into
-/// `list` the order of loading.
+/// Puts the modules in the lists, and those that they need, into the archive, and the order of
+/// loading into `list`.
 ///
-/// The lists are files of names in `board/image/modules`; one initramfs serves
-/// all computers, so that the one that was tested is the one that runs.
+/// The lists are files of names in `board/image/modules`; one initramfs serves all computers, so
+/// that the one that was tested is the one that runs.
 pub fn add(
     archive: &mut Archive,
     debian: &DebianRoot,
@@ -49,10 +49,10 @@ pub fn listed(lists: &[&str]) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The modules' files, each once, after all those that it needs.
+/// The files of the modules, each once, after all those that it needs.
 ///
-/// `dependencies` has a line `file: needed needed ...` per module, in which each
-/// file is followed by those that it needs, directly or not, the first to be loaded last.
+/// `dependencies` has a line `file: needed needed ...` for each module: the file is followed by
+/// those that it needs, directly or indirectly, with the first to be loaded last.
 fn in_order(names: &[String], dependencies: &str) -> Result<Vec<String>> {
     let mut order: Vec<String> = Vec::new();
     for name in names {

@@ -1,5 +1,5 @@
-//! Where an image goes. It is made under another name first: when that fails,
-//! an earlier one is as it was.
+//! The output of an image. It is first made under another name: if that fails, an earlier image is
+//! left unchanged.
 
 use std::ffi::OsString;
 use std::fs;
@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 
 use crate::command::BadInput;
 
-/// Checks that `out` can become a directory, or else a file.
+/// Checks that `out` can become a directory or, if not `is_directory`, a file.
 pub fn check(out: &Path, is_directory: bool) -> Result<()> {
     let bad = |path: &Path, found: &str, remedy: &str| {
         bail!(BadInput(format!("--out: {} {found}; {remedy}", path.display())))
@@ -43,17 +43,17 @@ pub fn file(out: &Path, make: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     let made = make(&unfinished)
         .and_then(|()| fs::rename(&unfinished, out).with_context(|| out.display().to_string()));
     if made.is_err() {
-        // It may never have been there.
+        // It may not exist.
         let _ = fs::remove_file(&unfinished);
     }
     made
 }
 
-/// Makes files in the directory `out`, which may hold others.
+/// Makes files in the directory `out`, which may contain others.
 pub fn directory(out: &Path, make: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let unfinished = out.join("unfinished");
-    // What a killed run has left.
+    // Left by a run that was killed.
     let _ = fs::remove_dir_all(&unfinished);
     fs::create_dir(&unfinished).with_context(|| unfinished.display().to_string())?;
     let made = make(&unfinished).and_then(|()| {

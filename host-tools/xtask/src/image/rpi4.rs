@@ -1,5 +1,5 @@
-//! The SD card of a Raspberry Pi 4, a Pi 400 or a Compute Module 4: one FAT partition, which
-//! the Pi's own boot firmware reads, and which the box finds its configuration on.
+//! The SD card of a Raspberry Pi 4, a Pi 400 or a Compute Module 4: one FAT partition, from which
+//! the Pi's own boot firmware boots and the box reads its configuration.
 //!
 //! | file | from | is |
 //! |---|---|---|
@@ -19,21 +19,21 @@ use super::{CONFIG_NAME, Parts, output};
 use crate::command::{Task, root, target_directory};
 use crate::setup::{Need, Probe};
 
-/// What making it takes besides.
+/// The additional tools needed.
 pub const NEEDS: &[Need] = &[Need {
     probe: Probe::File("/usr/sbin/sfdisk"),
     package: "fdisk",
     why: "makes the SD card's partition table",
 }];
 
-/// By the names that the firmware looks for with `upstream_kernel=1`.
+/// Named as the firmware expects with `upstream_kernel=1`.
 pub const DEVICE_TREES: [&str; 3] =
     ["bcm2711-rpi-4-b.dtb", "bcm2711-rpi-400.dtb", "bcm2711-rpi-cm4-io.dtb"];
 
-/// Where the partition starts: cards are written in blocks of this size or a fraction.
+/// The start of the partition: cards are written in blocks of this size or a fraction of it.
 const START_BYTES: u64 = 4 << 20;
 
-/// The partition: twice what is in it, so that the next kernel fits beside this one.
+/// The size of the partition: twice its contents, so that the next kernel fits beside this one.
 const PARTITION_BYTES: u64 = 128 << 20;
 
 /// Makes the image `card`.
@@ -50,11 +50,11 @@ pub fn make(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
 }
 
 fn write(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
-    // What a killed run has left there must not show through.
+    // The remains of a killed run must not show through.
     let file = File::create(card).with_context(|| card.display().to_string())?;
     file.set_len(START_BYTES + PARTITION_BYTES)?;
-    // Type c is FAT32 as the firmware looks for it; the number is that of the disk, which
-    // would otherwise be drawn at random.
+    // Type c is the FAT32 that the firmware looks for; the label-id is the disk identifier, which
+    // would otherwise be random.
     let table = format!(
         "label: dos\nlabel-id: 0x504c4d42\nunit: sectors\n\
          start={}, size={}, type=c, bootable\n",

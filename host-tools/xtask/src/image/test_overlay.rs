@@ -1,12 +1,12 @@
-//! What the tests add to the initramfs: a second archive that the kernel unpacks
-//! over it, so that the one that is tested is the one that ships.
+//! What the tests add to the initramfs: a second archive that the kernel unpacks over it, so that
+//! the initramfs under test is the one that ships.
 //!
 //! `/test/start` (package `tests/guest`) becomes the first process; it sets up
 //! vivid as a camera and then starts `/init`.
 //!
-//! For libcamera the overlay is another: the program with libcamera as `/init`,
-//! and what it needs of Debian. There libcamera's own virtual camera plays
-//! pictures, which the test adds in an archive of its own.
+//! For libcamera there is another overlay: the program with libcamera as `/init`, and the Debian
+//! files that it needs. There, libcamera's own virtual camera plays pictures, which the test adds
+//! in a separate archive.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -19,8 +19,8 @@ use super::debian_root::DebianRoot;
 use super::{initramfs, modules};
 use crate::command::Task;
 
-/// One capture and one output device, both HDMI: the only signal that vivid
-/// loops from the one to the other at any size.
+/// One capture and one output device, both HDMI: the only signal that vivid loops from one to the
+/// other at any size.
 const VIVID_OPTIONS: &str =
     "n_devs=1 node_types=0x101 num_outputs=1 output_types=1 num_inputs=1 input_types=3";
 
@@ -29,15 +29,15 @@ pub fn make(debian: &DebianRoot, guest: &Path) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("test/start", initramfs::stripped(guest)?);
     let list = modules::add(&mut root, debian, &["vivid".to_owned()], "test/modules.d")?;
-    // What vivid needs comes before it, and so its options end the list.
+    // The modules that vivid needs come before it, so its options end the list.
     root.file("test/modules", format!("{} {VIVID_OPTIONS}\n", list.join("\n")).into_bytes());
     root.to_bytes()
 }
 
-/// Where Debian has shared libraries, and where the loader looks for them.
+/// The directory in which Debian has shared libraries and the loader looks for them.
 const LIBRARIES: &str = "usr/lib/aarch64-linux-gnu";
 
-/// The virtual camera: it plays the JPEG files of a directory, at 30 frames per second.
+/// The virtual camera: it plays the JPEG files of a directory at 30 frames per second.
 const VIRTUAL_CAMERA: &str = "\
 \"Virtual0\":
   supported_formats:
@@ -59,8 +59,8 @@ pub fn make_with_libcamera(debian: &DebianRoot, program: &Path) -> Result<Vec<u8
         let name = format!("{LIBRARIES}/{library}");
         root.program(&name, debian.read(&name)?);
     }
-    // Its image processing modules, and their signatures: what is not signed runs in a
-    // process of its own.
+    // Its image processing modules and their signatures: unsigned modules run in a process of their
+    // own.
     let own = debian.path().join(LIBRARIES).join("libcamera");
     for entry in fs::read_dir(&own).with_context(|| own.display().to_string())? {
         let name = format!("{LIBRARIES}/libcamera/{}", entry?.file_name().to_string_lossy());
@@ -71,7 +71,7 @@ pub fn make_with_libcamera(debian: &DebianRoot, program: &Path) -> Result<Vec<u8
     root.to_bytes()
 }
 
-/// The shared libraries that a program needs, and those that these need.
+/// The shared libraries that a program needs, directly or indirectly.
 fn libraries(debian: &DebianRoot, program: &Path) -> Result<BTreeSet<String>> {
     let (mut found, mut to_do) = (BTreeSet::new(), vec![program.to_owned()]);
     while let Some(path) = to_do.pop() {

@@ -1,5 +1,5 @@
-//! The image for QEMU's arm64 board `virt`: a directory with the kernel, the
-//! initramfs, a disk with the boot partition, and a script that starts it all.
+//! The image for QEMU's arm64 board `virt`: a directory with the kernel, the initramfs, a disk with
+//! the boot partition, and a script that starts them.
 
 use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt;
@@ -11,7 +11,7 @@ use super::fat::Fat;
 use super::{CONFIG_NAME, Parts, output};
 use crate::command::{quoted, unpacked_programs};
 
-/// Room for the configuration, and for a person's notes.
+/// Enough space for the configuration and for notes.
 const DISK_BYTES: u64 = 1 << 20;
 
 /// Makes the image in `directory`.
@@ -37,7 +37,7 @@ pub fn make(parts: &Parts, config: Option<&Path>, directory: &Path) -> Result<()
     Ok(())
 }
 
-/// Writes the script that starts it, wherever the image is; QEMU may be in `programs`.
+/// Writes the script that starts the image, wherever it is; QEMU may be in `programs`.
 fn write_run(run: &Path, programs: &Path) -> Result<()> {
     let script = include_str!("../../../../board/image/virt/run");
     fs::write(run, script.replace("@PROGRAMS@", &quoted(programs.as_ref())))?;
@@ -62,7 +62,7 @@ mod tests {
         fs::write(&qemu, "#!/bin/sh\necho \"qemu in $PWD\"\n").unwrap();
         fs::set_permissions(&qemu, fs::Permissions::from_mode(0o755)).unwrap();
         write_run(&image.join("run"), &programs).unwrap();
-        // A system without QEMU.
+        // A system that lacks QEMU.
         let system = folder.path().join("system");
         fs::create_dir(&system).unwrap();
         std::os::unix::fs::symlink("/usr/bin/dirname", system.join("dirname")).unwrap();

@@ -1,4 +1,4 @@
-//! The stack's tables in memory.md: made here, and compared with what is measured.
+//! The stack tables in memory.md: generated here, and compared with the measurement.
 
 use std::fmt::Write as _;
 
@@ -6,14 +6,14 @@ use anyhow::{Context, Result, ensure};
 
 use super::Deepest;
 
-/// Share of the figure by which another compiler, or a change of the code, may move it before
-/// the table has to be made again.
+/// The fraction by which another compiler, or a change of the code, may change a depth before the
+/// table has to be generated again.
 const TOLERANCE: f64 = 0.1;
 
 const SUM: &str = "sum, by the compiler";
 const PAINTED: &str = "painted in a run";
 
-/// The table of one board: from whom it is, the path, and both figures.
+/// The table of one board: its title, the path, and both depths.
 pub fn table(title: &str, deepest: &Deepest, painted_bytes: u64) -> String {
     let mut text = format!("{title}:\n\n| from `step` down | bytes |\n|---|---:|\n");
     for level in &deepest.levels {
@@ -29,21 +29,21 @@ pub fn table(title: &str, deepest: &Deepest, painted_bytes: u64) -> String {
     text.trim_end().to_owned()
 }
 
-/// Compares what memory.md says with what was made just now: the figures within a tolerance,
-/// and, by the same compiler, the functions.
+/// Compares the text of memory.md with a new measurement: the depths within a tolerance and, if the
+/// compiler is the same, the functions.
 pub fn compare(written: &str, measured: &str) -> Result<()> {
     for name in [SUM, PAINTED] {
         let [old, new] = [written, measured].map(|table| figure(table, name));
         let (old, new) = (old?, new?);
         ensure!(
             old.abs_diff(new) as f64 <= TOLERANCE * new as f64,
-            "{name}: {new} bytes, and not {old}"
+            "{name}: {new} bytes instead of {old}"
         );
     }
     if written.lines().next() == measured.lines().next() {
         ensure!(
             without_figures(written) == without_figures(measured),
-            "the deepest path is another one"
+            "the deepest path has changed"
         );
     }
     Ok(())
@@ -58,13 +58,13 @@ fn figure(table: &str, name: &str) -> Result<u64> {
     number.with_context(|| format!("no row {name:?}"))
 }
 
-/// The lines without the last cell of a row.
+/// The lines, without the last cell of each row.
 fn without_figures(table: &str) -> Vec<&str> {
     let lines = table.lines().filter(|line| !line.is_empty());
     lines.map(|line| line.rsplit_once(" | ").map_or(line, |(row, _)| row)).collect()
 }
 
-/// 12,288.
+/// Groups digits by thousands: 12,288.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();

@@ -11,7 +11,7 @@ use crate::fit::edge::light::Levels;
 use crate::fit::edge::profile::blurred_step;
 use crate::model::image::{GreyImage, Pixel};
 
-/// What varies linearly about an edge's middle, one lane each.
+/// Quantities that vary linearly about an edge's middle, one lane each.
 struct Field {
     middle: Lanes,
     by_x: Lanes,
@@ -20,11 +20,11 @@ struct Field {
 
 /// Mean of both sides' levels.
 const MEAN: usize = 0;
-/// What a pixel's distance from the mean is multiplied by.
+/// Factor of a pixel's difference from the mean.
 const GAIN: usize = 1;
 /// Distance from the top of the lens's arc, to the right of the edge, in blurs.
 const ACROSS: usize = 2;
-/// Place along the edge, in its lengths from the middle.
+/// Position along the edge, from its middle, in units of its length.
 const PLACE: usize = 3;
 
 impl Field {
@@ -37,7 +37,7 @@ impl Field {
 /// Pixels handled at once, more than an ordinary edge has.
 pub(super) const BATCH_PX: usize = 256;
 
-/// Pixels of a row that are written together: about as many as a row has.
+/// Pixels of a row that are written together: about as many as a row of a region has.
 const SPAN: usize = 8;
 
 /// One number per pixel. A row's last span may reach beyond its end, to be overwritten by
@@ -60,15 +60,15 @@ impl Default for Batch {
 }
 
 impl Batch {
-    /// An empty one.
+    /// An empty batch.
     #[must_use]
     pub const fn new() -> Self {
         const EMPTY: Column = [0.0; BATCH_PX + SPAN];
         Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY }
     }
 
-    /// Inner products over all pixels of a region inside the frame, the slope of the light
-    /// taken out of them; `None` where its middle is outside.
+    /// Inner products over all pixels of a region inside the frame, with the slope of the light
+    /// removed from them; `None` where the region's middle is outside.
     pub(super) fn sums<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -80,8 +80,8 @@ impl Batch {
             return None;
         }
         let [mean_by_x, mean_by_y, gain_by_x, gain_by_y] = levels.map_or([0.0; 4], |levels| {
-            // To first order: what is left is the square, 0.1 % of the contrast in the
-            // farthest pixels of an edge of 20 px when it varies by 30 % in 140 px.
+            // To first order: the square is neglected, 0.1 % of the contrast in the farthest pixels
+            // of an edge of 20 px when it varies by 30 % in 140 px.
             let (mean, gain) = (levels.mean_per_px, -levels.contrast_per_px);
             [mean.x, mean.y, gain.x, gain.y].map(|slope| slope as f32)
         });
@@ -116,7 +116,7 @@ impl Batch {
         Some(Sums { count: products[0], products, base: base.into() })
     }
 
-    /// Appends the first `count` pixels of a row, which begins at a place about the edge's
+    /// Appends the first `count` pixels of a row, whose start is given relative to the edge's
     /// middle; there must be room for them.
     #[inline]
     fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, field: &Field, [x, y]: [f32; 2]) {
@@ -136,8 +136,8 @@ impl Batch {
         self.count += count;
     }
 
-    /// Writes a span of a row to a place in the batch; of the field, its `start` and `step`
-    /// from pixel to pixel.
+    /// Writes a span of a row to a place in the batch; `start` is the field at its first pixel, and
+    /// `step` the field's change from pixel to pixel.
     #[inline(never)]
     fn write<P: Pixel>(&mut self, pixels: &[P; SPAN], place: usize, start: &Lanes, step: &Lanes) {
         const ROOM: &str = "a batch has room for its last span";
@@ -154,11 +154,11 @@ impl Batch {
     }
 }
 
-/// The inner products, in lanes; but for the first, the count.
+/// The inner products, in lanes, except the first, which is the count.
 struct Products {
     sums: [Lanes; PRODUCTS - 1],
     count: usize,
-    /// How many of the lanes were none of the region's pixels.
+    /// How many of the lanes held none of the region's pixels.
     padding: usize,
 }
 
@@ -167,12 +167,12 @@ impl Products {
         Self { sums: [[0.0; LANES]; PRODUCTS - 1], count: 0, padding: 0 }
     }
 
-    /// Adds a batch and empties it; `bend`: what is to be added at either end, in blurs, times 4.
+    /// Adds a batch and empties it; `bend` is 4 times what is to be added at either end, in blurs.
     ///
-    /// One loop without branches, whose four lanes become a vector each. A compiler may also
-    /// see pixels of several iterations as one, which costs two to three times as much, because
-    /// they have to be gathered and the sums to be kept in order: [`black_box`] is opaque to it
-    /// and no instruction.
+    /// One loop without branches, in which each group of four lanes becomes one vector. A compiler
+    /// might instead combine pixels of several iterations, which costs two to three times as much,
+    /// because they have to be gathered and the order of the sums kept. [`black_box`] prevents
+    /// that: it is opaque to the compiler, and costs no instruction.
     #[inline(never)]
     fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
         let count = batch.count;
@@ -180,7 +180,7 @@ impl Products {
         let chunks = count.div_ceil(LANES);
         let padding = count..chunks * LANES;
         let Batch { grey, across, place, .. } = batch;
-        // Black pixels on the edge, in its middle: all that they add is their slope.
+        // Padded with black pixels in the middle of the edge, which add only their slope.
         grey[padding.clone()].fill(0.0);
         across[padding.clone()].fill(0.0);
         place[padding.clone()].fill(0.0);

@@ -1,26 +1,26 @@
-//! What the lines that cross an edge at its ends do to its profile.
+//! How the lines that cross an edge at its ends change its profile.
 //!
-//! At a corner the colours change sides. Behind a blur, with v and d a pixel's distances from
-//! the edge and from the crossing line in blurs, d growing away from the corner, the picture is
+//! At a corner the colours change sides. After a blur, with v and d a pixel's distances from the
+//! edge and from the crossing line, in blurs, and d increasing away from the corner, the picture is
 //!
 //! ```text
 //! I = offset + contrast/2 * (E(v) E(d) + rho E'(v) E'(d))
 //! ```
 //!
-//! to first order in rho, the cosine of the angle between both normals: a blurred product of
-//! signs, whose derivative by the blur's correlation is four times the normal density. The
-//! first term makes the step lower towards a corner; the second turns an edge of a
-//! sheared target, since rho is of opposite signs at its ends.
+//! to first order in rho, the cosine of the angle between both normals: a blurred product of signs,
+//! whose derivative with respect to the blur's correlation is four times the normal density. The
+//! first term lowers the step towards a corner; the second turns an edge of a sheared target, since
+//! rho has opposite signs at its ends.
 //!
-//! With t how much nearer than [`REACH`] the line is, E(d) is 1 - t^2 (a + b t^2), and E'(d) the
-//! derivative of that. Odd powers are not missed, so the sign of t can tell the ends
-//! apart, and both ends cost as much as one.
+//! With t the amount by which the line is nearer than [`REACH`], E(d) is about 1 - t^2 (a + b t^2),
+//! and E'(d) the derivative of that. Odd powers are not needed, so that the sign of t can
+//! distinguish the ends, and both ends cost no more than one.
 
-/// From here outwards a line does nothing.
+/// From here outwards a line has no effect.
 const REACH: f32 = 3.4;
 
-/// Least squares for E and half its derivative from 1.5 outwards; both are within 0.0016 and
-/// 0.0044.
+/// Least-squares fit to E and half its derivative from 1.5 outwards; their errors stay within
+/// 0.0016 and 0.0044.
 const A: f32 = 0.006_906_1;
 const B: f32 = 0.008_323_3;
 
@@ -29,17 +29,17 @@ pub(super) struct CrossingLines {
     pub(super) blur_px: f64,
     /// From the edge's middle to either line, at right angles to the line.
     pub(super) distance_px: f64,
-    /// Of the angle between the normals, to the edge's right and along it.
+    /// Cosine of the angle between the two normals: to the edge's right, and along it.
     pub(super) cosine: f64,
-    /// What one blur across the edge is.
+    /// Length of one blur across the edge.
     pub(super) across_px: f64,
-    /// How much farther from the lines the edge's end is than its start.
+    /// From the edge's start to its end, at right angles to the lines.
     pub(super) along_px: f64,
-    /// Whether lines cross there. At a border nothing is corrected.
+    /// Whether lines cross at each end. At a border nothing is corrected.
     pub(super) are_corners: [bool; 2],
 }
 
-/// How t follows from a pixel's place, in lanes' precision.
+/// How t follows from a pixel's position, in the precision of the lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Crossings {
     by_across: f32,
@@ -64,8 +64,8 @@ impl Crossings {
         }
     }
 
-    /// E(d), and what E'(v) is multiplied by to be added; at `across` blurs to the right of the
-    /// edge and `place` lengths from its middle.
+    /// E(d), and the factor of the E'(v) that is added, at `across` blurs to the right of the edge
+    /// and `place` lengths from its middle.
     #[inline(always)]
     pub(super) fn at(&self, across: f32, place: f32) -> (f32, f32) {
         let along = self.by_across * across + self.by_place * place;
@@ -75,7 +75,7 @@ impl Crossings {
         let t = end - start;
         let square = t * t;
         let height = 1.0 - square * (A + B * square);
-        // The end's normal is against the direction of the edge.
+        // The normal at the end points against the direction of the edge.
         let turn = -self.cosine * t * (2.0 * A + 4.0 * B * square);
         (height, turn)
     }
@@ -110,7 +110,7 @@ mod tests {
             let place = (from_middle / 20.0) as f32;
             let (height, turn) = both.at(0.0, place);
             assert!((f64::from(height) - exact).abs() < 0.0017, "{distance}");
-            // Here the line's normal is against the edge's direction.
+            // Here the line's normal points against the edge's direction.
             assert!((f64::from(turn) + 0.1 * density).abs() < 0.1 * 0.005, "{distance}");
             assert_eq!(both.at(0.0, -place), (height, -turn), "{distance}");
         }

@@ -1,6 +1,6 @@
-//! Numbers that are worked on together, so that the compiler makes vector code of loops over them.
+//! Numbers that are processed together, so that the compiler vectorises loops over them.
 
-/// How many: what one SSE2 or NEON register holds.
+/// The number of lanes: what one SSE2 or NEON register holds.
 pub(super) const LANES: usize = 4;
 
 /// One number for each lane.

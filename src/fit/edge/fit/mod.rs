@@ -1,26 +1,26 @@
 //! The fine step: a blurred step fitted to all pixels beside an edge.
 //!
-//! [`fit_edge`] does it: [`region`] says which pixels tell of an edge, [`batch`] collects them and
-//! sums the products of the model's columns ([`crossing`] has the model near corners), and
-//! [`regression`] solves for the model's numbers.
+//! [`fit_edge`] does this: [`region`] selects the pixels that belong to an edge, [`batch`] collects
+//! them and sums the products of the model's columns ([`crossing`] models the vicinity of corners),
+//! and [`regression`] solves for the model's parameters.
 //!
 //! # Model
 //!
-//! With v the distance of a pixel from the expected line, w its place along the edge
-//! (-1/2 to 1/2 from node to node) and s the blur's standard deviation,
+//! With v the distance of a pixel from the expected line, w its position along the edge (-1/2 to
+//! 1/2 from node to node) and s the blur's standard deviation,
 //!
 //! ```text
 //! I = offset + contrast/2 * E((v - shift - w turn) / s),   E(x) = erf(x / sqrt 2)
 //! ```
 //!
-//! to first order in shift, turn and ln s, so that five numbers are found by one linear
-//! regression of the pixels on (1, E, -dE/d ln s, dE/dv, w dE/dv). The pixel's own box is
-//! part of s: its variance, 1/12 px^2, is the same in every direction. The lens's
-//! curvature along the edge is taken out of v.
+//! to first order in shift, turn and ln s, so that five parameters are found by one linear
+//! regression of the pixels on (1, E, -dE/d ln s, dE/dv, w dE/dv). The pixel's own box is part of
+//! s: its variance, 1/12 px^2, is the same in every direction. The lens's curvature along the edge
+//! is subtracted from v.
 //!
-//! The light's slope is taken out of I: what it adds to the mean of both sides is subtracted,
-//! and what it adds to the contrast divided out. As columns of their own they would cost
-//! precision: an edge alone cannot tell a slope of the light along it from a turn.
+//! The light's slope is removed from I: what it adds to the mean of both sides is subtracted, and
+//! what it adds to the contrast is divided out. As columns of their own they would cost precision:
+//! an edge alone cannot tell a slope of the light along it from a turn.
 
 mod batch;
 mod crossing;
@@ -41,7 +41,7 @@ use crate::fit::edge::seen::{CONTRAST_MIN, SeenEdge};
 use crate::fit::nodes::{Direction, Edge, Nodes};
 use crate::model::image::{GreyImage, Pixel};
 
-/// What the pixels of one edge say beside its place.
+/// What the pixels of one edge tell besides its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelFit {
     /// Variance of the pixels about the model, grey levels squared.
@@ -52,11 +52,11 @@ pub struct PixelFit {
     pub ln_blur_weight: f32,
 }
 
-/// Largest shift that the linear model is good for, in s.
+/// Largest shift for which the linear model holds, in s.
 const SHIFT_IN_BLURS_MAX: f64 = 1.0;
 
-/// Fits one edge, expected where the nodes have it; its precision is that for pixels with
-/// a noise of 1. `None` where no edge of its colours is, or too little of it.
+/// Fits one edge, expected where the nodes put it; its precision is that for pixels with unit
+/// noise. `None` where there is no edge with its colours, or too little of it.
 pub fn fit_edge<P: Pixel>(
     image: &GreyImage<'_, P>,
     nodes: &Nodes,
@@ -93,7 +93,7 @@ pub fn fit_edge<P: Pixel>(
     if shift_px.abs() > SHIFT_IN_BLURS_MAX * blur_px {
         return None;
     }
-    // A whitener may change its sign as long as what was seen does.
+    // A whitener may change its sign as long as the seen values change theirs.
     let whitener = regression.factor.map(|value| value * per_px.abs());
     let [shift, turn] = regression.seen.map(|value| value * per_px.signum());
     let growth = whitener[0] * sign * appearance.growth_px;

@@ -1,7 +1,7 @@
-//! Which pixels speak about an edge.
+//! Which pixels belong to an edge.
 //!
-//! Each pixel of the target speaks about the edge that is nearest to it. Of an edge
-//! between two nodes these pixels fill a diamond whose long diagonal is the edge:
+//! Each pixel of the target belongs to the edge that is nearest to it. The pixels of an edge
+//! between two nodes fill a diamond whose long diagonal is the edge:
 //!
 //! ```text
 //!     ·────────·         no farther from the edge than from the crossing lines,
@@ -22,21 +22,20 @@ use super::crossing::{CrossingLines, Crossings};
 use super::lanes::{LANES, Lanes};
 use crate::fit::nodes::Chord;
 
-/// Pixels nearer than this to a line that crosses at a corner, in its blurs, are not used:
-/// what it does to the profile is only known so far, see [`super::crossing`].
+/// Pixels nearer than this to a line that crosses at a corner, in blurs of that line, are not used:
+/// its effect on the profile is modelled only up to there, see [`super::crossing`].
 const CLEAR_OF_CORNERS: f64 = 1.5;
 
-/// And at the target's border, where lines do not go on on both sides and nothing is known:
-/// there a line still bends the profile by 0.8 % of the contrast.
+/// The same at the target's border, where lines do not continue on both sides and their effect is
+/// not modelled: at this distance a line still changes the profile by 0.8 % of the contrast.
 pub(super) const CLEAR_OF_BORDER: f64 = 2.65;
 
-/// Farthest pixels from the edge, in s and px, within which there is all that moves and
-/// enough flat to know light and dark by.
+/// Largest distance of pixels from the edge, a multiple of s plus an allowance in px: this covers
+/// the whole transition, and enough of the flat squares to determine light and dark.
 pub(super) const WIDTH_IN_BLURS: f64 = 3.5;
 pub(super) const WIDTH_PX: f64 = 0.7;
 
-/// Half of an edge's length that is looked at, at most: the work is bounded, however
-/// near the target is.
+/// Largest half length of an edge that is used: the work is bounded, however near the target is.
 pub(super) const HALF_LENGTH_PX_MAX: f64 = 32.0;
 
 /// The pixels of one edge, as a convex polygon about its middle.
@@ -56,8 +55,7 @@ pub(super) struct Region {
     pub(super) crossings: Crossings,
 }
 
-/// What lies between two parallel sides, `low <= normal . (pixel - middle) <= high`, solved
-/// for x.
+/// The strip between two parallel sides, `low <= normal . (pixel - middle) <= high`, solved for x.
 #[derive(Clone, Copy)]
 struct Strip {
     /// low + by_y y <= x <= high + by_y y.
@@ -68,7 +66,7 @@ struct Strip {
 
 impl Strip {
     fn new(normal: Vector2<f64>, [low, high]: [f64; 2]) -> Self {
-        // A side along the rows bounds x nowhere, or so far out that another does.
+        // A side along the rows does not bound x, or only so far out that another side does.
         const FLATTEST: f64 = 1e-6;
         let x =
             if normal.x.abs() < FLATTEST { libm::copysign(FLATTEST, normal.x) } else { normal.x };
@@ -81,7 +79,8 @@ impl Strip {
 
 impl Region {
     /// `None` where the blur leaves nothing of the edge, or it is outside every frame.
-    /// `crossing_blur_px`: of the lines at its ends; `are_corners`: whether they cross there.
+    /// `crossing_blur_px` is the blur of the lines at its ends; `are_corners` says whether they
+    /// cross there.
     pub(super) fn new(
         chord: &Chord,
         [blur_px, crossing_blur_px]: [f64; 2],
@@ -105,7 +104,7 @@ impl Region {
             (half_length_px - clear * crossing_blur_px / sine).min(HALF_LENGTH_PX_MAX)
         });
         let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
-        // Written so that a NaN is refused, which `min` passes over.
+        // Written so that a NaN is rejected, which `min` ignores.
         let is_usable = used_start_px > 0.7
             && used_end_px > 0.7
             && width_px > 1.0
@@ -115,7 +114,8 @@ impl Region {
         if !is_usable || !is_near {
             return None;
         }
-        // Neither near a crossing line, nor far from this one, nor nearer to a crossing one.
+        // Not near a crossing line, not far from this one, and not nearer to a crossing line than
+        // to this one.
         let diagonal_px = sine * half_length_px;
         let within = |distance_px: f64| [-distance_px, distance_px];
         let strips = [
@@ -150,8 +150,8 @@ impl Region {
         })
     }
 
-    /// Calls `pixels` with each row of the region inside a frame, from the origin, and the
-    /// frame's columns in it.
+    /// Calls `pixels` for each row of the region inside a frame, with the row counted from the
+    /// origin and its columns in the frame.
     #[inline]
     pub(super) fn each_row(
         &self,
@@ -174,8 +174,9 @@ impl Region {
         }
     }
 
-    /// The columns, from the origin, of rows at `y` from the middle: the first ones, and those
-    /// after the last. Rows are handled together because that costs as much as a single one.
+    /// The first columns, and those after the last, of rows at `y` from the middle; columns are
+    /// counted from the origin. Rows are handled together because that costs no more than a single
+    /// one.
     #[inline]
     fn columns(&self, y: &Lanes) -> ([i32; LANES], [i32; LANES]) {
         let (mut low, mut high) = ([f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES]);
@@ -192,8 +193,8 @@ impl Region {
     }
 }
 
-/// Of a place in a region, to a ten thousandth: its whole part is what a sum with a number
-/// of 24 bits leaves room for. A conversion would cost thrice as much.
+/// The floor of a position in a region, to a ten-thousandth: a sum with a number that takes all 24
+/// bits has no room for a fraction. A conversion would cost three times as much.
 #[inline(always)]
 fn floor(value: f32) -> i32 {
     const FAR: f32 = 1024.0;

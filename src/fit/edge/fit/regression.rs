@@ -1,8 +1,7 @@
 //! The linear regression of an edge's pixels on its model.
 //!
-//! The columns are in such an order that the last two of the Cholesky factor of their
-//! normal equations are those of shift and turn with the others eliminated: a whitener for
-//! [`crate::fit::solve`].
+//! The columns are ordered so that the last two of the Cholesky factor of their normal equations
+//! are those of shift and turn with the others eliminated: a whitener for [`crate::fit::solve`].
 
 use nalgebra::{SMatrix, SVector};
 
@@ -11,8 +10,8 @@ use crate::fit::edge::light::Levels;
 /// Fewest pixels of an edge: five numbers are fitted.
 const PIXELS_MIN: f64 = 20.0;
 
-/// Smallest pivot over its own column's square: below, the pixels do not tell two of the
-/// model's columns apart.
+/// Smallest ratio of a pivot to its own column's square: below it, the pixels do not distinguish
+/// two of the model's columns.
 const PIVOT_RATIO_MIN: f64 = 1e-3;
 
 /// Columns of the regression.
@@ -35,17 +34,17 @@ pub(super) const SLOPE_SLOPE: usize = 15;
 const PIXEL_PIXEL: usize = 20;
 
 pub(super) struct Sums {
-    /// Of what tells of the noise: pixels, and levels known beforehand.
+    /// The number of values that tell about the noise: pixels, and levels known beforehand.
     pub(super) count: f64,
     pub(super) products: [f64; PRODUCTS],
-    /// Taken out of all pixels, so that the sums keep their digits.
+    /// Subtracted from all pixels, so that the sums lose no digits.
     pub(super) base: f64,
 }
 
 impl Sums {
-    /// Adds what is known of both sides, as if it were more pixels: some at the level of the
-    /// right side, where E is 1, and some at that of the left one, where it is -1. Whatever
-    /// their weight, they count as two pixels in the estimate of the noise.
+    /// Adds what is known about both sides, as if it were more pixels: some at the level of the
+    /// right side, where E is 1, and some at that of the left one, where it is -1. Whatever their
+    /// weight, they count as two pixels in the estimate of the noise.
     pub(super) fn add_levels(&mut self, levels: &Levels, sign: f64) {
         self.count += 2.0;
         let light = (levels.light - self.base, levels.light_weight, sign);
@@ -61,7 +60,7 @@ impl Sums {
     }
 }
 
-/// The regression's answer.
+/// The result of the regression.
 pub(super) struct Regression {
     pub(super) coefficients: [f64; COLUMNS],
     /// Upper triangle of the factor of shift and turn: 00, 01, 11.
@@ -74,7 +73,7 @@ pub(super) struct Regression {
 }
 
 impl Regression {
-    /// `None` when the pixels are too few, or do not tell the columns apart.
+    /// `None` when the pixels are too few, or do not distinguish the columns.
     pub(super) fn new(&Sums { products: ref sums, count, .. }: &Sums) -> Option<Self> {
         let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
         let mut right = SVector::<f64, COLUMNS>::zeros();

@@ -10,7 +10,7 @@ use crate::fit::edge::appearance::{BLUR_PX_MAX, BLUR_PX_MIN, GROWTH_PX_MAX, LN_B
 use crate::fit::edge::rendered::{HEIGHT, Scene, WIDTH};
 use crate::fit::nodes::Chord;
 
-/// How many edges look at each pixel of a frame, row by row.
+/// How many edges use each pixel of a frame, row by row.
 fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
     let nodes = scene.nodes(&scene.cam_from_target);
     let [width, height] = [WIDTH, HEIGHT].map(usize::from);
@@ -33,14 +33,14 @@ fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
 
 #[test]
 fn no_pixel_speaks_about_two_edges() {
-    // Squares so small that the blur fills them, where regions touch.
+    // Also squares so small that the blur fills them, where regions touch.
     for (pitch_px, blur_px) in [(21.0, 0.75), (21.0, 1.5), (10.0, 0.6), (9.0, 0.5), (14.0, 1.0)] {
         for [tilt, turn] in [[0.0, 0.013], [0.2, 0.3], [0.5, 0.7], [-0.6, 0.4], [0.7, 2.0]] {
             let scene = Scene::new(pitch_px, tilt, turn);
             let looks = looks(&scene, blur_px);
             let used = looks.iter().filter(|&&count| count == 1).count();
             let shared = looks.iter().filter(|&&count| count > 1).count();
-            // But for one or two on the line between both, bent by the perspective.
+            // Except for one or two on the line between both, which perspective bends.
             assert!(used > 500 && 500 * shared <= used, "{pitch_px} {tilt} {turn}: {shared}");
         }
     }
@@ -79,7 +79,7 @@ fn a_region_ends_where_the_frame_does() {
     ] {
         assert_eq!(sums_of(&chord(start, end, across), 0.75, 64, 64), Some(half), "{start:?}");
     }
-    // A middle outside the frame is that of an edge of which less than half is to be seen.
+    // An edge whose middle is outside the frame is less than half visible.
     for middle in [[-0.1, 30.0], [64.0, 30.0], [30.0, -0.1], [30.0, 64.0], [4e9, 30.0]] {
         let [x, y] = middle;
         let beyond = chord([x - 10.0, y], [x + 10.0, y], [0.0, 20.0]);
@@ -99,7 +99,7 @@ fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
         region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
         let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
         let area = 4.0 * HALF_LENGTH_PX_MAX * (WIDTH_IN_BLURS * BLUR_PX_MAX + WIDTH_PX);
-        // As many as its area, to half a pixel along two sides.
+        // As many pixels as its area, to within half a pixel along two sides.
         assert!((count / area - 1.0).abs() < 0.03, "{angle}: {count} of {area}");
     }
 }

@@ -1,7 +1,7 @@
 //! QEMU's `mps2-an500`: a Cortex-M7.
 //!
-//! The crate `cortex-m-rt` enables the floating-point unit and leaves to the stack what the
-//! statics do not take of the memory.
+//! The crate `cortex-m-rt` enables the floating-point unit and gives the stack all the memory that
+//! the statics leave.
 
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 

@@ -1,22 +1,22 @@
 //! QEMU's `virt`: a 64-bit ARM processor at exception level 1.
 //!
-//! The crate `aarch64-rt` enables the floating-point unit and the MMU. Without the latter all
-//! memory would be a device's, which cannot be read unaligned.
+//! The crate `aarch64-rt` enables the floating-point unit and the MMU. Without the MMU all memory
+//! would count as device memory, which cannot be accessed unaligned.
 
 use aarch64_rt::{
     ExceptionHandlers, InitialPagetable, entry, exception_handlers, initial_pagetable,
 };
 
-/// 160 KiB: more than is ever used, as it is measured.
+/// 160 KiB: more than is ever used, as the measurement shows.
 const STACK_PAGES: usize = 40;
 
-/// A block of memory that is valid, and has been accessed as far as the processor cares.
+/// A valid block of memory, marked as already accessed.
 const VALID: usize = 1 | 1 << 10;
 
-/// The second kind of memory in the crate's list of kinds: cached. The first is a device's.
+/// The second kind of memory in the crate's list: cached. The first is device memory.
 const CACHED: usize = 1 << 2;
 
-/// What all of the processor's cores see alike.
+/// Memory that all of the processor's cores share.
 const SHAREABLE: usize = 3 << 8;
 
 const GIB: usize = 1 << 30;
@@ -29,7 +29,7 @@ initial_pagetable!({
     InitialPagetable(blocks)
 });
 
-/// Every exception is one too many: the crate's own handlers panic.
+/// No exception is expected: the crate's own handlers panic.
 struct Exceptions;
 
 impl ExceptionHandlers for Exceptions {}

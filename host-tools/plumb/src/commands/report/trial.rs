@@ -58,7 +58,7 @@ pub fn report(
                 "Total path length: the sum of the steps from each sample to the next; no step "
                 "over a gap, and nothing is filled in. The ± of a figure is its standard "
                 "uncertainty from the noise of the poses, from frame to frame; \"noise alone\" is "
-                "the path that this noise would draw of a person who stands as still as stone. "
+                "the path that this noise would give for a person who stands perfectly still. "
                 "95 % prediction ellipse: Schubert and Kirchner (2014). Sway density: Baratto et "
                 "al. (2002). Stabilogram diffusion: Collins and De Luca (1993). Mean and "
                 "median frequency and F95: of the periodogram about the mean, of the longest part "

@@ -1,5 +1,5 @@
-//! The proof of the renderer: against brute force that knows no affine
-//! approximation and no normal CDF.
+//! Verifies the renderer against a brute-force reference that uses neither the affine approximation
+//! nor the normal CDF.
 
 use plumbline::lens::Distortion;
 use plumbline::target::{Origin, Role};
@@ -12,9 +12,9 @@ const BACKGROUND: f64 = 30.0;
 /// Sub-samples per pixel and axis.
 const FINE: usize = 64;
 
-/// A sub-sample whose corners differ holds an edge, and is the mean of this
-/// many points per axis: an edge along the pixels is then placed within
-/// 1/64/16/2 = 0.0005 px, 0.04 levels of 120, and a slanted one far better.
+/// A sub-sample whose corners differ contains an edge and is computed as the mean of this many
+/// points per axis: an edge parallel to the pixels is then accurate to 1/64/16/2 = 0.0005 px, 0.04
+/// levels of 120, and a slanted one far better.
 const FINER: usize = 16;
 
 /// Half the width of the brute-force blur, in px: 6 sigma and the pixel itself.
@@ -46,16 +46,16 @@ fn board() -> Board {
     Board::new(&geometry, 12.0, INK)
 }
 
-/// A pose whose origin is seen at the raw pixel, at a depth, with the given Euler angles.
+/// A pose whose origin is seen at this raw pixel, at this depth, with these Euler angles.
 fn pose_at(lens: &Lens, raw_px: [f64; 2], z_mm: f64, angles_rad: [f64; 3]) -> Pose<Cam, Target> {
     let ray = lens.ray_from_raw(&Vector2::from(raw_px)).unwrap();
     let [a, b, c] = angles_rad;
     Pose::from_theta([a, b, c, ray.x * z_mm, ray.y * z_mm, z_mm])
 }
 
-/// The patch's pixels by sampling the unblurred scene at 64 x 64 points per
-/// pixel (1024 x 1024 at the edges) through the exact lens and plane, and
-/// summing with Gaussian weights integrated over the pixel's square.
+/// The patch's pixels by brute force: samples the unblurred scene at 64 x 64 points per pixel (1024
+/// x 1024 at the edges) through the exact lens and plane, and sums them with Gaussian weights
+/// integrated over the pixel's square.
 fn brute_force(
     lens: &Lens,
     sigma_px: f64,
@@ -73,7 +73,8 @@ fn brute_force(
         let point = map.point_mm(&lens.ray_from_raw(&raw_px).unwrap());
         board.grey_at(point.x, point.y).unwrap_or(BACKGROUND)
     };
-    // Weight of a sub-sample at distance d: the pixel's square blurred, times the sub-sample's width.
+    // The weight of a sub-sample at distance d: the blurred square of the pixel, times the width of
+    // a sub-sample.
     let cdf = |x: f64| 0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2);
     let weights: Vec<f64> = (0..(2 * half + 1) * FINE)
         .map(|index| {
@@ -154,8 +155,8 @@ fn compare(
     difference
 }
 
-/// Levels of 120: a tenth of a level is 0.001 px at the steepest edge, and the
-/// brute force itself is good to 0.04.
+/// Levels of 120: a tenth of a level is 0.001 px at the steepest edge, and the brute-force
+/// reference itself is accurate to 0.04.
 const GREY_ERROR_MAX: f64 = 0.1;
 
 /// A sixth of a corner's noise bound (0.0062 px) squared away, and five times
@@ -168,7 +169,7 @@ fn assert_same(name: &str, difference: &Difference) {
     assert!(difference.shift_px.norm() < SHIFT_PX_MAX, "{name}: {}", difference.shift_px.norm());
 }
 
-/// The raw pixel of a point of the target's plane, rounded.
+/// The raw pixel, rounded, at which a point of the target's plane is seen.
 fn pixel_of(lens: &Lens, pose: &Pose<Cam, Target>, x_mm: f64, y_mm: f64) -> [usize; 2] {
     let raw_px = lens.project(&pose.transform(&Vector3::new(x_mm, y_mm, 0.0))).unwrap();
     [raw_px.x.round() as usize, raw_px.y.round() as usize]
@@ -228,7 +229,7 @@ fn the_corner_of_a_wide_angle_picture_bends_less_than_can_be_seen() {
     let centre = pixel_of(&lens, &pose, 0.0, 6.0);
     let difference = compare(&lens, 0.6, pose, centre);
     assert_same("wide angle", &difference);
-    // What the module's front page promises.
+    // The bound promised in the module's documentation.
     assert!(difference.shift_px.norm() < 0.001, "{}", difference.shift_px);
 }
 
@@ -237,7 +238,7 @@ fn the_comparison_sees_a_shift_of_a_few_thousandths() {
     let lens = mild();
     let pose = pose_at(&lens, [430.3, 280.8], 1000.0, [0.11, 0.35, -0.17]);
     let centre = pixel_of(&lens, &pose, 0.0, 6.0);
-    // The principal point moved: everything appears 0.003 px to the right, to first order.
+    // The principal point is moved: to first order, everything appears 0.003 px further right.
     let moved = Lens { cx_px: lens.cx_px + 0.003, ..lens };
     let board = board();
     let mut picture = Picture::uniform(1456, 1088, BACKGROUND as f32);
