@@ -176,7 +176,7 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
     let cases = [
         (whole.replacen("condition = \"wild\"", "condition = \"mad\"", 1), "\"mad\" is not one of"),
         (whole.replacen("participant = \"P1\"\n", "", 1), "participant = \"...\""),
-        (whole.replacen("unit = \"mm\"", "unit = \"inch\"", 1), "no unit"),
+        (whole.replacen("unit = \"mm\"", "unit = \"inch\"", 1), "\"inch\" is not a unit"),
         (whole.replacen("P2-calm.csv", "absent.csv", 1), "absent.csv"),
         (whole.replacen("participant = \"P2\"", "participant = \"P9\"", 1), "has no value in"),
         (whole.replacen("[\"calm\", \"wild\"]", "[\"calm\"]", 1), "fewer than two"),
