@@ -446,7 +446,10 @@ fn a_short_trial_has_the_figures_that_it_can_have() {
     let part = "the longest part without a gap is 5.0 s, but";
     assert_eq!(reason(&figures.spectrum.axes.ap.mean_hz), format!("{part} 10.0 s are needed"));
     assert_eq!(reason(&figures.density.peak_s), format!("{part} 10.0 s are needed"));
-    assert_eq!(reason(&figures.diffusion.transverse.short_mm2_s), format!("{part} 20.0 s are needed"));
+    assert_eq!(
+        reason(&figures.diffusion.transverse.short_mm2_s),
+        format!("{part} 20.0 s are needed")
+    );
 }
 
 #[test]
