@@ -171,7 +171,7 @@ fn format_and_lint(journal: &mut Journal) {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
         // "All targets" are those that `cargo test` runs; this one is separate.
-        let lint = ["clippy", "--package", "plumbline-tests", "--test", "boot", "--"];
+        let lint = ["clippy", "--workspace", "--test", "boot", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
 }
