@@ -101,10 +101,10 @@ impl Part {
     fn disk_mb(self) -> u64 {
         match self {
             Self::Quick | Self::Native => 3500,
-            Self::Arm => 3000,
-            Self::Armhf => 1000,
-            Self::BareMetal => 1500,
-            Self::Boot => 3900,
+            Self::Arm => 1200,
+            Self::Armhf => 400,
+            Self::BareMetal => 1200,
+            Self::Boot => 1600,
         }
     }
 
