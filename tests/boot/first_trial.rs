@@ -17,9 +17,17 @@ use crate::scene::{self, FRAMES, SCENE};
 use common::binary;
 use common::photographer::{photographs, posed};
 
-/// The checks of `plumb doctor` that compare the box's time with this computer's. Where other work
-/// takes the processor, the emulated box is slower than its own clock says, and they rightly fail.
-const TIMED: [&str; 4] = ["clock", "frames", "latency", "rate"];
+/// The checks of `plumb doctor` that compare the box's time with this computer's.
+const TIMED: [&str; 3] = ["frames", "latency", "rate"];
+
+/// Where other work takes the processor, the emulated box is slower than its own clock says, and
+/// those checks rightly fail. This is how much slower it must have been: the rate's tolerance.
+const SLOWER_PPM: f64 = -20_000.0;
+
+/// How much faster the box's clock ran than this computer's, as the doctor says: "drift -301 +-".
+fn drift_ppm(said: &str) -> Option<f64> {
+    said.split_once("drift ")?.1.split_whitespace().next()?.parse().ok()
+}
 
 /// The technician's computer, and the box at the other end of its network.
 struct Ward {
@@ -153,7 +161,8 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let (code, said) = ward.doctor();
     let failed: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("FAIL")).collect();
     let is_timed = |check: &&str| TIMED.contains(&check.split_whitespace().next().unwrap_or(""));
-    assert!(failed.iter().all(is_timed), "{said}");
+    let is_slow = drift_ppm(&said).is_some_and(|drift| drift < SLOWER_PPM);
+    assert!(failed.is_empty() || is_slow && failed.iter().all(is_timed), "{said}");
     assert_eq!(code, Some(i32::from(!failed.is_empty())), "{said}");
     drop(machine);
     assert_sways_as(

@@ -1,17 +1,22 @@
 //! The messages of a healthy box, for tests that change them.
 
+use std::io::Write;
 use std::sync::LazyLock;
+use std::time::{Duration, Instant};
 
 use plumbline::config::{Capture, CaptureDriver, Config, PixelFormat};
 use plumbline::packet::{
-    CameraState, Health, Hello, LinkHealth, LinkKind, MarkedInstant, MeasuredPose, PosePacket,
-    ResetReason, TargetInfo, TargetPacket, View,
+    CameraState, Health, Hello, LinkHealth, LinkKind, MarkedInstant, MeasuredPose, Message,
+    PosePacket, ResetReason, TargetInfo, TargetPacket, View,
 };
 use plumbline::report::TargetState;
 use plumbline::target::Role;
 use plumbline::view::FrameView;
 use plumbline::view::TargetView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
+
+use crate::receiver::Receiver;
+use crate::transport::Event;
 
 /// The period of its frames, 60 Hz.
 const PERIOD_NS: u64 = 16_666_667;
@@ -129,4 +134,15 @@ pub fn view() -> View {
         frame: FrameView { level: 0.4, saturated: 0.0, blur_px: Some(0.8) },
         targets: [target(Role::Lower), target(Role::Upper)].into_iter().collect(),
     }
+}
+
+/// Hands over the messages, the first at `start` and each 0.1 s after the one before; returns the
+/// time of the last.
+pub fn take<W: Write>(receiver: &mut Receiver<W>, start: Instant, messages: &[Message]) -> Instant {
+    let mut now = start;
+    for (index, message) in (0..).zip(messages) {
+        now = start + Duration::from_millis(100) * index;
+        receiver.handle(Event::Message(message.clone()), now).expect("it is recorded");
+    }
+    now
 }

@@ -52,8 +52,8 @@ impl Download {
         Self { document, file: vec![0; bytes], missing, request: None, barren: 0 }
     }
 
-    /// What to ask for now, if anything; [`asked`](Self::asked) wants to know the number under
-    /// which it was.
+    /// The request that is due, if any. The number under which it is sent must be passed to
+    /// [`asked`](Self::asked).
     ///
     /// # Errors
     /// When requests bring nothing.

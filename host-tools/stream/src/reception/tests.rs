@@ -15,6 +15,7 @@ use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 
 use super::*;
+use crate::fixture::take;
 use crate::recorder::Recorder;
 use crate::transport::{Serial, Udp};
 use plumbline_files::poses;
@@ -262,17 +263,6 @@ fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
         logs_dropped: 0,
         links: [].into_iter().collect(),
     })
-}
-
-/// Hands over the messages, the first at `start` and each 0.1 s after the one before;
-/// gives the time of the last.
-fn take(receiver: &mut Receiver<Shared>, start: Instant, messages: &[Message]) -> Instant {
-    let mut now = start;
-    for (index, message) in (0..).zip(messages) {
-        now = start + Duration::from_millis(100) * index;
-        receiver.handle(Event::Message(message.clone()), now).unwrap();
-    }
-    now
 }
 
 #[test]

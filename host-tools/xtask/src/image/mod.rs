@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         What::Deb => {
             prepare()?;
             let debian = DebianRoot::fetch()?;
-            let program = built(&debian, Profile::Release, Libraries::Shared, BOARD, LIBCAMERA)?;
+            let program = built_with_libcamera(&debian, Profile::Release)?;
             deb::make(&program, &out)
         }
     }
@@ -132,7 +132,7 @@ pub fn prepare_for_tests() -> Result<()> {
 pub enum Profile {
     /// As shipped.
     Release,
-    /// The same code with less optimisation, compiled in a third of the time.
+    /// The same code with less optimisation.
     ImageTests,
 }
 
@@ -178,7 +178,7 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     emulated_pi::make_tree(&tree, &directory.join("rpi4.dtb"))?;
     emulated_pi::make_emulator(&directory.join("qemu-raspi4b"))?;
     fs::copy(debian.kernel_config_path()?, directory.join("kernel-config"))?;
-    let program = built(debian, profile, Libraries::Shared, BOARD, LIBCAMERA)?;
+    let program = built_with_libcamera(debian, profile)?;
     deb::make(&program, &directory.join("plumbline-board.deb"))?;
     let overlay = test_overlay::make_with_libcamera(debian, &program)?;
     fs::write(directory.join("overlay-libcamera.cpio"), overlay)?;
@@ -225,8 +225,6 @@ const BOARD: &str = "plumbline-board";
 /// The package and name of the program that plays the camera in the tests.
 const GUEST: &str = "plumbline-test-guest";
 
-const LIBCAMERA: &[&str] = &["libcamera"];
-
 /// Where a program has its libraries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Libraries {
@@ -247,7 +245,6 @@ fn built(
     program: &str,
     features: &[&str],
 ) -> Result<PathBuf> {
-    setup::ensure(&[LIBCAMERA_NEEDS])?;
     let toolchain = Target::Aarch64.toolchain()?;
     let linking = Linking::Root(debian.path());
     let cargo = toolchain
@@ -259,6 +256,12 @@ fn built(
         Libraries::Shared => cargo.run()?,
     }
     Ok(toolchain.programs(linking, profile.name()).join(program))
+}
+
+/// Builds the box's program with libcamera; returns its path.
+fn built_with_libcamera(debian: &DebianRoot, profile: Profile) -> Result<PathBuf> {
+    setup::ensure(&[LIBCAMERA_NEEDS])?;
+    built(debian, profile, Libraries::Shared, BOARD, &["libcamera"])
 }
 
 const LIBCAMERA_NEEDS: &[setup::Need] = &[

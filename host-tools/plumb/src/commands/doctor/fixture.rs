@@ -1,6 +1,6 @@
 //! The findings of a healthy box, for tests that change them.
 
-use plumbline::packet::Message;
+use plumbline::packet::{Health, Message};
 use plumbline_stream::clock::Exchange;
 
 pub use plumbline_stream::fixture::*;
@@ -34,6 +34,13 @@ pub fn healthy() -> Findings {
             }
         })
         .collect();
+    findings
+}
+
+/// The same with another Health.
+pub fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
+    let mut findings = healthy();
+    change(&mut findings.healths.as_mut().expect("it has one").1);
     findings
 }
 

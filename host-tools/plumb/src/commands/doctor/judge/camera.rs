@@ -133,14 +133,8 @@ fn latency(findings: &Findings, rate_hz: f64) -> Check {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixture::{assert_says, check, healthy};
+    use super::super::super::fixture::{assert_says, check, healthy, with_health};
     use super::*;
-
-    fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
-        let mut findings = healthy();
-        change(&mut findings.healths.as_mut().unwrap().1);
-        findings
-    }
 
     #[test]
     fn a_camera_that_does_not_run_is_a_fault() {

@@ -185,15 +185,9 @@ fn log(findings: &Findings) -> Check {
 mod tests {
     use plumbline::packet::{Log, Message};
 
-    use super::super::super::fixture::{assert_says, check, health, healthy, hello};
+    use super::super::super::fixture::{assert_says, check, health, healthy, hello, with_health};
     use super::*;
     use plumbline_stream::transport::Event;
-
-    fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
-        let mut findings = healthy();
-        change(&mut findings.healths.as_mut().unwrap().1);
-        findings
-    }
 
     fn with_hello(change: impl FnOnce(&mut Hello)) -> Findings {
         let mut findings = healthy();

@@ -1,8 +1,7 @@
 //! The words for a reception.
 
 use plumbline::packet::{CameraState, Health, Log, LogLevel, Message};
-use plumbline_stream::fixture;
-use plumbline_stream::transport::Event;
+use plumbline_stream::fixture::{self, take};
 
 use super::*;
 
@@ -26,17 +25,6 @@ fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
 fn log(uptime_ms: u64, text: &str) -> Message {
     let (target, text) = ("camera".try_into().unwrap(), text.try_into().unwrap());
     Message::Log(Log { uptime_ms, level: LogLevel::Error, target, text, cut: 0 })
-}
-
-/// Hands over the messages, the first at `start` and each 0.1 s after the one before;
-/// gives the time of the last.
-fn take(receiver: &mut Heard, start: Instant, messages: &[Message]) -> Instant {
-    let mut now = start;
-    for (index, message) in (0..).zip(messages) {
-        now = start + Duration::from_millis(100) * index;
-        receiver.handle(Event::Message(message.clone()), now).unwrap();
-    }
-    now
 }
 
 #[test]
