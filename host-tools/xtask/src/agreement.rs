@@ -28,14 +28,19 @@ const IDENTICAL: [&str; 4] = ["frame", "target", "state", "points"];
 
 /// Tracks the recording twice and compares every pose: with the program in `native`, which is built
 /// first if it is missing, and with the one built along with the tests for the other processor.
-pub fn check(native: Option<&Path>, toolchain: &Toolchain, recordings: &Path) -> Result<()> {
+pub fn check(
+    native: Option<&Path>,
+    toolchain: &Toolchain,
+    linking: Linking,
+    recordings: &Path,
+) -> Result<()> {
     let name = "poses";
     let native = match native {
         Some(programs) => Task::new(programs.join(name)),
         None => Task::cargo().args(["run", "--package", "plumbline-core-tests", "--bin", name]),
     };
-    let emulated = toolchain.programs(Linking::Static, "debug").join(name);
-    let emulated = Task::new(toolchain.emulator()).args([emulated]);
+    let emulated = toolchain.programs(linking, "debug").join(name);
+    let emulated = toolchain.emulated(linking, &emulated);
     let poses = |task: Task| task.env(RECORDINGS, &recordings.display().to_string()).output();
     let (native, emulated) = (poses(native)?, poses(emulated)?);
     let compared = compare_rows(&native, &emulated)?;

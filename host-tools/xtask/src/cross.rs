@@ -35,7 +35,7 @@ impl Target {
         }
     }
 
-    /// The program that runs static programs for it on this machine.
+    /// The program that runs programs for it on this machine.
     const fn emulator(self) -> &'static str {
         match self {
             Self::Aarch64 => "qemu-aarch64-static",
@@ -238,6 +238,14 @@ impl Linking<'_> {
         }
     }
 
+    /// What the emulator needs to know to run a program.
+    fn environment(self) -> Option<(String, String)> {
+        match self {
+            Self::Static => None,
+            Self::Root(root) => Some(("QEMU_LD_PREFIX".into(), root.display().to_string())),
+        }
+    }
+
     fn rustflags(self, target: Target) -> String {
         match self {
             Self::Static => "-Ctarget-feature=+crt-static".into(),
@@ -265,13 +273,18 @@ pub struct Toolchain {
 }
 
 impl Toolchain {
-    /// The program that runs static programs of the target on this machine.
+    /// The program that runs programs of the target on this machine.
     pub const fn emulator(&self) -> &'static str {
         self.target.emulator()
     }
 
-    /// A cargo whose `build`, `test` and `run` are for the target. Tests and runs use QEMU, which
-    /// requires [`Linking::Static`].
+    /// A run of a program under QEMU.
+    pub fn emulated(&self, linking: Linking, program: &Path) -> Task {
+        let task = Task::new(self.emulator()).args([program]);
+        linking.environment().iter().fold(task, |task, (name, value)| task.env(name, value))
+    }
+
+    /// A cargo whose `build`, `test` and `run` are for the target. Tests and runs use QEMU.
     pub fn cargo(&self, linking: Linking) -> Task {
         let task = self.compiler.cargo(self.target.built_library());
         self.environment(linking).iter().fold(task, |task, (name, value)| task.env(name, value))
@@ -299,6 +312,7 @@ impl Toolchain {
             (format!("{own}_RUSTFLAGS"), linking.rustflags(self.target)),
             (RUNNER.into(), self.target.emulator().into()),
         ];
+        environment.extend(linking.environment());
         if let Linking::Root(root) = linking {
             environment.extend(self.headers_and_libraries(root));
         }
@@ -378,5 +392,6 @@ mod tests {
         let environment = toolchain.environment(root);
         let flags = value(&environment, "CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUSTFLAGS");
         assert!(flags.unwrap().contains("--sysroot=/roots/trixie"));
+        assert_eq!(value(&environment, "QEMU_LD_PREFIX"), Some("/roots/trixie"));
     }
 }

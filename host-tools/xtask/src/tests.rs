@@ -16,6 +16,7 @@ use plumbline_test_support::{
 use crate::bare_metal::Document;
 use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{Linking, Target};
+use crate::image::DebianRoot;
 use crate::suite::Suite;
 use crate::{agreement, bare, bare_metal, image, python, setup};
 
@@ -90,6 +91,7 @@ impl Part {
             }
             Self::Arm => {
                 setup::ensure(&[setup::RENDERERS])?;
+                DebianRoot::prepare()?;
                 Target::Aarch64.prepare()
             }
             Self::Armhf => Target::Armv7.prepare(),
@@ -246,14 +248,17 @@ const SHIPPED: &[&str] = &[
 ];
 
 /// The tests of what ships on the box's processor, or all tests. Programs that they start also run
-/// through QEMU.
+/// through QEMU. They are built as what the boot tests put into the images is, so that the two
+/// share what they compile.
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
-    let programs = toolchain.programs(Linking::Static, "debug");
+    let debian = DebianRoot::fetch()?;
+    let linking = Linking::Root(debian.path());
+    let programs = toolchain.programs(linking, "debug");
     let cargo = || {
         toolchain
-            .cargo(Linking::Static)
+            .cargo(linking)
             .env(PROGRAMS, &programs.to_string_lossy())
             .env(RECORDINGS, &recordings.to_string_lossy())
     };
@@ -273,7 +278,7 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     };
     journal.suite("tests", &suite);
     let native = journal.programs.clone();
-    journal.check("agreement", || agreement::check(native.as_deref(), &toolchain, &recordings));
+    journal.check("agreement", || agreement::check(native.as_deref(), &toolchain, linking, &recordings));
     Ok(())
 }
 
@@ -315,7 +320,7 @@ pub fn boot_with_camera() -> Result<Task> {
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
-        images = image::make_for_tests(image::Profile::ImageTests)?;
+        images = image::make_for_tests(image::Profile::Dev)?;
         Ok(())
     });
     if made {

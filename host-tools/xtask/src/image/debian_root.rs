@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use crate::command::{Task, target_directory};
-use crate::setup::{Need, Probe};
+use crate::setup::{self, Need, Probe};
 
 /// The release from which the packages come: it has libcamera 0.4, which the Debian package needs,
 /// and a kernel with drivers for everything that the images run on.
@@ -32,7 +32,7 @@ const PACKAGES: &[&str] = &[
 const COMPONENTS: &str = "main,non-free-firmware";
 
 /// The tools needed to fetch the packages.
-pub const NEEDS: &[Need] = &[
+const NEEDS: &[Need] = &[
     Need {
         probe: Probe::Program("mmdebstrap"),
         package: "mmdebstrap",
@@ -62,6 +62,11 @@ pub struct DebianRoot {
 }
 
 impl DebianRoot {
+    /// Installs what fetching needs.
+    pub fn prepare() -> Result<()> {
+        setup::ensure(&[NEEDS])
+    }
+
     /// Fetches the packages, unless they are already there.
     pub fn fetch() -> Result<Self> {
         let path = target_directory().join("image").join(format!("{RELEASE}-arm64"));

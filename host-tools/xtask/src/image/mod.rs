@@ -115,7 +115,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// Installs what making the images needs.
 pub fn prepare() -> Result<()> {
-    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian_root::NEEDS, deb::NEEDS])?;
+    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, deb::NEEDS])?;
+    DebianRoot::prepare()?;
     Target::Aarch64.prepare()
 }
 
@@ -132,16 +133,24 @@ pub fn prepare_for_tests() -> Result<()> {
 pub enum Profile {
     /// As shipped.
     Release,
-    /// The same code with less optimisation.
-    ImageTests,
+    /// That of the tests, with which it shares what is compiled: quicker to make, and what
+    /// overflows panics.
+    Dev,
 }
 
 impl Profile {
-    /// Its name, which is also the name of cargo's directory.
     const fn name(self) -> &'static str {
         match self {
             Self::Release => "release",
-            Self::ImageTests => "image-tests",
+            Self::Dev => "dev",
+        }
+    }
+
+    /// Cargo's directory for what is built with it.
+    const fn directory(self) -> &'static str {
+        match self {
+            Self::Release => "release",
+            Self::Dev => "debug",
         }
     }
 }
@@ -255,7 +264,7 @@ fn built(
         Libraries::Inside => cargo.args(["--", "-Ctarget-feature=+crt-static"]).run()?,
         Libraries::Shared => cargo.run()?,
     }
-    Ok(toolchain.programs(linking, profile.name()).join(program))
+    Ok(toolchain.programs(linking, profile.directory()).join(program))
 }
 
 /// Builds the box's program with libcamera; returns its path.
