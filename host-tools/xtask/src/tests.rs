@@ -278,7 +278,9 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     };
     journal.suite("tests", &suite);
     let native = journal.programs.clone();
-    journal.check("agreement", || agreement::check(native.as_deref(), &toolchain, linking, &recordings));
+    journal.check("agreement", || {
+        agreement::check(native.as_deref(), &toolchain, linking, &recordings)
+    });
     Ok(())
 }
 
