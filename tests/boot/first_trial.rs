@@ -200,10 +200,13 @@ fn frames_of(received: &[Points], known: &[Points]) -> Vec<usize> {
     let mut offset_mm = mean(received) - mean(known);
     let mut frames = Vec::new();
     for _ in 0..20 {
-        frames = in_order(received.len(), known.len(), |place, frame| {
+        // Forwards, and then backwards.
+        let frame = |moment: usize| moment.min(2 * known.len() - 1 - moment);
+        let moments = in_order(received.len(), 2 * known.len(), |place, moment| {
             let at_mm = sideways(&received[place]) - offset_mm;
-            (sideways(&known[frame]) - at_mm).norm_squared()
+            (sideways(&known[frame(moment)]) - at_mm).norm_squared()
         });
+        frames = moments.into_iter().map(frame).collect();
         let pairs = received.iter().zip(&frames);
         offset_mm = pairs
             .map(|(points, &frame)| sideways(points) - sideways(&known[frame]))
@@ -213,31 +216,33 @@ fn frames_of(received: &[Points], known: &[Points]) -> Vec<usize> {
     frames
 }
 
-/// The frames of a disk that is played again and again, of the least total cost: each is at most
+/// The moments of a round that is played again and again, of the least total cost: each is at most
 /// [`PASSED_MAX`] later than the one before. A body passes the same place more than once, so that
 /// the nearest frame alone may be of another time.
-fn in_order(places: usize, frames: usize, cost: impl Fn(usize, usize) -> f64) -> Vec<usize> {
-    let mut totals: Vec<f64> = (0..frames).map(|frame| cost(0, frame)).collect();
+fn in_order(places: usize, moments: usize, cost: impl Fn(usize, usize) -> f64) -> Vec<usize> {
+    let earlier = |moment: usize, passed: usize| (moment + moments - passed) % moments;
+    let mut totals: Vec<f64> = (0..moments).map(|moment| cost(0, moment)).collect();
+    // For each place after the first and each moment: how many passed since the place before.
     let mut passed: Vec<Vec<usize>> = Vec::new();
     for place in 1..places {
-        let before = |frame: usize, passed: usize| (frame + frames - passed) % frames;
-        let total = |frame: usize, passed: usize| totals[before(frame, passed)];
-        let best: Vec<usize> = (0..frames)
-            .map(|frame| {
+        let total = |moment: usize, passed: usize| totals[earlier(moment, passed)];
+        let best: Vec<usize> = (0..moments)
+            .map(|moment| {
                 (0..=PASSED_MAX)
-                    .min_by(|&one, &other| total(frame, one).total_cmp(&total(frame, other)))
+                    .min_by(|&one, &other| total(moment, one).total_cmp(&total(moment, other)))
                     .expect("there are several")
             })
             .collect();
-        totals = (0..frames).map(|frame| total(frame, best[frame]) + cost(place, frame)).collect();
+        totals =
+            (0..moments).map(|moment| total(moment, best[moment]) + cost(place, moment)).collect();
         passed.push(best);
     }
-    let mut frame =
-        (0..frames).min_by(|&a, &b| totals[a].total_cmp(&totals[b])).expect("a disk has frames");
-    let mut found = vec![frame];
+    let last = (0..moments).min_by(|&one, &other| totals[one].total_cmp(&totals[other]));
+    let mut moment = last.expect("a round has moments");
+    let mut found = vec![moment];
     for passed in passed.iter().rev() {
-        frame = (frame + frames - passed[frame]) % frames;
-        found.push(frame);
+        moment = earlier(moment, passed[moment]);
+        found.push(moment);
     }
     found.reverse();
     found
@@ -266,8 +271,6 @@ fn assert_sways_as(rows: &[PoseRow], simulation: &Simulation) {
         let mean = errors.iter().sum::<Vector3<f64>>() / errors.len() as f64;
         let worst_mm = errors.iter().map(|error| (error - mean).amax()).fold(0.0, f64::max);
         println!("{name}: worst error of a frame's sway {worst_mm:.3} mm, offset {mean:.3?}");
-        for ((error, frame), points) in errors.iter().zip(&frames).zip(&received) {
-        }
         assert!(worst_mm < 0.3, "{name}: {worst_mm} mm");
     }
 }
