@@ -161,9 +161,10 @@ fn poses_of(folder: &Path) -> Vec<Vec<u8>> {
     datagrams.filter(|bytes| matches!(decode_datagram(bytes), Ok(Message::Pose(_)))).collect()
 }
 
-/// Pose packets of a trial until now: it listens before it has a file.
+/// Pose packets of a trial until now: it listens before it has a file, and has the file before it
+/// writes what kind of file it is.
 fn recorded(folder: &Path) -> usize {
-    if folder.join(names::JOURNAL).exists() { poses_of(folder).len() } else { 0 }
+    Reader::open(&folder.join(names::JOURNAL)).map_or(0, |_| poses_of(folder).len())
 }
 
 #[test]
