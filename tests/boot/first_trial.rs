@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Vector3, Vector4};
+use nalgebra::{Vector3, Vector6};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_files::poses::{self, PoseRow};
@@ -189,28 +189,29 @@ fn received_points(rows: &[PoseRow]) -> Vec<Points> {
 /// Frames of the disk that pass at most from one received frame to the next: half a second.
 const PASSED_MAX: usize = 12;
 
-/// Which frame of the disk each received one is, by its positions to the side and upwards,
-/// which are known ten times better than the depth. They are the truth's but for a constant,
-/// which is found along the way.
+/// Which frame of the disk each received one is, by its positions. They are the truth's but for a
+/// constant, which is found along the way. The depth is known ten times worse than the other two,
+/// and counts the less; but it alone tells frames apart in which the body turns to the side.
 fn frames_of(received: &[Points], known: &[Points]) -> Vec<usize> {
-    let sideways =
-        |[lumbar, shoulder]: &Points| Vector4::new(lumbar.y, lumbar.z, shoulder.y, shoulder.z);
+    let weighted = |[lumbar, shoulder]: &Points| {
+        Vector6::new(0.1 * lumbar.x, lumbar.y, lumbar.z, 0.1 * shoulder.x, shoulder.y, shoulder.z)
+    };
     let mean =
-        |points: &[Points]| points.iter().map(sideways).sum::<Vector4<f64>>() / points.len() as f64;
+        |points: &[Points]| points.iter().map(weighted).sum::<Vector6<f64>>() / points.len() as f64;
     let mut offset_mm = mean(received) - mean(known);
     let mut frames = Vec::new();
     for _ in 0..20 {
         // Forwards, and then backwards.
         let frame = |moment: usize| moment.min(2 * known.len() - 1 - moment);
         let moments = in_order(received.len(), 2 * known.len(), |place, moment| {
-            let at_mm = sideways(&received[place]) - offset_mm;
-            (sideways(&known[frame(moment)]) - at_mm).norm_squared()
+            let at_mm = weighted(&received[place]) - offset_mm;
+            (weighted(&known[frame(moment)]) - at_mm).norm_squared()
         });
         frames = moments.into_iter().map(frame).collect();
         let pairs = received.iter().zip(&frames);
         offset_mm = pairs
-            .map(|(points, &frame)| sideways(points) - sideways(&known[frame]))
-            .sum::<Vector4<f64>>()
+            .map(|(points, &frame)| weighted(points) - weighted(&known[frame]))
+            .sum::<Vector6<f64>>()
             / received.len() as f64;
     }
     frames
