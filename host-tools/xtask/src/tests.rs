@@ -209,19 +209,12 @@ fn native(journal: &mut Journal) {
         if let Err(error) = setup::ensure(&[setup::BROWSER]) {
             journal.cannot_be_had("a browser", &error);
         }
-        // A second opinion: if the package index cannot be reached, everything else still counts.
-        let python = python.join().expect("it does not panic");
-        if let Err(error) = &python {
-            journal.cannot_be_had("other people's readers", error);
-        }
+        let has_readers = readers(journal, python.join().expect("it does not panic"));
         let cargo = || {
             let task = Task::cargo()
                 .env(PROGRAMS, &programs.to_string_lossy())
                 .env(RECORDINGS, &recordings.to_string_lossy());
-            match python {
-                Ok(()) => task.env(python::VARIABLE, &python::program().to_string_lossy()),
-                Err(_) => task,
-            }
+            with_readers(task, has_readers)
         };
         let suite = Suite {
             cargo: &cargo,
@@ -256,11 +249,14 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let debian = DebianRoot::fetch()?;
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
+    let has_readers =
+        all && readers(journal, setup::ensure(&[setup::PYTHON]).and_then(|()| python::prepare()));
     let cargo = || {
-        toolchain
+        let task = toolchain
             .cargo(linking)
             .env(PROGRAMS, &programs.to_string_lossy())
-            .env(RECORDINGS, &recordings.to_string_lossy())
+            .env(RECORDINGS, &recordings.to_string_lossy());
+        with_readers(task, has_readers)
     };
     let selection = if all { &["--workspace"] } else { SHIPPED };
     if all {
@@ -282,6 +278,24 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
         agreement::check(native.as_deref(), &toolchain, linking, &recordings)
     });
     Ok(())
+}
+
+/// Whether other people's readers of the files could be prepared. They are a second opinion: if the
+/// package index cannot be reached, everything else still counts.
+fn readers(journal: &mut Journal, prepared: Result<()>) -> bool {
+    if let Err(error) = &prepared {
+        journal.cannot_be_had("other people's readers", error);
+    }
+    prepared.is_ok()
+}
+
+/// Tells the tests which Python has the readers.
+fn with_readers(task: Task, has_readers: bool) -> Task {
+    if has_readers {
+        task.env(python::VARIABLE, &python::program().to_string_lossy())
+    } else {
+        task
+    }
 }
 
 /// The core on a smaller processor: its own tests.
