@@ -161,8 +161,8 @@ fn poses_of(folder: &Path) -> Vec<Vec<u8>> {
     datagrams.filter(|bytes| matches!(decode_datagram(bytes), Ok(Message::Pose(_)))).collect()
 }
 
-/// Pose packets of a trial until now: it listens before it has a file, and has the file before it
-/// writes what kind of file it is.
+/// The number of pose packets of a trial so far: 0 while there is no journal, or one without its
+/// header.
 fn recorded(folder: &Path) -> usize {
     Reader::open(&folder.join(names::JOURNAL)).map_or(0, |_| poses_of(folder).len())
 }

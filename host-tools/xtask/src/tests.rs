@@ -100,8 +100,8 @@ impl Part {
         }
     }
 
-    /// The number of megabytes that the part writes below the target directory: as measured, plus a
-    /// fifth.
+    /// The number of megabytes that the part writes below the target directory: as measured, plus
+    /// a fifth at least.
     fn disk_mb(self) -> u64 {
         match self {
             Self::Quick | Self::Native => 3500,
