@@ -14,7 +14,7 @@
 //! are its modules, in the order in which they work.
 //!
 //! ```text
-//!  model     image, lens, target, pose, scene, config: what is given
+//!  model     image, lens, lens_table, target, pose, scene, config: what is given
 //!
 //!                        frame, time
 //!                             │
@@ -144,7 +144,7 @@ pub mod parts;
 pub mod pipeline;
 mod tell;
 
-pub use model::{config, image, lens, pose, scene, target};
+pub use model::{config, image, lens, lens_table, pose, scene, target};
 pub use tell::{packet, report, view};
 
 #[cfg(test)]

@@ -9,16 +9,25 @@
 struct Capacities {
     target_corners: usize,
     corners: usize,
+    lens_table_coefficients: usize,
     search_pixels_per_step: usize,
 }
 
 /// For frames of 1456 x 1088. A 13 x 9 calibration board fits.
-const STANDARD: Capacities =
-    Capacities { target_corners: 120, corners: 1024, search_pixels_per_step: 128 * 1024 };
+const STANDARD: Capacities = Capacities {
+    target_corners: 120,
+    corners: 1024,
+    lens_table_coefficients: 3600,
+    search_pixels_per_step: 128 * 1024,
+};
 
 /// For frames of 640 x 480. A board of 8 x 6 corners fits.
-const SMALL: Capacities =
-    Capacities { target_corners: 48, corners: 384, search_pixels_per_step: 25 * 1024 };
+const SMALL: Capacities = Capacities {
+    target_corners: 48,
+    corners: 384,
+    lens_table_coefficients: 1024,
+    search_pixels_per_step: 25 * 1024,
+};
 
 const SELECTED: Capacities = if cfg!(feature = "small-limits") { SMALL } else { STANDARD };
 
@@ -59,6 +68,11 @@ const _: () = assert!(TARGET_NODES_MAX <= 256 && TARGET_CORNERS_MAX <= 128);
 
 // The longest grid has exactly the largest number of corners.
 const _: () = assert!(GRID_COLUMNS_MAX * 3 == TARGET_CORNERS_MAX);
+
+/// Coefficients of each coordinate of each of the two maps of a
+/// [`LensTable`](crate::lens_table::LensTable). For a frame of 4:3, 69 x 52 or 37 x 27: one about
+/// every 22 px in the larger frame, every 19 px in the smaller.
+pub const LENS_TABLE_COEFFICIENTS: usize = SELECTED.lens_table_coefficients;
 
 /// Pixels that a search examines in one step while another target is tracked: a twelfth of a frame,
 /// so that a sweep of the whole frame takes less than a quarter of a second at 60 Hz.

@@ -15,7 +15,7 @@ use crate::follow::track::State;
 use crate::limits::TARGETS_MAX;
 use crate::model::config::{Config, ConfigError};
 use crate::model::image::{GreyImage, Pixel};
-use crate::model::lens::{Distortion, Lens};
+use crate::model::lens_table::LensTable;
 use crate::model::scene::SceneFrame;
 use crate::model::target::GridShape;
 use crate::model::target::{Role, TargetGeometry};
@@ -37,8 +37,8 @@ struct Track {
 ///
 /// Large (see `memory.md`): keep it in a `static` or behind a pointer.
 pub struct Pipeline {
-    /// All zero until configured: no frame has that size.
-    lens: Lens,
+    /// That of no lens until configured.
+    lens: LensTable,
     scene: Option<SceneFrame>,
     tracks: Vec<Track, TARGETS_MAX>,
     search: Search,
@@ -54,7 +54,7 @@ impl Pipeline {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            lens: NO_LENS,
+            lens: LensTable::new(),
             scene: None,
             tracks: Vec::new(),
             search: Search::new(),
@@ -70,9 +70,10 @@ impl Pipeline {
     /// # Errors
     /// The first field that is out of range; the pipeline then has no configuration.
     pub fn configure(&mut self, config: &Config) -> Result<(), ConfigError> {
-        self.lens = NO_LENS;
+        self.lens.clear();
         self.tracks.clear();
         config.check()?;
+        self.lens.fill(&config.lens)?;
         self.scene = config.cam_from_scene().map(SceneFrame::new);
         for target in &config.targets {
             let track = Track {
@@ -85,7 +86,6 @@ impl Pipeline {
             // The configuration's own list has the same capacity.
             let _ = self.tracks.push(track);
         }
-        self.lens = config.lens;
         self.search.stop();
         self.search_turn = 0;
         self.corners_dropped = 0;
@@ -105,10 +105,9 @@ impl Pipeline {
     ///
     /// `capture_time_ns` is the frame's time on the capture clock; only differences matter.
     pub fn step<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
-        let lens = self.lens;
-        if lens_fits(&lens, frame) {
-            self.measure_tracked(&lens, frame, capture_time_ns);
-            self.search_missing(&lens, frame, capture_time_ns);
+        if lens_fits(&self.lens, frame) {
+            self.measure_tracked(frame, capture_time_ns);
+            self.search_missing(frame, capture_time_ns);
         } else {
             for track in &mut self.tracks {
                 track.outcome = Err(NoPose::FrameSize);
@@ -130,16 +129,16 @@ impl Pipeline {
         &mut self,
         frame: &GreyImage<'_, P>,
     ) -> (FrameView, Vec<TargetView, TARGETS_MAX>) {
-        let lens = self.lens;
+        let Self { lens, workspace, .. } = self;
         let targets = self.tracks.iter().filter_map(|track| {
-            let measured = track.outcome.as_ref().ok().filter(|_| lens_fits(&lens, frame))?;
+            let measured = track.outcome.as_ref().ok().filter(|_| lens_fits(lens, frame))?;
             let view = View {
                 image: frame,
-                lens: &lens,
+                lens,
                 target: &track.geometry,
                 first_square_dark: track.first_square_dark,
             };
-            let nodes = self.workspace.nodes(&view, &measured.cam_from_target)?;
+            let nodes = workspace.nodes(&view, &measured.cam_from_target)?;
             let squares = squares(frame, nodes, view.first_square_dark)?;
             Some(TargetView {
                 role: track.geometry.role(),
@@ -154,7 +153,7 @@ impl Pipeline {
     }
 
     /// Measures the targets whose motion is known.
-    fn measure_tracked<P: Pixel>(&mut self, lens: &Lens, frame: &GreyImage<'_, P>, time_ns: u64) {
+    fn measure_tracked<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) {
         for track in &mut self.tracks {
             let Some(motion) = track.state.motion() else {
                 track.outcome = Err(NoPose::Searching);
@@ -162,7 +161,7 @@ impl Pipeline {
             };
             let view = View {
                 image: frame,
-                lens,
+                lens: &self.lens,
                 target: &track.geometry,
                 first_square_dark: track.first_square_dark,
             };
@@ -180,7 +179,7 @@ impl Pipeline {
     }
 
     /// Continues the search, and measures the targets that it has found.
-    fn search_missing<P: Pixel>(&mut self, lens: &Lens, frame: &GreyImage<'_, P>, time_ns: u64) {
+    fn search_missing<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) {
         let missing = self.tracks.iter().filter(|track| track.outcome.is_err()).count();
         if missing == 0 {
             self.search.stop();
@@ -192,7 +191,7 @@ impl Pipeline {
             self.search.stop();
         }
         if self.search.goal().is_none() {
-            let (goal, area) = self.next_sweep(lens, frame, time_ns);
+            let (goal, area) = self.next_sweep(frame, time_ns);
             self.search.begin(goal, area);
         }
         let goal = self.search.goal();
@@ -218,8 +217,12 @@ impl Pipeline {
                 Ok(grid) => {
                     let corners = self.search.corners().as_slice();
                     let first_square_dark = grid.first_square_dark;
-                    let view =
-                        View { image: frame, lens, target: &track.geometry, first_square_dark };
+                    let view = View {
+                        image: frame,
+                        lens: &self.lens,
+                        target: &track.geometry,
+                        first_square_dark,
+                    };
                     let fitted = self.workspace.acquire(&view, grid, corners);
                     track.outcome = fitted.map_err(NoPose::from).map(|fitted| {
                         // A rejected grid must not change what is known of a coasting target.
@@ -238,12 +241,7 @@ impl Pipeline {
     }
 
     /// The next sweep: the missing targets take turns, each searched for where it may be.
-    fn next_sweep<P: Pixel>(
-        &mut self,
-        lens: &Lens,
-        frame: &GreyImage<'_, P>,
-        time_ns: u64,
-    ) -> (Goal, Area) {
+    fn next_sweep<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) -> (Goal, Area) {
         let count = self.tracks.len();
         let turn = (0..count)
             .map(|step| (self.search_turn + step) % count)
@@ -255,7 +253,7 @@ impl Pipeline {
         let region = track
             .state
             .motion()
-            .and_then(|motion| region(lens, &track.geometry, &motion.predict(time_ns)));
+            .and_then(|motion| region(&self.lens, &track.geometry, &motion.predict(time_ns)));
         match region {
             Some(area) => (Goal::Region { target }, area),
             None => (Goal::WholeFrame, whole),
@@ -305,20 +303,7 @@ impl Default for Pipeline {
     }
 }
 
-/// The lens of an unconfigured pipeline: all zero, so that a static pipeline takes no space in a
-/// program's file.
-const NO_LENS: Lens = Lens {
-    width_px: 0,
-    height_px: 0,
-    fx_px: 0.0,
-    fy_px: 0.0,
-    cx_px: 0.0,
-    cy_px: 0.0,
-    skew_px: 0.0,
-    distortion: Distortion::Radial2([0.0; 2]),
-};
-
 /// Whether a frame has the size that the camera was calibrated for.
-fn lens_fits<P: Pixel>(lens: &Lens, frame: &GreyImage<'_, P>) -> bool {
-    usize::from(lens.width_px) == frame.width() && usize::from(lens.height_px) == frame.height()
+fn lens_fits<P: Pixel>(lens: &LensTable, frame: &GreyImage<'_, P>) -> bool {
+    usize::from(lens.width_px()) == frame.width() && usize::from(lens.height_px()) == frame.height()
 }

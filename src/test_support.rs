@@ -8,6 +8,7 @@ use nalgebra::{Vector2, Vector3};
 use crate::fit::planar::SeenCorner;
 use crate::limits::TARGET_CORNERS_MAX;
 use crate::model::lens::{Distortion, Lens};
+use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
 
 /// The corners of one target, as a tracker would see them.
@@ -71,6 +72,13 @@ pub fn bedside_lens() -> Lens {
     }
 }
 
+/// A lens's table.
+pub fn table(lens: &Lens) -> LensTable {
+    let mut table = LensTable::new();
+    table.fill(lens).expect("a usual lens");
+    table
+}
+
 /// The corners of a checkerboard of 12 mm pitch seen at a pose; each raw coordinate has noise of
 /// `sigma_px`.
 pub fn observe(
@@ -89,7 +97,9 @@ pub fn observe(
         let seen_px = true_px + random.normal2() * sigma_px;
         // Exact corners still need a sigma for their weights.
         let sigma_px = if sigma_px > 0.0 { sigma_px } else { 0.01 };
-        let seen = SeenCorner::new(point_target_mm, lens, &seen_px, sigma_px).unwrap();
+        let ray = lens.ray_from_raw(&seen_px).unwrap();
+        let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
+        let seen = SeenCorner { point_target_mm, ray, raw_by_ray, sigma_px };
         observations.push(seen).unwrap();
     }
     observations

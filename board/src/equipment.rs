@@ -4,7 +4,8 @@
 //! so that none of them accepts what another refuses.
 
 use anyhow::{Result, bail};
-use plumbline::config::{Config, NO_LINK};
+use plumbline::config::{Config, ConfigError, NO_LINK};
+use plumbline::lens_table::LensTable;
 
 use crate::link::{Link, Links, SerialLink, UdpLink};
 use crate::source::chosen::Source;
@@ -26,6 +27,9 @@ impl Equipment {
     /// The reason for which a box would refuse the configuration.
     pub fn of(config: &Config) -> Result<Self> {
         config.check()?;
+        // Too large for a small stack.
+        let mut table = Box::new(LensTable::new());
+        table.fill(&config.lens).map_err(ConfigError::from)?;
         Ok(Self { links: links(config)?, source: Source::camera(config)? })
     }
 }

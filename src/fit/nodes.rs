@@ -17,7 +17,8 @@ use heapless::Vec;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::limits::TARGET_NODES_MAX;
-use crate::model::lens::{Lens, ray_of};
+use crate::model::lens::ray_of;
+use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::TargetGeometry;
 
@@ -99,7 +100,7 @@ impl Nodes {
     #[must_use]
     pub fn project(
         &mut self,
-        lens: &Lens,
+        lens: &LensTable,
         target: &TargetGeometry,
         cam_from_target: &Pose<Cam, Target>,
     ) -> bool {
@@ -310,7 +311,7 @@ mod tests {
 
     use super::*;
     use crate::model::target::{Origin, Role};
-    use crate::test_support::bedside_lens;
+    use crate::test_support::{bedside_lens, table};
 
     fn target() -> TargetGeometry {
         TargetGeometry::checker(3, 4, 12.0, Origin::Center, Role::Upper, [0.0; 3]).unwrap()
@@ -318,7 +319,7 @@ mod tests {
 
     fn projected(pose: &Pose<Cam, Target>) -> Nodes {
         let mut nodes = Nodes::new();
-        assert!(nodes.project(&bedside_lens(), &target(), pose));
+        assert!(nodes.project(&table(&bedside_lens()), &target(), pose));
         nodes
     }
 
@@ -376,7 +377,7 @@ mod tests {
 
     #[test]
     fn a_target_seen_from_behind_or_behind_the_camera_has_no_nodes() {
-        let (lens, target) = (bedside_lens(), target());
+        let (lens, target) = (table(&bedside_lens()), target());
         let mut nodes = Nodes::new();
         let turned = Pose::from_theta([0.0, core::f64::consts::PI, 0.0, 0.0, 0.0, 900.0]);
         assert!(!nodes.project(&lens, &target, &turned));

@@ -21,7 +21,8 @@ use heapless::Vec;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::fit::solve::{Observations, by_increment};
-use crate::model::lens::{Lens, ray_by_point, ray_of};
+use crate::model::lens::{ray_by_point, ray_of};
+use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
 
 /// Fewest points: a homography has 8 parameters, and a point gives 2 equations.
@@ -88,11 +89,11 @@ impl SeenCorner {
     #[must_use]
     pub fn new(
         point_target_mm: Vector3<f64>,
-        lens: &Lens,
+        lens: &LensTable,
         raw_px: &Vector2<f64>,
         sigma_px: f64,
     ) -> Option<Self> {
-        let ray = lens.ray_from_raw(raw_px)?;
+        let (ray, _) = lens.ray_from_raw_with_jacobian(raw_px)?;
         let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
         Some(Self { point_target_mm, ray, raw_by_ray, sigma_px })
     }

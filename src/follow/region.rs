@@ -1,14 +1,14 @@
 //! Where in the frame to search for a target that was seen not long ago.
 
 use crate::find::search::Area;
-use crate::model::lens::Lens;
+use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::TargetGeometry;
 
 /// The part of the frame in which a target may be: its outline where it is
 /// expected, and at least three squares more on every side. `None` when it is outside.
 pub(crate) fn region(
-    lens: &Lens,
+    lens: &LensTable,
     target: &TargetGeometry,
     cam_from_target: &Pose<Cam, Target>,
 ) -> Option<Area> {
@@ -29,5 +29,5 @@ pub(crate) fn region(
         let end = ((high[axis] + margin_px).max(0.0) as usize).min(usize::from(length));
         (start < end).then_some(start..end)
     };
-    Some(Area { columns: side(0, lens.width_px)?, rows: side(1, lens.height_px)? })
+    Some(Area { columns: side(0, lens.width_px())?, rows: side(1, lens.height_px())? })
 }

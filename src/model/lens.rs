@@ -14,6 +14,7 @@ use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
+use crate::model::lens_table::ERROR_PX_MAX;
 
 /// Distortion coefficients, acting on rays.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -73,6 +74,9 @@ pub enum LensError {
     Coefficient,
     /// The distortion folds back inside the frame, so that one raw pixel has two rays.
     Folds,
+    /// The distortion changes too fast for the lens table
+    /// ([`LensTable`](crate::lens_table::LensTable)).
+    Table,
 }
 
 impl core::fmt::Display for LensError {
@@ -93,6 +97,12 @@ impl core::fmt::Display for LensError {
             }
             Self::Folds => formatter.write_str(
                 "the distortion folds back inside the frame: one pixel would have two rays",
+            ),
+            Self::Table => write!(
+                formatter,
+                "the distortion changes too fast within the frame: the lens table would be wrong \
+                 by more than {ERROR_PX_MAX} px; calibrate again, with fewer coefficients or with \
+                 photographs that cover the whole frame"
             ),
         }
     }

@@ -21,6 +21,7 @@ use anyhow::{Context, Result, bail, ensure};
 use nalgebra::Vector3;
 use plumbline::config::Config;
 use plumbline::image::{GreyImage, Pixel};
+use plumbline::lens_table::LensTable;
 use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Report;
@@ -77,6 +78,7 @@ fn words(plane: &[u8]) -> Vec<u16> {
 /// A recording with its truth, in memory, so that no file is read between frames.
 struct Bench<P> {
     config: Config,
+    lens: Box<LensTable>,
     frames: Vec<Vec<P>>,
     white_level: u16,
     rate_hz: f64,
@@ -98,8 +100,11 @@ impl<P: Pixel> Bench<P> {
         let path = directory.join("truth.csv");
         let truth = fs::File::open(&path).with_context(|| path.display().to_string())?;
         let truth = read_truth(truth, &config, frames.len()).context("truth.csv")?;
+        let mut lens = Box::new(LensTable::new());
+        lens.fill(&config.lens)?;
         Ok(Self {
             config,
+            lens,
             frames,
             white_level: (1 << video.get_bit_depth()) - 1,
             rate_hz: rate.num as f64 / rate.den as f64,
@@ -186,7 +191,7 @@ impl<P: Pixel> Bench<P> {
         let mut times = Vec::new();
         let mut errors = Errors::new(&self.config);
         for frame in 1..self.frames.len() {
-            let (view, lens) = (self.view(frame), &self.config.lens);
+            let (view, lens) = (self.view(frame), &*self.lens);
             let targets = self.config.targets.iter().zip(&self.truth[frame - 1]);
             let start = Instant::now();
             let poses: Vec<_> = targets

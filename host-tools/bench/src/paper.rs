@@ -11,7 +11,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 use plumbline::image::{GreyImage, Pixel};
-use plumbline::lens::Lens;
+use plumbline::lens_table::LensTable;
 use plumbline::parts::{SeenCorner, solve};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
@@ -28,7 +28,7 @@ const SIGMA_PX: f64 = 0.1;
 /// The pose of a target near an expected one, from windows of half width `radius_px`.
 pub fn pose<P: Pixel>(
     image: &GreyImage<'_, P>,
-    lens: &Lens,
+    lens: &LensTable,
     target: &TargetGeometry,
     expected_cam_from_target: &Pose<Cam, Target>,
     radius_px: usize,

@@ -11,9 +11,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use nalgebra::Vector6;
 use plumbline::image::Pixel;
+use plumbline::lens::ray_of;
 use plumbline::parts::{
     Appearance, Batch, CornerList, Detector, GridFinder, Light, Motion, Nodes, SeenEdge, SeenEdges,
-    View, Workspace, fit_edge, locate_edge, mirror_image, robust_cost_after_step, solve,
+    View, Workspace, fit_edge, locate_edge, mirror_image, points_mm, robust_cost_after_step, solve,
 };
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::GridRejection;
@@ -26,7 +27,35 @@ const ITERATIONS: usize = 2;
 /// Measures and prints all the parts.
 pub fn measure<P: Pixel>(bench: &Bench<P>) -> Result<()> {
     let known = searching(bench)?;
-    tracking(bench, &known)
+    tracking(bench, &known)?;
+    lens(bench);
+    Ok(())
+}
+
+/// The nodes of both targets put into the frame, by the lens's table, and by the model that the
+/// camera was calibrated with, which tracking does not use.
+fn lens<P: Pixel>(bench: &Bench<P>) {
+    let [mut by_table, mut by_model] = [const { Vec::new() }; 2];
+    for poses in &bench.truth {
+        let targets = bench.config.targets.iter().zip(poses);
+        let rays: Vec<_> = targets
+            .flat_map(|(target, pose)| {
+                points_mm(&target.geometry).filter_map(|point| ray_of(&pose.transform(&point)))
+            })
+            .collect();
+        let start = Instant::now();
+        for ray in &rays {
+            black_box(bench.lens.raw_from_ray_with_jacobian(black_box(ray)));
+        }
+        by_table.push(start.elapsed());
+        let start = Instant::now();
+        for ray in &rays {
+            black_box(bench.config.lens.raw_from_ray_with_jacobian(black_box(ray)));
+        }
+        by_model.push(start.elapsed());
+    }
+    say_times("lens_table", &mut by_table);
+    say_times("lens_model", &mut by_model);
 }
 
 /// What a search tells the tracking of a target.
@@ -59,7 +88,7 @@ fn searching<P: Pixel>(bench: &Bench<P>) -> Result<Vec<Known>> {
         let found = targets.iter().zip(&grids).map(|(target, grid)| {
             let grid = grid.as_ref().ok()?;
             let first_square_dark = grid.first_square_dark;
-            let (lens, target) = (&bench.config.lens, &target.geometry);
+            let (lens, target) = (&*bench.lens, &target.geometry);
             let view = View { image: &image, lens, target, first_square_dark };
             let fitted = workspace.acquire(&view, grid, corners.as_slice()).ok()?;
             Some(Known { appearance: fitted.appearance, first_square_dark })
@@ -137,7 +166,7 @@ impl Tracker {
         expected: &Pose<Cam, Target>,
         parts: &mut Parts,
     ) -> Option<()> {
-        let (image, lens) = (&bench.view(frame), &bench.config.lens);
+        let (image, lens) = (&bench.view(frame), &*bench.lens);
         let target = &bench.config.targets[target].geometry;
         let Self { nodes, batch } = self;
         let start = Instant::now();

@@ -12,7 +12,8 @@
 
 use nalgebra::Vector3;
 use plumbline::image::GreyImage;
-use plumbline::lens::{Distortion, Lens};
+use plumbline::lens::{Distortion, Lens, LensError};
+use plumbline::lens_table::LensTable;
 use plumbline::parts::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::GridRejection;
@@ -68,6 +69,8 @@ pub enum Failure {
     NoTilt,
     /// The refinement does not converge.
     Unsettled,
+    /// The lens that fits the photographs best cannot be used.
+    Lens(LensError),
 }
 
 /// What one photograph contributed.
@@ -144,7 +147,7 @@ pub fn calibrate(
     let mut bundle = start(pictures, &found, board, distortion, &points_mm)?;
     let mut places = Vec::new();
     for _ in 0..ROUNDS {
-        let measured = measure(pictures, &found, board, &bundle.lens);
+        let measured = measure(pictures, &found, board, &bundle.lens)?;
         places = (0..measured.len()).filter(|&place| measured[place].is_some()).collect();
         if places.len() < PHOTOGRAPHS_MIN {
             return Err(Failure::TooFew(places.len()));
@@ -163,7 +166,7 @@ pub fn calibrate(
         .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
         .collect();
     // Each photograph is measured on its own through the final lens, as a tracker would.
-    let last = measure(pictures, &found, board, &bundle.lens);
+    let last = measure(pictures, &found, board, &bundle.lens)?;
     let (mut squares, mut corners) = (0.0, 0.0);
     for (&place, photograph) in places.iter().zip(&bundle.photographs) {
         let Some(measured) = &last[place] else { continue };
@@ -238,9 +241,11 @@ fn measure(
     found: &[Result<Found, GridRejection>],
     board: &TargetGeometry,
     lens: &Lens,
-) -> Vec<Option<Measured>> {
+) -> Result<Vec<Option<Measured>>, Failure> {
+    let mut table = Box::new(LensTable::new());
+    table.fill(lens).map_err(Failure::Lens)?;
     let measure = |finder: &mut Finder, (picture, found): (&Picture, &Result<Found, _>)| {
-        finder.measure(&picture.view(), board, lens, found.as_ref().ok()?)
+        finder.measure(&picture.view(), board, &table, found.as_ref().ok()?)
     };
-    pictures.par_iter().zip(found).map_init(Finder::new, measure).collect()
+    Ok(pictures.par_iter().zip(found).map_init(Finder::new, measure).collect())
 }

@@ -7,7 +7,7 @@
 
 use nalgebra::Vector2;
 use plumbline::image::{GreyImage, Pixel};
-use plumbline::lens::Lens;
+use plumbline::lens_table::LensTable;
 use plumbline::parts::{Appearance, SeenEdge};
 use plumbline::parts::{Corner, CornerList, Detector};
 use plumbline::parts::{Grid, GridFinder};
@@ -80,7 +80,7 @@ impl Finder {
         &mut self,
         image: &GreyImage<'_, P>,
         board: &TargetGeometry,
-        lens: &Lens,
+        lens: &LensTable,
         found: &Found,
     ) -> Option<Measured> {
         let first_square_dark = found.grid.first_square_dark;

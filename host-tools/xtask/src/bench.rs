@@ -217,6 +217,8 @@ fn tables(
     writeln!(text, "|---|---:|---:|---:|---:|")?;
     for (what, run, opencv_run) in [
         ("**a tracked frame** (`step`)", "tracking", Some("warm")),
+        ("its nodes, by the lens table", "lens_table", None),
+        ("the same by the lens's model, for comparison", "lens_model", None),
         ("its light", "stage_light", None),
         ("its edges fitted to their pixels", "stage_fit", None),
         ("its poses solved", "stage_solve", None),

@@ -11,7 +11,7 @@ use crate::model::image::GreyImage;
 use crate::model::lens::{Distortion, Lens, ray_by_point};
 use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::{Origin, Role, TargetGeometry};
-use crate::test_support::{Random, bedside_lens};
+use crate::test_support::{Random, bedside_lens, table};
 
 pub(super) const WIDTH: u16 = 200;
 pub(super) const HEIGHT: u16 = 160;
@@ -123,7 +123,7 @@ impl Scene {
 
     pub(super) fn nodes(&self, expected_cam_from_target: &Pose<Cam, Target>) -> Nodes {
         let mut nodes = Nodes::new();
-        assert!(nodes.project(&self.lens, &self.target, expected_cam_from_target));
+        assert!(nodes.project(&table(&self.lens), &self.target, expected_cam_from_target));
         nodes
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Matrix6, Vector3};
 
 use crate::fit::edge::Appearance;
 use crate::model::image::GreyImage;
-use crate::model::lens::Lens;
+use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::TargetGeometry;
 
@@ -51,7 +51,7 @@ pub struct View<'a, P> {
     /// The picture.
     pub image: &'a GreyImage<'a, P>,
     /// The camera.
-    pub lens: &'a Lens,
+    pub lens: &'a LensTable,
     /// The target.
     pub target: &'a TargetGeometry,
     /// Whether the square up and left of corner 0 is dark, see

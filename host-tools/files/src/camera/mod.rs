@@ -25,6 +25,7 @@
 use std::path::Path;
 
 use plumbline::lens::{Distortion, Lens, LensError};
+use plumbline::lens_table::LensTable;
 use serde::{Deserialize, Serialize};
 
 use crate::BadInput;
@@ -242,9 +243,10 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
     })
 }
 
-/// [`Lens::check`], with the offending fields and their values.
+/// [`Lens::check`], and whether the lens has a table, with the offending fields and their values.
 fn check(lens: &Lens, place: &str) -> Result<(), BadInput> {
-    lens.check().map_err(|error| {
+    let mut table = Box::new(LensTable::new());
+    lens.check().and_then(|()| table.fill(lens)).map_err(|error| {
         let pair = |one: &dyn std::fmt::Display, two: &dyn std::fmt::Display| {
             format!("{one} and {two}")
         };
@@ -253,7 +255,7 @@ fn check(lens: &Lens, place: &str) -> Result<(), BadInput> {
             LensError::FocalLength => ("fx_px, fy_px", pair(&lens.fx_px, &lens.fy_px)),
             LensError::PrincipalPoint => ("cx_px, cy_px", pair(&lens.cx_px, &lens.cy_px)),
             LensError::Skew => ("skew_px", lens.skew_px.to_string()),
-            LensError::Coefficient | LensError::Folds => {
+            LensError::Coefficient | LensError::Folds | LensError::Table => {
                 ("distortion", format!("{:?}", lens.distortion.coefficients()))
             }
         };

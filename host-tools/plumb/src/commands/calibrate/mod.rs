@@ -188,6 +188,11 @@ fn refusal(failure: Failure, arguments: &Arguments, pictures: usize) -> BadInput
             "the board has the same tilt in all of them, so the focal length is undetermined",
             "tilt the board by 20 to 40 degrees about both axes",
         ),
+        Failure::Lens(error) => BadInput::whole(
+            "the calibration",
+            error,
+            "take photographs in which the board reaches the frame's corners, or try another --model",
+        ),
         Failure::Unsettled => BadInput::new(
             "IMAGE",
             "photographs",

@@ -1,0 +1,184 @@
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use super::*;
+use crate::model::lens::Distortion;
+use crate::test_support::{Random, bedside_lens, repetitions};
+
+/// Lenses of all kinds, each with a name.
+fn lenses() -> Vec<(&'static str, Lens)> {
+    let bedside = bedside_lens();
+    let with = |distortion| Lens { distortion, ..bedside };
+    let wide = Lens { fx_px: 800.0, fy_px: 805.0, ..bedside };
+    let wide = |distortion| Lens { distortion, ..wide };
+    std::vec![
+        ("no distortion", with(Distortion::Radial2([0.0; 2]))),
+        ("the bedside's", bedside),
+        ("a strong cushion", with(Distortion::Radial2([0.4, 0.3]))),
+        ("a wide barrel", wide(Distortion::Brown5([-0.28, 0.09, 0.001, -0.0008, -0.008]))),
+        ("decentred", wide(Distortion::Brown5([-0.1, 0.02, 0.02, -0.015, 0.0]))),
+        (
+            "upright",
+            Lens { width_px: 1088, height_px: 1456, cx_px: 540.0, cy_px: 731.0, ..bedside }
+        ),
+        (
+            "a large frame",
+            Lens {
+                width_px: 4096,
+                height_px: 3000,
+                fx_px: 4900.0,
+                fy_px: 4900.0,
+                cx_px: 2050.0,
+                cy_px: 1490.0,
+                ..bedside
+            },
+        ),
+        ("a narrow strip", Lens { width_px: 1456, height_px: 64, cy_px: 30.0, ..bedside },),
+        (
+            "a tiny frame, askew",
+            Lens {
+                width_px: 64,
+                height_px: 64,
+                fx_px: 60.0,
+                fy_px: 70.0,
+                cx_px: 30.0,
+                cy_px: 35.0,
+                skew_px: 5.0,
+                ..bedside
+            },
+        ),
+    ]
+}
+
+fn table(lens: &Lens) -> Box<LensTable> {
+    let mut table = Box::new(LensTable::new());
+    table.fill(lens).expect("a usual lens");
+    table
+}
+
+/// A pixel anywhere in a lens's frame.
+fn any_pixel(lens: &Lens, random: &mut Random) -> Vector2<f64> {
+    let side = |side_px: u16| f64::from(side_px - 1);
+    Vector2::new(
+        random.uniform(0.0, side(lens.width_px)),
+        random.uniform(0.0, side(lens.height_px)),
+    )
+}
+
+#[test]
+fn both_maps_of_every_lens_are_within_the_bound_everywhere() {
+    let mut random = Random::new(1);
+    for (name, lens) in lenses() {
+        let table = table(&lens);
+        let corners = [0, lens.width_px - 1]
+            .map(f64::from)
+            .into_iter()
+            .flat_map(|x| [0, lens.height_px - 1].map(f64::from).map(|y| Vector2::new(x, y)));
+        let pixels: Vec<_> = corners
+            .chain((0..repetitions(20_000)).map(|_| any_pixel(&lens, &mut random)))
+            .collect();
+        for raw_px in pixels {
+            let ray = lens.ray_from_raw(&raw_px).unwrap();
+            let (forth_px, raw_by_ray) = table.raw_from_ray_with_jacobian(&ray);
+            let error_px = (forth_px - raw_px).norm();
+            assert!(error_px < ERROR_PX_MAX, "{name}: {error_px} px at {raw_px}");
+
+            let (_, exact) = lens.raw_from_ray_with_jacobian(&ray);
+            let (back, ray_by_raw) = table.ray_from_raw_with_jacobian(&raw_px).unwrap();
+            let error_px = (exact * (back - ray)).norm();
+            assert!(error_px < ERROR_PX_MAX, "{name}: {error_px} px back at {raw_px}");
+
+            // The bound's length over half a cell is 1.6e-4; a prediction is off by 1 px at most
+            // where only derivatives are used.
+            let error = (raw_by_ray - exact).norm() / exact.norm();
+            assert!(error < 2e-4, "{name}: derivatives off by {error} at {raw_px}");
+            let error = (ray_by_raw * exact - Matrix2::identity()).norm();
+            assert!(error < 3e-4, "{name}: derivatives back off by {error} at {raw_px}");
+        }
+    }
+}
+
+#[test]
+fn usual_lenses_stay_far_below_the_bound() {
+    let lens = bedside_lens();
+    let error_px = table(&lens).error_px(&lens).unwrap();
+    assert!(error_px < 0.1 * ERROR_PX_MAX, "{error_px} px");
+}
+
+#[test]
+fn derivatives_are_those_of_the_values() {
+    let lens = bedside_lens();
+    let table = table(&lens);
+    let mut random = Random::new(2);
+    for _ in 0..repetitions(500) {
+        let raw_px = any_pixel(&lens, &mut random);
+        let (ray, _) = table.ray_from_raw_with_jacobian(&raw_px).unwrap();
+        let (_, raw_by_ray) = table.raw_from_ray_with_jacobian(&ray);
+        for axis in 0..2 {
+            // A pixel of a cell's 25: single precision leaves 1e-4 px in a difference, and the
+            // spline's third derivative less.
+            let step = Vector2::from_fn(|row, _| if row == axis { 0.5 / lens.fx_px } else { 0.0 });
+            let [ahead, behind] =
+                [ray + step, ray - step].map(|ray| table.raw_from_ray_with_jacobian(&ray).0);
+            let difference = (ahead - behind) * lens.fx_px;
+            let error = (difference - raw_by_ray.column(axis)).norm() / lens.fx_px;
+            assert!(error < 2e-4, "{error} at {raw_px}");
+        }
+    }
+}
+
+#[test]
+fn beyond_the_frame_there_are_no_rays_and_pixels_go_on() {
+    let lens = bedside_lens();
+    let table = table(&lens);
+    let rays = |x: f64, y: f64| table.ray_from_raw_with_jacobian(&Vector2::new(x, y));
+    // From border to border of the outermost pixels.
+    assert!(rays(-0.5, -0.5).is_some() && rays(1455.5, 1087.5).is_some());
+    assert!(rays(-0.6, 500.0).is_none() && rays(1455.6, 500.0).is_none());
+    assert!(rays(700.0, -0.6).is_none() && rays(700.0, 1087.6).is_none());
+    assert!(rays(f64::NAN, 500.0).is_none() && rays(700.0, f64::INFINITY).is_none());
+    // On the way out of the frame and far beyond, each pixel is farther out than the last.
+    let mut last_px = 1000.0;
+    for step in 0..400 {
+        let ray = Vector2::new(0.2 + 0.01 * f64::from(step), 0.1);
+        let (raw_px, _) = table.raw_from_ray_with_jacobian(&ray);
+        assert!(raw_px.x > last_px, "{raw_px} after {last_px}");
+        last_px = raw_px.x;
+    }
+    // And just outside it is where the lens puts it.
+    let ray = Vector2::new(0.4309, 0.3);
+    let exact_px = lens.raw_from_ray_with_jacobian(&ray).0;
+    assert!(exact_px.x > 1460.0, "{exact_px}");
+    assert!((table.raw_from_ray_with_jacobian(&ray).0 - exact_px).norm() < ERROR_PX_MAX);
+}
+
+#[test]
+fn a_lens_that_the_table_cannot_follow_is_refused() {
+    let mut table = Box::new(LensTable::new());
+    // It rises by half near the corner of the frame only: a calibration gone wrong.
+    let wrong =
+        Lens { distortion: Distortion::Brown5([0.0, 0.0, 0.0, 0.0, 900.0]), ..bedside_lens() };
+    assert_eq!(wrong.check(), Ok(()));
+    assert_eq!(table.fill(&wrong), Err(LensError::Table));
+    assert_eq!((table.width_px(), table.height_px()), (0, 0));
+    // It can still be used afterwards.
+    assert_eq!(table.fill(&bedside_lens()), Ok(()));
+    let folds = Lens { distortion: Distortion::Radial2([-5.0, 0.0]), ..bedside_lens() };
+    assert_eq!(table.fill(&folds), Err(LensError::Folds));
+}
+
+#[test]
+fn an_unfilled_table_gives_no_rays_and_does_not_panic() {
+    let table = LensTable::new();
+    assert!(table.ray_from_raw_with_jacobian(&Vector2::new(0.0, 0.0)).is_none());
+    let _ = table.raw_from_ray_with_jacobian(&Vector2::new(0.1, 0.2));
+}
+
+#[test]
+fn a_nan_stays_one() {
+    let table = table(&bedside_lens());
+    let (raw_px, _) = table.raw_from_ray_with_jacobian(&Vector2::new(f64::NAN, 0.0));
+    assert!(raw_px.x.is_nan());
+}
