@@ -148,7 +148,7 @@ impl<P: Pixel> Bench<P> {
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
-            errors.add(&self.truth[frame], poses(&report));
+            errors.add(&self.truth[frame], positions(&report));
         }
         say_times("tracking", &mut times);
         errors.say("tracking");
@@ -166,7 +166,7 @@ impl<P: Pixel> Bench<P> {
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
-            errors.add(&self.truth[frame], poses(&report));
+            errors.add(&self.truth[frame], positions(&report));
         }
         say_times("search", &mut times);
         errors.say("search");
@@ -196,7 +196,8 @@ impl<P: Pixel> Bench<P> {
             let start = Instant::now();
             let poses: Vec<_> = targets
                 .map(|(target, before)| {
-                    paper::pose(&view, lens, &target.geometry, before, radius_px)
+                    let pose = paper::pose(&view, lens, &target.geometry, before, radius_px)?;
+                    Some(Found { position_mm: pose.translation_mm, sd_mm: None })
                 })
                 .collect();
             times.push(start.elapsed());
@@ -206,10 +207,13 @@ impl<P: Pixel> Bench<P> {
     }
 }
 
-/// The poses that a report holds.
-fn poses(report: &Report) -> impl Iterator<Item = Option<Pose<Cam, Target>>> + '_ {
-    let measured = report.targets.iter().map(|target| target.measurement.as_ref().ok());
-    measured.map(|found| found.map(|found| found.cam_from_target))
+/// The positions that a report holds.
+fn positions(report: &Report) -> impl Iterator<Item = Option<Found>> + '_ {
+    report.targets.iter().map(|target| {
+        let found = target.measurement.as_ref().ok()?;
+        let position_mm = found.cam_from_target.translation_mm;
+        Some(Found { position_mm, sd_mm: Some(found.sd_mm()) })
+    })
 }
 
 fn read_frames<P>(
@@ -258,49 +262,68 @@ fn read_truth(
     truth.into_iter().map(whole).collect::<Option<_>>().context("a frame or target is missing")
 }
 
-/// Per target: the errors of its position in the camera's frame, and the number of
-/// frames without a (true) pose.
+/// A position in the camera's frame that was found, and its standard deviations where a method
+/// states any.
+struct Found {
+    position_mm: Vector3<f64>,
+    sd_mm: Option<Vector3<f64>>,
+}
+
+/// One target's errors.
+#[derive(Clone, Default)]
+struct TargetErrors {
+    /// Found minus true position in the camera's frame.
+    mm: Vec<Vector3<f64>>,
+    /// The same in stated standard deviations.
+    in_sd: Vec<Vector3<f64>>,
+    /// The number of frames without a (true) pose.
+    lost: usize,
+}
+
+/// The errors of each target.
 struct Errors<'a> {
     config: &'a Config,
-    targets: Vec<(Vec<Vector3<f64>>, usize)>,
+    targets: Vec<TargetErrors>,
 }
 
 impl<'a> Errors<'a> {
     fn new(config: &'a Config) -> Self {
-        Self { config, targets: vec![(Vec::new(), 0); config.targets.len()] }
+        Self { config, targets: vec![TargetErrors::default(); config.targets.len()] }
     }
 
-    fn add(
-        &mut self,
-        truth: &[Pose<Cam, Target>],
-        found: impl IntoIterator<Item = Option<Pose<Cam, Target>>>,
-    ) {
-        for ((errors, lost), (found, truth)) in
-            self.targets.iter_mut().zip(found.into_iter().zip(truth))
-        {
-            let error_mm = found.map(|found| found.translation_mm - truth.translation_mm);
-            match error_mm {
-                Some(error_mm) if error_mm.norm() < FALSE_MM => errors.push(error_mm),
-                _ => *lost += 1,
+    fn add(&mut self, truth: &[Pose<Cam, Target>], found: impl IntoIterator<Item = Option<Found>>) {
+        for (errors, (found, truth)) in self.targets.iter_mut().zip(found.into_iter().zip(truth)) {
+            let error_mm = |found: &Found| (found.position_mm - truth.translation_mm, found.sd_mm);
+            match found.as_ref().map(error_mm) {
+                Some((error_mm, sd_mm)) if error_mm.norm() < FALSE_MM => {
+                    errors.mm.push(error_mm);
+                    errors.in_sd.extend(sd_mm.map(|sd_mm| error_mm.component_div(&sd_mm)));
+                }
+                _ => errors.lost += 1,
             }
         }
     }
 
     /// The spread of the depth, summed over all targets.
     fn spread(&self) -> f64 {
-        self.targets.iter().map(|(errors, _)| mean_and_spread(errors)[1].z).sum()
+        self.targets.iter().map(|errors| mean_and_spread(&errors.mm)[1].z).sum()
     }
 
     /// Prints the figures; those of the depth have no axis in their name.
     fn say(&self, run: &str) {
-        for (target, (errors, lost)) in self.config.targets.iter().zip(&self.targets) {
-            let name = &target.name;
-            let [mean, spread] = mean_and_spread(errors);
+        for (target, errors) in self.config.targets.iter().zip(&self.targets) {
+            let (name, lost) = (&target.name, errors.lost);
+            let [mean, spread] = mean_and_spread(&errors.mm);
             println!("{run}_spread_mm:{name}\t{:.4}", spread.z);
             println!("{run}_spread_x_mm:{name}\t{:.4}", spread.x);
             println!("{run}_spread_y_mm:{name}\t{:.4}", spread.y);
             println!("{run}_bias_mm:{name}\t{:.4}", mean.z);
             println!("{run}_lost:{name}\t{lost}");
+            if !errors.in_sd.is_empty() {
+                let squares = errors.in_sd.iter().map(|error| error.z * error.z).sum::<f64>();
+                let rms = (squares / errors.in_sd.len() as f64).sqrt();
+                println!("{run}_normalised:{name}\t{rms:.3}");
+            }
         }
     }
 }

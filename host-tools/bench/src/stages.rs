@@ -173,7 +173,8 @@ impl Tracker {
         if !nodes.project(lens, target, expected) {
             return None;
         }
-        let light = Light::measure(image, nodes, known.first_square_dark);
+        let blur_px = known.appearance.x_blur_px.max(known.appearance.y_blur_px);
+        let light = Light::measure(image, nodes, known.first_square_dark, blur_px);
         parts.light += start.elapsed();
 
         let start = Instant::now();

@@ -14,6 +14,11 @@ pub struct Appearance {
     /// spreads, and a camera's response need not be linear. Inside the grid it shifts
     /// neighbouring edges in opposite directions; on its border, all of them outwards.
     pub growth_px: f64,
+    /// The number of estimates of which the growth is the mean.
+    pub growth_estimates: u8,
+    /// How far the blurs may be from those of an edge of the next frame, as the standard deviation
+    /// of their logarithms.
+    pub ln_blur_sd: f64,
     /// Whether the border was seen where it should be: the outermost squares of a board may
     /// be cut, or have no margin.
     pub has_border: bool,
@@ -24,15 +29,36 @@ pub struct Appearance {
 pub(super) const BLUR_PX_MIN: f64 = 0.4;
 /// Largest blur. Above it a target is too far out of focus to be of use.
 pub(super) const BLUR_PX_MAX: f64 = 4.0;
+/// Smallest uncertainty of ln s. Nearly as much follows from what all edges of a frame tell together;
+/// a blur that differs more from edge to edge costs no more than a little precision, since whether
+/// it moves an edge left or right depends on where the edge lies between the pixels.
+const LN_BLUR_SD_MIN: f64 = 0.005;
 /// Largest correction of ln s at once: the model is far from linear beyond it.
 pub(super) const LN_BLUR_STEP_MAX: f64 = 0.3;
+/// Estimates of the growth that are averaged. It is a property of print and camera and hardly
+/// changes, and on the border its error is an error of the depth, which a single frame's estimate
+/// would make 2 % less certain.
+const GROWTH_ESTIMATES_MAX: u8 = 32;
+/// A change of the growth by more than this is no noise: it is believed at once.
+pub(crate) const GROWN_PX_MAX: f64 = 0.01;
 /// Largest growth; anything more is not growth.
 pub(super) const GROWTH_PX_MAX: f64 = 1.0;
 
 impl Appearance {
     /// The first guess: a good lens in focus, the pixel's box, and an exact print.
-    pub const START: Self =
-        Self { x_blur_px: 0.75, y_blur_px: 0.75, growth_px: 0.0, has_border: false };
+    pub const START: Self = Self {
+        x_blur_px: 0.75,
+        y_blur_px: 0.75,
+        ln_blur_sd: LN_BLUR_STEP_MAX,
+        growth_px: 0.0,
+        growth_estimates: 0,
+        has_border: false,
+    };
+
+    /// The precision of ln s.
+    pub(super) fn ln_blur_precision(&self) -> f64 {
+        1.0 / (self.ln_blur_sd * self.ln_blur_sd)
+    }
 
     pub(super) fn blur_px(&self, direction: Direction) -> f64 {
         match direction {
@@ -53,9 +79,15 @@ impl Appearance {
                 *blur_px = corrected;
             }
         }
-        let grown_px = self.growth_px + growth_px;
+        self.ln_blur_sd = largest.max(LN_BLUR_SD_MIN);
+        if growth_px.abs() > GROWN_PX_MAX {
+            self.growth_estimates = 0;
+        }
+        let estimates = (self.growth_estimates + 1).min(GROWTH_ESTIMATES_MAX);
+        let grown_px = self.growth_px + growth_px / f64::from(estimates);
         if grown_px.abs() <= GROWTH_PX_MAX {
             self.growth_px = grown_px;
+            self.growth_estimates = estimates;
         }
         largest
     }

@@ -12,13 +12,19 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::common::statistics::median;
+use crate::fit::edge::fit::{WIDTH_IN_BLURS, WIDTH_PX};
 use crate::fit::nodes::{Edge, Nodes};
 use crate::limits::{TARGET_NODES_MAX, TARGET_SQUARES_MAX};
 use crate::model::image::{GreyImage, Pixel};
 
-/// Half width of the window in a square's middle, as a share of the square, and its upper bound.
+/// Half width of the window in a square's middle: at least this share of the square, up to so many
+/// pixels,
 const REACH_SHARE: f64 = 0.2;
-const REACH_PX_MAX: usize = 3;
+const SMALL_REACH_PX_MAX: usize = 3;
+/// and as much as stays clear of the edges' blur, up to a bound. The error of a level is common to
+/// all edges and puts those of the border too far out or in: 49 pixels per square, where 121 are
+/// clear, would cost 4 % of the depth's precision.
+const REACH_PX_MAX: usize = 6;
 
 /// Fewest squares of one colour to which a plane is fitted.
 const SQUARES_MIN: usize = 5;
@@ -54,12 +60,58 @@ pub struct Light {
     origin_px: Vector2<f64>,
     light: Plane,
     dark: Plane,
-    /// Noise variance of the pixels within squares, grey levels squared.
-    noise_variance: f64,
+    noise: Noise,
     /// Whether the squares confirm the slopes of both planes.
     is_even: bool,
     /// The squares, by their nodes, that agree with their colour's plane.
     agree: [bool; TARGET_NODES_MAX],
+}
+
+/// The sensor's noise: variances of the pixels within squares of either colour, grey levels squared.
+///
+/// Two points of the photon transfer curve (Janesick 2007): a pixel that has caught more light also
+/// scatters more, and its variance grows linearly with its level from that of the readout.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Noise {
+    light: f64,
+    dark: f64,
+}
+
+/// The largest share by which a level's variance may differ from the mean of both levels'. Pixels
+/// that are black or saturated seem to have none, but an edge's must not rest on them alone.
+const CONTRAST_OF_NOISE_MAX: f64 = 0.8;
+
+impl Noise {
+    /// Of pixels whose squared deviations add up to these sums; each has lost one degree of freedom
+    /// for each square.
+    fn of([light, dark]: [Scatter; 2]) -> Self {
+        Self { light: light.variance(), dark: dark.variance() }
+    }
+
+    /// Halfway between both levels.
+    fn middle(&self) -> f64 {
+        0.5 * (self.light + self.dark)
+    }
+
+    /// How much more a pixel at the light level scatters than one halfway, as a share of the
+    /// latter's variance.
+    fn contrast(&self) -> f64 {
+        let contrast = 0.5 * (self.light - self.dark) / self.middle();
+        contrast.clamp(-CONTRAST_OF_NOISE_MAX, CONTRAST_OF_NOISE_MAX)
+    }
+}
+
+/// Squared deviations of pixels from their squares' means.
+#[derive(Debug, Clone, Copy, Default)]
+struct Scatter {
+    squares: f64,
+    degrees_of_freedom: f64,
+}
+
+impl Scatter {
+    fn variance(&self) -> f64 {
+        self.squares / self.degrees_of_freedom
+    }
 }
 
 /// What is known beforehand about the levels at an edge.
@@ -74,6 +126,20 @@ pub(super) struct Levels {
     pub(super) mean_per_px: Vector2<f64>,
     /// Slope of their difference, relative to the difference, per px.
     pub(super) contrast_per_px: Vector2<f64>,
+    /// How much more a pixel at the light level scatters than one halfway between both, as a share
+    /// of the latter's variance.
+    pub(super) noise_contrast: f64,
+    /// Variance of a pixel halfway between both, grey levels squared.
+    noise_variance: f64,
+}
+
+impl Levels {
+    /// The inverse square of half the contrast, in units of the noise: what the precision of a
+    /// number in blurs is to be multiplied with to be that of a coefficient of the pixels.
+    pub(super) fn noise_per_contrast(&self) -> f64 {
+        let half_contrast = 0.5 * (self.light - self.dark);
+        self.noise_variance / (half_contrast * half_contrast)
+    }
 }
 
 /// One square's middle.
@@ -85,20 +151,21 @@ struct Square {
 }
 
 impl Light {
-    /// Measures the middle of each square. `None` where too few squares are inside the frame and
+    /// Measures the middle of each square, whose edges have this blur. `None` where too few squares are inside the frame and
     /// large enough; each edge then has only its own pixels.
     #[must_use]
     pub fn measure<P: Pixel>(
         image: &GreyImage<'_, P>,
         nodes: &Nodes,
         first_square_dark: bool,
+        blur_px: f64,
     ) -> Option<Self> {
         let origin_px = nodes.as_slice().get(nodes.as_slice().len() / 2)?.raw_px;
         let mut squares: [Vec<Square, TARGET_SQUARES_MAX>; 2] = [Vec::new(), Vec::new()];
-        let (mut noise, mut pixels_per_square) = (0.0, 0.0);
-        let mut noise_count = 0.0;
+        let mut scatters = [Scatter::default(); 2];
+        let mut pixels_per_square = 0.0;
         for square in nodes.squares(first_square_dark) {
-            let reach = ((REACH_SHARE * square.width_px) as usize).min(REACH_PX_MAX);
+            let reach = reach_px(square.width_px, blur_px);
             let middle_px = square.middle_px;
             let Some((x, y)) = image.window_centre(middle_px.into(), reach) else { continue };
             if reach == 0 {
@@ -115,8 +182,9 @@ impl Light {
             }
             let count = (2 * reach + 1).pow(2) as f64;
             let mean = f64::from(sum) / count;
-            noise += f64::from(sum_squares) - mean * mean * count;
-            noise_count += count - 1.0;
+            let scatter = &mut scatters[usize::from(square.is_dark)];
+            scatter.squares += f64::from(sum_squares) - mean * mean * count;
+            scatter.degrees_of_freedom += count - 1.0;
             pixels_per_square = count;
             // The position of the window, not of the square: their middles differ by up to half a
             // pixel.
@@ -128,26 +196,26 @@ impl Light {
                 level,
             });
         }
-        let noise_variance = noise / noise_count;
-        let of_mean = noise_variance / pixels_per_square;
-        let floor = DEVIATION_IN_NOISE_MIN * DEVIATION_IN_NOISE_MIN * noise_variance;
-        let plane = |squares: &[Square]| Plane::fit(squares, of_mean, floor);
-        let (light, dark) = (plane(&squares[0])?, plane(&squares[1])?);
+        let noise = Noise::of(scatters);
+        let floor = DEVIATION_IN_NOISE_MIN * DEVIATION_IN_NOISE_MIN * noise.middle();
+        let of_means = [noise.light, noise.dark].map(|variance| variance / pixels_per_square);
+        let light = Plane::fit(&squares[0], of_means[0], floor)?;
+        let dark = Plane::fit(&squares[1], of_means[1], floor)?;
         let mut agree = [false; TARGET_NODES_MAX];
-        for (plane, squares) in [light, dark].iter().zip(&squares) {
+        for ((plane, of_mean), squares) in [light, dark].iter().zip(of_means).zip(&squares) {
             for square in squares {
                 let off = square.level - plane.coefficients.dot(&square.place);
                 let is_near = off * off < AGREEMENT_SQUARE * (plane.variance + of_mean);
                 agree[usize::from(square.node)] = is_near;
             }
         }
-        let sum = light.coefficients.sum() + dark.coefficients.sum() + noise_variance;
+        let sum = light.coefficients.sum() + dark.coefficients.sum() + noise.middle();
         (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0).then_some(Self {
             origin_px,
             light,
             dark,
-            noise_variance,
-            is_even: light.is_borne_out(noise_variance) && dark.is_borne_out(noise_variance),
+            noise,
+            is_even: light.is_borne_out(noise.light) && dark.is_borne_out(noise.dark),
             agree,
         })
     }
@@ -180,12 +248,23 @@ impl Light {
         Levels {
             light,
             dark,
-            light_weight: self.noise_variance / self.light.variance,
-            dark_weight: self.noise_variance / self.dark.variance,
+            light_weight: self.noise.middle() / self.light.variance,
+            dark_weight: self.noise.middle() / self.dark.variance,
             mean_per_px,
             contrast_per_px,
+            noise_contrast: self.noise.contrast(),
+            noise_variance: self.noise.middle(),
         }
     }
+}
+
+/// Half width of the window in the middle of a square of this width.
+fn reach_px(width_px: f64, blur_px: f64) -> usize {
+    let small = ((REACH_SHARE * width_px) as usize).min(SMALL_REACH_PX_MAX);
+    // A window that is turned by an eighth of a turn against the square reaches sqrt 2 farther.
+    let clear_px = 0.5 * width_px - (WIDTH_IN_BLURS * blur_px + WIDTH_PX);
+    let clear = (clear_px * core::f64::consts::FRAC_1_SQRT_2) as usize;
+    clear.min(REACH_PX_MAX).max(small)
 }
 
 impl Plane {
@@ -258,7 +337,7 @@ mod tests {
     }
 
     fn measured(scene: &Scene, pixels: &[u16]) -> Option<Light> {
-        Light::measure(&image(pixels), &scene.nodes(&scene.cam_from_target), true)
+        Light::measure(&image(pixels), &scene.nodes(&scene.cam_from_target), true, scene.blur_px())
     }
 
     /// Largest errors of the light and the dark level at the target's corners, parts of white.
@@ -352,6 +431,6 @@ mod tests {
         // Squares whose middle is a single pixel.
         let tiny = Scene::new(4.5, 0.0, 0.0);
         assert!(measured(&tiny, &tiny.render().noise_free()).is_none());
-        assert!(Light::measure(&image(&pixels), &Nodes::new(), true).is_none());
+        assert!(Light::measure(&image(&pixels), &Nodes::new(), true, 0.7).is_none());
     }
 }

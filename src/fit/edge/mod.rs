@@ -29,6 +29,7 @@ mod seen;
 mod tests;
 
 pub use appearance::Appearance;
+pub(crate) use appearance::GROWN_PX_MAX;
 pub use fit::{Batch, PixelFit, fit_edge};
 pub use light::Light;
 pub use locate::locate_edge;

@@ -37,6 +37,8 @@ fn appearance(scene: &Scene) -> Appearance {
         x_blur_px: scene.blur_px(),
         y_blur_px: scene.blur_px(),
         growth_px,
+        growth_estimates: 0,
+        ln_blur_sd: 0.3,
         has_border: true,
     }
 }
@@ -51,7 +53,8 @@ fn fit_all(
 ) -> Vec<(SeenEdge, PixelFit)> {
     let nodes = scene.nodes(expected);
     let image = image(pixels);
-    let light = Light::measure(&image, &nodes, scene.first_square_dark).filter(|_| has_light);
+    let light = Light::measure(&image, &nodes, scene.first_square_dark, scene.blur_px())
+        .filter(|_| has_light);
     let mut batch = Batch::new();
     let fitted = |edge| fit_edge(&image, &nodes, &edge, appearance, light.as_ref(), &mut batch);
     nodes.edges(scene.first_square_dark).filter_map(fitted).collect()

@@ -10,7 +10,7 @@ use crate::common::statistics::{Mean, median};
 use crate::find::corner::Corner;
 use crate::find::grid::Grid;
 use crate::fit::edge::{
-    Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,
+    Appearance, Batch, GROWN_PX_MAX, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,
 };
 use crate::fit::nodes::{Direction, Nodes};
 use crate::fit::solve::{Inliers, Observations, Solution, solve};
@@ -70,10 +70,6 @@ const MOVED_PX_MAX: f64 = 0.15;
 
 /// It is also repeated where a pass changes a blur by more than this fraction.
 const BLUR_CHANGE_MAX: f64 = 0.1;
-
-/// A change of growth, relative to earlier frames, is removed from the edges at once where it is
-/// more than this.
-const GROWN_PX_MAX: f64 = 0.01;
 
 /// A border farther than this from where the inner edges put it is not the target's: a thousandth
 /// of the size of a small target.
@@ -260,7 +256,8 @@ impl Workspace {
         if !self.nodes.project(view.lens, view.target, cam_from_target) {
             return Err(MeasureFailure::PoorFit);
         }
-        let light = Light::measure(view.image, &self.nodes, view.first_square_dark);
+        let blur_px = appearance.x_blur_px.max(appearance.y_blur_px);
+        let light = Light::measure(view.image, &self.nodes, view.first_square_dark, blur_px);
         for edge in self.nodes.edges(view.first_square_dark) {
             if edge.is_border && !appearance.has_border {
                 continue;

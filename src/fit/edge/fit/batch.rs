@@ -6,7 +6,7 @@ use core::hint::black_box;
 use super::crossing::Crossings;
 use super::lanes::{LANES, Lanes};
 use super::region::Region;
-use super::regression::{ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
+use super::regression::{ONE_ONE, ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
 use crate::fit::edge::light::Levels;
 use crate::fit::edge::profile::blurred_step;
 use crate::model::image::{GreyImage, Pixel};
@@ -67,13 +67,15 @@ impl Batch {
         Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY }
     }
 
-    /// Inner products over all pixels of a region inside the frame, with the slope of the light
-    /// removed from them; `None` where the region's middle is outside.
+    /// Inner products over all pixels of a region inside the frame, each weighted by its expected
+    /// noise, with the slope of the light removed from them; `None` where the region's middle is
+    /// outside. `sign` is 1 where the right side is light, otherwise -1.
     pub(super) fn sums<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
         region: &Region,
         levels: Option<&Levels>,
+        sign: f64,
     ) -> Option<Sums> {
         let [origin_x, origin_y] = region.origin;
         if origin_x >= image.width() || origin_y >= image.height() {
@@ -89,7 +91,8 @@ impl Batch {
             Some(levels) => (0.5 * (levels.light + levels.dark)) as f32,
             None => image.row(origin_y)[origin_x].into(),
         };
-        let mut products = Products::new();
+        let noise_by_step = levels.map_or(0.0, |levels| (sign * levels.noise_contrast) as f32);
+        let mut products = Products::new(noise_by_step);
         self.count = 0;
         let [middle_x, middle_y] = region.middle;
         let [along_x, along_y] = region.along;
@@ -112,8 +115,8 @@ impl Batch {
             self.push(pixels, count, &field, [x, row as f32 - middle_y]);
         });
         products.add(self, bend, &region.crossings);
-        let products = products.total(&region.crossings);
-        Some(Sums { count: products[0], products, base: base.into() })
+        let (count, products) = products.total(&region.crossings);
+        Some(Sums { count, products, base: base.into() })
     }
 
     /// Appends the first `count` pixels of a row, whose start is given relative to the edge's
@@ -154,17 +157,21 @@ impl Batch {
     }
 }
 
-/// The inner products, in lanes, except the first, which is the count.
+/// The weighted inner products, in lanes.
 struct Products {
-    sums: [Lanes; PRODUCTS - 1],
+    sums: [Lanes; PRODUCTS],
+    /// How much the noise variance grows from the middle of the step to its top, as a share of that
+    /// in the middle. A pixel's weight is the inverse of its expected variance, which follows from
+    /// the model and not from the pixel: noise would otherwise weigh itself.
+    noise_by_step: f32,
     count: usize,
     /// How many of the lanes held none of the region's pixels.
     padding: usize,
 }
 
 impl Products {
-    fn new() -> Self {
-        Self { sums: [[0.0; LANES]; PRODUCTS - 1], count: 0, padding: 0 }
+    fn new(noise_by_step: f32) -> Self {
+        Self { sums: [[0.0; LANES]; PRODUCTS], noise_by_step, count: 0, padding: 0 }
     }
 
     /// Adds a batch and empties it; `bend` is 4 times what is to be added at either end, in blurs.
@@ -186,54 +193,66 @@ impl Products {
         place[padding.clone()].fill(0.0);
         self.padding += padding.len();
         self.count += count;
+        let noise_by_step = self.noise_by_step;
         let mut sums = self.sums;
-        let [s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] = &mut sums;
+        let [o, s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
+            &mut sums;
         let pixels = chunk(across, chunks).iter().zip(chunk(place, chunks));
         for ((across, place), grey) in pixels.zip(chunk(grey, chunks)) {
             black_box(());
             let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
+            // Each column times the pixel's weight.
+            let [mut wo, mut ws, mut wp, mut wb, mut wt, mut wg] = [[0.0; LANES]; 6];
             for lane in 0..LANES {
                 let w = place[lane];
                 let v = across[lane] + bend * w * w;
                 (step[lane], slope[lane]) = profile(v, w, crossings);
                 blur[lane] = v * slope[lane];
                 turn[lane] = w * slope[lane];
+                wo[lane] = 1.0 / (1.0 + noise_by_step * step[lane]);
+                ws[lane] = wo[lane] * step[lane];
+                wp[lane] = wo[lane] * slope[lane];
+                wb[lane] = wo[lane] * blur[lane];
+                wt[lane] = wo[lane] * turn[lane];
+                wg[lane] = wo[lane] * grey[lane];
             }
-            add(s, &step);
-            add(b, &blur);
-            add(p, &slope);
-            add(t, &turn);
-            add(g, grey);
-            add_product(ss, &step, &step);
-            add_product(sb, &step, &blur);
-            add_product(sp, &step, &slope);
-            add_product(st, &step, &turn);
-            add_product(sg, &step, grey);
-            add_product(bb, &blur, &blur);
-            add_product(bp, &blur, &slope);
-            add_product(bt, &blur, &turn);
-            add_product(bg, &blur, grey);
-            add_product(pp, &slope, &slope);
-            add_product(pt, &slope, &turn);
-            add_product(pg, &slope, grey);
-            add_product(tt, &turn, &turn);
-            add_product(tg, &turn, grey);
-            add_product(gg, grey, grey);
+            add(o, &wo);
+            add(s, &ws);
+            add(b, &wb);
+            add(p, &wp);
+            add(t, &wt);
+            add(g, &wg);
+            add_product(ss, &ws, &step);
+            add_product(sb, &ws, &blur);
+            add_product(sp, &ws, &slope);
+            add_product(st, &ws, &turn);
+            add_product(sg, &ws, grey);
+            add_product(bb, &wb, &blur);
+            add_product(bp, &wb, &slope);
+            add_product(bt, &wb, &turn);
+            add_product(bg, &wb, grey);
+            add_product(pp, &wp, &slope);
+            add_product(pt, &wp, &turn);
+            add_product(pg, &wp, grey);
+            add_product(tt, &wt, &turn);
+            add_product(tg, &wt, grey);
+            add_product(gg, &wg, grey);
         }
         self.sums = sums;
     }
 
-    fn total(&self, crossings: &Crossings) -> [f64; PRODUCTS] {
+    /// The number of pixels, and the products.
+    fn total(&self, crossings: &Crossings) -> (f64, [f64; PRODUCTS]) {
         let mut products = [0.0; PRODUCTS];
-        products[0] = self.count as f64;
-        for (product, [a, b, c, d]) in products[1..].iter_mut().zip(self.sums) {
+        for (product, [a, b, c, d]) in products.iter_mut().zip(self.sums) {
             *product = f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d));
         }
         let (_, slope) = profile(0.0, 0.0, crossings);
         let (padding, slope) = (self.padding as f64, f64::from(slope));
+        products[ONE_ONE] -= padding;
         products[ONE_SLOPE] -= padding * slope;
         products[SLOPE_SLOPE] -= padding * slope * slope;
-        products
+        (self.count as f64, products)
     }
 }
 

@@ -31,6 +31,7 @@ mod regression;
 mod tests;
 
 pub use batch::Batch;
+pub(super) use region::{WIDTH_IN_BLURS, WIDTH_PX};
 
 use region::Region;
 use regression::{BLUR, Regression, SLOPE, STEP};
@@ -77,11 +78,14 @@ pub fn fit_edge<P: Pixel>(
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
     let middle_px = (chord.start_px + chord.end_px) * 0.5;
     let levels = light.and_then(|light| light.beside(nodes, edge, &middle_px));
-    let mut sums = batch.sums(image, &region, levels.as_ref())?;
+    let mut sums = batch.sums(image, &region, levels.as_ref(), sign)?;
     if let Some(levels) = levels {
         sums.add_levels(&levels, sign);
     }
-    let regression = Regression::new(&sums)?;
+    let blur_precision = levels
+        .as_ref()
+        .map_or(0.0, |levels| appearance.ln_blur_precision() * levels.noise_per_contrast());
+    let regression = Regression::new(&sums, blur_precision)?;
     let half_contrast = regression.coefficients[STEP] * sign;
     let white_level = f64::from(image.white_level());
     if half_contrast < 0.5 * f64::from(CONTRAST_MIN) * white_level {

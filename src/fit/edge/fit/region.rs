@@ -32,8 +32,8 @@ pub(super) const CLEAR_OF_BORDER: f64 = 2.65;
 
 /// Largest distance of pixels from the edge, a multiple of s plus an allowance in px: this covers
 /// the whole transition, and enough of the flat squares to determine light and dark.
-pub(super) const WIDTH_IN_BLURS: f64 = 3.5;
-pub(super) const WIDTH_PX: f64 = 0.7;
+pub(in crate::fit::edge) const WIDTH_IN_BLURS: f64 = 3.5;
+pub(in crate::fit::edge) const WIDTH_PX: f64 = 0.7;
 
 /// Largest half length of an edge that is used: the work is bounded, however near the target is.
 pub(super) const HALF_LENGTH_PX_MAX: f64 = 32.0;

@@ -3,7 +3,7 @@
 //! The columns are ordered so that the last two of the Cholesky factor of their normal equations
 //! are those of shift and turn with the others eliminated: a whitener for [`crate::fit::solve`].
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::fit::edge::light::Levels;
 
@@ -21,10 +21,10 @@ pub(super) const BLUR: usize = 2;
 pub(super) const SLOPE: usize = 3;
 pub(super) const TURN: usize = 4;
 
-/// Inner products of the columns and the pixels, the upper triangle row by row, the
-/// pixels last. The column of ones makes the first row plain sums.
+/// Weighted inner products of the columns and the pixels, the upper triangle row by row, the
+/// pixels last. The column of ones makes the first row sums of the weights and of the weighted columns.
 pub(super) const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
-const ONE_ONE: usize = 0;
+pub(super) const ONE_ONE: usize = 0;
 const ONE_STEP: usize = 1;
 pub(super) const ONE_SLOPE: usize = 3;
 const ONE_PIXEL: usize = 5;
@@ -73,8 +73,14 @@ pub(super) struct Regression {
 }
 
 impl Regression {
-    /// `None` when the pixels are too few, or do not distinguish the columns.
-    pub(super) fn new(&Sums { products: ref sums, count, .. }: &Sums) -> Option<Self> {
+    /// `blur_precision` is that of the expected blur, in units of the products: shift and turn are
+    /// those for a blur that is known so well, while the blur's own coefficient, from which the
+    /// next expectation is made, is the pixels' alone. `None` when the pixels are too few, or do
+    /// not distinguish the columns.
+    pub(super) fn new(
+        &Sums { products: ref sums, count, .. }: &Sums,
+        blur_precision: f64,
+    ) -> Option<Self> {
         let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
         let mut right = SVector::<f64, COLUMNS>::zeros();
         let mut index = 0;
@@ -101,10 +107,19 @@ impl Regression {
         let whitened = factor.solve_lower_triangular(&right)?;
         let coefficients = factor.tr_solve_lower_triangular(&whitened)?;
         let residual = (squares - whitened.norm_squared()).max(0.0);
+        let last = |matrix: &SMatrix<f64, COLUMNS, COLUMNS>| {
+            Matrix3::from_fn(|row, column| matrix[(BLUR + row, BLUR + column)])
+        };
+        let last_factor = last(&factor).lower_triangle();
+        let mut known = last_factor * last_factor.transpose();
+        known[(0, 0)] += blur_precision;
+        let known_factor = known.cholesky()?.unpack();
+        let seen =
+            known_factor.solve_lower_triangular(&(last_factor * whitened.fixed_rows::<3>(BLUR)))?;
         Some(Self {
             coefficients: coefficients.into(),
-            factor: [factor[(SLOPE, SLOPE)], factor[(TURN, SLOPE)], factor[(TURN, TURN)]],
-            seen: [whitened[SLOPE], whitened[TURN]],
+            factor: [known_factor[(1, 1)], known_factor[(2, 1)], known_factor[(2, 2)]],
+            seen: [seen[1], seen[2]],
             blur_pivot: factor[(BLUR, BLUR)] * factor[(BLUR, BLUR)],
             noise_variance: residual / (count - COLUMNS as f64),
         })

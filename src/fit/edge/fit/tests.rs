@@ -61,7 +61,7 @@ fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f
     let pixels = vec![100_u8; width * height];
     let image = GreyImage::new(&pixels, width, height, width).unwrap();
     let region = Region::new(chord, [blur_px; 2], [false; 2])?;
-    Batch::new().sums(&image, &region, None).map(|sums| sums.products[0])
+    Batch::new().sums(&image, &region, None, 1.0).map(|sums| sums.products[0])
 }
 
 #[test]
