@@ -37,7 +37,7 @@ const LN_BLUR_SD_MIN: f64 = 0.005;
 pub(super) const LN_BLUR_STEP_MAX: f64 = 0.3;
 /// Estimates of the growth that are averaged. It is a property of print and camera and hardly
 /// changes, and on the border its error is an error of the depth, which a single frame's estimate
-/// would make 2 % less certain.
+/// would make 5 % less certain.
 const GROWTH_ESTIMATES_MAX: u8 = 32;
 /// A change of the growth by more than this is no noise: it is believed at once.
 pub(crate) const GROWN_PX_MAX: f64 = 0.01;
@@ -79,11 +79,11 @@ impl Appearance {
                 *blur_px = corrected;
             }
         }
-        self.ln_blur_sd = largest.max(LN_BLUR_SD_MIN);
-        if growth_px.abs() > GROWN_PX_MAX {
-            self.growth_estimates = 0;
+        if ln_x.is_finite() && ln_y.is_finite() {
+            self.ln_blur_sd = largest.max(LN_BLUR_SD_MIN);
         }
-        let estimates = (self.growth_estimates + 1).min(GROWTH_ESTIMATES_MAX);
+        let earlier = if growth_px.abs() > GROWN_PX_MAX { 0 } else { self.growth_estimates };
+        let estimates = (earlier + 1).min(GROWTH_ESTIMATES_MAX);
         let grown_px = self.growth_px + growth_px / f64::from(estimates);
         if grown_px.abs() <= GROWTH_PX_MAX {
             self.growth_px = grown_px;

@@ -327,8 +327,13 @@ impl Descent {
         }
         // Two numbers each, less the six that were fitted. With soft weights the
         // divisor could fall below that of the fewest observations.
-        let observed_variance = weighted_squares / (2.0 * weights - 6.0).max(1.0);
-        let covariance = covariance.ok_or(SolveFailure::Degenerate)? * observed_variance.max(1.0);
+        let degrees_of_freedom = (2.0 * weights - 6.0).max(1.0);
+        let observed_variance = weighted_squares / degrees_of_freedom;
+        // Without the standard deviation that it has by chance: good observations would otherwise
+        // seem less certain on average than they are.
+        let by_chance = libm::sqrt(2.0 / degrees_of_freedom);
+        let misfit = (observed_variance - by_chance).max(1.0);
+        let covariance = covariance.ok_or(SolveFailure::Degenerate)? * misfit;
         let finite =
             (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
         // The input was finite, so that only a nearly singular system overflows.

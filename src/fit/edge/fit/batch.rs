@@ -6,7 +6,9 @@ use core::hint::black_box;
 use super::crossing::Crossings;
 use super::lanes::{LANES, Lanes};
 use super::region::Region;
-use super::regression::{ONE_ONE, ONE_SLOPE, PRODUCTS, SLOPE_SLOPE, Sums};
+use super::regression::{
+    ONE_ONE, ONE_SLOPE, ONE_STEP, PRODUCTS, SLOPE_SLOPE, STEP_SLOPE, STEP_STEP, Sums,
+};
 use crate::fit::edge::light::Levels;
 use crate::fit::edge::profile::blurred_step;
 use crate::model::image::{GreyImage, Pixel};
@@ -187,7 +189,7 @@ impl Products {
         let chunks = count.div_ceil(LANES);
         let padding = count..chunks * LANES;
         let Batch { grey, across, place, .. } = batch;
-        // Padded with black pixels in the middle of the edge, which add only their slope.
+        // Padded with black pixels in the middle of the edge, which add only what is subtracted from the total.
         grey[padding.clone()].fill(0.0);
         across[padding.clone()].fill(0.0);
         place[padding.clone()].fill(0.0);
@@ -247,11 +249,19 @@ impl Products {
         for (product, [a, b, c, d]) in products.iter_mut().zip(self.sums) {
             *product = f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d));
         }
-        let (_, slope) = profile(0.0, 0.0, crossings);
-        let (padding, slope) = (self.padding as f64, f64::from(slope));
-        products[ONE_ONE] -= padding;
-        products[ONE_SLOPE] -= padding * slope;
-        products[SLOPE_SLOPE] -= padding * slope * slope;
+        let (step, slope) = profile(0.0, 0.0, crossings);
+        let weight = self.padding as f64 / f64::from(1.0 + self.noise_by_step * step);
+        let (step, slope) = (f64::from(step), f64::from(slope));
+        for (product, padded) in [
+            (ONE_ONE, 1.0),
+            (ONE_STEP, step),
+            (ONE_SLOPE, slope),
+            (STEP_STEP, step * step),
+            (STEP_SLOPE, step * slope),
+            (SLOPE_SLOPE, slope * slope),
+        ] {
+            products[product] -= weight * padded;
+        }
         (self.count as f64, products)
     }
 }
@@ -260,8 +270,8 @@ impl Products {
 #[inline(always)]
 fn profile(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
     let (step, slope) = blurred_step(v);
-    let (height, turn) = crossings.at(v, w);
-    (height * step + turn * slope, height * slope)
+    let (height, lift, turn) = crossings.at(v, w);
+    (height * step + lift + turn * slope, height * slope)
 }
 
 fn chunk(column: &Column, count: usize) -> &[Lanes] {

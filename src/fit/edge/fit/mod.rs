@@ -33,6 +33,7 @@ mod tests;
 pub use batch::Batch;
 pub(super) use region::{WIDTH_IN_BLURS, WIDTH_PX};
 
+use crossing::EdgeEnd;
 use region::Region;
 use regression::{BLUR, Regression, SLOPE, STEP};
 
@@ -67,15 +68,19 @@ pub fn fit_edge<P: Pixel>(
     batch: &mut Batch,
 ) -> Option<(SeenEdge, PixelFit)> {
     let chord = nodes.chord(edge);
-    let ends = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
+    let end_nodes = edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)]);
     let blur_px = appearance.blur_px(edge.direction);
     let crossing_blur_px = match edge.direction {
         Direction::X => appearance.y_blur_px,
         Direction::Y => appearance.x_blur_px,
     };
-    let are_corners = edge.nodes.map(|node| nodes.corner(node).is_some());
-    let region = Region::new(&chord, [blur_px, crossing_blur_px], are_corners)?;
+    let ends = edge.nodes.map(|node| match nodes.corner(node) {
+        Some(_) => EdgeEnd::Corner,
+        None if appearance.has_border => EdgeEnd::Border,
+        None => EdgeEnd::Unknown,
+    });
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
+    let region = Region::new(&chord, [blur_px, crossing_blur_px], ends, sign)?;
     let middle_px = (chord.start_px + chord.end_px) * 0.5;
     let levels = light.and_then(|light| light.beside(nodes, edge, &middle_px));
     let mut sums = batch.sums(image, &region, levels.as_ref(), sign)?;
@@ -101,7 +106,7 @@ pub fn fit_edge<P: Pixel>(
     let whitener = regression.factor.map(|value| value * per_px.abs());
     let [shift, turn] = regression.seen.map(|value| value * per_px.signum());
     let growth = whitener[0] * sign * appearance.growth_px;
-    let seen = SeenEdge::new(*edge, ends, &chord.right, whitener, [shift - growth, turn]);
+    let seen = SeenEdge::new(*edge, end_nodes, &chord.right, whitener, [shift - growth, turn]);
     let pixels = PixelFit {
         noise_variance: regression.noise_variance as f32,
         ln_blur: (-regression.coefficients[BLUR] / (sign * half_contrast)) as f32,

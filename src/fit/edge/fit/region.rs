@@ -18,7 +18,7 @@ use core::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::crossing::{CrossingLines, Crossings};
+use super::crossing::{CrossingLines, Crossings, EdgeEnd};
 use super::lanes::{LANES, Lanes};
 use crate::fit::nodes::Chord;
 
@@ -26,9 +26,13 @@ use crate::fit::nodes::Chord;
 /// its effect on the profile is modelled only up to there, see [`super::crossing`].
 const CLEAR_OF_CORNERS: f64 = 1.5;
 
-/// The same at the target's border, where lines do not continue on both sides and their effect is
-/// not modelled: at this distance a line still changes the profile by 0.8 % of the contrast.
-pub(super) const CLEAR_OF_BORDER: f64 = 2.65;
+/// The same at the target's border. A target that is not quite where it is expected has its border
+/// elsewhere too, which would change the dark level there.
+const CLEAR_OF_BORDER: f64 = 2.0;
+
+/// The same where it is unknown what lies beyond the line, and nothing is modelled: at this distance
+/// a line still changes the profile by 0.8 % of the contrast.
+pub(super) const CLEAR_OF_UNKNOWN: f64 = 2.65;
 
 /// Largest distance of pixels from the edge, a multiple of s plus an allowance in px: this covers
 /// the whole transition, and enough of the flat squares to determine light and dark.
@@ -79,12 +83,13 @@ impl Strip {
 
 impl Region {
     /// `None` where the blur leaves nothing of the edge, or it is outside every frame.
-    /// `crossing_blur_px` is the blur of the lines at its ends; `are_corners` says whether they
-    /// cross there.
+    /// `crossing_blur_px` is the blur of the lines at its ends; `sign` is 1 where the right side is
+    /// light, otherwise -1.
     pub(super) fn new(
         chord: &Chord,
         [blur_px, crossing_blur_px]: [f64; 2],
-        are_corners: [bool; 2],
+        ends: [EdgeEnd; 2],
+        sign: f64,
     ) -> Option<Self> {
         let chord_px = chord.end_px - chord.start_px;
         let length_px = chord_px.norm();
@@ -99,8 +104,12 @@ impl Region {
         // The crossing lines' normal, along the edge.
         let crossing = Vector2::new(across.y, -across.x);
         let half_length_px = 0.5 * length_px;
-        let [used_start_px, used_end_px] = are_corners.map(|is_corner| {
-            let clear = if is_corner { CLEAR_OF_CORNERS } else { CLEAR_OF_BORDER };
+        let [used_start_px, used_end_px] = ends.map(|end| {
+            let clear = match end {
+                EdgeEnd::Corner => CLEAR_OF_CORNERS,
+                EdgeEnd::Border => CLEAR_OF_BORDER,
+                EdgeEnd::Unknown => CLEAR_OF_UNKNOWN,
+            };
             (half_length_px - clear * crossing_blur_px / sine).min(HALF_LENGTH_PX_MAX)
         });
         let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
@@ -145,7 +154,8 @@ impl Region {
                 cosine: right.dot(&crossing),
                 across_px: blur_px,
                 along_px: sine * length_px,
-                are_corners,
+                ends,
+                sign,
             }),
         })
     }

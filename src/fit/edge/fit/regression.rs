@@ -19,16 +19,16 @@ pub(super) const COLUMNS: usize = 5;
 pub(super) const STEP: usize = 1;
 pub(super) const BLUR: usize = 2;
 pub(super) const SLOPE: usize = 3;
-pub(super) const TURN: usize = 4;
 
 /// Weighted inner products of the columns and the pixels, the upper triangle row by row, the
 /// pixels last. The column of ones makes the first row sums of the weights and of the weighted columns.
 pub(super) const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
 pub(super) const ONE_ONE: usize = 0;
-const ONE_STEP: usize = 1;
+pub(super) const ONE_STEP: usize = 1;
 pub(super) const ONE_SLOPE: usize = 3;
 const ONE_PIXEL: usize = 5;
-const STEP_STEP: usize = 6;
+pub(super) const STEP_STEP: usize = 6;
+pub(super) const STEP_SLOPE: usize = 8;
 const STEP_PIXEL: usize = 10;
 pub(super) const SLOPE_SLOPE: usize = 15;
 const PIXEL_PIXEL: usize = 20;

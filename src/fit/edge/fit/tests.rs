@@ -4,7 +4,7 @@ use std::vec;
 use nalgebra::Vector2;
 
 use super::batch::BATCH_PX;
-use super::region::{CLEAR_OF_BORDER, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
+use super::region::{CLEAR_OF_UNKNOWN, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
 use super::*;
 use crate::fit::edge::appearance::{BLUR_PX_MAX, BLUR_PX_MIN, GROWTH_PX_MAX, LN_BLUR_STEP_MAX};
 use crate::fit::edge::rendered::{HEIGHT, Scene, WIDTH};
@@ -17,8 +17,11 @@ fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
     let mut looks = vec![0; width * height];
     for edge in nodes.edges(scene.first_square_dark) {
         let chord = nodes.chord(&edge);
-        let are_corners = edge.nodes.map(|node| nodes.corner(node).is_some());
-        let Some(region) = Region::new(&chord, [blur_px; 2], are_corners) else { continue };
+        let ends = edge.nodes.map(|node| match nodes.corner(node) {
+            Some(_) => EdgeEnd::Corner,
+            None => EdgeEnd::Border,
+        });
+        let Some(region) = Region::new(&chord, [blur_px; 2], ends, 1.0) else { continue };
         let [origin_x, origin_y] = region.origin;
         if origin_x >= width || origin_y >= height {
             continue;
@@ -60,7 +63,7 @@ fn straight(start_px: Vector2<f64>, end_px: Vector2<f64>, across_px: Vector2<f64
 fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f64> {
     let pixels = vec![100_u8; width * height];
     let image = GreyImage::new(&pixels, width, height, width).unwrap();
-    let region = Region::new(chord, [blur_px; 2], [false; 2])?;
+    let region = Region::new(chord, [blur_px; 2], [EdgeEnd::Unknown; 2], 1.0)?;
     Batch::new().sums(&image, &region, None, 1.0).map(|sums| sums.products[0])
 }
 
@@ -69,7 +72,7 @@ fn a_region_ends_where_the_frame_does() {
     // The whole region, and one whose line is the middle of the first or last row or column:
     // half of it and that row or column.
     let whole = sums_of(&chord([22.0, 32.0], [42.0, 32.0], [0.0, 20.0]), 0.75, 64, 64).unwrap();
-    let line = 2.0 * (10.0 - CLEAR_OF_BORDER * 0.75).floor() + 1.0;
+    let line = 2.0 * (10.0 - CLEAR_OF_UNKNOWN * 0.75).floor() + 1.0;
     let half = 0.5 * (whole - line) + line;
     for (start, end, across) in [
         ([22.0, 0.0], [42.0, 0.0], [0.0, 20.0]),
@@ -95,7 +98,7 @@ fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
         let half = Vector2::new(cosine, sine) * 1000.0;
         let across = Vector2::new(-sine, cosine) * 2000.0;
         let near = straight(middle - half, middle + half, across);
-        let region = Region::new(&near, [BLUR_PX_MAX; 2], [true; 2]).unwrap();
+        let region = Region::new(&near, [BLUR_PX_MAX; 2], [EdgeEnd::Corner; 2], 1.0).unwrap();
         region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
         let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
         let area = 4.0 * HALF_LENGTH_PX_MAX * (WIDTH_IN_BLURS * BLUR_PX_MAX + WIDTH_PX);
