@@ -3,13 +3,12 @@
 //! What is measured mirrors the private steps of `plumbline::parts::Workspace` with the same public
 //! functions: one pass for both targets, which is all that nearly every frame takes; and the
 //! additional work for a frame whose target is not where it was expected. The expected pose
-//! continues the true motion of the two frames before.
+//! continues the true motion of the three frames before.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use nalgebra::Vector6;
 use plumbline::image::Pixel;
 use plumbline::lens::ray_of;
 use plumbline::parts::{
@@ -119,17 +118,14 @@ struct Parts {
 fn tracking<P: Pixel>(bench: &Bench<P>, known: &[Known]) -> Result<()> {
     let mut tracker = Tracker { nodes: Nodes::new(), batch: Batch::new() };
     let mut frames = Vec::new();
-    for frame in 2..bench.frames.len() {
+    for frame in 3..bench.frames.len() {
         let mut parts = Parts::default();
         for (target, known) in known.iter().enumerate() {
-            let [before, last] = [2, 1].map(|ago| bench.truth[frame - ago][target]);
-            let [before_ns, last_ns, now_ns] = [2, 1, 0].map(|ago| bench.time_ns(frame - ago));
-            let motion = Motion {
-                cam_from_target: before,
-                time_ns: before_ns,
-                velocity_per_s: Vector6::zeros(),
-            };
-            let expected = motion.continued(last, last_ns).predict(now_ns);
+            let mut motion = Motion::new(bench.truth[frame - 3][target], bench.time_ns(frame - 3));
+            for earlier in frame - 2..frame {
+                motion = motion.continued(bench.truth[earlier][target], bench.time_ns(earlier));
+            }
+            let expected = motion.predict(bench.time_ns(frame));
             tracker
                 .track(bench, frame, target, known, &expected, &mut parts)
                 .with_context(|| format!("frame {frame}: no pose"))?;

@@ -25,6 +25,8 @@ struct Pass {
     appearance: Appearance,
     /// Whether the start was so near that another pass would change nothing.
     is_settled: bool,
+    /// Whether the start was near enough for another pass to settle it.
+    is_near: bool,
 }
 
 /// The buffers of a measurement; nothing in them outlives it.
@@ -67,6 +69,10 @@ const PASSES_MAX: usize = 3;
 /// The fit is repeated where a pass moves a node by more than this, because it is linear: what it
 /// neglects falls with the cube of the move, and is 0.001 px at this limit.
 const MOVED_PX_MAX: f64 = 0.15;
+
+/// A target that a first pass moves by more than this may have lost edges to it, which hold only a
+/// blur's width of motion: they are located afresh.
+const NEAR_PX_MAX: f64 = 0.5;
 
 /// It is also repeated where a pass changes a blur by more than this fraction.
 const BLUR_CHANGE_MAX: f64 = 0.1;
@@ -118,10 +124,9 @@ impl Workspace {
         expected_cam_from_target: &Pose<Cam, Target>,
         appearance: Appearance,
     ) -> Result<Fitted, MeasureFailure> {
-        let pass = self.pass(view, expected_cam_from_target, appearance, DOUBT_COST);
-        if let Ok(pass) = pass
-            && pass.is_settled
-            && let Ok(fitted) = self.judge(view.target, &pass)
+        if let Ok(pass) = self.pass(view, expected_cam_from_target, appearance, DOUBT_COST)
+            && pass.is_near
+            && let Ok(fitted) = self.settle(view, pass, DOUBT_COST)
         {
             return Ok(fitted);
         }
@@ -200,7 +205,17 @@ impl Workspace {
         appearance: Appearance,
         doubt: f64,
     ) -> Result<Fitted, MeasureFailure> {
-        let mut pass = self.pass(view, start_cam_from_target, appearance, doubt)?;
+        let pass = self.pass(view, start_cam_from_target, appearance, doubt)?;
+        self.settle(view, pass, doubt)
+    }
+
+    /// Repeats a pass, each from the last one's pose, until another would change nothing.
+    fn settle<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        mut pass: Pass,
+        doubt: f64,
+    ) -> Result<Fitted, MeasureFailure> {
         for _ in 1..PASSES_MAX {
             if pass.is_settled {
                 break;
@@ -231,10 +246,14 @@ impl Workspace {
                 .map_err(|_| MeasureFailure::PoorFit)?;
         }
         let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
-        let is_settled = moved_px.is_some_and(|moved_px| moved_px < MOVED_PX_MAX)
-            && blur_change < BLUR_CHANGE_MAX;
+        let moved_px = moved_px.unwrap_or(f64::INFINITY);
         self.inliers = solution.inliers;
-        Ok(Pass { solution, appearance, is_settled })
+        Ok(Pass {
+            solution,
+            appearance,
+            is_settled: moved_px < MOVED_PX_MAX && blur_change < BLUR_CHANGE_MAX,
+            is_near: moved_px < NEAR_PX_MAX,
+        })
     }
 
     /// The edges that a pose of [`Workspace::track`] rests on, and the nodes where they were

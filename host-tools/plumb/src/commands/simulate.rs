@@ -16,6 +16,7 @@ use plumbline_files::targets::{self, OriginName, TargetDescription};
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::occluder::Occlusion;
 use plumbline_render::simulate::recorded::{Form, frame_rate, truth_rows};
+use plumbline_render::simulate::sway::SwaySettings;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 /// Render a swaying person with both targets, and the true poses.
@@ -58,6 +59,10 @@ pub struct SimulateArguments {
     /// From the camera to the back, in mm [default: 1000; 600 with the wide lens]
     #[arg(long, value_name = "MM")]
     distance: Option<f64>,
+    /// How far the person sways forward and backward, as the standard deviation at the shoulder in
+    /// mm; sideways and in twist in proportion. Quiet standing has 5 to 10
+    #[arg(long, value_name = "MM", default_value_t = SwaySettings::default().ap_sd_mm)]
+    sway_mm: f64,
     /// How much brighter the right edge is than the left one, relative to the middle
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     gradient: f64,
@@ -103,6 +108,7 @@ impl SimulateArguments {
             black: self.black,
             white: self.white,
             gradient: self.gradient,
+            sway: SwaySettings::of_ap_sd_mm(self.sway_mm),
             occlusions: self.occlude.clone(),
             ..SimulationSettings::default()
         }

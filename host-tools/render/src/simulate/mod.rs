@@ -340,7 +340,7 @@ impl SimulationSettings {
         within("black", self.black, 0.0, 255.0)?;
         within("white", self.white, 0.0, 255.0)?;
         within("gradient", self.gradient, -1.0, 1.0)?;
-        within("sway.ap_sd_mm", self.sway.ap_sd_mm, 0.0, 100.0)?;
+        within("sway-mm", self.sway.ap_sd_mm, 0.0, 100.0)?;
         within("sway.ml_sd_mm", self.sway.ml_sd_mm, 0.0, 100.0)?;
         within("sway.twist_sd_rad", self.sway.twist_sd_rad, 0.0, 0.5)
     }

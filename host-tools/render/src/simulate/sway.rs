@@ -39,6 +39,20 @@ impl Default for SwaySettings {
     }
 }
 
+impl SwaySettings {
+    /// The usual proportions at another amplitude.
+    #[must_use]
+    pub fn of_ap_sd_mm(ap_sd_mm: f64) -> Self {
+        let usual = Self::default();
+        let scale = ap_sd_mm / usual.ap_sd_mm;
+        Self {
+            ap_sd_mm,
+            ml_sd_mm: usual.ml_sd_mm * scale,
+            twist_sd_rad: usual.twist_sd_rad * scale,
+        }
+    }
+}
+
 /// Ankle to hip joint, mm, of a person of 1.8 m.
 pub const LEGS_MM: f64 = 850.0;
 
