@@ -12,7 +12,6 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::common::statistics::median;
-use crate::fit::edge::fit::{WIDTH_IN_BLURS, WIDTH_PX};
 use crate::fit::nodes::{Edge, Nodes};
 use crate::limits::{TARGET_NODES_MAX, TARGET_SQUARES_MAX};
 use crate::model::image::{GreyImage, Pixel};
@@ -25,6 +24,10 @@ const SMALL_REACH_PX_MAX: usize = 3;
 /// all edges and puts those of the border too far out or in: 49 pixels per square, where 121 are
 /// clear, would cost 4 % of the depth's precision.
 const REACH_PX_MAX: usize = 6;
+
+/// Pixels nearer to an edge than this, in blurs, are not of one colour: at this distance 0.2 % of
+/// the contrast are left.
+const CLEAR_OF_EDGES: f64 = 3.0;
 
 /// Fewest squares of one colour to which a plane is fitted.
 const SQUARES_MIN: usize = 5;
@@ -262,7 +265,7 @@ impl Light {
 fn reach_px(width_px: f64, blur_px: f64) -> usize {
     let small = ((REACH_SHARE * width_px) as usize).min(SMALL_REACH_PX_MAX);
     // A window that is turned by an eighth of a turn against the square reaches sqrt 2 farther.
-    let clear_px = 0.5 * width_px - (WIDTH_IN_BLURS * blur_px + WIDTH_PX);
+    let clear_px = 0.5 * width_px - CLEAR_OF_EDGES * blur_px;
     let clear = (clear_px * core::f64::consts::FRAC_1_SQRT_2) as usize;
     clear.min(REACH_PX_MAX).max(small)
 }

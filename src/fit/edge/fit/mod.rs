@@ -31,10 +31,9 @@ mod regression;
 mod tests;
 
 pub use batch::Batch;
-pub(super) use region::{WIDTH_IN_BLURS, WIDTH_PX};
 
 use crossing::EdgeEnd;
-use region::Region;
+use region::{Region, Width};
 use regression::{BLUR, Regression, SLOPE, STEP};
 
 use crate::fit::edge::appearance::Appearance;
@@ -80,9 +79,10 @@ pub fn fit_edge<P: Pixel>(
         None => EdgeEnd::Unknown,
     });
     let sign = if edge.is_right_light { 1.0 } else { -1.0 };
-    let region = Region::new(&chord, [blur_px, crossing_blur_px], ends, sign)?;
     let middle_px = (chord.start_px + chord.end_px) * 0.5;
     let levels = light.and_then(|light| light.beside(nodes, edge, &middle_px));
+    let width = if levels.is_some() { Width::KNOWN_LEVELS } else { Width::UNKNOWN_LEVELS };
+    let region = Region::new(&chord, [blur_px, crossing_blur_px], ends, sign, &width)?;
     let mut sums = batch.sums(image, &region, levels.as_ref(), sign)?;
     if let Some(levels) = levels {
         sums.add_levels(&levels, sign);

@@ -34,10 +34,23 @@ const CLEAR_OF_BORDER: f64 = 2.0;
 /// a line still changes the profile by 0.8 % of the contrast.
 pub(super) const CLEAR_OF_UNKNOWN: f64 = 2.65;
 
-/// Largest distance of pixels from the edge, a multiple of s plus an allowance in px: this covers
-/// the whole transition, and enough of the flat squares to determine light and dark.
-pub(in crate::fit::edge) const WIDTH_IN_BLURS: f64 = 3.5;
-pub(in crate::fit::edge) const WIDTH_PX: f64 = 0.7;
+/// Largest distance of pixels from the edge, a multiple of s plus an allowance in px.
+pub(super) struct Width {
+    in_blurs: f64,
+    px: f64,
+}
+
+impl Width {
+    /// Where light and dark are known beforehand: what lies farther out says nothing about the
+    /// edge's place.
+    pub(super) const KNOWN_LEVELS: Self = Self { in_blurs: 2.4, px: 0.4 };
+    /// Where they are not: enough of the flat squares to determine them.
+    pub(super) const UNKNOWN_LEVELS: Self = Self { in_blurs: 3.5, px: 0.7 };
+
+    pub(super) fn at_px(&self, blur_px: f64) -> f64 {
+        self.in_blurs * blur_px + self.px
+    }
+}
 
 /// Largest half length of an edge that is used: the work is bounded, however near the target is.
 pub(super) const HALF_LENGTH_PX_MAX: f64 = 32.0;
@@ -90,6 +103,7 @@ impl Region {
         [blur_px, crossing_blur_px]: [f64; 2],
         ends: [EdgeEnd; 2],
         sign: f64,
+        width: &Width,
     ) -> Option<Self> {
         let chord_px = chord.end_px - chord.start_px;
         let length_px = chord_px.norm();
@@ -112,7 +126,7 @@ impl Region {
             };
             (half_length_px - clear * crossing_blur_px / sine).min(HALF_LENGTH_PX_MAX)
         });
-        let width_px = (WIDTH_IN_BLURS * blur_px + WIDTH_PX).min(0.5 * spacing_px);
+        let width_px = width.at_px(blur_px).min(0.5 * spacing_px);
         // Written so that a NaN is rejected, which `min` ignores.
         let is_usable = used_start_px > 0.7
             && used_end_px > 0.7

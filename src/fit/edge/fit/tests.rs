@@ -4,7 +4,7 @@ use std::vec;
 use nalgebra::Vector2;
 
 use super::batch::BATCH_PX;
-use super::region::{CLEAR_OF_UNKNOWN, HALF_LENGTH_PX_MAX, WIDTH_IN_BLURS, WIDTH_PX};
+use super::region::{CLEAR_OF_UNKNOWN, HALF_LENGTH_PX_MAX};
 use super::*;
 use crate::fit::edge::appearance::{BLUR_PX_MAX, BLUR_PX_MIN, GROWTH_PX_MAX, LN_BLUR_STEP_MAX};
 use crate::fit::edge::rendered::{HEIGHT, Scene, WIDTH};
@@ -21,7 +21,10 @@ fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
             Some(_) => EdgeEnd::Corner,
             None => EdgeEnd::Border,
         });
-        let Some(region) = Region::new(&chord, [blur_px; 2], ends, 1.0) else { continue };
+        let Some(region) = Region::new(&chord, [blur_px; 2], ends, 1.0, &Width::UNKNOWN_LEVELS)
+        else {
+            continue;
+        };
         let [origin_x, origin_y] = region.origin;
         if origin_x >= width || origin_y >= height {
             continue;
@@ -63,7 +66,8 @@ fn straight(start_px: Vector2<f64>, end_px: Vector2<f64>, across_px: Vector2<f64
 fn sums_of(chord: &Chord, blur_px: f64, width: usize, height: usize) -> Option<f64> {
     let pixels = vec![100_u8; width * height];
     let image = GreyImage::new(&pixels, width, height, width).unwrap();
-    let region = Region::new(chord, [blur_px; 2], [EdgeEnd::Unknown; 2], 1.0)?;
+    let region =
+        Region::new(chord, [blur_px; 2], [EdgeEnd::Unknown; 2], 1.0, &Width::UNKNOWN_LEVELS)?;
     Batch::new().sums(&image, &region, None, 1.0).map(|sums| sums.products[0])
 }
 
@@ -98,10 +102,12 @@ fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
         let half = Vector2::new(cosine, sine) * 1000.0;
         let across = Vector2::new(-sine, cosine) * 2000.0;
         let near = straight(middle - half, middle + half, across);
-        let region = Region::new(&near, [BLUR_PX_MAX; 2], [EdgeEnd::Corner; 2], 1.0).unwrap();
+        let region =
+            Region::new(&near, [BLUR_PX_MAX; 2], [EdgeEnd::Corner; 2], 1.0, &Width::UNKNOWN_LEVELS)
+                .unwrap();
         region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
         let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
-        let area = 4.0 * HALF_LENGTH_PX_MAX * (WIDTH_IN_BLURS * BLUR_PX_MAX + WIDTH_PX);
+        let area = 4.0 * HALF_LENGTH_PX_MAX * Width::UNKNOWN_LEVELS.at_px(BLUR_PX_MAX);
         // As many pixels as its area, to within half a pixel along two sides.
         assert!((count / area - 1.0).abs() < 0.03, "{angle}: {count} of {area}");
     }
