@@ -85,12 +85,6 @@ struct Noise {
 const CONTRAST_OF_NOISE_MAX: f64 = 0.8;
 
 impl Noise {
-    /// Of pixels whose squared deviations add up to these sums; each has lost one degree of freedom
-    /// for each square.
-    fn of([light, dark]: [Scatter; 2]) -> Self {
-        Self { light: light.variance(), dark: dark.variance() }
-    }
-
     /// Halfway between both levels.
     fn middle(&self) -> f64 {
         0.5 * (self.light + self.dark)
@@ -100,6 +94,8 @@ impl Noise {
     /// latter's variance.
     fn contrast(&self) -> f64 {
         let contrast = 0.5 * (self.light - self.dark) / self.middle();
+        // Without any noise, as in a drawing, all pixels are alike.
+        let contrast = if contrast.is_nan() { 0.0 } else { contrast };
         contrast.clamp(-CONTRAST_OF_NOISE_MAX, CONTRAST_OF_NOISE_MAX)
     }
 }
@@ -109,11 +105,15 @@ impl Noise {
 struct Scatter {
     squares: f64,
     degrees_of_freedom: f64,
+    /// The sum of the pixels' squared distances from the middle of their squares, along one axis.
+    squares_px2: f64,
 }
 
 impl Scatter {
-    fn variance(&self) -> f64 {
-        self.squares / self.degrees_of_freedom
+    /// The pixels' variance, without what a slope of the light adds to it.
+    fn variance(&self, per_px: &Vector2<f64>) -> f64 {
+        let slope = per_px.norm_squared() * self.squares_px2;
+        (self.squares - slope).max(0.0) / self.degrees_of_freedom
     }
 }
 
@@ -188,6 +188,7 @@ impl Light {
             let scatter = &mut scatters[usize::from(square.is_dark)];
             scatter.squares += f64::from(sum_squares) - mean * mean * count;
             scatter.degrees_of_freedom += count - 1.0;
+            scatter.squares_px2 += count * (count - 1.0) / 12.0;
             pixels_per_square = count;
             // The position of the window, not of the square: their middles differ by up to half a
             // pixel.
@@ -199,11 +200,19 @@ impl Light {
                 level,
             });
         }
-        let noise = Noise::of(scatters);
-        let floor = DEVIATION_IN_NOISE_MIN * DEVIATION_IN_NOISE_MIN * noise.middle();
-        let of_means = [noise.light, noise.dark].map(|variance| variance / pixels_per_square);
+        let of_means =
+            scatters.map(|scatter| scatter.variance(&Vector2::zeros()) / pixels_per_square);
+        let floor = 0.5
+            * DEVIATION_IN_NOISE_MIN
+            * DEVIATION_IN_NOISE_MIN
+            * pixels_per_square
+            * (of_means[0] + of_means[1]);
         let light = Plane::fit(&squares[0], of_means[0], floor)?;
         let dark = Plane::fit(&squares[1], of_means[1], floor)?;
+        let noise = Noise {
+            light: scatters[0].variance(&light.per_px()),
+            dark: scatters[1].variance(&dark.per_px()),
+        };
         let mut agree = [false; TARGET_NODES_MAX];
         for ((plane, of_mean), squares) in [light, dark].iter().zip(of_means).zip(&squares) {
             for square in squares {

@@ -61,10 +61,6 @@ const PIVOT_MIN: f64 = 1e-11;
 /// ten-thousandth of one standard deviation.
 const STEP_SQUARE_MIN: f64 = 1e-8;
 
-/// Squared length, in standard deviations of the pose, of a step that none follows: convergence is
-/// quadratic, and from so near the next step would be a thousandth of one standard deviation.
-const LAST_STEP_SQUARE_MAX: f64 = 10.0;
-
 /// Everything that was seen of the target: observations of two numbers each, which depend on its
 /// pose.
 ///
@@ -279,8 +275,7 @@ impl Descent {
             let current =
                 normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
             let step = current.step(damping);
-            let square = step.map_or(f64::INFINITY, |step| current.square(&step) / variance);
-            if square < STEP_SQUARE_MIN {
+            if step.is_some_and(|step| current.square(&step) < STEP_SQUARE_MIN * variance) {
                 break;
             }
             let next_pose = step.map(|step| pose.moved_by(&step));
@@ -294,9 +289,6 @@ impl Descent {
                 core::mem::swap(squares, &mut next_squares);
                 *normal = None;
                 damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
-                if square < LAST_STEP_SQUARE_MAX {
-                    break;
-                }
             } else {
                 damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
             }
