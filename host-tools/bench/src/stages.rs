@@ -12,8 +12,9 @@ use anyhow::{Context, Result};
 use nalgebra::Vector6;
 use plumbline::image::Pixel;
 use plumbline::parts::{
-    Appearance, Batch, CornerList, Detector, FrameBorder, GridFinder, Light, Motion, Nodes, SeenEdge, SeenEdges,
-    View, Workspace, fit_edge, locate_edge, mirror_image, robust_cost_after_step, solve,
+    Appearance, Batch, CornerList, Detector, FrameBorder, GridFinder, Light, Motion, Nodes,
+    SeenEdge, SeenEdges, View, Workspace, fit_edge, locate_edge, mirror_image,
+    robust_cost_after_step, solve,
 };
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::GridRejection;

@@ -206,7 +206,7 @@ impl GridFinder {
             }
         }
         settle(open_grids, wanted, found);
-        if found.iter().any(|entry| may_be_covered(entry)) {
+        if found.iter().any(may_be_covered) {
             self.find_covered(image, corners, wanted, found);
         }
     }
