@@ -4,8 +4,8 @@
 //! contains them all. They are public for other uses: cameras are calibrated with them, benchmarks
 //! time each one, and tests examine them one at a time. They change whenever the measurement does.
 
-pub use crate::find::corner::{Corner, CornerList, Detector};
-pub use crate::find::grid::{Grid, GridFinder};
+pub use crate::find::corner::{Corner, CornerList, Detector, refined};
+pub use crate::find::grid::{FrameBorder, Grid, GridFinder};
 pub use crate::find::search::{Area, Goal, Grids, Search};
 pub use crate::fit::edge::{
     Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,

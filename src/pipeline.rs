@@ -7,6 +7,8 @@
 
 use heapless::Vec;
 
+use crate::find::corner::Corner;
+use crate::find::grid::{Grid, GridRejection};
 use crate::find::search::{Area, Goal, Search};
 use crate::fit::edge::Appearance;
 use crate::fit::measure::{Measurement, View, Workspace, extent_is_certain};
@@ -47,6 +49,36 @@ pub struct Pipeline {
     workspace: Workspace,
     corners_dropped: u32,
     sequence: u32,
+}
+
+/// A target's grid in a frame, found by a search that is not the pipeline's own.
+#[derive(Debug, Clone, Copy)]
+pub struct FoundTarget<'a> {
+    /// The numbered grid; its indices refer to `corners`.
+    pub grid: &'a Grid,
+    /// Corners, in pixels of the frame.
+    pub corners: &'a [Corner],
+}
+
+impl Track {
+    /// Measures the target from a grid.
+    fn acquire<P: Pixel>(
+        &mut self,
+        workspace: &mut Workspace,
+        lens: &LensTable,
+        frame: &GreyImage<'_, P>,
+        found: &FoundTarget<'_>,
+    ) {
+        let first_square_dark = found.grid.first_square_dark;
+        let view = View { image: frame, lens, target: &self.geometry, first_square_dark };
+        let fitted = workspace.acquire(&view, found.grid, found.corners);
+        self.outcome = fitted.map_err(NoPose::from).map(|fitted| {
+            // A rejected grid must not change what is known of a coasting target.
+            self.first_square_dark = first_square_dark;
+            self.appearance = fitted.appearance;
+            fitted.measurement
+        });
+    }
 }
 
 impl Pipeline {
@@ -109,10 +141,44 @@ impl Pipeline {
             self.measure_tracked(frame, capture_time_ns);
             self.search_missing(frame, capture_time_ns);
         } else {
-            for track in &mut self.tracks {
-                track.outcome = Err(NoPose::FrameSize);
-            }
+            self.refuse_size();
         }
+        self.finish(capture_time_ns)
+    }
+
+    /// Measures a frame that stands for itself, from what the caller's search has found: for each
+    /// target its grid, or why there is none. Targets beyond the end of `found` are not measured.
+    pub fn step_found<P: Pixel>(
+        &mut self,
+        frame: &GreyImage<'_, P>,
+        capture_time_ns: u64,
+        found: &[Result<FoundTarget<'_>, GridRejection>],
+    ) -> Report {
+        self.forget();
+        if lens_fits(&self.lens, frame) {
+            for (index, track) in self.tracks.iter_mut().enumerate() {
+                match found.get(index) {
+                    Some(Ok(found)) => {
+                        track.acquire(&mut self.workspace, &self.lens, frame, found);
+                    }
+                    Some(Err(rejection)) => track.outcome = Err(NoPose::NotFound(*rejection)),
+                    None => track.outcome = Err(NoPose::Searching),
+                }
+            }
+        } else {
+            self.refuse_size();
+        }
+        self.finish(capture_time_ns)
+    }
+
+    fn refuse_size(&mut self) {
+        for track in &mut self.tracks {
+            track.outcome = Err(NoPose::FrameSize);
+        }
+    }
+
+    /// What follows from the targets' outcomes: their next states, and the report.
+    fn finish(&mut self, capture_time_ns: u64) -> Report {
         for track in &mut self.tracks {
             let measured = track.outcome.as_ref().ok().map(|found| found.cam_from_target);
             track.state = track.state.next(measured, capture_time_ns);
@@ -215,21 +281,8 @@ impl Pipeline {
             }
             match grid {
                 Ok(grid) => {
-                    let corners = self.search.corners().as_slice();
-                    let first_square_dark = grid.first_square_dark;
-                    let view = View {
-                        image: frame,
-                        lens: &self.lens,
-                        target: &track.geometry,
-                        first_square_dark,
-                    };
-                    let fitted = self.workspace.acquire(&view, grid, corners);
-                    track.outcome = fitted.map_err(NoPose::from).map(|fitted| {
-                        // A rejected grid must not change what is known of a coasting target.
-                        track.first_square_dark = first_square_dark;
-                        track.appearance = fitted.appearance;
-                        fitted.measurement
-                    });
+                    let found = FoundTarget { grid, corners: self.search.corners().as_slice() };
+                    track.acquire(&mut self.workspace, &self.lens, frame, &found);
                 }
                 // A coasting target keeps the reason why its edges gave no pose.
                 Err(rejection) if track.state == State::Acquiring => {

@@ -2,7 +2,9 @@
 
 mod bad_input;
 mod calibration;
+mod covered_targets;
 mod first_trial;
+mod held_boards;
 mod photographs;
 mod photographs_grid;
 mod precision;

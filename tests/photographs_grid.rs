@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use plumbline::image::GreyImage;
 use plumbline::parts::{Corner, CornerList, Detector};
-use plumbline::parts::{Grid, GridFinder};
+use plumbline::parts::{FrameBorder, Grid, GridFinder};
 use plumbline::report::GridRejection;
 use plumbline::target::GridShape;
 
@@ -65,7 +65,8 @@ impl Finder {
         let wanted: Vec<_> =
             shapes.iter().map(|&(columns, rows)| GridShape { columns, rows }).collect();
         let mut found = vec![Err(GridRejection::NoLattice); wanted.len()];
-        self.finder.find(&image, self.corners.as_slice(), &wanted, &mut found);
+        let border = FrameBorder::OutsideBoard;
+        self.finder.find(&image, self.corners.as_slice(), &wanted, border, &mut found);
         found
     }
 

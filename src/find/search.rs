@@ -11,7 +11,7 @@ use core::ops::Range;
 use heapless::Vec;
 
 use crate::find::corner::{CornerList, Detector};
-use crate::find::grid::{Grid, GridFinder, GridRejection};
+use crate::find::grid::{FrameBorder, Grid, GridFinder, GridRejection};
 use crate::limits::{SEARCH_PIXELS_PER_STEP, TARGETS_MAX};
 use crate::model::image::{GreyImage, Pixel};
 use crate::model::target::GridShape;
@@ -122,7 +122,8 @@ impl Search {
             let _ = grids.push(Err(GridRejection::NoLattice));
         }
         let wanted = &wanted[..grids.len()];
-        self.finder.find(image, self.corners.as_slice(), wanted, &mut grids);
+        let border = FrameBorder::OutsideBoard;
+        self.finder.find(image, self.corners.as_slice(), wanted, border, &mut grids);
         grids
     }
 }

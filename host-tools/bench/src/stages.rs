@@ -12,8 +12,9 @@ use anyhow::{Context, Result};
 use plumbline::image::Pixel;
 use plumbline::lens::ray_of;
 use plumbline::parts::{
-    Appearance, Batch, CornerList, Detector, GridFinder, Light, Motion, Nodes, SeenEdge, SeenEdges,
-    View, Workspace, fit_edge, locate_edge, mirror_image, points_mm, robust_cost_after_step, solve,
+    Appearance, Batch, CornerList, Detector, FrameBorder, GridFinder, Light, Motion, Nodes,
+    SeenEdge, SeenEdges, View, Workspace, fit_edge, locate_edge, mirror_image, points_mm,
+    robust_cost_after_step, solve,
 };
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::GridRejection;
@@ -81,7 +82,7 @@ fn searching<P: Pixel>(bench: &Bench<P>) -> Result<Vec<Known>> {
         detector_times.push(start.elapsed());
         let mut grids: Vec<_> = wanted.iter().map(|_| Err(GridRejection::NoLattice)).collect();
         let start = Instant::now();
-        finder.find(&image, corners.as_slice(), &wanted, &mut grids);
+        finder.find(&image, corners.as_slice(), &wanted, FrameBorder::OutsideBoard, &mut grids);
         grid_times.push(start.elapsed());
         let start = Instant::now();
         let found = targets.iter().zip(&grids).map(|(target, grid)| {

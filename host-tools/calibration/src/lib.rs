@@ -26,14 +26,16 @@ pub mod coverage;
 mod model;
 pub mod observe;
 pub mod scene;
+mod search;
 pub mod verdict;
 
 use bundle::Bundle;
 use coverage::Coverage;
 use model::{Photograph, Shape};
-use observe::{Finder, Found, Measured};
+use observe::{Finder, Measured};
 
 pub use model::Residual;
+pub use search::{Found, Search};
 
 /// The fewest photographs with a board: Zhang's closed form with all five parameters needs three.
 pub const PHOTOGRAPHS_MIN: usize = 3;

@@ -1,6 +1,6 @@
 //! Measures what photographs show of the board.
 //!
-//! The board is found as a tracker finds a target; its edges are then fitted as a tracker fits
+//! The board is found by [`Search`]; its edges are then fitted as a tracker fits
 //! them, starting from the best lens known so far. Each edge is measured from its own pixels only,
 //! so edges are independent of each other, unlike corners, since two neighbouring corners share an
 //! edge. The refinement's standard deviations rely on that.
@@ -9,14 +9,13 @@ use nalgebra::Vector2;
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens_table::LensTable;
 use plumbline::parts::{Appearance, SeenEdge};
-use plumbline::parts::{Corner, CornerList, Detector};
-use plumbline::parts::{Grid, GridFinder};
 use plumbline::parts::{View, Workspace};
 use plumbline::report::GridRejection;
 use plumbline::report::Measurement;
 use plumbline::target::TargetGeometry;
 
 use super::model::Seen;
+use super::search::{Found, Search};
 
 /// The precision of the detector's corners, raw pixels.
 const FOUND_SIGMA_PX: f64 = 0.25;
@@ -24,17 +23,9 @@ const FOUND_SIGMA_PX: f64 = 0.25;
 /// The number of poses tracked after a board was acquired, each starting from the one before.
 const PASSES: usize = 2;
 
-/// A board found in one photograph, before any lens is known.
-pub struct Found {
-    grid: Grid,
-    corners: Vec<Corner>,
-}
-
 /// The large buffers of the search, one for each thread.
 pub struct Finder {
-    detector: Box<Detector>,
-    corners: Box<CornerList>,
-    finder: Box<GridFinder>,
+    search: Search,
     workspace: Box<Workspace>,
 }
 
@@ -48,12 +39,7 @@ impl Finder {
     /// A finder with empty buffers.
     #[must_use]
     pub fn new() -> Self {
-        Self {
-            detector: Box::new(Detector::new()),
-            corners: Box::new(CornerList::new()),
-            finder: Box::new(GridFinder::new()),
-            workspace: Box::new(Workspace::new()),
-        }
+        Self { search: Search::new(), workspace: Box::new(Workspace::new()) }
     }
 
     /// Finds the board.
@@ -65,13 +51,8 @@ impl Finder {
         image: &GreyImage<'_, P>,
         board: &TargetGeometry,
     ) -> Result<Found, GridRejection> {
-        self.corners.clear();
-        self.detector.detect(image, 0..image.width(), 0..image.height(), &mut self.corners);
-        let corners = self.corners.as_slice();
-        let mut grids = [Err(GridRejection::NoLattice)];
-        self.finder.find(image, corners, &[board.shape()], &mut grids);
-        let [grid] = grids;
-        Ok(Found { grid: grid?, corners: corners.to_vec() })
+        let mut found = self.search.find(image, &[board.shape()]);
+        found.pop().unwrap_or(Err(GridRejection::NoLattice))
     }
 
     /// Measures a board that was found, through the best lens known so far; `None` when its edges

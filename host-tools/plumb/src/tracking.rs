@@ -1,9 +1,11 @@
 //! The box's pipeline over recorded frames.
 
 use plumbline::config::Config;
-use plumbline::image::GreyImage;
-use plumbline::pipeline::Pipeline;
+use plumbline::image::{GreyImage, Pixel};
+use plumbline::pipeline::{FoundTarget, Pipeline};
 use plumbline::report::Report;
+use plumbline::target::GridShape;
+use plumbline_calibration::{Found, Search};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera};
 use plumbline_files::frames::{Frame, FrameSource, Pixels};
@@ -37,17 +39,60 @@ pub fn pipeline(
 
 /// One frame of a source through the pipeline.
 pub fn step(pipeline: &mut Pipeline, frame: &Frame<'_>) -> Report {
-    let &Frame { width, height, white_level, capture_time_ns, .. } = frame;
+    let time_ns = frame.capture_time_ns;
+    match view(frame) {
+        View::Grey8(image) => pipeline.step(&image, time_ns),
+        View::Grey16(image) => pipeline.step(&image, time_ns),
+    }
+}
+
+/// A photograph, which stands for itself, searched at all sizes and measured by the pipeline.
+pub fn step_alone(
+    pipeline: &mut Pipeline,
+    search: &mut Search,
+    wanted: &[GridShape],
+    frame: &Frame<'_>,
+) -> Report {
+    let time_ns = frame.capture_time_ns;
+    match view(frame) {
+        View::Grey8(image) => found_and_measured(pipeline, search, wanted, &image, time_ns),
+        View::Grey16(image) => found_and_measured(pipeline, search, wanted, &image, time_ns),
+    }
+}
+
+fn found_and_measured<P: Pixel>(
+    pipeline: &mut Pipeline,
+    search: &mut Search,
+    wanted: &[GridShape],
+    image: &GreyImage<'_, P>,
+    time_ns: u64,
+) -> Report {
+    let boards = search.find(image, wanted);
+    let found: Vec<_> = boards
+        .iter()
+        .map(|board| match board {
+            Ok(Found { grid, corners }) => Ok(FoundTarget { grid, corners }),
+            Err(rejection) => Err(*rejection),
+        })
+        .collect();
+    pipeline.step_found(image, time_ns, &found)
+}
+
+enum View<'a> {
+    Grey8(GreyImage<'a, u8>),
+    Grey16(GreyImage<'a, u16>),
+}
+
+fn view<'a>(frame: &Frame<'a>) -> View<'a> {
+    let &Frame { width, height, white_level, .. } = frame;
     // The source has checked the size, and gives as many samples as it says.
     const GOOD: &str = "a frame within the limits";
     match frame.pixels {
-        Pixels::Grey8(samples) => {
-            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
-            pipeline.step(&image.expect(GOOD), capture_time_ns)
-        }
-        Pixels::Grey16(samples) => {
-            let image = GreyImage::with_white_level(samples, width, height, width, white_level);
-            pipeline.step(&image.expect(GOOD), capture_time_ns)
-        }
+        Pixels::Grey8(samples) => View::Grey8(
+            GreyImage::with_white_level(samples, width, height, width, white_level).expect(GOOD),
+        ),
+        Pixels::Grey16(samples) => View::Grey16(
+            GreyImage::with_white_level(samples, width, height, width, white_level).expect(GOOD),
+        ),
     }
 }

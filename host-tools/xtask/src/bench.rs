@@ -20,6 +20,7 @@ use crate::image::{self, DebianRoot};
 use crate::tests::boot_with_camera;
 use crate::{instructions, setup};
 
+mod boards;
 mod calibration;
 mod formats;
 mod recordings;
@@ -39,10 +40,25 @@ pub struct Arguments {
     /// Measure only how long `plumb` takes for recordings, and its memory.
     #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only"])]
     recordings_only: bool,
+    /// Measure only which checkerboards are found on photographs as people take them, beside
+    /// OpenCV.
+    #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only", "recordings_only"])]
+    boards_only: bool,
+    /// The photographs of --boards-only.
+    #[arg(long, default_value_t = 300, requires = "boards_only",
+        value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    boards: u32,
+    /// What the photographs of --boards-only are drawn from.
+    #[arg(long, default_value_t = 1, requires = "boards_only")]
+    seed: u32,
 }
 
 /// Measures, prints the tables, and puts them into README.md if asked.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.boards_only {
+        println!("\n{}", boards::table(arguments.boards, arguments.seed)?.trim_end());
+        return Ok(());
+    }
     setup::ensure(&[setup::LINKER, setup::VIDEO])?;
     if arguments.recordings_only {
         println!("\n{}", recordings::table()?.trim_end());

@@ -18,6 +18,9 @@ const CLIMB_STEPS_MAX: usize = 4;
 /// How far beyond the ranges candidates are looked for. A corner is seldom farther from its
 /// candidate; without this, corners between two bands would be missed by both.
 const REACH_PX: usize = CLIMB_STEPS_MAX;
+/// Largest angle by which an edge may turn when a corner is located again (sine): 15 degrees, three
+/// times the accuracy of a direction.
+const TURNED_SINE_MAX: f32 = 0.26;
 
 /// Finds checkerboard corners. Holds one tile of the frame; its own size does not depend on the
 /// frame's.
@@ -90,6 +93,18 @@ impl Detector {
             }
         }
     }
+}
+
+/// A corner located again in a picture of the same scene: `corner` is good to 2 px, as one is that
+/// was found at half the size. `None` where the picture does not show it.
+pub fn refined<P: Pixel>(image: &GreyImage<'_, P>, corner: &Corner) -> Option<Corner> {
+    let [x, y] = corner.position_px.map(|px| px + 0.5);
+    if !(x >= 0.0 && y >= 0.0 && x < image.width() as f32 && y < image.height() as f32) {
+        return None;
+    }
+    let again = describe(image, [x as usize, y as usize], RADII_PX[RADII_PX.len() - 1])?;
+    let sine = |edge: usize| libm::sinf(again.edges_rad[edge] - corner.edges_rad[edge]);
+    (sine(0).abs() < TURNED_SINE_MAX && sine(1).abs() < TURNED_SINE_MAX).then_some(again)
 }
 
 /// Whether the pixel of a coordinate is in the range.

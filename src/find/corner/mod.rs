@@ -15,5 +15,5 @@ mod ring;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use detect::Detector;
+pub use detect::{Detector, refined};
 pub use list::{Corner, CornerList};

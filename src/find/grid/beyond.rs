@@ -76,7 +76,7 @@ pub(super) fn squares_go_on<P: Pixel>(
 }
 
 /// The mean of 3 x 3 pixels.
-fn sample<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [f32; 2]) -> Option<f32> {
+pub(super) fn sample<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [f32; 2]) -> Option<f32> {
     let (column, row) = image.window_centre([f64::from(x), f64::from(y)], 1)?;
     let mut sum = 0.0;
     for row in row - 1..=row + 1 {

@@ -1,5 +1,6 @@
 //! Growing one lattice of corners.
 
+use super::plane::Plane;
 use crate::find::corner::Corner;
 use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
 
@@ -10,8 +11,6 @@ const _: () = assert!(CORNERS_MAX < u16::MAX as usize);
 
 /// Most rounds of growing: the first finds nearly all corners, the others those behind gaps.
 const ROUNDS_MAX: usize = 4;
-/// Fewest corners of a lattice: 3 x 3.
-const LATTICE_MIN: usize = 9;
 /// Largest angle between an edge and the line to the neighbour (sine): 15 degrees. Over one square
 /// even a fisheye bends a line by less.
 const LINE_SINE_MAX: f32 = 0.26;
@@ -26,6 +25,27 @@ const ASPECT_MAX: f32 = 3.0;
 /// Largest distance of a corner from its prediction, in steps. In the worst case half of it is due
 /// to perspective.
 const PREDICTION_ERROR_MAX: f32 = 0.25;
+/// Largest distance of a corner from the place that the plane of all corners predicts, in steps.
+const PLANE_ERROR_MAX: f32 = 0.2;
+
+/// The smallest lattice that is of use: lines of each family.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Least {
+    /// 3 x 3 corners: the smallest target.
+    Target,
+    /// 2 x 3 corners: what a cover may leave of a target on one of its sides.
+    Piece,
+}
+
+impl Least {
+    /// The smaller and the larger number of lines.
+    const fn lines(self) -> [usize; 2] {
+        match self {
+            Self::Target => [3, 3],
+            Self::Piece => [2, 3],
+        }
+    }
+}
 
 /// Extent of a lattice in its own coordinates, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +58,8 @@ pub(super) struct Bounds {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Line {
     start: [i32; 2],
-    step: [i32; 2],
+    /// From one place of the line to the next: +u or +v.
+    pub(super) step: [i32; 2],
     length: usize,
     /// The lattice step out of the bounds.
     pub(super) outwards: [i32; 2],
@@ -50,8 +71,13 @@ impl Line {
     }
 
     pub(super) fn cells(&self) -> impl Iterator<Item = [i32; 2]> + use<> {
-        let Self { start, step, length, .. } = *self;
-        (0..length as i32).map(move |n| [start[0] + n * step[0], start[1] + n * step[1]])
+        let line = *self;
+        (0..line.length as i32).map(move |number| line.cell(number))
+    }
+
+    /// The place with this number; -1 is the one before the first.
+    pub(super) fn cell(&self, number: i32) -> [i32; 2] {
+        [0, 1].map(|axis| self.start[axis] + number * self.step[axis])
     }
 }
 
@@ -67,6 +93,14 @@ impl Bounds {
     pub(super) fn cells(&self) -> impl Iterator<Item = [i32; 2]> + use<> {
         let Self { first, last } = *self;
         (first[1]..=last[1]).flat_map(move |j| (first[0]..=last[0]).map(move |i| [i, j]))
+    }
+
+    /// With this many more lines on each side.
+    pub(super) fn grown(&self, lines: i32) -> Self {
+        Self {
+            first: self.first.map(|value| value - lines),
+            last: self.last.map(|value| value + lines),
+        }
     }
 
     pub(super) fn borders(&self) -> [Line; 4] {
@@ -174,8 +208,8 @@ impl Lattice {
     }
 
     /// Grows a lattice from a corner that belongs to none; `None` when it stays smaller than
-    /// 3 x 3.
-    pub(super) fn grow(&mut self, corners: &[Corner], seed: u16) -> Option<Bounds> {
+    /// `least`.
+    pub(super) fn grow(&mut self, corners: &[Corner], seed: u16, least: Least) -> Option<Bounds> {
         if self.used[usize::from(seed)] {
             return None;
         }
@@ -198,7 +232,11 @@ impl Lattice {
                 }
             }
             let bounds = self.bounds();
-            let large = self.count >= LATTICE_MIN && bounds.columns() >= 3 && bounds.rows() >= 3;
+            let (columns, rows) = (bounds.columns(), bounds.rows());
+            let [fewer, more] = least.lines();
+            let large = self.count >= fewer * more
+                && columns.min(rows) >= fewer
+                && columns.max(rows) >= more;
             large.then_some(bounds)
         });
         if bounds.is_none() {
@@ -221,6 +259,73 @@ impl Lattice {
             }
         }
         bounds
+    }
+
+    /// The extent of the corners that were not removed; `None` when there are none.
+    pub(super) fn extent(&self) -> Option<Bounds> {
+        self.cells().fold(None, |extent: Option<Bounds>, cell| {
+            let Bounds { first, last } = extent.unwrap_or(Bounds { first: cell, last: cell });
+            Some(Bounds {
+                first: [0, 1].map(|axis| first[axis].min(cell[axis])),
+                last: [0, 1].map(|axis| last[axis].max(cell[axis])),
+            })
+        })
+    }
+
+    /// The places of the corners that were not removed.
+    pub(super) fn cells(&self) -> impl Iterator<Item = [i32; 2]> + '_ {
+        let placed = self.queue[..self.count].iter().map(|cell| cell.map(i32::from));
+        placed.filter(|&cell| self.corner(cell).is_some())
+    }
+
+    /// Marks corners as belonging to a lattice.
+    pub(super) fn use_up(&mut self, indices: impl Iterator<Item = u16>) {
+        for index in indices {
+            if let Some(used) = self.used.get_mut(usize::from(index)) {
+                *used = true;
+            }
+        }
+    }
+
+    /// Adds the corners near the places that a plane predicts, in the lattice and up to `reach`
+    /// lines around it, so that what lies on the other side of a cover is joined; returns the
+    /// number of corners added. A place that a lattice left empty is seldom taken by clutter: the
+    /// corner's two edges have to agree with the plane's lines as well.
+    pub(super) fn extend(&mut self, corners: &[Corner], plane: &Plane, reach: i32) -> usize {
+        let Some(extent) = self.extent() else { return 0 };
+        let before = self.count;
+        for cell in extent.grown(reach).cells() {
+            let on_map = cell.iter().all(|value| (-CENTRE..CENTRE).contains(value));
+            // A place from which a corner was removed may not be placed again.
+            if !on_map || self.corner(cell).is_some() || self.count == CORNERS_MAX {
+                continue;
+            }
+            let at = cell.map(|value| value as f32);
+            let Some(expected) = plane.at(at) else { continue };
+            let Some(steps) = plane.steps(at) else { continue };
+            let lengths = steps.map(length);
+            let tolerance = PLANE_ERROR_MAX * lengths[0].min(lengths[1]);
+            let edge_along_u = self.edge_along_u(cell);
+            let mut nearest: Option<(f32, u16)> = None;
+            for (index, corner) in corners.iter().enumerate() {
+                let [x, y] = corner.position_px;
+                let error = length([x - expected[0], y - expected[1]]);
+                if error > tolerance || nearest.is_some_and(|(least, _)| error >= least) {
+                    continue;
+                }
+                let edges = self.edges[index];
+                let agrees = |edge: usize, axis: usize| {
+                    cross(edges[edge], steps[axis]).abs() < EDGE_SINE_MAX * lengths[axis]
+                };
+                if !self.used[index] && agrees(edge_along_u, 0) && agrees(1 - edge_along_u, 1) {
+                    nearest = Some((error, index as u16));
+                }
+            }
+            if let Some((_, index)) = nearest {
+                self.place(cell, index);
+            }
+        }
+        self.count - before
     }
 
     fn place(&mut self, cell: [i32; 2], index: u16) {

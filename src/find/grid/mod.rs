@@ -5,11 +5,12 @@
 //! of its two edges exchanged. A lattice becomes the grid of a wanted shape only when it has
 //! exactly its columns and rows, its four border lines are seen, the board does not go on beyond
 //! them, and every corner agrees with its neighbours; otherwise the result is a reason, never a
-//! guess.
+//! guess. Shapes that are not found that way are looked for once more among targets of which a
+//! part is [`covered`].
 //!
 //! What it cannot detect: a board whose whole border line, with the squares beyond it, is hidden by
 //! something looks like a smaller board. A board cut by the frame's border is recognised and
-//! rejected; so is one with a line too blurred to be detected, because the squares beyond it are
+//! rejected, unless the caller allows it ([`FrameBorder`]); so is one with a line too blurred to be detected, because the squares beyond it are
 //! still seen to alternate.
 //!
 //! The work is bounded by the square of [`CORNERS_MAX`]; with the one or two
@@ -21,17 +22,30 @@ use serde::{Deserialize, Serialize};
 
 use crate::common::statistics::median;
 use crate::find::corner::Corner;
-use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX};
+use crate::limits::{CORNERS_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use crate::model::image::{GreyImage, Pixel};
 use crate::model::target::GridShape;
 
 mod agreement;
 mod beyond;
+mod covered;
 mod lattice;
+mod plane;
 #[cfg(test)]
 mod tests;
 
-use lattice::{Bounds, Lattice};
+use lattice::{Bounds, Lattice, Least};
+
+/// What a board may have to do with the border of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameBorder {
+    /// A board is whole only if the squares around its corners are seen to end. Where frames
+    /// follow each other, one that is cut may be a larger board on its way out.
+    OutsideBoard,
+    /// It may cut the squares around a board's corners, if all the corners are seen: for
+    /// photographs of a board whose number of corners is known.
+    MayCutBoard,
+}
 
 /// One target's grid as seen in the picture.
 ///
@@ -129,15 +143,18 @@ impl GridFinder {
     /// Corners past [`CORNERS_MAX`] are ignored.
     ///
     /// # Panics
-    /// When `found` is shorter than `wanted`: a caller's bug.
+    /// When `found` is shorter than `wanted`, or there are more than 16 wanted shapes: a caller's
+    /// bug.
     pub fn find<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
         corners: &[Corner],
         wanted: &[GridShape],
+        border: FrameBorder,
         found: &mut [Result<Grid, GridRejection>],
     ) {
         assert!(found.len() >= wanted.len(), "one entry per wanted shape");
+        assert!(wanted.len() <= WANTED_MAX, "at most {WANTED_MAX} wanted shapes");
         let corners = &corners[..corners.len().min(CORNERS_MAX)];
         let found = &mut found[..wanted.len()];
         found.fill(Err(GridRejection::NoLattice));
@@ -149,22 +166,164 @@ impl GridFinder {
         order.sort_unstable_by(|&a, &b| {
             corners[usize::from(b)].score.total_cmp(&corners[usize::from(a)].score)
         });
+        let mut open_grids: Vec<OpenGrid, SHAPES_MAX> = Vec::new();
         self.lattice.start(corners);
         for &seed in &*order {
-            let Some(bounds) = self.lattice.grow(corners, seed) else { continue };
+            let Some(bounds) = self.lattice.grow(corners, seed, Least::Target) else { continue };
             for (shape, entry) in wanted.iter().zip(&mut *found) {
                 if entry == &Err(GridRejection::Ambiguous) || !may_be(bounds, *shape) {
                     note(entry, GridRejection::OtherDimensions);
                     continue;
                 }
-                match judge(image, &mut self.lattice, corners, bounds, *shape) {
-                    Ok(grid) if entry.is_err() => *entry = Ok(grid),
-                    Ok(_) => *entry = Err(GridRejection::Ambiguous),
-                    Err(rejection) => note(entry, rejection),
+                let judged = judge(image, &mut self.lattice, corners, bounds, *shape);
+                let judged = judged.and_then(|judged| match border {
+                    FrameBorder::OutsideBoard if judged.cut != [false; 2] => {
+                        Err(GridRejection::Cut)
+                    }
+                    _ if is_part_of_another(judged.bounds, judged.cut, wanted) => {
+                        Err(GridRejection::Cut)
+                    }
+                    _ => Ok(judged),
+                });
+                let Judged { grid, bounds, .. } = match judged {
+                    Ok(judged) => judged,
+                    Err(rejection) => {
+                        note(entry, rejection);
+                        continue;
+                    }
+                };
+                if is_part_of_another(bounds, [true; 2], wanted) {
+                    let open = covered::open(image, &self.lattice, corners, bounds);
+                    if is_part_of_another(bounds, open.axes, wanted) {
+                        let hidden = open.hidden;
+                        if open_grids.push(OpenGrid { grid, bounds, hidden }).is_err() {
+                            note(entry, GridRejection::Incomplete);
+                        }
+                        continue;
+                    }
+                }
+                add(entry, grid);
+            }
+        }
+        settle(open_grids, wanted, found);
+        if found.iter().any(may_be_covered) {
+            self.find_covered(image, corners, wanted, found);
+        }
+    }
+
+    /// Looks for the shapes that were not found among covered targets.
+    fn find_covered<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        corners: &[Corner],
+        wanted: &[GridShape],
+        found: &mut [Result<Grid, GridRejection>],
+    ) {
+        self.lattice.start(corners);
+        for grid in found.iter().flatten() {
+            self.lattice.use_up(grid.corners.iter().flatten().copied());
+        }
+        // All shapes that are missing compete for each lattice, even those that were found covered
+        // already.
+        let mut missing: Vec<GridShape, SHAPES_MAX> = Vec::new();
+        for (shape, entry) in wanted.iter().zip(&*found) {
+            let is_new = may_be_covered(entry) && !missing.contains(shape);
+            if is_new && missing.push(*shape).is_err() {
+                return;
+            }
+        }
+        let mut placed: Vec<Option<Grid>, SHAPES_MAX> = missing.iter().map(|_| None).collect();
+        let mut ambiguous = [false; SHAPES_MAX];
+        for &seed in &self.order[..corners.len()] {
+            let lattice = &mut self.lattice;
+            if lattice.grow(corners, seed, Least::Piece).is_none() {
+                continue;
+            }
+            if let Some((place, grid)) = covered::place(image, lattice, corners, &missing) {
+                ambiguous[place] |= placed[place].replace(grid).is_some();
+            }
+        }
+        for (place, (shape, grid)) in missing.iter().zip(placed).enumerate() {
+            let entries = wanted.iter().zip(&mut *found).filter(|(wanted, _)| *wanted == shape);
+            for (_, entry) in entries {
+                match &grid {
+                    _ if ambiguous[place] => *entry = Err(GridRejection::Ambiguous),
+                    Some(grid) => *entry = Ok(grid.clone()),
+                    None => {}
                 }
             }
         }
     }
+}
+
+/// A grid with a side at which it is not seen to end: it may be what a cover leaves of another
+/// wanted shape.
+struct OpenGrid {
+    grid: Grid,
+    bounds: Bounds,
+    /// The axes along which a cover may hide more.
+    hidden: [bool; 2],
+}
+
+/// Accepts the open grids that are no part of a shape that is still missing. A shape that was found
+/// with all its sides is not found again.
+fn settle(
+    open_grids: Vec<OpenGrid, SHAPES_MAX>,
+    wanted: &[GridShape],
+    found: &mut [Result<Grid, GridRejection>],
+) {
+    let mut missing = [false; WANTED_MAX];
+    for (missing, entry) in missing.iter_mut().zip(&*found) {
+        *missing = entry.is_err();
+    }
+    for OpenGrid { grid, bounds, hidden } in open_grids {
+        let others = wanted.iter().zip(missing).filter(|(_, missing)| *missing);
+        let is_part = others
+            .into_iter()
+            .any(|(shape, _)| is_part_of_another(bounds, hidden, core::slice::from_ref(shape)));
+        for ((shape, entry), missing) in wanted.iter().zip(&mut *found).zip(missing) {
+            if !missing || *shape != grid.shape {
+                continue;
+            }
+            if is_part {
+                note(entry, GridRejection::Incomplete);
+            } else {
+                add(entry, grid.clone());
+            }
+        }
+    }
+}
+
+/// Adds a grid of a shape; two are ambiguous.
+fn add(entry: &mut Result<Grid, GridRejection>, grid: Grid) {
+    *entry = if entry.is_err() { Ok(grid) } else { Err(GridRejection::Ambiguous) };
+}
+
+/// Most shapes that a search can be for.
+const WANTED_MAX: usize = 16;
+
+/// Most shapes that are looked for among covered targets; of more, none is.
+const SHAPES_MAX: usize = TARGETS_MAX;
+
+/// Whether a shape may yet be found partly covered: not if two of it are seen.
+fn may_be_covered(entry: &Result<Grid, GridRejection>) -> bool {
+    entry.as_ref().is_err_and(|rejection| *rejection != GridRejection::Ambiguous)
+}
+
+/// Whether a lattice whose squares the frame cuts across its columns, or its rows, may be what is
+/// seen of another wanted shape: that one has at least as many lines of each family, and more only
+/// where the frame hides some.
+fn is_part_of_another(bounds: Bounds, cut: [bool; 2], wanted: &[GridShape]) -> bool {
+    let seen = [bounds.columns(), bounds.rows()];
+    wanted.iter().any(|other| {
+        let (columns, rows) = (usize::from(other.columns), usize::from(other.rows));
+        [[columns, rows], [rows, columns]].into_iter().any(|whole| {
+            whole != seen
+                && (0..2).all(|axis| {
+                    whole[axis] == seen[axis] || (cut[axis] && whole[axis] > seen[axis])
+                })
+        })
+    })
 }
 
 /// Keeps the rejection that came closest to a grid.
@@ -186,6 +345,15 @@ fn may_be(bounds: Bounds, shape: GridShape) -> bool {
     columns * rows <= TARGET_CORNERS_MAX && (fits(columns, rows) || fits(rows, columns))
 }
 
+/// A lattice that is the grid of a wanted shape.
+struct Judged {
+    grid: Grid,
+    /// Without lines of clutter.
+    bounds: Bounds,
+    /// Whether the frame cuts the squares around it at an end of the lattice's axis u, and v.
+    cut: [bool; 2],
+}
+
 /// The grid of this shape, if the lattice is one.
 fn judge<P: Pixel>(
     image: &GreyImage<'_, P>,
@@ -193,7 +361,7 @@ fn judge<P: Pixel>(
     corners: &[Corner],
     bounds: Bounds,
     shape: GridShape,
-) -> Result<Grid, GridRejection> {
+) -> Result<Judged, GridRejection> {
     agreement::remove_disagreeing(lattice, corners, bounds);
     let median = median_score(lattice, corners, bounds);
     // Border lines with few and weak corners are clutter beside the board; few but strong ones mean
@@ -219,6 +387,7 @@ fn judge<P: Pixel>(
     if goes_on {
         return Err(GridRejection::GoesOn);
     }
+    let mut cut = [false; 2];
     for line in bounds.borders() {
         let seen = line.cells().filter(|&cell| lattice.corner(cell).is_some()).count();
         if seen < border_corners_min(line.length()) {
@@ -233,25 +402,36 @@ fn judge<P: Pixel>(
             }
         }
         if 2 * next_visible < next {
-            return Err(GridRejection::Cut);
+            for (axis, cut) in cut.iter_mut().enumerate() {
+                *cut |= line.outwards[axis] != 0;
+            }
         }
         if beyond::squares_go_on(image, lattice, corners, &line) {
             return Err(GridRejection::GoesOn);
         }
     }
-    let mut grid = Grid { shape, corners: Vec::new(), first_square_dark };
-    for row in 0..i32::from(shape.rows) {
-        for column in 0..i32::from(shape.columns) {
-            let cell = numbering.cell(column, row);
-            // The shape has been checked to fit.
-            let _ = grid.corners.push(lattice.corner(cell));
-        }
-    }
+    let grid = numbered(lattice, shape, &numbering, first_square_dark);
     let seen = grid.corners.iter().flatten().count();
     if seen < corners_min(grid.corners.len()) {
         return Err(GridRejection::Incomplete);
     }
-    Ok(grid)
+    Ok(Judged { grid, bounds, cut })
+}
+
+/// The grid of a shape, which has at most [`TARGET_CORNERS_MAX`] corners.
+fn numbered(
+    lattice: &Lattice,
+    shape: GridShape,
+    numbering: &Numbering,
+    first_square_dark: bool,
+) -> Grid {
+    let mut grid = Grid { shape, corners: Vec::new(), first_square_dark };
+    for row in 0..i32::from(shape.rows) {
+        for column in 0..i32::from(shape.columns) {
+            let _ = grid.corners.push(lattice.corner(numbering.cell(column, row)));
+        }
+    }
+    grid
 }
 
 fn is_detectable<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [f32; 2]) -> bool {

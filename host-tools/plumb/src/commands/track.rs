@@ -13,6 +13,7 @@ use plumbline::report::GridRejection;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
 use plumbline_analysis::statistics::describe::median;
+use plumbline_calibration::Search;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::frames::FrameSource;
@@ -46,7 +47,8 @@ use crate::ui::draw;
 pub struct Arguments {
     #[command(flatten)]
     descriptions: Descriptions,
-    /// Search every image afresh, for photographs that do not follow each other.
+    /// Search every image afresh, for photographs that do not follow each other. The frame may cut
+    /// the squares around a target whose corners are all seen.
     #[arg(long)]
     independent: bool,
     /// Frames per second; otherwise from the Y4M header, and 30 for images.
@@ -145,12 +147,14 @@ fn track(
     rows: &mut Writer<Box<dyn Write>>,
     seen: &mut dyn FnMut(&Report, Duration),
 ) -> anyhow::Result<()> {
+    let mut search = arguments.independent.then(Search::new);
+    let wanted: Vec<_> = config.targets.iter().map(|target| target.geometry.shape()).collect();
     while let Some(frame) = source.next_frame()? {
-        if arguments.independent {
-            pipeline.forget();
-        }
         let started = Instant::now();
-        let report = tracking::step(pipeline, &frame);
+        let report = match &mut search {
+            Some(search) => tracking::step_alone(pipeline, search, &wanted, &frame),
+            None => tracking::step(pipeline, &frame),
+        };
         seen(&report, started.elapsed());
         for row in pose_rows(config, frame.index, &report) {
             rows.write(&row)?;

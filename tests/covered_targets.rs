@@ -1,0 +1,276 @@
+//! Targets of which hair, a sleeve or a strap covers 15 to 40 %: found where what is seen fixes the
+//! place, and never at a wrong one.
+//!
+//! `PLUMBLINE_COVERS=SEED,COUNT` runs other and more covers than the usual ones.
+
+use nalgebra::{Vector2, Vector3};
+use plumbline::config::{Config, Links, Machine, TargetConfig};
+use plumbline::image::GreyImage;
+use plumbline::lens::{Distortion, Lens};
+use plumbline::parts::points_mm;
+use plumbline::pipeline::Pipeline;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
+use plumbline_render::simulate::sensor::Sensor;
+use plumbline_test_support::is_emulated;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+/// The usual covers.
+const SEED: u64 = 1;
+const COUNT: u64 = 150;
+
+/// Fewest targets found, percent, under covers of 15 to 25 % and of 25 to 40 %. Of 600 covers of
+/// another seed 70 % and 60 % were found; the bounds lie two and a half standard deviations of the
+/// share of 55 and of 95 covers below. Most of the others have an edge so nearly parallel to a side
+/// of the target that a board of other columns and rows might end there.
+const FOUND_PERCENT_MIN: [u64; 2] = [55, 47];
+
+const LENS: Lens = Lens {
+    width_px: 1000,
+    height_px: 640,
+    fx_px: 1600.0,
+    fy_px: 1600.0,
+    cx_px: 499.5,
+    cy_px: 319.5,
+    skew_px: 0.0,
+    distortion: Distortion::Radial2([-0.12, 0.05]),
+};
+
+/// Something in front of a target: a half of the frame, or a band of it.
+struct Cover {
+    /// Across its edge, in the frame.
+    normal: Vector2<f64>,
+    /// The places along the normal between which it lies, pixels.
+    from_px: f64,
+    to_px: f64,
+    grey: f64,
+    /// The amplitude, and the width in pixels, of strands along its edge: hair, or folds.
+    strands: f64,
+    strand_px: f64,
+    seed: u64,
+}
+
+impl Cover {
+    /// A random one that covers this share of the points.
+    fn random(points_px: &[Vector2<f64>], share: f64, random: &mut ChaCha8Rng) -> Self {
+        let sides = [points_px[1] - points_px[0], points_px[2] - points_px[0]];
+        let side = sides[random.random_range(0..2)].normalize();
+        // Along a side of the target but for a few degrees, or at any angle.
+        let turn_rad = if random.random_bool(0.5) {
+            random.random_range(-0.15..0.15)
+        } else {
+            random.random_range(0.0..std::f64::consts::TAU)
+        };
+        let (sin, cos) = turn_rad.sin_cos();
+        let sign = if random.random_bool(0.5) { 1.0 } else { -1.0 };
+        let normal = Vector2::new(cos * side.x - sin * side.y, sin * side.x + cos * side.y) * sign;
+        let mut along: Vec<f64> = points_px.iter().map(|point| normal.dot(point)).collect();
+        along.sort_by(f64::total_cmp);
+        let covered = (share * along.len() as f64) as usize;
+        // From outside, or a strap across it.
+        let first =
+            if random.random_bool(0.6) { 0 } else { random.random_range(0..along.len() - covered) };
+        let from_px = if first == 0 { f64::NEG_INFINITY } else { along[first] };
+        let is_plain = random.random_bool(0.5);
+        Self {
+            normal,
+            from_px,
+            to_px: along[first + covered],
+            grey: random.random_range(20.0..220.0),
+            strands: if is_plain { 0.0 } else { random.random_range(10.0..60.0) },
+            strand_px: random.random_range(1.5..8.0),
+            seed: random.random(),
+        }
+    }
+
+    fn draw(&self, picture: &mut Picture) {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        let phases: [[f64; 3]; 4] = std::array::from_fn(|_| {
+            [random.random_range(0.0..6.3), random.random_range(0.5..1.5), random.random()]
+        });
+        for (place, grey) in picture.grey.iter_mut().enumerate() {
+            let point =
+                Vector2::new((place % picture.width) as f64, (place / picture.width) as f64);
+            let at = self.normal.dot(&point);
+            // An edge as blurred as the target's.
+            let inside = (at - self.from_px + 0.5).min(self.to_px - at + 0.5).clamp(0.0, 1.0);
+            let along = self.normal.x * point.y - self.normal.y * point.x;
+            let waves = phases.map(|[phase, rate, bend]| {
+                let across = at + 6.0 * bend * (along / 40.0 + phase).sin();
+                (across * rate / self.strand_px + phase).sin()
+            });
+            let level = self.grey + self.strands * 0.5 * waves.iter().sum::<f64>();
+            *grey += (inside * (level.clamp(5.0, 240.0) - f64::from(*grey))) as f32;
+        }
+    }
+}
+
+fn targets() -> [TargetGeometry; 2] {
+    let target = |columns, rows, role| {
+        TargetGeometry::checker(columns, rows, 12.0, Origin::Center, role, [0.0; 3])
+            .expect("a target of the standard pair")
+    };
+    [target(6, 5, Role::Lower), target(5, 4, Role::Upper)]
+}
+
+/// One photograph of the standard pair with a cover over one of them.
+struct Case {
+    share: f64,
+    covered: usize,
+    poses: [Pose<Cam, Target>; 2],
+    samples: Vec<u8>,
+}
+
+impl Case {
+    fn random(seed: u64, number: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(number);
+        let targets = targets();
+        let z_mm = random.random_range(650.0..1600.0);
+        // Beside each other, in the middles of the frame's halves.
+        let poses = [-1.0, 1.0].map(|side| {
+            let mut angle = |most: f64| random.random_range(-most..most);
+            let turns = [angle(0.5), angle(0.7), angle(0.7)];
+            let x_mm = side * 250.0 / LENS.fx_px * z_mm;
+            Pose::from_theta([turns[0], turns[1], turns[2], x_mm, 0.02 * z_mm * side, z_mm])
+        });
+        let prints = targets
+            .each_ref()
+            .map(|target| Board::new(target, 11.0, Ink { black: 30.0, white: 210.0 }));
+        let placed: Vec<_> = prints
+            .iter()
+            .zip(&poses)
+            .map(|(board, &cam_from_target)| PlacedBoard { board, cam_from_target })
+            .collect();
+        let (width, height) = (usize::from(LENS.width_px), usize::from(LENS.height_px));
+        let mut picture = Picture::uniform(width, height, 110.0);
+        let slope = random.random_range(-0.3..0.3);
+        let gain = |x: f64, _: f64| 0.85 + slope * (x / f64::from(LENS.width_px) - 0.5);
+        render_targets(&LENS, random.random_range(0.5..1.2), &placed, gain, &mut picture);
+        let covered = random.random_range(0..2);
+        let share = random.random_range(0.15..0.4);
+        // The target's squares, evenly.
+        let points_px: Vec<_> = even_points(&targets[covered])
+            .map(|point| LENS.project(&poses[covered].transform(&point)).expect("in front"))
+            .collect();
+        let cover = Cover::random(&points_px, share, &mut random);
+        // Over the half of the frame in which the target is.
+        let mut other = picture.clone();
+        cover.draw(&mut picture);
+        for (place, (grey, other)) in picture.grey.iter().zip(&mut other.grey).enumerate() {
+            if (place % width < width / 2) == (covered == 0) {
+                *other = *grey;
+            }
+        }
+        let mut samples = vec![0_u8; width * height];
+        let noise_levels = random.random_range(0.5..3.0);
+        Sensor { noise_levels, bits: 8 }.expose(&other, seed, number, &mut samples);
+        Self { share, covered, poses, samples }
+    }
+
+    /// The largest distance of a corner from its true place, as a share of a square, for each
+    /// target; `None` where it is not found.
+    fn search(&self, pipeline: &mut Pipeline) -> [Option<f64>; 2] {
+        let (width, height) = (usize::from(LENS.width_px), usize::from(LENS.height_px));
+        let image = GreyImage::new(&self.samples, width, height, width).expect("a frame");
+        pipeline.forget();
+        let report = pipeline.step(&image, 0);
+        let targets = targets();
+        [0, 1].map(|index| {
+            let found = report.targets[index].measurement.as_ref().ok()?;
+            let px = |pose: &Pose<Cam, Target>, corner: usize| {
+                LENS.project(&pose.transform(&targets[index].corner_mm(corner))).expect("in front")
+            };
+            let truth = &self.poses[index];
+            let square_px = (px(truth, 1) - px(truth, 0)).norm();
+            let off_px = (0..targets[index].corner_count())
+                .map(|corner| (px(&found.cam_from_target, corner) - px(truth, corner)).norm());
+            Some(off_px.fold(0.0, f64::max) / square_px)
+        })
+    }
+}
+
+/// Points spread evenly over the print of a target; the second and third lie in line with the
+/// first, along x and along y.
+fn even_points(target: &TargetGeometry) -> impl Iterator<Item = Vector3<f64>> {
+    const SIDE: usize = 30;
+    let nodes: Vec<_> = points_mm(target).collect();
+    let (first, last) = (nodes[0], nodes[nodes.len() - 1]);
+    let at = move |u: usize, v: usize| {
+        let part = Vector3::new(u as f64, v as f64, 0.0) / (SIDE - 1) as f64;
+        first + (last - first).component_mul(&part)
+    };
+    let all = (0..SIDE * SIDE).map(move |place| at(place % SIDE, place / SIDE));
+    [at(0, 0), at(1, 0), at(0, 1)].into_iter().chain(all.skip(3))
+}
+
+fn pipeline() -> Box<Pipeline> {
+    let mut configured = heapless::Vec::new();
+    for (name, geometry) in ["lumbar", "shoulder"].into_iter().zip(targets()) {
+        let name = name.try_into().expect("a short name");
+        assert!(configured.push(TargetConfig { name, geometry }).is_ok());
+    }
+    let mut pipeline = Box::new(Pipeline::new());
+    pipeline
+        .configure(&Config {
+            device: heapless::String::new(),
+            serial_number: heapless::String::new(),
+            lens: LENS,
+            targets: configured,
+            cam_from_scene_theta: None,
+            links: Links::default(),
+            capture: None,
+            machine: Machine::default(),
+        })
+        .expect("a good configuration");
+    pipeline
+}
+
+#[test]
+fn a_covered_target_is_found_at_its_place_or_not_at_all() {
+    let usual = if is_emulated() { COUNT / 10 } else { COUNT };
+    let [seed, count] = match std::env::var("PLUMBLINE_COVERS") {
+        Err(_) => [SEED, usual],
+        Ok(text) => {
+            let numbers: Vec<u64> =
+                text.split(',').map(|number| number.parse().expect("SEED,COUNT")).collect();
+            numbers.try_into().expect("PLUMBLINE_COVERS is SEED,COUNT")
+        }
+    };
+    let results: Vec<_> = (0..count)
+        .into_par_iter()
+        .map_init(pipeline, |pipeline, number| {
+            let case = Case::random(seed, number);
+            (number, case.search(pipeline), case)
+        })
+        .map(|(number, off, case)| (number, off, case.covered, case.share))
+        .collect();
+    let (mut found, mut all, mut lost) = ([0; 2], [0; 2], 0);
+    for &(number, off, covered, share) in &results {
+        for (index, off) in off.into_iter().enumerate() {
+            // A tenth of a square is far more than any error of measurement, and far less than a
+            // corner's index.
+            assert!(
+                off.is_none_or(|off| off < 0.1),
+                "seed {seed}, cover {number} of {:.0} %: target {index} is {off:?} squares off",
+                100.0 * share
+            );
+        }
+        lost += u64::from(off[1 - covered].is_none());
+        let class = usize::from(share >= 0.25);
+        all[class] += 1;
+        found[class] += u64::from(off[covered].is_some());
+    }
+    // What a light cover leaves of one target can look like the other one, seen twice then.
+    assert!(50 * lost <= count, "{lost} of {count} targets without a cover are lost");
+    for (class, name) in ["15 to 25 %", "25 to 40 %"].into_iter().enumerate() {
+        let [found, all] = [found[class], all[class]];
+        println!("covers of {name}: {found} of {all} targets found, none at a wrong place");
+        if !is_emulated() {
+            assert!(100 * found >= FOUND_PERCENT_MIN[class] * all, "{name}: {found} of {all}");
+        }
+    }
+}
