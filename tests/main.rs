@@ -10,3 +10,4 @@ mod photographs_grid;
 mod precision;
 mod printed_targets;
 mod rendered_person;
+mod stumble;

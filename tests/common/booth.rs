@@ -54,11 +54,17 @@ pub struct Booth {
     board: Board,
     pipeline: Box<Pipeline>,
     frame: u64,
+    rate_hz: f64,
 }
 
 impl Booth {
-    /// A target of `columns` x `rows` corners of the standard pitch.
+    /// A target of `columns` x `rows` corners of the standard pitch, seen 60 times a second.
     pub fn new(columns: u8, rows: u8) -> Self {
+        Self::at_hz(columns, rows, 60.0)
+    }
+
+    /// The same, seen at another rate.
+    pub fn at_hz(columns: u8, rows: u8, rate_hz: f64) -> Self {
         let lens = Lens {
             width_px: WIDTH,
             height_px: HEIGHT,
@@ -86,7 +92,7 @@ impl Booth {
         };
         let mut pipeline = Box::new(Pipeline::new());
         pipeline.configure(&config).expect("a usual camera");
-        Self { lens, board, pipeline, frame: 0 }
+        Self { lens, board, pipeline, frame: 0, rate_hz }
     }
 
     /// Before noise and rounding.
@@ -111,11 +117,11 @@ impl Booth {
         sum
     }
 
-    /// Measures the pixels as the next frame of 60 Hz.
+    /// Measures the pixels as the next frame.
     pub fn measure<P: Pixel>(&mut self, pixels: &[P], white: u16) -> Result<Measurement, NoPose> {
         let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
         let view = GreyImage::with_white_level(pixels, width, height, width, white);
-        let time_ns = self.frame * 16_666_667;
+        let time_ns = (self.frame as f64 * 1e9 / self.rate_hz) as u64;
         self.frame += 1;
         let report = self.pipeline.step(&view.expect("a whole frame"), time_ns);
         report.targets[0].measurement

@@ -110,7 +110,6 @@ impl SimulateArguments {
             gradient: self.gradient,
             sway: SwaySettings::of_ap_sd_mm(self.sway_mm),
             occlusions: self.occlude.clone(),
-            ..SimulationSettings::default()
         }
     }
 }

@@ -1,0 +1,49 @@
+//! A sudden step: a person who stumbles accelerates within one frame, and is not lost.
+
+use common::booth::{Booth, Shot};
+use nalgebra::Vector3;
+use plumbline::pose::Pose;
+
+/// Half of gravity: the largest acceleration of a standing person's trunk.
+const STUMBLE_MM_PER_S2: f64 = 5_000.0;
+
+/// How long it lasts, and the speed that is then kept for a moment: 0.5 m/s.
+const STUMBLE_S: f64 = 0.1;
+
+/// Where the stumble has taken the target, a time after its beginning.
+fn moved_mm(time_s: f64) -> f64 {
+    let pushed_s = time_s.clamp(0.0, STUMBLE_S);
+    let coasting_s = (time_s - STUMBLE_S).max(0.0);
+    STUMBLE_MM_PER_S2 * (0.5 * pushed_s * pushed_s + STUMBLE_S * coasting_s)
+}
+
+#[test]
+fn a_stumble_is_followed_at_60_and_at_30_hz() {
+    let directions =
+        [Vector3::x(), -Vector3::y(), Vector3::new(0.6, 0.0, 0.8), Vector3::new(0.0, 0.3, -0.95)];
+    for rate_hz in [60.0, 30.0] {
+        for direction in directions {
+            let mut booth = Booth::at_hz(6, 5, rate_hz);
+            // The frames before, quietly, and those until the target has gone 45 mm.
+            let quiet_frames = 4;
+            let frames = quiet_frames + (0.14 * rate_hz) as i32;
+            for frame in 0..=frames {
+                let since_s = f64::from(frame - quiet_frames) / rate_hz;
+                let start = Vector3::new(-20.0, 15.0, 1000.0);
+                let at_mm = start + direction * moved_mm(since_s);
+                let pose = Pose::from_theta([0.02, 0.1, -0.05, at_mm.x, at_mm.y, at_mm.z]);
+                // The speed itself blurs the picture in an exposure of 4 ms.
+                let speed = (moved_mm(since_s + 1e-3) - moved_mm(since_s - 1e-3)) / 2e-3;
+                let shot = Shot { motion_mm: direction * speed * 4e-3, ..Shot::STANDARD };
+                let found = booth.error_mm(&pose, &shot);
+                let what = format!("{rate_hz} Hz, {direction:?}, frame {frame}");
+                let (error_mm, measurement) =
+                    found.unwrap_or_else(|reason| panic!("{what}: {reason:?}"));
+                // Five standard deviations, and what a blur of 2 mm that is not a Gaussian leaves.
+                let bound_mm = measurement.sd_mm() * 5.0 + Vector3::repeat(0.05);
+                let is_right = (0..3).all(|axis| error_mm[axis].abs() < bound_mm[axis]);
+                assert!(is_right, "{what}: {error_mm:?} of {bound_mm:?}");
+            }
+        }
+    }
+}
