@@ -286,9 +286,9 @@ struct Map {
     per_unit: Vector2<f64>,
     /// Columns and rows of coefficients: one beyond the samples on every side.
     lines: [usize; 2],
-    /// Row by row, for each coordinate of the value. The affine part, which is by far the larger,
-    /// is not in them: single precision then rounds by less than 0.0001 px.
-    coefficients: [[f32; LENS_TABLE_COEFFICIENTS]; 2],
+    /// Row by row, both coordinates of the value side by side. The affine part, which is by far the
+    /// larger, is not in them: single precision then rounds by less than 0.0001 px.
+    coefficients: [[f32; 2]; LENS_TABLE_COEFFICIENTS],
 }
 
 impl Map {
@@ -301,7 +301,7 @@ impl Map {
             start: Vector2::new(0.0, 0.0),
             per_unit: Vector2::new(0.0, 0.0),
             lines: [0; 2],
-            coefficients: [[0.0; LENS_TABLE_COEFFICIENTS]; 2],
+            coefficients: [[0.0; 2]; LENS_TABLE_COEFFICIENTS],
         }
     }
 
@@ -317,30 +317,26 @@ impl Map {
             let cell = (within as usize).min(cells.saturating_sub(1));
             (cell, Weights::at((within - cell as f64) as f32), place - within)
         });
-        let mut value = self.affine.at(from);
-        let mut jacobian = self.affine.matrix;
-        let beyond = Vector2::new(x_beyond, y_beyond);
-        for (coordinate, coefficients) in self.coefficients.iter().enumerate() {
-            // Across the rows first, in registers of four columns.
-            let [mut sum, mut slope] = [[0.0_f32; 4]; 2];
-            for line in 0..4 {
-                let first = (row + line) * self.lines[0] + column;
-                let Some(four) = coefficients.get(first..).and_then(<[f32]>::first_chunk::<4>)
-                else {
-                    return (Vector2::repeat(f64::NAN), Matrix2::repeat(f64::NAN));
-                };
-                for lane in 0..4 {
-                    sum[lane] += y.value[line] * four[lane];
-                    slope[lane] += y.slope[line] * four[lane];
-                }
-            }
-            let by_place = Vector2::new(dot(&sum, &x.slope).into(), dot(&slope, &x.value).into());
-            value[coordinate] += f64::from(dot(&sum, &x.value)) + by_place.dot(&beyond);
-            for axis in 0..2 {
-                jacobian[(coordinate, axis)] += by_place[axis] * self.per_unit[axis];
+        // Across the rows first: four columns with two coordinates each are two registers.
+        let [mut sum, mut slope] = [[0.0_f32; 8]; 2];
+        for line in 0..4 {
+            let first = (row + line) * self.lines[0] + column;
+            let four = self.coefficients.get(first..).and_then(<[_]>::first_chunk::<4>);
+            let Some(&[[a, b], [c, d], [e, f], [g, h]]) = four else {
+                return (Vector2::repeat(f64::NAN), Matrix2::repeat(f64::NAN));
+            };
+            let coefficients = [a, b, c, d, e, f, g, h];
+            for lane in 0..8 {
+                sum[lane] += y.value[line] * coefficients[lane];
+                slope[lane] += y.slope[line] * coefficients[lane];
             }
         }
-        (value, jacobian)
+        let value = along(&sum, &x.value);
+        let by_x = along(&sum, &x.slope);
+        let by_y = along(&slope, &x.value);
+        let [per_x, per_y]: [f64; 2] = self.per_unit.into();
+        let jacobian = self.affine.matrix + Matrix2::from_columns(&[by_x * per_x, by_y * per_y]);
+        (self.affine.at(from) + value + by_x * x_beyond + by_y * y_beyond, jacobian)
     }
 
     /// Becomes the spline of a function, given with its Jacobian, on a rectangle; `None` where the
@@ -388,9 +384,8 @@ impl Map {
             }
             for (coordinate, line) in lines.iter_mut().enumerate() {
                 spline(&mut line[..columns], ends.map(|end| end[coordinate]))?;
-                let coefficients = &mut self.coefficients[coordinate];
                 for (column, &value) in line[..columns].iter().enumerate() {
-                    coefficients[(row + 1) * columns + column] = value as f32;
+                    self.coefficients[(row + 1) * columns + column][coordinate] = value as f32;
                 }
             }
         }
@@ -411,16 +406,16 @@ impl Map {
                 spline(&mut line[..columns], [start, end])?;
             }
         }
-        for (coordinate, coefficients) in self.coefficients.iter_mut().enumerate() {
+        for coordinate in 0..2 {
             for column in 0..columns {
                 let mut line = [0.0; LINE_MAX];
                 for row in 1..rows - 1 {
-                    line[row] = coefficients[row * columns + column].into();
+                    line[row] = self.coefficients[row * columns + column][coordinate].into();
                 }
                 let ends = [0, 1].map(|end| across[end][coordinate][column]);
                 spline(&mut line[..rows], ends)?;
                 for (row, &value) in line[..rows].iter().enumerate() {
-                    coefficients[row * columns + column] = value as f32;
+                    self.coefficients[row * columns + column][coordinate] = value as f32;
                 }
             }
         }
@@ -484,9 +479,15 @@ impl Weights {
     }
 }
 
+/// The sum over four columns, for both coordinates.
 #[inline]
-fn dot(a: &[f32; 4], b: &[f32; 4]) -> f32 {
-    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
+fn along(columns: &[f32; 8], weights: &[f32; 4]) -> Vector2<f64> {
+    let mut halves = [0.0_f32; 4];
+    for lane in 0..4 {
+        let place = lane / 2;
+        halves[lane] = columns[lane] * weights[place] + columns[lane + 4] * weights[place + 2];
+    }
+    Vector2::new((halves[0] + halves[2]).into(), (halves[1] + halves[3]).into())
 }
 
 #[cfg(test)]
