@@ -12,7 +12,7 @@
 //! shared parameters, so each board's six are eliminated first (Schur complement).
 
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
-use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
+use plumbline::lens::{Lens, ray_by_point, ray_of};
 use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Target};
 
@@ -79,7 +79,7 @@ impl Bundle {
 
     /// The number of parameters that all photographs share.
     fn shared(&self) -> usize {
-        PINHOLE + coefficients(&self.lens.distortion).len() + if self.has_shape { SHAPE } else { 0 }
+        PINHOLE + self.lens.distortion.coefficients().len() + if self.has_shape { SHAPE } else { 0 }
     }
 
     /// The residuals of one photograph, raw pixels; `None` when a point lies behind the camera.
@@ -202,7 +202,7 @@ impl Bundle {
         {
             *value += shared[place];
         }
-        let distortion = coefficients_mut(&mut lens.distortion);
+        let distortion = lens.distortion.coefficients_mut();
         let count = distortion.len();
         for (place, value) in distortion.iter_mut().enumerate() {
             *value += shared[PINHOLE + place];
@@ -279,7 +279,7 @@ impl Bundle {
         for (place, column) in pinhole.into_iter().enumerate() {
             by_shared.set_column(place, &Vector2::from(column));
         }
-        let coefficients = by_coefficients(&self.lens.distortion, &ray);
+        let coefficients: Vec<_> = self.lens.distortion.by_coefficients(&ray).collect();
         for (place, column) in coefficients.iter().enumerate() {
             by_shared.set_column(PINHOLE + place, &(by_distorted * column));
         }
@@ -301,38 +301,6 @@ impl Bundle {
             by_shared,
             by_own: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
         })
-    }
-}
-
-/// The coefficients of a distortion, as many as its model has.
-fn coefficients(distortion: &Distortion) -> &[f64] {
-    match distortion {
-        Distortion::Radial2(coefficients) => coefficients,
-        Distortion::Brown5(coefficients) => coefficients,
-    }
-}
-
-fn coefficients_mut(distortion: &mut Distortion) -> &mut [f64] {
-    match distortion {
-        Distortion::Radial2(coefficients) => coefficients,
-        Distortion::Brown5(coefficients) => coefficients,
-    }
-}
-
-/// The derivatives of the distorted ray with respect to each coefficient.
-fn by_coefficients(distortion: &Distortion, ray: &Vector2<f64>) -> Vec<Vector2<f64>> {
-    let (x, y) = (ray.x, ray.y);
-    let square = ray.norm_squared();
-    let [first, second] = [ray * square, ray * square * square];
-    match distortion {
-        Distortion::Radial2(_) => vec![first, second],
-        Distortion::Brown5(_) => vec![
-            first,
-            second,
-            Vector2::new(2.0 * x * y, square + 2.0 * y * y),
-            Vector2::new(square + 2.0 * x * x, 2.0 * x * y),
-            second * square,
-        ],
     }
 }
 
@@ -405,6 +373,8 @@ impl Board {
 
 #[cfg(test)]
 mod tests {
+    use plumbline::lens::Distortion;
+
     use super::super::verdict::bend_mm;
     use super::*;
 

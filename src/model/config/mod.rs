@@ -32,7 +32,7 @@ pub use capture::{Capture, CaptureDriver, CaptureError, PixelFormat};
 pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
 
 /// Changes when the blob's content changes.
-pub const FORMAT_VERSION: u16 = 2;
+pub const FORMAT_VERSION: u16 = 3;
 
 /// The blob's name on a box's card.
 pub const FILE_NAME: &str = "config.plb";
@@ -51,9 +51,9 @@ const MAGIC: [u8; 4] = *b"PLMB";
 /// Magic, version, length.
 const HEADER_BYTES: usize = 10;
 
-/// Everything in a blob except the targets: header, checksum, texts, lens (87), scene (49), links
+/// Everything in a blob except the targets: header, checksum, texts, lens (143), scene (49), links
 /// (91), capture (82), machine (18), rounded up.
-const FIXED_BYTES_MAX: usize = 416;
+const FIXED_BYTES_MAX: usize = 472;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
 /// rows, role, a virtual point, and its corners of three f64.

@@ -104,6 +104,7 @@ fn the_largest_config_fits_its_buffer() {
     ]
     .into_iter()
     .collect();
+    config.lens.distortion = Distortion::ThinPrism12([1e-9; 12]);
     config.device = "012345678901234567890123".try_into().unwrap();
     config.serial_number = config.device.clone();
     let path: String<DEVICE_PATH_BYTES_MAX> =

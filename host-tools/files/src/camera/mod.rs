@@ -8,8 +8,8 @@
 //! cx_px = 727.5
 //! cy_px = 543.5
 //! skew_px = 0.0                      # optional
-//! model = "brown5"                   # or "radial2"
-//! distortion = [-0.1, 0.02, 0.0, 0.0, 0.0]   # k1 k2 p1 p2 k3; "radial2": k1 k2
+//! model = "brown5"                   # or radial2, rational8, thin_prism12, fisheye4
+//! distortion = [-0.1, 0.02, 0.0, 0.0, 0.0]   # k1 k2 p1 p2 k3; see `Distortion`
 //! rms_px = 0.12                      # optional, as images, date and source:
 //! images = 40                        # where the calibration came from
 //! date = "2026-11-21"
@@ -34,7 +34,7 @@ use crate::{from_toml, read_text, write_text};
 
 mod opencv;
 
-const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2 or brown5), distortion, and optionally skew_px, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
+const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2, brown5, rational8, thin_prism12 or fisheye4), distortion, and optionally skew_px, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
 
 /// Where a calibration came from; all of it may be unknown.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -105,10 +105,43 @@ pub struct Camera {
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 enum Model {
     Radial2,
     Brown5,
+    Rational8,
+    #[serde(rename = "thin_prism12")]
+    ThinPrism12,
+    Fisheye4,
+}
+
+impl Model {
+    /// The model with these coefficients; `Err` with those that it has.
+    fn distortion(self, coefficients: &[f64]) -> Result<Distortion, Distortion> {
+        let mut distortion = match self {
+            Self::Radial2 => Distortion::Radial2([0.0; 2]),
+            Self::Brown5 => Distortion::Brown5([0.0; 5]),
+            Self::Rational8 => Distortion::Rational8([0.0; 8]),
+            Self::ThinPrism12 => Distortion::ThinPrism12([0.0; 12]),
+            Self::Fisheye4 => Distortion::Fisheye4([0.0; 4]),
+        };
+        let own = distortion.coefficients_mut();
+        if own.len() != coefficients.len() {
+            return Err(distortion);
+        }
+        own.copy_from_slice(coefficients);
+        Ok(distortion)
+    }
+
+    fn of(distortion: &Distortion) -> Self {
+        match distortion {
+            Distortion::Radial2(_) => Self::Radial2,
+            Distortion::Brown5(_) => Self::Brown5,
+            Distortion::Rational8(_) => Self::Rational8,
+            Distortion::ThinPrism12(_) => Self::ThinPrism12,
+            Distortion::Fisheye4(_) => Self::Fisheye4,
+        }
+    }
 }
 
 /// The fields of `camera.toml`.
@@ -205,23 +238,15 @@ fn looks_like_yaml(text: &str) -> bool {
 
 fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
     let fields: Fields = from_toml(text, place, REMEDY)?;
-    let wrong_count = |wanted: &str| {
+    let distortion = fields.model.distortion(&fields.distortion).map_err(|model| {
+        let names = model.names();
         BadInput::new(
             place,
             "distortion",
             counted(fields.distortion.len(), "coefficient"),
-            format!("this model has {wanted}"),
+            format!("this model has {}: [{}]", names.len(), names.join(", ")),
         )
-    };
-    let coefficients = fields.distortion.as_slice();
-    let distortion = match fields.model {
-        Model::Radial2 => {
-            Distortion::Radial2(coefficients.try_into().map_err(|_| wrong_count("2: [k1, k2]"))?)
-        }
-        Model::Brown5 => Distortion::Brown5(
-            coefficients.try_into().map_err(|_| wrong_count("5: [k1, k2, p1, p2, k3]"))?,
-        ),
-    };
+    })?;
     Ok(Camera {
         lens: Lens {
             width_px: fields.width_px,
@@ -281,10 +306,6 @@ pub fn write(path: &Path, camera: &Camera) -> Result<(), BadInput> {
 #[must_use]
 pub fn to_toml(camera: &Camera) -> String {
     let Camera { lens, provenance } = camera;
-    let (model, distortion) = match lens.distortion {
-        Distortion::Radial2(coefficients) => (Model::Radial2, coefficients.to_vec()),
-        Distortion::Brown5(coefficients) => (Model::Brown5, coefficients.to_vec()),
-    };
     let fields = Fields {
         width_px: lens.width_px,
         height_px: lens.height_px,
@@ -293,8 +314,8 @@ pub fn to_toml(camera: &Camera) -> String {
         cx_px: lens.cx_px,
         cy_px: lens.cy_px,
         skew_px: lens.skew_px,
-        model,
-        distortion,
+        model: Model::of(&lens.distortion),
+        distortion: lens.distortion.coefficients().to_vec(),
         rms_px: provenance.rms_px,
         images: provenance.images,
         date: provenance.date.clone(),

@@ -64,15 +64,7 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
         };
         BadInput::new(place, field, first_line, REMEDY)
     })?;
-    if fields.fisheye_model.unwrap_or(0) != 0 {
-        return Err(unsupported_model(place, "fisheye_model", "a fisheye lens"));
-    }
-    if let Some(model) = &fields.distortion_model {
-        // Both of ROS's rational names may hold five coefficients and zeros.
-        if !["plumb_bob", "rational_polynomial"].contains(&model.as_str()) {
-            return Err(unsupported_model(place, "distortion_model", &format!("{model:?}")));
-        }
-    }
+    let family = family(&fields, place)?;
     let k = matrix_3x3(&fields.camera_matrix, place)?;
     let side = |name: &str, value: u32| {
         u16::try_from(value).map_err(|_| {
@@ -93,7 +85,7 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
             cx_px: k[2],
             fy_px: k[4],
             cy_px: k[5],
-            distortion: distortion(&fields.distortion_coefficients, place)?,
+            distortion: distortion(family, &fields.distortion_coefficients, place)?,
         },
         provenance: Provenance {
             rms_px: fields.avg_reprojection_error,
@@ -108,13 +100,32 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
     })
 }
 
-fn unsupported_model(place: &str, field: &str, found: &str) -> BadInput {
-    BadInput::new(
-        place,
-        field,
-        format!("{found}, a lens model that is not supported"),
-        "calibrate with the model k1 k2 p1 p2 k3 (OpenCV's calibrateCamera with its default flags, ROS's plumb_bob)",
-    )
+/// The two families of lens models.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Family {
+    /// k1 k2 p1 p2 and more.
+    Polynomial,
+    /// k1 k2 k3 k4.
+    Fisheye,
+}
+
+/// Which family the file names; four or five coefficients alone do not tell, and are those of a
+/// polynomial in most files.
+fn family(fields: &Fields, place: &str) -> Result<Family, BadInput> {
+    if fields.fisheye_model.unwrap_or(0) != 0 {
+        return Ok(Family::Fisheye);
+    }
+    match fields.distortion_model.as_deref() {
+        // Both of ROS's polynomial names may hold five coefficients and zeros.
+        None | Some("plumb_bob" | "rational_polynomial" | "thin_prism") => Ok(Family::Polynomial),
+        Some("equidistant" | "fisheye") => Ok(Family::Fisheye),
+        Some(model) => Err(BadInput::new(
+            place,
+            "distortion_model",
+            format!("{model:?}, a lens model that is not supported"),
+            "calibrate with plumb_bob, rational_polynomial, thin_prism or equidistant",
+        )),
+    }
 }
 
 /// K, row by row.
@@ -136,24 +147,42 @@ fn matrix_3x3(matrix: &Matrix, place: &str) -> Result<[f64; 9], BadInput> {
     Ok(k)
 }
 
-/// k1 k2 p1 p2 \[k3 \[further ones, if all zero\]\].
-fn distortion(matrix: &Matrix, place: &str) -> Result<Distortion, BadInput> {
+/// The model that the number of coefficients that are not zero calls for: Brown's with up to five,
+/// the rational one with up to eight, with up to twelve the thin prism's.
+fn distortion(family: Family, matrix: &Matrix, place: &str) -> Result<Distortion, BadInput> {
+    let values = matrix.data.as_slice();
     let wrong = |found: String, remedy: &str| {
         Err(BadInput::new(place, "distortion_coefficients", found, remedy))
     };
-    let values = matrix.data.as_slice();
-    let &[k1, k2, p1, p2, ref more @ ..] = values else {
+    if family == Family::Fisheye {
+        return match values.try_into() {
+            Ok(coefficients) => Ok(Distortion::Fisheye4(coefficients)),
+            Err(_) => {
+                wrong(counted(values.len(), "coefficient"), "a fisheye lens has 4: k1, k2, k3, k4")
+            }
+        };
+    }
+    if ![4, 5, 8, 12, 14].contains(&values.len()) {
         return wrong(
             counted(values.len(), "coefficient"),
-            "give 4 or 5: k1, k2, p1, p2 and, if calibrated, k3",
-        );
-    };
-    let k3 = more.first().copied().unwrap_or(0.0);
-    if more.iter().skip(1).any(|&value| value != 0.0) {
-        return wrong(
-            format!("{} coefficients, of which those after the fifth are not zero", values.len()),
-            "the rational, thin-prism and tilted lens models are not supported: calibrate without CALIB_RATIONAL_MODEL, CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL",
+            "give 4, 5, 8, 12 or 14, as OpenCV does: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y",
         );
     }
-    Ok(Distortion::Brown5([k1, k2, p1, p2, k3]))
+    let used = values.iter().rposition(|&value| value != 0.0).map_or(0, |last| last + 1);
+    let first = |count: usize| values.iter().copied().chain(std::iter::repeat(0.0)).take(count);
+    let mut distortion = match used {
+        0..=5 => Distortion::Brown5([0.0; 5]),
+        6..=8 => Distortion::Rational8([0.0; 8]),
+        9..=12 => Distortion::ThinPrism12([0.0; 12]),
+        _ => {
+            return wrong(
+                format!("a tilted sensor: the last two are {:?}", &values[12..]),
+                "the tilted lens model is not supported: calibrate without CALIB_TILTED_MODEL",
+            );
+        }
+    };
+    let own = distortion.coefficients_mut();
+    let count = own.len();
+    own.iter_mut().zip(first(count)).for_each(|(own, value)| *own = value);
+    Ok(distortion)
 }

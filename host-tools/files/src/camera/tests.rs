@@ -135,25 +135,61 @@ fn ros_camera_info_is_read() {
 }
 
 #[test]
-fn lens_models_that_are_not_ours_are_refused_by_name() {
+fn every_model_of_opencv_and_ros_is_read() {
+    let ros = |model: &str, coefficients: &str| {
+        let text = ROS.replace("plumb_bob", model);
+        let five = "-0.361976, 0.110510, 0.001014, 0.000505, 0.000000";
+        parse(&text.replace(five, coefficients), "c.yaml")
+    };
+    let fisheye = Distortion::Fisheye4([-0.01, 0.02, 0.0, 0.001]);
     for model in ["equidistant", "fisheye"] {
-        let error = parse(&ROS.replace("plumb_bob", model), "c.yaml").unwrap_err();
-        assert_eq!(error.field, "distortion_model");
-        assert!(error.found.contains(model), "{error}");
+        let camera = ros(model, "-0.01, 0.02, 0, 0.001").unwrap();
+        assert_eq!(camera.lens.distortion, fisheye);
     }
-    let fisheye = opencv_yaml("%YAML:1.0", "0.1, 0., 0., 0.") + "fisheye_model: 1\n";
-    assert_eq!(parse(&fisheye, "c.yaml").unwrap_err().field, "fisheye_model");
-    let error = parse("<?xml version=\"1.0\"?>", "c.xml").unwrap_err();
-    assert!(error.found.contains("XML"));
+    let named = opencv_yaml("%YAML:1.0", "-0.01, 0.02, 0., 0.001") + "fisheye_model: 1\n";
+    assert_eq!(parse(&named, "c.yaml").unwrap().lens.distortion, fisheye);
 
-    let rational = opencv_yaml("%YAML:1.0", "0.1, 0., 0., 0., 0., 0., 1e-9, 0.");
-    let error = parse(&rational, "c.yaml").unwrap_err();
-    assert!(error.found.contains("8 coefficients"), "{error}");
+    let rational = Distortion::Rational8([0.1, 0.02, 1e-3, 2e-3, 0.0, 0.3, 0.02, 1e-3]);
+    let eight = "0.1, 0.02, 1e-3, 2e-3, 0., 0.3, 0.02, 1e-3";
+    assert_eq!(ros("rational_polynomial", eight).unwrap().lens.distortion, rational);
+    let prism = format!("{eight}, 1e-3, 0., -1e-3, 0.");
+    let expected = [0.1, 0.02, 1e-3, 2e-3, 0.0, 0.3, 0.02, 1e-3, 1e-3, 0.0, -1e-3, 0.0];
+    for text in [prism.clone(), format!("{prism}, 0., 0.")] {
+        let camera = parse(&opencv_yaml("%YAML:1.0", &text), "c.yaml").unwrap();
+        assert_eq!(camera.lens.distortion, Distortion::ThinPrism12(expected));
+    }
+    // What is not used is no other model.
     let zeros = opencv_yaml("%YAML:1.0", "0.1, 0., 0., 0., 0.2, 0., 0., 0.");
     let lens = parse(&zeros, "c.yaml").unwrap().lens;
     assert_eq!(lens.distortion, Distortion::Brown5([0.1, 0.0, 0.0, 0.0, 0.2]));
+
+    // And in camera.toml, there and back.
+    for distortion in [fisheye, rational, Distortion::ThinPrism12(expected)] {
+        let camera =
+            Camera { lens: Lens { distortion, ..lens }, provenance: Provenance::default() };
+        assert_eq!(parse(&to_toml(&camera), "camera.toml"), Ok(camera));
+    }
+}
+
+#[test]
+fn lens_models_that_are_not_ours_are_refused_by_name() {
+    let error = parse(&ROS.replace("plumb_bob", "omnidirectional"), "c.yaml").unwrap_err();
+    assert_eq!(error.field, "distortion_model");
+    assert!(error.found.contains("omnidirectional"), "{error}");
+    let error = parse(&ROS.replace("plumb_bob", "equidistant"), "c.yaml").unwrap_err();
+    assert_eq!(error.field, "distortion_coefficients");
+    assert!(error.found.contains("5 coefficients"), "{error}");
+    let error = parse("<?xml version=\"1.0\"?>", "c.xml").unwrap_err();
+    assert!(error.found.contains("XML"));
+    let tilted = "0.1, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.01, 0.";
+    let error = parse(&opencv_yaml("%YAML:1.0", tilted), "c.yaml").unwrap_err();
+    assert!(error.found.contains("0.01"), "{error}");
     let few = opencv_yaml("%YAML:1.0", "0.1, 0., 0.");
     assert!(parse(&few, "c.yaml").unwrap_err().found.contains("3 coefficients"));
+    let wrong = GOOD.replace("\"radial2\"", "\"rational8\"");
+    let error = parse(&wrong, "camera.toml").unwrap_err();
+    assert_eq!(error.field, "distortion");
+    assert!(error.to_string().contains("8: [k1, k2, p1, p2, k3, k4, k5, k6]"), "{error}");
 }
 
 #[test]

@@ -280,10 +280,7 @@ fn print(
         eprintln!("{name:>4} {value:10.3} +- {sd:.3} px");
     }
     let coefficients = lens.distortion.coefficients();
-    let names: &[&str] = match lens.distortion {
-        Distortion::Radial2(_) => &["k1", "k2"],
-        Distortion::Brown5(_) => &["k1", "k2", "p1", "p2", "k3"],
-    };
+    let names = lens.distortion.names();
     for ((name, value), sd) in names.iter().zip(coefficients).zip(&sd[5..]) {
         eprintln!("{name:>4} {value:10.6} +- {sd:.6}");
     }

@@ -6,58 +6,18 @@
 //! camera point ──divide by z──▶ ray (x/z, y/z) ──distort──▶ distorted ray ──K──▶ raw pixel
 //! ```
 //!
-//! The distortion is either the paper's two-coefficient radial one (Zhang 2000)
-//! or Brown's with k1 k2 p1 p2 k3, in OpenCV's order and meaning, so that OpenCV
-//! and ROS calibrations can be used as they are.
+//! The distortion is the paper's ([`Distortion::Radial2`]) or one of OpenCV's, in OpenCV's order and
+//! meaning, so that OpenCV and ROS calibrations can be used as they are.
+
+mod distortion;
+
+pub use distortion::Distortion;
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
 use crate::model::lens_table::ERROR_PX_MAX;
-
-/// Distortion coefficients, acting on rays.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub enum Distortion {
-    /// k1, k2: the paper's model (Zhang 2000, section 3.3).
-    Radial2([f64; 2]),
-    /// k1, k2, p1, p2, k3: Brown's model in OpenCV's order.
-    Brown5([f64; 5]),
-}
-
-impl Distortion {
-    /// As `[k1, k2, p1, p2, k3]`; what a model lacks is 0.
-    #[must_use]
-    pub fn coefficients(&self) -> [f64; 5] {
-        match *self {
-            Self::Radial2([k1, k2]) => [k1, k2, 0.0, 0.0, 0.0],
-            Self::Brown5(coefficients) => coefficients,
-        }
-    }
-
-    /// The distorted ray and its 2 x 2 Jacobian with respect to the ray.
-    #[must_use]
-    pub fn distort_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
-        let [k1, k2, p1, p2, k3] = self.coefficients();
-        let (x, y) = (ray.x, ray.y);
-        let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        // Derivative of `radial` with respect to r2.
-        let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
-        let distorted = Vector2::new(
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        );
-        let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
-        let jacobian = Matrix2::new(
-            radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
-            cross,
-            cross,
-            radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
-        );
-        (distorted, jacobian)
-    }
-}
 
 /// Why a camera model cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,7 +32,8 @@ pub enum LensError {
     Skew,
     /// A distortion coefficient is not finite or is 1,000 or more.
     Coefficient,
-    /// The distortion folds back inside the frame, so that one raw pixel has two rays.
+    /// The distortion folds back inside the frame, so that one raw pixel has two rays, or a pixel
+    /// has none: a frame that sees 180 degrees or more.
     Folds,
     /// The distortion changes too fast for the lens table
     /// ([`LensTable`](crate::lens_table::LensTable)).
@@ -96,7 +57,8 @@ impl core::fmt::Display for LensError {
                 formatter.write_str("every distortion coefficient must be finite and below 1,000")
             }
             Self::Folds => formatter.write_str(
-                "the distortion folds back inside the frame: one pixel would have two rays",
+                "the distortion folds back inside the frame, or the frame sees 180 degrees or more: \
+                 a pixel would have two rays or none",
             ),
             Self::Table => write!(
                 formatter,
@@ -132,8 +94,8 @@ pub struct Lens {
 }
 
 /// Most Newton steps of [`Lens::ray_from_raw`]: convergence is quadratic, and the strongest lens of
-/// the tests needs 6.
-const INVERSION_STEPS_MAX: usize = 20;
+/// the tests, a fisheye at 85 degrees, needs 12.
+const INVERSION_STEPS_MAX: usize = 24;
 
 /// Halvings of one Newton step before the inversion gives up.
 const INVERSION_HALVINGS_MAX: usize = 10;
@@ -167,7 +129,8 @@ impl Lens {
         if !self.distortion.coefficients().iter().all(|value| value.abs() < 1000.0) {
             return Err(LensError::Coefficient);
         }
-        // Distortion grows outwards, so that the border is where it folds first.
+        // Distortion grows outwards, so that the border is where most lenses fold first; a rational
+        // one may do so before.
         const BORDER_SAMPLES: u16 = 32;
         for sample in 0..=BORDER_SAMPLES {
             let fraction = f64::from(sample) / f64::from(BORDER_SAMPLES);
@@ -175,12 +138,23 @@ impl Lens {
             let bottom = f64::from(self.height_px - 1);
             let (x, y) = (fraction * right, fraction * bottom);
             for [u, v] in [[x, 0.0], [x, bottom], [0.0, y], [right, y]] {
-                if self.ray_from_raw(&Vector2::new(u, v)).is_none() {
+                let ray = self.ray_from_raw(&Vector2::new(u, v)).ok_or(LensError::Folds)?;
+                if !self.is_unfolded_up_to(&ray) {
                     return Err(LensError::Folds);
                 }
             }
         }
         Ok(())
+    }
+
+    /// Whether the distortion keeps its orientation everywhere from the optical axis to a ray.
+    fn is_unfolded_up_to(&self, ray: &Vector2<f64>) -> bool {
+        const SAMPLES: u16 = 16;
+        (1..=SAMPLES).all(|sample| {
+            let part = ray * (f64::from(sample) / f64::from(SAMPLES));
+            // A NaN is not above zero.
+            self.distortion.distort_with_jacobian(&part).1.determinant() > 0.0
+        })
     }
 
     /// K applied to a ray (distorted or not): pixel coordinates.
@@ -288,6 +262,21 @@ mod tests {
         }
     }
 
+    /// One lens of each model.
+    pub(crate) fn all_models() -> [Lens; 5] {
+        [
+            Distortion::Radial2([-0.12, 0.05]),
+            Distortion::Brown5([-0.28, 0.09, 0.001, -0.0008, -0.008]),
+            Distortion::Rational8([0.1, 0.02, 0.0006, -0.0004, 0.001, 0.3, 0.02, 0.0005]),
+            Distortion::ThinPrism12([
+                -0.2, 0.06, 0.0006, -0.0004, -0.004, 0.05, 0.01, 0.002, 0.003, -0.001, -0.002,
+                0.0008,
+            ]),
+            Distortion::Fisheye4([-0.02, 0.004, -0.003, 0.0005]),
+        ]
+        .map(|distortion| Lens { distortion, ..wide_angle() })
+    }
+
     /// Largest difference between an analytic Jacobian and central differences.
     fn jacobian_error(lens: &Lens, scale: f64) -> f64 {
         let mut worst = 0.0_f64;
@@ -311,18 +300,78 @@ mod tests {
     #[test]
     fn projection_jacobian_matches_differences_and_a_wrong_one_does_not() {
         // Central differences of 1e-3 mm are good to about 1e-9 px/mm here.
-        assert!(jacobian_error(&wide_angle(), 1.0) < 1e-8);
-        assert!(jacobian_error(&wide_angle(), 1.0001) > 1e-5);
+        for lens in all_models() {
+            assert!(jacobian_error(&lens, 1.0) < 1e-8, "{lens:?}");
+            assert!(jacobian_error(&lens, 1.0001) > 1e-5, "{lens:?}");
+        }
+    }
+
+    #[test]
+    fn a_fisheyes_series_joins_its_formula() {
+        let fisheye = Distortion::Fisheye4([-0.02, 0.004, -0.003, 0.0005]);
+        let at = |r: f64| fisheye.distort_with_jacobian(&(Vector2::new(0.6, 0.8) * r));
+        let [(near, near_by_ray), (far, far_by_ray)] = [at(0.999_999e-4), at(1.000_001e-4)];
+        assert!((far - near).norm() < 3e-10);
+        assert!((far_by_ray - near_by_ray).norm() < 1e-12);
+        assert_eq!(at(0.0), (Vector2::zeros(), Matrix2::identity()));
+    }
+
+    #[test]
+    fn derivatives_with_respect_to_coefficients_match_differences() {
+        for lens in all_models() {
+            for ray in [[0.3, -0.2], [-0.8, 0.5], [0.0, 0.6]] {
+                let ray = Vector2::from(ray);
+                for (place, by) in lens.distortion.by_coefficients(&ray).enumerate() {
+                    let [ahead, behind] = [1e-6, -1e-6].map(|step| {
+                        let mut moved = lens.distortion;
+                        moved.coefficients_mut()[place] += step;
+                        moved.distort_with_jacobian(&ray).0
+                    });
+                    let difference = (ahead - behind) / 2e-6;
+                    assert!((difference - by).norm() < 1e-8, "{lens:?} {place}");
+                }
+                let count = lens.distortion.by_coefficients(&ray).count();
+                assert_eq!(count, lens.distortion.names().len());
+            }
+        }
+    }
+
+    /// From OpenCV 5.0: `cv2.projectPoints` of the ray (0.4, -0.3, 1) with K the identity, and
+    /// `cv2.fisheye.projectPoints` of the ray (0.8, -0.6, 1), with the lenses of `all_models`.
+    #[test]
+    fn distorted_rays_are_opencvs() {
+        const OPENCV: [[f64; 2]; 5] = [
+            [0.38925000000000004, -0.2919375],
+            [0.37350399999999995, -0.28002799999999994],
+            [0.381047995499452, -0.285710996624589],
+            [0.3768368904568027, -0.28248704284260207],
+            [0.6211263323729372, -0.4658447492797029],
+        ];
+        for (lens, expected) in all_models().iter().zip(OPENCV) {
+            let is_fisheye = matches!(lens.distortion, Distortion::Fisheye4(_));
+            let ray = Vector2::new(0.4, -0.3) * if is_fisheye { 2.0 } else { 1.0 };
+            let (distorted, _) = lens.distortion.distort_with_jacobian(&ray);
+            assert!((distorted - Vector2::from(expected)).norm() < 1e-12, "{distorted} {lens:?}");
+        }
     }
 
     #[test]
     fn raw_pixels_come_back_through_their_rays() {
-        let lens = wide_angle();
-        for raw_px in [[0.0, 0.0], [1455.0, 1087.0], [728.0, 544.0], [0.0, 900.0]] {
-            let raw_px = Vector2::from(raw_px);
-            let ray = lens.ray_from_raw(&raw_px).unwrap();
-            let (back_px, _) = lens.raw_from_ray_with_jacobian(&ray);
-            assert!((back_px - raw_px).norm() < 1e-9);
+        // The widest: 85 degrees off the axis in the frame's corners.
+        let fisheye = Lens {
+            fx_px: 620.0,
+            fy_px: 620.0,
+            distortion: Distortion::Fisheye4([-0.02, 0.004, -0.003, 0.0005]),
+            ..wide_angle()
+        };
+        for lens in all_models().into_iter().chain([fisheye]) {
+            assert_eq!(lens.check(), Ok(()), "{lens:?}");
+            for raw_px in [[0.0, 0.0], [1455.0, 1087.0], [728.0, 544.0], [0.0, 900.0]] {
+                let raw_px = Vector2::from(raw_px);
+                let ray = lens.ray_from_raw(&raw_px).unwrap();
+                let (back_px, _) = lens.raw_from_ray_with_jacobian(&ray);
+                assert!((back_px - raw_px).norm() < 1e-9, "{lens:?}");
+            }
         }
     }
 
@@ -336,6 +385,12 @@ mod tests {
         assert_eq!(Lens { width_px: 0, ..good }.check(), Err(LensError::FrameSize));
         let folding = Distortion::Radial2([-0.5, 0.0]);
         assert_eq!(Lens { distortion: folding, ..good }.check(), Err(LensError::Folds));
+        // A fold that ends before the border, and more than 180 degrees.
+        let inner = Distortion::Brown5([-0.9, 0.35, 0.0, 0.0, 0.0]);
+        assert_eq!(Lens { distortion: inner, ..good }.check(), Err(LensError::Folds));
+        let fisheye = Distortion::Fisheye4([0.0; 4]);
+        let wide = Lens { fx_px: 400.0, fy_px: 400.0, distortion: fisheye, ..good };
+        assert_eq!(wide.check(), Err(LensError::Folds));
         let infinite = Distortion::Radial2([f64::INFINITY, 0.0]);
         assert_eq!(Lens { distortion: infinite, ..good }.check(), Err(LensError::Coefficient));
     }
