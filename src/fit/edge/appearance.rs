@@ -41,6 +41,8 @@ pub(super) const LN_BLUR_STEP_MAX: f64 = 0.3;
 const GROWTH_ESTIMATES_MAX: u8 = 32;
 /// A change of the growth by more than this is no noise: it is believed at once.
 pub(crate) const GROWN_PX_MAX: f64 = 0.01;
+/// A relative change of a blur by more than this is no noise.
+const BLUR_SETTLED_MAX: f64 = 0.03;
 /// Largest growth; anything more is not growth.
 pub(super) const GROWTH_PX_MAX: f64 = 1.0;
 
@@ -87,7 +89,8 @@ impl Appearance {
         let grown_px = self.growth_px + growth_px / f64::from(estimates);
         if grown_px.abs() <= GROWTH_PX_MAX {
             self.growth_px = grown_px;
-            self.growth_estimates = estimates;
+            // With a wrong blur an estimate is wrong too.
+            self.growth_estimates = if largest > BLUR_SETTLED_MAX { 0 } else { estimates };
         }
         largest
     }
