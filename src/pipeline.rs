@@ -62,6 +62,7 @@ pub struct FoundTarget<'a> {
 
 impl Track {
     /// Measures the target from a grid.
+    #[inline(never)]
     fn acquire<P: Pixel>(
         &mut self,
         workspace: &mut Workspace,

@@ -116,6 +116,9 @@ impl Search {
 
     /// The grids of these shapes among the collected corners. `image` is the frame in which the
     /// sweep ended.
+    ///
+    /// Never inlined: what it needs would stay on the stack while the targets are measured.
+    #[inline(never)]
     pub fn grids<P: Pixel>(&mut self, image: &GreyImage<'_, P>, wanted: &[GridShape]) -> Grids {
         let mut grids = Grids::new();
         for _ in wanted.iter().take(TARGETS_MAX) {

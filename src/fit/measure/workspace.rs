@@ -227,6 +227,9 @@ impl Workspace {
     }
 
     /// Fits every edge once, and the pose to the edges.
+    ///
+    /// Never inlined: of two passes, one after the other, only one is on the stack.
+    #[inline(never)]
     fn pass<P: Pixel>(
         &mut self,
         view: &View<'_, P>,
@@ -351,6 +354,9 @@ impl Workspace {
     }
 
     /// Rejects a pose that the edges do not really support.
+    ///
+    /// Never inlined: its corners would stay on the stack during a pass.
+    #[inline(never)]
     fn judge(
         &self,
         target: &TargetGeometry,

@@ -27,9 +27,10 @@ fn main() -> anyhow::Result<()> {
         fs::read(&path).with_context(|| path.display().to_string())
     };
     let (blob, recording) = (read(CONFIG_FILE)?, read(RECORDING_FILE)?);
+    // Made here, where there is room for it on its way to the heap.
+    let mut pipeline = Box::new(Pipeline::new());
     let program = move || {
         let mut out = String::new();
-        let mut pipeline = Box::new(Pipeline::new());
         let top = watch::stack_pointer();
         watch::run(top - WATCHED_BYTES..top, &mut pipeline, &blob, &recording, &mut out)
             .map(|()| out)
