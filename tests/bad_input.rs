@@ -212,10 +212,11 @@ fn a_camera_file_with_a_missing_or_absurd_field_is_refused() {
 fn bad_calibrations_of_other_programs_are_refused() {
     let yaml = "image_width: 320\nimage_height: 240\ndistortion_model: plumb_bob\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [400, 0, 160, 0, 400, 120, 0, 0, 1]\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0, 0, 0, 0, 0]\n";
     let cases = [
-        ("plumb_bob", "equidistant", "camera.toml: distortion_model: \"equidistant\""),
+        ("plumb_bob", "mei", "camera.toml: distortion_model: \"mei\""),
+        ("plumb_bob", "equidistant", "camera.toml: distortion_coefficients: 5 coefficients; "),
         ("[400, 0", "[400, 0, 0", "camera.toml: camera_matrix: 3 x 3, 10 numbers"),
         ("[400, 0", "[400; 0", "camera.toml: line 7: "),
-        ("[0, 0, 0, 0, 0]", "[0, 0, 0, 0, 0, 1, 0, 0]", "camera.toml: distortion_coefficients: 8"),
+        ("[0, 0, 0, 0, 0]", "[0, 0, 0, 0, 0, 1, 0]", "camera.toml: distortion_coefficients: 7"),
         ("image_width: 320\n", "", "camera.toml: image_width: missing field"),
         ("camera_matrix:", "camera_matrix: [", "camera.toml: line "),
     ];

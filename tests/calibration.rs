@@ -7,7 +7,7 @@ use common::photographer::{photographs, posed, save};
 use plumbline::lens::{Distortion, Lens};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
-use plumbline_calibration::{Calibration, Picture, calibrate};
+use plumbline_calibration::{Calibration, Choice, Picture, calibrate};
 use plumbline_test_support::data;
 use rayon::prelude::*;
 
@@ -40,7 +40,8 @@ fn lenses() -> [Lens; 3] {
 fn calibrated(lens: &Lens, photographs: &[Picture]) -> Calibration {
     let mut start = lens.distortion;
     start.coefficients_mut().fill(0.0);
-    calibrate(photographs, &board(), start, || ()).unwrap_or_else(|failure| panic!("{failure:?}"))
+    calibrate(photographs, &board(), Choice::Alone(start), || ())
+        .unwrap_or_else(|failure| panic!("{failure:?}"))
 }
 
 /// The errors of 100 calibrations, in the standard deviations that each states.
@@ -339,7 +340,12 @@ fn real_photographs_make_a_camera_no_worse_than_opencvs() {
             .collect();
         let board =
             TargetGeometry::checker(columns, rows, pitch_mm, Origin::Center, Role::Scene, [0.0; 3]);
-        let found = calibrate(&pictures, &board.unwrap(), Distortion::Brown5([0.0; 5]), || ());
+        let found = calibrate(
+            &pictures,
+            &board.unwrap(),
+            Choice::Alone(Distortion::Brown5([0.0; 5])),
+            || (),
+        );
         let found = found.unwrap_or_else(|failure| panic!("{name}: {failure:?}"));
         println!(
             "{name}: RMS {:.4} px, fx {:.2} +- {:.2} px",
@@ -349,5 +355,42 @@ fn real_photographs_make_a_camera_no_worse_than_opencvs() {
         let off_px = (found.lens.fx_px - fx_px).abs();
         assert!(off_px < 3.0 * sd_px.min(found.sd[0]), "{name}: {}", found.lens.fx_px);
         assert!(found.outcomes.iter().all(|outcome| outcome.used().is_some()), "{name}");
+    }
+}
+
+/// Lenses that are told from those of smaller models by what 20 photographs show.
+fn lenses_of_three_models() -> [Lens; 3] {
+    [
+        Distortion::Radial2([-0.2, 0.06]),
+        Distortion::Brown5([-0.2, 0.06, 0.004, -0.003, 0.02]),
+        Distortion::Fisheye4([-0.03, 0.02, -0.02, 0.01]),
+    ]
+    .map(|distortion| Lens { fx_px: 600.0, fy_px: 601.0, distortion, ..lenses()[0] })
+}
+
+#[test]
+fn the_model_that_made_the_photographs_describes_them_as_well_as_any() {
+    for (seed, truth) in (0..).zip(lenses_of_three_models()) {
+        assert_eq!(truth.check(), Ok(()));
+        let photographs = photographs(&truth, &board(), 20, 400 + seed);
+        let found = calibrate(&photographs, &board(), Choice::Supported, || ()).expect("a camera");
+        for fit in &found.models {
+            println!("{}: {:?}", fit.model.name(), fit.figures);
+        }
+        println!("{:?} taken for {:?}", found.lens.distortion, truth.distortion);
+        // The true model, or a smaller one that puts no pixel of the frame elsewhere by more than
+        // the photographs can tell: a tenth of a pixel in the corners, which few boards reach.
+        let mut worst_px = 0.0_f64;
+        for x in [0.0, 200.0, 400.0, 600.0, 799.0] {
+            for y in [0.0, 150.0, 300.0, 450.0, 599.0] {
+                let ray = truth.ray_from_raw(&nalgebra::Vector2::new(x, y)).expect("a ray");
+                let (found_px, _) = found.lens.raw_from_ray_with_jacobian(&ray);
+                let (true_px, _) = truth.raw_from_ray_with_jacobian(&ray);
+                worst_px = worst_px.max((found_px - true_px).norm());
+            }
+        }
+        println!("worst {worst_px:.3} px");
+        let is_true_model = found.lens.distortion.name() == truth.distortion.name();
+        assert!(is_true_model || worst_px < 0.1, "{:?}: {worst_px} px", found.lens.distortion);
     }
 }

@@ -123,6 +123,25 @@ impl Bundle {
             .collect()
     }
 
+    /// The root mean square of the residuals of a photograph that was not used, raw pixels, at the
+    /// pose of the board that makes it smallest; `None` when there is no such pose.
+    #[must_use]
+    pub fn held_out_px(&self, points_mm: &[Vector3<f64>], photograph: &Photograph) -> Option<f64> {
+        const STEPS: usize = 10;
+        let mut alone = Self { photographs: vec![photograph.clone()], ..self.clone() };
+        for _ in 0..STEPS {
+            let normal = alone.normal(points_mm)?;
+            let [board] = &normal.boards[..] else { return None };
+            let step = board.own.try_inverse()? * -board.gradient;
+            let [photograph] = &mut alone.photographs[..] else { return None };
+            photograph.cam_from_board = photograph.cam_from_board.moved_by(&step);
+        }
+        let residuals = alone.residuals_px(points_mm, &alone.photographs[0])?;
+        let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
+        let rms_px = (squares / residuals.len() as f64).sqrt();
+        rms_px.is_finite().then_some(rms_px)
+    }
+
     fn variance(&self, seen: &Seen) -> f64 {
         seen.sigma_px * seen.sigma_px + self.tau_px * self.tau_px
     }

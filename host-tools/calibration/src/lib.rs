@@ -10,6 +10,8 @@
 //! ([`bundle`]). The refinement first uses the detector's corners and then the edges themselves,
 //! measured as the tracker measures them, through the lens found so far.
 
+use std::mem::discriminant;
+
 use nalgebra::Vector3;
 use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens, LensError};
@@ -24,6 +26,7 @@ mod bundle;
 mod closed_form;
 pub mod coverage;
 mod model;
+pub mod models;
 pub mod observe;
 pub mod scene;
 mod search;
@@ -32,6 +35,7 @@ pub mod verdict;
 use bundle::Bundle;
 use coverage::Coverage;
 use model::{Photograph, Shape};
+use models::{Figures, MODELS, ModelFit};
 use observe::{Finder, Measured};
 
 pub use model::Residual;
@@ -125,17 +129,33 @@ pub struct Calibration {
     pub coverage: Coverage,
     /// The board's own shape, where it can be determined, and its standard deviations.
     pub shape: Option<(Shape, Vec<f64>)>,
+    /// How well each model describes the photographs, the smallest first; empty where no other
+    /// was fitted.
+    pub models: Vec<ModelFit>,
+    /// The name of the model that describes the photographs better than the one that was asked for.
+    pub better_model: Option<&'static str>,
 }
 
-/// Calibrates a lens with the distortion model of `distortion`. `done` is called after each
-/// photograph that was searched.
+/// The lens model of a calibration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Choice {
+    /// The one that the photographs support: see [`models`].
+    Supported,
+    /// This one; the others are fitted too, to see whether one describes the photographs better.
+    Compared(Distortion),
+    /// This one, and no other is fitted.
+    Alone(Distortion),
+}
+
+/// Calibrates a lens. `done` is called after each photograph that was searched, and after each model
+/// that was fitted.
 ///
 /// # Errors
 /// [`Failure`].
 pub fn calibrate(
     pictures: &[Picture],
     board: &TargetGeometry,
-    distortion: Distortion,
+    choice: Choice,
     done: impl Fn() + Sync,
 ) -> Result<Calibration, Failure> {
     let search = |finder: &mut Finder, picture: &Picture| {
@@ -146,60 +166,160 @@ pub fn calibrate(
     let found: Vec<Result<Found, GridRejection>> =
         pictures.par_iter().map_init(Finder::new, search).collect();
     let points_mm: Vec<_> = points_mm(board).collect();
-    let mut bundle = start(pictures, &found, board, distortion, &points_mm)?;
-    let mut places = Vec::new();
-    for _ in 0..ROUNDS {
-        let measured = measure(pictures, &found, board, &bundle.lens)?;
-        places = (0..measured.len()).filter(|&place| measured[place].is_some()).collect();
-        if places.len() < PHOTOGRAPHS_MIN {
-            return Err(Failure::TooFew(places.len()));
+    let photographs = Photographs { pictures, found: &found, board, points_mm: &points_mm };
+    if let Choice::Alone(model) = choice {
+        let fitted = photographs.fit(model)?;
+        done();
+        return photographs.conclude(fitted, Vec::new(), None);
+    }
+    let fit = |model: Distortion| {
+        let fitted = photographs.fit(model).and_then(|fitted| {
+            let held_out_px =
+                models::held_out_px(&fitted.bundle, &points_mm).ok_or(Failure::Unsettled)?;
+            Ok((fitted, held_out_px))
+        });
+        done();
+        (model, fitted)
+    };
+    let fits: Vec<_> = MODELS.into_iter().map(fit).collect();
+    let figures = fits.iter().map(|(model, fitted)| ModelFit {
+        model: *model,
+        figures: fitted.as_ref().map_err(Clone::clone).map(|(fitted, held_out_px)| Figures {
+            rms_px: fitted.residuals_rms_px(&points_mm),
+            held_out_px: models::rms(held_out_px),
+        }),
+    });
+    let figures: Vec<_> = figures.collect();
+    let supported = supported(&fits);
+    let chosen = match choice {
+        Choice::Compared(wanted) | Choice::Alone(wanted) => fits
+            .iter()
+            .position(|(model, _)| discriminant(model) == discriminant(&wanted))
+            .expect("every model was fitted"),
+        Choice::Supported => supported.unwrap_or(0),
+    };
+    let better_model = supported.and_then(|place| {
+        let errors_px = |place: usize| Some(&fits[place].1.as_ref().ok()?.1);
+        let is_better = models::is_better(errors_px(place)?, errors_px(chosen)?);
+        is_better.then(|| fits[place].0.name())
+    });
+    let (_, fitted) = fits.into_iter().nth(chosen).expect("a place among them");
+    let (fitted, _) = fitted?;
+    photographs.conclude(fitted, figures, better_model)
+}
+
+/// The place of the model that the photographs support.
+fn supported(fits: &[(Distortion, Result<(Fitted, Vec<f64>), Failure>)]) -> Option<usize> {
+    let mut best: Option<(usize, &Vec<f64>)> = None;
+    for (place, (_, fitted)) in fits.iter().enumerate() {
+        let Ok((_, held_out_px)) = fitted else { continue };
+        if best.is_none_or(|(_, best_px)| models::is_better(held_out_px, best_px)) {
+            best = Some((place, held_out_px));
         }
-        let photographs = measured.into_iter().flatten().map(|measured| Photograph {
-            seen: measured.seen.into(),
-            cam_from_board: measured.measurement.cam_from_target,
-        });
-        bundle = Bundle::refine(&bundle.lens, &points_mm, photographs.collect(), false)
-            .ok_or(Failure::Unsettled)?;
     }
-    let shape = Bundle::refine(&bundle.lens, &points_mm, bundle.photographs.clone(), true)
-        .map(|shaped| (shaped.shape, shaped.sd[bundle.sd.len()..].to_vec()));
-    let mut outcomes: Vec<Outcome> = found
-        .iter()
-        .map(|found| found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why)))
-        .collect();
-    // Each photograph is measured on its own through the final lens, as a tracker would.
-    let last = measure(pictures, &found, board, &bundle.lens)?;
-    let (mut squares, mut corners) = (0.0, 0.0);
-    for (&place, photograph) in places.iter().zip(&bundle.photographs) {
-        let Some(measured) = &last[place] else { continue };
-        let residuals = bundle.residuals(&points_mm, photograph).ok_or(Failure::Unsettled)?;
-        let measurement = &measured.measurement;
-        squares += measurement.rms_px.powi(2) * f64::from(measurement.corners);
-        corners += f64::from(measurement.corners);
-        outcomes[place] = Outcome::Used(Contribution {
-            rms_px: measurement.rms_px,
-            corners: measurement.corners.into(),
-            residuals,
-            cam_from_board: photograph.cam_from_board,
-        });
+    best.map(|(place, _)| place)
+}
+
+/// The photographs of a calibration, and what was found in them.
+struct Photographs<'a> {
+    pictures: &'a [Picture],
+    found: &'a [Result<Found, GridRejection>],
+    board: &'a TargetGeometry,
+    points_mm: &'a [Vector3<f64>],
+}
+
+/// A model fitted to the photographs.
+struct Fitted {
+    bundle: Bundle,
+    /// The places of the photographs that were used.
+    places: Vec<usize>,
+    /// What each photograph shows through the final lens.
+    measured: Vec<Option<Measured>>,
+}
+
+impl Fitted {
+    /// The root mean square of all residuals, raw pixels.
+    fn residuals_rms_px(&self, points_mm: &[Vector3<f64>]) -> f64 {
+        let of_photograph = |photograph| self.bundle.residuals(points_mm, photograph);
+        let all = self.bundle.photographs.iter().filter_map(of_photograph).flatten();
+        let squares: Vec<f64> = all.map(|residual| residual.off_px.norm()).collect();
+        models::rms(&squares)
     }
-    // The same criterion as in `plumb aim` while the photographs are taken.
-    let seen_px: Vec<Vec<_>> = outcomes
-        .iter()
-        .zip(&found)
-        .filter(|(outcome, _)| outcome.used().is_some())
-        .filter_map(|(_, found)| found.as_ref().ok())
-        .map(|found| found.corners_px().map(|(_, px)| px).collect())
-        .collect();
-    let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
-    Ok(Calibration {
-        lens: bundle.lens,
-        sd: bundle.sd,
-        rms_px: (squares / corners).sqrt(),
-        outcomes,
-        coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),
-        shape,
-    })
+}
+
+impl Photographs<'_> {
+    fn fit(&self, distortion: Distortion) -> Result<Fitted, Failure> {
+        let Self { pictures, found, board, points_mm } = *self;
+        let mut bundle = start(pictures, found, board, distortion, points_mm)?;
+        let mut places = Vec::new();
+        for _ in 0..ROUNDS {
+            let measured = measure(pictures, found, board, &bundle.lens)?;
+            places = (0..measured.len()).filter(|&place| measured[place].is_some()).collect();
+            if places.len() < PHOTOGRAPHS_MIN {
+                return Err(Failure::TooFew(places.len()));
+            }
+            let photographs = measured.into_iter().flatten().map(|measured| Photograph {
+                seen: measured.seen.into(),
+                cam_from_board: measured.measurement.cam_from_target,
+            });
+            bundle = Bundle::refine(&bundle.lens, points_mm, photographs.collect(), false)
+                .ok_or(Failure::Unsettled)?;
+        }
+        bundle.lens.check().map_err(Failure::Lens)?;
+        // Each photograph is measured on its own through the final lens, as a tracker would.
+        let measured = measure(pictures, found, board, &bundle.lens)?;
+        Ok(Fitted { bundle, places, measured })
+    }
+
+    fn conclude(
+        &self,
+        Fitted { bundle, places, measured }: Fitted,
+        models: Vec<ModelFit>,
+        better_model: Option<&'static str>,
+    ) -> Result<Calibration, Failure> {
+        let Self { found, points_mm, .. } = *self;
+        let shape = Bundle::refine(&bundle.lens, points_mm, bundle.photographs.clone(), true)
+            .map(|shaped| (shaped.shape, shaped.sd[bundle.sd.len()..].to_vec()));
+        let mut outcomes: Vec<Outcome> = found
+            .iter()
+            .map(|found| {
+                found.as_ref().err().map_or(Outcome::Unusable, |why| Outcome::NotFound(*why))
+            })
+            .collect();
+        let (mut squares, mut corners) = (0.0, 0.0);
+        for (&place, photograph) in places.iter().zip(&bundle.photographs) {
+            let Some(measured) = &measured[place] else { continue };
+            let residuals = bundle.residuals(points_mm, photograph).ok_or(Failure::Unsettled)?;
+            let measurement = &measured.measurement;
+            squares += measurement.rms_px.powi(2) * f64::from(measurement.corners);
+            corners += f64::from(measurement.corners);
+            outcomes[place] = Outcome::Used(Contribution {
+                rms_px: measurement.rms_px,
+                corners: measurement.corners.into(),
+                residuals,
+                cam_from_board: photograph.cam_from_board,
+            });
+        }
+        // The same criterion as in `plumb aim` while the photographs are taken.
+        let seen_px: Vec<Vec<_>> = outcomes
+            .iter()
+            .zip(found)
+            .filter(|(outcome, _)| outcome.used().is_some())
+            .filter_map(|(_, found)| found.as_ref().ok())
+            .map(|found| found.corners_px().map(|(_, px)| px).collect())
+            .collect();
+        let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
+        Ok(Calibration {
+            lens: bundle.lens,
+            sd: bundle.sd,
+            rms_px: (squares / corners).sqrt(),
+            outcomes,
+            coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),
+            shape,
+            models,
+            better_model,
+        })
+    }
 }
 
 /// The closed form, refined using the detector's corners.

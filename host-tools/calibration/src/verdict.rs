@@ -76,6 +76,13 @@ pub enum Concern {
         /// The median of all photographs.
         median_px: f64,
     },
+    /// Another lens model describes the photographs better.
+    Model {
+        /// The one that was asked for.
+        taken: &'static str,
+        /// The one that the photographs support.
+        better: &'static str,
+    },
     /// The reprojection error is large.
     Rms {
         /// Root mean square, over all photographs.
@@ -124,6 +131,10 @@ impl fmt::Display for Concern {
                 formatter,
                 "{place} does not fit the others (RMS {rms_px:.2} px, the median is {median_px:.2}); leave it out, or take it again with board and camera at rest"
             ),
+            Self::Model { taken, better } => write!(
+                formatter,
+                "the lens model {better} describes photographs that it was not fitted to better than {taken} does; leave out --model, or give --model {better}"
+            ),
             Self::Rms { px } => write!(
                 formatter,
                 "the reprojection error is {px:.2} px, where a good camera and board give 0.05 to 0.3; check focus, columns, rows and the board's flatness, or try --model brown5"
@@ -165,6 +176,9 @@ pub fn concerns(
         if share.abs() > STRETCH_MAX && share.abs() > DEVIATIONS * sd {
             concerns.push(Concern::Stretched { share, sd });
         }
+    }
+    if let Some(better) = calibration.better_model {
+        concerns.push(Concern::Model { taken: calibration.lens.distortion.name(), better });
     }
     if used.len() < PHOTOGRAPHS_ENOUGH {
         concerns.push(Concern::FewPhotographs(used.len()));

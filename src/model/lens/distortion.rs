@@ -60,6 +60,18 @@ impl Distortion {
         }
     }
 
+    /// The model's name in camera files and commands.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Radial2(_) => "radial2",
+            Self::Brown5(_) => "brown5",
+            Self::Rational8(_) => "rational8",
+            Self::ThinPrism12(_) => "thin_prism12",
+            Self::Fisheye4(_) => "fisheye4",
+        }
+    }
+
     /// OpenCV's names of the coefficients, in the model's order.
     #[must_use]
     pub fn names(&self) -> &'static [&'static str] {

@@ -1,14 +1,16 @@
 //! The command line of `plumb calibrate`.
 
+use std::mem::discriminant;
 use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::lens::Distortion;
 use plumbline::parts::points_mm;
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_calibration::models::{self, MODELS};
 use plumbline_calibration::verdict::{self, Concern};
 use plumbline_calibration::{
-    Calibration, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture,
+    Calibration, Choice, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture,
 };
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
@@ -43,8 +45,9 @@ pub struct Arguments {
     /// From one inner corner to the next, measured on the print over many squares.
     #[arg(long, value_name = "MM")]
     pitch_mm: f64,
-    /// Lens distortion: radial2 (k1 k2) or brown5 (k1 k2 p1 p2 k3, as in OpenCV and ROS).
-    #[arg(long, value_enum, default_value = "radial2")]
+    /// Lens distortion. Every model is fitted, and each is tried on photographs that it was not
+    /// fitted to; `auto` takes the smallest one that no larger one beats beyond chance.
+    #[arg(long, value_enum, default_value = "auto")]
     model: Model,
     /// The file to write.
     #[arg(long, value_name = "FILE")]
@@ -62,8 +65,32 @@ pub struct Arguments {
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Model {
+    /// The one that the photographs support.
+    Auto,
+    /// k1 k2: the paper's.
     Radial2,
+    /// k1 k2 p1 p2 k3: OpenCV's default, ROS's plumb_bob.
     Brown5,
+    /// k1 k2 p1 p2 k3 k4 k5 k6: OpenCV's and ROS's rational model.
+    Rational8,
+    /// The same and s1 s2 s3 s4: OpenCV's thin prism.
+    #[value(name = "thin_prism12")]
+    ThinPrism12,
+    /// k1 k2 k3 k4: OpenCV's fisheye model, ROS's equidistant.
+    Fisheye4,
+}
+
+impl Model {
+    fn choice(self) -> Choice {
+        Choice::Compared(match self {
+            Self::Auto => return Choice::Supported,
+            Self::Radial2 => Distortion::Radial2([0.0; 2]),
+            Self::Brown5 => Distortion::Brown5([0.0; 5]),
+            Self::Rational8 => Distortion::Rational8([0.0; 8]),
+            Self::ThinPrism12 => Distortion::ThinPrism12([0.0; 12]),
+            Self::Fisheye4 => Distortion::Fisheye4([0.0; 4]),
+        })
+    }
 }
 
 /// Below this a square of a target at the bedside is too few pixels wide.
@@ -97,16 +124,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let pictures = read(arguments)?;
     let places: Vec<String> = pictures.iter().map(|picture| picture.place.clone()).collect();
     let calibration = {
-        let bar = ProgressBar::new(pictures.len() as u64).with_style(
-            ProgressStyle::with_template("searching {wide_bar} {pos}/{len} photographs")
-                .expect("a template that is right"),
+        let bar = ProgressBar::new((pictures.len() + MODELS.len()) as u64).with_style(
+            ProgressStyle::with_template(
+                "searching and fitting {wide_bar} {pos}/{len} photographs and models",
+            )
+            .expect("a template that is right"),
         );
-        let distortion = match arguments.model {
-            Model::Radial2 => Distortion::Radial2([0.0; 2]),
-            Model::Brown5 => Distortion::Brown5([0.0; 5]),
-        };
-        let calibrated =
-            plumbline_calibration::calibrate(&pictures, &board, distortion, || bar.inc(1));
+        let choice = arguments.model.choice();
+        let calibrated = plumbline_calibration::calibrate(&pictures, &board, choice, || bar.inc(1));
         bar.finish_and_clear();
         calibrated.map_err(|failure| refusal(failure, arguments, pictures.len()))?
     };
@@ -238,6 +263,16 @@ fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern])
     }
 }
 
+/// Why a model was not fitted, in a few words.
+fn reason(failure: &Failure) -> String {
+    match failure {
+        Failure::TooFew(count) => format!("only {count} photographs can be used with it"),
+        Failure::NoTilt => "the board has the same tilt in all photographs".into(),
+        Failure::Unsettled => "the photographs do not settle its coefficients".into(),
+        Failure::Lens(error) => error.to_string(),
+    }
+}
+
 fn refused(outcome: &Outcome) -> Option<String> {
     match outcome {
         Outcome::Used(_) => None,
@@ -280,6 +315,19 @@ fn print(
         eprintln!("{name:>4} {value:10.3} +- {sd:.3} px");
     }
     let coefficients = lens.distortion.coefficients();
+    eprintln!("\nlens models, and their error in photographs that they were not fitted to:");
+    for fit in &calibration.models {
+        let is_taken = discriminant(&fit.model) == discriminant(&lens.distortion);
+        let mark = if is_taken { "<- taken" } else { "" };
+        let name = fit.model.name();
+        match &fit.figures {
+            Ok(models::Figures { rms_px, held_out_px }) => {
+                eprintln!("{name:>12} {held_out_px:.4} px (fitted: {rms_px:.4} px) {mark}");
+            }
+            Err(failure) => eprintln!("{name:>12} not determined: {}", reason(failure)),
+        }
+    }
+    eprintln!();
     let names = lens.distortion.names();
     for ((name, value), sd) in names.iter().zip(coefficients).zip(&sd[5..]) {
         eprintln!("{name:>4} {value:10.6} +- {sd:.6}");
