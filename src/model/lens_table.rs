@@ -406,18 +406,25 @@ impl Map {
                 spline(&mut line[..columns], [start, end])?;
             }
         }
-        for coordinate in 0..2 {
-            for column in 0..columns {
-                let mut line = [0.0; LINE_MAX];
-                for row in 1..rows - 1 {
-                    line[row] = self.coefficients[row * columns + column][coordinate].into();
-                }
-                let ends = [0, 1].map(|end| across[end][coordinate][column]);
-                spline(&mut line[..rows], ends)?;
-                for (row, &value) in line[..rows].iter().enumerate() {
-                    self.coefficients[row * columns + column][coordinate] = value as f32;
-                }
+        let [first, last] = &across;
+        for (coordinate, (starts, ends)) in first.iter().zip(last).enumerate() {
+            for (column, (&start, &end)) in starts.iter().zip(ends).take(columns).enumerate() {
+                self.spline_down(column, coordinate, [start, end])?;
             }
+        }
+        Some(())
+    }
+
+    /// Turns a column of samples into a spline's coefficients.
+    fn spline_down(&mut self, column: usize, coordinate: usize, ends: [f64; 2]) -> Option<()> {
+        let [columns, rows] = self.lines;
+        let mut line = [0.0; LINE_MAX];
+        for (row, value) in line[..rows].iter_mut().enumerate() {
+            *value = self.coefficients[row * columns + column][coordinate].into();
+        }
+        spline(&mut line[..rows], ends)?;
+        for (row, &value) in line[..rows].iter().enumerate() {
+            self.coefficients[row * columns + column][coordinate] = value as f32;
         }
         Some(())
     }

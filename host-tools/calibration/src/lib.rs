@@ -181,7 +181,7 @@ pub fn calibrate(
         done();
         (model, fitted)
     };
-    let fits: Vec<_> = MODELS.into_iter().map(fit).collect();
+    let fits: Vec<Attempt> = MODELS.into_iter().map(fit).collect();
     let figures = fits.iter().map(|(model, fitted)| ModelFit {
         model: *model,
         figures: fitted.as_ref().map_err(Clone::clone).map(|(fitted, held_out_px)| Figures {
@@ -208,8 +208,11 @@ pub fn calibrate(
     photographs.conclude(fitted, figures, better_model)
 }
 
+/// A model, and the fit with the held-out error of each photograph, or why there is none.
+type Attempt = (Distortion, Result<(Fitted, Vec<f64>), Failure>);
+
 /// The place of the model that the photographs support.
-fn supported(fits: &[(Distortion, Result<(Fitted, Vec<f64>), Failure>)]) -> Option<usize> {
+fn supported(fits: &[Attempt]) -> Option<usize> {
     let mut best: Option<(usize, &Vec<f64>)> = None;
     for (place, (_, fitted)) in fits.iter().enumerate() {
         let Ok((_, held_out_px)) = fitted else { continue };
