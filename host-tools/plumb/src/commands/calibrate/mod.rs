@@ -4,7 +4,7 @@ use std::mem::discriminant;
 use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline::lens::Distortion;
+use plumbline::lens::{Distortion, LensError};
 use plumbline::parts::points_mm;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_calibration::models::{self, MODELS};
@@ -269,6 +269,8 @@ fn reason(failure: &Failure) -> String {
         Failure::TooFew(count) => format!("only {count} photographs can be used with it"),
         Failure::NoTilt => "the board has the same tilt in all photographs".into(),
         Failure::Unsettled => "the photographs do not settle its coefficients".into(),
+        Failure::Lens(LensError::Table) => "it bends too steeply where no board was".into(),
+        Failure::Lens(LensError::Folds) => "it folds back inside the frame".into(),
         Failure::Lens(error) => error.to_string(),
     }
 }
