@@ -3,6 +3,9 @@
 
 extern crate std;
 
+use core::cell::RefCell;
+use std::rc::Rc;
+
 use nalgebra::{Vector2, Vector3};
 
 use crate::fit::planar::SeenCorner;
@@ -72,11 +75,23 @@ pub fn bedside_lens() -> Lens {
     }
 }
 
+std::thread_local! {
+    /// The table that was made last: tests ask for the same one thousands of times.
+    static LAST_TABLE: RefCell<Option<(Lens, Rc<LensTable>)>> = const { RefCell::new(None) };
+}
+
 /// A lens's table.
-pub fn table(lens: &Lens) -> LensTable {
-    let mut table = LensTable::new();
-    table.fill(lens).expect("a usual lens");
-    table
+pub fn table(lens: &Lens) -> Rc<LensTable> {
+    LAST_TABLE.with_borrow_mut(|last| match last {
+        Some((of, table)) if of == lens => table.clone(),
+        _ => {
+            let mut table = LensTable::new();
+            table.fill(lens).expect("a usual lens");
+            let table = Rc::new(table);
+            *last = Some((*lens, table.clone()));
+            table
+        }
+    })
 }
 
 /// The corners of a checkerboard of 12 mm pitch seen at a pose; each raw coordinate has noise of
