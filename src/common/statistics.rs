@@ -36,6 +36,11 @@ impl Mean {
         self.weights <= 0.0
     }
 
+    /// The sum of the weights: where these are precisions, that of the mean.
+    pub(crate) fn weight(&self) -> f64 {
+        self.weights
+    }
+
     /// The mean; 0 if there are no values.
     pub(crate) fn value(&self) -> f64 {
         if self.is_empty() { 0.0 } else { self.sum / self.weights }
@@ -57,7 +62,7 @@ mod tests {
     fn the_mean_weighs_its_values() {
         let mut mean = Mean::default();
         assert!(mean.is_empty());
-        assert_eq!(mean.value(), 0.0);
+        assert_eq!((mean.value(), mean.weight()), (0.0, 0.0));
         mean.add(1.0, 3.0);
         mean.add(5.0, 1.0);
         assert!(!mean.is_empty());

@@ -42,7 +42,7 @@ pub struct Scene {
     pub frames_disk: PathBuf,
     /// Per target and frame.
     pub truth_mm: [Vec<Position>; 2],
-    /// Per target and frame: what the core measures here.
+    /// Per target and frame: what the core measures here, once it has seen the frames before.
     pub offline_mm: [Vec<Position>; 2],
     _directory: TempDir,
 }
@@ -102,19 +102,23 @@ pub fn archive(files: impl IntoIterator<Item = (String, Vec<u8>)>) -> Vec<u8> {
     archive
 }
 
-/// Per target and frame: where the core sees it.
+/// Per target and frame: where the core sees it, on the way back from the last frame to the first.
+///
+/// On the way there its estimates of the blur and of the print's growth settle, as those of a box
+/// have that has been running for a second or two.
 fn track(simulation: &Simulation, frames: &[Vec<u8>]) -> [Vec<Position>; 2] {
     let mut pipeline = Box::new(Pipeline::new());
     pipeline.configure(&simulation.config()).expect("the simulation's own scene");
     let (width, height) = (simulation.camera().width_px, simulation.camera().height_px);
-    let mut positions = [Vec::new(), Vec::new()];
-    for (frame, pixels) in (0..).zip(frames) {
-        let image = GreyImage::new(pixels, width.into(), height.into(), width.into())
+    let mut positions = [0, 1].map(|_| vec![Position::default(); frames.len()]);
+    for (time, frame) in (0..).zip((0..frames.len()).chain((0..frames.len()).rev())) {
+        let image = GreyImage::new(&frames[frame], width.into(), height.into(), width.into())
             .expect("a whole frame");
-        let report = pipeline.step(&image, (f64::from(frame) / RATE_HZ * 1e9) as u64);
+        let report = pipeline.step(&image, (f64::from(time) / RATE_HZ * 1e9) as u64);
         for (target, positions) in report.targets.iter().zip(&mut positions) {
             let measured = target.measurement.as_ref().expect("both targets are always in sight");
-            positions.push(measured.cam_from_target.translation_mm.into());
+            let position: Position = measured.cam_from_target.translation_mm.into();
+            positions[frame] = position;
         }
     }
     positions

@@ -37,12 +37,15 @@ pub struct Arguments {
     /// Leave out what takes an emulated ARM board: instructions, and the booted box's latency.
     #[arg(long)]
     host_only: bool,
-    /// Measure only how long `plumb` takes for recordings, and its memory.
+    /// Count only the instructions of the core, on an emulated ARM board.
     #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only"])]
+    instructions_only: bool,
+    /// Measure only how long `plumb` takes for recordings, and its memory.
+    #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only", "instructions_only"])]
     recordings_only: bool,
     /// Measure only which checkerboards are found on photographs as people take them, beside
     /// OpenCV.
-    #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only", "recordings_only"])]
+    #[arg(long, conflicts_with_all = ["write_readme", "frames", "host_only", "instructions_only", "recordings_only"])]
     boards_only: bool,
     /// The photographs of --boards-only.
     #[arg(long, default_value_t = 300, requires = "boards_only",
@@ -64,32 +67,51 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         println!("\n{}", recordings::table()?.trim_end());
         return Ok(());
     }
+    let directory = target_directory().join("bench-frames");
+    if arguments.instructions_only {
+        let arm = count_instructions(&directory)?;
+        arm.iter().filter(|(name, _)| name.ends_with("_median_us")).try_for_each(|(name, _)| {
+            let run = name.trim_end_matches("_median_us");
+            println!("{run}: {} million instructions", instructions(&arm, run)?);
+            Ok(())
+        })
+    } else {
+        measure_all(arguments, &directory)
+    }
+}
+
+/// The core's instructions on an emulated ARM board, as times whose nanosecond is an instruction.
+fn count_instructions(directory: &Path) -> Result<Figures> {
+    setup::ensure(&[setup::QEMU_SYSTEM])?;
+    render(directory, instructions::FRAMES, &[])?;
+    let debian = DebianRoot::fetch()?;
+    figures_of(|each_line| instructions::count(&debian, directory, each_line))
+}
+
+fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
     if !arguments.host_only {
         image::prepare_for_tests()?;
     }
-    let directory = target_directory().join("bench-frames");
-    render(&directory, arguments.frames, &[])?;
-    let mut plumbline = measure(&directory)?;
-    plumbline.append(&mut limit(&directory, &[])?);
+    render(directory, arguments.frames, &[])?;
+    let mut plumbline = measure(directory)?;
+    plumbline.append(&mut limit(directory, &[])?);
     let opencv = if python_has("cv2, numpy") {
         let script = root().join("host-tools/bench/opencv_chain.py");
-        let chain = Task::new("python3").args([&script, &directory]);
+        let chain = Task::new("python3").args([&script, directory]);
         Some(figures_of(|each_line| chain.run_and_read(each_line))?)
     } else {
         println!("OpenCV is not compared: this machine's python3 has no cv2");
         None
     };
-    let formats = formats::measure_all(&directory, arguments.frames, &plumbline)?;
+    let formats = formats::measure_all(directory, arguments.frames, &plumbline)?;
     let (recordings, calibrations) = (recordings::table()?, calibration::table()?);
     let (mut arm, mut booted) = (None, None);
     if !arguments.host_only {
-        render(&directory, instructions::FRAMES, &[])?;
-        let debian = DebianRoot::fetch()?;
-        arm = Some(figures_of(|each_line| instructions::count(&debian, &directory, each_line))?);
+        arm = Some(count_instructions(directory)?);
         booted = Some(figures_of(|each_line| boot_with_camera()?.run_and_read(each_line))?);
     }
     // Half a gigabyte that is of no further use.
-    fs::remove_dir_all(&directory).context(format!("{}", directory.display()))?;
+    fs::remove_dir_all(directory).context(format!("{}", directory.display()))?;
     let mut tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
     for table in [recordings, calibrations].iter().filter(|table| !table.is_empty()) {
         write!(tables, "\n\n{}", table.trim_end())?;

@@ -69,6 +69,18 @@ impl Appearance {
         }
     }
 
+    /// Whether the blur is known, as it is after a frame or two.
+    pub(crate) fn has_settled(&self) -> bool {
+        self.ln_blur_sd <= BLUR_SETTLED_MAX
+    }
+
+    /// With the growth of another: a frame counts once in the mean of the growth, with what its last
+    /// pass makes of it. The first may start beside the edges, and take that for growth.
+    #[must_use]
+    pub(crate) fn with_growth_of(self, other: &Self) -> Self {
+        Self { growth_px: other.growth_px, growth_estimates: other.growth_estimates, ..self }
+    }
+
     /// Applies the fitted edges' corrections: those of each blur's logarithm, and of the growth.
     /// Returns the larger relative change of a blur. A NaN corrects nothing.
     pub fn correct(&mut self, [ln_x, ln_y]: [f64; 2], growth_px: f64) -> f64 {

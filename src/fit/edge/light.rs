@@ -117,6 +117,60 @@ impl Scatter {
     }
 }
 
+/// Pixels of a row that are added together: no fewer than a window has. Those beyond the window go
+/// into sums that nobody reads, which costs less than to leave them out.
+const SPAN: usize = 16;
+const _: () = assert!(2 * REACH_PX_MAX < SPAN);
+
+/// For each column of a window, the sums of the pixels' differences from a base, and of their
+/// squares.
+struct Columns {
+    values: [f32; SPAN],
+    squares: [f32; SPAN],
+}
+
+impl Columns {
+    /// The columns of a window whose first pixel is at (`left`, `top`).
+    #[inline]
+    fn of<P: Pixel>(
+        image: &GreyImage<'_, P>,
+        [left, top]: [usize; 2],
+        side: usize,
+        base: f32,
+    ) -> Self {
+        let mut columns = Self { values: [0.0; SPAN], squares: [0.0; SPAN] };
+        for row in top..top + side {
+            let pixels = &image.row(row)[left..];
+            match pixels.first_chunk() {
+                Some(span) => columns.add(span, base),
+                None => {
+                    // At the frame's right border.
+                    let mut span = [pixels[0]; SPAN];
+                    span[..pixels.len()].copy_from_slice(pixels);
+                    columns.add(&span, base);
+                }
+            }
+        }
+        columns
+    }
+
+    #[inline(always)]
+    fn add<P: Pixel>(&mut self, pixels: &[P; SPAN], base: f32) {
+        for (column, &pixel) in pixels.iter().enumerate() {
+            let value: f32 = pixel.into();
+            let difference = value - base;
+            self.values[column] += difference;
+            self.squares[column] += difference * difference;
+        }
+    }
+
+    /// The sums over the first columns.
+    fn total(&self, side: usize) -> [f64; 2] {
+        [&self.values, &self.squares]
+            .map(|columns| columns[..side].iter().map(|&sum| f64::from(sum)).sum())
+    }
+}
+
 /// What is known beforehand about the levels at an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Levels {
@@ -154,8 +208,8 @@ struct Square {
 }
 
 impl Light {
-    /// Measures the middle of each square, whose edges have this blur. `None` where too few squares are inside the frame and
-    /// large enough; each edge then has only its own pixels.
+    /// Measures the middle of each square, whose edges have this blur. `None` where too few squares
+    /// are inside the frame and large enough; each edge then has only its own pixels.
     #[must_use]
     pub fn measure<P: Pixel>(
         image: &GreyImage<'_, P>,
@@ -174,19 +228,14 @@ impl Light {
             if reach == 0 {
                 continue;
             }
-            let (mut sum, mut sum_squares) = (0.0_f32, 0.0_f32);
             let base: f32 = image.row(y)[x].into();
-            for row in y - reach..=y + reach {
-                for &pixel in &image.row(row)[x - reach..=x + reach] {
-                    let value: f32 = pixel.into();
-                    sum += value - base;
-                    sum_squares += (value - base) * (value - base);
-                }
-            }
-            let count = (2 * reach + 1).pow(2) as f64;
-            let mean = f64::from(sum) / count;
+            let side = 2 * reach + 1;
+            let columns = Columns::of(image, [x - reach, y - reach], side, base);
+            let [sum, sum_squares] = columns.total(side);
+            let count = (side * side) as f64;
+            let mean = sum / count;
             let scatter = &mut scatters[usize::from(square.is_dark)];
-            scatter.squares += f64::from(sum_squares) - mean * mean * count;
+            scatter.squares += sum_squares - mean * mean * count;
             scatter.degrees_of_freedom += count - 1.0;
             scatter.squares_px2 += count * (count - 1.0) / 12.0;
             pixels_per_square = count;

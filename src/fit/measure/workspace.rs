@@ -77,9 +77,14 @@ const NEAR_PX_MAX: f64 = 0.5;
 /// It is also repeated where a pass changes a blur by more than this fraction.
 const BLUR_CHANGE_MAX: f64 = 0.1;
 
-/// A border farther than this from where the inner edges put it is not the target's: a thousandth
-/// of the size of a small target.
-const BORDER_OFF_PX_MAX: f64 = 0.1;
+/// A border whose sides lie farther out or in than the inner edges put them, by more than this and
+/// more than chance explains, is not used: a cut or smeared border of a small target, a hundredth
+/// of a pixel off, makes its depth wrong by a tenth of a millimetre.
+const BORDER_OFF_PX_MAX: f64 = 0.01;
+
+/// What chance explains, in standard deviations of the border's mean. That of the inner edges'
+/// size is about as large.
+const BORDER_OFF_SD_MAX: f64 = 4.0;
 
 /// An edge whose pixels have a variance of more than this many times that of the median edge is
 /// covered by something, or is not an edge.
@@ -126,7 +131,7 @@ impl Workspace {
     ) -> Result<Fitted, MeasureFailure> {
         if let Ok(pass) = self.pass(view, expected_cam_from_target, appearance, DOUBT_COST)
             && pass.is_near
-            && let Ok(fitted) = self.settle(view, pass, DOUBT_COST)
+            && let Ok(fitted) = self.settle(view, pass, &appearance, DOUBT_COST)
         {
             return Ok(fitted);
         }
@@ -171,7 +176,8 @@ impl Workspace {
                 outwards.add(growth_px, precision);
             }
         });
-        seen.is_some() && !outwards.is_empty() && outwards.value().abs() < BORDER_OFF_PX_MAX
+        let off_px_max = BORDER_OFF_PX_MAX + BORDER_OFF_SD_MAX / libm::sqrt(outwards.weight());
+        seen.is_some() && !outwards.is_empty() && outwards.value().abs() < off_px_max
     }
 
     /// Locates edges near an expected pose: all those of a target of ordinary size.
@@ -206,14 +212,16 @@ impl Workspace {
         doubt: f64,
     ) -> Result<Fitted, MeasureFailure> {
         let pass = self.pass(view, start_cam_from_target, appearance, doubt)?;
-        self.settle(view, pass, doubt)
+        self.settle(view, pass, &appearance, doubt)
     }
 
-    /// Repeats a pass, each from the last one's pose, until another would change nothing.
+    /// Repeats a pass, each from the last one's pose, until another would change nothing; `before`
+    /// is the appearance that the first pass started with.
     fn settle<P: Pixel>(
         &mut self,
         view: &View<'_, P>,
         mut pass: Pass,
+        before: &Appearance,
         doubt: f64,
     ) -> Result<Fitted, MeasureFailure> {
         for _ in 1..PASSES_MAX {
@@ -221,7 +229,7 @@ impl Workspace {
                 break;
             }
             let start = pass.solution.cam_from_target;
-            pass = self.pass(view, &start, pass.appearance, doubt)?;
+            pass = self.pass(view, &start, pass.appearance.with_growth_of(before), doubt)?;
         }
         self.judge(view.target, &pass)
     }
@@ -240,21 +248,25 @@ impl Workspace {
         self.fit_edges(view, start_cam_from_target, &appearance)?;
         let mut solution =
             both_minima(start_cam_from_target, &self.seen(), ITERATIONS_FITTED, doubt)?;
-        let growth_px = appearance.growth_px;
-        let blur_change = self.correct(&mut appearance, &solution);
-        let grown_px = appearance.growth_px - growth_px;
-        if grown_px.abs() > GROWN_PX_MAX {
-            self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
-            solution = solve(&solution.cam_from_target, &self.seen(), ITERATIONS_FITTED)
-                .map_err(|_| MeasureFailure::PoorFit)?;
+        let moved_px = self.nodes.farthest_px(&solution.cam_from_target).unwrap_or(f64::INFINITY);
+        let is_close = moved_px < MOVED_PX_MAX;
+        let mut blur_change = 0.0;
+        // An edge that lies beside where it was expected looks blurred; but better so than a guess.
+        if is_close || !appearance.has_settled() {
+            let growth_px = appearance.growth_px;
+            blur_change = self.correct(&mut appearance, &solution);
+            let grown_px = appearance.growth_px - growth_px;
+            if grown_px.abs() > GROWN_PX_MAX {
+                self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
+                solution = solve(&solution.cam_from_target, &self.seen(), ITERATIONS_FITTED)
+                    .map_err(|_| MeasureFailure::PoorFit)?;
+            }
         }
-        let moved_px = self.nodes.farthest_px(&solution.cam_from_target);
-        let moved_px = moved_px.unwrap_or(f64::INFINITY);
         self.inliers = solution.inliers;
         Ok(Pass {
             solution,
             appearance,
-            is_settled: moved_px < MOVED_PX_MAX && blur_change < BLUR_CHANGE_MAX,
+            is_settled: is_close && blur_change < BLUR_CHANGE_MAX,
             is_near: moved_px < NEAR_PX_MAX,
         })
     }

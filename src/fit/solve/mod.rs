@@ -61,6 +61,11 @@ const PIVOT_MIN: f64 = 1e-11;
 /// ten-thousandth of one standard deviation.
 const STEP_SQUARE_MIN: f64 = 1e-8;
 
+/// Squared length, in standard deviations of the pose, of a step so short that the normal equations
+/// before it give the covariance after it: a tenth of a standard deviation changes the lines of
+/// sight, and so the derivatives, by some millionths.
+const SHORT_STEP_SQUARE: f64 = 1e-2;
+
 /// Everything that was seen of the target: observations of two numbers each, which depend on its
 /// pose.
 ///
@@ -239,7 +244,7 @@ pub fn robust_cost<O: Observations + ?Sized>(
 struct Descent {
     pose: Pose<Cam, Target>,
     squares: Squares,
-    /// The normal equations at the pose, where they have been computed.
+    /// The normal equations at the pose, or a short step before it, where they have been computed.
     normal: Option<NormalEquations>,
 }
 
@@ -268,14 +273,20 @@ impl Descent {
         squares.measure(pose, observations).ok_or(SolveFailure::BehindCamera)?;
         let mut next_squares = Squares::new();
         let mut damping = DAMPING_START;
+        let mut has_stepped = false;
         for _ in 0..iterations {
+            if has_stepped {
+                *normal = None;
+                has_stepped = false;
+            }
             // The same scale is used before and after a step; the next step has its own.
             let variance = squares.robust_variance();
             // A rejected step changes only the damping.
             let current =
                 normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
             let step = current.step(damping);
-            if step.is_some_and(|step| current.square(&step) < STEP_SQUARE_MIN * variance) {
+            let step_square = step.map_or(f64::INFINITY, |step| current.square(&step) / variance);
+            if step_square < STEP_SQUARE_MIN {
                 break;
             }
             let next_pose = step.map(|step| pose.moved_by(&step));
@@ -287,7 +298,10 @@ impl Descent {
             if let Some(next_pose) = lower {
                 *pose = next_pose;
                 core::mem::swap(squares, &mut next_squares);
-                *normal = None;
+                has_stepped = true;
+                if step_square >= SHORT_STEP_SQUARE {
+                    *normal = None;
+                }
                 damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
             } else {
                 damping = (damping * DAMPING_FACTOR).min(DAMPING_MAX);
