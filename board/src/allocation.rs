@@ -2,16 +2,24 @@
 //! measured and not just promised.
 //!
 //! The program's `main.rs` makes [`CountingAllocator`] its global allocator.
-//! The count covers every thread of the process.
+//! The count covers every thread of the process; only work that is known to need
+//! memory, and runs [`apart`], has a count of its own.
 
 // A global allocator is an unsafe trait by nature; this one only counts and
 // forwards every call unchanged, so it is as sound as the system's.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+
+thread_local! {
+    /// The count of the work that this thread runs apart. Neither making it nor dropping it
+    /// allocates.
+    static APART: Cell<Option<u64>> = const { Cell::new(None) };
+}
 
 /// The system's allocator, with a counter in front of it.
 pub struct CountingAllocator;
@@ -20,19 +28,19 @@ pub struct CountingAllocator;
 // upholds the contract of `GlobalAlloc`.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        count();
         // SAFETY: the caller's promises are the ones that `System` asks for.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        count();
         // SAFETY: as above.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        count();
         // SAFETY: as above.
         unsafe { System.realloc(block, layout, size) }
     }
@@ -43,9 +51,26 @@ unsafe impl GlobalAlloc for CountingAllocator {
     }
 }
 
-/// Allocations and re-allocations of the whole process so far; stays 0 where
-/// [`CountingAllocator`] is not the global allocator.
+fn count() {
+    match APART.get() {
+        Some(count) => APART.set(Some(count + 1)),
+        None => {
+            ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Allocations and re-allocations of the whole process so far, without those that were counted
+/// [`apart`]; stays 0 where [`CountingAllocator`] is not the global allocator.
 #[must_use]
 pub fn allocations() -> u64 {
     ALLOCATIONS.load(Ordering::Relaxed)
+}
+
+/// Runs work that is known to allocate on this thread; returns its result and the number of its
+/// allocations, which [`allocations`] leaves out.
+pub fn apart<T>(work: impl FnOnce() -> T) -> (T, u64) {
+    let around = APART.replace(Some(0));
+    let result = work();
+    (result, APART.replace(around).unwrap_or(0))
 }

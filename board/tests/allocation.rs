@@ -1,18 +1,37 @@
 //! The allocation counter counts, on which "no allocation after the first frame" rests.
+//!
+//! One test, because the count is that of the whole process.
 
-use plumbline_board::allocation::{CountingAllocator, allocations};
+use std::hint::black_box;
+
+use plumbline_board::allocation::{CountingAllocator, allocations, apart};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
-fn allocations_are_counted() {
+fn allocations_are_counted_and_those_apart_by_themselves() {
     let before = allocations();
-    let boxed = std::hint::black_box(Box::new(7));
-    let zeroed = std::hint::black_box(vec![0_u8; 100]);
-    let mut grown = std::hint::black_box(Vec::<u8>::with_capacity(1));
+    let boxed = black_box(Box::new(7));
+    let zeroed = black_box(vec![0_u8; 100]);
+    let mut grown = black_box(Vec::<u8>::with_capacity(1));
     grown.extend_from_slice(&[1; 50]);
     // Box, zeroed, with_capacity, and its growth; the test harness may add its own.
-    assert!(allocations() - before >= 4);
+    let counted = allocations() - before;
+    assert!(counted >= 4);
     drop((boxed, zeroed, grown));
+
+    let before = allocations();
+    let (inner, outer_count) = apart(|| {
+        let outer = black_box(Box::new(1));
+        let inner = apart(|| black_box(vec![0_u8; 10]));
+        drop(outer);
+        inner
+    });
+    assert_eq!((inner.1, outer_count), (1, 1));
+    // Nothing but perhaps the harness's own, on its other thread.
+    assert!(allocations() - before <= counted - 4);
+    let boxed = black_box(Box::new(7));
+    assert!(allocations() > before, "counting goes on");
+    drop(boxed);
 }

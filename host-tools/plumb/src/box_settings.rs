@@ -106,6 +106,9 @@ enum PixelFormatName {
     Y16,
     Yuyv,
     Nv12,
+    Rgb24,
+    Bayer8,
+    Mjpeg,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -27,6 +27,12 @@ pub enum PixelFormat {
     Yuyv,
     /// 4:2:0, luma in a plane of its own.
     Nv12,
+    /// Three bytes a pixel, of which the green one is used.
+    Rgb24,
+    /// A colour sensor's own 8-bit samples, of which the green ones are used.
+    Bayer8,
+    /// Each frame compressed as a JPEG file (Motion JPEG), of which the luma is used.
+    Mjpeg,
 }
 
 /// The camera's settings. The frame size comes from the lens: a calibration holds for one size.

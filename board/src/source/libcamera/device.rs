@@ -160,6 +160,10 @@ impl Libcamera {
 
 impl Device for Libcamera {
     fn open(capture: &Capture, size_px: (usize, usize)) -> Result<Self> {
+        let samples = Samples::of(capture.pixel_format).with_context(|| {
+            let format = capture.pixel_format;
+            format!("capture.pixel_format: {format:?} is read with driver = \"v4l2\" only")
+        })?;
         let manager = CameraManager::new().context("libcamera does not start")?;
         let Choice { camera, mut configuration } =
             setup::choose(&manager, capture, size_px, REQUESTS_MAX)?;
@@ -172,7 +176,6 @@ impl Device for Libcamera {
             .with_context(|| format!("the camera {name} refuses its configuration"))?;
         let chosen = configuration.get(0).context("the configuration has no stream")?;
         let stream = chosen.stream().context("the configuration's stream is not set up")?;
-        let samples = Samples::of(capture.pixel_format);
         let layout = Layout { size_px, stride_bytes: chosen.get_stride() as usize, samples };
 
         let luma = vec![0; layout.copied_bytes()].into_boxed_slice();

@@ -15,19 +15,28 @@ pub enum Samples {
         /// The brightest possible sample.
         white_level: u16,
     },
-    /// Every second byte, from the first.
-    EverySecondByte,
+    /// One byte of each group.
+    Every {
+        /// Its place in the group.
+        first: usize,
+        /// The size of a group.
+        step: usize,
+    },
 }
 
 impl Samples {
-    /// The samples of a format. A plane of luma is the same as a picture of bytes.
-    pub fn of(format: PixelFormat) -> Self {
-        match format {
+    /// The samples of a format; `None` for those that are read from Video4Linux only. A plane of
+    /// luma is the same as a picture of bytes.
+    pub fn of(format: PixelFormat) -> Option<Self> {
+        Some(match format {
             PixelFormat::Grey | PixelFormat::Nv12 => Self::Bytes,
             PixelFormat::Y10 => Self::Words { white_level: 1023 },
             PixelFormat::Y16 => Self::Words { white_level: u16::MAX },
-            PixelFormat::Yuyv => Self::EverySecondByte,
-        }
+            PixelFormat::Yuyv => Self::Every { first: 0, step: 2 },
+            // Green is in the middle in both orders.
+            PixelFormat::Rgb24 => Self::Every { first: 1, step: 3 },
+            PixelFormat::Bayer8 | PixelFormat::Mjpeg => return None,
+        })
     }
 }
 
@@ -44,20 +53,18 @@ impl Layout {
     /// The size of the buffer for a frame's luma, 0 if it can be read in place.
     pub fn copied_bytes(&self) -> usize {
         match self.samples {
-            Samples::EverySecondByte => self.size_px.0 * self.size_px.1,
+            Samples::Every { .. } => self.size_px.0 * self.size_px.1,
             Samples::Bytes | Samples::Words { .. } => 0,
         }
     }
 
     /// Copies luma that cannot be read in place.
     pub fn copy_luma(&self, plane: &[u8], luma: &mut [u8]) {
-        if self.samples != Samples::EverySecondByte {
-            return;
-        }
+        let Samples::Every { first, step } = self.samples else { return };
         let rows = luma.chunks_exact_mut(self.size_px.0);
         for (to, from) in rows.zip(plane.chunks(self.stride_bytes)) {
-            for (sample, pair) in to.iter_mut().zip(from.chunks_exact(2)) {
-                *sample = pair[0];
+            for (sample, group) in to.iter_mut().zip(from.chunks_exact(step)) {
+                *sample = group[first];
             }
         }
     }
@@ -83,12 +90,11 @@ impl Layout {
                 GreyImage::with_white_level(words, width, height, stride, white_level)
                     .map(Pixels::Grey16)
             }
-            Samples::EverySecondByte => {
-                let pairs = self.stride_bytes / 2;
-                if pairs < width {
+            Samples::Every { step, .. } => {
+                if self.stride_bytes / step < width {
                     return Err(ImageError::Stride);
                 }
-                if plane.len() < self.stride_bytes * (height - 1) + 2 * width {
+                if plane.len() < self.stride_bytes * (height - 1) + step * width {
                     return Err(ImageError::TooShort);
                 }
                 GreyImage::new(luma, width, height, width).map(Pixels::Grey8)
@@ -111,7 +117,7 @@ mod tests {
     }
 
     fn layout(format: PixelFormat, stride_bytes: usize) -> Layout {
-        Layout { size_px: SIZE_PX, stride_bytes, samples: Samples::of(format) }
+        Layout { size_px: SIZE_PX, stride_bytes, samples: Samples::of(format).unwrap() }
     }
 
     fn assert_samples<P: Pixel>(image: &GreyImage<P>, expected: impl Fn(usize, usize) -> u32) {
@@ -155,21 +161,31 @@ mod tests {
 
     #[test]
     fn luma_between_chroma_is_copied() {
-        let layout = layout(PixelFormat::Yuyv, 140);
-        let mut plane = vec![0xEE; 140 * 66];
-        for (y, row) in plane.chunks_mut(140).enumerate() {
-            for (x, pair) in row.chunks_mut(2).enumerate() {
-                pair[0] = sample(x, y);
+        // The last byte that belongs to a sample is the group's last.
+        for (format, first, step) in [(PixelFormat::Yuyv, 0, 2), (PixelFormat::Rgb24, 1, 3)] {
+            let stride = 64 * step + 12;
+            let layout = layout(format, stride);
+            let mut plane = vec![0xEE; stride * 66];
+            for (y, row) in plane.chunks_mut(stride).enumerate() {
+                for (x, group) in row.chunks_exact_mut(step).enumerate() {
+                    group[first] = sample(x, y);
+                }
             }
-        }
-        let mut luma = vec![0; layout.copied_bytes()];
-        layout.copy_luma(&plane, &mut luma);
-        let Ok(Pixels::Grey8(image)) = layout.pixels(&plane, &luma) else { panic!() };
-        assert_samples(&image, |x, y| sample(x, y).into());
+            let mut luma = vec![0; layout.copied_bytes()];
+            layout.copy_luma(&plane, &mut luma);
+            let Ok(Pixels::Grey8(image)) = layout.pixels(&plane, &luma) else { panic!() };
+            assert_samples(&image, |x, y| sample(x, y).into());
 
-        let narrow = Layout { stride_bytes: 126, ..layout };
-        assert_eq!(narrow.pixels(&plane, &luma).unwrap_err(), ImageError::Stride);
-        let short = &plane[..140 * 65 + 127];
-        assert_eq!(layout.pixels(short, &luma).unwrap_err(), ImageError::TooShort);
+            let narrow = Layout { stride_bytes: 64 * step - 1, ..layout };
+            assert_eq!(narrow.pixels(&plane, &luma).unwrap_err(), ImageError::Stride);
+            let short = &plane[..stride * 65 + 64 * step - 1];
+            assert_eq!(layout.pixels(short, &luma).unwrap_err(), ImageError::TooShort);
+        }
+    }
+
+    #[test]
+    fn a_mosaic_and_compressed_frames_are_not_read() {
+        assert_eq!(Samples::of(PixelFormat::Bayer8), None);
+        assert_eq!(Samples::of(PixelFormat::Mjpeg), None);
     }
 }

@@ -26,6 +26,8 @@ const R10: PixelFormat = linear(b"R10 ");
 const R16: PixelFormat = linear(b"R16 ");
 const YUYV: PixelFormat = linear(b"YUYV");
 const NV12: PixelFormat = linear(b"NV12");
+const RGB888: PixelFormat = linear(b"RG24");
+const BGR888: PixelFormat = linear(b"BG24");
 const YUV420: PixelFormat = linear(b"YU12");
 
 /// The format with this code, neither packed nor compressed.
@@ -41,6 +43,8 @@ fn formats_of(format: config::PixelFormat) -> &'static [PixelFormat] {
         config::PixelFormat::Y16 => &[R16],
         config::PixelFormat::Yuyv => &[YUYV],
         config::PixelFormat::Nv12 => &[NV12, YUV420],
+        config::PixelFormat::Rgb24 => &[RGB888, BGR888],
+        config::PixelFormat::Bayer8 | config::PixelFormat::Mjpeg => &[],
     }
 }
 

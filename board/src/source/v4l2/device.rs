@@ -33,8 +33,16 @@ const LISTED_MAX: usize = 16;
 const RATE_ERROR_MAX: f64 = 0.005;
 
 /// Every format that can be read here.
-const FORMATS: [PixelFormat; 5] =
-    [PixelFormat::Grey, PixelFormat::Y10, PixelFormat::Y16, PixelFormat::Yuyv, PixelFormat::Nv12];
+const FORMATS: [PixelFormat; 8] = [
+    PixelFormat::Grey,
+    PixelFormat::Y10,
+    PixelFormat::Y16,
+    PixelFormat::Yuyv,
+    PixelFormat::Nv12,
+    PixelFormat::Rgb24,
+    PixelFormat::Bayer8,
+    PixelFormat::Mjpeg,
+];
 
 /// A camera set up as configured, which does not run yet.
 #[derive(Debug)]

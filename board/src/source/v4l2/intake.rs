@@ -90,6 +90,8 @@ impl Wake {
 pub struct Arrived {
     /// The buffer.
     pub ours: Ours,
+    /// The number of bytes that the camera has written.
+    pub bytes: usize,
     /// Its capture time.
     pub stamp: Stamp,
 }
@@ -139,6 +141,11 @@ impl Intake {
     /// The frame that the last wait found.
     pub fn out(&self) -> Option<&Arrived> {
         self.out.as_ref()
+    }
+
+    /// Counts the frame that the last wait found as one that never came: it cannot be read.
+    pub fn refuse(&mut self) {
+        self.counts.missed += 1;
     }
 
     /// Whether the frame after the one given has already arrived.
@@ -192,7 +199,7 @@ impl Intake {
                 Some(ours)
             } else {
                 let stamp = stamp(done.flags, done.stamp_s, done.stamp_us, now);
-                self.keep(Arrived { ours, stamp })
+                self.keep(Arrived { ours, bytes: done.bytes, stamp })
             };
             if let Some(ours) = free {
                 self.give(queue, ours).map_err(|error| lost(&error))?;

@@ -8,15 +8,16 @@
 //! parts that touch the kernel, and the only ones with unsafe code.
 //!
 //! Frames are read in the driver's own memory where the format allows. Waiting
-//! for frames and giving them does not allocate; losing the camera does, once. A
-//! frame that was given stays intact until the next wait.
+//! for frames and giving them does not allocate, except that compressed frames are
+//! decoded; losing the camera does, once. A frame that was given stays intact until
+//! the next wait.
 
 mod buffers;
 mod controls;
 mod device;
 mod driver;
 mod intake;
-mod luma;
+pub mod luma;
 mod mapping;
 mod stamp;
 
@@ -27,6 +28,7 @@ use plumbline::config::Capture;
 
 use super::Frame;
 use super::camera::{Counts, Device, Waited};
+use crate::allocation;
 use buffers::BUFFERS_MAX;
 use driver::Driver;
 use intake::{BUFFERS_MIN, Intake};
@@ -44,6 +46,10 @@ pub struct V4l2 {
     luma: Luma,
     intake: Intake,
     stream: Stream,
+    /// Whether reading a frame allocated, which is said once.
+    has_allocated: bool,
+    /// Whether a frame could not be read, which is said once.
+    has_refused: bool,
 }
 
 /// The driver's buffers in this process's memory.
@@ -100,7 +106,40 @@ impl V4l2 {
         let intake = Intake::new(&stream.driver, stream.mappings.len(), luma.bytes_min())
             .context("its driver does not take its buffers")?;
         stream.driver.start().context("it does not start")?;
-        Ok(Self { path, luma, intake, stream })
+        Ok(Self { path, luma, intake, stream, has_allocated: false, has_refused: false })
+    }
+}
+
+impl V4l2 {
+    /// Reads the grey values of the frame that arrived.
+    fn load(&mut self) -> Result<()> {
+        let arrived = self.intake.out().expect("the wait has found a frame");
+        let bytes = self.stream.mappings[arrived.ours.index() as usize].bytes(&arrived.ours);
+        let started = Instant::now();
+        let bytes = &bytes[..arrived.bytes.min(bytes.len())];
+        let (loaded, allocations) = allocation::apart(|| self.luma.load(bytes));
+        if allocations > 0 && loaded.is_ok() && !self.has_allocated {
+            self.has_allocated = true;
+            log::info!(
+                "camera: {}: its frames are compressed: one took {allocations} heap allocations and \
+                 {} us to decode, which Health does not count",
+                self.path,
+                started.elapsed().as_micros()
+            );
+        }
+        loaded
+    }
+
+    fn refuse(&mut self, error: &anyhow::Error) {
+        self.intake.refuse();
+        if !self.has_refused {
+            self.has_refused = true;
+            log::warn!(
+                "camera: {}: a frame cannot be read: {error:#}; it and all further ones count as \
+                 missed frames",
+                self.path
+            );
+        }
     }
 }
 
@@ -112,14 +151,20 @@ impl Device for V4l2 {
     }
 
     fn wait(&mut self, until: Instant) -> Waited {
-        let waited = self.intake.wait(&self.stream.driver, until);
-        if let Some(arrived) = self.intake.out() {
-            let mapping = &self.stream.mappings[arrived.ours.index() as usize];
-            self.luma.load(mapping.bytes(&arrived.ours));
-        }
-        match waited {
-            Waited::Lost(what) => Waited::Lost(format!("{}: {what}", self.path)),
-            waited => waited,
+        loop {
+            match self.intake.wait(&self.stream.driver, until) {
+                Waited::Lost(what) => return Waited::Lost(format!("{}: {what}", self.path)),
+                Waited::Quiet => return Waited::Quiet,
+                Waited::Ready => {}
+            }
+            match self.load() {
+                Ok(()) => return Waited::Ready,
+                Err(error) => self.refuse(&error),
+            }
+            // Frames that all are damaged must not hold up the loop.
+            if Instant::now() >= until {
+                return Waited::Quiet;
+            }
         }
     }
 

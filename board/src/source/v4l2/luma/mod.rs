@@ -10,10 +10,17 @@
 //! | Y10 | `Y10 ` | 10 bits in each little-endian word | none |
 //! | Y16 | `Y16 ` | little-endian words | none |
 //! | Yuyv | `YUYV` | Y U Y V | the luma is copied |
+//! | Rgb24 | `RGB3`, `BGR3` | R G B or B G R | the green is copied |
 //! | Y10 | `Y10P` | 4 high bytes, then the low bits of the four | unpacked |
 //! | Y10 | `Y10B` | 4 samples in 5 bytes, highest bit first | unpacked |
+//! | Bayer8 | `RGGB`, `GRBG`, `GBRG`, `BA81` | one colour a pixel | green is interpolated, see [`bayer`] |
+//! | Mjpeg | `MJPG`, `JPEG` | a file | decoded, see [`jpeg`] |
 //!
-//! Rows may be padded. The memory for copies is allocated once.
+//! Rows may be padded. The memory for copies is allocated once; only decoding allocates for each
+//! frame.
+
+mod bayer;
+mod jpeg;
 
 use anyhow::{Context, Result, bail};
 use plumbline::config::PixelFormat;
@@ -35,6 +42,9 @@ pub fn codes(format: PixelFormat) -> &'static [&'static [u8; 4]] {
         PixelFormat::Y16 => &[b"Y16 "],
         PixelFormat::Yuyv => &[b"YUYV"],
         PixelFormat::Nv12 => &[b"NV12"],
+        PixelFormat::Rgb24 => &[b"RGB3", b"BGR3"],
+        PixelFormat::Bayer8 => &[b"RGGB", b"GRBG", b"GBRG", b"BA81"],
+        PixelFormat::Mjpeg => &[b"MJPG", b"JPEG"],
     }
 }
 
@@ -54,10 +64,16 @@ enum Samples {
     Bytes,
     /// One word each.
     Words { white_level: u16 },
-    /// Every other byte.
-    Alternate { luma: Vec<u8> },
+    /// The first of every two bytes.
+    First { luma: Vec<u8> },
+    /// The second of every three bytes.
+    Middle { luma: Vec<u8> },
     /// Four in five bytes.
     Packed { unpack: fn(&[u8; 5]) -> [u16; 4], luma: Vec<u16> },
+    /// One byte each, every second of which is green.
+    Mosaic { begins_green: bool, green: Vec<u16> },
+    /// A file.
+    Jpeg { luma: Vec<u8> },
 }
 
 impl Luma {
@@ -70,14 +86,23 @@ impl Luma {
         let (width_px, height_px) = size_px;
         let samples_max = width_px.checked_mul(height_px).context("the size is too large")?;
         let packed = |unpack| Samples::Packed { unpack, luma: vec![0; samples_max] };
+        let luma = || vec![0; samples_max];
         let (row_bytes, samples) = match code {
             b"GREY" | b"NV12" => (width_px, Samples::Bytes),
             b"Y10 " => (2 * width_px, Samples::Words { white_level: WHITE_10_BIT }),
             b"Y16 " => (2 * width_px, Samples::Words { white_level: u16::MAX }),
-            b"YUYV" => (2 * width_px, Samples::Alternate { luma: vec![0; samples_max] }),
+            b"YUYV" => (2 * width_px, Samples::First { luma: luma() }),
+            // Green is in the middle in both orders.
+            b"RGB3" | b"BGR3" => (3 * width_px, Samples::Middle { luma: luma() }),
+            b"MJPG" | b"JPEG" => (width_px, Samples::Jpeg { luma: luma() }),
             b"Y10P" => (width_px / 4 * 5, packed(unpack_low_bits_last)),
             b"Y10B" => (width_px / 4 * 5, packed(unpack_bit_stream)),
-            _ => bail!("the format {} is not read here", code.escape_ascii()),
+            _ => {
+                let begins_green = bayer::begins_green(code).with_context(|| {
+                    format!("the format {} is not read here", code.escape_ascii())
+                })?;
+                (width_px, Samples::Mosaic { begins_green, green: vec![0; samples_max] })
+            }
         };
         if matches!(samples, Samples::Packed { .. }) && !width_px.is_multiple_of(4) {
             bail!("packed rows of {width_px} px: only multiples of 4 are read");
@@ -96,21 +121,33 @@ impl Luma {
         Ok(luma)
     }
 
-    /// The size of a whole frame, without the last row's padding and without colours.
+    /// The size of a whole frame, without the last row's padding and without colours; of a
+    /// compressed one, the smallest.
     pub fn bytes_min(&self) -> usize {
-        self.stride_bytes * (self.height_px - 1) + self.row_bytes
+        match self.samples {
+            Samples::Jpeg { .. } => jpeg::BYTES_MIN,
+            _ => self.stride_bytes * (self.height_px - 1) + self.row_bytes,
+        }
     }
 
-    /// Copies samples that cannot be read in place. `bytes` holds a whole frame.
-    pub fn load(&mut self, bytes: &[u8]) {
+    /// Copies or decodes samples that cannot be read in place. `bytes` holds at least
+    /// [`bytes_min`](Self::bytes_min), and no more than the camera has written.
+    ///
+    /// # Errors
+    /// When a compressed frame is damaged.
+    pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        let size_px = (self.width_px, self.height_px);
         let rows = bytes.chunks(self.stride_bytes).map(|row| &row[..self.row_bytes]);
         match &mut self.samples {
             Samples::Bytes | Samples::Words { .. } => {}
-            Samples::Alternate { luma } => {
+            Samples::First { luma } => {
                 for (to, row) in luma.chunks_exact_mut(self.width_px).zip(rows) {
-                    for (to, pair) in to.iter_mut().zip(row.chunks_exact(2)) {
-                        *to = pair[0];
-                    }
+                    copy(row, |&pair| u16::from_le_bytes(pair) as u8, to);
+                }
+            }
+            Samples::Middle { luma } => {
+                for (to, row) in luma.chunks_exact_mut(self.width_px).zip(rows) {
+                    copy(row, |&[_, green, _]| green, to);
                 }
             }
             Samples::Packed { unpack, luma } => {
@@ -121,7 +158,13 @@ impl Luma {
                     }
                 }
             }
+            Samples::Mosaic { begins_green, green } => {
+                let mosaic = GreyImage::new(bytes, size_px.0, size_px.1, self.stride_bytes)?;
+                bayer::green(&mosaic, *begins_green, green);
+            }
+            Samples::Jpeg { luma } => jpeg::decode(bytes, size_px, luma)?,
         }
+        Ok(())
     }
 
     /// The frame, in `bytes`, in the same memory as `words`, or in the samples that
@@ -137,9 +180,19 @@ impl Luma {
             Samples::Words { white_level } => {
                 grey16(words, self.stride_bytes / 2, *white_level).map(Pixels::Grey16)
             }
-            Samples::Alternate { luma } => grey8(luma, width).map(Pixels::Grey8),
+            Samples::First { luma } | Samples::Middle { luma } | Samples::Jpeg { luma } => {
+                grey8(luma, width).map(Pixels::Grey8)
+            }
+            Samples::Mosaic { green, .. } => grey16(green, width, bayer::WHITE).map(Pixels::Grey16),
             Samples::Packed { luma, .. } => grey16(luma, width, WHITE_10_BIT).map(Pixels::Grey16),
         }
+    }
+}
+
+/// Copies one sample of each group of `N` bytes.
+fn copy<const N: usize>(row: &[u8], sample: impl Fn(&[u8; N]) -> u8, to: &mut [u8]) {
+    for (to, group) in to.iter_mut().zip(row.as_chunks().0) {
+        *to = sample(group);
     }
 }
 
@@ -169,6 +222,7 @@ mod tests {
             b"GREY" | b"NV12" => byte(x),
             b"Y10 " | b"Y16 " => byte(2 * x) + 256 * byte(2 * x + 1),
             b"YUYV" => byte(2 * x),
+            b"RGB3" | b"BGR3" => byte(3 * x + 1),
             b"Y10P" => {
                 let (group, of) = (5 * (x / 4), x % 4);
                 4 * byte(group + of) + (byte(group + 4) / 4_u16.pow(of as u32)) % 4
@@ -182,12 +236,14 @@ mod tests {
     #[test]
     fn every_format_reads_as_it_is_defined() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-        let tight: [(&[u8; 4], usize, u16); 7] = [
+        let tight: [(&[u8; 4], usize, u16); 9] = [
             (b"GREY", 64, 255),
             (b"NV12", 64, 255),
             (b"Y10 ", 128, 1023),
             (b"Y16 ", 128, 65535),
             (b"YUYV", 128, 255),
+            (b"RGB3", 192, 255),
+            (b"BGR3", 192, 255),
             (b"Y10P", 80, 1023),
             (b"Y10B", 80, 1023),
         ];
@@ -201,7 +257,7 @@ mod tests {
                 random.fill_bytes(&mut bytes);
                 let words: Vec<u16> =
                     bytes.as_chunks().0.iter().copied().map(u16::from_le_bytes).collect();
-                luma.load(&bytes);
+                luma.load(&bytes).unwrap();
                 let pixels = luma.view(&bytes, &words).unwrap();
                 let read = |x: usize, y: usize| match pixels {
                     Pixels::Grey8(image) => (u16::from(image.row(y)[x]), image.white_level()),
@@ -214,6 +270,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_mosaic_and_a_compressed_frame_become_grey() {
+        let mut luma = Luma::new(b"BA81", (64, 64), 70).unwrap();
+        assert_eq!(luma.bytes_min(), 70 * 63 + 64);
+        luma.load(&vec![9; luma.bytes_min()]).unwrap();
+        let Some(Pixels::Grey16(image)) = luma.view(&[], &[]) else { panic!("16 bits") };
+        assert_eq!((image.row(63)[63], image.white_level()), (72, 2040));
+
+        let mut luma = Luma::new(b"MJPG", (64, 64), 0).unwrap();
+        let mut file = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new(&mut file)
+            .encode(&[128; 64 * 64], 64, 64, image::ExtendedColorType::L8)
+            .unwrap();
+        luma.load(&file).unwrap();
+        let Some(Pixels::Grey8(image)) = luma.view(&[], &[]) else { panic!("8 bits") };
+        assert_eq!((image.row(63)[63], image.white_level()), (128, 255));
+        assert!(luma.load(&file[..file.len() / 2]).unwrap_err().to_string().contains("cut off"));
     }
 
     #[test]
@@ -233,7 +308,7 @@ mod tests {
     #[test]
     fn impossible_layouts_are_refused_with_their_reason() {
         let cases = [
-            (b"MJPG", (64, 64), 0, "MJPG is not read"),
+            (b"H264", (64, 64), 0, "H264 is not read"),
             (b"GREY", (64, 64), 63, "take 64 bytes, and it says 63"),
             (b"Y16 ", (64, 64), 129, "an odd number"),
             (b"Y10P", (66, 64), 0, "multiples of 4"),

@@ -1,0 +1,128 @@
+//! Grey values from a colour sensor's own samples, one colour a pixel, by the green ones.
+//!
+//! ```text
+//!   R G R G      every second sample is green, in a chequered pattern;
+//!   G B G B      the code of a format says which samples the first row has
+//! ```
+//!
+//! Only green is used: red and blue are fainter by amounts that depend on the light, and the lens
+//! focuses them elsewhere. A pixel that is not green gets the mean of its four neighbours; one that
+//! is green is averaged with its four diagonal ones, so that both kinds are blurred alike, by half a
+//! square pixel of variance along each axis. Without that the blur would differ from pixel to
+//! pixel, which no model of an edge describes.
+//!
+//! Sums are not divided, so that nothing is rounded: white is [`WHITE`].
+
+use plumbline::image::GreyImage;
+
+/// White of the sums: eight times that of a sample.
+pub const WHITE: u16 = 8 * 255;
+
+/// Whether the first sample of the first row is green; `None` for a code that is not one of 8-bit
+/// samples.
+pub fn begins_green(code: &[u8; 4]) -> Option<bool> {
+    match code {
+        b"GRBG" | b"GBRG" => Some(true),
+        b"RGGB" | b"BA81" => Some(false),
+        _ => None,
+    }
+}
+
+/// Writes eight times the green level of each pixel. A frame's border is continued by its mirror
+/// image, in which green stays green.
+pub fn green(samples: &GreyImage<'_, u8>, begins_green: bool, to: &mut [u16]) {
+    let (width, height) = (samples.width(), samples.height());
+    for (y, to) in to.chunks_exact_mut(width).enumerate().take(height) {
+        let rows = [mirrored_before(y), y, mirrored_after(y, height)];
+        let rows = rows.map(|y| &samples.row(y)[..width]);
+        let begins_green = begins_green == y.is_multiple_of(2);
+        let columns = |x: usize| {
+            let columns = [mirrored_before(x), x, mirrored_after(x, width)];
+            rows.map(|row| columns.map(|x| row[x]))
+        };
+        to[0] = sum(columns(0), begins_green);
+        inner_sums(rows, !begins_green, &mut to[1..width - 1]);
+        to[width - 1] = sum(columns(width - 1), begins_green != width.is_multiple_of(2));
+    }
+}
+
+/// The sums of a row without its two ends, whose first sample is green or not: the form of this
+/// loop lets the compiler treat many pixels at once.
+fn inner_sums([above, here, below]: [&[u8]; 3], begins_green: bool, to: &mut [u16]) {
+    let [above, here, below] = [above, here, below].map(|row| {
+        let count = to.len();
+        [&row[..count], &row[1..][..count], &row[2..][..count]]
+    });
+    for (x, to) in to.iter_mut().enumerate() {
+        let samples = [above, here, below].map(|row| row.map(|row| row[x]));
+        *to = sum(samples, begins_green == x.is_multiple_of(2));
+    }
+}
+
+/// Eight times the green level of the middle of 3 x 3 samples.
+fn sum(samples: [[u8; 3]; 3], is_green: bool) -> u16 {
+    let [above, here, below] = samples.map(|row| row.map(u16::from));
+    let of_green = 4 * here[1] + above[0] + above[2] + below[0] + below[2];
+    let of_other = 2 * (here[0] + here[2] + above[1] + below[1]);
+    if is_green { of_green } else { of_other }
+}
+
+/// The place before another; before the first one its mirror image.
+fn mirrored_before(place: usize) -> usize {
+    if place == 0 { 1 } else { place - 1 }
+}
+
+/// The place after another; after the last one its mirror image.
+fn mirrored_after(place: usize, count: usize) -> usize {
+    if place + 1 == count { place - 1 } else { place + 1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: usize = 66;
+
+    /// Green of a picture whose red and blue samples have a level of their own.
+    fn measured(code: &[u8; 4], green_at: impl Fn(usize, usize) -> u8, other: u8) -> Vec<u16> {
+        let begins = begins_green(code).unwrap();
+        let samples: Vec<u8> = (0..SIZE * SIZE)
+            .map(|place| {
+                let (x, y) = (place % SIZE, place / SIZE);
+                if (x + y).is_multiple_of(2) == begins { green_at(x, y) } else { other }
+            })
+            .collect();
+        let image = GreyImage::new(&samples, SIZE, SIZE, SIZE).unwrap();
+        let mut to = vec![0; SIZE * SIZE];
+        green(&image, begins, &mut to);
+        to
+    }
+
+    #[test]
+    fn red_and_blue_have_no_effect() {
+        for code in [b"RGGB", b"GRBG", b"GBRG", b"BA81"] {
+            let slope = |x: usize, y: usize| (x + 2 * y) as u8;
+            let one = measured(code, slope, 0);
+            assert_eq!(one, measured(code, slope, 255), "{}", code.escape_ascii());
+            // A slope is its own mean, except at the border, where it is mirrored.
+            for (x, y) in (1..SIZE - 1).flat_map(|y| (1..SIZE - 1).map(move |x| (x, y))) {
+                assert_eq!(one[y * SIZE + x], 8 * (x + 2 * y) as u16, "{x}, {y}");
+            }
+        }
+        assert_eq!(measured(b"RGGB", |_, _| 255, 0), [WHITE; SIZE * SIZE]);
+        assert_eq!(begins_green(b"GREY"), None);
+    }
+
+    #[test]
+    fn both_kinds_of_pixels_are_blurred_alike() {
+        // The mean of a parabola x^2 exceeds it by the variance of the blur, half a square pixel.
+        let parabola = |x: usize, _: usize| ((x as i32 - 33).pow(2) % 256) as u8;
+        let seen = measured(b"GRBG", parabola, 77);
+        for x in 28..=38 {
+            for y in [30, 31] {
+                let expected = 8 * (x as i32 - 33).pow(2) + 4;
+                assert_eq!(i32::from(seen[y * SIZE + x]), expected, "{x}, {y}");
+            }
+        }
+    }
+}
