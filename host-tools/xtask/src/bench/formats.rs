@@ -12,8 +12,8 @@ use crate::command::{Task, root, target_directory};
 /// The name of a row, and the figures of its frames.
 type Row = (String, Figures);
 
-/// The most frames that Mitsuba draws: each takes some seconds.
-const MITSUBA_FRAMES: u32 = 120;
+/// Mitsuba exposes each of its drawings this often: a drawing takes some seconds.
+const MITSUBA_EXPOSURES: u32 = 4;
 
 /// Measures every format except plain 8-bit frames, whose figures are already known. The contents
 /// of `directory` are replaced.
@@ -41,7 +41,8 @@ pub fn measure_all(directory: &Path, frames: u32, plain: &Figures) -> Result<Vec
         let plumb = target_directory().join("release/plumb");
         let drawn = Task::new("python3")
             .args([&script, directory, &directory.join("mitsuba")])
-            .args(["--frames", &frames.min(MITSUBA_FRAMES).to_string()])
+            .args(["--drawings", &frames.div_ceil(MITSUBA_EXPOSURES).to_string()])
+            .args(["--exposures", &MITSUBA_EXPOSURES.to_string()])
             .args(["--plumb".as_ref(), plumb.as_os_str()]);
         let mut figures = figures_of(|each_line| drawn.run_and_read(each_line))?;
         figures.append(&mut bounds);
