@@ -70,7 +70,11 @@ fn a_calibration_of_an_older_program_has_no_correlations() {
 
 #[test]
 fn an_uncertainty_that_is_none_is_named() {
-    let rows = |last: &str| format!("correlations = [[], [0], [0, 0], [0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0, {last}]]");
+    let rows = |last: &str| {
+        format!(
+            "correlations = [[], [0], [0, 0], [0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0, {last}]]"
+        )
+    };
     assert!(parse(&calibrated(&rows("-1"), "[1e-3, 2e-3]"), "c.toml").is_ok());
     let cases = [
         (rows("1.1"), "[1e-3, 2e-3]", "calibration.correlations", "1.1"),
