@@ -1,6 +1,6 @@
 //! Simulated trials: a person sways before a camera, a print and a scene that are not quite what
 //! they are believed to be. Every pose is found again by least squares through the believed lens:
-//! nothing here is linearised, and nothing is shared with the budget but the projection itself.
+//! nothing here is linearised, and only the projection and the ways of bending are the budget's.
 
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
