@@ -6,7 +6,9 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use plumbline_analysis::series::{Axis, Series};
 use plumbline_analysis::sway::figure::{Absent, ByAxis, Figure, Figures};
 use plumbline_analysis::sway::noise::{Noise, NoiseError};
-use plumbline_analysis::sway::{PathNoises, Settings, Sway, SwayError, SwayFigures, analyze};
+use plumbline_analysis::sway::{
+    PathNoises, Settings, Sway, SwayError, SwayFigures, analyze, lengths,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -172,6 +174,24 @@ fn the_span_cuts_after_the_filter() {
     // Bin ends inside the series are not ends of the filter: half of the middle bin's 20 s plus 10.
     let bin = value(&whole.figures.bins[1].length_mm.axes.ap);
     close(&sway.figures.path.length_mm.axes.ap, 1.5 * bin, 1e-12);
+}
+
+#[test]
+fn lengths_alone_are_those_among_all_figures() {
+    // Its ellipse lies along AP, so that the copies' angles are on both sides of where they wrap.
+    let series =
+        series(400, |time_s| [3.0 * (2.0 * time_s).sin(), 0.2 * (5.0 * time_s).cos(), 900.0]);
+    let noise = independent_noise(&series, [0.02, 0.01, 0.01]);
+    let settings = Settings { span_s: Some(1.0..5.0), ..Default::default() };
+    let all = analyze(&series, Some(&noise), &settings).unwrap();
+    let (alone, effect) = lengths(&series, Some(&noise), &settings).unwrap();
+    assert_eq!((&alone.path, &alone.extent), (&all.figures.path, &all.figures.extent));
+    assert_eq!(alone.ellipse, all.figures.ellipse);
+    assert_eq!(effect.map(|it| it.total), all.noise.map(|it| it.total));
+    assert_eq!(
+        lengths(&series, None, &Settings { filter_s: Some(-1.0), ..settings }).unwrap_err(),
+        SwayError::Setting("filter's window")
+    );
 }
 
 #[test]

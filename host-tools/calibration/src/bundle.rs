@@ -33,6 +33,10 @@ pub struct Bundle {
     /// Standard deviations of fx fy cx cy skew, then of the distortion, then, if fitted, of the
     /// shape.
     pub sd: Vec<f64>,
+    /// The correlations of the same parameters.
+    pub correlations: DMatrix<f64>,
+    /// Degrees of freedom: the number of measured quantities less that of the unknowns.
+    pub freedom: usize,
     /// Standard deviation of each measured quantity beyond the pixels' noise.
     tau_px: f64,
     /// Whether the shape was fitted.
@@ -64,6 +68,8 @@ impl Bundle {
             photographs,
             shape: Shape::default(),
             sd: Vec::new(),
+            correlations: DMatrix::zeros(0, 0),
+            freedom: 0,
             tau_px: 0.0,
             has_shape,
         };
@@ -74,7 +80,21 @@ impl Bundle {
         let normal = bundle.normal(points_mm)?;
         let covariance = normal.reduced(0.0)?.0.try_inverse()?;
         bundle.sd = covariance.diagonal().iter().map(|variance| variance.sqrt()).collect();
+        let sd = &bundle.sd;
+        bundle.correlations = DMatrix::from_fn(sd.len(), sd.len(), |row, column| {
+            // An inverse is symmetric only up to rounding.
+            let both = 0.5 * (covariance[(row, column)] + covariance[(column, row)]);
+            both / (sd[row] * sd[column])
+        });
+        bundle.freedom = bundle.freedom()?;
         bundle.sd.iter().all(|sd| sd.is_finite()).then_some(bundle)
+    }
+
+    /// The number of measured quantities less that of the unknowns; `None` when nothing is left.
+    fn freedom(&self) -> Option<usize> {
+        let measured: usize = self.photographs.iter().map(|it| it.seen.len()).sum();
+        let unknowns = self.shared() + 6 * self.photographs.len();
+        measured.checked_sub(unknowns).filter(|&left| left > 0)
     }
 
     /// The number of parameters that all photographs share.
@@ -165,8 +185,7 @@ impl Bundle {
             let sigmas = photograph.seen.iter().map(|seen| seen.sigma_px * seen.sigma_px);
             squares.extend(residuals.iter().map(|residual| residual * residual).zip(sigmas));
         }
-        let unknowns = self.shared() + 6 * self.photographs.len();
-        let freedom = squares.len().checked_sub(unknowns).filter(|&left| left > 0)? as f64;
+        let freedom = self.freedom()? as f64;
         let cost = |tau: f64| -> f64 {
             squares.iter().map(|(square, variance)| square / (variance + tau * tau)).sum()
         };

@@ -12,7 +12,7 @@
 
 use std::mem::discriminant;
 
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens, LensError};
 use plumbline::lens_table::LensTable;
@@ -121,6 +121,10 @@ pub struct Calibration {
     pub lens: Lens,
     /// Standard deviations of fx fy cx cy skew, then of the distortion.
     pub sd: Vec<f64>,
+    /// The correlations of the same numbers; with `sd` they are the covariance.
+    pub correlations: DMatrix<f64>,
+    /// Degrees of freedom of the fit.
+    pub freedom: usize,
     /// Root mean square reprojection error of all corners.
     pub rms_px: f64,
     /// One for each photograph, in their order.
@@ -315,6 +319,8 @@ impl Photographs<'_> {
         Ok(Calibration {
             lens: bundle.lens,
             sd: bundle.sd,
+            correlations: bundle.correlations,
+            freedom: bundle.freedom,
             rms_px: (squares / corners).sqrt(),
             outcomes,
             coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),

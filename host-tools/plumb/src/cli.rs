@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, calibrate, demo, doctor, export, provision, receive, replay, report, scene, show,
-    simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, doctor, export, provision, receive, replay, report,
+    scene, show, simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -33,6 +33,7 @@ enum Command {
     Receive(receive::Arguments),
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
+    Budget(budget::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
     Export(export::Arguments),
@@ -67,6 +68,7 @@ pub fn run() -> ExitCode {
         Command::Receive(arguments) => receive::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Analyze(arguments) => analyze::run(arguments),
+        Command::Budget(arguments) => budget::run(arguments),
         Command::Study(arguments) => study::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Export(arguments) => export::run(arguments),

@@ -7,6 +7,7 @@ mod agreement;
 mod arguments;
 mod bounds;
 mod box_settings;
+mod budget;
 mod cli;
 mod commands;
 mod delivery;

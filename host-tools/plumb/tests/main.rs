@@ -3,6 +3,7 @@
 
 mod aim;
 mod bad_trials;
+mod budget;
 mod common;
 mod demo;
 mod export;

@@ -11,7 +11,7 @@ use plumbline_files::counting::counted;
 
 use crate::manifest::Zero;
 use crate::positions::Table;
-use crate::reading::{Frame, Trunk};
+use crate::reading::{Frame, Point as TrunkPoint, Trunk};
 use crate::{Trial, manifest::EventSeen};
 
 /// One point over time, its t = 0 where the trial's is.
@@ -155,24 +155,34 @@ fn zero_of(
     }
 }
 
+/// The frames that have a trunk's position, each at a later time than the one before: those of the
+/// samples of its [`Point`].
+pub fn frames_of(frames: &[Frame], trunk: Trunk) -> impl Iterator<Item = (&Frame, &TrunkPoint)> {
+    let mut last_s = f64::NEG_INFINITY;
+    with_point(frames, trunk).filter(move |(frame, _)| {
+        let is_later = frame.time_s > last_s;
+        last_s = last_s.max(frame.time_s);
+        is_later
+    })
+}
+
+fn with_point(frames: &[Frame], trunk: Trunk) -> impl Iterator<Item = (&Frame, &TrunkPoint)> {
+    frames.iter().filter_map(move |frame| Some((frame, frame.point(trunk)?)))
+}
+
 /// A trunk's positions, and warnings about them.
 fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
     let mut time_s: Vec<f64> = Vec::new();
     let mut position_mm: [Vec<f64>; 3] = Default::default();
     let mut covariances: Vec<Option<Matrix3<f64>>> = Vec::new();
-    let mut repeated = 0;
-    for frame in frames {
-        let Some(point) = frame.point(trunk) else { continue };
-        if time_s.last().is_some_and(|last| *last >= frame.time_s) {
-            repeated += 1;
-            continue;
-        }
+    for (frame, point) in frames_of(frames, trunk) {
         time_s.push(frame.time_s);
         for (values, position) in position_mm.iter_mut().zip(point.position_mm) {
             values.push(position);
         }
         covariances.push(point.covariance_mm2);
     }
+    let repeated = with_point(frames, trunk).count() - time_s.len();
     let series = Series::new(time_s, position_mm).ok()?;
     let mut doubts = Vec::new();
     if repeated > 0 {

@@ -52,6 +52,9 @@ pub struct Frame {
     pub upper: Option<Point>,
     /// The lower trunk.
     pub lower: Option<Point>,
+    /// theta1..6 of `cam_from_target`, as the box gave them: of the upper target, and of the
+    /// lower.
+    pub theta: [Option<[f32; 6]>; 2],
     /// Root mean square reprojection errors, pixels: of the upper target, and of the lower.
     pub rms_px: [Option<f32>; 2],
 }
@@ -64,6 +67,17 @@ impl Frame {
             Trunk::Upper => self.upper.as_ref(),
             Trunk::Lower => self.lower.as_ref(),
         }
+    }
+
+    /// The pose of the target that a trunk's point is fixed to.
+    #[must_use]
+    pub fn cam_from_target(&self, trunk: Trunk) -> Option<Pose<Cam, Target>> {
+        let [upper, lower] = self.theta;
+        let theta = match trunk {
+            Trunk::Upper => upper,
+            Trunk::Lower => lower,
+        };
+        Some(Pose::from_theta(theta?.map(f64::from)))
     }
 }
 
@@ -309,6 +323,10 @@ impl Builder {
             time_s: self.clock.time_s(packet.capture_time_ns),
             upper: point(packet.upper_trunk, upper, Vector3::zeros()),
             lower: point(packet.lower_trunk, lower, lever_mm),
+            theta: [upper, lower].map(|pose| {
+                let MeasuredPose { theta_rad: [a, b, c], translation_mm: [x, y, z], .. } = pose?;
+                Some([*a, *b, *c, *x, *y, *z])
+            }),
             rms_px: [upper, lower].map(|pose| pose.map(|pose| pose.rms_px)),
         });
     }

@@ -38,7 +38,7 @@ use ellipse::Ellipse;
 use extent::Extent;
 use figure::{ByPlane, Figure, Figures};
 use noise::{Noise, PathNoise};
-use path::{Path, Span};
+use path::{Path, Shortfall, Span};
 use spectrum::Spectrum;
 
 /// The settings from which figures are computed.
@@ -188,6 +188,28 @@ impl Figures for SwayFigures {
     }
 }
 
+/// The figures that are lengths, areas or velocities, each with its uncertainty where noise was
+/// given.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lengths {
+    /// The total path.
+    pub path: Path,
+    /// How far its steps fall short of the curve between the samples.
+    pub shortfall: Shortfall,
+    /// RMS and range.
+    pub extent: Extent,
+    /// 95 % prediction ellipses.
+    pub ellipse: ByPlane<Ellipse>,
+}
+
+impl Figures for Lengths {
+    fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
+        self.path.each(visit);
+        self.extent.each(visit);
+        self.ellipse.each(visit);
+    }
+}
+
 /// Computes all figures of a trunk point.
 ///
 /// # Errors
@@ -198,58 +220,118 @@ pub fn analyze(
     noise: Option<&Noise>,
     settings: &Settings,
 ) -> Result<Sway, SwayError> {
-    settings.check()?;
-    if noise.is_some_and(|noise| !noise.fits(series.samples())) {
-        return Err(SwayError::NoiseLength);
-    }
-    let rate_hz = series.rate_hz();
-    let filter = match settings.filter_s {
-        None => None,
-        Some(window_s) => Some(
-            SavitzkyGolay::lasting(window_s, rate_hz)
-                .ok_or(SwayError::FilterWindow { window_s, rate_hz })?,
-        ),
-    };
-    let filtered = match &filter {
-        None => None,
-        Some(filter) => {
-            Some(filter.apply(series).ok_or(SwayError::OnlyFragments { window: filter.window() })?)
-        }
-    };
-    let noise = noise.map(|noise| match &filtered {
-        None => noise.clone(),
-        Some(filtered) => noise.only(&filtered.kept),
-    });
-    let smooth = filtered.as_ref().map_or(series, |filtered| &filtered.series);
-    let spans = Spans::of(smooth, settings);
-    let span = settings.cut(smooth).ok_or(SwayError::EmptySpan)?;
-
-    let mut figures = SwayFigures::of(smooth, &spans, settings).ok_or(SwayError::EmptySpan)?;
-    let noise = noise.map(|noise| {
-        let steps = noise::step_factors(&noise, smooth, filter.as_ref());
-        let of = |span: &Span| noise::path_noise(smooth, span, &steps);
-        let (total, bins) = (of(&spans.total), spans.bins.iter().map(of).collect());
+    let prepared = Prepared::of(series, noise, settings)?;
+    let Prepared { smooth, filter, noise, spans, span, .. } = &prepared;
+    let of = |smooth: &Series| SwayFigures::of(smooth, spans, settings);
+    let mut figures = of(smooth).ok_or(SwayError::EmptySpan)?;
+    let noise = noise.as_ref().map(|noise| {
+        let steps = noise::step_factors(noise, smooth, filter.as_ref());
+        let path_noise = |span: &Span| noise::path_noise(smooth, span, &steps);
+        let (total, bins) = (path_noise(&spans.total), spans.bins.iter().map(path_noise).collect());
         let measured = figures.ellipse.clone();
         let again = |noisy: &Series| {
-            let mut figures = SwayFigures::of(noisy, &spans, settings)?;
+            let mut figures = of(noisy)?;
             ellipse::turn_towards(&mut figures.ellipse, &measured);
             Some(figures)
         };
-        let copies = noise::uncertainties(&mut figures, &noise, smooth, filter.as_ref(), again);
+        let copies = noise::uncertainties(&mut figures, noise, smooth, filter.as_ref(), again);
         PathNoises { total, bins, copies }
     });
     Ok(Sway {
-        rate_hz,
+        rate_hz: series.rate_hz(),
         samples: span.samples(),
         gaps: span.gaps_s().count(),
         gaps_s: span.gaps_s().fold(0.0, |sum, gap| sum + gap.end - gap.start),
-        filter: filter.zip(filtered.as_ref()).map(|(filter, filtered)| Filter {
+        filter: filter.as_ref().map(|filter| Filter {
             window_samples: filter.window(),
-            left_out_samples: filtered.left_out_samples,
+            left_out_samples: prepared.left_out_samples,
         }),
         noise,
         figures,
     })
+}
+
+/// Computes only the figures that are lengths, areas or velocities, for callers that need them many
+/// times; with noise also what it does to the paths.
+///
+/// # Errors
+/// As [`analyze`].
+pub fn lengths(
+    series: &Series,
+    noise: Option<&Noise>,
+    settings: &Settings,
+) -> Result<(Lengths, Option<PathNoises>), SwayError> {
+    let prepared = Prepared::of(series, noise, settings)?;
+    let Prepared { smooth, filter, noise, spans, .. } = &prepared;
+    let of = |smooth: &Series| Lengths::of(smooth, spans, settings);
+    let mut lengths = of(smooth).ok_or(SwayError::EmptySpan)?;
+    let noise = noise.as_ref().map(|noise| {
+        let steps = noise::step_factors(noise, smooth, filter.as_ref());
+        let total = noise::path_noise(smooth, &spans.total, &steps);
+        let measured = lengths.ellipse.clone();
+        let again = |noisy: &Series| {
+            let mut lengths = of(noisy)?;
+            ellipse::turn_towards(&mut lengths.ellipse, &measured);
+            Some(lengths)
+        };
+        let copies = noise::uncertainties(&mut lengths, noise, smooth, filter.as_ref(), again);
+        PathNoises { total, bins: Vec::new(), copies }
+    });
+    Ok((lengths, noise))
+}
+
+/// A series as its figures need it.
+struct Prepared {
+    filter: Option<SavitzkyGolay>,
+    /// The filtered positions; without a filter, the positions.
+    smooth: Series,
+    left_out_samples: usize,
+    /// The noise of the samples that the filter kept.
+    noise: Option<Noise>,
+    spans: Spans,
+    /// The part that is analysed.
+    span: Series,
+}
+
+impl Prepared {
+    fn of(series: &Series, noise: Option<&Noise>, settings: &Settings) -> Result<Self, SwayError> {
+        settings.check()?;
+        if noise.is_some_and(|noise| !noise.fits(series.samples())) {
+            return Err(SwayError::NoiseLength);
+        }
+        let rate_hz = series.rate_hz();
+        let lasting = |window_s: f64| {
+            SavitzkyGolay::lasting(window_s, rate_hz)
+                .ok_or(SwayError::FilterWindow { window_s, rate_hz })
+        };
+        let filter = settings.filter_s.map(lasting).transpose()?;
+        let (smooth, noise, left_out_samples) = match &filter {
+            None => (series.clone(), noise.cloned(), 0),
+            Some(filter) => {
+                let filtered = filter
+                    .apply(series)
+                    .ok_or(SwayError::OnlyFragments { window: filter.window() })?;
+                let noise = noise.map(|noise| noise.only(&filtered.kept));
+                (filtered.series, noise, filtered.left_out_samples)
+            }
+        };
+        let spans = Spans::of(&smooth, settings);
+        let span = settings.cut(&smooth).ok_or(SwayError::EmptySpan)?;
+        Ok(Self { filter, smooth, left_out_samples, noise, spans, span })
+    }
+}
+
+impl Lengths {
+    /// The figures of filtered positions; `None` when fewer than two lie in the span.
+    fn of(smooth: &Series, spans: &Spans, settings: &Settings) -> Option<Self> {
+        let span = settings.cut(smooth)?;
+        Some(Self {
+            path: path::path(smooth, &spans.total),
+            shortfall: path::shortfall(&span),
+            extent: extent::extent(&span),
+            ellipse: ellipse::ellipses(&span),
+        })
+    }
 }
 
 /// The total span and the bins.

@@ -107,6 +107,49 @@ pub(super) fn length(steps: &[[f64; 2]]) -> f64 {
     steps.iter().map(|[first, second]| (first * first + second * second).sqrt()).sum()
 }
 
+/// How far the steps of a series fall short of the smooth curve through its samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shortfall {
+    /// The estimate, mm.
+    pub length_mm: ByDirection<Figure>,
+    /// Its standard uncertainty, mm.
+    pub u_mm: ByDirection<Figure>,
+}
+
+/// Estimates the shortfall from the path of every other sample.
+///
+/// A chord is shorter than its arc by a part that grows with the square of the time between its
+/// ends. So the path of every other sample falls short by four times as much, and a third of the
+/// difference of the two paths is the shortfall (Richardson's extrapolation). Each pair of
+/// consecutive steps `a, b` contributes `(|a| + |b| - |a + b|) / 2` to that difference, since each
+/// step is in two pairs.
+///
+/// Along one axis only the pairs at turning points contribute, and each tells little of what is
+/// lost at its turn, which depends on how far from the nearest sample that is. The uncertainty
+/// therefore takes each pair's part as uncertain by its whole size, and independent: it is small
+/// where many pairs share the shortfall, as on a curve in a plane.
+pub(super) fn shortfall(series: &Series) -> Shortfall {
+    let whole = Span::whole(series);
+    let parts_mm = |first: Axis, second: Option<Axis>| -> Result<Vec<f64>, Absent> {
+        let steps = steps(series, &whole, first, second)?;
+        let pairs = steps.windows(2).zip(whole.steps.windows(2));
+        // Steps on both sides of a gap are no pair.
+        let pairs = pairs.filter(|(_, at)| at[1] == at[0] + 1).map(|(pair, _)| pair);
+        let part_mm = |pair: &[[f64; 2]]| {
+            let [a, b] = [pair[0], pair[1]];
+            (length(pair) - length(&[[a[0] + b[0], a[1] + b[1]]])) / 6.0
+        };
+        Ok(pairs.map(part_mm).collect())
+    };
+    let root = |parts_mm: Vec<f64>| parts_mm.iter().map(|it| it * it).sum::<f64>().sqrt();
+    Shortfall {
+        length_mm: ByDirection::of(|first, second| {
+            parts_mm(first, second).map(|it| it.iter().sum()).into()
+        }),
+        u_mm: ByDirection::of(|first, second| parts_mm(first, second).map(root).into()),
+    }
+}
+
 pub(super) fn path(series: &Series, span: &Span) -> Path {
     let length_mm = ByDirection::of(|first, second| {
         steps(series, span, first, second).map(|steps| length(&steps)).into()
@@ -125,5 +168,47 @@ pub(super) fn path(series: &Series, span: &Span) -> Path {
         covered: span.covered,
         length_mm,
         mean_velocity_mm_s,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    #[test]
+    fn the_steps_around_a_circle_fall_short_of_it() {
+        // Ten turns of radius 10 mm with 100 samples each, one of which is missing.
+        let (radius_mm, angle_rad) = (10.0, TAU / 100.0);
+        let samples: Vec<f64> = (0..1001).filter(|at| *at != 500).map(f64::from).collect();
+        let along = |of: fn(f64) -> f64| {
+            samples.iter().map(|at| radius_mm * of(at * angle_rad)).collect::<Vec<f64>>()
+        };
+        let time_s = samples.iter().map(|at| at / 60.0).collect();
+        let series = Series::new(time_s, [along(f64::cos), along(f64::sin), Vec::new()]).unwrap();
+        let found = shortfall(&series);
+        // Each chord is shorter than its arc; there are 998 of them.
+        let chord_mm = 2.0 * radius_mm * (angle_rad / 2.0).sin();
+        let expected_mm = 998.0 * (radius_mm * angle_rad - chord_mm);
+        // Each of the two parts has one pair of steps fewer than steps, and the next order is
+        // angle^2 / 16.
+        let found_mm = found.length_mm.planes.transverse.value().unwrap();
+        let share = found_mm / expected_mm - 1.0;
+        assert!(share.abs() < 2.0 / 998.0 + angle_rad * angle_rad / 16.0, "{share}");
+        // All of the 996 pairs contribute alike.
+        let u_mm = found.u_mm.planes.transverse.value().unwrap();
+        assert!((u_mm * 996_f64.sqrt() / found_mm - 1.0).abs() < 1e-9, "{u_mm}");
+        assert_eq!(found.length_mm.axes.si.value(), None);
+    }
+
+    #[test]
+    fn the_steps_along_a_line_fall_short_of_nothing() {
+        let line: Vec<f64> = (0..100).map(f64::from).collect();
+        let series = Series::new(line.clone(), [line.clone(), line.clone(), line]).unwrap();
+        let found = shortfall(&series);
+        assert_eq!(found.length_mm.axes.ap.value(), Some(0.0));
+        // Square roots of 8 and of 2 are rounded.
+        assert!(found.length_mm.planes.transverse.value().is_some_and(|mm| mm.abs() < 1e-12));
     }
 }

@@ -59,6 +59,14 @@ pub struct Details {
     pub verdict: Vec<String>,
     /// A map of the frame: in how many photographs each cell showed a part of the board.
     pub coverage: Vec<String>,
+    /// Correlations of the camera's numbers, in the order fx fy cx cy skew and the distortion: of
+    /// each number, those with the numbers before it. Empty where they are not known, as in files
+    /// of older programs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub correlations: Vec<Vec<f64>>,
+    /// Degrees of freedom of the fit: the number of measured quantities less that of the unknowns.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub freedom: Option<u32>,
     /// Standard deviations of the camera's numbers.
     pub sd: Deviations,
     /// Each photograph.
@@ -236,6 +244,38 @@ fn looks_like_yaml(text: &str) -> bool {
         })
 }
 
+/// Whether standard deviations and correlations belong to a lens with this many coefficients.
+fn check_details(details: &Details, coefficients: usize, place: &str) -> Result<(), BadInput> {
+    let remedy = "`plumb calibrate` writes it: calibrate again, or leave out [calibration]";
+    let bad = |field: &str, found: String| Err(BadInput::new(place, field, found, remedy));
+    let Deviations { fx_px, fy_px, cx_px, cy_px, skew_px, distortion } = &details.sd;
+    if distortion.len() != coefficients {
+        let found = format!("{}, but {coefficients} coefficients", counted(distortion.len(), "sd"));
+        return bad("calibration.sd.distortion", found);
+    }
+    let all = [fx_px, fy_px, cx_px, cy_px, skew_px].into_iter().chain(distortion);
+    if let Some(sd) = all.clone().find(|sd| !sd.is_finite() || **sd < 0.0) {
+        return bad("calibration.sd", format!("{sd}, which is not a standard deviation"));
+    }
+    let (rows, numbers) = (&details.correlations, all.count());
+    if rows.is_empty() {
+        return Ok(());
+    }
+    if rows.len() != numbers || rows.iter().enumerate().any(|(at, row)| row.len() != at) {
+        let found = format!("they are not those of {numbers} numbers, each with those before it");
+        return bad("calibration.correlations", found);
+    }
+    // Rounding takes a correlation of one a little beyond it; NaN is in no range.
+    let range = -1.0 - CORRELATION_ROUNDING..=1.0 + CORRELATION_ROUNDING;
+    match rows.iter().flatten().find(|it| !range.contains(*it)) {
+        Some(value) => bad("calibration.correlations", format!("{value}, beyond -1 to 1")),
+        None => Ok(()),
+    }
+}
+
+/// The inverse of normal equations has this relative error where parameters are all but dependent.
+const CORRELATION_ROUNDING: f64 = 1e-6;
+
 fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
     let fields: Fields = from_toml(text, place, REMEDY)?;
     let distortion = fields.model.distortion(&fields.distortion).map_err(|model| {
@@ -247,6 +287,9 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
             format!("this model has {}: [{}]", names.len(), names.join(", ")),
         )
     })?;
+    if let Some(details) = &fields.calibration {
+        check_details(details, fields.distortion.len(), place)?;
+    }
     Ok(Camera {
         lens: Lens {
             width_px: fields.width_px,

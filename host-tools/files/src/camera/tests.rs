@@ -30,13 +30,15 @@ fn a_camera_toml_comes_back() {
             details: Some(Details {
                 verdict: vec!["the board is bent by 0.5 mm".to_owned()],
                 coverage: vec!["..12".to_owned(), "9...".to_owned()],
+                correlations: (0..10).map(|row| vec![1.0 / 3.0; row]).collect(),
+                freedom: Some(812),
                 sd: Deviations {
                     fx_px: 0.3,
                     fy_px: 0.4,
                     cx_px: 0.5,
                     cy_px: 0.6,
                     skew_px: 0.01,
-                    distortion: vec![1e-3, 2e-3],
+                    distortion: vec![1e-3, 2e-3, 3e-3, 4e-3, 5e-3],
                 },
                 photographs: vec![DetailsOfPhotograph {
                     file: "a.png".to_owned(),
@@ -48,6 +50,46 @@ fn a_camera_toml_comes_back() {
         },
     };
     assert_eq!(parse(&to_toml(&camera), "camera.toml"), Ok(camera));
+}
+
+/// A camera file with what `plumb calibrate` says of its uncertainty.
+fn calibrated(correlations: &str, sd_of_distortion: &str) -> String {
+    format!(
+        "{GOOD}[calibration]\nverdict = []\ncoverage = []\nphotographs = []\n{correlations}\n\
+         [calibration.sd]\nfx_px = 1\nfy_px = 1\ncx_px = 1\ncy_px = 1\nskew_px = 1\n\
+         distortion = {sd_of_distortion}\n"
+    )
+}
+
+#[test]
+fn a_calibration_of_an_older_program_has_no_correlations() {
+    let camera = parse(&calibrated("", "[1e-3, 2e-3]"), "camera.toml").unwrap();
+    let details = camera.provenance.details.unwrap();
+    assert_eq!((details.correlations.len(), details.freedom), (0, None));
+}
+
+#[test]
+fn an_uncertainty_that_is_none_is_named() {
+    let rows = |last: &str| {
+        format!(
+            "correlations = [[], [0], [0, 0], [0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0, {last}]]"
+        )
+    };
+    assert!(parse(&calibrated(&rows("-1"), "[1e-3, 2e-3]"), "c.toml").is_ok());
+    let cases = [
+        (rows("1.1"), "[1e-3, 2e-3]", "calibration.correlations", "1.1"),
+        (rows("nan"), "[1e-3, 2e-3]", "calibration.correlations", "NaN"),
+        (rows("0, 0"), "[1e-3, 2e-3]", "calibration.correlations", "7 numbers"),
+        ("correlations = [[], [0]]".to_owned(), "[1e-3, 2e-3]", "calibration.correlations", "7"),
+        (rows("0"), "[1e-3]", "calibration.sd.distortion", "1 sd, but 2 coefficients"),
+        (rows("0"), "[1e-3, -2e-3]", "calibration.sd", "-0.002"),
+        (rows("0"), "[1e-3, inf]", "calibration.sd", "inf"),
+    ];
+    for (correlations, sd, field, found) in cases {
+        let error = parse(&calibrated(&correlations, sd), "c.toml").unwrap_err();
+        assert_eq!(error.field, field, "{error}");
+        assert!(error.found.contains(found), "{error}");
+    }
 }
 
 #[test]

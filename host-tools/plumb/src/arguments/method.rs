@@ -8,13 +8,40 @@ use plumbline_analysis::sway::{Settings, density};
 /// Window of the paper's filter.
 const FILTER_S: f64 = 0.5;
 
-/// How figures are made. What is not given is as in the paper; clap has no defaults here, so that
+/// What figures are of. What is not given is as in the paper; clap has no defaults here, so that
 /// a command can refuse options that it has no use for.
 #[derive(Debug, Clone, Default, Args)]
-pub struct Method {
+pub struct Window {
     /// Window of the filter, seconds [default: 0.5]
     #[arg(long, value_name = "SECONDS")]
     filter: Option<f64>,
+
+    /// Analyse this time only, seconds from t = 0 [default: all]
+    #[arg(long, value_name = "FROM-TO", value_parser = span, allow_hyphen_values = true)]
+    span: Option<Range<f64>>,
+}
+
+impl Window {
+    /// Window of the filter, seconds.
+    #[must_use]
+    pub fn filter_s(&self) -> f64 {
+        self.filter.unwrap_or(FILTER_S)
+    }
+
+    /// The settings of filtered figures, the others as in the paper.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        let (filter_s, span_s) = (Some(self.filter_s()), self.span.clone());
+        Settings { filter_s, span_s, ..Settings::default() }
+    }
+}
+
+/// How figures are made.
+#[derive(Debug, Clone, Default, Args)]
+pub struct Method {
+    /// What they are of.
+    #[command(flatten)]
+    window: Window,
 
     /// Times that each get a path length of their own, seconds from t = 0 [default: 0-20,20-40,40-60]
     #[arg(
@@ -25,10 +52,6 @@ pub struct Method {
         allow_hyphen_values = true
     )]
     bins: Vec<Range<f64>>,
-
-    /// Analyse this time only, seconds from t = 0 [default: all]
-    #[arg(long, value_name = "FROM-TO", value_parser = span, allow_hyphen_values = true)]
-    span: Option<Range<f64>>,
 
     /// Radius of the sway density, mm [default: 3]
     #[arg(long, value_name = "MM")]
@@ -52,7 +75,7 @@ impl Method {
     /// The first option that is given.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
-        let Self { filter, bins, span, radius } = self;
+        let Self { window: Window { filter, span }, bins, radius } = self;
         let options = [
             ("--filter", filter.is_some()),
             ("--bins", !bins.is_empty()),
@@ -65,20 +88,16 @@ impl Method {
     /// Window of the filter, seconds.
     #[must_use]
     pub fn filter_s(&self) -> f64 {
-        self.filter.unwrap_or(FILTER_S)
+        self.window.filter_s()
     }
 
     /// The settings of the filtered figures.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let paper = Settings::default();
+        let paper = self.window.settings();
         let radius_mm = self.radius.unwrap_or(paper.density.radius_mm);
-        Settings {
-            filter_s: Some(self.filter_s()),
-            span_s: self.span.clone(),
-            bins_s: if self.bins.is_empty() { paper.bins_s } else { self.bins.clone() },
-            density: density::Settings { radius_mm },
-        }
+        let bins_s = if self.bins.is_empty() { paper.bins_s.clone() } else { self.bins.clone() };
+        Settings { bins_s, density: density::Settings { radius_mm }, ..paper }
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod aim;
 pub mod analyze;
+pub mod budget;
 pub mod calibrate;
 pub mod demo;
 pub mod doctor;

@@ -249,6 +249,8 @@ fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern])
             details: Some(Details {
                 verdict: concerns.iter().map(ToString::to_string).collect(),
                 coverage: calibration.coverage.lines(),
+                correlations: correlations(calibration),
+                freedom: u32::try_from(calibration.freedom).ok(),
                 sd: Deviations {
                     fx_px: sd[0],
                     fy_px: sd[1],
@@ -261,6 +263,12 @@ fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern])
             }),
         },
     }
+}
+
+/// Of each number of the camera, the correlations with those before it.
+fn correlations(calibration: &Calibration) -> Vec<Vec<f64>> {
+    let all = &calibration.correlations;
+    (0..all.nrows()).map(|row| (0..row).map(|column| all[(row, column)]).collect()).collect()
 }
 
 /// Why a model was not fitted, in a few words.

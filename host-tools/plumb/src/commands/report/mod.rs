@@ -13,8 +13,10 @@ use plumbline_trial::points::Points;
 
 use crate::agreement::Against;
 use crate::arguments::method::Method;
+use crate::budget::Conditions;
 
 mod agreement;
+mod budget;
 mod labels;
 mod page;
 mod plots;
@@ -24,13 +26,15 @@ mod trial;
 /// A trial or a study on one page, to be read in any browser, offline or on paper.
 ///
 /// Of a trial: sway paths in the three planes, positions over time with events and gaps, spectra,
-/// all figures, how good the data are and, with --reference, how well the trial agrees with motion
-/// capture (see `plumb validate`). Of a study: path lengths by direction, condition and
+/// all figures, how good the data are and, with --camera, how well the figures are known (see `plumb
+/// budget`) and, with --reference, how well the trial agrees with motion capture (see `plumb
+/// validate`). Of a study: path lengths by direction, condition and
 /// time, and their statistics. The page is one file that needs nothing else.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 #[command(after_help = "Examples:\n  plumb report trials/p01-control --out p01.html\n  \
     plumb report trials/p01-control --bins 0-30,30-60 --out p01.html\n  \
+    plumb report trials/p01-control --camera camera.toml --budget budget.toml\n  \
     plumb report trials/p01-control --reference p01.trc --marker LPSI --marker RPSI\n  \
     plumb report study.toml --out study.html")]
 pub struct Arguments {
@@ -49,6 +53,10 @@ pub struct Arguments {
     #[command(flatten)]
     against: Against,
 
+    /// How well its conditions are known.
+    #[command(flatten)]
+    conditions: Conditions,
+
     /// The page [default: report.html in the trial's folder, or beside study.toml]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -60,9 +68,9 @@ pub struct Arguments {
 
 /// A study would not hear of them.
 fn refuse_options_of_a_trial(arguments: &Arguments) -> Result<(), BadInput> {
-    let Arguments { source, method, zero, against, out: _, force: _ } = arguments;
+    let Arguments { source, method, zero, against, conditions, out: _, force: _ } = arguments;
     let zero = zero.map(|_| "--zero");
-    match method.given().or(zero).or(against.given()) {
+    match method.given().or(zero).or(against.given()).or(conditions.given()) {
         None => Ok(()),
         Some(option) => Err(BadInput::new(
             source.display(),
@@ -90,10 +98,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (study::report(&figures)?, figures.warnings, directory_of(source))
     } else {
         let trial = Trial::open(source)?;
-        let mut points = Points::of(&trial, arguments.zero.unwrap_or(trial.manifest.zero))?;
+        let zero = arguments.zero.unwrap_or(trial.manifest.zero);
+        let mut points = Points::of(&trial, zero)?;
         let validation = arguments.against.validate(&points)?;
         points.warnings.extend(validation.iter().flat_map(|it| it.warnings.clone()));
-        let html = trial::report(&trial, &points, &arguments.method, validation.as_ref())?;
+        let settings = arguments.method.settings();
+        let budget = arguments.conditions.budget(&trial, &points, zero, &settings)?;
+        points.warnings.extend(budget.iter().flat_map(|it| it.budget.warnings.clone()));
+        let beside = [
+            budget.as_ref().map(budget::section),
+            validation.as_ref().map(agreement::section).transpose()?,
+        ];
+        let html = trial::report(&trial, &points, &arguments.method, &beside)?;
         (html, points.warnings, &**source)
     };
     let out = arguments.out.clone().unwrap_or_else(|| folder.join("report.html"));

@@ -13,16 +13,14 @@ use plumbline_study::grid::digits;
 use plumbline_trial::Trial;
 use plumbline_trial::points::{Point, Points, point_name};
 
-use super::agreement;
 use super::page::{annotated, facts, figure, key, page, table, warnings};
 use super::plots::{self, Event};
-use crate::agreement::Validation;
 use crate::arguments::method::Method;
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;
 
-/// The page of a trial, and how well it agrees with a reference where there is one.
+/// The page of a trial; `beside` are sections that go beyond the trial itself.
 ///
 /// # Errors
 /// When its figures cannot be had, or a plot cannot be drawn.
@@ -30,14 +28,13 @@ pub fn report(
     trial: &Trial,
     points: &Points,
     method: &Method,
-    validation: Option<&Validation>,
+    beside: &[Option<Markup>],
 ) -> Result<String, BadInput> {
     let analysis = Analysis::of(points, method.filter_s(), &method.settings())?;
     let mut sections = Vec::new();
     for (point, figures) in points.points.iter().zip(&analysis.points) {
         sections.push(section(point, figures, points, method)?);
     }
-    let agreement = validation.map(agreement::section).transpose()?;
     let settings = method.settings();
     let bins = settings.bins_s.iter().enumerate();
     let bins = bins.map(|(at, it)| (plots::colour(at), format!("{} to {} s", it.start, it.end)));
@@ -48,7 +45,7 @@ pub fn report(
         (events(points))
         (key(&colours))
         @for section in &sections { (section) }
-        @if let Some(agreement) = &agreement { (agreement) }
+        @for section in beside.iter().flatten() { (section) }
         section { h2 { "Data quality" } (facts(&quality(trial, &analysis))) }
         section {
             h2 { "Method" }

@@ -1,0 +1,89 @@
+//! The uncertainty budget of a trial: what is known of its conditions, and how it is shown.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use plumbline_analysis::sway::Settings;
+use plumbline_files::{BadInput, camera};
+use plumbline_trial::Trial;
+use plumbline_trial::manifest::Zero;
+use plumbline_trial::points::Points;
+use plumbline_uncertainty::inputs::{self, Inputs};
+use plumbline_uncertainty::{Budget, COVERAGE_FACTOR, Measured};
+use serde::Serialize;
+
+pub mod tables;
+
+/// Where it is said how well a trial's conditions are known.
+#[derive(Debug, Clone, Args)]
+pub struct Conditions {
+    /// The camera.toml that the box had, as `plumb calibrate` wrote it: for the uncertainty budget
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+
+    /// How well print, targets, scene and times are known, as `plumb budget --new` writes it
+    /// [default: the values in that file]
+    #[arg(long, value_name = "FILE", requires = "camera")]
+    pub budget: Option<PathBuf>,
+}
+
+/// The budget of one trial, as the JSON has it.
+#[derive(Debug, Clone, Serialize)]
+pub struct TrialBudget {
+    /// The program that made it.
+    pub program: &'static str,
+    /// The trial.
+    pub source: String,
+    /// What t = 0 is.
+    pub zero: String,
+    /// The window of the filter, seconds.
+    pub filter_s: Option<f64>,
+    /// The time that the figures are of, seconds from t = 0; absent for the whole trial.
+    pub span_s: Option<[f64; 2]>,
+    /// How well the conditions are known.
+    pub inputs: Inputs,
+    /// From the standard to the expanded uncertainty.
+    pub coverage_factor: f64,
+    /// What was found.
+    #[serde(flatten)]
+    pub budget: Budget,
+}
+
+impl Conditions {
+    /// The first option that is given.
+    #[must_use]
+    pub fn given(&self) -> Option<&'static str> {
+        let Self { camera, budget } = self;
+        let camera = camera.as_ref().map(|_| "--camera");
+        camera.or(budget.as_ref().map(|_| "--budget"))
+    }
+
+    /// The budget of a trial's figures; `None` where no camera is given.
+    ///
+    /// # Errors
+    /// When a file cannot be used, or does not belong to the trial.
+    pub fn budget(
+        &self,
+        trial: &Trial,
+        points: &Points,
+        zero: Zero,
+        settings: &Settings,
+    ) -> Result<Option<TrialBudget>, BadInput> {
+        let Some(path) = &self.camera else { return Ok(None) };
+        let camera = camera::read(path)?;
+        let inputs = self.budget.as_deref().map(inputs::read).transpose()?.unwrap_or_default();
+        let place = path.display().to_string();
+        let measured = Measured::of(trial, points, zero, &camera, &place)?;
+        let budget = Budget::of(&measured, &inputs, settings, &points.place)?;
+        Ok(Some(TrialBudget {
+            program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
+            source: points.place.clone(),
+            zero: points.zero.clone(),
+            filter_s: settings.filter_s,
+            span_s: settings.span_s.as_ref().map(|it| [it.start, it.end]),
+            inputs,
+            coverage_factor: COVERAGE_FACTOR,
+            budget,
+        }))
+    }
+}

@@ -1,0 +1,5 @@
+//! Trials whose errors are known, against their budgets.
+
+mod coverage;
+mod monte_carlo;
+mod world;
