@@ -210,8 +210,7 @@ impl Noise {
     fn position(&self, group: &[&Pair], length_mm: Option<Estimate>) -> Position {
         let count = group.len() as f64;
         let independent = (count / self.dependence).max(1.0);
-        let distance_mm =
-            Estimate::new(mean(&distances(group)), self.sd_mm / independent.sqrt());
+        let distance_mm = Estimate::new(mean(&distances(group)), self.sd_mm / independent.sqrt());
         let end = |at: usize| group.iter().map(|it| it.ends_mm[at]).sum::<Vector3<f64>>() / count;
         let ends_mm = [end(0), end(1)];
         Position {
@@ -252,7 +251,8 @@ mod tests {
     /// How much the error differs from one position to the next, as by a wrong lens.
     const FIELD_MM: f64 = 0.05;
 
-    const POINTS_MM: [Vector3<f64>; 2] = [Vector3::new(-24.0, -18.0, 0.0), Vector3::new(-20.0, 15.0, 0.0)];
+    const POINTS_MM: [Vector3<f64>; 2] =
+        [Vector3::new(-24.0, -18.0, 0.0), Vector3::new(-20.0, 15.0, 0.0)];
 
     /// The second board's pose on the first one, when the points are this far apart.
     fn first_from_second(length_mm: f64) -> Pose<Target, Target> {
@@ -267,7 +267,14 @@ mod tests {
         let mut within = |half: f64| half * (random.normal()).clamp(-1.0, 1.0);
         let turn_rad = [within(3.0), within(0.5), within(0.5)];
         let place_mm = [within(200.0), within(150.0), 900.0 + within(250.0)];
-        Pose::from_theta([turn_rad[0], turn_rad[1], turn_rad[2], place_mm[0], place_mm[1], place_mm[2]])
+        Pose::from_theta([
+            turn_rad[0],
+            turn_rad[1],
+            turn_rad[2],
+            place_mm[0],
+            place_mm[1],
+            place_mm[2],
+        ])
     }
 
     /// A plate in the hands: it trembles by some tenths of a millimetre. The errors of the length

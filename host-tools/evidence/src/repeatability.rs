@@ -176,7 +176,8 @@ impl Steadiness {
     /// `None` where averaging helps as far as the recording shows.
     #[must_use]
     pub fn steadiest_s(&self) -> Option<f64> {
-        let lowest = self.allan.iter().enumerate().min_by(|a, b| a.1.deviation.total_cmp(&b.1.deviation));
+        let lowest =
+            self.allan.iter().enumerate().min_by(|a, b| a.1.deviation.total_cmp(&b.1.deviation));
         let (at, allan) = lowest?;
         (at + 1 < self.allan.len()).then_some(allan.part_s)
     }

@@ -136,7 +136,8 @@ fn places(parts: &[&[Sighting]]) -> Vec<Place> {
 }
 
 fn of_groups(far: &[Place], near: &[Place]) -> Step {
-    let along = |group: &[Place]| -> Vec<f64> { group.iter().map(|it| it.along_mm.value).collect() };
+    let along =
+        |group: &[Place]| -> Vec<f64> { group.iter().map(|it| it.along_mm.value).collect() };
     let middle = |group: &[Place], of: fn(&Place) -> Vector3<f64>| {
         group.iter().map(of).sum::<Vector3<f64>>() / group.len() as f64
     };

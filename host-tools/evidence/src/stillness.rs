@@ -77,7 +77,10 @@ pub fn part_frames(sightings: &[Sighting]) -> usize {
 pub fn stillness(sightings: &[Sighting]) -> Stillness {
     let (count, width) = (sightings.len(), part_frames(sightings));
     if count < 2 * width {
-        return Stillness { parts: Vec::from_iter((count > 0).then_some(0..count)), movements: Vec::new() };
+        return Stillness {
+            parts: Vec::from_iter((count > 0).then_some(0..count)),
+            movements: Vec::new(),
+        };
     }
     let Deviations { values, .. } = Deviations::of(sightings);
     let changes: [Vec<f64>; 6] = std::array::from_fn(|axis| changes(&values[axis], width));
@@ -85,7 +88,8 @@ pub fn stillness(sightings: &[Sighting]) -> Stillness {
         (DIFFERENCE_NOISES * robust_noise(&values[axis])).max(DIFFERENCE_MIN)
     });
     // The change in units of the bound, at each frame that has both parts around it.
-    let excess = |at: usize| (0..6).map(|axis| changes[axis][at].abs() / bounds[axis]).fold(0.0, f64::max);
+    let excess =
+        |at: usize| (0..6).map(|axis| changes[axis][at].abs() / bounds[axis]).fold(0.0, f64::max);
     let mut found = Stillness { parts: Vec::new(), movements: Vec::new() };
     let mut still_from = 0;
     let mut at = 0;
@@ -96,7 +100,9 @@ pub fn stillness(sightings: &[Sighting]) -> Stillness {
         }
         let end = (at..changes[0].len()).find(|&it| excess(it) <= 1.0).unwrap_or(changes[0].len());
         let fastest = (at..end).max_by(|a, b| excess(*a).total_cmp(&excess(*b))).unwrap_or(at);
-        let size = |axes: Range<usize>| axes.map(|axis| changes[axis][fastest].powi(2)).sum::<f64>().sqrt();
+        let size = |axes: Range<usize>| {
+            axes.map(|axis| changes[axis][fastest].powi(2)).sum::<f64>().sqrt()
+        };
         found.movements.push(Movement {
             time_s: sightings[fastest + width].time_s,
             by_mm: size(0..3),

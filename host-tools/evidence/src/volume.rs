@@ -168,8 +168,7 @@ impl Coverage {
             column: at % PARTS,
         });
         let missed = || zones.clone().find(|it| self.visits[it.layer][it.row][it.column] == 0);
-        let depth_mm =
-            |zone: Zone| near + (far - near) * (zone.layer as f64 + 0.5) / PARTS as f64;
+        let depth_mm = |zone: Zone| near + (far - near) * (zone.layer as f64 + 0.5) / PARTS as f64;
         direction.map(Next::Turn).or_else(|| missed().map(|it| Next::Visit(it, depth_mm(it))))
     }
 }
@@ -235,7 +234,9 @@ mod tests {
         assert_eq!(zone(0.0, 0.0, 2000.0), expected(2, 1, 1));
         assert_eq!(zone(400.0, 0.0, 700.0), None);
         let [x, y, z] = [Vector3::x(), Vector3::y(), (Vector3::x() + Vector3::z()).normalize()];
-        for (along, direction) in [(x, Direction::Across), (y, Direction::Upright), (z, Direction::IntoDepth)] {
+        for (along, direction) in
+            [(x, Direction::Across), (y, Direction::Upright), (z, Direction::IntoDepth)]
+        {
             assert_eq!(Direction::of(&length(0.0, 0.0, 800.0, along)), direction);
         }
     }
@@ -263,8 +264,16 @@ mod tests {
             });
         }
         assert_eq!(volume.coverage(&ends_mm).visited(), Coverage::ZONES);
-        assert!(said.contains(&"bring a board to the upper left corner of the picture, 700 mm from the camera".to_owned()), "{said:?}");
-        assert!(said.contains(&"bring a board to the right side of the picture, 1100 mm from the camera".to_owned()));
+        assert!(
+            said.contains(
+                &"bring a board to the upper left corner of the picture, 700 mm from the camera"
+                    .to_owned()
+            ),
+            "{said:?}"
+        );
+        assert!(said.contains(
+            &"bring a board to the right side of the picture, 1100 mm from the camera".to_owned()
+        ));
     }
 
     #[test]

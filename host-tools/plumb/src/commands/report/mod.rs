@@ -16,7 +16,6 @@ use crate::arguments::method::Method;
 
 mod agreement;
 mod labels;
-mod page;
 mod plots;
 mod study;
 mod trial;
