@@ -44,8 +44,8 @@ pub struct Arguments {
     #[command(flatten)]
     input: Input,
     /// The two boards [default: those that are seen most often]
-    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',', num_args = 2)]
-    boards: Option<Vec<String>>,
+    #[arg(long, value_name = "NAME,NAME", value_parser = two_names)]
+    boards: Option<[String; 2]>,
     /// The length between the boards' first inner corners, as you measured it.
     #[arg(long, value_name = "MM", value_parser = millimetres, requires = "length_max_error_mm")]
     length_mm: Option<f64>,
@@ -73,6 +73,15 @@ struct Figures<'a> {
     verdict: Option<Verdict>,
 }
 
+/// Parses two names.
+fn two_names(text: &str) -> Result<[String; 2], String> {
+    let (first, second) = text.split_once(',').ok_or("give two names, such as lumbar,shoulder")?;
+    if first == second {
+        return Err("give two different names".to_owned());
+    }
+    Ok([first, second].map(str::to_owned))
+}
+
 /// Parses two depths.
 fn depths(text: &str) -> Result<[f64; 2], String> {
     let (near, far) = text.split_once('-').ok_or("give two depths, such as 800-1200")?;
@@ -89,8 +98,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let recordings = arguments.input.read()?;
     let first = &recordings[0];
     let mut pairs = Vec::new();
-    let names: [String; 2] =
-        first.pair(arguments.boards.as_deref())?.map(|board| board.name.clone());
+    let names: [String; 2] = first.pair(arguments.boards.as_ref())?.map(|board| board.name.clone());
     for recording in &recordings {
         if recording.lens != first.lens {
             let found = format!("its camera is not that of {}", first.place);

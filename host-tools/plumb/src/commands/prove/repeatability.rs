@@ -120,10 +120,8 @@ fn check_still(place: &str, sightings: &[Sighting]) -> Result<(), BadInput> {
     Err(BadInput::whole(
         place,
         format!(
-            "the board moved at {:.1} s, by {} mm and {} degrees within a second{others}",
-            first.time_s,
-            rounded(first.by_mm),
-            rounded(first.by_deg)
+            "the board moved at {:.1} s, by {:.2} mm and {:.2} degrees within a second{others}",
+            first.time_s, first.by_mm, first.by_deg
         ),
         format!("fix board and camera, keep away from both, and record again{part}"),
     ))

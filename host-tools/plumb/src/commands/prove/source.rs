@@ -128,7 +128,7 @@ impl Recording {
     ///
     /// # Errors
     /// When there are no two, or one of them was never seen.
-    pub fn pair(&self, names: Option<&[String]>) -> Result<[&Board; 2], BadInput> {
+    pub fn pair(&self, names: Option<&[String; 2]>) -> Result<[&Board; 2], BadInput> {
         let boards = match names {
             Some(names) => names.iter().map(|it| self.named(it)).collect::<Result<Vec<_>, _>>()?,
             None => self.by_sightings(),
