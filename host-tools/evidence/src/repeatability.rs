@@ -62,6 +62,9 @@ pub struct Steadiness {
     pub stated_sd: f64,
     /// The noise as a multiple of what the tracker says of each frame.
     pub noise_over_stated: Spread,
+    /// The spread about the line of the drift as such a multiple. It is larger than that of the
+    /// noise where errors last for some frames.
+    pub spread_over_stated: f64,
     /// The slope of the fitted line, per minute.
     pub drift_per_min: Estimate,
     /// How far that line goes in the recording.
@@ -109,7 +112,9 @@ fn steadiness(
     variances: &[f64],
 ) -> Steadiness {
     let duration_s = time_s[time_s.len() - 1];
-    let drift_per_s = slope(time_s, values);
+    let (drift_per_s, residuals) = line(time_s, values);
+    let in_units: f64 =
+        residuals.iter().zip(variances).map(|(it, variance)| it * it / variance).sum();
     let stated = variances.iter().sum::<f64>() / variances.len() as f64;
     Steadiness {
         name: coordinate.name,
@@ -119,15 +124,16 @@ fn steadiness(
         noise: Spread::of_successive(values),
         stated_sd: stated.sqrt(),
         noise_over_stated: Spread::of_successive_in_units(values, variances),
+        spread_over_stated: (in_units / (values.len() as f64 - LINE_PARAMETERS)).sqrt(),
         drift_per_min: drift_per_s.times(60.0),
         drift_in_all: drift_per_s.times(duration_s),
         allan: allan_deviations(values, duration_s / (values.len() - 1) as f64),
     }
 }
 
-/// The slope of the line through values over time. Where residuals depend on each other, its
-/// variance is larger by the number of values over their effective number.
-fn slope(time_s: &[f64], values: &[f64]) -> Estimate {
+/// The slope of the line through values over time, and the residuals. Where these depend on each
+/// other, the slope's variance is larger by their number over their effective number.
+fn line(time_s: &[f64], values: &[f64]) -> (Estimate, Vec<f64>) {
     let count = values.len() as f64;
     let mean = |values: &[f64]| values.iter().sum::<f64>() / count;
     let (mean_s, mean_value) = (mean(time_s), mean(values));
@@ -141,9 +147,9 @@ fn slope(time_s: &[f64], values: &[f64]) -> Estimate {
         .map(|(time, value)| value - mean_value - slope * (time - mean_s))
         .collect();
     let squares: f64 = residuals.iter().map(|it| it * it).sum();
-    let dependence = count / effective_samples(&[residuals]);
+    let dependence = count / effective_samples(std::slice::from_ref(&residuals));
     let variance = squares / (count - LINE_PARAMETERS) * dependence;
-    Estimate::new(slope, (variance / squares_s2).sqrt())
+    (Estimate::new(slope, (variance / squares_s2).sqrt()), residuals)
 }
 
 /// The Allan deviation for parts from one frame up to a quarter of the recording.
@@ -232,10 +238,24 @@ mod tests {
         let time_s: Vec<f64> = (0..900).map(|at| f64::from(at) / RATE_HZ).collect();
         let covered = (0..1000).filter(|_| {
             let noise = random.process(900, 0.8);
-            slope(&time_s, &noise).covers(0.0)
+            line(&time_s, &noise).0.covers(0.0)
         });
         let covered = covered.count();
         assert!(COVERED_OF_1000.contains(&covered), "{covered}");
+    }
+
+    /// Each error is followed by the same once more: differences of successive frames show half of
+    /// its variance, and the spread all of it.
+    #[test]
+    fn errors_that_last_for_some_frames_are_in_the_spread() {
+        let mut sightings = session(8);
+        for at in (0..sightings.len() - 1).step_by(2) {
+            sightings[at + 1].cam_from_board = sightings[at].cam_from_board;
+        }
+        for it in repeatability(&sightings).unwrap().coordinates {
+            assert!((it.noise_over_stated.sd - 0.5_f64.sqrt()).abs() < 0.1);
+            assert!((it.spread_over_stated - 1.0).abs() < 0.15, "{}", it.spread_over_stated);
+        }
     }
 
     #[test]
@@ -246,6 +266,8 @@ mod tests {
         }
         for it in repeatability(&sightings).unwrap().coordinates {
             assert!(it.noise_over_stated.covers(2.0) && !it.noise_over_stated.covers(1.0));
+            // 600 values give it to 3 %.
+            assert!((it.spread_over_stated - 2.0).abs() < 0.2, "{}", it.spread_over_stated);
         }
     }
 

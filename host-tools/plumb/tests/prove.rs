@@ -3,15 +3,27 @@
 
 use std::path::Path;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens};
+use plumbline::packet::{
+    MarkedInstant, MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, TargetPacket,
+    encode_datagram,
+};
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline::report::TargetState;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
 use plumbline_render::simulate::sensor::Sensor;
+use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Entry, Writer};
+use plumbline_trial::manifest::{Manifest, Zero};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use serde_json::Value;
 
 use crate::common::finished::{Finished, plumb};
+use crate::report_in_browser::{assert_shown, native_browser};
 
 const SIZE: [usize; 2] = [800, 600];
 const RATE_HZ: usize = 30;
@@ -202,7 +214,7 @@ fn a_drift_is_measured() {
     record(&folder.path().join("drift.y4m"), &GOOD, &poses, 1);
     let done = prove(folder.path(), "repeatability drift.y4m");
     assert_eq!(done.code, Some(0), "{}", done.stderr);
-    assert!(done.stdout.contains("Next: ") && done.stdout.contains("drifts"), "{}", done.stdout);
+    assert!(done.stdout.contains("Next: there is a drift in z (depth): "), "{}", done.stdout);
     let found = figures(folder.path(), "repeatability.json");
     let depth = &found["coordinates"][2];
     assert_covers(&depth["drift_in_all"], DRIFT_MM * 119.0);
@@ -333,4 +345,91 @@ fn no_input_is_overwritten_and_no_page_without_being_asked() {
         &run(&["--force", "--out", "camera.toml"]),
         &["camera.toml is one of the inputs"],
     );
+}
+
+#[test]
+fn pages_are_shown_on_screens_and_on_paper() {
+    let Some(browser) = native_browser() else { return };
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    record(&at("rests.y4m"), &GOOD, &rests(5.0, 2), 90);
+    record(&at("moved.y4m"), &GOOD, &positions(), 1);
+    let proofs = [
+        ("repeatability --to 2.2 rests.y4m", 5, &["fitted drift", "averaging helps up to"][..]),
+        ("distance --independent moved.y4m", 4, &["never visited say so", "into the depth"]),
+        ("step rests.y4m", 1, &["grey where the board rested", "step, combined"]),
+    ];
+    for (arguments, figures, words) in proofs {
+        let done = prove(folder.path(), arguments);
+        assert_eq!(done.code, Some(0), "{}", done.stderr);
+        let name = arguments.split(' ').next().unwrap();
+        assert_shown(&browser, &at(&format!("{name}.html")), figures, 1..=4, words);
+    }
+}
+
+const FRAMES: usize = 600;
+
+/// A trial of a board that stands still, as `plumb receive --out` leaves it: 20 s of it.
+fn write_trial(folder: &Path) {
+    let provision = "provision --camera camera.toml --targets targets.toml --udp 127.0.0.1:4210 \
+                     --out still/config.plb";
+    std::fs::create_dir(folder.join("still")).unwrap();
+    let done = plumb(folder, &provision.split_whitespace().collect::<Vec<_>>());
+    assert_eq!(done.code, Some(0), "{}", done.stderr);
+    let manifest = Manifest::begin("2026-01-01T00:00:00Z".into(), None, None, None, Zero::Mark);
+    manifest.write(&folder.join("still")).unwrap();
+    let mut journal = Writer::create(&folder.join("still/packets.bin")).unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut noise = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut random);
+    for frame in 0..FRAMES {
+        let time_ns = (1e9 * frame as f64 / RATE_HZ as f64) as u64;
+        let off = Vector6::from_fn(|axis, _| noise(if axis < 3 { 2e-4 } else { 0.01 }));
+        let theta = upright(600.0).moved_by(&off).theta().map(|it| it as f32);
+        let pose = MeasuredPose {
+            theta_rad: [theta[0], theta[1], theta[2]],
+            translation_mm: [theta[3], theta[4], theta[5]],
+            sd_mm: [0.01; 3],
+            sd_rad: [2e-4; 3],
+            correlations: [0.0; 15],
+            rms_px: 0.05,
+            corners: 30,
+        };
+        let target =
+            TargetPacket { role: Role::Lower, state: TargetState::Tracking, pose: Ok(pose) };
+        let message = Message::Pose(PosePacket {
+            sequence: frame as u32,
+            capture_time_ns: time_ns,
+            instant: MarkedInstant::Recording,
+            latency_us: 4000,
+            targets: [target].into_iter().collect(),
+            upper_trunk: None,
+            lower_trunk: None,
+        });
+        let datagram = encode_datagram(&message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
+        // Each comes twice, as over a bad link.
+        for _ in 0..2 {
+            let content = Content::Raw(Raw::Datagram(datagram.clone()));
+            journal.write(&Entry { host_ns: time_ns, content }).unwrap();
+        }
+    }
+}
+
+#[test]
+fn the_trial_of_a_box_is_a_recording_too() {
+    let folder = folder();
+    write_trial(folder.path());
+    let done = plumb(folder.path(), &["prove", "repeatability", "still"]);
+    assert_eq!(done.code, Some(0), "{}", done.stderr);
+    let found = figures(folder.path(), "repeatability.json");
+    assert_eq!((&found["frames"], &found["frames_in_all"]), (&FRAMES.into(), &FRAMES.into()));
+    for coordinate in found["coordinates"].as_array().unwrap() {
+        // Five standard deviations of what 600 frames give.
+        let ratio = number(&coordinate["noise_over_stated"]["sd"]);
+        assert!((ratio - 1.0).abs() < 5.0 * 0.5 * (3.0 / FRAMES as f64).sqrt(), "{coordinate}");
+    }
+    let done = plumb(folder.path(), &["prove", "distance", "still"]);
+    assert_refused(&done, &["\"shoulder\" is seen in none of 600 frames", "only lumbar is seen"]);
+    std::fs::remove_file(folder.path().join("still/config.plb")).unwrap();
+    let done = plumb(folder.path(), &["prove", "repeatability", "--force", "still"]);
+    assert_refused(&done, &["still/config.plb: the box's configuration", "is not known"]);
 }

@@ -308,13 +308,13 @@ fn body(
     let axis = if found.against.is_some() { "error (mm)" } else { "less the mean (mm)" };
     let bounds: Vec<f64> = limit_mm.map_or_else(|| vec![0.0], |limit_mm| vec![-limit_mm, limit_mm]);
     let errors = plots::of_positions(&shown, axis, &bounds)?;
-    let over = |of: fn(&Position, &Volume) -> f64| -> Vec<(f64, Estimate)> {
-        let at = found.positions.iter().map(|it| of(it, volume));
-        at.zip(shown.iter().copied()).collect()
+    let over = |of: fn(&Position) -> f64| -> Vec<(f64, Estimate)> {
+        found.positions.iter().map(of).zip(shown.iter().copied()).collect()
     };
-    let by_depth = plots::over_length(&over(depth_mm), ["depth (mm)", axis])?;
+    let by_tilt =
+        plots::over_angle(&over(tilt_deg), ["angle to the picture's plane (degrees)", axis])?;
     let by_radius =
-        plots::over_length(&over(off_axis_deg), ["angle to the optical axis (degrees)", axis])?;
+        plots::over_angle(&over(off_axis_deg), ["angle to the optical axis (degrees)", axis])?;
     let directions = Direction::ALL.into_iter().zip(coverage.directions);
     let directions =
         directions.map(|(it, count)| vec![direction(it).to_owned(), count.to_string()]);
@@ -332,10 +332,10 @@ fn body(
         }
         section {
             h2 { "Errors" }
-            div.over-time { (figure(&errors, &format!("{axis} of each position, with U (k = 2)"))) }
+            div.over-time { (figure(&errors, if limit_mm.is_some() { "Each position with U (k = 2), and the limit" } else { "Each position with U (k = 2)" })) }
             div.pair {
-                (figure(&by_depth, "The same over the depth: a slope shows a wrong focal length"))
-                (figure(&by_radius, "The same over the angle to the optical axis: a curve shows a wrong distortion"))
+                (figure(&by_tilt, "The same over the angle of the length to the picture's plane: a rise or a fall shows a wrong focal length, which errs in depth alone"))
+                (figure(&by_radius, "The same over the plate's angle to the optical axis: a curve shows a wrong distortion"))
             }
             (table("All positions, with U (k = 2)", &header.map(str::to_owned), &rows))
         }
@@ -367,11 +367,13 @@ fn middle_mm(position: &Position) -> Vector3<f64> {
     0.5 * (first + second)
 }
 
-fn depth_mm(position: &Position, _: &Volume) -> f64 {
-    middle_mm(position).z
+fn tilt_deg(position: &Position) -> f64 {
+    let [first, second] = position.ends_mm.map(Vector3::from);
+    let between_mm = second - first;
+    (between_mm.z.abs() / between_mm.norm()).asin().to_degrees()
 }
 
-fn off_axis_deg(position: &Position, _: &Volume) -> f64 {
+fn off_axis_deg(position: &Position) -> f64 {
     middle_mm(position).angle(&Vector3::z()).to_degrees()
 }
 

@@ -135,11 +135,20 @@ fn whole_page<R>(recordings: &[Recording], proof: &Proof<'_, R>) -> String {
         section {
             h2 { "Result" }
             ul { @for finding in &proof.findings { li { (finding) } } }
-            p { strong { "Next: " } (proof.next) }
+            p { strong { "Next: " } (with_code(&proof.next)) }
         }
         (proof.body)
     };
     page(proof.title, &places(recordings).join(", "), &body)
+}
+
+/// Text in which what is typed stands in backticks.
+fn with_code(text: &str) -> Markup {
+    html! {
+        @for (at, part) in text.split('`').enumerate() {
+            @if at % 2 == 1 { code { (part) } } @else { (part) }
+        }
+    }
 }
 
 fn json<R: Serialize>(recordings: &[Recording], proof: &Proof<'_, R>) -> Result<String, BadInput> {

@@ -104,11 +104,11 @@ pub fn of_positions(values: &[Estimate], axis: &str, bounds: &[f64]) -> Result<S
     })
 }
 
-/// A value of each position with U, over a length.
+/// A value of each position with U, over an angle.
 ///
 /// # Errors
 /// When it cannot be drawn.
-pub fn over_length(points: &[(f64, Estimate)], names: [&str; 2]) -> Result<String, BadInput> {
+pub fn over_angle(points: &[(f64, Estimate)], names: [&str; 2]) -> Result<String, BadInput> {
     let ends =
         points.iter().flat_map(|(_, it)| [-1.0, 1.0].map(|by| it.value + by * it.expanded()));
     svg(HALF_PX, |root| {

@@ -144,6 +144,10 @@ fn judged(
         "Noise as a multiple of what the poses' own covariance says: {}.",
         each(found, |it| format!("{} {}", it.name, spread(&it.noise_over_stated)))
     ));
+    findings.push(format!(
+        "The same of all that is left when the drift is taken off: {}.",
+        each(found, |it| format!("{} {:.2}", it.name, it.spread_over_stated))
+    ));
     let mut warnings = Vec::new();
     let unseen = recording.frames - board.count();
     if 20 * unseen > recording.frames {
@@ -152,40 +156,35 @@ fn judged(
             counted(recording.frames, "frame")
         ));
     }
-    let positions = || &found.coordinates[..3];
-    let drifting: Vec<&str> = positions()
-        .iter()
-        .filter(|it| it.drift_in_all.is_beyond_chance())
-        .map(|it| it.name)
-        .collect();
-    let off = |bound: fn(&Steadiness) -> bool| -> Vec<&str> {
-        positions().iter().filter(|it| bound(it)).map(|it| it.name).collect()
+    (findings, warnings, next(found))
+}
+
+fn next(found: &Repeatability) -> String {
+    let names = |which: fn(&Steadiness) -> bool| {
+        let positions = found.coordinates[..3].iter().filter(|it| which(it));
+        let names = positions.map(|it| it.name).collect::<Vec<_>>().join(", ");
+        (!names.is_empty()).then_some(names)
     };
-    let understated = off(|it| it.noise_over_stated.interval_95[0] > STATED_GOOD.end);
-    let overstated = off(|it| it.noise_over_stated.interval_95[1] < STATED_GOOD.start);
-    let next = if !understated.is_empty() {
-        format!(
-            "{} varies more than the poses say: look for what shakes the board or the camera, and \
-             for lamps that flicker, and record again.",
-            understated.join(", ")
-        )
-    } else if !drifting.is_empty() {
-        format!(
-            "{} drifts: let the camera warm up for half an hour, check that board and camera are \
-             fixed, and record again.",
-            drifting.join(", ")
-        )
-    } else if !overstated.is_empty() {
-        format!(
-            "{} varies less than the poses say, so their uncertainty is on the safe side: go on \
-             with `plumb prove distance`.",
-            overstated.join(", ")
-        )
-    } else {
-        "nothing moves beyond the noise that the poses state: go on with `plumb prove distance`."
-            .to_owned()
-    };
-    (findings, warnings, next)
+    if let Some(names) = names(|it| it.spread_over_stated > STATED_GOOD.end) {
+        return format!(
+            "more than the poses' own noise is in {names}: look for what shakes the board or the \
+             camera, and for lamps that flicker, and record again."
+        );
+    }
+    if let Some(names) = names(|it| it.drift_in_all.is_beyond_chance()) {
+        return format!(
+            "there is a drift in {names}: let the camera warm up for half an hour, check that board \
+             and camera are fixed, and record again."
+        );
+    }
+    if let Some(names) = names(|it| it.spread_over_stated < STATED_GOOD.start) {
+        return format!(
+            "there is less noise in {names} than the poses say, so that their uncertainty is on the \
+             safe side: go on with `plumb prove distance`."
+        );
+    }
+    "nothing moves beyond the noise that the poses state: go on with `plumb prove distance`."
+        .to_owned()
 }
 
 /// The three positions, joined.
@@ -229,6 +228,7 @@ fn body(sightings: &[Sighting], found: &Repeatability) -> Result<Markup, BadInpu
         "unit",
         "noise of one frame",
         "over what the poses say",
+        "without drift",
         "drift per minute",
         "drift in all",
         "spread",
@@ -253,7 +253,8 @@ fn body(sightings: &[Sighting], found: &Repeatability) -> Result<Markup, BadInpu
                 "turns about the board's axes. Noise: from the differences of successive frames, "
                 "which a drift does not change (von Neumann 1941). Over what the poses say: the same "
                 "differences divided by the standard deviation that the tracker gives with each "
-                "pose; 1 if that is right. Drift: least-squares line; its standard uncertainty goes "
+                "pose; 1 if that is right. Without drift: all that is left when the line is taken off, divided "
+                "likewise; it is larger where errors last for some frames. Drift: least-squares line; its standard uncertainty goes "
                 "by the effective number of residuals, which depend on each other (Bartlett 1946, "
                 "Geyer 1992). Spread: standard deviation of all frames, noise and drift together. "
                 "Allan deviation: of the means of neighbouring parts of the recording, over their "
@@ -271,6 +272,7 @@ fn row(it: &Steadiness) -> Vec<String> {
         it.unit.to_owned(),
         spread(&it.noise),
         spread(&it.noise_over_stated),
+        format!("{:.2}", it.spread_over_stated),
         signed(&it.drift_per_min),
         signed(&it.drift_in_all),
         rounded(it.spread_sd),

@@ -13,6 +13,9 @@ fn decimals(value: f64) -> usize {
 
 /// A number with two significant digits.
 pub fn rounded(value: f64) -> String {
+    if value.abs() < 0.5 * 10_f64.powi(-DECIMALS_MAX) {
+        return "0".to_owned();
+    }
     format!("{value:.*}", decimals(value))
 }
 
@@ -61,7 +64,7 @@ mod tests {
         assert_eq!(signed(&Estimate::new(-0.004, 0.11)), "+0.00 ± 0.22");
         assert_eq!(with_u(&Estimate::new(109.0, 0.058)), "109.00 ± 0.12");
         assert_eq!(with_u(&Estimate::new(1234.5, 60.0)), "1234 ± 120");
-        assert_eq!([0.0213, 12.3, 0.0].map(rounded), ["0.021", "12", "0.00000"]);
+        assert_eq!([0.0213, 12.3, 0.0].map(rounded), ["0.021", "12", "0"]);
         let it = Spread { sd: 0.0213, interval_95: [0.0207, 0.0219] };
         assert_eq!(spread(&it), "0.02130 (0.02070 to 0.02190)");
     }
