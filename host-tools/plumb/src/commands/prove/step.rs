@@ -291,8 +291,8 @@ fn body(
                 "of the groups' means. Noise of a mean: by the effective number of frames (Bartlett "
                 "1946, Geyer 1992). Putting the board down again: the scatter of the places within "
                 "the groups, if there are three degrees of freedom or more; it contains the noise. "
-                "Few values: JCGM 101:2008, 6.4.9. Direction of the normal: the groups' normals bound "
-                "a rectangular distribution. Expanded uncertainties: k = 2 (JCGM 100:2008). Against a "
+                "Few values: JCGM 101:2008, 6.4.9. Direction of the normal: the angle between the groups' "
+                "normals, times the sideways movement. Expanded uncertainties: k = 2 (JCGM 100:2008). Against a "
                 "limit: ISO 14253-1."
             }
         }
