@@ -116,7 +116,7 @@ impl Volume {
         let pixel = self.lens.project(point_mm)?;
         let part = |px: f64, side: u16| {
             let share = (px + 0.5) / f64::from(side);
-            (0.0..1.0).contains(&share).then(|| (share * PARTS as f64) as usize)
+            (0.0..1.0).contains(&share).then_some((share * PARTS as f64) as usize)
         };
         let [near, far] = self.depth_mm;
         let share = ((point_mm.z - near) / (far - near)).clamp(0.0, 1.0);
