@@ -107,7 +107,6 @@ fn record(path: &Path, plate: &Plate, poses: &[Pose<Cam, Target>], frames: usize
             encoder.write_frame(&y4m::Frame::new([&samples, &[], &[]], None)).unwrap();
         }
     }
-    drop(encoder);
     std::fs::write(path, bytes).unwrap();
 }
 

@@ -11,6 +11,7 @@ use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use serde::Serialize;
 
+use super::live::Advice;
 use super::output::{Output, Proof, millimetres};
 use super::source::{Board, Input, Recording};
 use super::words::{rounded, signed, spread, verdict, with_u};
@@ -18,6 +19,8 @@ use super::{picture, plots};
 use crate::ui::page::{figure, table};
 
 const NAME: &str = "distance";
+
+const SHOW_BOTH: &str = "hold the plate so that both boards are wholly in the picture";
 
 /// An error of scale from which the print or the ruler is to be checked, in per cent: a printer
 /// that fits the page is off by more, a good one by less.
@@ -36,6 +39,7 @@ const SCALE_PERCENT: f64 = 0.2;
 /// The page shows which parts of the volume were visited, and where to go next.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
+  plumb prove distance --seconds 300      # the box that sends to this computer
   plumb receive --out moved      # move the plate; end with Ctrl-C
   plumb prove distance moved
   plumb prove distance --length-mm 109.0 --length-max-error-mm 0.2 --limit-mm 0.5 moved
@@ -95,7 +99,7 @@ fn depths(text: &str) -> Result<[f64; 2], String> {
 /// When the recordings cannot be used or show too few positions, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     arguments.output.check(NAME, &arguments.input)?;
-    let recordings = arguments.input.read()?;
+    let recordings = arguments.input.read(|recording| advice(recording, arguments))?;
     let first = &recordings[0];
     let mut pairs = Vec::new();
     let names: [String; 2] = first.pair(arguments.boards.as_ref())?.map(|board| board.name.clone());
@@ -116,10 +120,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     check_length(&found)?;
 
     let ends_mm = ends(&found.positions);
-    let volume = match arguments.depth_mm {
-        Some(depth_mm) => Volume { lens: first.lens, depth_mm },
-        None => Volume::around(first.lens, &ends_mm),
-    };
+    let volume = volume(first, arguments, &ends_mm);
     let coverage = volume.coverage(&ends_mm);
     let judged = found.against.zip(arguments.limit_mm);
     let judged = judged.map(|(it, limit_mm)| Verdict::of(&it.largest_error_mm, limit_mm));
@@ -144,6 +145,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     Ok(judged.is_none_or(|it| it == Verdict::Within))
 }
 
+/// Where to go while the box is watched.
+fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
+    let boards = match recording.pair(arguments.boards.as_ref()) {
+        Err(why) if recording.frames > 0 => return Advice::Do(why.remedy),
+        Err(_) => return Advice::Do(SHOW_BOTH.to_owned()),
+        Ok(boards) => boards,
+    };
+    let Ok(found) = distance(&pairs_of(&boards), None) else {
+        return Advice::Do(
+            "bring the plate to another place, and hold it still for a moment".into(),
+        );
+    };
+    let ends_mm = ends(&found.positions);
+    match volume(recording, arguments, &ends_mm).coverage(&ends_mm).next() {
+        Some(next) => Advice::Do(next.words()),
+        None => Advice::Enough,
+    }
+}
+
+/// The volume that is to be visited.
+fn volume(recording: &Recording, arguments: &Arguments, ends_mm: &[[Vector3<f64>; 2]]) -> Volume {
+    match arguments.depth_mm {
+        Some(depth_mm) => Volume { lens: recording.lens, depth_mm },
+        None => Volume::around(recording.lens, ends_mm),
+    }
+}
+
 /// The frames in which both boards are seen.
 fn pairs_of([first, second]: &[&Board; 2]) -> Vec<Pair> {
     let points_mm = [first, second].map(|it| it.geometry.corner_mm(0));
@@ -165,7 +193,7 @@ fn too_few(
         return BadInput::whole(
             &recording.place,
             format!("{first} and {second} are never seen in the same frame"),
-            "hold the plate so that both boards are wholly in the picture, and record again",
+            format!("{SHOW_BOTH}, and record again"),
         );
     }
     BadInput::whole(

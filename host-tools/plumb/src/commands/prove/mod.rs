@@ -2,6 +2,7 @@
 //! sheet.
 
 mod distance;
+mod live;
 mod output;
 mod picture;
 mod plots;
@@ -12,9 +13,10 @@ mod words;
 
 /// Show how good your own camera, lens and light measure, with nothing but a printed sheet.
 ///
-/// Three proofs, from the easiest to the most telling. Each reads recordings or trials, checks that
-/// what was recorded is what the proof needs, says what to do next, and writes a page that can be
-/// published, with all figures beside it as JSON. Uncertainties are those of the GUM: standard
+/// Three proofs, from the easiest to the most telling. Each reads recordings or trials, or watches
+/// the box that this computer hears and says what to do meanwhile. It checks that what was seen is
+/// what the proof needs, and writes a page that can be published, with all figures beside it as
+/// JSON. Uncertainties are those of the GUM: standard
 /// uncertainties, and expanded ones with k = 2, within which the truth lies in 95 of 100 cases.
 ///
 /// Exit code 0: measured and, if a limit was given, within it; 1: not shown to be within the limit;
@@ -26,13 +28,14 @@ The sheet for all of them:
 Print it at 100 %, do NOT cut it, and glue it to something flat and stiff, such as glass: this is
 the plate. It has two boards, called lumbar and shoulder.
 
-Then, with the box:
-  plumb receive --duration 60 --out still          # the plate stands still
+Then, with the box that sends to this computer:
+  plumb prove repeatability --seconds 60      # the plate stands still
+  plumb prove distance --seconds 300 --length-mm 109.0 --length-max-error-mm 0.2   # move it as you are told
+  plumb prove step --seconds 120 --thickness-mm 10 --thickness-max-error-mm 0.01   # rest it as you are told
+
+Or from trials that `plumb receive --out FOLDER` recorded, or from frames:
   plumb prove repeatability still
-  plumb receive --out moved                        # move the plate through the volume; end with Ctrl-C
-  plumb prove distance --length-mm 109.0 --length-max-error-mm 0.2 moved
-  plumb receive --out block                        # rest it 5 s each, without and with the block, in turn
-  plumb prove step --thickness-mm 10 --thickness-max-error-mm 0.01 block")]
+  plumb prove distance --camera camera.toml --targets targets.toml moved.y4m")]
 pub struct Arguments {
     #[command(subcommand)]
     proof: Proof,

@@ -10,6 +10,7 @@ use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use serde::Serialize;
 
+use super::live::Advice;
 use super::output::{Output, Proof};
 use super::plots;
 use super::source::{Board, Input, Recording};
@@ -29,6 +30,7 @@ const STATED_GOOD: Range<f64> = 0.8..1.25;
 /// If the board moved meanwhile, this says when, and which part of the recording can be used.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
+  plumb prove repeatability --seconds 60      # the box that sends to this computer
   plumb receive --duration 60 --out still
   plumb prove repeatability still
   plumb prove repeatability --from 12 --to 60 --board lumbar --out lumbar.html still
@@ -64,7 +66,7 @@ struct Figures<'a> {
 /// When the recording cannot be used, the board moved, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     arguments.output.check(NAME, &arguments.input)?;
-    let recordings = arguments.input.read()?;
+    let recordings = arguments.input.read(|recording| advice(recording, arguments))?;
     let [recording] = &recordings[..] else {
         return Err(BadInput::whole(
             &recordings[1].place,
@@ -100,6 +102,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         figures: &figures,
     };
     Ok(arguments.output.write(&recordings, &proof)?)
+}
+
+/// What to do while the box is watched.
+fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
+    let quiet = "keep away from board and camera, and leave the room quiet";
+    match recording.board(arguments.board.as_deref()) {
+        // At first no frame has come yet.
+        Err(why) if recording.frames > 0 => Advice::Do(why.remedy),
+        _ => Advice::Do(quiet.to_owned()),
+    }
 }
 
 /// Says when the board moved, if it did.

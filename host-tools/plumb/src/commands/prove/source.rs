@@ -1,10 +1,13 @@
-//! Where a proof's poses come from: recorded frames that the core tracks here, or the trials of a
-//! box.
+//! Where a proof's poses come from: recorded frames that the core tracks here, the trials of a box,
+//! or a box that is watched now.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use plumbline::config::Config;
 use plumbline::lens::Lens;
-use plumbline::packet::MeasuredPose;
+use plumbline::packet::{MeasuredPose, PosePacket};
 use plumbline::pose::Pose;
 use plumbline::report::NoPose;
 use plumbline::target::TargetGeometry;
@@ -15,6 +18,8 @@ use plumbline_files::counting::counted;
 use plumbline_files::frames::FrameSource;
 use plumbline_trial::poses;
 
+use super::live::{self, Advice};
+use crate::arguments::{LinkArguments, seconds};
 use crate::setup::Descriptions;
 use crate::tracking;
 use crate::ui::missing::{self, Missing};
@@ -24,21 +29,33 @@ use crate::ui::progress::Progress;
 #[derive(Debug, clap::Args)]
 pub struct Input {
     /// With frames: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "inputs")]
     camera: Option<PathBuf>,
     /// With frames: the targets file, which describes the boards.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "inputs")]
     targets: Option<PathBuf>,
     /// With frames: their rate; otherwise from the Y4M header, and 30 for images.
-    #[arg(long, value_name = "RATE")]
+    #[arg(long, value_name = "RATE", requires = "inputs")]
     fps: Option<f64>,
     /// With frames: search every image afresh, for photographs that do not follow each other.
-    #[arg(long)]
+    #[arg(long, requires = "inputs")]
     independent: bool,
+    /// Without INPUT: where the box is heard.
+    #[command(flatten)]
+    link: LinkArguments,
+    /// Without INPUT: how long the box is watched at most; Ctrl-C ends it earlier.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        value_parser = seconds,
+        default_value = "60",
+        conflicts_with = "inputs"
+    )]
+    seconds: Duration,
     /// Folders of trials, as `plumb receive --out` makes them; or Y4M videos, each of which is a
-    /// recording; or images, which are one recording together.
-    #[arg(required = true, value_name = "INPUT")]
-    pub inputs: Vec<PathBuf>,
+    /// recording; or images, which are one recording together. Without any, a box is watched.
+    #[arg(value_name = "INPUT", conflicts_with_all = ["udp", "serial"])]
+    inputs: Vec<PathBuf>,
 }
 
 /// One recording.
@@ -112,6 +129,27 @@ impl Board {
 }
 
 impl Recording {
+    /// One without frames, with the camera and the targets of a configuration.
+    pub fn new(place: impl Display, config: &Config) -> Self {
+        Self {
+            place: place.to_string(),
+            lens: config.lens,
+            frames: 0,
+            boards: config.targets.iter().map(|it| Board::new(&it.name, &it.geometry)).collect(),
+        }
+    }
+
+    /// One more frame, as a box has sent it.
+    pub fn take(&mut self, time_s: f64, packet: &PosePacket) {
+        for board in &mut self.boards {
+            let role = board.geometry.role();
+            let sent = packet.targets.iter().find(|it| it.role == role);
+            let pose = sent.map_or(Err(NoPose::Searching), |it| it.pose);
+            board.take(pose.map(|it| sighting(time_s, &it)));
+        }
+        self.frames += 1;
+    }
+
     /// The board of this name or, if none is given, the one that was seen most often.
     ///
     /// # Errors
@@ -189,11 +227,18 @@ impl Input {
         self.inputs.iter().chain(&self.camera).chain(&self.targets)
     }
 
-    /// Reads all recordings.
+    /// Reads all recordings; or makes one of a box that is watched now, during which `advise` is
+    /// asked every second for what the user is to do next.
     ///
     /// # Errors
     /// When one cannot be read, or holds no frames.
-    pub fn read(&self) -> Result<Vec<Recording>, BadInput> {
+    pub fn read(
+        &self,
+        advise: impl FnMut(&Recording) -> Advice,
+    ) -> Result<Vec<Recording>, BadInput> {
+        if self.inputs.is_empty() {
+            return Ok(vec![live::watch(&self.link, self.seconds, advise)?]);
+        }
         let mut recordings = Vec::new();
         for inputs in self.recordings() {
             let recording = match inputs {
@@ -233,12 +278,7 @@ impl Input {
             tracking::pipeline(&camera, &targets, None, &source, &descriptions.places())?;
         let shapes: Vec<_> = config.targets.iter().map(|it| it.geometry.shape()).collect();
         let mut search = self.independent.then(Search::new);
-        let mut recording = Recording {
-            place: files[0].display().to_string(),
-            lens: config.lens,
-            frames: 0,
-            boards: config.targets.iter().map(|it| Board::new(&it.name, &it.geometry)).collect(),
-        };
+        let mut recording = Recording::new(files[0].display(), &config);
         let progress = Progress::new(source.count_hint(), true);
         while let Some(frame) = source.next_frame()? {
             let report = match &mut search {
@@ -264,20 +304,9 @@ impl Input {
 /// The poses that a box has sent.
 fn of_trial(folder: &Path) -> Result<Recording, BadInput> {
     let trial = poses::read(folder)?;
-    let targets = &trial.config.targets;
-    let mut recording = Recording {
-        place: folder.display().to_string(),
-        lens: trial.config.lens,
-        frames: trial.frames.len(),
-        boards: targets.iter().map(|it| Board::new(&it.name, &it.geometry)).collect(),
-    };
+    let mut recording = Recording::new(folder.display(), &trial.config);
     for (time_s, packet) in &trial.frames {
-        for board in &mut recording.boards {
-            let role = board.geometry.role();
-            let sent = packet.targets.iter().find(|it| it.role == role);
-            let pose = sent.map_or(Err(NoPose::Searching), |it| it.pose);
-            board.take(pose.map(|it| sighting(*time_s, &it)));
-        }
+        recording.take(*time_s, packet);
     }
     Ok(recording)
 }

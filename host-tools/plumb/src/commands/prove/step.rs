@@ -13,6 +13,7 @@ use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use serde::Serialize;
 
+use super::live::Advice;
 use super::output::{Output, Proof, millimetres};
 use super::plots;
 use super::source::{Board, Input, Recording};
@@ -20,6 +21,12 @@ use super::words::{rounded, signed, verdict, with_u};
 use crate::ui::page::{figure, table};
 
 const NAME: &str = "step";
+
+/// Rests that a live box waits for: three with and three without the block.
+const RESTS: usize = 6;
+
+/// The length of each, seconds.
+const REST_S: f64 = 3.0;
 
 /// A block shorter than this share of the sideways movement is measured badly.
 const SIDEWAYS_MAX: f64 = 1.0;
@@ -35,6 +42,7 @@ const SIDEWAYS_MAX: f64 = 1.0;
 /// thickness is the difference of both.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
+  plumb prove step --seconds 120      # the box that sends to this computer
   plumb receive --out block     # without, with, without, with the block; end with Ctrl-C
   plumb prove step --thickness-mm 10 --thickness-max-error-mm 0.01 block
   plumb prove step --thickness-mm 10 --thickness-max-error-mm 0.01 --limit-mm 0.05 low high low2 high2
@@ -76,7 +84,7 @@ struct Figures<'a> {
 /// When the recordings cannot be used or show no step, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     arguments.output.check(NAME, &arguments.input)?;
-    let recordings = arguments.input.read()?;
+    let recordings = arguments.input.read(|recording| advice(recording, arguments))?;
     let name = recordings[0].board(arguments.board.as_deref())?.name.clone();
     let boards: Vec<&Board> =
         recordings.iter().map(|it| it.board(Some(&name))).collect::<Result<_, _>>()?;
@@ -111,6 +119,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     };
     arguments.output.write(&recordings, &proof)?;
     Ok(judged.is_none_or(|it| it == Verdict::Within))
+}
+
+/// What to do while the box is watched.
+fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
+    let board = match recording.board(arguments.board.as_deref()) {
+        Err(why) if recording.frames > 0 => return Advice::Do(why.remedy),
+        Err(_) => return Advice::Do("let the board rest without the block".to_owned()),
+        Ok(board) => board,
+    };
+    let sightings = board.sightings();
+    let parts = stillness(&sightings).parts;
+    // As long as it rests it is told to be moved on only when it has rested for long enough.
+    let enough = |part: &Range<usize>| {
+        sightings[part.end - 1].time_s - sightings[part.start].time_s >= REST_S
+    };
+    match parts.iter().filter(|part| enough(part)).count() {
+        RESTS.. => Advice::Enough,
+        rests if parts.len() > rests => {
+            Advice::Do(format!("let the board rest ({rests} of {RESTS})"))
+        }
+        rests => {
+            let block = if rests % 2 == 1 { "with" } else { "without" };
+            Advice::Do(format!(
+                "put the board down {block} the block, and let it rest ({rests} of {RESTS})"
+            ))
+        }
+    }
 }
 
 /// The sightings of all recordings, each beginning a second after the end of the one before.
