@@ -29,9 +29,11 @@ Print it at 100 %, do NOT cut it, and glue it to something flat and stiff, such 
 the plate. It has two boards, called lumbar and shoulder.
 
 Then, with the box that sends to this computer:
-  plumb prove repeatability --seconds 60      # the plate stands still
-  plumb prove distance --seconds 300 --length-mm 109.0 --length-max-error-mm 0.2   # move it as you are told
-  plumb prove step --seconds 120 --thickness-mm 10 --thickness-max-error-mm 0.01   # rest it as you are told
+  plumb prove repeatability --seconds 60         # the plate stands still
+  plumb prove distance --seconds 300 \\
+      --length-mm 109.0 --length-max-error-mm 0.2      # move it as you are told
+  plumb prove step --seconds 120 \\
+      --thickness-mm 10 --thickness-max-error-mm 0.01  # rest it as you are told
 
 Or from trials that `plumb receive --out FOLDER` recorded, or from frames:
   plumb prove repeatability still
