@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, provision, receive, replay, report,
-    scene, show, simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, doctor, export, prove, provision, receive, replay,
+    report, scene, show, simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -38,25 +38,41 @@ enum Command {
     Report(report::Arguments),
     Export(export::Arguments),
     Validate(validate::Arguments),
+    Prove(prove::Arguments),
     Simulate(simulate::SimulateArguments),
 }
 
 /// Exit code for input that cannot be used, the same as clap's for a wrong command line.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code when a check of `plumb doctor` failed.
+/// Exit code when a check of `plumb doctor` failed, or an error is not within the limit that `plumb
+/// prove` was given.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.
 #[must_use]
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
-    let result: anyhow::Result<()> = match &arguments.command {
-        Command::Doctor(arguments) => match doctor::run(arguments) {
-            Ok(true) => Ok(()),
-            Ok(false) => return ExitCode::from(EXIT_FAILED),
-            Err(error) => Err(error),
-        },
+    // Whether all is well; most subcommands check nothing.
+    let result: anyhow::Result<bool> = match &arguments.command {
+        Command::Doctor(arguments) => doctor::run(arguments),
+        Command::Prove(arguments) => prove::run(arguments),
+        command => carry_out(command).map(|()| true),
+    };
+    match result {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(EXIT_FAILED),
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(EXIT_BAD_INPUT)
+        }
+    }
+}
+
+/// Runs a subcommand that succeeds or fails.
+fn carry_out(command: &Command) -> anyhow::Result<()> {
+    match command {
+        Command::Doctor(_) | Command::Prove(_) => unreachable!("these have a result"),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
@@ -74,12 +90,5 @@ pub fn run() -> ExitCode {
         Command::Export(arguments) => export::run(arguments),
         Command::Validate(arguments) => validate::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::from(EXIT_BAD_INPUT)
-        }
     }
 }

@@ -475,3 +475,27 @@ fn a_box_that_refuses_its_configuration_is_quoted_and_takes_another() {
             .says(&["stored, checksum", "the box has restarted with it"]);
     });
 }
+
+#[test]
+fn a_live_box_proves_what_it_sees_and_says_what_to_do() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(PAIR);
+    let _running = bench.start(&board, true);
+    let still = bench.plumb("prove repeatability --udp UDP --seconds 8").exits(0);
+    still.says(&[
+        "ward 3 (PL-0001)",
+        "s left: keep away from board and camera",
+        "Drift per minute",
+    ]);
+    let page = std::fs::read_to_string(bench.path("repeatability.html")).unwrap();
+    assert!(page.contains("ward 3 (PL-0001)"));
+    bench.plumb("prove distance --udp UDP --seconds 3").exits(2).says(&[
+        "s left: bring the plate to another place",
+        "the plate was at 1 position",
+        "at least 10 are needed",
+    ]);
+    bench.plumb("prove step --udp UDP --seconds 5").exits(2).says(&[
+        "put the board down with the block, and let it rest (1 of 6)",
+        "rested at 1 place",
+    ]);
+}

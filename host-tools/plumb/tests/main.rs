@@ -11,6 +11,7 @@ mod expose;
 mod figures;
 mod live_box;
 mod physiology;
+mod prove;
 mod recording;
 mod report_in_browser;
 mod validate;

@@ -83,7 +83,7 @@ fn study_page(folder: &Path) -> PathBuf {
 }
 
 /// The browser, where the page is made on its processor: no page depends on that.
-fn native_browser() -> Option<Browser> {
+pub fn native_browser() -> Option<Browser> {
     if is_emulated() {
         skip(Absent::Emulator, "the pages are the same on every processor");
         return None;
@@ -93,7 +93,7 @@ fn native_browser() -> Option<Browser> {
 
 /// Opens a page with so many figures, prints it on so many sheets and looks for words on them.
 #[track_caller]
-fn assert_shown(
+pub fn assert_shown(
     browser: &Browser,
     page: &Path,
     figures: usize,

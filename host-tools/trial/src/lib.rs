@@ -19,6 +19,7 @@ pub mod manifest;
 pub mod mark;
 pub mod markers;
 pub mod points;
+pub mod poses;
 pub mod positions;
 pub mod reading;
 pub mod recording;

@@ -27,7 +27,7 @@ use super::names;
 use super::run::Run;
 
 /// A recording that has gone wrong must not fill the memory. Ten hours at 200 Hz.
-const FRAMES_MAX: usize = 7_200_000;
+pub(crate) const FRAMES_MAX: usize = 7_200_000;
 
 /// A trunk point in one frame, along the body's axes: AP, ML, SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -144,11 +144,7 @@ impl Trial {
         while let Some(entry) = reader.next_entry()? {
             builder.take(entry);
             if builder.frames.len() > FRAMES_MAX {
-                return Err(BadInput::whole(
-                    folder.join(names::JOURNAL).display(),
-                    format!("more than {FRAMES_MAX} frames"),
-                    "no trial is so long: check what was recorded",
-                ));
+                return Err(too_long(folder));
             }
         }
         if manifest.state == State::Recording {
@@ -176,7 +172,20 @@ impl Trial {
     }
 }
 
-fn read_config(folder: &Path, warnings: &mut Vec<String>) -> Result<Option<Config>, BadInput> {
+/// The error for more than [`FRAMES_MAX`] frames.
+pub(crate) fn too_long(folder: &Path) -> BadInput {
+    BadInput::whole(
+        folder.join(names::JOURNAL).display(),
+        format!("more than {FRAMES_MAX} frames"),
+        "no trial is so long: check what was recorded",
+    )
+}
+
+/// The box's configuration, if it is in the folder and can be used; a warning says why it is not.
+pub(crate) fn read_config(
+    folder: &Path,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Config>, BadInput> {
     let path = folder.join(names::CONFIG);
     let blob = match std::fs::read(&path) {
         Ok(blob) => blob,

@@ -1,5 +1,5 @@
-//! Upper tails of the normal, t, F and chi-squared distributions, and quantiles of the normal and
-//! t distributions.
+//! Upper tails of the normal, t, F and chi-squared distributions, and quantiles of the normal, t
+//! and chi-squared distributions.
 //!
 //! Tails keep their relative precision far out, where the cumulative function is 1: 1e-11 for F and
 //! t with up to thousands of degrees of freedom, 5e-13 for the others, down to 1e-300
@@ -9,7 +9,7 @@
 
 use std::f64::consts::SQRT_2;
 
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 use statrs::function::beta::beta_reg;
 use statrs::function::gamma::gamma_ur;
 
@@ -93,6 +93,17 @@ pub fn t_quantile(p: f64, df: f64) -> f64 {
     })
 }
 
+/// The p quantile of the chi-squared distribution.
+///
+/// # Panics
+/// When `p` is not between 0 and 1, or `df` is not positive and finite.
+#[must_use]
+pub fn chi_squared_quantile(p: f64, df: f64) -> f64 {
+    assert!(p > 0.0 && p < 1.0);
+    let distribution = ChiSquared::new(df).expect("positive degrees of freedom");
+    polished(distribution.inverse_cdf(p), 1.0 - p, |x| chi_squared_upper(x, df))
+}
+
 /// A quantile of a distribution symmetric about 0, from the quantile by upper tails of at most one
 /// half.
 fn symmetric_quantile(p: f64, upper_quantile: impl Fn(f64) -> f64) -> f64 {
@@ -128,6 +139,19 @@ mod tests {
         assert_eq!((f_upper(far, 2.0, 7.0), chi_squared_upper(far, 3.0)), (0.0, 0.0));
         assert_eq!((t_upper(far, 7.0), t_upper(-far, 7.0), normal_upper(far)), (0.0, 1.0, 0.0));
         assert_eq!((normal_quantile(0.5), t_quantile(0.5, 3.0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn quantiles_of_chi_squared_are_where_its_tail_says() {
+        for df in [1.0, 2.0, 9.0, 66.7, 5000.0] {
+            for p in [0.025, 0.5, 0.975] {
+                let tail = chi_squared_upper(chi_squared_quantile(p, df), df);
+                // Ten digits of the tail.
+                assert!((tail - (1.0 - p)).abs() < 1e-10, "{df}, {p}: {tail}");
+            }
+        }
+        // With two degrees of freedom it is -2 ln(1 - p).
+        assert!((chi_squared_quantile(0.975, 2.0) + 2.0 * 0.025_f64.ln()).abs() < 1e-9);
     }
 
     #[test]

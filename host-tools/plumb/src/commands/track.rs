@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use plumbline::config::Config;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::GridRejection;
@@ -23,6 +22,7 @@ use plumbline_files::{camera, refuse_overwriting};
 use crate::setup::Descriptions;
 use crate::tracking;
 use crate::ui::draw;
+use crate::ui::progress::Progress;
 
 /// Track the targets in recorded frames and write their poses.
 ///
@@ -74,9 +74,6 @@ pub struct Arguments {
     inputs: Vec<PathBuf>,
 }
 
-/// A shorter run needs no progress bar.
-const PROGRESS_AFTER: Duration = Duration::from_millis(700);
-
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -105,7 +102,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .map_err(|error| BadInput::io(directory.display(), &error))?;
     }
     let mut summary = Summary::new(&config);
-    let progress = Progress::new(source.count_hint(), arguments.out.is_some());
+    // Rows on the same terminal would tear the bar apart.
+    let is_shown = arguments.out.is_some() || !std::io::stdout().is_terminal();
+    let progress = Progress::new(source.count_hint(), is_shown);
     let outcome =
         track(arguments, &config, &mut source, &mut pipeline, &mut rows, &mut |report, time| {
             summary.add(report, time);
@@ -196,49 +195,6 @@ fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item
             None => row,
         }
     })
-}
-
-/// Shown on a terminal only, and only when the work takes long.
-struct Progress {
-    bar: ProgressBar,
-    started: Instant,
-}
-
-impl Progress {
-    fn new(frames: Option<u64>, to_file: bool) -> Self {
-        let bar = match frames {
-            Some(frames) => ProgressBar::new(frames)
-                .with_style(style("tracking {wide_bar} {pos}/{len} frames, {eta} left")),
-            None => ProgressBar::no_length()
-                .with_style(style("tracking {spinner} {pos} frames, {per_sec}")),
-        };
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-        let progress = Self { bar, started: Instant::now() };
-        // Rows on the same terminal would tear the bar apart.
-        if !to_file && std::io::stdout().is_terminal() {
-            progress.bar.finish();
-        }
-        progress
-    }
-
-    fn advance(&self) {
-        self.bar.inc(1);
-        if self.bar.is_hidden()
-            && !self.bar.is_finished()
-            && self.started.elapsed() > PROGRESS_AFTER
-        {
-            // Hides itself when standard error is no terminal.
-            self.bar.set_draw_target(ProgressDrawTarget::stderr());
-        }
-    }
-
-    fn finish(&self) {
-        self.bar.finish_and_clear();
-    }
-}
-
-fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).expect("a template that is right")
 }
 
 /// Why there is no pose when a target's columns or rows are wrong.

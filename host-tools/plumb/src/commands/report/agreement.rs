@@ -3,8 +3,8 @@
 use maud::{Markup, html};
 use plumbline_files::BadInput;
 
-use super::page::{annotated, facts, figure};
 use crate::agreement::{Validation, plot, print};
+use crate::ui::page::{annotated, facts, figure};
 
 /// The section of a trial that was compared with a reference.
 ///

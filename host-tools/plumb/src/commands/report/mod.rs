@@ -18,7 +18,6 @@ use crate::budget::Conditions;
 mod agreement;
 mod budget;
 mod labels;
-mod page;
 mod plots;
 mod study;
 mod trial;

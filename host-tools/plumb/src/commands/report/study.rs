@@ -7,8 +7,8 @@ use plumbline_study::inference::COMPARED;
 use plumbline_study::tables::PaperTable;
 use plumbline_trial::points::point_name;
 
-use super::page::{annotated, facts, figure, page, warnings};
 use super::plots::{self, Scale};
+use crate::ui::page::{annotated, facts, figure, page, warnings};
 
 /// The page of a study.
 ///

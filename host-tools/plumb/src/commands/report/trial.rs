@@ -13,9 +13,9 @@ use plumbline_study::grid::digits;
 use plumbline_trial::Trial;
 use plumbline_trial::points::{Point, Points, point_name};
 
-use super::page::{annotated, facts, figure, key, page, table, warnings};
 use super::plots::{self, Event};
 use crate::arguments::method::Method;
+use crate::ui::page::{annotated, facts, figure, key, page, table, warnings};
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;

@@ -1,0 +1,435 @@
+//! Two boards on one plate: the distance between two of their points is the same wherever the plate
+//! is, and whatever its measured values do is the error of the measurement.
+//!
+//! After the idea of VDI/VDE 2634 part 1 (length measurement error): the plate is brought to many
+//! positions all over the volume; at each the length is measured, and the largest error counts. A
+//! *position* here is whatever frames have the plate at nearly the same place and in nearly the
+//! same direction. The plate need not stand still, so that it can be held in the hands.
+//!
+//! The error of a position has the standard uncertainty of the noise of its mean, combined with
+//! that of the known length. Without a known length only the scatter of the positions is known: an
+//! error that is the same everywhere, as of a print that is not true to scale, cannot be seen.
+//! Noise that lasts for longer than the plate is at a position counts as an error of the position:
+//! it is in the scatter, and not in the uncertainty of the single error.
+
+use nalgebra::Vector3;
+use plumbline::pose::{Cam, Pose, Target};
+use plumbline_analysis::agreement::effective::effective_samples;
+use serde::Serialize;
+
+use crate::sighting::Sighting;
+use crate::uncertainty::{Estimate, Spread, combined, mean};
+use crate::volume::Direction;
+
+/// Fewer positions say nothing about a volume.
+pub const POSITIONS_MIN: usize = 10;
+
+/// Frames belong to one position as long as the plate is within this share of its distance from
+/// the camera: a thirtieth of a wide picture.
+const PLACE_SHARE: f64 = 0.03;
+
+/// And turned by no more than this.
+const TURN_DEG: f64 = 8.0;
+
+/// The scatter of frames about their positions' means is used if it has so many degrees of
+/// freedom; otherwise, as for single photographs, what the tracker says of each frame.
+const SCATTER_FREEDOM_MIN: usize = 20;
+
+/// Both boards in one frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Pair {
+    ends_mm: [Vector3<f64>; 2],
+    /// The first board's pose, for the plate's direction.
+    cam_from_first: Pose<Cam, Target>,
+    distance_mm: f64,
+    /// The variance of the distance, as the tracker says.
+    variance_mm2: f64,
+}
+
+impl Pair {
+    /// From two boards, each with the point from which, or to which, the length is measured.
+    #[must_use]
+    pub fn of(boards: [&Sighting; 2], points_mm: &[Vector3<f64>; 2]) -> Self {
+        let points = [0, 1].map(|at| boards[at].point(&points_mm[at]));
+        let ends_mm = points.map(|it| it.position_mm);
+        let between_mm = ends_mm[1] - ends_mm[0];
+        let along = between_mm.normalize();
+        let covariance_mm2 = points[0].covariance_mm2 + points[1].covariance_mm2;
+        Self {
+            ends_mm,
+            cam_from_first: boards[0].cam_from_board,
+            distance_mm: between_mm.norm(),
+            variance_mm2: along.dot(&(covariance_mm2 * along)),
+        }
+    }
+
+    fn middle_mm(&self) -> Vector3<f64> {
+        0.5 * (self.ends_mm[0] + self.ends_mm[1])
+    }
+
+    fn is_near(&self, other: &Self) -> bool {
+        let apart_mm = (self.middle_mm() - other.middle_mm()).norm();
+        let turn = self.cam_from_first.rotation.transpose() * other.cam_from_first.rotation;
+        let cosine = 0.5 * (turn.trace() - 1.0);
+        apart_mm <= PLACE_SHARE * other.middle_mm().norm() && cosine >= TURN_DEG.to_radians().cos()
+    }
+}
+
+/// The plate at one position.
+#[derive(Debug, Clone, Serialize)]
+pub struct Position {
+    /// The two points, in the camera's frame: means of the frames.
+    pub ends_mm: [[f64; 3]; 2],
+    /// The direction of the length.
+    pub direction: Direction,
+    /// Frames at this position.
+    pub frames: usize,
+    /// The mean distance; its uncertainty is that of noise alone.
+    pub distance_mm: Estimate,
+    /// The distance less the known length, if that is known.
+    pub error_mm: Option<Estimate>,
+}
+
+/// What a plate that was moved through the volume shows.
+#[derive(Debug, Clone, Serialize)]
+pub struct Distance {
+    /// Frames that show both boards.
+    pub frames: usize,
+    /// The positions, in the order in which they were first visited.
+    pub positions: Vec<Position>,
+    /// The noise of the distance in one frame: standard deviation.
+    pub noise_sd_mm: f64,
+    /// The mean of the positions' distances.
+    pub mean_mm: Estimate,
+    /// The scatter of the positions' distances.
+    pub scatter_mm: Spread,
+    /// From the smallest to the largest of them.
+    pub range_mm: f64,
+    /// Against the known length, if that is known.
+    pub against: Option<Against>,
+}
+
+/// Errors against a known length.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Against {
+    /// The known length.
+    pub length_mm: Estimate,
+    /// The mean error.
+    pub mean_error_mm: Estimate,
+    /// The mean error in per cent of the length: an error of scale.
+    pub scale_error_percent: Estimate,
+    /// The error that is farthest from 0.
+    pub largest_error_mm: Estimate,
+    /// Which position has it.
+    pub largest_at: usize,
+}
+
+/// Measures the errors of a length.
+///
+/// # Errors
+/// With fewer than [`POSITIONS_MIN`] positions; gives their number.
+pub fn distance(pairs: &[Pair], length_mm: Option<Estimate>) -> Result<Distance, usize> {
+    let groups = groups(pairs);
+    if groups.len() < POSITIONS_MIN {
+        return Err(groups.len());
+    }
+    let noise = Noise::of(&groups);
+    let positions: Vec<Position> =
+        groups.iter().map(|group| noise.position(group, length_mm)).collect();
+    let distances: Vec<f64> = positions.iter().map(|it| it.distance_mm.value).collect();
+    let mean_mm = Estimate::mean_of_independent(&distances);
+    let ends = |start: f64, pick: fn(f64, f64) -> f64| distances.iter().copied().fold(start, pick);
+    Ok(Distance {
+        frames: pairs.len(),
+        noise_sd_mm: noise.sd_mm,
+        mean_mm,
+        scatter_mm: Spread::of(&distances),
+        range_mm: ends(f64::NEG_INFINITY, f64::max) - ends(f64::INFINITY, f64::min),
+        against: length_mm.map(|length_mm| against(length_mm, mean_mm, &positions)),
+        positions,
+    })
+}
+
+fn against(length_mm: Estimate, mean_mm: Estimate, positions: &[Position]) -> Against {
+    let mean_error_mm = mean_mm.minus(length_mm);
+    let errors = || positions.iter().filter_map(|it| it.error_mm).enumerate();
+    let size = |it: &(usize, Estimate)| it.1.value.abs();
+    let (largest_at, largest_error_mm) = errors()
+        .max_by(|a, b| size(a).total_cmp(&size(b)))
+        .expect("every position has an error where the length is known");
+    Against {
+        length_mm,
+        mean_error_mm,
+        scale_error_percent: mean_error_mm.times(100.0 / length_mm.value),
+        largest_error_mm,
+        largest_at,
+    }
+}
+
+/// The frames of each position: each frame joins the first position whose first frame it is near.
+fn groups(pairs: &[Pair]) -> Vec<Vec<&Pair>> {
+    let mut groups: Vec<Vec<&Pair>> = Vec::new();
+    for pair in pairs {
+        match groups.iter_mut().find(|group| pair.is_near(group[0])) {
+            Some(group) => group.push(pair),
+            None => groups.push(vec![pair]),
+        }
+    }
+    groups
+}
+
+/// The noise of the distance in one frame.
+struct Noise {
+    sd_mm: f64,
+    /// Frames per independent one.
+    dependence: f64,
+}
+
+impl Noise {
+    fn of(groups: &[Vec<&Pair>]) -> Self {
+        let frames: usize = groups.iter().map(Vec::len).sum();
+        let freedom = frames - groups.len();
+        if freedom < SCATTER_FREEDOM_MIN {
+            let variances_mm2 = groups.iter().flatten().map(|pair| pair.variance_mm2);
+            let sd_mm = (variances_mm2.sum::<f64>() / frames as f64).max(0.0).sqrt();
+            return Self { sd_mm, dependence: 1.0 };
+        }
+        let residuals: Vec<Vec<f64>> = groups
+            .iter()
+            .map(|group| {
+                let distances = distances(group);
+                let mean = mean(&distances);
+                distances.iter().map(|it| it - mean).collect()
+            })
+            .collect();
+        let squares: f64 = residuals.iter().flatten().map(|it| it * it).sum();
+        Self {
+            sd_mm: (squares / freedom as f64).sqrt(),
+            dependence: frames as f64 / effective_samples(&residuals),
+        }
+    }
+
+    fn position(&self, group: &[&Pair], length_mm: Option<Estimate>) -> Position {
+        let count = group.len() as f64;
+        let independent = (count / self.dependence).max(1.0);
+        let distance_mm = Estimate::new(mean(&distances(group)), self.sd_mm / independent.sqrt());
+        let end = |at: usize| group.iter().map(|it| it.ends_mm[at]).sum::<Vector3<f64>>() / count;
+        let ends_mm = [end(0), end(1)];
+        Position {
+            ends_mm: ends_mm.map(Into::into),
+            direction: Direction::of(&ends_mm),
+            frames: group.len(),
+            distance_mm,
+            error_mm: length_mm.map(|length_mm| distance_mm.minus(length_mm)),
+        }
+    }
+}
+
+fn distances(group: &[&Pair]) -> Vec<f64> {
+    group.iter().map(|it| it.distance_mm).collect()
+}
+
+/// The standard uncertainty of a length that was read from a ruler or a caliper, from the largest
+/// error that the reading may have: a rectangular distribution.
+#[must_use]
+pub fn standard_of_reading(largest_error_mm: f64) -> f64 {
+    combined([largest_error_mm / 3_f64.sqrt()])
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector6;
+
+    use super::*;
+    use crate::testing::{COVERED_OF_1000, NOISE, RATE_HZ, Random};
+
+    const LENGTH_MM: f64 = 120.0;
+    const POSITIONS: usize = 20;
+    const FRAMES: usize = 15;
+    /// How well the user knows the length: a caliper, and the eye.
+    const READING_MM: f64 = 0.02;
+    /// All lengths are too large by this share, as with a wrong pitch.
+    const SCALE: f64 = 0.001;
+    /// How much the error differs from one position to the next, as by a wrong lens.
+    const FIELD_MM: f64 = 0.05;
+
+    const POINTS_MM: [Vector3<f64>; 2] =
+        [Vector3::new(-24.0, -18.0, 0.0), Vector3::new(-20.0, 15.0, 0.0)];
+
+    /// The second board's pose on the first one, when the points are this far apart.
+    fn first_from_second(length_mm: f64) -> Pose<Target, Target> {
+        let turn_rad = [0.0, 0.0, 0.3, 0.0, 0.0, 0.0];
+        let turned = Pose::<Target, Target>::from_theta(turn_rad).rotation;
+        let along = Vector3::new(0.96, 0.28, 0.0);
+        Pose::new(turned, POINTS_MM[0] + length_mm * along - turned * POINTS_MM[1])
+    }
+
+    /// Where a plate is held: anywhere in the volume, turned by up to 30 degrees.
+    fn held(random: &mut Random) -> Pose<Cam, Target> {
+        let mut within = |half: f64| half * (random.normal()).clamp(-1.0, 1.0);
+        let turn_rad = [within(3.0), within(0.5), within(0.5)];
+        let place_mm = [within(200.0), within(150.0), 900.0 + within(250.0)];
+        Pose::from_theta([
+            turn_rad[0],
+            turn_rad[1],
+            turn_rad[2],
+            place_mm[0],
+            place_mm[1],
+            place_mm[2],
+        ])
+    }
+
+    /// A plate in the hands: it trembles by some tenths of a millimetre. The errors of the length
+    /// at the positions are given.
+    fn session(random: &mut Random, errors_mm: &[f64]) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for error_mm in errors_mm {
+            let place = held(random);
+            for _ in 0..FRAMES {
+                let tremor = Vector6::from_fn(|axis, _| {
+                    [1e-3, 0.3][usize::from(axis >= 3)] * random.normal()
+                });
+                let first = place.moved_by(&tremor);
+                let second = first * first_from_second(LENGTH_MM + error_mm);
+                let time_s = pairs.len() as f64 / RATE_HZ;
+                let boards = [random.sighting(time_s, &first), random.sighting(time_s, &second)];
+                pairs.push(Pair::of([&boards[0], &boards[1]], &POINTS_MM));
+            }
+        }
+        pairs
+    }
+
+    fn errors_mm(random: &mut Random) -> Vec<f64> {
+        (0..POSITIONS).map(|_| SCALE * LENGTH_MM + FIELD_MM * random.normal()).collect()
+    }
+
+    #[test]
+    fn what_is_said_of_lengths_is_true_in_95_of_100_sessions() {
+        let mut random = Random::new(1);
+        let mut covered = [0; 6];
+        for _ in 0..1000 {
+            let errors_mm = errors_mm(&mut random);
+            let pairs = session(&mut random, &errors_mm);
+            let read = Estimate::new(LENGTH_MM + READING_MM * random.normal(), READING_MM);
+            let found = distance(&pairs, Some(read)).unwrap();
+            let against = found.against.unwrap();
+            let error_mm = |at: usize| found.positions[at].error_mm.unwrap();
+            let facts = [
+                against.mean_error_mm.covers(SCALE * LENGTH_MM),
+                against.scale_error_percent.covers(100.0 * SCALE),
+                found.scatter_mm.covers(FIELD_MM),
+                // All places are apart, or else the groups would not be those of the truth.
+                found.positions.len() < POSITIONS || error_mm(0).covers(errors_mm[0]),
+                found.positions.len() < POSITIONS
+                    || found.positions[1].distance_mm.covers(LENGTH_MM + errors_mm[1]),
+                found.positions.len() < POSITIONS
+                    || against.largest_error_mm.covers(errors_mm[against.largest_at]),
+            ];
+            for (covered, fact) in covered.iter_mut().zip(facts) {
+                *covered += usize::from(fact);
+            }
+        }
+        for (at, covered) in covered.iter().enumerate() {
+            assert!(COVERED_OF_1000.contains(covered), "fact {at}: {covered}, of {covered:?}");
+        }
+    }
+
+    /// Of noise that lasts for some frames the mean of a position keeps more than of white noise:
+    /// with phi = 0.3 nearly twice the variance, without which U would hold in 86 of 100 cases. Of
+    /// that, positions of 15 frames show a little too little: 92 of 100, less three standard
+    /// deviations of 0.9.
+    #[test]
+    fn a_mean_is_no_surer_than_noise_that_lasts_allows() {
+        let mut random = Random::new(6);
+        let mut covered = 0;
+        for _ in 0..1000 {
+            let mut pairs = session(&mut random, &[0.0; POSITIONS]);
+            for frames in pairs.chunks_mut(FRAMES) {
+                for (pair, error) in frames.iter_mut().zip(random.process(FRAMES, 0.3)) {
+                    pair.distance_mm = LENGTH_MM + 0.1 * error;
+                }
+            }
+            let found = distance(&pairs, None).unwrap();
+            covered += usize::from(found.positions[0].distance_mm.covers(LENGTH_MM));
+        }
+        assert!(covered >= 893, "{covered}");
+    }
+
+    #[test]
+    fn a_plate_that_turns_in_its_place_is_at_another_position() {
+        let mut random = Random::new(7);
+        let place = Pose::from_theta([0.1, 0.2, 0.3, 20.0, -10.0, 900.0]);
+        let mut pair = |turn_deg: f64| {
+            let turn_rad = Vector6::new(0.0, turn_deg.to_radians(), 0.0, 0.0, 0.0, 0.0);
+            let board = random.sighting(0.0, &place.moved_by(&turn_rad));
+            // Both points on one board, so that its middle stays where it is.
+            Pair::of([&board, &board], &[Vector3::x() * 20.0, Vector3::x() * -20.0])
+        };
+        let pairs = [0.0, 3.0, 12.0, 15.0, -12.0].map(&mut pair);
+        let frames: Vec<usize> = groups(&pairs).iter().map(Vec::len).collect();
+        assert_eq!(frames, [2, 2, 1]);
+    }
+
+    #[test]
+    fn the_largest_error_may_be_negative() {
+        let mut random = Random::new(8);
+        let mut errors_mm = [0.1; POSITIONS];
+        errors_mm[7] = -0.5;
+        let pairs = session(&mut random, &errors_mm);
+        let against = distance(&pairs, Some(Estimate::new(LENGTH_MM, 1e-3))).unwrap().against;
+        let largest_mm = against.unwrap().largest_error_mm;
+        assert!(largest_mm.covers(-0.5) && !largest_mm.covers(-0.4), "{largest_mm:?}");
+    }
+
+    #[test]
+    fn a_plate_that_trembles_is_at_one_position() {
+        let mut random = Random::new(2);
+        let pairs = session(&mut random, &[0.0; POSITIONS]);
+        let found = distance(&pairs, None).unwrap();
+        assert_eq!(found.frames, POSITIONS * FRAMES);
+        let frames: usize = found.positions.iter().map(|it| it.frames).sum();
+        assert_eq!(frames, POSITIONS * FRAMES);
+        assert!(found.positions.len() >= POSITIONS - 2, "{}", found.positions.len());
+        assert!(found.against.is_none() && found.positions[0].error_mm.is_none());
+        // Without errors the positions scatter by the noise of their means.
+        let expected_mm = found.noise_sd_mm / (FRAMES as f64).sqrt();
+        assert!(found.scatter_mm.covers(expected_mm), "{:?} {expected_mm}", found.scatter_mm);
+    }
+
+    /// Of single photographs the tracker's own covariance tells the noise: that of two boards, and
+    /// of their levers.
+    #[test]
+    fn single_photographs_have_the_noise_that_their_covariance_says() {
+        let mut random = Random::new(3);
+        let place = held(&mut random);
+        let pair = |random: &mut Random| {
+            let second = place * first_from_second(LENGTH_MM);
+            let boards = [random.sighting(0.0, &place), random.sighting(0.0, &second)];
+            Pair::of([&boards[0], &boards[1]], &POINTS_MM)
+        };
+        let pairs: Vec<Pair> = (0..2000).map(|_| pair(&mut random)).collect();
+        let found = Spread::of(&pairs.iter().map(|it| it.distance_mm).collect::<Vec<_>>());
+        let stated_mm = pairs[0].variance_mm2.sqrt();
+        assert!(found.covers(stated_mm), "{found:?} {stated_mm}");
+        assert!(stated_mm > NOISE[3]);
+
+        let photographs: Vec<Pair> =
+            session(&mut random, &[0.0; POSITIONS]).into_iter().step_by(FRAMES).collect();
+        let found = distance(&photographs, None).unwrap();
+        let variance_mm2 = photographs.iter().map(|it| it.variance_mm2).sum::<f64>();
+        assert!((found.noise_sd_mm.powi(2) - variance_mm2 / POSITIONS as f64).abs() < 1e-12);
+    }
+
+    #[test]
+    fn too_few_positions_are_counted() {
+        let mut random = Random::new(4);
+        let pairs = session(&mut random, &[0.0; 3]);
+        assert_eq!(distance(&pairs, None).unwrap_err(), 3);
+        assert_eq!(distance(&[], None).unwrap_err(), 0);
+    }
+
+    #[test]
+    fn a_reading_that_may_be_off_by_a_millimetre_has_this_uncertainty() {
+        assert!((standard_of_reading(1.0) - 0.577).abs() < 1e-3);
+    }
+}

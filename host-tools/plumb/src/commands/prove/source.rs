@@ -1,0 +1,322 @@
+//! Where a proof's poses come from: recorded frames that the core tracks here, the trials of a box,
+//! or a box that is watched now.
+
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use plumbline::config::Config;
+use plumbline::lens::Lens;
+use plumbline::packet::{MeasuredPose, PosePacket};
+use plumbline::pose::Pose;
+use plumbline::report::NoPose;
+use plumbline::target::TargetGeometry;
+use plumbline_calibration::Search;
+use plumbline_evidence::sighting::Sighting;
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_files::frames::FrameSource;
+use plumbline_trial::poses;
+
+use super::live::{self, Advice};
+use crate::arguments::{LinkArguments, seconds};
+use crate::setup::Descriptions;
+use crate::tracking;
+use crate::ui::missing::{self, Missing};
+use crate::ui::progress::Progress;
+
+/// What a proof is made from.
+#[derive(Debug, clap::Args)]
+pub struct Input {
+    /// With frames: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
+    #[arg(long, value_name = "FILE", requires = "inputs")]
+    camera: Option<PathBuf>,
+    /// With frames: the targets file, which describes the boards.
+    #[arg(long, value_name = "FILE", requires = "inputs")]
+    targets: Option<PathBuf>,
+    /// With frames: their rate; otherwise from the Y4M header, and 30 for images.
+    #[arg(long, value_name = "RATE", requires = "inputs")]
+    fps: Option<f64>,
+    /// With frames: search every image afresh, for photographs that do not follow each other.
+    #[arg(long, requires = "inputs")]
+    independent: bool,
+    /// Without INPUT: where the box is heard.
+    #[command(flatten)]
+    link: LinkArguments,
+    /// Without INPUT: how long the box is watched at most; Ctrl-C ends it earlier.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        value_parser = seconds,
+        default_value = "60",
+        conflicts_with = "inputs"
+    )]
+    seconds: Duration,
+    /// Folders of trials, as `plumb receive --out` makes them; or Y4M videos, each of which is a
+    /// recording; or images, which are one recording together. Without any, a box is watched.
+    #[arg(value_name = "INPUT", conflicts_with_all = ["udp", "serial"])]
+    inputs: Vec<PathBuf>,
+}
+
+/// One recording.
+pub struct Recording {
+    /// Its name.
+    pub place: String,
+    /// Its camera.
+    pub lens: Lens,
+    /// The number of its frames.
+    pub frames: usize,
+    /// The boards that were looked for.
+    pub boards: Vec<Board>,
+}
+
+/// A board in a recording.
+pub struct Board {
+    /// Its name.
+    pub name: String,
+    /// Its geometry.
+    pub geometry: TargetGeometry,
+    /// In each frame: seen, or not.
+    pub seen: Vec<Option<Sighting>>,
+    /// Frames without a pose, by the reason.
+    without: Vec<(NoPose, usize)>,
+}
+
+impl Board {
+    fn new(name: &str, geometry: &TargetGeometry) -> Self {
+        Self {
+            name: name.to_owned(),
+            geometry: geometry.clone(),
+            seen: Vec::new(),
+            without: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, found: Result<Sighting, NoPose>) {
+        if let Err(why) = found {
+            match self.without.iter_mut().find(|(known, _)| *known == why) {
+                Some((_, frames)) => *frames += 1,
+                None => self.without.push((why, 1)),
+            }
+        }
+        self.seen.push(found.ok());
+    }
+
+    /// The frames in which it was seen.
+    #[must_use]
+    pub fn sightings(&self) -> Vec<Sighting> {
+        self.seen.iter().flatten().copied().collect()
+    }
+
+    /// The number of them.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.seen.iter().flatten().count()
+    }
+
+    /// Why it was not seen in most of the other frames, and what to do.
+    fn trouble(&self, is_other_seen: bool) -> (String, &'static str) {
+        let longer = "record for longer";
+        match missing::most(self.without.iter().copied()) {
+            Some((why, frames)) => {
+                let missing = Missing::new(why, is_other_seen);
+                let words = format!("{} in {frames}", missing.words());
+                (words, missing.remedy().unwrap_or(longer))
+            }
+            None => ("no frame".to_owned(), longer),
+        }
+    }
+}
+
+impl Recording {
+    /// One without frames, with the camera and the targets of a configuration.
+    pub fn new(place: impl Display, config: &Config) -> Self {
+        Self {
+            place: place.to_string(),
+            lens: config.lens,
+            frames: 0,
+            boards: config.targets.iter().map(|it| Board::new(&it.name, &it.geometry)).collect(),
+        }
+    }
+
+    /// One more frame, as a box has sent it.
+    pub fn take(&mut self, time_s: f64, packet: &PosePacket) {
+        for board in &mut self.boards {
+            let role = board.geometry.role();
+            let sent = packet.targets.iter().find(|it| it.role == role);
+            let pose = sent.map_or(Err(NoPose::Searching), |it| it.pose);
+            board.take(pose.map(|it| sighting(time_s, &it)));
+        }
+        self.frames += 1;
+    }
+
+    /// The board of this name or, if none is given, the one that was seen most often.
+    ///
+    /// # Errors
+    /// When there is none of this name, or it was never seen.
+    pub fn board(&self, name: Option<&str>) -> Result<&Board, BadInput> {
+        let board = match name {
+            Some(name) => self.named(name)?,
+            None => self.by_sightings()[0],
+        };
+        if board.count() == 0 { Err(self.not_seen(board)) } else { Ok(board) }
+    }
+
+    /// The two boards of these names or, if none are given, those that were seen most often.
+    ///
+    /// # Errors
+    /// When there are no two, or one of them was never seen.
+    pub fn pair(&self, names: Option<&[String; 2]>) -> Result<[&Board; 2], BadInput> {
+        let boards = match names {
+            Some(names) => names.iter().map(|it| self.named(it)).collect::<Result<Vec<_>, _>>()?,
+            None => self.by_sightings(),
+        };
+        let [first, second, ..] = boards[..] else {
+            return Err(BadInput::whole(
+                &self.place,
+                format!("only one board, {:?}, is looked for, and two are needed", boards[0].name),
+                "describe both boards of the plate in the targets file: `plumb target --standard` \
+                 prints two, and writes it",
+            ));
+        };
+        for board in [first, second] {
+            if board.count() == 0 {
+                return Err(self.not_seen(board));
+            }
+        }
+        Ok([first, second])
+    }
+
+    fn named(&self, name: &str) -> Result<&Board, BadInput> {
+        self.boards.iter().find(|it| it.name == name).ok_or_else(|| {
+            let names: Vec<&str> = self.boards.iter().map(|it| it.name.as_str()).collect();
+            let found = format!("no board is called {name:?}");
+            BadInput::whole(&self.place, found, format!("give one of {}", names.join(", ")))
+        })
+    }
+
+    fn by_sightings(&self) -> Vec<&Board> {
+        let mut boards: Vec<&Board> = self.boards.iter().collect();
+        boards.sort_by_key(|it| std::cmp::Reverse(it.count()));
+        boards
+    }
+
+    fn not_seen(&self, board: &Board) -> BadInput {
+        let others: Vec<&str> =
+            self.boards.iter().filter(|it| it.count() > 0).map(|it| it.name.as_str()).collect();
+        let (why, remedy) = board.trouble(!others.is_empty());
+        let seen = match others.is_empty() {
+            true => String::new(),
+            false => format!("; only {} is seen", others.join(" and ")),
+        };
+        BadInput::whole(
+            &self.place,
+            format!(
+                "the board {:?} is seen in none of {} ({why}){seen}",
+                board.name,
+                counted(self.frames, "frame")
+            ),
+            remedy,
+        )
+    }
+}
+
+impl Input {
+    /// The files that are read, for outputs that must not overwrite them.
+    pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
+        self.inputs.iter().chain(&self.camera).chain(&self.targets)
+    }
+
+    /// Reads all recordings; or makes one of a box that is watched now, during which `advise` is
+    /// asked every second for what the user is to do next.
+    ///
+    /// # Errors
+    /// When one cannot be read, or holds no frames.
+    pub fn read(
+        &self,
+        advise: impl FnMut(&Recording) -> Advice,
+    ) -> Result<Vec<Recording>, BadInput> {
+        if self.inputs.is_empty() {
+            return Ok(vec![live::watch(&self.link, self.seconds, advise)?]);
+        }
+        let mut recordings = Vec::new();
+        for inputs in self.recordings() {
+            let recording = match inputs {
+                [folder] if folder.is_dir() => of_trial(folder)?,
+                files => self.of_files(files)?,
+            };
+            if recording.frames == 0 {
+                let remedy = "record again, and check with `plumb doctor` that frames come";
+                return Err(BadInput::whole(&recording.place, "there are no frames in it", remedy));
+            }
+            recordings.push(recording);
+        }
+        Ok(recordings)
+    }
+
+    /// The inputs of each recording: a folder, a video, or images that follow each other.
+    fn recordings(&self) -> impl Iterator<Item = &[PathBuf]> {
+        let is_image = |path: &Path| {
+            let extension = path.extension().map(|it| it.to_ascii_lowercase());
+            !path.is_dir() && extension.is_some_and(|it| it != "y4m")
+        };
+        self.inputs.chunk_by(move |a, b| is_image(a) && is_image(b))
+    }
+
+    fn of_files(&self, files: &[PathBuf]) -> Result<Recording, BadInput> {
+        let (Some(camera), Some(targets)) = (&self.camera, &self.targets) else {
+            return Err(BadInput::whole(
+                files[0].display(),
+                "frames need --camera and --targets",
+                "give both files; or give the folder of a trial, which has them",
+            ));
+        };
+        let descriptions = Descriptions::of(camera, targets, None);
+        let (camera, targets, _) = descriptions.read()?;
+        let mut source = FrameSource::open(files, self.fps)?;
+        let (config, mut pipeline) =
+            tracking::pipeline(&camera, &targets, None, &source, &descriptions.places())?;
+        let shapes: Vec<_> = config.targets.iter().map(|it| it.geometry.shape()).collect();
+        let mut search = self.independent.then(Search::new);
+        let mut recording = Recording::new(files[0].display(), &config);
+        let progress = Progress::new(source.count_hint(), true);
+        while let Some(frame) = source.next_frame()? {
+            let report = match &mut search {
+                Some(search) => tracking::step_alone(&mut pipeline, search, &shapes, &frame),
+                None => tracking::step(&mut pipeline, &frame),
+            };
+            let time_s = 1e-9 * report.capture_time_ns as f64;
+            for (board, found) in recording.boards.iter_mut().zip(&report.targets) {
+                board.take(found.measurement.map(|it| Sighting {
+                    time_s,
+                    cam_from_board: it.cam_from_target,
+                    covariance: it.covariance,
+                }));
+            }
+            recording.frames += 1;
+            progress.advance();
+        }
+        progress.finish();
+        Ok(recording)
+    }
+}
+
+/// The poses that a box has sent.
+fn of_trial(folder: &Path) -> Result<Recording, BadInput> {
+    let trial = poses::read(folder)?;
+    let mut recording = Recording::new(folder.display(), &trial.config);
+    for (time_s, packet) in &trial.frames {
+        recording.take(*time_s, packet);
+    }
+    Ok(recording)
+}
+
+fn sighting(time_s: f64, pose: &MeasuredPose) -> Sighting {
+    let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
+    let [x, y, z] = pose.translation_mm.map(f64::from);
+    Sighting {
+        time_s,
+        cam_from_board: Pose::from_theta([theta1, theta2, theta3, x, y, z]),
+        covariance: pose.covariance(),
+    }
+}

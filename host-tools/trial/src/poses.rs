@@ -1,0 +1,71 @@
+//! The poses of a trial's targets, as the box sent them. [`Trial`](crate::Trial) has the points of
+//! the body that are made from them.
+
+use std::path::Path;
+
+use plumbline::config::Config;
+use plumbline::packet::{Deframer, Message, PosePacket};
+use plumbline_files::BadInput;
+use plumbline_stream::accounting::{Accounting, Arrival};
+use plumbline_stream::recorder::SessionClock;
+
+use crate::journal::{Content, Reader};
+use crate::names;
+use crate::reading::{self, FRAMES_MAX};
+
+/// The poses of a recording.
+#[derive(Debug, Clone)]
+pub struct Poses {
+    /// What the box was told: its lens and its targets.
+    pub config: Config,
+    /// Time since the trial's first frame in seconds, and what the box sent of it; in the order of
+    /// the times.
+    pub frames: Vec<(f64, PosePacket)>,
+}
+
+/// Reads the poses in a trial's folder; packets that came twice count once.
+///
+/// # Errors
+/// When there is no trial in it, it cannot be read, or the box's configuration is not in it.
+pub fn read(folder: &Path) -> Result<Poses, BadInput> {
+    let mut warnings = Vec::new();
+    let Some(config) = reading::read_config(folder, &mut warnings)? else {
+        return Err(BadInput::whole(
+            folder.join(names::CONFIG).display(),
+            "the box's configuration, which describes its camera and its targets, is not known",
+            "record the trial anew with `plumb receive --out`, while the box answers",
+        ));
+    };
+    let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
+    let mut accounting = Accounting::default();
+    let mut clock = SessionClock::default();
+    let mut deframer = Deframer::new();
+    let mut frames = Vec::new();
+    while let Some(entry) = reader.next_entry()? {
+        let Content::Raw(raw) = entry.content else { continue };
+        match raw.decode(&mut deframer) {
+            Ok(Message::Hello(hello)) => {
+                accounting.hello(hello.boot_id);
+            }
+            Ok(Message::Health(health)) => {
+                accounting.uptime(health.uptime_ms);
+            }
+            Ok(Message::Pose(packet)) => {
+                match accounting.pose(packet.sequence, packet.capture_time_ns) {
+                    Arrival::Repeated => continue,
+                    Arrival::NewSession => {
+                        clock.start_session(packet.capture_time_ns, entry.host_ns);
+                    }
+                    Arrival::New { .. } | Arrival::Late => {}
+                }
+                frames.push((clock.time_s(packet.capture_time_ns), packet));
+            }
+            _ => {}
+        }
+        if frames.len() > FRAMES_MAX {
+            return Err(reading::too_long(folder));
+        }
+    }
+    frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(Poses { config, frames })
+}
