@@ -88,6 +88,7 @@
 //!     device: String::new(),
 //!     serial_number: String::new(),
 //!     lens,
+//!     readout_ns: 0,
 //!     targets,
 //!     cam_from_scene_theta: None,
 //!     links: Links::default(),

@@ -84,6 +84,7 @@ impl Booth {
             device: heapless::String::new(),
             serial_number: heapless::String::new(),
             lens,
+            readout_ns: 0,
             targets: [TargetConfig { name, geometry }].into_iter().collect(),
             cam_from_scene_theta: None,
             links: Links::default(),

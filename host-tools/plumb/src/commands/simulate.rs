@@ -231,7 +231,8 @@ fn describe(
 ) -> Result<(), BadInput> {
     let source = format!("plumb simulate, seed {}: exact", simulation.settings().seed);
     let provenance = Provenance { source: Some(source.clone()), ..Provenance::default() };
-    camera::write(camera_path, &Camera { lens: *simulation.camera(), provenance })?;
+    let camera = Camera { lens: *simulation.camera(), readout_ns: 0, provenance };
+    camera::write(camera_path, &camera)?;
     let descriptions: Vec<_> = simulation
         .targets()
         .iter()

@@ -16,6 +16,7 @@ impl Simulation {
             device: "simulation".try_into().expect("a short name"),
             serial_number: heapless::String::new(),
             lens: *self.camera(),
+            readout_ns: 0,
             targets: targets.collect(),
             cam_from_scene_theta: Some(self.cam_from_scene().theta()),
             links: Links::default(),
