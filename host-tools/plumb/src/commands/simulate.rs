@@ -231,7 +231,8 @@ fn describe(
 ) -> Result<(), BadInput> {
     let source = format!("plumb simulate, seed {}: exact", simulation.settings().seed);
     let provenance = Provenance { source: Some(source.clone()), ..Provenance::default() };
-    let camera = Camera { lens: *simulation.camera(), readout_ns: 0, provenance };
+    let camera =
+        Camera { lens: *simulation.camera(), readout_ns: simulation.readout_ns(), provenance };
     camera::write(camera_path, &camera)?;
     let descriptions: Vec<_> = simulation
         .targets()
@@ -390,6 +391,8 @@ mod tests {
             ..Default::default()
         };
         let simulation = Simulation::new(&settings).unwrap();
+        let camera = camera::read(&directory.path().join("camera.toml")).unwrap();
+        assert_eq!(camera.readout_ns, -16_000_000);
         let rows = poses::read(&directory.path().join("truth.csv")).unwrap();
         for (row, target) in rows[2..].iter().zip(simulation.truth(1).targets) {
             assert_eq!(row.time_s, target.time_s);
