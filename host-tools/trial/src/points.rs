@@ -19,8 +19,11 @@ use crate::{Trial, manifest::EventSeen};
 pub struct Point {
     /// `lower`, `upper`, or `point` of a table.
     pub name: String,
-    /// Its positions.
+    /// Its positions, each at its own time.
     pub series: Series,
+    /// The time of each sample's frame, which all points in it have in common; with a rolling
+    /// shutter the samples themselves are later.
+    pub frame_time_s: Vec<f64>,
     /// Their noise, where it is known.
     pub noise: Option<Noise>,
 }
@@ -60,7 +63,12 @@ impl Points {
     /// When it cannot be read.
     pub fn of_table(table: &Table) -> Result<Self, BadInput> {
         let positions = table.read()?;
-        let point = Point { name: "point".to_owned(), series: positions.series, noise: None };
+        let point = Point {
+            name: "point".to_owned(),
+            frame_time_s: positions.series.time_s().to_vec(),
+            series: positions.series,
+            noise: None,
+        };
         Ok(Self {
             place: table.path.display().to_string(),
             points: vec![point],
@@ -113,10 +121,13 @@ impl Points {
         let (zero_s, zero) = zero_of(trial, &points, zero, &place)?;
         let mut shifted = Vec::new();
         for point in points {
-            let time_s = point.series.time_s().iter().map(|time_s| time_s - zero_s).collect();
-            let series = point.series.at_times(time_s);
+            let since_zero =
+                |time_s: &[f64]| time_s.iter().map(|time_s| time_s - zero_s).collect::<Vec<_>>();
+            let own_s = since_zero(point.series.time_s());
+            let series = point.series.at_times(own_s);
             shifted.push(Point {
                 series: series.map_err(|error| BadInput::whole(&place, error, "report it"))?,
+                frame_time_s: since_zero(&point.frame_time_s),
                 ..point
             });
         }
@@ -157,17 +168,18 @@ fn zero_of(
 
 /// A trunk's positions, and warnings about them.
 fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
-    let mut time_s: Vec<f64> = Vec::new();
+    let [mut time_s, mut frame_time_s] = [const { Vec::<f64>::new() }; 2];
     let mut position_mm: [Vec<f64>; 3] = Default::default();
     let mut covariances: Vec<Option<Matrix3<f64>>> = Vec::new();
     let mut repeated = 0;
     for frame in frames {
         let Some(point) = frame.point(trunk) else { continue };
-        if time_s.last().is_some_and(|last| *last >= frame.time_s) {
+        if time_s.last().is_some_and(|last| *last >= point.time_s) {
             repeated += 1;
             continue;
         }
-        time_s.push(frame.time_s);
+        time_s.push(point.time_s);
+        frame_time_s.push(frame.time_s);
         for (values, position) in position_mm.iter_mut().zip(point.position_mm) {
             values.push(position);
         }
@@ -186,5 +198,5 @@ fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
         doubts.push(format!("its uncertainty is not known: {error}"));
         None
     });
-    Some((Point { name: trunk.word().to_owned(), series, noise }, doubts))
+    Some((Point { name: trunk.word().to_owned(), series, frame_time_s, noise }, doubts))
 }

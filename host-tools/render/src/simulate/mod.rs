@@ -70,8 +70,8 @@ pub struct SimulationSettings {
     /// 0.2 is 10 % more and 10 % less.
     pub gradient: f64,
     /// The time from the exposure of the first row to that of the row below the last one, negative
-    /// if the sensor is read from the bottom to the top; 0 for a global shutter. Row y is exposed
-    /// at the frame's time plus this times y over the number of rows.
+    /// if the sensor is read from the bottom to the top; 0 for a global shutter. The row that is read
+    /// first is exposed at the frame's time.
     pub readout_ms: f64,
     /// How the person sways.
     pub sway: SwaySettings,
@@ -257,10 +257,12 @@ impl Simulation {
         frame as f64 / self.settings.frame_rate_hz
     }
 
-    /// When row `y` of a frame is exposed.
+    /// When row `y` of a frame is exposed: at the frame's time if it is read first.
     fn row_time_s(&self, frame: u64, y: f64) -> f64 {
         let readout_s = self.settings.readout_ms * 1e-3;
-        self.frame_time_s(frame) + y / f64::from(self.camera.height_px) * readout_s
+        let rows = f64::from(self.camera.height_px);
+        let first = if readout_s < 0.0 { rows - 1.0 } else { 0.0 };
+        self.frame_time_s(frame) + (y - first) / rows * readout_s
     }
 
     /// What is in front of the camera at an instant.
