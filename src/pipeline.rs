@@ -208,6 +208,7 @@ impl Pipeline {
 
     /// Measures a frame that stands for itself, from what the caller's search has found: for each
     /// target its grid, or why there is none. Targets beyond the end of `found` are not measured.
+    /// One frame does not tell a velocity: with a rolling shutter the targets should stand still.
     pub fn step_found<P: Pixel>(
         &mut self,
         frame: &GreyImage<'_, P>,
