@@ -67,9 +67,9 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "AP,ML,SI", value_parser = three_numbers, default_value = "0,0,0")]
     drift_mm_s: [f64; 3],
     /// A rolling shutter: milliseconds from the exposure of the first row to that of the row below
-    /// the last one, negative if the sensor is read from the bottom to the top. Row y is exposed at
-    /// the frame's time plus this times y over the number of rows, and shows the person at that
-    /// instant; truth.csv has each target's pose at the time of the row of its centre
+    /// the last one, negative if the sensor is read from the bottom to the top. The row that is
+    /// read first is exposed at the frame's time; each row shows the person at its own instant;
+    /// truth.csv has each target's pose at the time of the row of its centre
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     readout_ms: f64,
     /// How much brighter the right edge is than the left one, relative to the middle
@@ -396,8 +396,8 @@ mod tests {
         let rows = poses::read(&directory.path().join("truth.csv")).unwrap();
         for (row, target) in rows[2..].iter().zip(simulation.truth(1).targets) {
             assert_eq!(row.time_s, target.time_s);
-            // Earlier than the first row, which is read last.
-            assert!((1.0 / 60.0 - 0.016..1.0 / 60.0).contains(&row.time_s), "{}", row.time_s);
+            // Later than the bottom row, which is read first.
+            assert!((1.0 / 60.0..1.0 / 60.0 + 0.016).contains(&row.time_s), "{}", row.time_s);
         }
         let wrong = ["simulate", "--out", "-", "--drift-mm-s", "1,2"];
         let refused = Line::try_parse_from(wrong).map(|_| ()).unwrap_err().to_string();

@@ -550,7 +550,7 @@ mod tests {
 
     #[test]
     fn the_truth_of_a_target_is_that_of_the_row_of_its_centre() {
-        for readout_ms in [16.0, -16.0] {
+        for (readout_ms, first) in [(16.0, 0.0), (-16.0, 1087.0)] {
             let drift_mm_s = [0.0, 0.0, 200.0];
             let settings = SimulationSettings { readout_ms, drift_mm_s, ..still() };
             let simulation = Simulation::new(&settings).unwrap();
@@ -558,7 +558,7 @@ mod tests {
             for (target, rest) in simulation.truth(3).targets.iter().zip(&rest.targets) {
                 let centre = target.cam_from_target.translation_mm;
                 let y = simulation.camera().project(&centre).unwrap().y;
-                let exposed_s = 3.0 / 60.0 + y / 1088.0 * readout_ms * 1e-3;
+                let exposed_s = 3.0 / 60.0 + (y - first) / 1088.0 * readout_ms * 1e-3;
                 assert!((target.time_s - exposed_s).abs() < 1e-11, "{}", target.time_s);
                 let risen_mm = target.trunk_point.si_mm - rest.trunk_point.si_mm;
                 assert!((risen_mm - 200.0 * exposed_s).abs() < 1e-8, "{risen_mm}");
