@@ -244,6 +244,9 @@ impl Pipeline {
     }
 
     /// What follows from the targets' outcomes: their next states, and the report.
+    ///
+    /// Never inlined: what it needs would stay on the stack during a search.
+    #[inline(never)]
     fn finish(&mut self, capture_time_ns: u64) -> Report {
         let camera = Camera { lens: &self.lens, shutter: self.shutter, time_ns: capture_time_ns };
         for track in &mut self.tracks {
@@ -287,6 +290,9 @@ impl Pipeline {
     }
 
     /// Measures the targets whose motion is known.
+    ///
+    /// Never inlined: what it needs would stay on the stack during a search.
+    #[inline(never)]
     fn measure_tracked<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) {
         let camera = Camera { lens: &self.lens, shutter: self.shutter, time_ns };
         for track in &mut self.tracks {

@@ -80,6 +80,7 @@ pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
 ]);
 
 /// One message, in either direction.
+#[expect(clippy::large_enum_variant, reason = "there is no heap on which to put the pose")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Message {
     /// One frame's result.
