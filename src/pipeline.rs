@@ -316,6 +316,9 @@ impl Pipeline {
     }
 
     /// Continues the search, and measures the targets that it has found.
+    ///
+    /// Never inlined: what it needs would stay on the stack during tracking.
+    #[inline(never)]
     fn search_missing<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) {
         let missing = self.tracks.iter().filter(|track| track.outcome.is_err()).count();
         if missing == 0 {
