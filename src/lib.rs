@@ -14,7 +14,7 @@
 //! are its modules, in the order in which they work.
 //!
 //! ```text
-//!  model     image, lens, lens_table, target, pose, scene, config: what is given
+//!  model     image, lens, lens_table, shutter, target, pose, motion, scene, config: what is given
 //!
 //!                        frame, time
 //!                             │
@@ -26,14 +26,14 @@
 //!            corner: its corners         │
 //!            grid: numbered grids        │
 //!                   │                    ▼
-//!  follow           │            track: the pose expected at this time
+//!  follow           │            track: the pose expected when its rows are read
 //!                   ▼                    │
 //!  fit       measure::rough, planar:     │
 //!            a first pose                │
 //!                   └─────────┬──────────┘
 //!                             ▼
 //!            measure::workspace: from that pose to an accepted one, by
-//!              nodes          where it puts the grid's lines in the frame
+//!              nodes          where it puts the grid's lines in the frame, row by row
 //!              edge::locate   each edge, coarsely, where the target may have moved far
 //!              edge::fit      each edge, fitted to all pixels beside it
 //!              solve          the pose and its covariance, fitted to all edges
@@ -88,6 +88,7 @@
 //!     device: String::new(),
 //!     serial_number: String::new(),
 //!     lens,
+//!     readout_ns: 0,
 //!     targets,
 //!     cam_from_scene_theta: None,
 //!     links: Links::default(),
@@ -117,7 +118,8 @@
 //! | transforms | destination first: `cam_from_target` takes target coordinates to camera coordinates, and `cam_from_target * target_from_x` chains by adjacent words |
 //! | Euler angles | the paper's: R = Rz(theta1) Ry(theta2) Rx(theta3) |
 //! | units | millimetres, radians, nanoseconds, pixels; names end in `_mm _rad _ns _px` |
-//! | time stamp | nanoseconds of the capture clock; each packet says which instant of the exposure it marks |
+//! | time stamp | nanoseconds of the capture clock: the middle of the exposure of the row that is read first, where the camera tells it; each packet says which instant it is |
+//! | a target's own time | later than that by the delay of the middle row of its picture (`delay_ns`; 0 with a global shutter); its pose, and the trunk point that follows from it, are of this instant |
 //!
 //! A target's axes and its indices, drawn for a 3 x 2 grid (INNER corners are
 //! counted; the square up and left of corner 0 is black):

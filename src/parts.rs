@@ -10,10 +10,11 @@ pub use crate::find::search::{Area, Goal, Grids, Search};
 pub use crate::fit::edge::{
     Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,
 };
-pub use crate::fit::measure::{Fitted, MeasureFailure, View, Workspace, mirror_image};
+pub use crate::fit::measure::{Fitted, MeasureFailure, Rolling, View, Workspace, mirror_image};
 pub use crate::fit::nodes::{Chord, Direction, Edge, Node, Nodes, Square, points_mm};
 pub use crate::fit::planar::SeenCorner;
 pub use crate::fit::solve::{
     Inliers, Observations, Solution, SolveFailure, by_increment, robust_cost_after_step, solve,
 };
-pub use crate::follow::track::Motion;
+pub use crate::model::motion::Motion;
+pub use crate::model::shutter::Shutter;

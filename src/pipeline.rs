@@ -11,14 +11,16 @@ use crate::find::corner::Corner;
 use crate::find::grid::{Grid, GridRejection};
 use crate::find::search::{Area, Goal, Search};
 use crate::fit::edge::Appearance;
-use crate::fit::measure::{Measurement, View, Workspace, extent_is_certain};
+use crate::fit::measure::{Measurement, Rolling, View, Workspace, delay_ns, extent_is_certain};
 use crate::follow::region::region;
 use crate::follow::track::State;
 use crate::limits::TARGETS_MAX;
 use crate::model::config::{Config, ConfigError};
 use crate::model::image::{GreyImage, Pixel};
 use crate::model::lens_table::LensTable;
+use crate::model::pose::{Cam, Pose, Target};
 use crate::model::scene::SceneFrame;
+use crate::model::shutter::Shutter;
 use crate::model::target::GridShape;
 use crate::model::target::{Role, TargetGeometry};
 use crate::tell::report::{NoPose, Report, TargetReport, TargetState};
@@ -41,6 +43,7 @@ struct Track {
 pub struct Pipeline {
     /// That of no lens until configured.
     lens: LensTable,
+    shutter: Shutter,
     scene: Option<SceneFrame>,
     tracks: Vec<Track, TARGETS_MAX>,
     search: Search,
@@ -60,18 +63,71 @@ pub struct FoundTarget<'a> {
     pub corners: &'a [Corner],
 }
 
+/// What all targets of a frame have in common.
+#[derive(Clone, Copy)]
+struct Camera<'a> {
+    lens: &'a LensTable,
+    shutter: Shutter,
+    /// The frame's time.
+    time_ns: u64,
+}
+
 impl Track {
+    /// What is looked at in a frame.
+    fn view<'a, P: Pixel>(
+        &'a self,
+        frame: &'a GreyImage<'a, P>,
+        camera: &Camera<'a>,
+        first_square_dark: bool,
+    ) -> View<'a, P> {
+        let Camera { lens, shutter, time_ns } = *camera;
+        let rolling = Rolling { shutter, time_ns, motion: self.state.motion() };
+        View {
+            image: frame,
+            lens,
+            target: &self.geometry,
+            first_square_dark,
+            rolling: (!shutter.is_global()).then_some(rolling),
+        }
+    }
+
+    /// When a target at a pose is exposed.
+    fn time_ns(&self, camera: &Camera<'_>, cam_from_target: &Pose<Cam, Target>) -> u64 {
+        let Camera { lens, shutter, time_ns } = camera;
+        let delay_ns = delay_ns(shutter, lens, &self.geometry, cam_from_target);
+        time_ns.saturating_add(delay_ns.into())
+    }
+
+    /// When the target is exposed, as far as that is known before it is measured.
+    fn expected_time_ns(&self, camera: &Camera<'_>) -> u64 {
+        self.state.motion().map_or(camera.time_ns, |motion| {
+            // The row changes by a few from frame to frame, and the time by some 0.1 ms.
+            self.time_ns(camera, &motion.cam_from_target)
+        })
+    }
+
+    /// The state after a frame.
+    fn next_state(&self, camera: &Camera<'_>) -> State {
+        match &self.outcome {
+            Ok(found) => {
+                let time_ns = camera.time_ns.saturating_add(found.delay_ns.into());
+                self.state.next(Some(found.cam_from_target), time_ns)
+            }
+            Err(_) => self.state.next(None, self.expected_time_ns(camera)),
+        }
+    }
+
     /// Measures the target from a grid.
     #[inline(never)]
     fn acquire<P: Pixel>(
         &mut self,
         workspace: &mut Workspace,
-        lens: &LensTable,
         frame: &GreyImage<'_, P>,
+        camera: &Camera<'_>,
         found: &FoundTarget<'_>,
     ) {
         let first_square_dark = found.grid.first_square_dark;
-        let view = View { image: frame, lens, target: &self.geometry, first_square_dark };
+        let view = self.view(frame, camera, first_square_dark);
         let fitted = workspace.acquire(&view, found.grid, found.corners);
         self.outcome = fitted.map_err(NoPose::from).map(|fitted| {
             // A rejected grid must not change what is known of a coasting target.
@@ -88,6 +144,7 @@ impl Pipeline {
     pub const fn new() -> Self {
         Self {
             lens: LensTable::new(),
+            shutter: Shutter::GLOBAL,
             scene: None,
             tracks: Vec::new(),
             search: Search::new(),
@@ -107,6 +164,7 @@ impl Pipeline {
         self.tracks.clear();
         config.check()?;
         self.lens.fill(&config.lens)?;
+        self.shutter = Shutter::new(config.readout_ns, config.lens.height_px);
         self.scene = config.cam_from_scene().map(SceneFrame::new);
         for target in &config.targets {
             let track = Track {
@@ -136,7 +194,8 @@ impl Pipeline {
 
     /// Measures one frame.
     ///
-    /// `capture_time_ns` is the frame's time on the capture clock; only differences matter.
+    /// `capture_time_ns` is the middle of the exposure of the row that was read first, on the
+    /// capture clock; only differences matter.
     pub fn step<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
         if lens_fits(&self.lens, frame) {
             self.measure_tracked(frame, capture_time_ns);
@@ -149,6 +208,7 @@ impl Pipeline {
 
     /// Measures a frame that stands for itself, from what the caller's search has found: for each
     /// target its grid, or why there is none. Targets beyond the end of `found` are not measured.
+    /// One frame does not tell a velocity: with a rolling shutter the targets should stand still.
     pub fn step_found<P: Pixel>(
         &mut self,
         frame: &GreyImage<'_, P>,
@@ -160,7 +220,12 @@ impl Pipeline {
             for (index, track) in self.tracks.iter_mut().enumerate() {
                 match found.get(index) {
                     Some(Ok(found)) => {
-                        track.acquire(&mut self.workspace, &self.lens, frame, found);
+                        let camera = Camera {
+                            lens: &self.lens,
+                            shutter: self.shutter,
+                            time_ns: capture_time_ns,
+                        };
+                        track.acquire(&mut self.workspace, frame, &camera, found);
                     }
                     Some(Err(rejection)) => track.outcome = Err(NoPose::NotFound(*rejection)),
                     None => track.outcome = Err(NoPose::Searching),
@@ -179,10 +244,13 @@ impl Pipeline {
     }
 
     /// What follows from the targets' outcomes: their next states, and the report.
+    ///
+    /// Never inlined: what it needs would stay on the stack during a search.
+    #[inline(never)]
     fn finish(&mut self, capture_time_ns: u64) -> Report {
+        let camera = Camera { lens: &self.lens, shutter: self.shutter, time_ns: capture_time_ns };
         for track in &mut self.tracks {
-            let measured = track.outcome.as_ref().ok().map(|found| found.cam_from_target);
-            track.state = track.state.next(measured, capture_time_ns);
+            track.state = track.next_state(&camera);
         }
         let report = self.report(capture_time_ns);
         self.sequence = self.sequence.wrapping_add(1);
@@ -204,6 +272,8 @@ impl Pipeline {
                 lens,
                 target: &track.geometry,
                 first_square_dark: track.first_square_dark,
+                // A deformation by less than a pixel does not change how bright the squares are.
+                rolling: None,
             };
             let nodes = workspace.nodes(&view, &measured.cam_from_target)?;
             let squares = squares(frame, nodes, view.first_square_dark)?;
@@ -220,18 +290,18 @@ impl Pipeline {
     }
 
     /// Measures the targets whose motion is known.
+    ///
+    /// Never inlined: what it needs would stay on the stack during a search.
+    #[inline(never)]
     fn measure_tracked<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) {
+        let camera = Camera { lens: &self.lens, shutter: self.shutter, time_ns };
         for track in &mut self.tracks {
             let Some(motion) = track.state.motion() else {
                 track.outcome = Err(NoPose::Searching);
                 continue;
             };
-            let view = View {
-                image: frame,
-                lens: &self.lens,
-                target: &track.geometry,
-                first_square_dark: track.first_square_dark,
-            };
+            let time_ns = track.expected_time_ns(&camera);
+            let view = track.view(frame, &camera, track.first_square_dark);
             let fitted = self.workspace.track(&view, &motion.predict(time_ns), track.appearance);
             track.outcome = fitted.map_err(NoPose::from).and_then(|fitted| {
                 let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
@@ -246,6 +316,9 @@ impl Pipeline {
     }
 
     /// Continues the search, and measures the targets that it has found.
+    ///
+    /// Never inlined: what it needs would stay on the stack during tracking.
+    #[inline(never)]
     fn search_missing<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, time_ns: u64) {
         let missing = self.tracks.iter().filter(|track| track.outcome.is_err()).count();
         if missing == 0 {
@@ -271,6 +344,7 @@ impl Pipeline {
         let grids = self.search.grids(frame, &wanted);
         let dropped = self.search.corners().dropped();
         self.corners_dropped = self.corners_dropped.saturating_add(dropped);
+        let camera = Camera { lens: &self.lens, shutter: self.shutter, time_ns };
         for (index, (track, grid)) in self.tracks.iter_mut().zip(&grids).enumerate() {
             // A region may cut through another target, and says nothing about that one.
             let searched_for = goal.is_none_or(|goal| match goal {
@@ -283,7 +357,7 @@ impl Pipeline {
             match grid {
                 Ok(grid) => {
                     let found = FoundTarget { grid, corners: self.search.corners().as_slice() };
-                    track.acquire(&mut self.workspace, &self.lens, frame, &found);
+                    track.acquire(&mut self.workspace, frame, &camera, &found);
                 }
                 // A coasting target keeps the reason why its edges gave no pose.
                 Err(rejection) if track.state == State::Acquiring => {

@@ -219,6 +219,7 @@ fn pipeline() -> Box<Pipeline> {
             device: heapless::String::new(),
             serial_number: heapless::String::new(),
             lens: LENS,
+            readout_ns: 0,
             targets: configured,
             cam_from_scene_theta: None,
             links: Links::default(),

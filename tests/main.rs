@@ -10,4 +10,5 @@ mod photographs_grid;
 mod precision;
 mod printed_targets;
 mod rendered_person;
+mod rolling_shutter;
 mod stumble;

@@ -23,6 +23,7 @@ pub fn config() -> Config {
             skew_px: 0.0,
             distortion: Distortion::Radial2([0.0; 2]),
         },
+        readout_ns: 0,
         targets: [target].into_iter().collect(),
         cam_from_scene_theta: None,
         links: Links { udp: Some("127.0.0.1:4210".parse().unwrap()), serial: None },

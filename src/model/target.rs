@@ -212,6 +212,12 @@ impl TargetGeometry {
         Vector3::from(self.points_mm[index])
     }
 
+    /// The middle of the grid, in the target frame: its row tells when the target was seen.
+    #[must_use]
+    pub fn middle_mm(&self) -> Vector3<f64> {
+        (self.corner_mm(0) + self.corner_mm(self.corner_count() - 1)) * 0.5
+    }
+
     /// The body's point in the target frame.
     #[must_use]
     pub fn virtual_point_mm(&self) -> Vector3<f64> {

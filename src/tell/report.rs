@@ -97,7 +97,8 @@ pub struct TargetReport {
 pub struct Report {
     /// Number of the frame since the pipeline was configured, from 0.
     pub sequence: u32,
-    /// The capture time given with the frame.
+    /// The capture time given with the frame; each target's own time is later by its measurement's
+    /// `delay_ns`.
     pub capture_time_ns: u64,
     /// One entry per configured target, in the order of the configuration.
     pub targets: Vec<TargetReport, TARGETS_MAX>,

@@ -4,12 +4,15 @@ use nalgebra::Vector3;
 use plumbline::config::{Config, Links, Machine, TargetConfig};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens::{Distortion, Lens};
+use plumbline::parts::Shutter;
 use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Measurement;
 use plumbline::report::NoPose;
 use plumbline::target::{Origin, Role, TargetGeometry};
-use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
+use plumbline_render::simulate::render::{
+    Board, Ink, Picture, PlacedBoard, render_targets, render_targets_by_row,
+};
 use plumbline_render::simulate::sensor::Sensor;
 
 /// The part of the standard scene's picture around one target, seen through the same lens.
@@ -55,6 +58,7 @@ pub struct Booth {
     pipeline: Box<Pipeline>,
     frame: u64,
     rate_hz: f64,
+    shutter: Shutter,
 }
 
 impl Booth {
@@ -65,6 +69,13 @@ impl Booth {
 
     /// The same, seen at another rate.
     pub fn at_hz(columns: u8, rows: u8, rate_hz: f64) -> Self {
+        Self::rolling(columns, rows, rate_hz, 0)
+    }
+
+    /// The same, by a camera that reads the rows of the standard scene's whole picture in this time.
+    pub fn rolling(columns: u8, rows: u8, rate_hz: f64, whole_readout_ns: i32) -> Self {
+        // These rows' share.
+        let readout_ns = (f64::from(whole_readout_ns) * f64::from(HEIGHT) / 1088.0) as i32;
         let lens = Lens {
             width_px: WIDTH,
             height_px: HEIGHT,
@@ -84,6 +95,7 @@ impl Booth {
             device: heapless::String::new(),
             serial_number: heapless::String::new(),
             lens,
+            readout_ns,
             targets: [TargetConfig { name, geometry }].into_iter().collect(),
             cam_from_scene_theta: None,
             links: Links::default(),
@@ -92,7 +104,8 @@ impl Booth {
         };
         let mut pipeline = Box::new(Pipeline::new());
         pipeline.configure(&config).expect("a usual camera");
-        Self { lens, board, pipeline, frame: 0, rate_hz }
+        let shutter = Shutter::new(readout_ns, HEIGHT);
+        Self { lens, board, pipeline, frame: 0, rate_hz, shutter }
     }
 
     /// Before noise and rounding.
@@ -117,11 +130,39 @@ impl Booth {
         sum
     }
 
+    /// The same for a target that moves while its rows are read: `pose_at` some seconds after the
+    /// first frame.
+    fn expose_rows(
+        &self,
+        pose_at: impl Fn(f64) -> Pose<Cam, Target>,
+        psf_sigma_px: f64,
+    ) -> Picture {
+        let rows: Vec<_> = (0..HEIGHT)
+            .map(|row| {
+                let time_s = self.time_s(self.shutter.delay_ns(f64::from(row)));
+                [PlacedBoard { board: &self.board, cam_from_target: pose_at(time_s) }]
+            })
+            .collect();
+        let mut picture = Picture::uniform(usize::from(WIDTH), usize::from(HEIGHT), BACKGROUND);
+        let boards_of_row = |y: usize| &rows[y][..];
+        render_targets_by_row(&self.lens, psf_sigma_px, boards_of_row, |_, _| 1.0, &mut picture);
+        picture
+    }
+
+    /// This long after the next frame's time, in seconds since the first one's.
+    fn time_s(&self, delay_ns: u32) -> f64 {
+        (self.time_ns() + u64::from(delay_ns)) as f64 * 1e-9
+    }
+
+    fn time_ns(&self) -> u64 {
+        (self.frame as f64 * 1e9 / self.rate_hz) as u64
+    }
+
     /// Measures the pixels as the next frame.
     pub fn measure<P: Pixel>(&mut self, pixels: &[P], white: u16) -> Result<Measurement, NoPose> {
         let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
         let view = GreyImage::with_white_level(pixels, width, height, width, white);
-        let time_ns = (self.frame as f64 * 1e9 / self.rate_hz) as u64;
+        let time_ns = self.time_ns();
         self.frame += 1;
         let report = self.pipeline.step(&view.expect("a whole frame"), time_ns);
         report.targets[0].measurement
@@ -134,16 +175,35 @@ impl Booth {
         shot: &Shot,
     ) -> Result<(Vector3<f64>, Measurement), NoPose> {
         let picture = self.expose(cam_from_target, shot);
-        let found = if shot.noise_levels > 0.0 {
+        let found = self.develop(&picture, shot)?;
+        Ok((found.cam_from_target.translation_mm - cam_from_target.translation_mm, found))
+    }
+
+    /// The same of a target that moves while its rows are read: the error at the time that the
+    /// measurement states, and that time in seconds since the first frame.
+    pub fn moving_error_mm(
+        &mut self,
+        pose_at: impl Fn(f64) -> Pose<Cam, Target>,
+        shot: &Shot,
+    ) -> Result<(Vector3<f64>, f64), NoPose> {
+        let picture = self.expose_rows(&pose_at, shot.psf_sigma_px);
+        let frame_time_s = self.time_s(0);
+        let found = self.develop(&picture, shot)?;
+        let time_s = frame_time_s + f64::from(found.delay_ns) * 1e-9;
+        Ok((found.cam_from_target.translation_mm - pose_at(time_s).translation_mm, time_s))
+    }
+
+    /// Adds noise, rounds, and measures.
+    fn develop(&mut self, picture: &Picture, shot: &Shot) -> Result<Measurement, NoPose> {
+        if shot.noise_levels > 0.0 {
             let mut samples = vec![0_u8; picture.grey.len()];
             let sensor = Sensor { noise_levels: shot.noise_levels as f32, bits: 8 };
-            sensor.expose(&picture, 17, self.frame, &mut samples);
-            self.measure(&samples, 255)?
+            sensor.expose(picture, 17, self.frame, &mut samples);
+            self.measure(&samples, 255)
         } else {
             // Without noise 8 bits would round the same way over and over.
             let samples: Vec<u16> = picture.grey.iter().map(|grey| (grey * 257.0) as u16).collect();
-            self.measure(&samples, 65_535)?
-        };
-        Ok((found.cam_from_target.translation_mm - cam_from_target.translation_mm, found))
+            self.measure(&samples, 65_535)
+        }
     }
 }

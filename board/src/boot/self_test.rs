@@ -94,6 +94,7 @@ fn config() -> Result<Config> {
             skew_px: 0.0,
             distortion: Distortion::Radial2([0.0; 2]),
         },
+        readout_ns: 0,
         targets: [target].into_iter().collect(),
         cam_from_scene_theta: None,
         links: Links::default(),

@@ -82,6 +82,8 @@ pub struct Camera<D> {
     /// The same, with the exposure that was asked for.
     capture: Capture,
     size_px: (usize, usize),
+    /// As in the configuration.
+    readout_ns: i32,
     state: State<D>,
     reported: CameraState,
     /// The counts of earlier openings.
@@ -104,11 +106,12 @@ enum State<D> {
 impl<D: Device> Camera<D> {
     /// A camera that is opened when the first frame is asked for.
     #[must_use]
-    pub fn new(capture: Capture, size_px: (usize, usize)) -> Self {
+    pub fn new(capture: Capture, size_px: (usize, usize), readout_ns: i32) -> Self {
         Self {
             configured: capture.clone(),
             capture,
             size_px,
+            readout_ns,
             state: State::Absent { again_at: Instant::now() },
             reported: CameraState::Starting,
             earlier: Counts::default(),
@@ -228,7 +231,10 @@ impl<D: Device> FrameSource for Camera<D> {
         self.attempts = 0;
         self.reported = CameraState::Running;
         match &self.state {
-            State::Giving { device, .. } => Next::Frame(device.frame()),
+            State::Giving { device, .. } => {
+                let exposure_us = self.capture.exposure_us;
+                Next::Frame(device.frame().at_mid_exposure(exposure_us, self.readout_ns))
+            }
             _ => Next::Quiet,
         }
     }
@@ -343,7 +349,7 @@ mod tests {
     fn camera(script: impl IntoIterator<Item = Step>) -> Camera<Fake> {
         SCRIPT.with_borrow_mut(|steps| steps.extend(script));
         let capture = test_config::config().capture.unwrap();
-        Camera::new(capture, (64, 64))
+        Camera::new(capture, (64, 64), 0)
     }
 
     /// Asks for frames until one comes.

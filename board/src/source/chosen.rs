@@ -37,9 +37,13 @@ impl Source {
         )?;
         let size_px = (usize::from(config.lens.width_px), usize::from(config.lens.height_px));
         match capture.driver {
-            CaptureDriver::V4l2 => Ok(Self::V4l2(Camera::new(capture, size_px).into())),
+            CaptureDriver::V4l2 => {
+                Ok(Self::V4l2(Camera::new(capture, size_px, config.readout_ns).into()))
+            }
             #[cfg(feature = "libcamera")]
-            CaptureDriver::Libcamera => Ok(Self::Libcamera(Camera::new(capture, size_px).into())),
+            CaptureDriver::Libcamera => {
+                Ok(Self::Libcamera(Camera::new(capture, size_px, config.readout_ns).into()))
+            }
             #[cfg(not(feature = "libcamera"))]
             CaptureDriver::Libcamera => anyhow::bail!(
                 "capture.driver: libcamera, without which this program was built; use the Debian \

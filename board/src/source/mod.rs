@@ -15,7 +15,7 @@ pub mod replay;
 pub mod stamp;
 pub mod v4l2;
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use plumbline::image::GreyImage;
 use plumbline::packet::{CameraState, MarkedInstant};
@@ -93,11 +93,34 @@ pub struct Frame<'a> {
     /// When it was captured: CLOCK_MONOTONIC for a camera, the time in the
     /// recording for a replay.
     pub capture_time_ns: u64,
-    /// Which instant of the frame that is.
+    /// Which instant of the frame that is, for the row that is read first. A camera whose exposure
+    /// time is known gives the middle of the exposure.
     pub instant: MarkedInstant,
     /// The same instant on this program's clock; for a paced replay, the instant at which the
     /// frame is due. Latency is counted from here.
     pub ready_at: Instant,
     /// Whether the frame was given when the next one was already due.
     pub late: bool,
+}
+
+impl Frame<'_> {
+    /// The same frame at the middle of the exposure of the row that is read first, where that is
+    /// known.
+    fn at_mid_exposure(mut self, exposure_us: Option<u32>, readout_ns: i32) -> Self {
+        let moved =
+            stamp::to_mid_exposure_ns(self.instant, exposure_us, readout_ns).and_then(|shift_ns| {
+                let shift = Duration::from_nanos(shift_ns.unsigned_abs());
+                let ready_at = if shift_ns < 0 {
+                    self.ready_at.checked_sub(shift)
+                } else {
+                    self.ready_at.checked_add(shift)
+                };
+                Some((self.capture_time_ns.checked_add_signed(shift_ns)?, ready_at?))
+            });
+        if let Some((capture_time_ns, ready_at)) = moved {
+            self.instant = MarkedInstant::ExposureMiddle;
+            (self.capture_time_ns, self.ready_at) = (capture_time_ns, ready_at);
+        }
+        self
+    }
 }

@@ -60,6 +60,31 @@ impl Stamp {
     }
 }
 
+/// From the instant that a stamp marks to the middle of the exposure of the row that is read first;
+/// `None` where that is not known.
+///
+/// `readout_ns` is the configuration's. The driver sees the last pixel when the last row has been
+/// read, which began when its exposure ended; how long a camera with a global shutter takes to send
+/// its frame is not known.
+#[must_use]
+pub fn to_mid_exposure_ns(
+    instant: MarkedInstant,
+    exposure_us: Option<u32>,
+    readout_ns: i32,
+) -> Option<i64> {
+    let half_ns = i64::from(exposure_us?) * 500;
+    match instant {
+        MarkedInstant::ExposureStart => Some(half_ns),
+        MarkedInstant::ExposureEnd => Some(-half_ns),
+        MarkedInstant::FrameArrival if readout_ns != 0 => {
+            Some(-half_ns - i64::from(readout_ns.unsigned_abs()))
+        }
+        MarkedInstant::FrameArrival | MarkedInstant::ExposureMiddle | MarkedInstant::Recording => {
+            None
+        }
+    }
+}
+
 /// Finds gaps in a camera's frame numbers.
 #[derive(Debug, Default)]
 pub struct Sequence {
@@ -98,6 +123,25 @@ mod tests {
         assert!(at(60_000_000_000).is_some() && at(59_999_999_999).is_none());
         assert!(at(100_000_000_000).is_some() && at(100_000_000_001).is_none());
         assert!(at(0).is_none() && at(u64::MAX).is_none());
+    }
+
+    #[test]
+    fn every_stamp_leads_to_the_middle_of_the_first_rows_exposure() {
+        use MarkedInstant::*;
+        // 4 ms of exposure, rows read in 16 ms: from the top, from the bottom, or all at once.
+        for (instant, readout_ns, shift_ns) in [
+            (ExposureStart, 16_000_000, Some(2_000_000)),
+            (ExposureStart, 0, Some(2_000_000)),
+            (ExposureEnd, -16_000_000, Some(-2_000_000)),
+            (FrameArrival, 16_000_000, Some(-18_000_000)),
+            (FrameArrival, -16_000_000, Some(-18_000_000)),
+            (FrameArrival, 0, None),
+            (ExposureMiddle, 16_000_000, None),
+            (Recording, 16_000_000, None),
+        ] {
+            assert_eq!(to_mid_exposure_ns(instant, Some(4_000), readout_ns), shift_ns);
+            assert_eq!(to_mid_exposure_ns(instant, None, readout_ns), None);
+        }
     }
 
     #[test]

@@ -42,6 +42,7 @@ pub fn config() -> Config {
             skew_px: 0.0,
             distortion: Distortion::Radial2([0.0; 2]),
         },
+        readout_ns: 0,
         targets: [target("lumbar", 6, 5, Role::Lower), target("shoulder", 5, 4, Role::Upper)]
             .into_iter()
             .collect(),

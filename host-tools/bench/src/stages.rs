@@ -89,7 +89,7 @@ fn searching<P: Pixel>(bench: &Bench<P>) -> Result<Vec<Known>> {
             let grid = grid.as_ref().ok()?;
             let first_square_dark = grid.first_square_dark;
             let (lens, target) = (&*bench.lens, &target.geometry);
-            let view = View { image: &image, lens, target, first_square_dark };
+            let view = View { image: &image, lens, target, first_square_dark, rolling: None };
             let fitted = workspace.acquire(&view, grid, corners.as_slice()).ok()?;
             Some(Known { appearance: fitted.appearance, first_square_dark })
         });
@@ -167,7 +167,7 @@ impl Tracker {
         let target = &bench.config.targets[target].geometry;
         let Self { nodes, batch } = self;
         let start = Instant::now();
-        if !nodes.project(lens, target, expected) {
+        if !nodes.project(lens, target, expected, None) {
             return None;
         }
         let blur_px = known.appearance.x_blur_px.max(known.appearance.y_blur_px);
@@ -194,7 +194,7 @@ impl Tracker {
         parts.solve += start.elapsed();
 
         let start = Instant::now();
-        if !nodes.project(lens, target, expected) {
+        if !nodes.project(lens, target, expected, None) {
             return None;
         }
         let located: Vec<SeenEdge> = nodes

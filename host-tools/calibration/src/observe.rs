@@ -65,7 +65,7 @@ impl Finder {
         found: &Found,
     ) -> Option<Measured> {
         let first_square_dark = found.grid.first_square_dark;
-        let view = View { image, lens, target: board, first_square_dark };
+        let view = View { image, lens, target: board, first_square_dark, rolling: None };
         let workspace = &mut self.workspace;
         let mut fitted = workspace.acquire(&view, &found.grid, &found.corners).ok()?;
         for _ in 0..PASSES {

@@ -1,5 +1,8 @@
 //! `poses.csv`: one row per frame and target, with the columns [`COLUMNS`].
 //!
+//! `time_s` is when the target was exposed. A camera with a rolling shutter sees each target at its
+//! own time, later than the frame's; a row without a pose has the frame's.
+//!
 //! `x_mm, y_mm, z_mm` is the target's origin in the camera frame; the angles are the
 //! paper's. Without a pose the numbers are empty and `state` says why. `ap_mm,
 //! ml_mm, si_mm` is the trunk point that the target carries (upper or lower), along the
@@ -59,7 +62,7 @@ pub fn number_columns() -> &'static [&'static str] {
 pub struct PoseRow {
     /// Number of the frame in the input, from 0.
     pub frame: u64,
-    /// Its time.
+    /// When the target was exposed; without a pose, the frame's time.
     pub time_s: f64,
     /// The target's name.
     pub target: String,

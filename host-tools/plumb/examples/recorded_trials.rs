@@ -195,6 +195,7 @@ fn pose(simulation: &Simulation, frame: u64, captured_ns: u64, random: &mut ChaC
         let variances = Vector6::from(POSE_SD.map(|sd| sd * sd));
         let measurement = Measurement {
             cam_from_target,
+            delay_ns: 0,
             covariance: Matrix6::from_diagonal(&variances),
             rms_px: 0.03,
             corners,

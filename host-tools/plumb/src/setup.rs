@@ -112,7 +112,7 @@ pub fn config(
     if camera::is_stand_in(&camera.lens) {
         return Err(not_calibrated(&places.camera));
     }
-    assemble(camera.lens, targets, scene, places)
+    assemble(camera.lens, camera.readout_ns, targets, scene, places)
 }
 
 /// The configuration of a box that takes the photographs for its camera's calibration: of
@@ -135,7 +135,7 @@ pub fn uncalibrated(
             "print a board: `plumb target --grid 9x6 --pitch-mm 20 --name board --role scene`",
         ));
     }
-    assemble(camera::stand_in(width_px, height_px), &targets, None, places)
+    assemble(camera::stand_in(width_px, height_px), 0, &targets, None, places)
 }
 
 /// What is said of a camera that is not calibrated where its poses would be used.
@@ -150,6 +150,7 @@ pub fn not_calibrated(place: &str) -> BadInput {
 
 fn assemble(
     lens: Lens,
+    readout_ns: i32,
     targets: &Targets,
     scene: Option<&SceneFile>,
     places: &Places,
@@ -158,6 +159,7 @@ fn assemble(
         device: heapless::String::new(),
         serial_number: heapless::String::new(),
         lens,
+        readout_ns,
         targets: heapless::Vec::new(),
         cam_from_scene_theta: scene.map(|scene| scene.cam_from_scene_theta),
         links: Links::default(),
@@ -242,7 +244,7 @@ pub fn check_links(config: &Config, places: &Places) -> Result<(), BadInput> {
 #[must_use]
 pub fn bad_config(error: &ConfigError, places: &Places) -> BadInput {
     let place = match error {
-        ConfigError::Lens(_) => &places.camera,
+        ConfigError::Lens(_) | ConfigError::Readout => &places.camera,
         ConfigError::Scene => &places.scene,
         ConfigError::Udp => &places.udp,
         ConfigError::Serial => &places.serial,

@@ -257,6 +257,7 @@ fn config(host: &str) -> Config {
             skew_px: 0.0,
             distortion: Distortion::Radial2([0.0; 2]),
         },
+        readout_ns: 0,
         targets: [TargetConfig { name, geometry: geometry.unwrap() }].into_iter().collect(),
         cam_from_scene_theta: None,
         links: Links { udp: Some(host.parse().unwrap()), serial: None },

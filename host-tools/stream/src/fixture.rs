@@ -27,6 +27,7 @@ pub const FRAMES: u32 = 300;
 /// A pose of the shoulder.
 pub fn pose() -> MeasuredPose {
     MeasuredPose {
+        delay_ns: 0,
         theta_rad: [0.1, 0.2, -0.1],
         translation_mm: [1.0, 2.0, 1000.0],
         sd_mm: [0.001, 0.003, 0.02],

@@ -1,8 +1,8 @@
 //! The CSV of a reception: `poses.csv` as every part of Plumbline writes it,
 //! and one more column, `session`.
 //!
-//! `frame` is the box's sequence number and `time_s` the capture time since the
-//! first packet. When the box starts anew both begin at another point: then
+//! `frame` is the box's sequence number and `time_s` the target's own time since the
+//! first frame's capture time; without a pose it is the frame's. When the box starts anew both begin at another point: then
 //! `session` is one higher (or more, if a start in between brought no frame), and
 //! `time_s` goes on from where the host's clock says that the new session began.
 //! Within a session times are the box's, exact to the nanosecond; between sessions
@@ -115,8 +115,10 @@ impl<W: Write> Recorder<W> {
             let columns: Vec<&str> = COLUMNS.into_iter().chain(["session"]).collect();
             self.put(&columns)?;
         }
-        let time_s = self.clock.time_s(packet.capture_time_ns);
         for target in &packet.targets {
+            let delay_ns = target.pose.as_ref().map_or(0, |pose| pose.delay_ns);
+            let own_ns = packet.capture_time_ns.saturating_add(delay_ns.into());
+            let time_s = self.clock.time_s(own_ns);
             let mut row = row(packet.sequence, time_s, target, names);
             let trunk = match target.role {
                 Role::Upper => packet.upper_trunk,

@@ -19,8 +19,11 @@ use crate::{Trial, manifest::EventSeen};
 pub struct Point {
     /// `lower`, `upper`, or `point` of a table.
     pub name: String,
-    /// Its positions.
+    /// Its positions, each at its own time.
     pub series: Series,
+    /// The time of each sample's frame, which all points in it have in common; with a rolling
+    /// shutter the samples themselves are later.
+    pub frame_time_s: Vec<f64>,
     /// Their noise, where it is known.
     pub noise: Option<Noise>,
 }
@@ -60,7 +63,12 @@ impl Points {
     /// When it cannot be read.
     pub fn of_table(table: &Table) -> Result<Self, BadInput> {
         let positions = table.read()?;
-        let point = Point { name: "point".to_owned(), series: positions.series, noise: None };
+        let point = Point {
+            name: "point".to_owned(),
+            frame_time_s: positions.series.time_s().to_vec(),
+            series: positions.series,
+            noise: None,
+        };
         Ok(Self {
             place: table.path.display().to_string(),
             points: vec![point],
@@ -113,10 +121,13 @@ impl Points {
         let (zero_s, zero) = zero_of(trial, &points, zero, &place)?;
         let mut shifted = Vec::new();
         for point in points {
-            let time_s = point.series.time_s().iter().map(|time_s| time_s - zero_s).collect();
-            let series = point.series.at_times(time_s);
+            let since_zero =
+                |time_s: &[f64]| time_s.iter().map(|time_s| time_s - zero_s).collect::<Vec<_>>();
+            let own_s = since_zero(point.series.time_s());
+            let series = point.series.at_times(own_s);
             shifted.push(Point {
                 series: series.map_err(|error| BadInput::whole(&place, error, "report it"))?,
+                frame_time_s: since_zero(&point.frame_time_s),
                 ..point
             });
         }
@@ -155,13 +166,13 @@ fn zero_of(
     }
 }
 
-/// The frames that have a trunk's position, each at a later time than the one before: those of the
+/// The frames that have a trunk's position, each measured later than the one before: those of the
 /// samples of its [`Point`].
 pub fn frames_of(frames: &[Frame], trunk: Trunk) -> impl Iterator<Item = (&Frame, &TrunkPoint)> {
     let mut last_s = f64::NEG_INFINITY;
-    with_point(frames, trunk).filter(move |(frame, _)| {
-        let is_later = frame.time_s > last_s;
-        last_s = last_s.max(frame.time_s);
+    with_point(frames, trunk).filter(move |(_, point)| {
+        let is_later = point.time_s > last_s;
+        last_s = last_s.max(point.time_s);
         is_later
     })
 }
@@ -172,11 +183,12 @@ fn with_point(frames: &[Frame], trunk: Trunk) -> impl Iterator<Item = (&Frame, &
 
 /// A trunk's positions, and warnings about them.
 fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
-    let mut time_s: Vec<f64> = Vec::new();
+    let [mut time_s, mut frame_time_s] = [const { Vec::<f64>::new() }; 2];
     let mut position_mm: [Vec<f64>; 3] = Default::default();
     let mut covariances: Vec<Option<Matrix3<f64>>> = Vec::new();
     for (frame, point) in frames_of(frames, trunk) {
-        time_s.push(frame.time_s);
+        time_s.push(point.time_s);
+        frame_time_s.push(frame.time_s);
         for (values, position) in position_mm.iter_mut().zip(point.position_mm) {
             values.push(position);
         }
@@ -196,5 +208,5 @@ fn point(frames: &[Frame], trunk: Trunk) -> Option<(Point, Vec<String>)> {
         doubts.push(format!("its uncertainty is not known: {error}"));
         None
     });
-    Some((Point { name: trunk.word().to_owned(), series, noise }, doubts))
+    Some((Point { name: trunk.word().to_owned(), series, frame_time_s, noise }, doubts))
 }

@@ -32,6 +32,9 @@ pub(crate) const FRAMES_MAX: usize = 7_200_000;
 /// A trunk point in one frame, along the body's axes: AP, ML, SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
+    /// When its target was exposed, on the clock of [`Frame::time_s`]: later than the frame by as
+    /// much as the camera's row was read later than the first one.
+    pub time_s: f64,
     /// The position.
     pub position_mm: [f64; 3],
     /// Its covariance, from that of the target's pose. `None` where the trial has no configuration,
@@ -310,14 +313,12 @@ impl Builder {
         self.instant = Some(packet.instant);
         let (session, clock) = (self.session(), self.clock);
         self.runs.entry(session).or_default().frame(host_ns, packet, clock);
-        let pose = |role: Role| {
-            let target = packet.targets.iter().find(|target| target.role == role)?;
-            target.pose.as_ref().ok()
-        };
-        let [upper, lower] = [Role::Upper, Role::Lower].map(pose);
+        let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
         let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
             let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
+            let delay_ns = pose.map_or(0, |pose| pose.delay_ns);
             Some(Point {
+                time_s: clock.time_s(packet.capture_time_ns.saturating_add(delay_ns.into())),
                 position_mm: [ap_mm, ml_mm, si_mm].map(f64::from),
                 covariance_mm2: self
                     .scene
@@ -329,7 +330,7 @@ impl Builder {
         self.frames.push(Frame {
             session,
             sequence: packet.sequence,
-            time_s: self.clock.time_s(packet.capture_time_ns),
+            time_s: clock.time_s(packet.capture_time_ns),
             upper: point(packet.upper_trunk, upper, Vector3::zeros()),
             lower: point(packet.lower_trunk, lower, lever_mm),
             theta: [upper, lower].map(|pose| {

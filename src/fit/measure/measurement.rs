@@ -1,11 +1,14 @@
 //! What is measured, the result, and why there may be none.
 
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::fit::edge::Appearance;
+use crate::fit::nodes::Drift;
 use crate::model::image::GreyImage;
 use crate::model::lens_table::LensTable;
+use crate::model::motion::Motion;
 use crate::model::pose::{Cam, Pose, Target};
+use crate::model::shutter::Shutter;
 use crate::model::target::TargetGeometry;
 
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
@@ -14,8 +17,10 @@ pub(super) const CORNERS_MIN: usize = 6;
 /// A target's pose in one frame, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
-    /// The pose.
+    /// The pose when the middle of the target's grid was exposed.
     pub cam_from_target: Pose<Cam, Target>,
+    /// How much later than the frame's time that was; 0 with a global shutter.
+    pub delay_ns: u32,
     /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`].
     pub covariance: Matrix6<f64>,
     /// The reprojection error: root mean square distance, in raw pixels, between the corners used,
@@ -57,6 +62,73 @@ pub struct View<'a, P> {
     /// Whether the square up and left of corner 0 is dark, see
     /// [`Grid`](crate::find::grid::Grid).
     pub first_square_dark: bool,
+    /// How the rows were read, one after the other; `None` for a global shutter, and where the
+    /// target is known to stand still.
+    pub rolling: Option<Rolling<'a>>,
+}
+
+/// A frame that was read row by row, and what is known of the target's motion.
+#[derive(Debug, Clone, Copy)]
+pub struct Rolling<'a> {
+    /// When each row was exposed.
+    pub shutter: Shutter,
+    /// The frame's time: when the first row was.
+    pub time_ns: u64,
+    /// The motion up to the frame before; without it, the target is taken to stand still.
+    pub motion: Option<&'a Motion>,
+}
+
+/// How much later than the frame's time a target at a pose is exposed: its middle. 0 where that is
+/// not in the picture.
+pub fn delay_ns(
+    shutter: &Shutter,
+    lens: &LensTable,
+    target: &TargetGeometry,
+    cam_from_target: &Pose<Cam, Target>,
+) -> u32 {
+    middle_row_px(lens, target, cam_from_target).map_or(0, |row_px| shutter.delay_ns(row_px))
+}
+
+impl Rolling<'_> {
+    /// How the target moves while its rows are read, if it has reached this pose.
+    ///
+    /// The velocity follows from the pose itself and those before it: one that was predicted from
+    /// those before alone would be as late as they are.
+    pub(super) fn drift(
+        &self,
+        lens: &LensTable,
+        target: &TargetGeometry,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<Drift> {
+        let middle_row_px = middle_row_px(lens, target, cam_from_target)?;
+        let time_ns = self.time_ns.saturating_add(self.shutter.delay_ns(middle_row_px).into());
+        let velocity_per_s = self.motion.map_or(Vector6::zeros(), |motion| {
+            motion.continued(*cam_from_target, time_ns).velocity_per_s()
+        });
+        Some(Drift { per_row: velocity_per_s * self.shutter.row_s(), middle_row_px })
+    }
+}
+
+fn middle_row_px(
+    lens: &LensTable,
+    target: &TargetGeometry,
+    cam_from_target: &Pose<Cam, Target>,
+) -> Option<f64> {
+    Some(lens.project(&cam_from_target.transform(&target.middle_mm()))?.y)
+}
+
+impl<P> View<'_, P> {
+    /// How the target moves while its rows are read; `None` for a global shutter.
+    pub(super) fn drift(&self, cam_from_target: &Pose<Cam, Target>) -> Option<Drift> {
+        self.rolling.and_then(|rolling| rolling.drift(self.lens, self.target, cam_from_target))
+    }
+
+    /// How much later than the frame's time the target is exposed.
+    pub(super) fn delay_ns(&self, cam_from_target: &Pose<Cam, Target>) -> u32 {
+        self.rolling.map_or(0, |rolling| {
+            delay_ns(&rolling.shutter, self.lens, self.target, cam_from_target)
+        })
+    }
 }
 
 /// Why a target that is expected, or was found, has no pose in a frame.

@@ -18,6 +18,6 @@ mod rough;
 mod workspace;
 
 pub use corners::extent_is_certain;
-pub use measurement::{Fitted, MeasureFailure, Measurement, View};
+pub use measurement::{Fitted, MeasureFailure, Measurement, Rolling, View, delay_ns};
 pub use minima::mirror_image;
 pub use workspace::Workspace;

@@ -17,7 +17,6 @@ use crate::fit::solve::{Inliers, Observations, Solution, solve};
 use crate::limits::{TARGET_CORNERS_MAX, TARGET_EDGES_MAX};
 use crate::model::image::Pixel;
 use crate::model::pose::{Cam, Pose, Target};
-use crate::model::target::TargetGeometry;
 
 /// What one pass of the fit found.
 struct Pass {
@@ -116,7 +115,17 @@ impl Workspace {
         view: &View<'_, P>,
         cam_from_target: &Pose<Cam, Target>,
     ) -> Option<&Nodes> {
-        self.nodes.project(view.lens, view.target, cam_from_target).then_some(&self.nodes)
+        self.project(view, cam_from_target).then_some(&self.nodes)
+    }
+
+    /// Projects the grid, as it is seen at a pose.
+    fn project<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> bool {
+        let drift = view.drift(cam_from_target);
+        self.nodes.project(view.lens, view.target, cam_from_target, drift.as_ref())
     }
 
     /// Measures a target near an expected pose.
@@ -187,7 +196,7 @@ impl Workspace {
         cam_from_target: &Pose<Cam, Target>,
     ) -> Result<(), MeasureFailure> {
         self.edges.clear();
-        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+        if !self.project(view, cam_from_target) {
             return Err(MeasureFailure::PoorFit);
         }
         let edges = self.nodes.edges(view.first_square_dark);
@@ -231,7 +240,7 @@ impl Workspace {
             let start = pass.solution.cam_from_target;
             pass = self.pass(view, &start, pass.appearance.with_growth_of(before), doubt)?;
         }
-        self.judge(view.target, &pass)
+        self.judge(view, &pass)
     }
 
     /// Fits every edge once, and the pose to the edges.
@@ -248,6 +257,11 @@ impl Workspace {
         self.fit_edges(view, start_cam_from_target, &appearance)?;
         let mut solution =
             both_minima(start_cam_from_target, &self.seen(), ITERATIONS_FITTED, doubt)?;
+        // The pose tells the velocity better than the start did.
+        if let Some(drift) = view.drift(&solution.cam_from_target) {
+            self.nodes.deform(view.target, &solution.cam_from_target, &drift);
+            solution = self.solved_from(&solution)?;
+        }
         let moved_px = self.nodes.farthest_px(&solution.cam_from_target).unwrap_or(f64::INFINITY);
         let is_close = moved_px < MOVED_PX_MAX;
         let mut blur_change = 0.0;
@@ -258,8 +272,7 @@ impl Workspace {
             let grown_px = appearance.growth_px - growth_px;
             if grown_px.abs() > GROWN_PX_MAX {
                 self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
-                solution = solve(&solution.cam_from_target, &self.seen(), ITERATIONS_FITTED)
-                    .map_err(|_| MeasureFailure::PoorFit)?;
+                solution = self.solved_from(&solution)?;
             }
         }
         self.inliers = solution.inliers;
@@ -269,6 +282,12 @@ impl Workspace {
             is_settled: is_close && blur_change < BLUR_CHANGE_MAX,
             is_near: moved_px < NEAR_PX_MAX,
         })
+    }
+
+    /// The pose that the edges give now, from one nearby.
+    fn solved_from(&self, near: &Solution) -> Result<Solution, MeasureFailure> {
+        solve(&near.cam_from_target, &self.seen(), ITERATIONS_FITTED)
+            .map_err(|_| MeasureFailure::PoorFit)
     }
 
     /// The edges that a pose of [`Workspace::track`] rests on, and the nodes where they were
@@ -287,7 +306,7 @@ impl Workspace {
     ) -> Result<(), MeasureFailure> {
         self.edges.clear();
         self.pixels.clear();
-        if !self.nodes.project(view.lens, view.target, cam_from_target) {
+        if !self.project(view, cam_from_target) {
             return Err(MeasureFailure::PoorFit);
         }
         let blur_px = appearance.x_blur_px.max(appearance.y_blur_px);
@@ -369,9 +388,9 @@ impl Workspace {
     ///
     /// Never inlined: its corners would stay on the stack during a pass.
     #[inline(never)]
-    fn judge(
+    fn judge<P: Pixel>(
         &self,
-        target: &TargetGeometry,
+        view: &View<'_, P>,
         &Pass { ref solution, appearance, .. }: &Pass,
     ) -> Result<Fitted, MeasureFailure> {
         let (used, rms_px) = self.corners(solution).ok_or(MeasureFailure::PoorFit)?;
@@ -381,10 +400,11 @@ impl Workspace {
         }
         let measurement = Measurement {
             cam_from_target: solution.cam_from_target,
+            delay_ns: view.delay_ns(&solution.cam_from_target),
             covariance: solution.covariance,
             rms_px,
             corners: corners as u8,
-            corners_total: target.corner_count() as u8,
+            corners_total: view.target.corner_count() as u8,
         };
         let is_plausible = measurement.rms_px <= RMS_PX_MAX
             && 2 * solution.inliers.count() >= self.edges.len()

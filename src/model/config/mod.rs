@@ -32,7 +32,7 @@ pub use capture::{Capture, CaptureDriver, CaptureError, PixelFormat};
 pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
 
 /// Changes when the blob's content changes.
-pub const FORMAT_VERSION: u16 = 3;
+pub const FORMAT_VERSION: u16 = 4;
 
 /// The blob's name on a box's card.
 pub const FILE_NAME: &str = "config.plb";
@@ -51,9 +51,16 @@ const MAGIC: [u8; 4] = *b"PLMB";
 /// Magic, version, length.
 const HEADER_BYTES: usize = 10;
 
-/// Everything in a blob except the targets: header, checksum, texts, lens (143), scene (49), links
-/// (91), capture (82), machine (18), rounded up.
-const FIXED_BYTES_MAX: usize = 472;
+/// Longest readout, from the first row to the last: no slower camera is of use.
+const READOUT_NS_MAX: i32 = 1_000_000_000;
+
+/// Longest readout as a share of the frame's interval. A sensor cannot take longer, but both are
+/// rounded or measured.
+const READOUT_OF_INTERVAL_MAX: f64 = 1.02;
+
+/// Everything in a blob except the targets: header, checksum, texts, lens (143), readout (5),
+/// scene (49), links (91), capture (82), machine (18), rounded up.
+const FIXED_BYTES_MAX: usize = 480;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
 /// rows, role, a virtual point, and its corners of three f64.
@@ -94,8 +101,12 @@ pub struct Config {
     pub device: String<DEVICE_TEXT_BYTES_MAX>,
     /// The box's serial number.
     pub serial_number: String<DEVICE_TEXT_BYTES_MAX>,
-    /// The camera.
+    /// The camera's lens.
     pub lens: Lens,
+    /// How long the camera takes to read a frame row by row: the delay from one row to the next
+    /// times the number of rows. 0 for a global shutter; negative where the last row is read first,
+    /// as in a camera that is mounted upside down and turns its picture.
+    pub readout_ns: i32,
     /// The targets, at most one per role.
     pub targets: Vec<TargetConfig, TARGETS_MAX>,
     /// Where the scene is, as theta1..6 of `cam_from_scene`; `None` until it has been measured;
@@ -134,6 +145,8 @@ pub enum ConfigError {
     BufferTooSmall,
     /// The lens.
     Lens(LensError),
+    /// The readout is longer than a second, or than the interval between two frames.
+    Readout,
     /// There is no target.
     NoTarget,
     /// A target's name is empty or holds a control character.
@@ -198,6 +211,10 @@ impl core::fmt::Display for ConfigError {
                 write!(formatter, "a configuration needs a buffer of {BLOB_BYTES_MAX} bytes")
             }
             Self::Lens(error) => write!(formatter, "lens: {error}"),
+            Self::Readout => formatter.write_str(
+                "readout_ms: must lie within -1,000 to 1,000, and be no longer than the interval \
+                 between two frames at the capture's rate_hz",
+            ),
             Self::NoTarget => formatter.write_str("targets: there must be at least one"),
             Self::TargetName { index } => write!(
                 formatter,
@@ -260,6 +277,7 @@ impl Config {
     /// The first [`ConfigError`] found.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.lens.check()?;
+        self.check_readout()?;
         self.check_targets()?;
         if let Some(theta) = &self.cam_from_scene_theta {
             let (angles_rad, distances_mm) = theta.split_at(3);
@@ -282,6 +300,16 @@ impl Config {
             capture.check()?;
         }
         self.machine.check()?;
+        Ok(())
+    }
+
+    fn check_readout(&self) -> Result<(), ConfigError> {
+        let readout_ns = self.readout_ns.unsigned_abs();
+        let interval_ns = self.capture.as_ref().map(|capture| 1e9 / f64::from(capture.rate_hz));
+        let is_longer = |interval_ns| f64::from(readout_ns) > READOUT_OF_INTERVAL_MAX * interval_ns;
+        if readout_ns > READOUT_NS_MAX.unsigned_abs() || interval_ns.is_some_and(is_longer) {
+            return Err(ConfigError::Readout);
+        }
         Ok(())
     }
 

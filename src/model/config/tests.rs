@@ -35,6 +35,7 @@ fn config() -> Config {
             skew_px: 0.0,
             distortion: Distortion::Brown5([-0.1, 0.02, 0.0, 0.0, 0.0]),
         },
+        readout_ns: 16_000_000,
         targets: [target("shoulder", 5, 4, Role::Upper), target("lumbar", 6, 5, Role::Lower)]
             .into_iter()
             .collect(),
@@ -105,6 +106,7 @@ fn the_largest_config_fits_its_buffer() {
     .into_iter()
     .collect();
     config.lens.distortion = Distortion::ThinPrism12([1e-9; 12]);
+    config.readout_ns = -1_000_000_000;
     config.device = "012345678901234567890123".try_into().unwrap();
     config.serial_number = config.device.clone();
     let path: String<DEVICE_PATH_BYTES_MAX> =
@@ -131,8 +133,12 @@ fn the_largest_config_fits_its_buffer() {
 #[test]
 fn every_fault_of_a_value_is_named() {
     type Change = fn(&mut Config);
-    let table: [(Change, ConfigError); 22] = [
+    let table: [(Change, ConfigError); 25] = [
         (|c| c.lens.fx_px = f64::NAN, ConfigError::Lens(LensError::FocalLength)),
+        (|c| (c.readout_ns, c.capture) = (1_000_000_001, None), ConfigError::Readout),
+        (|c| (c.readout_ns, c.capture) = (i32::MIN, None), ConfigError::Readout),
+        // At 60 Hz a frame is there every 16.67 ms.
+        (|c| c.readout_ns = -17_010_000, ConfigError::Readout),
         (|c| c.targets.clear(), ConfigError::NoTarget),
         (|c| c.targets[1].name.clear(), ConfigError::TargetName { index: 1 }),
         (|c| c.targets[0].name.push('\n').unwrap(), ConfigError::TargetName { index: 0 }),

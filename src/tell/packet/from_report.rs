@@ -45,6 +45,7 @@ impl From<&Measurement> for MeasuredPose {
             *correlation = (covariance[(i, j)] / (sd(i) * sd(j))) as f32;
         }
         Self {
+            delay_ns: measurement.delay_ns,
             theta_rad: rad.map(|angle| angle as f32),
             translation_mm: measurement.cam_from_target.translation_mm.map(|mm| mm as f32).into(),
             sd_mm: measurement.sd_mm().map(|mm| mm as f32).into(),

@@ -33,14 +33,17 @@ pub const SD_STEP_MM: f64 = 1.0 / SD_STEPS_PER_MM as f64;
 /// stands for everything above it.
 pub const RMS_STEP_PX: f64 = 1.0 / RMS_STEPS_PER_PX as f64;
 
-/// Which instant of a frame its capture time marks.
+/// Which instant of a frame its capture time marks. Where a camera reads its rows one after the
+/// other, it is that instant of the row that is read first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum MarkedInstant {
+    /// Half of the exposure was over.
+    ExposureMiddle,
     /// The sensor started to collect light.
     ExposureStart,
     /// The sensor stopped collecting light.
     ExposureEnd,
-    /// The frame reached the computer: exposure, read-out and transport later.
+    /// The frame reached the computer: exposure, readout and transport later.
     FrameArrival,
     /// The frame's time in a recording that is replayed.
     Recording,
@@ -63,6 +66,9 @@ pub struct AnatomicalPoint {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "MeasuredPoseWire", into = "MeasuredPoseWire")]
 pub struct MeasuredPose {
+    /// How much later than the frame's capture time the target was exposed: the middle row of its
+    /// picture. The pose, and the trunk point that follows from it, are of that instant.
+    pub delay_ns: u32,
     /// theta1..3 of R = Rz(theta1) Ry(theta2) Rx(theta3).
     pub theta_rad: [f32; 3],
     /// The target's origin in the camera frame: x, y, z.
@@ -122,7 +128,8 @@ pub struct TargetPacket {
 pub struct PosePacket {
     /// Counts the frames since the box's start, including those whose packets were lost.
     pub sequence: u32,
-    /// When the frame was taken, on the capture clock.
+    /// When the frame was taken, on the capture clock; each target's own time is later by its
+    /// [`delay_ns`](MeasuredPose::delay_ns).
     pub capture_time_ns: u64,
     /// Which instant of the frame that is.
     pub instant: MarkedInstant,
@@ -130,15 +137,25 @@ pub struct PosePacket {
     pub latency_us: u32,
     /// One entry per configured target.
     pub targets: Vec<TargetPacket, TARGETS_MAX>,
-    /// The upper trunk point in the scene's axes; `None` without a pose or a scene.
+    /// The upper trunk point in the scene's axes, at its target's own time; `None` without a pose or
+    /// a scene.
     pub upper_trunk: Option<AnatomicalPoint>,
-    /// The lower trunk point in the scene's axes; `None` without a pose or a scene.
+    /// The lower trunk point likewise.
     pub lower_trunk: Option<AnatomicalPoint>,
+}
+
+impl PosePacket {
+    /// The pose of the target with a role; `None` where it has none in this frame.
+    #[must_use]
+    pub fn pose(&self, role: Role) -> Option<&MeasuredPose> {
+        self.targets.iter().find(|target| target.role == role)?.pose.as_ref().ok()
+    }
 }
 
 /// [`MeasuredPose`] as sent: fixed-point numbers, each of a fixed width.
 #[derive(Clone, Copy, Serialize, Deserialize, Schema)]
 struct MeasuredPoseWire {
+    delay_ns: [u8; 4],
     theta_rad: [f32; 3],
     translation_mm: [f32; 3],
     sd_steps: [[u8; 2]; 3],
@@ -194,6 +211,7 @@ fn from_steps(steps: [u8; 2], steps_per_unit: f32) -> f32 {
 impl From<MeasuredPose> for MeasuredPoseWire {
     fn from(pose: MeasuredPose) -> Self {
         Self {
+            delay_ns: pose.delay_ns.to_le_bytes(),
             theta_rad: pose.theta_rad,
             translation_mm: pose.translation_mm,
             sd_steps: pose.sd_mm.map(|sd_mm| steps(sd_mm, SD_STEPS_PER_MM.into())),
@@ -217,6 +235,7 @@ impl TryFrom<MeasuredPoseWire> for MeasuredPose {
             return Err(NotFinite);
         }
         Ok(Self {
+            delay_ns: u32::from_le_bytes(wire.delay_ns),
             theta_rad: wire.theta_rad,
             translation_mm: wire.translation_mm,
             sd_mm: wire.sd_steps.map(|sd| from_steps(sd, SD_STEPS_PER_MM.into())),

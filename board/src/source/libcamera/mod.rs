@@ -13,10 +13,6 @@
 //! or not it was notified that one was plugged in; there can be one open camera per
 //! process.
 //!
-//! According to libcamera the sensor's time stamp marks the exposure of its first
-//! row; pipelines that take it from a CSI receiver mark the start of the first
-//! row's read-out, which is later by that row's exposure time.
-//!
 //! Once the first frame has been handed out nothing here uses Rust's heap, nor
 //! does the `libcamera` crate on the calls made here; the C++ library behind it
 //! has its own allocator and uses it for every frame.

@@ -1,5 +1,9 @@
 //! When a frame was captured.
 //!
+//! The sensor's time stamp is taken when the CSI receiver sees the first row: it is then read, and
+//! its exposure has just ended. libcamera's own description (the time at which the first row is
+//! exposed) leaves that open; the Raspberry Pi's pipelines do it in this way.
+//!
 //! libcamera documents its sensor time stamps as CLOCK_BOOTTIME, but its
 //! pipelines pass on the stamps of the kernel's video drivers, which are of
 //! CLOCK_MONOTONIC. The two differ by the time for which the computer was
@@ -27,7 +31,7 @@ impl Clocks {
     pub fn stamp(&self, sensor_ns: Option<u64>, driver_ns: u64) -> Stamp {
         let at = |time_ns, instant| Stamp::at(self.monotonic(time_ns)?, instant, self.now);
         sensor_ns
-            .and_then(|time_ns| at(time_ns, MarkedInstant::ExposureStart))
+            .and_then(|time_ns| at(time_ns, MarkedInstant::ExposureEnd))
             .or_else(|| at(driver_ns, MarkedInstant::FrameArrival))
             .unwrap_or_else(|| Stamp::arrival(self.now))
     }
@@ -66,7 +70,7 @@ mod tests {
         };
         let (sensor_ns, driver_ns) = (99_980_000_000, 99_990_000_000);
         let ms = Duration::from_millis;
-        let by_sensor = (sensor_ns, MarkedInstant::ExposureStart, ms(20));
+        let by_sensor = (sensor_ns, MarkedInstant::ExposureEnd, ms(20));
         let by_driver = (driver_ns, MarkedInstant::FrameArrival, ms(10));
         let by_us = (100_000_000_000, MarkedInstant::FrameArrival, ms(0));
         assert_eq!(stamp(Some(sensor_ns), driver_ns), by_sensor);
@@ -84,7 +88,7 @@ mod tests {
         for sensor_ns in [69_990_000_000, 99_990_000_000] {
             let stamp = clocks.stamp(Some(sensor_ns), 0);
             assert_eq!(stamp.capture_time_ns, expected_ns);
-            assert_eq!(stamp.instant, MarkedInstant::ExposureStart);
+            assert_eq!(stamp.instant, MarkedInstant::ExposureEnd);
             assert_eq!(clocks.now.instant - stamp.ready_at, Duration::from_millis(10));
         }
     }

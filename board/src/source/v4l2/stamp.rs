@@ -2,7 +2,7 @@
 //!
 //! A driver declares what its time stamps mark. "Start of exposure" is used as it
 //! is. "End of frame" is the reception of the last pixel (the kernel reads the
-//! clock in software a little later): exposure, read-out and transport lie before
+//! clock in software a little later): exposure, readout and transport lie before
 //! it, so it is a [`MarkedInstant::FrameArrival`] and not the end of the exposure.
 //! Stamps of another clock than CLOCK_MONOTONIC cannot be compared with this
 //! machine's time: they are replaced by the instant at which the frame was taken

@@ -10,12 +10,18 @@
 //! skew_px = 0.0                      # optional
 //! model = "brown5"                   # or radial2, rational8, thin_prism12, fisheye4
 //! distortion = [-0.1, 0.02, 0.0, 0.0, 0.0]   # k1 k2 p1 p2 k3; see `Distortion`
+//! readout_ms = 16.0                  # optional: rolling shutter, first row to last; see below
 //! rms_px = 0.12                      # optional, as images, date and source:
 //! images = 40                        # where the calibration came from
 //! date = "2026-11-21"
 //! source = "plumb calibrate"
 //! [calibration]                      # optional: what `plumb calibrate` says of it
 //! ```
+//!
+//! A *rolling shutter* reads one row after the other, from the top: `readout_ms` is the delay from
+//! one row to the next times `height_px`. It is negative where the bottom row is read first, as in
+//! a camera that hangs upside down and turns its picture, and 0 or absent for a global shutter,
+//! which reads all rows at once. OpenCV's and ROS's files do not say.
 //!
 //! The content, not the file's name, tells the format: `{` begins OpenCV's JSON;
 //! `%YAML`, `---` or a line `key:` begins OpenCV's or ROS's YAML; everything
@@ -34,7 +40,12 @@ use crate::{from_toml, read_text, write_text};
 
 mod opencv;
 
-const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2, brown5, rational8, thin_prism12 or fisheye4), distortion, and optionally skew_px, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
+const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2, brown5, rational8, thin_prism12 or fisheye4), distortion, and optionally skew_px, readout_ms, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
+
+const NS_PER_MS: f64 = 1e6;
+
+/// Longest readout, as in [`Config::check`](plumbline::config::Config::check).
+const READOUT_MS_MAX: f64 = 1000.0;
 
 /// Where a calibration came from; all of it may be unknown.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -108,6 +119,9 @@ pub struct DetailsOfPhotograph {
 pub struct Camera {
     /// The model.
     pub lens: Lens,
+    /// How long it takes to read a frame, as in [`Config`](plumbline::config::Config); 0 for a
+    /// global shutter.
+    pub readout_ns: i32,
     /// Its origin.
     pub provenance: Provenance,
 }
@@ -166,6 +180,8 @@ struct Fields {
     skew_px: f64,
     model: Model,
     distortion: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    readout_ms: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     rms_px: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -301,6 +317,7 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
             skew_px: fields.skew_px,
             distortion,
         },
+        readout_ns: readout_ns(fields.readout_ms.unwrap_or(0.0), place)?,
         provenance: Provenance {
             rms_px: fields.rms_px,
             images: fields.images,
@@ -309,6 +326,19 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
             details: fields.calibration,
         },
     })
+}
+
+/// A readout in nanoseconds, from a finite number of milliseconds that a box would take.
+fn readout_ns(readout_ms: f64, place: &str) -> Result<i32, BadInput> {
+    if !(-READOUT_MS_MAX..=READOUT_MS_MAX).contains(&readout_ms) {
+        return Err(BadInput::new(
+            place,
+            "readout_ms",
+            readout_ms,
+            "give the milliseconds between the first row's exposure and the last's, at most 1,000; negative where the bottom row is read first, 0 for a global shutter",
+        ));
+    }
+    Ok((readout_ms * NS_PER_MS).round() as i32)
 }
 
 /// [`Lens::check`], and whether the lens has a table, with the offending fields and their values.
@@ -348,7 +378,7 @@ pub fn write(path: &Path, camera: &Camera) -> Result<(), BadInput> {
 /// The text of `camera.toml`.
 #[must_use]
 pub fn to_toml(camera: &Camera) -> String {
-    let Camera { lens, provenance } = camera;
+    let Camera { lens, readout_ns, provenance } = camera;
     let fields = Fields {
         width_px: lens.width_px,
         height_px: lens.height_px,
@@ -359,6 +389,7 @@ pub fn to_toml(camera: &Camera) -> String {
         skew_px: lens.skew_px,
         model: Model::of(&lens.distortion),
         distortion: lens.distortion.coefficients().to_vec(),
+        readout_ms: (*readout_ns != 0).then(|| f64::from(*readout_ns) / NS_PER_MS),
         rms_px: provenance.rms_px,
         images: provenance.images,
         date: provenance.date.clone(),
@@ -372,7 +403,8 @@ pub fn to_toml(camera: &Camera) -> String {
 ///
 /// With s the ratio of the sizes, f' = s f and c' = s c + (s - 1)/2: pixel
 /// centres lie at integers, so that the frame's edge, not its first pixel's
-/// centre, keeps its place. Distortion acts on rays and stays. A *cropped*
+/// centre, keeps its place. Distortion acts on rays and stays, and so does the readout: fewer rows
+/// then take as long as the rows that each of them is made of. A *cropped*
 /// frame, or one binned on the sensor with another field of view, is not this.
 ///
 /// # Errors
@@ -411,7 +443,7 @@ pub fn scaled(
         distortion: lens.distortion,
     };
     check(&lens, place)?;
-    Ok(Camera { lens, provenance: camera.provenance.clone() })
+    Ok(Camera { lens, ..camera.clone() })
 }
 
 /// Refuses frames of another size than the camera file's.

@@ -87,6 +87,7 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
             cy_px: k[5],
             distortion: distortion(family, &fields.distortion_coefficients, place)?,
         },
+        readout_ns: 0,
         provenance: Provenance {
             rms_px: fields.avg_reprojection_error,
             images: fields.nr_of_frames,

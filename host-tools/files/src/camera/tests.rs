@@ -15,6 +15,7 @@ fn a_camera_toml_comes_back() {
     let camera = parse(GOOD, "camera.toml").unwrap();
     assert_eq!(camera.lens.fx_px, 1740.0);
     assert_eq!(camera.lens.skew_px, 0.0);
+    assert_eq!(camera.readout_ns, 0);
     assert_eq!(camera.lens.distortion, Distortion::Radial2([-0.1, 0.02]));
     let camera = Camera {
         lens: Lens {
@@ -22,6 +23,7 @@ fn a_camera_toml_comes_back() {
             distortion: Distortion::Brown5([-0.2, 0.1, 1e-3, -2e-4, 1e-17]),
             ..camera.lens
         },
+        readout_ns: -16_000_001,
         provenance: Provenance {
             rms_px: Some(0.25),
             images: Some(36),
@@ -103,6 +105,8 @@ fn each_wrong_field_of_a_camera_toml_is_named() {
         ("width_px = 1456", "width_px = 1e9", "width_px", "1000000000"),
         ("width_px = 1456", "width_px = 9000", "width_px, height_px", "9000"),
         ("cx_px = 727.5", "cx_px = -99999", "cx_px, cy_px", "-99999"),
+        ("[-0.1, 0.02]", "[-0.1, 0.02]\nreadout_ms = 1000.1", "readout_ms", "1000.1"),
+        ("[-0.1, 0.02]", "[-0.1, 0.02]\nreadout_ms = nan", "readout_ms", "NaN"),
         ("[-0.1, 0.02]", "[-0.1]", "distortion", "1 coefficient"),
         ("[-0.1, 0.02]", "[-0.9, 0.0]", "distortion", "-0.9"),
         ("[-0.1, 0.02]", "[inf, 0.0]", "distortion", "inf"),
@@ -207,8 +211,11 @@ fn every_model_of_opencv_and_ros_is_read() {
 
     // And in camera.toml, there and back.
     for distortion in [fisheye, rational, Distortion::ThinPrism12(expected)] {
-        let camera =
-            Camera { lens: Lens { distortion, ..lens }, provenance: Provenance::default() };
+        let camera = Camera {
+            lens: Lens { distortion, ..lens },
+            readout_ns: 0,
+            provenance: Provenance::default(),
+        };
         assert_eq!(parse(&to_toml(&camera), "camera.toml"), Ok(camera));
     }
 }

@@ -103,7 +103,7 @@ fn read_back(link: &mut BoxLink) -> Result<Config, BadInput> {
 /// Each file's name and text.
 fn texts(config: &Config, source: &str) -> Vec<(&'static str, String)> {
     let provenance = Provenance { source: Some(source.to_owned()), ..Provenance::default() };
-    let camera = Camera { lens: config.lens, provenance };
+    let camera = Camera { lens: config.lens, readout_ns: config.readout_ns, provenance };
     let described: Vec<_> = config
         .targets
         .iter()
@@ -176,6 +176,7 @@ mod tests {
             TargetConfig { name: "board".try_into().unwrap(), geometry: measured.unwrap() };
         config.targets.push(target).unwrap();
         config.cam_from_scene_theta = Some([0.1 + 0.2, 1.0 / 3.0, -0.7, 1e-3, 2.0, 1234.567]);
+        config.readout_ns = -15_999_999;
         config.links = Links {
             udp: Some("192.168.1.20:4210".parse().unwrap()),
             serial: Some(crate::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),

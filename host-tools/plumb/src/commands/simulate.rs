@@ -63,6 +63,15 @@ pub struct SimulateArguments {
     /// mm; sideways and in twist in proportion. Quiet standing has 5 to 10
     #[arg(long, value_name = "MM", default_value_t = SwaySettings::default().ap_sd_mm)]
     sway_mm: f64,
+    /// A steady motion of the whole person besides the sway, in mm/s: forward, to the right, up
+    #[arg(long, value_name = "AP,ML,SI", value_parser = three_numbers, default_value = "0,0,0")]
+    drift_mm_s: [f64; 3],
+    /// A rolling shutter: milliseconds from the exposure of the first row to that of the row below
+    /// the last one, negative if the sensor is read from the bottom to the top. The row that is
+    /// read first is exposed at the frame's time; each row shows the person at its own instant;
+    /// truth.csv has each target's pose at the time of the row of its centre
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    readout_ms: f64,
     /// How much brighter the right edge is than the left one, relative to the middle
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     gradient: f64,
@@ -108,10 +117,20 @@ impl SimulateArguments {
             black: self.black,
             white: self.white,
             gradient: self.gradient,
+            readout_ms: self.readout_ms,
             sway: SwaySettings::of_ap_sd_mm(self.sway_mm),
+            drift_mm_s: self.drift_mm_s,
             occlusions: self.occlude.clone(),
         }
     }
+}
+
+/// `1,2.5,-3`.
+fn three_numbers(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers
+        .and_then(|numbers| <[f64; 3]>::try_from(numbers).ok())
+        .ok_or_else(|| "expected three numbers, as 0,200,0".to_owned())
 }
 
 /// Runs the subcommand.
@@ -212,7 +231,9 @@ fn describe(
 ) -> Result<(), BadInput> {
     let source = format!("plumb simulate, seed {}: exact", simulation.settings().seed);
     let provenance = Provenance { source: Some(source.clone()), ..Provenance::default() };
-    camera::write(camera_path, &Camera { lens: *simulation.camera(), provenance })?;
+    let camera =
+        Camera { lens: *simulation.camera(), readout_ns: simulation.readout_ns(), provenance };
+    camera::write(camera_path, &camera)?;
     let descriptions: Vec<_> = simulation
         .targets()
         .iter()
@@ -357,6 +378,30 @@ mod tests {
         let again = simulate(directory.path(), &["--frames", "1"]).unwrap_err().to_string();
         assert!(again.contains("frames.y4m") && again.contains("--force"), "{again}");
         simulate(directory.path(), &["--frames", "1", "--force"]).unwrap();
+    }
+
+    #[test]
+    fn a_rolling_shutter_gives_each_target_its_own_time() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ["--frames", "2", "--readout-ms", "-16", "--drift-mm-s", "0,200,-10"];
+        simulate(directory.path(), &options).unwrap();
+        let settings = SimulationSettings {
+            readout_ms: -16.0,
+            drift_mm_s: [0.0, 200.0, -10.0],
+            ..Default::default()
+        };
+        let simulation = Simulation::new(&settings).unwrap();
+        let camera = camera::read(&directory.path().join("camera.toml")).unwrap();
+        assert_eq!(camera.readout_ns, -16_000_000);
+        let rows = poses::read(&directory.path().join("truth.csv")).unwrap();
+        for (row, target) in rows[2..].iter().zip(simulation.truth(1).targets) {
+            assert_eq!(row.time_s, target.time_s);
+            // Later than the bottom row, which is read first.
+            assert!((1.0 / 60.0..1.0 / 60.0 + 0.016).contains(&row.time_s), "{}", row.time_s);
+        }
+        let wrong = ["simulate", "--out", "-", "--drift-mm-s", "1,2"];
+        let refused = Line::try_parse_from(wrong).map(|_| ()).unwrap_err().to_string();
+        assert!(refused.contains("0,200,0"), "{refused}");
     }
 
     #[test]

@@ -171,17 +171,19 @@ fn track(
 
 /// The rows of one report, one per target, in the order of the configuration.
 fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
-    let time_s = report.capture_time_ns as f64 / 1e9;
+    let seconds = |time_ns: u64| time_ns as f64 / 1e9;
     config.targets.iter().zip(&report.targets).map(move |(target, found)| {
         let state = found.state.word();
         let measured = match &found.measurement {
             Ok(measured) => measured,
             Err(reason) => {
                 let state = format!("{state}: {}", reason.words());
+                let time_s = seconds(report.capture_time_ns);
                 return PoseRow::without_pose(frame, time_s, &target.name, &state);
             }
         };
         let covariance_mm2 = measured.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        let time_s = seconds(report.capture_time_ns.saturating_add(measured.delay_ns.into()));
         let row = PoseRow::without_pose(frame, time_s, &target.name, state)
             .with_pose(&measured.cam_from_target)
             .with_quality(&covariance_mm2, measured.rms_px, u32::from(measured.corners));

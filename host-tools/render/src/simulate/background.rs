@@ -45,10 +45,10 @@ impl Background {
         Self { room, cloth: Picture { grey, ..cloth }, cover }
     }
 
-    /// The background with the trunk moved by `shift_px`, multiplied by `gain`.
+    /// The background multiplied by `gain`; a row shows the trunk moved by `shift_px` of that row.
     pub fn draw(
         &self,
-        shift_px: [f64; 2],
+        shift_px: impl Fn(usize) -> [f64; 2] + Sync,
         gain: impl Fn(f64, f64) -> f64 + Sync,
         picture: &mut Picture,
     ) {
@@ -56,28 +56,13 @@ impl Background {
         picture.width = width;
         picture.height = self.room.height;
         picture.grey.resize(self.room.grey.len(), 0.0);
-        // The position of pixel (0, 0) on the cloth, and the bilinear weights there.
-        let end = (2 * MARGIN_PX - 1) as f64;
-        let start = shift_px.map(|shift| (MARGIN_PX as f64 - shift).clamp(0.0, end));
-        let [left, top] = start.map(|start| start as usize);
-        let [fx, fy] = start.map(|start| start.fract() as f32);
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let mixed = |source: &Picture, y: usize, row: &mut [f32]| {
-            let above = &source.grey[(top + y) * source.width + left..][..width + 1];
-            let below = &source.grey[(top + y + 1) * source.width + left..][..width + 1];
-            for (x, value) in row.iter_mut().enumerate() {
-                *value = above[x] * weights[0]
-                    + above[x + 1] * weights[1]
-                    + below[x] * weights[2]
-                    + below[x + 1] * weights[3];
-            }
-        };
         let scratch = || [vec![0.0; width], vec![0.0; width]];
         picture.grey.par_chunks_mut(width).enumerate().for_each_init(
             scratch,
             |[cloth, cover], (y, row)| {
-                mixed(&self.cloth, y, cloth);
-                mixed(&self.cover, y, cover);
+                let shift_px = shift_px(y);
+                shifted_row(&self.cloth, shift_px, y, cloth);
+                shifted_row(&self.cover, shift_px, y, cover);
                 let room = &self.room.grey[y * width..][..width];
                 // The light changes slowly: linear between the ends of the row.
                 let (first, last) = (gain(0.0, y as f64), gain(width as f64, y as f64));
@@ -88,6 +73,24 @@ impl Background {
                 }
             },
         );
+    }
+}
+
+/// Row `y` of the frame in a picture that is larger by [`MARGIN_PX`] and moved by `shift_px`.
+fn shifted_row(source: &Picture, shift_px: [f64; 2], y: usize, row: &mut [f32]) {
+    // The position of pixel (0, 0) on the source, and the bilinear weights there.
+    let end = (2 * MARGIN_PX - 1) as f64;
+    let start = shift_px.map(|shift| (MARGIN_PX as f64 - shift).clamp(0.0, end));
+    let [left, top] = start.map(|start| start as usize);
+    let [fx, fy] = start.map(|start| start.fract() as f32);
+    let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+    let above = &source.grey[(top + y) * source.width + left..][..row.len() + 1];
+    let below = &source.grey[(top + y + 1) * source.width + left..][..row.len() + 1];
+    for (x, value) in row.iter_mut().enumerate() {
+        *value = above[x] * weights[0]
+            + above[x + 1] * weights[1]
+            + below[x] * weights[2]
+            + below[x + 1] * weights[3];
     }
 }
 

@@ -15,8 +15,8 @@
 //! ```
 //!
 //! The targets are integrated exactly ([`render`]); the background and an occluding arm are
-//! procedural clutter. The camera has a global shutter and the exposure is instantaneous: there is
-//! no motion blur.
+//! procedural clutter. The exposure is instantaneous: there is no motion blur. The camera has a global
+//! shutter, or a rolling one, whose rows each show the person where they are at the row's own time.
 
 pub mod background;
 pub mod layout;
@@ -33,13 +33,14 @@ use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::Anatomical;
 use plumbline::target::{Origin, TargetGeometry};
+use rayon::prelude::*;
 
 use self::background::Background;
 use self::layout::{LensChoice, TargetLayout};
 use self::occluder::{Arm, Occlusion};
 use self::render::{Board, Ink, PSF_SIGMA_PX_MAX, PSF_SIGMA_PX_MIN, Picture, PlacedBoard};
 use self::sensor::{Sample, Sensor};
-use self::sway::{Sway, SwaySettings};
+use self::sway::{Sway, SwaySettings, Trunk};
 
 /// What is simulated. The default is the standard scene: 1456 x 1088, f 1740 px, 12 mm pitch, 1 m,
 /// PSF 0.6 px, noise 2 levels, 8 bits, 60 Hz, prints with greys 20 and 220 of 255: paper exposed to
@@ -68,8 +69,15 @@ pub struct SimulationSettings {
     /// How much brighter the right edge of the frame is than the left one, relative to the middle:
     /// 0.2 is 10 % more and 10 % less.
     pub gradient: f64,
+    /// The time from the exposure of the first row to that of the row below the last one, negative
+    /// if the sensor is read from the bottom to the top; 0 for a global shutter. The row that is read
+    /// first is exposed at the frame's time.
+    pub readout_ms: f64,
     /// How the person sways.
     pub sway: SwaySettings,
+    /// A steady motion of the whole person besides the sway: forward, to the right, up. They pass
+    /// their usual place in the first frame.
+    pub drift_mm_s: [f64; 3],
     /// When an arm hides part of a target.
     pub occlusions: Vec<Occlusion>,
 }
@@ -87,7 +95,9 @@ impl Default for SimulationSettings {
             black: 20.0,
             white: 220.0,
             gradient: 0.0,
+            readout_ms: 0.0,
             sway: SwaySettings::default(),
+            drift_mm_s: [0.0; 3],
             occlusions: Vec::new(),
         }
     }
@@ -121,7 +131,7 @@ pub struct SimulatedTarget {
 pub struct Truth {
     /// The frame's number, from 0.
     pub frame: u64,
-    /// The instant of the exposure, from the first frame's.
+    /// The instant at which the first row was exposed, from the first frame's.
     pub time_s: f64,
     /// The targets, in the order of [`Simulation::targets`].
     pub targets: Vec<TargetTruth>,
@@ -130,12 +140,23 @@ pub struct Truth {
 /// The ground truth of one target at one frame.
 #[derive(Debug, Clone)]
 pub struct TargetTruth {
+    /// The instant at which the row of its centre was exposed, to which the rest applies.
+    pub time_s: f64,
     /// The target's pose.
     pub cam_from_target: Pose<Cam, Target>,
     /// The body point (the target's virtual point) along the scene's axes.
     pub trunk_point: Anatomical,
     /// The number of inner corners inside the frame and not behind the arm.
     pub visible_corners: usize,
+}
+
+/// What is in front of the camera at an instant.
+struct Moment<'a> {
+    /// How far the back has moved in the image.
+    trunk_shift_px: [f64; 2],
+    /// In the order of [`Simulation::targets`].
+    boards: Vec<PlacedBoard<'a>>,
+    arms: Vec<Arm>,
 }
 
 /// A person, a camera and a room, determined by the settings.
@@ -225,86 +246,134 @@ impl Simulation {
         self.cam_from_scene
     }
 
-    /// The poses at a frame, in the order of [`targets`](Self::targets).
-    fn poses(&self, time_s: f64) -> impl Iterator<Item = Pose<Cam, Target>> {
-        let scene_from_trunk = self.sway.scene_from_trunk(time_s, &layout::ankle_mm());
-        let cam_from_trunk = self.cam_from_scene * scene_from_trunk;
-        self.targets.iter().map(move |target| cam_from_trunk * target.layout.trunk_from_target())
+    fn cam_from_trunk(&self, time_s: f64) -> Pose<Cam, Trunk> {
+        let [ap_mm, ml_mm, si_mm] = self.settings.drift_mm_s.map(|speed| speed * time_s);
+        let mut scene_from_trunk = self.sway.scene_from_trunk(time_s, &layout::ankle_mm());
+        scene_from_trunk.translation_mm += Vector3::new(ml_mm, -si_mm, ap_mm);
+        self.cam_from_scene * scene_from_trunk
     }
 
-    fn time_s(&self, frame: u64) -> f64 {
+    fn frame_time_s(&self, frame: u64) -> f64 {
         frame as f64 / self.settings.frame_rate_hz
     }
 
-    fn arms(&self, time_s: f64, poses: &[Pose<Cam, Target>]) -> Vec<Arm> {
+    /// When row `y` of a frame is exposed: at the frame's time if it is read first.
+    fn row_time_s(&self, frame: u64, y: f64) -> f64 {
+        let readout_s = self.settings.readout_ms * 1e-3;
+        let rows = f64::from(self.camera.height_px);
+        let first = if readout_s < 0.0 { rows - 1.0 } else { 0.0 };
+        self.frame_time_s(frame) + (y - first) / rows * readout_s
+    }
+
+    /// What is in front of the camera at an instant.
+    fn moment(&self, time_s: f64) -> Moment<'_> {
+        let cam_from_trunk = self.cam_from_trunk(time_s);
+        let placed = self.targets.iter().map(|target| PlacedBoard {
+            board: &target.board,
+            cam_from_target: cam_from_trunk * target.layout.trunk_from_target(),
+        });
+        let boards: Vec<_> = placed.collect();
         let arm = |occlusion: &Occlusion| {
             let hides = |target: &SimulatedTarget| target.layout.name == occlusion.target;
-            let index = self.targets.iter().position(hides)?;
-            let paper_mm = self.targets[index].board.paper_mm();
-            occlusion.arm(time_s, &self.camera, &poses[index], paper_mm)
+            let board = &boards[self.targets.iter().position(hides)?];
+            occlusion.arm(time_s, &self.camera, &board.cam_from_target, board.board.paper_mm())
         };
-        self.settings.occlusions.iter().filter_map(arm).collect()
+        let arms = self.settings.occlusions.iter().filter_map(arm).collect();
+        Moment { trunk_shift_px: self.trunk_shift_px(&cam_from_trunk).into(), boards, arms }
+    }
+
+    /// How far the point of the back at the scene's origin has moved in the image.
+    fn trunk_shift_px(&self, cam_from_trunk: &Pose<Cam, Trunk>) -> Vector2<f64> {
+        let back_cam_mm = cam_from_trunk.transform(&layout::back_origin_trunk_mm());
+        let now = self.camera.project(&back_cam_mm);
+        let rest = self.camera.project(&self.cam_from_scene.translation_mm);
+        now.zip(rest).map_or_else(Vector2::zeros, |(now, rest)| now - rest)
+    }
+
+    /// When the row in which the centre of a target is seen is exposed.
+    fn target_time_s(&self, frame: u64, target: &SimulatedTarget) -> f64 {
+        let seen_s = |time_s: f64| {
+            let cam_from_target = self.cam_from_trunk(time_s) * target.layout.trunk_from_target();
+            let centre_px = self.camera.project(&cam_from_target.translation_mm)?;
+            Some(self.row_time_s(frame, centre_px.y))
+        };
+        let mut time_s = self.row_time_s(frame, f64::from(self.camera.height_px) / 2.0);
+        // While one row is read, the centre moves by far less than a row: each round divides the
+        // error by more than ten.
+        for _ in 0..20 {
+            let Some(next_s) = seen_s(time_s) else { break };
+            let change_s = next_s - time_s;
+            time_s = next_s;
+            if change_s.abs() < 1e-12 {
+                break;
+            }
+        }
+        time_s
     }
 
     /// The ground truth at a frame.
     #[must_use]
     pub fn truth(&self, frame: u64) -> Truth {
-        let time_s = self.time_s(frame);
-        let poses: Vec<_> = self.poses(time_s).collect();
-        let arms = self.arms(time_s, &poses);
-        let scene_from_cam = self.cam_from_scene.inverse();
+        let targets = (0..self.targets.len()).map(|index| self.target_truth(frame, index));
+        Truth { frame, time_s: self.frame_time_s(frame), targets: targets.collect() }
+    }
+
+    fn target_truth(&self, frame: u64, index: usize) -> TargetTruth {
+        let target = &self.targets[index];
+        let time_s = self.target_time_s(frame, target);
+        let moment = self.moment(time_s);
+        let cam_from_target = moment.boards[index].cam_from_target;
+        let body_cam_mm = cam_from_target.transform(&target.geometry.virtual_point_mm());
+        let body_mm = self.cam_from_scene.inverse().transform(&body_cam_mm);
         let right = f64::from(self.camera.width_px - 1);
         let bottom = f64::from(self.camera.height_px - 1);
-        let targets = self.targets.iter().zip(&poses).map(|(target, cam_from_target)| {
-            let body_cam_mm = cam_from_target.transform(&target.geometry.virtual_point_mm());
-            let body_mm = scene_from_cam.transform(&body_cam_mm);
-            let visible = |index: &usize| {
-                let corner_mm = cam_from_target.transform(&target.geometry.corner_mm(*index));
-                self.camera.project(&corner_mm).is_some_and(|raw_px| {
-                    (0.0..=right).contains(&raw_px.x)
-                        && (0.0..=bottom).contains(&raw_px.y)
-                        && arms.iter().all(|arm| arm.depth_px(&raw_px) < 0.0)
-                })
-            };
-            TargetTruth {
-                cam_from_target: *cam_from_target,
-                trunk_point: Anatomical { ap_mm: body_mm.z, ml_mm: body_mm.x, si_mm: -body_mm.y },
-                visible_corners: (0..target.geometry.corner_count()).filter(visible).count(),
-            }
-        });
-        Truth { frame, time_s, targets: targets.collect() }
+        let visible = |index: &usize| {
+            let corner_mm = cam_from_target.transform(&target.geometry.corner_mm(*index));
+            self.camera.project(&corner_mm).is_some_and(|raw_px| {
+                (0.0..=right).contains(&raw_px.x)
+                    && (0.0..=bottom).contains(&raw_px.y)
+                    && moment.arms.iter().all(|arm| arm.depth_px(&raw_px) < 0.0)
+            })
+        };
+        TargetTruth {
+            time_s,
+            cam_from_target,
+            trunk_point: Anatomical { ap_mm: body_mm.z, ml_mm: body_mm.x, si_mm: -body_mm.y },
+            visible_corners: (0..target.geometry.corner_count()).filter(visible).count(),
+        }
     }
 
     /// The frame before noise and quantisation, in levels of 0 to 255; `picture`
     /// is resized and overwritten.
     fn render_grey(&self, frame: u64, picture: &mut Picture) {
-        let time_s = self.time_s(frame);
-        let poses: Vec<_> = self.poses(time_s).collect();
-        let (gradient, width) = (self.settings.gradient, f64::from(self.camera.width_px));
-        let gain = move |x: f64, _y: f64| 1.0 + gradient * (x / width - 0.5);
-        self.background.draw(self.trunk_shift_px(time_s).into(), gain, picture);
-        let boards: Vec<_> = self
-            .targets
-            .iter()
-            .zip(&poses)
-            .map(|(target, pose)| PlacedBoard { board: &target.board, cam_from_target: *pose })
+        let psf_sigma_px = self.settings.psf_sigma_px;
+        let (gradient, width) = (self.settings.gradient, usize::from(self.camera.width_px));
+        let gain = move |x: f64, _y: f64| 1.0 + gradient * (x / width as f64 - 0.5);
+        // One for all rows of a global shutter, or one for each row of a rolling one.
+        let rows = if self.settings.readout_ms == 0.0 { 1 } else { self.camera.height_px };
+        let moments: Vec<_> = (0..rows)
+            .into_par_iter()
+            .map(|y| self.moment(self.row_time_s(frame, f64::from(y))))
             .collect();
-        render::render_targets(&self.camera, self.settings.psf_sigma_px, &boards, gain, picture);
-        for arm in self.arms(time_s, &poses) {
-            arm.draw(self.settings.psf_sigma_px, gain, picture);
+        let moment_of_row = |y: usize| &moments[y.min(moments.len() - 1)];
+        self.background.draw(|y| moment_of_row(y).trunk_shift_px, gain, picture);
+        match &moments[..] {
+            [moment] => {
+                render::render_targets(&self.camera, psf_sigma_px, &moment.boards, gain, picture);
+            }
+            _ => render::render_targets_by_row(
+                &self.camera,
+                psf_sigma_px,
+                |y| &moment_of_row(y).boards,
+                gain,
+                picture,
+            ),
         }
-    }
-
-    /// How far the point of the back at the scene's origin has moved in the image.
-    fn trunk_shift_px(&self, time_s: f64) -> Vector2<f64> {
-        let scene_from_trunk = self.sway.scene_from_trunk(time_s, &layout::ankle_mm());
-        let rest_trunk_mm = layout::back_origin_trunk_mm();
-        let project = |point_scene_mm: &Vector3<f64>| {
-            self.camera.project(&self.cam_from_scene.transform(point_scene_mm))
-        };
-        let now = project(&scene_from_trunk.transform(&rest_trunk_mm));
-        let rest = project(&Vector3::zeros());
-        now.zip(rest).map_or_else(Vector2::zeros, |(now, rest)| now - rest)
+        for (y, pixels) in picture.grey.chunks_mut(width).enumerate() {
+            for arm in &moment_of_row(y).arms {
+                arm.draw_row(psf_sigma_px, gain, y, pixels);
+            }
+        }
     }
 
     /// A frame as the sensor delivers it, row by row; `samples` is resized and overwritten. `u8`
@@ -340,6 +409,10 @@ impl SimulationSettings {
         within("black", self.black, 0.0, 255.0)?;
         within("white", self.white, 0.0, 255.0)?;
         within("gradient", self.gradient, -1.0, 1.0)?;
+        within("readout-ms", self.readout_ms, -1000.0, 1000.0)?;
+        for speed_mm_s in self.drift_mm_s {
+            within("drift-mm-s", speed_mm_s, -1e4, 1e4)?;
+        }
         within("sway-mm", self.sway.ap_sd_mm, 0.0, 100.0)?;
         within("sway.ml_sd_mm", self.sway.ml_sd_mm, 0.0, 100.0)?;
         within("sway.twist_sd_rad", self.sway.twist_sd_rad, 0.0, 0.5)
@@ -449,6 +522,51 @@ mod tests {
     }
 
     #[test]
+    fn a_row_of_a_rolling_shutter_shows_the_person_at_its_own_time() {
+        // The frames of a camera with a global shutter that takes one frame while the other reads
+        // one row.
+        let occlusions: Vec<Occlusion> = vec!["shoulder:0:0.03:0.5".parse().unwrap()];
+        let moving = SimulationSettings {
+            drift_mm_s: [30.0, -200.0, 100.0],
+            occlusions,
+            ..SimulationSettings::default()
+        };
+        let row_hz = 1088.0 / 0.016;
+        let fast = SimulationSettings { frame_rate_hz: row_hz, ..moving.clone() };
+        let fast = Simulation::new(&fast).unwrap();
+        let rolling = SimulationSettings { readout_ms: 16.0, ..moving };
+        let rolling = Simulation::new(&rolling).unwrap();
+        let [mut rows, mut still] = [Picture::uniform(0, 0, 0.0), Picture::uniform(0, 0, 0.0)];
+        rolling.render_grey(0, &mut rows);
+        // Each crosses a target.
+        for y in [150, 300, 350, 800, 950] {
+            fast.render_grey(y as u64, &mut still);
+            let row = |picture: &Picture| picture.grey[y * 1456..][..1456].to_vec();
+            let error = row(&rows).into_iter().zip(row(&still)).map(|(a, b)| (a - b).abs());
+            // The times differ by the rounding of y / 1088 * 0.016.
+            assert!(error.fold(0.0, f32::max) < 1e-4, "row {y}");
+        }
+    }
+
+    #[test]
+    fn the_truth_of_a_target_is_that_of_the_row_of_its_centre() {
+        for (readout_ms, first) in [(16.0, 0.0), (-16.0, 1087.0)] {
+            let drift_mm_s = [0.0, 0.0, 200.0];
+            let settings = SimulationSettings { readout_ms, drift_mm_s, ..still() };
+            let simulation = Simulation::new(&settings).unwrap();
+            let rest = Simulation::new(&still()).unwrap().truth(0);
+            for (target, rest) in simulation.truth(3).targets.iter().zip(&rest.targets) {
+                let centre = target.cam_from_target.translation_mm;
+                let y = simulation.camera().project(&centre).unwrap().y;
+                let exposed_s = 3.0 / 60.0 + (y - first) / 1088.0 * readout_ms * 1e-3;
+                assert!((target.time_s - exposed_s).abs() < 1e-11, "{}", target.time_s);
+                let risen_mm = target.trunk_point.si_mm - rest.trunk_point.si_mm;
+                assert!((risen_mm - 200.0 * exposed_s).abs() < 1e-8, "{risen_mm}");
+            }
+        }
+    }
+
+    #[test]
     fn impossible_settings_are_named() {
         let message = |settings: SimulationSettings| {
             Simulation::new(&settings).map(|_| ()).unwrap_err().to_string()
@@ -460,6 +578,11 @@ mod tests {
         assert!(
             message(SimulationSettings { distance_mm: Some(5.0), ..still() }).contains("distance")
         );
+        assert!(
+            message(SimulationSettings { readout_ms: f64::NAN, ..still() }).contains("readout-ms")
+        );
+        let drift_mm_s = [0.0, f64::INFINITY, 0.0];
+        assert!(message(SimulationSettings { drift_mm_s, ..still() }).contains("drift-mm-s"));
         let occlusions = vec!["knee:1:2".parse().unwrap()];
         assert!(message(SimulationSettings { occlusions, ..still() }).contains("knee"));
     }

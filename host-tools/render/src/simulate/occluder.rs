@@ -7,7 +7,6 @@ use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Target};
 
 use super::background::ValueNoise;
-use super::render::Picture;
 
 /// One passage of the arm.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,14 +118,19 @@ impl Arm {
         self.radius_px - if along_px > 0.0 { across_px.abs() } else { from_centre.norm() }
     }
 
-    /// Draws the arm over the picture, its edge as soft as the lens's blur.
-    pub fn draw(&self, blur_px: f64, gain: impl Fn(f64, f64) -> f64, picture: &mut Picture) {
+    /// Draws the arm over the pixels of row `y`, its edge as soft as the lens's blur.
+    pub fn draw_row(
+        &self,
+        blur_px: f64,
+        gain: impl Fn(f64, f64) -> f64,
+        y: usize,
+        pixels: &mut [f32],
+    ) {
         let folds = ValueNoise { seed: self.seed, cell_px: 60.0 };
         let skin = ValueNoise { seed: self.seed + 1, cell_px: 5.0 };
         let edge_px = 2.0 * blur_px + 0.5;
-        let width = picture.width;
-        for (index, pixel) in picture.grey.iter_mut().enumerate() {
-            let raw_px = Vector2::new((index % width) as f64, (index / width) as f64);
+        for (x, pixel) in pixels.iter_mut().enumerate() {
+            let raw_px = Vector2::new(x as f64, y as f64);
             let depth_px = self.depth_px(&raw_px);
             if depth_px < -edge_px {
                 continue;

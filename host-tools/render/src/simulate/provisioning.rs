@@ -5,6 +5,13 @@ use plumbline::config::{Config, Links, Machine, TargetConfig};
 use super::Simulation;
 
 impl Simulation {
+    /// The readout as files and boxes have it.
+    #[must_use]
+    pub fn readout_ns(&self) -> i32 {
+        // Within a second: the settings were checked.
+        (self.settings().readout_ms * 1e6).round() as i32
+    }
+
     /// Camera, targets and scene as they truly are; no camera device and no links.
     #[must_use]
     pub fn config(&self) -> Config {
@@ -16,6 +23,7 @@ impl Simulation {
             device: "simulation".try_into().expect("a short name"),
             serial_number: heapless::String::new(),
             lens: *self.camera(),
+            readout_ns: self.readout_ns(),
             targets: targets.collect(),
             cam_from_scene_theta: Some(self.cam_from_scene().theta()),
             links: Links::default(),

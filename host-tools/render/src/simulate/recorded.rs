@@ -84,7 +84,7 @@ pub fn frame_rate(frame_rate_hz: f64) -> y4m::Ratio {
 }
 
 /// The rows of truth.csv for one frame: the columns of poses.csv, where `points` is the number of
-/// corners in view.
+/// corners in view, and the time that at which the row of the target's centre was exposed.
 #[must_use]
 pub fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
     let truth = simulation.truth(frame);
@@ -93,7 +93,7 @@ pub fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
         .iter()
         .zip(&truth.targets)
         .map(|(target, known)| {
-            let row = PoseRow::without_pose(frame, truth.time_s, target.layout.name, "truth")
+            let row = PoseRow::without_pose(frame, known.time_s, target.layout.name, "truth")
                 .with_pose(&known.cam_from_target);
             let points = u32::try_from(known.visible_corners).ok();
             let row = PoseRow { points, ..row };

@@ -199,25 +199,73 @@ pub fn render_targets(
     gain: impl Fn(f64, f64) -> f64 + Sync,
     picture: &mut Picture,
 ) {
-    assert_eq!(picture.width, usize::from(lens.width_px), "the picture is not the lens's");
-    assert_eq!(picture.height, usize::from(lens.height_px), "the picture is not the lens's");
-    assert!(
-        (PSF_SIGMA_PX_MIN..=PSF_SIGMA_PX_MAX).contains(&psf_sigma_px),
-        "a blur of {psf_sigma_px} px cannot be drawn"
-    );
-    let rules = Rules::new(psf_sigma_px);
-    for placed in boards {
-        let Some(map) = PlaneMap::new(&placed.cam_from_target) else { continue };
-        let Some(bounds) = bounds_px(lens, psf_sigma_px, placed) else { continue };
-        let [left, top, right, bottom] = bounds;
-        let painter = Painter { lens, psf_sigma_px, board: placed.board, map: &map, rules: &rules };
-        let width = picture.width;
-        picture.grey[top * width..bottom * width].par_chunks_mut(width).enumerate().for_each_init(
-            Scratch::new,
-            |scratch, (row, pixels)| {
-                painter.row(left, top + row, &mut pixels[left..right], &gain, scratch);
-            },
+    let optics = Optics::new(lens, psf_sigma_px);
+    let painters: Vec<_> = optics.painters(boards).collect();
+    optics.for_each_row(picture, |y, pixels, scratch| {
+        for painter in &painters {
+            painter.row(y, pixels, &gain, scratch);
+        }
+    });
+}
+
+/// The same for a rolling shutter: each row shows the boards where they are at its own time.
+///
+/// # Panics
+/// As [`render_targets`].
+pub fn render_targets_by_row<'a>(
+    lens: &Lens,
+    psf_sigma_px: f64,
+    boards_of_row: impl Fn(usize) -> &'a [PlacedBoard<'a>] + Sync,
+    gain: impl Fn(f64, f64) -> f64 + Sync,
+    picture: &mut Picture,
+) {
+    let optics = Optics::new(lens, psf_sigma_px);
+    optics.for_each_row(picture, |y, pixels, scratch| {
+        for painter in optics.painters(boards_of_row(y)) {
+            painter.row(y, pixels, &gain, scratch);
+        }
+    });
+}
+
+/// What all boards of a picture are seen through.
+struct Optics<'a> {
+    lens: &'a Lens,
+    psf_sigma_px: f64,
+    rules: Rules,
+}
+
+impl<'a> Optics<'a> {
+    fn new(lens: &'a Lens, psf_sigma_px: f64) -> Self {
+        assert!(
+            (PSF_SIGMA_PX_MIN..=PSF_SIGMA_PX_MAX).contains(&psf_sigma_px),
+            "a blur of {psf_sigma_px} px cannot be drawn"
         );
+        Self { lens, psf_sigma_px, rules: Rules::new(psf_sigma_px) }
+    }
+
+    /// Those of the boards that are in view.
+    fn painters<'b>(&'b self, boards: &'b [PlacedBoard<'b>]) -> impl Iterator<Item = Painter<'b>> {
+        boards.iter().filter_map(|placed| {
+            let map = PlaneMap::new(&placed.cam_from_target)?;
+            let bounds_px = bounds_px(self.lens, self.psf_sigma_px, placed)?;
+            Some(Painter { optics: self, board: placed.board, map, bounds_px })
+        })
+    }
+
+    /// Calls `draw` with the number and the pixels of each row, on all processors.
+    fn for_each_row(
+        &self,
+        picture: &mut Picture,
+        draw: impl Fn(usize, &mut [f32], &mut Scratch) + Sync,
+    ) {
+        assert_eq!(picture.width, usize::from(self.lens.width_px), "the picture is not the lens's");
+        assert_eq!(
+            picture.height,
+            usize::from(self.lens.height_px),
+            "the picture is not the lens's"
+        );
+        let rows = picture.grey.par_chunks_mut(picture.width).enumerate();
+        rows.for_each_init(Scratch::new, |scratch, (y, pixels)| draw(y, pixels, scratch));
     }
 }
 
@@ -343,27 +391,31 @@ impl Scratch {
     }
 }
 
+/// A board in view.
 struct Painter<'a> {
-    lens: &'a Lens,
-    psf_sigma_px: f64,
+    optics: &'a Optics<'a>,
     board: &'a Board,
-    map: &'a PlaneMap,
-    rules: &'a Rules,
+    map: PlaneMap,
+    /// [left, top, right, bottom).
+    bounds_px: [usize; 4],
 }
 
 impl Painter<'_> {
-    /// Draws the pixels of row `y` from column `left` on.
+    /// Draws over the pixels of row `y`, which the board may not reach.
     fn row(
         &self,
-        left: usize,
         y: usize,
         pixels: &mut [f32],
         gain: &impl Fn(f64, f64) -> f64,
         scratch: &mut Scratch,
     ) {
-        let mut walk = RayWalk { lens: self.lens, last: None };
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let raw_px = Vector2::new((left + column) as f64, y as f64);
+        let [left, top, right, bottom] = self.bounds_px;
+        if !(top..bottom).contains(&y) {
+            return;
+        }
+        let mut walk = RayWalk { lens: self.optics.lens, last: None };
+        for (column, pixel) in pixels.iter_mut().enumerate().take(right).skip(left) {
+            let raw_px = Vector2::new(column as f64, y as f64);
             let Some((ray, ray_by_raw)) = walk.to(&raw_px) else { continue };
             let background = f64::from(*pixel);
             let gain = gain(raw_px.x, raw_px.y);
@@ -384,7 +436,7 @@ impl Painter<'_> {
     ) -> Option<f64> {
         let (centre_mm, mm_by_ray) = self.map.point_with_jacobian(ray);
         let mm_by_raw = mm_by_ray * ray_by_raw;
-        let covariance = mm_by_raw * mm_by_raw.transpose() * self.psf_sigma_px.powi(2);
+        let covariance = mm_by_raw * mm_by_raw.transpose() * self.optics.psf_sigma_px.powi(2);
         let sd_mm = Vector2::new(covariance.m11.sqrt(), covariance.m22.sqrt());
         // The blur around every point of the pixel.
         let half_pixel_mm = mm_by_raw.abs() * Vector2::repeat(0.5);
@@ -405,10 +457,14 @@ impl Painter<'_> {
         let corners = !columns.lines_mm.is_empty() && !rows.lines_mm.is_empty();
         if corners {
             let rho = covariance.m12 * inverse_sd.x * inverse_sd.y;
-            scratch.correlation.prepare(rho, &self.rules.correlation);
+            scratch.correlation.prepare(rho, &self.optics.rules.correlation);
         }
-        let points =
-            self.rules.pixel.iter().flat_map(|x| self.rules.pixel.iter().map(move |y| (x, y)));
+        let points = self
+            .optics
+            .rules
+            .pixel
+            .iter()
+            .flat_map(|x| self.optics.rules.pixel.iter().map(move |y| (x, y)));
         let points = points.map(|([x_px, x_weight], [y_px, y_weight])| {
             let there = ray + ray_by_raw * Vector2::new(*x_px, *y_px);
             (self.map.point_mm(&there), x_weight * y_weight)

@@ -27,6 +27,7 @@ const FRAME_NS: u64 = 20_000_000;
 
 fn pose(sequence: u32) -> Message {
     let measured = MeasuredPose {
+        delay_ns: 0,
         theta_rad: [0.1, -0.2, 0.3],
         translation_mm: [12.5, -80.25, 1000.06],
         sd_mm: [0.0012, 0.0013, 0.025],

@@ -50,7 +50,7 @@ pub fn write(
 
     let top = [
         ("dataset_description.json", pretty(&description())),
-        ("README", README.to_owned()),
+        ("README", readme(rows)),
         ("participants.tsv", format!("participant_id\n{subject}\n")),
     ];
     // The standard allows at most microseconds.
@@ -94,6 +94,13 @@ The time of each sample, in seconds from the first, is in the channel \"latency\
 point was not seen are n/a. The event \"t_zero\" is the trial's t = 0. The acquisition time is when \
 the recording began, shortly before the first sample.
 ";
+
+fn readme(rows: &Rows) -> String {
+    match rows.moved() {
+        Some(moved) => format!("{README}\nThe camera has a rolling shutter: {moved}.\n"),
+        None => README.to_owned(),
+    }
+}
 
 fn description() -> Value {
     json!({

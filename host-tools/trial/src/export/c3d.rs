@@ -51,6 +51,9 @@ fn parameters(header: &Header, rows: &Rows) -> Parameters {
     ] {
         parameters.set(group, name, value);
     }
+    if let Some(moved) = rows.moved() {
+        parameters.set(OWN, "TIMES", Value::Text(moved));
+    }
     if header.last_frame == FRAMES_MAX {
         let words = |it: usize| Value::Integers(vec![it as u16, (it >> 16) as u16]);
         parameters.set("TRIAL", "ACTUAL_START_FIELD", words(1));
@@ -90,6 +93,7 @@ mod tests {
         Rows {
             rate_hz: 60.0,
             time_s: (0..frames).map(|frame| frame as f64 / 60.0 - 0.5).collect(),
+            moved_s: 0.0,
             points: vec![track("lower", 3), track("upper", 7)],
         }
     }

@@ -61,6 +61,7 @@ pub fn export(
     let points = Points::of(trial, zero)?;
     let rows = Rows::of(&points)?;
     let mut warnings = points.warnings.clone();
+    warnings.extend(rows.moved());
     let bytes = match format {
         Format::Csv => Some(csv::bytes(&rows)),
         Format::Parquet => Some(parquet::bytes(&rows, out)?),

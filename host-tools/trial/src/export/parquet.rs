@@ -35,10 +35,12 @@ fn write(rows: &Rows) -> ParquetResult<Vec<u8>> {
         fields.push(column(&name, Repetition::OPTIONAL)?);
     }
     let schema = Type::group_type_builder("positions").with_fields(fields).build()?;
-    let about = KeyValue::new("axes".to_owned(), BODY_AXES.to_owned());
+    let axes = [KeyValue::new("axes".to_owned(), BODY_AXES.to_owned())];
+    let times = rows.moved().map(|moved| KeyValue::new("times".to_owned(), moved));
+    let about = axes.into_iter().chain(times).collect();
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
-        .set_key_value_metadata(Some(vec![about]))
+        .set_key_value_metadata(Some(about))
         .build();
     let mut file = Vec::new();
     let mut writer = SerializedFileWriter::new(&mut file, Arc::new(schema), Arc::new(properties))?;

@@ -1,6 +1,12 @@
-//! A trial as evenly spaced rows, from which every format is made.
+//! A trial as rows with one time each, from which every format is made.
+//!
+//! A camera with a rolling shutter sees each point at a time of its own, some milliseconds after
+//! the frame's. The row has the mean of these times, and each point is moved there with the
+//! velocity that its neighbours give: by so little that its noise stays as it is.
 
-use plumbline_analysis::series::{Axis, usual_period_s};
+use std::ops::Range;
+
+use plumbline_analysis::series::{Axis, Series, usual_period_s};
 use plumbline_files::BadInput;
 
 use crate::points::{Point, Points};
@@ -20,6 +26,8 @@ pub struct Rows {
     /// When each frame was taken, from t = 0. A frame that never arrived has its place evenly
     /// between its neighbours.
     pub time_s: Vec<f64>,
+    /// How far, at most, a point's own time is from its row's; 0 with a global shutter.
+    pub moved_s: f64,
     /// The points.
     pub points: Vec<Track>,
 }
@@ -41,9 +49,9 @@ impl Rows {
     /// memory.
     pub fn of(points: &Points) -> Result<Self, BadInput> {
         let mut seen_s: Vec<f64> =
-            points.points.iter().flat_map(|point| point.series.time_s()).copied().collect();
+            points.points.iter().flat_map(|point| &point.frame_time_s).copied().collect();
         seen_s.sort_by(f64::total_cmp);
-        // Points of one frame have the very same time.
+        // Points of one frame have the very same frame's time.
         seen_s.dedup();
         let usual_s = usual_period_s(&seen_s).ok_or_else(|| {
             BadInput::whole(&points.place, "fewer than two frames", "export a longer trial")
@@ -63,9 +71,24 @@ impl Rows {
             time_s.extend((0..span as usize).map(|at| pair[0] + at as f64 * step_s));
         }
         time_s.extend(seen_s.last());
-        let tracks = points.points.iter().map(|point| track(point, &time_s)).collect();
+        let delays = || points.points.iter().flat_map(delays_s);
+        let delay_s = delays().sum::<f64>() / delays().count() as f64;
+        let moved_s = delays().map(|of_point_s| (of_point_s - delay_s).abs()).fold(0.0, f64::max);
+        let tracks = points.points.iter().map(|point| track(point, &time_s, delay_s)).collect();
+        time_s.iter_mut().for_each(|time_s| *time_s += delay_s);
         let length_s = time_s.last().zip(time_s.first()).map_or(0.0, |(last, first)| last - first);
-        Ok(Self { rate_hz: (time_s.len() - 1) as f64 / length_s, time_s, points: tracks })
+        Ok(Self { rate_hz: (time_s.len() - 1) as f64 / length_s, time_s, moved_s, points: tracks })
+    }
+
+    /// A sentence where points were moved to their rows' times, for files that have room for it.
+    pub fn moved(&self) -> Option<String> {
+        (self.moved_s > 0.0).then(|| {
+            format!(
+                "the camera sees each point at its own time, up to {:.1} ms from its row's: it is \
+                 moved to that with the velocity between its neighbours",
+                1e3 * self.moved_s
+            )
+        })
     }
 
     /// The time of the first row.
@@ -87,27 +110,55 @@ impl Rows {
     }
 }
 
-fn track(point: &Point, time_s: &[f64]) -> Track {
+/// How much later than its frame's time each sample of a point is.
+fn delays_s(point: &Point) -> impl Iterator<Item = f64> {
+    point.series.time_s().iter().zip(&point.frame_time_s).map(|(own_s, frame_s)| own_s - frame_s)
+}
+
+/// A point in the rows of these frames, each `delay_s` after its frame.
+fn track(point: &Point, frames_s: &[f64], delay_s: f64) -> Track {
     let series = &point.series;
-    let [ap, ml, si] = Axis::ALL.map(|axis| series.along(axis).unwrap_or_default());
-    let samples = series.time_s().iter().zip(ap).zip(ml).zip(si);
-    let mut samples = samples.map(|(((time_s, ap), ml), si)| (*time_s, [*ap, *ml, *si])).peekable();
-    let position_mm =
-        time_s.iter().map(|now_s| Some(samples.next_if(|(at_s, _)| at_s == now_s)?.1)).collect();
+    let segments = series.segments();
+    let samples = segments.flat_map(|segment| segment.clone().map(move |at| (at, segment.clone())));
+    let mut samples = samples.peekable();
+    let position_mm = frames_s
+        .iter()
+        .map(|frame_s| {
+            let (at, segment) = samples.next_if(|(at, _)| point.frame_time_s[*at] == *frame_s)?;
+            position_at(series, at, &segment, frame_s + delay_s)
+        })
+        .collect();
     Track { name: point.name.clone(), position_mm }
+}
+
+/// The position at a time near a sample's, with the velocity between the samples beside it in its
+/// segment.
+fn position_at(series: &Series, at: usize, segment: &Range<usize>, now_s: f64) -> Option<[f64; 3]> {
+    let (before, after) = (at.max(segment.start + 1) - 1, (at + 1).min(segment.end - 1));
+    let time_s = series.time_s();
+    let span_s = time_s[after] - time_s[before];
+    let [ap, ml, si] = Axis::ALL.map(|axis| {
+        let values = series.along(axis)?;
+        let velocity = if span_s > 0.0 { (values[after] - values[before]) / span_s } else { 0.0 };
+        Some(values[at] + velocity * (now_s - time_s[at]))
+    });
+    Some([ap?, ml?, si?])
 }
 
 #[cfg(test)]
 mod tests {
-    use plumbline_analysis::series::Series;
-
     use super::*;
 
     fn points(tracks: &[&[f64]]) -> Points {
         let point = |time_s: &&[f64]| {
             let along = |factor: f64| time_s.iter().map(|it| factor * it).collect();
             let series = Series::new(time_s.to_vec(), [along(1.0), along(2.0), along(3.0)]);
-            Point { name: "lower".to_owned(), series: series.unwrap(), noise: None }
+            Point {
+                name: "lower".to_owned(),
+                series: series.unwrap(),
+                frame_time_s: time_s.to_vec(),
+                noise: None,
+            }
         };
         Points {
             place: "trial".to_owned(),
@@ -144,5 +195,36 @@ mod tests {
         assert!(uneven.unevenness().unwrap().contains("25.0 ms"));
         let error = Rows::of(&points(&[&[0.0, 0.1, 0.2, 1e6]])).unwrap_err().to_string();
         assert!(error.contains("most of them in gaps"), "{error}");
+    }
+
+    #[test]
+    fn points_of_a_rolling_shutter_come_to_one_time() {
+        // At 50 Hz, 4 and 9 ms after the frames' times; a frame is missing, then a second.
+        let frames_s: Vec<f64> = [0, 1, 2, 4, 5, 60, 61].map(|at| 0.02 * f64::from(at)).to_vec();
+        let mut points = points(&[&frames_s, &frames_s]);
+        for (point, delay_s) in points.points.iter_mut().zip([4e-3, 9e-3]) {
+            let own_s: Vec<f64> = frames_s.iter().map(|time_s| time_s + delay_s).collect();
+            // An accelerated motion.
+            let along = |factor: f64| own_s.iter().map(|it| factor * it * it).collect();
+            let series = Series::new(own_s.clone(), [along(100.0), along(20.0), along(3.0)]);
+            point.series = series.unwrap();
+        }
+        let rows = Rows::of(&points).unwrap();
+        assert!((rows.moved_s - 2.5e-3).abs() < 1e-12);
+        assert!(rows.moved().unwrap().contains("2.5 ms"));
+        assert!((rows.time_s[1] - 0.0265).abs() < 1e-12 && rows.time_s.len() == 62);
+        for (row, time_s) in rows.time_s.iter().enumerate() {
+            let found: Vec<_> = rows.points.iter().map(|point| point.position_mm[row]).collect();
+            assert_eq!(found[0].is_some(), found[1].is_some());
+            let Some([ap_mm, ..]) = found[0] else { continue };
+            // Of 2.5 mm or less in that time. Beside a gap the velocity is one of 10 ms ago.
+            assert!((ap_mm - 100.0 * time_s * time_s).abs() < 0.011, "{row}: {ap_mm}");
+            assert!((found[1].unwrap()[0] - ap_mm).abs() < 0.011, "{row}: {found:?}");
+        }
+        assert!(rows.points[0].position_mm[3].is_none());
+        // With a global shutter nothing is moved.
+        let global = Rows::of(&self::points(&[&frames_s])).unwrap();
+        assert_eq!((global.moved_s, global.moved()), (0.0, None));
+        assert_eq!(global.points[0].position_mm[1], Some([0.02, 0.04, 0.06]));
     }
 }

@@ -241,6 +241,7 @@ fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern])
     let used = calibration.outcomes.iter().filter(|outcome| outcome.used().is_some()).count();
     Camera {
         lens: calibration.lens,
+        readout_ns: 0,
         provenance: Provenance {
             rms_px: Some(calibration.rms_px),
             images: Some(used as u32),

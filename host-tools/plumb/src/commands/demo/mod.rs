@@ -259,6 +259,7 @@ fn report(packet: &PosePacket, config: &Config) -> Report {
             let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
             Measurement {
                 cam_from_target: Pose::from_theta([theta1, theta2, theta3, x, y, z]),
+                delay_ns: pose.delay_ns,
                 covariance: Matrix6::zeros(),
                 rms_px: f64::from(pose.rms_px),
                 corners: pose.corners,

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::page::table;
+use crate::ui::page::table;
 use crate::budget::{TrialBudget, tables};
 
 /// The section of a trial whose camera is given.

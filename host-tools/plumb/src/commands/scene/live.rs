@@ -159,6 +159,7 @@ mod tests {
         heard.take(&packet(Role::Upper, Err(NoPose::PoorFit)));
         assert_eq!(heard.frames, 0);
         let measured = MeasuredPose {
+            delay_ns: 0,
             theta_rad: [0.1, 0.2, -0.1],
             translation_mm: [1.0, 2.0, 900.0],
             sd_mm: [0.01; 3],

@@ -68,6 +68,7 @@ fn capture_times(findings: &Findings) -> Check {
     let backward = findings.backward_times;
     if backward == 0 {
         let instant = match last.instant {
+            MarkedInstant::ExposureMiddle => "the middle of the exposure",
             MarkedInstant::ExposureStart => "the start of the exposure",
             MarkedInstant::ExposureEnd => "the end of the exposure",
             MarkedInstant::FrameArrival => "the frame's arrival",
