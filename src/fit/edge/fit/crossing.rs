@@ -25,8 +25,8 @@
 //! and E'(d) the derivative of that. Odd powers are not needed, so that the sign of t can
 //! distinguish the ends, and both ends cost no more than one.
 
-/// From here outwards a line has no effect.
-const REACH: f32 = 3.4;
+/// From here outwards a line has no effect, in its blurs.
+pub(super) const REACH: f32 = 3.4;
 
 /// Least-squares fit to E and half its derivative from 1.5 outwards; their errors stay within
 /// 0.0016 and 0.0044.

@@ -3,7 +3,7 @@ use std::vec;
 
 use nalgebra::Vector2;
 
-use super::batch::BATCH_PX;
+use super::batch::BATCH;
 use super::region::{CLEAR_OF_UNKNOWN, HALF_LENGTH_PX_MAX};
 use super::*;
 use crate::fit::edge::appearance::{BLUR_PX_MAX, BLUR_PX_MIN, GROWTH_PX_MAX, LN_BLUR_STEP_MAX};
@@ -25,13 +25,14 @@ fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
         else {
             continue;
         };
-        let [origin_x, origin_y] = region.origin;
-        if origin_x >= width || origin_y >= height {
-            continue;
-        }
-        region.each_row([width, height], |row, columns| {
-            let y = (origin_y as i32 + row) as usize;
-            looks[y * width..][columns].iter_mut().for_each(|looks| *looks += 1);
+        region.each_band([width, height], |band| {
+            let lines = band.first_line..band.first_line + band.lines;
+            for (line, place) in
+                lines.flat_map(|line| band.places.clone().map(move |place| (line, place)))
+            {
+                let [x, y] = if region.are_lines_rows { [place, line] } else { [line, place] };
+                looks[y * width + x] += 1;
+            }
         });
     }
     looks
@@ -105,7 +106,7 @@ fn a_near_edge_takes_no_more_pixels_than_there_is_room_for() {
         let region =
             Region::new(&near, [BLUR_PX_MAX; 2], [EdgeEnd::Corner; 2], 1.0, &Width::UNKNOWN_LEVELS)
                 .unwrap();
-        region.each_row([4096; 2], |_, columns| assert!(columns.len() <= BATCH_PX));
+        region.each_band([4096; 2], |band| assert!(band.places.len() <= BATCH));
         let count = sums_of(&near, BLUR_PX_MAX, 4096, 120).unwrap();
         let area = 4.0 * HALF_LENGTH_PX_MAX * Width::UNKNOWN_LEVELS.at_px(BLUR_PX_MAX);
         // As many pixels as its area, to within half a pixel along two sides.
