@@ -6,7 +6,7 @@ use core::ops::Range;
 
 use super::crossing::Crossings;
 use super::lanes::{LANES, Lanes};
-use super::region::{Band, Region};
+use super::region::{BAND_LINES_MAX, Band, Region};
 use super::regression::{PRODUCTS, Sums};
 use crate::fit::edge::light::Levels;
 use crate::fit::edge::profile::blurred_step;
@@ -45,9 +45,6 @@ impl Field {
     }
 }
 
-/// Fewest pixels of an edge.
-const PIXELS_MIN: usize = 20;
-
 /// Samples handled at once, more than an ordinary edge has.
 pub(super) const BATCH: usize = 256;
 
@@ -83,7 +80,7 @@ impl Batch {
 
     /// Inner products over all pixels of a region inside the frame, each weighted by its expected
     /// noise, with the slope of the light removed from them; `None` where the region's middle is
-    /// outside, or there are too few. `sign` is 1 where the right side is light, otherwise -1.
+    /// outside. `sign` is 1 where the right side is light, otherwise -1.
     pub(super) fn sums<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
@@ -125,21 +122,17 @@ impl Batch {
             [mean[0], gain[0], right_line * per_blur, along_line * per_length],
             [mean[1], gain[1], right_place * per_blur, along_place * per_length],
         );
-        let mut pixels = 0;
-        region.each_band([image.width(), image.height()], |mut band| {
-            // No band of an ordinary edge has more.
-            band.places.end = band.places.end.min(band.places.start + BATCH);
+        region.each_band([image.width(), image.height()], |band| {
             if self.count + band.places.len() > BATCH {
                 products.add(self, bend, &region.crossings);
             }
-            self.push(image, region.are_lines_rows, &band, &field);
-            pixels += band.lines * band.places.len();
+            self.push(image, region.are_lines_rows, band, &field);
         });
         products.add(self, bend, &region.crossings);
-        (pixels >= PIXELS_MIN).then(|| products.total(base.into()))
+        Some(products.total(base.into()))
     }
 
-    /// Appends a band's samples; there must be room for them.
+    /// Appends a band's samples; there must be room for them. No band has more than [`BATCH`].
     #[inline]
     fn push<P: Pixel>(
         &mut self,
@@ -148,7 +141,7 @@ impl Batch {
         band: &Band,
         field: &Field,
     ) {
-        let count = band.places.len();
+        let count = band.places.len().min(BATCH);
         let mut done = 0;
         while done < count {
             self.push_lanes(image, are_lines_rows, band, done, field);
@@ -204,11 +197,11 @@ fn sums_of_rows<P: Pixel>(
 ) -> [i32; LANES] {
     let mut sums = [0; LANES];
     for row in band.first_line..band.first_line + band.lines {
-        let pixels = &image.row(row)[places.start..];
-        if let Some(pixels) = pixels.first_chunk::<LANES>() {
+        if let Some(pixels) = image.span::<LANES>(places.start, row) {
             sums = array::from_fn(|place| sums[place] + whole(pixels[place]));
         } else {
             // At the frame's right border.
+            let pixels = &image.row(row)[places.start..];
             sums.iter_mut().zip(pixels).for_each(|(sum, &pixel)| *sum += whole(pixel));
         }
     }
@@ -222,14 +215,28 @@ fn sums_of_columns<P: Pixel>(
     band: &Band,
     places: Range<usize>,
 ) -> [i32; LANES] {
+    const { assert!(BAND_LINES_MAX == 5) };
+    let column = band.first_line;
+    match band.lines {
+        5 => sums_of::<5, P>(image, column, places),
+        4 => sums_of::<4, P>(image, column, places),
+        3 => sums_of::<3, P>(image, column, places),
+        2 => sums_of::<2, P>(image, column, places),
+        _ => sums_of::<1, P>(image, column, places),
+    }
+}
+
+/// For each of the first rows, the sum of some pixels from a column on.
+#[inline(always)]
+fn sums_of<const COUNT: usize, P: Pixel>(
+    image: &GreyImage<'_, P>,
+    column: usize,
+    rows: Range<usize>,
+) -> [i32; LANES] {
     let mut sums = [0; LANES];
-    for (sum, row) in sums.iter_mut().zip(places) {
-        let pixels = &image.row(row)[band.first_line..][..band.lines];
-        *sum = match *pixels {
-            [a] => whole(a),
-            [a, b, c, d] => whole(a) + whole(b) + (whole(c) + whole(d)),
-            _ => pixels.iter().map(|&pixel| whole(pixel)).sum(),
-        };
+    for (sum, row) in sums.iter_mut().zip(rows) {
+        let pixels = image.span::<COUNT>(column, row);
+        *sum = pixels.map_or(0, |pixels| pixels.iter().map(|&pixel| whole(pixel)).sum());
     }
     sums
 }
