@@ -326,7 +326,7 @@ fn jacobian_error(spoiled: Option<usize>) -> f64 {
             SeenEdge::new(edge, ends, &right, [5.0, 0.7, 1.5], [0.3, -0.2])
         })
         .collect();
-    let seen = SeenEdges { nodes: &nodes, edges: &edges };
+    let seen = SeenEdges::new(&nodes, &edges);
     let residuals = |pose: &Pose<Cam, Target>| {
         let mut residuals = Vec::new();
         seen.residuals(pose, |_, residual| residuals.push(Vector2::from(residual))).unwrap();

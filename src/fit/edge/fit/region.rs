@@ -62,9 +62,9 @@ impl Width {
 pub(super) const BAND_LINES_MAX: usize = 5;
 
 /// How much the lines of a band may add to the blur, as a share of its variance: they lie beside
-/// each other by the edge's slope. A blur that is wrong by 1 % moves nothing, see
-/// [`crate::fit::edge::Appearance`].
-const BAND_VARIANCE_SHARE: f64 = 0.02;
+/// each other by the edge's slope. The blur is not known to better than half of that, the change of
+/// its standard deviation.
+const BAND_VARIANCE_SHARE: f64 = 0.01;
 
 /// Largest half length of an edge that is used: the work is bounded, however near the target is.
 pub(super) const HALF_LENGTH_PX_MAX: f64 = 32.0;
