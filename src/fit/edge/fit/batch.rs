@@ -60,6 +60,8 @@ pub struct Batch {
     grey: Column,
     across: Column,
     place: Column,
+    /// Blur of a single pixel over the sample's.
+    sharpness: Column,
     /// The number of pixels.
     pixels: Column,
 }
@@ -75,7 +77,7 @@ impl Batch {
     #[must_use]
     pub const fn new() -> Self {
         const EMPTY: Column = [0.0; BATCH + LANES];
-        Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY, pixels: EMPTY }
+        Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY, sharpness: EMPTY, pixels: EMPTY }
     }
 
     /// Inner products over all pixels of a region inside the frame, each weighted by its expected
@@ -178,6 +180,7 @@ impl Batch {
         write(&mut self.grey, place, &array::from_fn(grey));
         write(&mut self.across, place, &array::from_fn(|lane| at(ACROSS, lane)));
         write(&mut self.place, place, &array::from_fn(|lane| at(PLACE, lane)));
+        write(&mut self.sharpness, place, &[band.sharpness; LANES]);
         write(&mut self.pixels, place, &[lines; LANES]);
     }
 }
@@ -273,9 +276,9 @@ impl Products {
         batch.count = 0;
         self.samples += count;
         let chunks = count.div_ceil(LANES);
-        let Batch { grey, across, place, pixels, .. } = batch;
+        let Batch { grey, across, place, sharpness, pixels, .. } = batch;
         // The last lanes hold no pixels.
-        for column in [&mut *grey, &mut *across, &mut *place, &mut *pixels] {
+        for column in [&mut *grey, &mut *across, &mut *place, &mut *sharpness, &mut *pixels] {
             write(column, count, &[0.0; LANES]);
         }
         let noise_by_step = self.noise_by_step;
@@ -283,16 +286,18 @@ impl Products {
         let [o, s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
             &mut sums;
         let places = chunk(across, chunks).iter().zip(chunk(place, chunks));
+        let places = places.zip(chunk(sharpness, chunks));
         let samples = chunk(grey, chunks).iter().zip(chunk(pixels, chunks));
-        for ((across, place), (grey, pixels)) in places.zip(samples) {
+        for (((across, place), sharpness), (grey, pixels)) in places.zip(samples) {
             black_box(());
             let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
             // Each column times the sample's weight.
             let [mut wo, mut ws, mut wp, mut wb, mut wt, mut wg] = [[0.0; LANES]; 6];
             for lane in 0..LANES {
                 let w = place[lane];
-                let v = across[lane] + bend * w * w;
+                let v = (across[lane] + bend * w * w) * sharpness[lane];
                 (step[lane], slope[lane]) = profile(v, w, crossings);
+                slope[lane] *= sharpness[lane];
                 blur[lane] = v * slope[lane];
                 turn[lane] = w * slope[lane];
                 wo[lane] = pixels[lane] / (1.0 + noise_by_step * step[lane]);

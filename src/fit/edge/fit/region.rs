@@ -59,12 +59,12 @@ impl Width {
 
 /// Most lines that are averaged: of an edge of 20 px, more would cost several percent of what it
 /// tells about its turn.
-pub(super) const BAND_LINES_MAX: usize = 5;
+pub(super) const BAND_LINES_MAX: u32 = 5;
 
-/// How much the lines of a band may add to the blur, as a share of its variance: they lie beside
-/// each other by the edge's slope. The blur is not known to better than half of that, the change of
-/// its standard deviation.
-const BAND_VARIANCE_SHARE: f64 = 0.01;
+/// How much the lines of a band may add to the variance of the blur, as a share of it: they lie
+/// beside each other by the edge's slope. The model includes that, but a blurred edge is also a less
+/// precise one, by about half of this share.
+const BAND_VARIANCE_SHARE: f32 = 0.05;
 
 /// Largest half length of an edge that is used: the work is bounded, however near the target is.
 pub(super) const HALF_LENGTH_PX_MAX: f64 = 32.0;
@@ -91,6 +91,9 @@ pub(super) struct Region {
     free_lines: f32,
     /// and how many of these may be averaged.
     band_lines: u32,
+    /// A twelfth of the square of the edge's change of place from line to line, in blurs: n
+    /// equidistant lines have (n^2 - 1) times this variance.
+    band_spread: f32,
     strips: Strips,
     pub(super) crossings: Crossings,
 }
@@ -100,6 +103,8 @@ pub(super) struct Band {
     pub(super) first_line: usize,
     pub(super) lines: usize,
     pub(super) places: Range<usize>,
+    /// Blur of a single line over the band's.
+    pub(super) sharpness: f32,
     /// Mean of the lines, and the first place, from the edge's middle.
     pub(super) from_middle: [f32; 2],
 }
@@ -212,6 +217,8 @@ impl Region {
         let free_px = (half_length_px - (clear_px + width_px * cosine.abs()) / sine)
             .min(used_start_px.min(used_end_px) - width_px * cosine.abs() / sine);
         let free_lines = free_px * along_line.abs() - width_px * along_place.abs();
+        let slope = along_place / blur_px;
+        let band_spread = (slope * slope / 12.0) as f32;
         let [line_px, place_px] = by_lines(middle_px.into());
         let origin = [line_px as usize, place_px as usize];
         Some(Self {
@@ -225,7 +232,8 @@ impl Region {
             bend_px: chord.bend_px as f32,
             reach_lines: reach_lines as f32,
             free_lines: free_lines as f32,
-            band_lines: band_lines(along_place / blur_px),
+            band_lines: band_lines(band_spread),
+            band_spread,
             strips,
             crossings: Crossings::new(&CrossingLines {
                 blur_px: crossing_blur_px,
@@ -264,6 +272,11 @@ impl Region {
             }
             let middles =
                 bands.map(|(line, count)| line as f32 + 0.5 * (count - 1) as f32 - middle_line);
+            let sharpness = bands.map(|(_, count)| {
+                let added = self.band_spread * (count * count - 1) as f32;
+                // 1 / sqrt(1 + added), to a ten-thousandth.
+                1.0 - added * (0.5 - 0.375 * added)
+            });
             let [low, high] = self.strips.bounds(&middles);
             let starts = low.map(|low| -floor(-(low + middle_place)));
             let ends = high.map(|high| floor(high + middle_place) + 1);
@@ -276,6 +289,7 @@ impl Region {
                         first_line: (origin_line + line) as usize,
                         lines: count as usize,
                         places: (origin_place + start) as usize..(origin_place + after) as usize,
+                        sharpness: sharpness[lane],
                         from_middle: [middles[lane], start as f32 - middle_place],
                     });
                 }
@@ -284,12 +298,13 @@ impl Region {
     }
 }
 
-/// The number of lines that may be averaged; `slope` is the edge's change of place from line to line,
-/// in blurs.
-fn band_lines(slope: f64) -> u32 {
-    // n equidistant lines have the variance (n^2 - 1) / 12 times the square of their distance.
-    let square = 1.0 + 12.0 * BAND_VARIANCE_SHARE / (slope * slope);
-    libm::sqrt(square).min(BAND_LINES_MAX as f64) as u32
+/// The number of lines that may be averaged.
+fn band_lines(spread: f32) -> u32 {
+    let added = |lines: u32| spread * (lines * lines - 1) as f32;
+    (2..=BAND_LINES_MAX)
+        .take_while(|&lines| added(lines) <= BAND_VARIANCE_SHARE)
+        .last()
+        .unwrap_or(1)
 }
 
 /// The floor of a position in a region, to a ten-thousandth: a sum with a number that takes all 24
