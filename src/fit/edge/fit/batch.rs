@@ -265,13 +265,25 @@ impl Products {
     }
 
     /// Adds a batch and empties it; `bend` is 4 times what is to be added at either end, in blurs.
-    ///
+    fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
+        if crossings.are_corners() {
+            self.add_batch::<true>(batch, bend, crossings);
+        } else {
+            self.add_batch::<false>(batch, bend, crossings);
+        }
+    }
+
     /// One loop without branches, in which each group of four lanes becomes one vector. A compiler
     /// might instead combine samples of several iterations, which costs two to three times as much,
     /// because they have to be gathered and the order of the sums kept. [`black_box`] prevents
     /// that: it is opaque to the compiler, and costs no instruction.
     #[inline(never)]
-    fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
+    fn add_batch<const ARE_CORNERS: bool>(
+        &mut self,
+        batch: &mut Batch,
+        bend: f32,
+        crossings: &Crossings,
+    ) {
         let count = batch.count;
         batch.count = 0;
         self.samples += count;
@@ -296,7 +308,7 @@ impl Products {
             for lane in 0..LANES {
                 let w = place[lane];
                 let v = (across[lane] + bend * w * w) * sharpness[lane];
-                (step[lane], slope[lane]) = profile(v, w, crossings);
+                (step[lane], slope[lane]) = profile::<ARE_CORNERS>(v, w, crossings);
                 slope[lane] *= sharpness[lane];
                 blur[lane] = v * slope[lane];
                 turn[lane] = w * slope[lane];
@@ -334,18 +346,16 @@ impl Products {
 
     /// The sums over all lanes; `base` has been subtracted from all pixels.
     fn total(&self, base: f64) -> Sums {
-        let products = self
-            .sums
-            .map(|[a, b, c, d]| f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d)));
+        let products = self.sums.map(|[a, b, c, d]| f64::from((a + b) + (c + d)));
         Sums { count: self.samples as f64, products, base }
     }
 }
 
 /// The step at `v` blurs across the edge and `w` along it, and its slope.
 #[inline(always)]
-fn profile(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
+fn profile<const ARE_CORNERS: bool>(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
     let (step, slope) = blurred_step(v);
-    let (height, lift, turn) = crossings.at(v, w);
+    let (height, lift, turn) = crossings.at::<ARE_CORNERS>(v, w);
     (height * step + lift + turn * slope, height * slope)
 }
 
