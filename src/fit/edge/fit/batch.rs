@@ -46,7 +46,7 @@ impl Field {
 }
 
 /// Samples handled at once, more than an ordinary edge has.
-pub(super) const BATCH: usize = 256;
+pub(super) const BATCH: usize = 128;
 
 /// One number per sample. A band's last lanes may reach beyond its end, to be overwritten by
 /// the next band.
