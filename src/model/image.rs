@@ -128,6 +128,17 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
         &self.pixels[y * self.stride..][..self.width]
     }
 
+    /// The pixels of row `y` from column `x` on, as many as are asked for; `None` where the row has
+    /// fewer, or there is no such row.
+    #[inline]
+    #[must_use]
+    pub fn span<const COUNT: usize>(&self, x: usize, y: usize) -> Option<&'a [P; COUNT]> {
+        if x + COUNT > self.width {
+            return None;
+        }
+        self.pixels.get(y * self.stride + x..)?.first_chunk()
+    }
+
     /// One pixel.
     ///
     /// # Panics
@@ -171,6 +182,16 @@ mod tests {
         assert_eq!(made(65, 64, 64), Err(ImageError::Stride));
         assert_eq!(made(64, 65, 64), Err(ImageError::TooShort));
         assert_eq!(made(64, 64, usize::MAX), Err(ImageError::TooShort));
+    }
+
+    #[test]
+    fn a_span_is_inside_a_row_or_nothing() {
+        let pixels: [u8; 64 * 80] = core::array::from_fn(|place| (place % 251) as u8);
+        let image = GreyImage::new(&pixels, 64, 79, 64).unwrap();
+        assert_eq!(image.span(0, 0), Some(&[0, 1, 2]));
+        assert_eq!(image.span(60, 78).map(|span: &[u8; 4]| span[3]), Some(image.pixel(63, 78)));
+        assert_eq!(image.span::<4>(61, 0), None);
+        assert_eq!(image.span::<1>(0, 80), None);
     }
 
     #[test]

@@ -26,6 +26,7 @@
 //! of the lens.
 
 use core::array;
+use core::hint::black_box;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -312,25 +313,32 @@ impl Map {
             let place = (from[axis] - self.start[axis]) * self.per_unit[axis];
             // One ring of coefficients lies outside, and the last sample begins no cell. A NaN
             // becomes 0, and stays a NaN in what lies beyond.
-            let cells = self.lines[axis].saturating_sub(3);
-            let within = if place > 0.0 { place.min(cells as f64) } else { 0.0 };
-            let cell = (within as usize).min(cells.saturating_sub(1));
-            (cell, Weights::at((within - cell as f64) as f32), place - within)
+            let cells = self.lines[axis].saturating_sub(3) as u32;
+            let end = f64::from(cells);
+            let within = if place < end { place } else { end };
+            let within = if place > 0.0 { within } else { 0.0 };
+            let cell = (within as u32).min(cells.saturating_sub(1));
+            let weights = Weights::at((within - f64::from(cell)) as f32);
+            (cell as usize, weights, place - within)
         });
+        let stride = 2 * self.lines[0];
+        let corner = self.coefficients.as_flattened().get(row * stride + 2 * column..);
+        let corner = corner.unwrap_or_default();
         // Across the rows first: four columns with two coordinates each are two registers.
         let [mut sum, mut slope] = [[0.0_f32; 8]; 2];
         for line in 0..4 {
-            let first = (row + line) * self.lines[0] + column;
-            let four = self.coefficients.get(first..).and_then(<[_]>::first_chunk::<4>);
-            let Some(&[[a, b], [c, d], [e, f], [g, h]]) = four else {
+            let four = corner.get(line * stride..).and_then(<[f32]>::first_chunk::<8>);
+            let Some(four) = four else {
                 return (Vector2::repeat(f64::NAN), Matrix2::repeat(f64::NAN));
             };
-            let coefficients = [a, b, c, d, e, f, g, h];
             for lane in 0..8 {
-                sum[lane] += y.value[line] * coefficients[lane];
-                slope[lane] += y.slope[line] * coefficients[lane];
+                sum[lane] += y.value[line] * four[lane];
+                slope[lane] += y.slope[line] * four[lane];
             }
         }
+        // Opaque to the compiler, which would otherwise tear the registers apart to add their parts
+        // in another way, at twice the cost.
+        let [sum, slope] = black_box([sum, slope]);
         let value = along(&sum, &x.value);
         let by_x = along(&sum, &x.slope);
         let by_y = along(&slope, &x.value);
@@ -472,28 +480,27 @@ impl Weights {
     /// At a place in the cell, 0 to 1.
     #[inline]
     fn at(place: f32) -> Self {
-        let left = 1.0 - place;
-        let (place2, left2) = (place * place, left * left);
-        let value = [
-            left2 * left * (1.0 / 6.0),
-            2.0 / 3.0 - place2 * (1.0 - 0.5 * place),
-            2.0 / 3.0 - left2 * (1.0 - 0.5 * left),
-            place2 * place * (1.0 / 6.0),
-        ];
-        let slope =
-            [-0.5 * left2, place * (1.5 * place - 2.0), left * (2.0 - 1.5 * left), 0.5 * place2];
-        Self { value, slope }
+        const CONSTANT: [f32; 4] = [1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0, 0.0];
+        const LINEAR: [f32; 4] = [-0.5, 0.0, 0.5, 0.0];
+        const SQUARE: [f32; 4] = [0.5, -1.0, 0.5, 0.0];
+        const CUBE: [f32; 4] = [-1.0 / 6.0, 0.5, -0.5, 1.0 / 6.0];
+        let value = array::from_fn(|line| {
+            CONSTANT[line] + place * (LINEAR[line] + place * (SQUARE[line] + place * CUBE[line]))
+        });
+        let slope = array::from_fn(|line| {
+            LINEAR[line] + place * (2.0 * SQUARE[line] + place * (3.0 * CUBE[line]))
+        });
+        black_box(Self { value, slope })
     }
 }
 
 /// The sum over four columns, for both coordinates.
 #[inline]
 fn along(columns: &[f32; 8], weights: &[f32; 4]) -> Vector2<f64> {
-    let mut halves = [0.0_f32; 4];
-    for lane in 0..4 {
-        let place = lane / 2;
-        halves[lane] = columns[lane] * weights[place] + columns[lane + 4] * weights[place + 2];
-    }
+    let [a, b, c, d] = *weights;
+    let (near, far) = ([a, a, b, b], [c, c, d, d]);
+    let halves: [f32; 4] =
+        array::from_fn(|lane| columns[lane] * near[lane] + columns[lane + 4] * far[lane]);
     Vector2::new((halves[0] + halves[2]).into(), (halves[1] + halves[3]).into())
 }
 

@@ -186,7 +186,7 @@ impl Tracker {
         variances.sort_unstable_by(f32::total_cmp);
         let noise = f64::from(*variances.get(variances.len() / 2)?).sqrt();
         fitted.iter_mut().for_each(|seen| seen.scale_uncertainty(noise));
-        let seen = SeenEdges { nodes, edges: &fitted };
+        let seen = SeenEdges::new(nodes, &fitted);
         let start = Instant::now();
         let solution = solve(expected, &seen, ITERATIONS).ok()?;
         let mirrored = mirror_image(&solution.cam_from_target);
@@ -201,7 +201,7 @@ impl Tracker {
             .edges(known.first_square_dark)
             .filter_map(|edge| locate_edge(image, nodes, &edge))
             .collect();
-        black_box(solve(expected, &SeenEdges { nodes, edges: &located }, ITERATIONS)).ok()?;
+        black_box(solve(expected, &SeenEdges::new(nodes, &located), ITERATIONS)).ok()?;
         parts.locate += start.elapsed();
         Some(())
     }

@@ -24,6 +24,7 @@ mod boards;
 mod calibration;
 mod formats;
 mod recordings;
+mod stated;
 
 /// The arguments of `cargo xtask bench`.
 #[derive(clap::Args)]
@@ -95,14 +96,10 @@ fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
     render(directory, arguments.frames, &[])?;
     let mut plumbline = measure(directory)?;
     plumbline.append(&mut limit(directory, &[])?);
-    let opencv = if python_has("cv2, numpy") {
-        let script = root().join("host-tools/bench/opencv_chain.py");
-        let chain = Task::new("python3").args([&script, directory]);
-        Some(figures_of(|each_line| chain.run_and_read(each_line))?)
-    } else {
-        println!("OpenCV is not compared: this machine's python3 has no cv2");
-        None
-    };
+    let opencv = opencv(directory)?;
+    render(directory, arguments.frames, &BRISK_SWAY)?;
+    let brisk = Brisk { plumbline: measure(directory)?, opencv: self::opencv(directory)? };
+    let stated = stated::measure_all(directory, arguments.frames, &plumbline)?;
     let formats = formats::measure_all(directory, arguments.frames, &plumbline)?;
     let (recordings, calibrations) = (recordings::table()?, calibration::table()?);
     let (mut arm, mut booted) = (None, None);
@@ -112,7 +109,7 @@ fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
     }
     // Half a gigabyte that is of no further use.
     fs::remove_dir_all(directory).context(format!("{}", directory.display()))?;
-    let mut tables = tables(&plumbline, opencv.as_ref(), &formats, arm.as_ref(), booted.as_ref())?;
+    let mut tables = tables(&Measured { plumbline, opencv, brisk, stated, formats, arm, booted })?;
     for table in [recordings, calibrations].iter().filter(|table| !table.is_empty()) {
         write!(tables, "\n\n{}", table.trim_end())?;
     }
@@ -124,6 +121,29 @@ fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
 }
 
 type Figures = BTreeMap<String, String>;
+
+/// Options of `plumb simulate`: a person who is not standing quietly, before a slow camera. The
+/// shoulder's velocity has a standard deviation of 12 mm/s.
+const BRISK_SWAY: [&str; 4] = ["--fps", "30", "--sway-mm", "14"];
+
+/// What is measured with [`BRISK_SWAY`].
+#[derive(Default)]
+struct Brisk {
+    plumbline: Figures,
+    opencv: Option<Figures>,
+}
+
+/// All that goes into the tables.
+#[derive(Default)]
+struct Measured {
+    plumbline: Figures,
+    opencv: Option<Figures>,
+    brisk: Brisk,
+    stated: Vec<Figures>,
+    formats: Vec<(String, Figures)>,
+    arm: Option<Figures>,
+    booted: Option<Figures>,
+}
 
 /// Renders the standard scene's recording, its ground truth, and a box's configuration; `options`
 /// are further options of `plumb simulate`.
@@ -146,6 +166,17 @@ fn measure(directory: &Path) -> Result<Figures> {
         .args(["run", "--release", "--package", "plumbline-bench", "--"])
         .args([directory]);
     figures_of(|each_line| bench.run_and_read(each_line))
+}
+
+/// OpenCV's figures on that recording; `None` if Python lacks it.
+fn opencv(directory: &Path) -> Result<Option<Figures>> {
+    if !python_has("cv2, numpy") {
+        println!("OpenCV is not compared: this machine's python3 has no cv2");
+        return Ok(None);
+    }
+    let script = root().join("host-tools/bench/opencv_chain.py");
+    let chain = Task::new("python3").args([&script, directory]);
+    figures_of(|each_line| chain.run_and_read(each_line)).map(Some)
 }
 
 /// The Cramer-Rao bounds for the recording rendered into a directory; `options` are the relevant
@@ -223,13 +254,9 @@ fn spreads(figures: &Figures, run: &str, targets: &[&str]) -> Result<String> {
     Ok(format!("{cells}{lost}"))
 }
 
-fn tables(
-    plumbline: &Figures,
-    opencv: Option<&Figures>,
-    formats: &[(String, Figures)],
-    arm: Option<&Figures>,
-    booted: Option<&Figures>,
-) -> Result<String> {
+fn tables(measured: &Measured) -> Result<String> {
+    let Measured { plumbline, brisk, stated, formats, .. } = measured;
+    let (opencv, arm) = (measured.opencv.as_ref(), measured.arm.as_ref());
     let mut text = String::new();
     let frames = get(plumbline, "frames")?;
     let compared = match opencv {
@@ -271,6 +298,13 @@ fn tables(
         let count = arm.map_or(Ok("not counted".into()), |figures| instructions(figures, run))?;
         writeln!(text, "| {what} | {} | {papers} | {theirs} | {count} |", times(plumbline, run)?)?;
     }
+    writeln!(
+        text,
+        "| a tracked frame of brisk sway (12 mm/s SD) at 30 Hz | {} | {} | {} | |",
+        times(&brisk.plumbline, "tracking")?,
+        times(&brisk.plumbline, "paper")?,
+        brisk.opencv.as_ref().map_or(Ok("not measured".into()), |theirs| times(theirs, "warm"))?,
+    )?;
     if let Some(figures) = opencv {
         for (what, run, opencv_run) in [
             ("a tracked frame, share of OpenCV's (at most 0.5, aim 0.25)", "tracking", "warm"),
@@ -279,6 +313,13 @@ fn tables(
             let share = share(plumbline, run, figures, opencv_run)?;
             writeln!(text, "| {what} | {share} | | 1 | |")?;
         }
+    }
+    if let Some(figures) = &brisk.opencv {
+        let share = share(&brisk.plumbline, "tracking", figures, "warm")?;
+        writeln!(
+            text,
+            "| a tracked frame of brisk sway, share of OpenCV's (at most 0.5, aim 0.25) | {share} | | 1 | |"
+        )?;
     }
 
     let targets: Vec<&str> =
@@ -313,8 +354,9 @@ fn tables(
             spreads(figures, "search", &targets)?
         )?;
     }
+    writeln!(text, "{}", stated::row(stated, &targets)?)?;
     write!(text, "\n{}", formats::table(formats, &targets)?)?;
-    if let Some(figures) = booted {
+    if let Some(figures) = &measured.booted {
         writeln!(
             text,
             "\nThe booted box, emulated at 500 million instructions per second and core, with a camera of 1280 x 720 at {} Hz: first pose packet {} s after the kernel's \
@@ -346,7 +388,7 @@ mod tests {
 
     #[test]
     fn a_figure_that_is_missing_is_named() {
-        let error = tables(&Figures::new(), None, &[], None, None).unwrap_err().to_string();
+        let error = tables(&Measured::default()).unwrap_err().to_string();
         assert!(error.contains("frames"), "{error}");
     }
 

@@ -1,5 +1,7 @@
 //! What the pixels of an edge have shown, and how that depends on the pose.
 
+use core::array;
+
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -111,8 +113,10 @@ impl SeenEdge {
     pub(super) fn residual(&self, rays: [&Vector2<f64>; 2]) -> [f64; 2] {
         let start = self.ends[0].distance_px(rays[0]);
         let end = self.ends[1].distance_px(rays[1]);
-        let [first, second] = self.whitened(0.5 * (start + end), end - start);
-        [first - self.seen[0], second - self.seen[1]]
+        let [shift_by_shift, shift_by_turn, turn_by_turn] = self.whitener;
+        let (shift, turn) = (0.5 * (start + end), end - start);
+        let first = shift_by_shift * shift + shift_by_turn * turn;
+        [first - self.seen[0], turn_by_turn * turn - self.seen[1]]
     }
 
     /// The residual's derivatives with respect to an increment.
@@ -123,18 +127,13 @@ impl SeenEdge {
             let by_point = sight.by_point(&self.ends[end].distance_by_ray);
             by_increment(&by_point, rotation, &node.point_target_mm)
         });
-        let mut rows = [[0.0; 6]; 2];
-        for axis in 0..6 {
-            let (start, end) = (start[axis], end[axis]);
-            [rows[0][axis], rows[1][axis]] = self.whitened(0.5 * (start + end), end - start);
-        }
-        rows
-    }
-
-    #[inline]
-    fn whitened(&self, shift: f64, turn: f64) -> [f64; 2] {
         let [shift_by_shift, shift_by_turn, turn_by_turn] = self.whitener;
-        [shift_by_shift * shift + shift_by_turn * turn, turn_by_turn * turn]
+        let by_start = 0.5 * shift_by_shift - shift_by_turn;
+        let by_end = 0.5 * shift_by_shift + shift_by_turn;
+        [
+            array::from_fn(|axis| by_start * start[axis] + by_end * end[axis]),
+            array::from_fn(|axis| turn_by_turn * (end[axis] - start[axis])),
+        ]
     }
 }
 
@@ -143,10 +142,10 @@ impl SeenEdge {
 /// Nodes are shared: the ray of each is computed once, not once per edge.
 #[derive(Clone, Copy)]
 pub struct SeenEdges<'a> {
-    /// The nodes, where they were expected.
-    pub nodes: &'a Nodes,
-    /// The edges.
-    pub edges: &'a [SeenEdge],
+    nodes: &'a Nodes,
+    edges: &'a [SeenEdge],
+    /// One edge in this many is used.
+    stride: usize,
 }
 
 /// Where a node is seen at a pose.
@@ -164,7 +163,23 @@ impl Sight {
     }
 }
 
-impl SeenEdges<'_> {
+impl<'a> SeenEdges<'a> {
+    /// All of these edges; the nodes are where they were expected.
+    #[must_use]
+    pub fn new(nodes: &'a Nodes, edges: &'a [SeenEdge]) -> Self {
+        Self { nodes, edges, stride: 1 }
+    }
+
+    /// One edge in this many of them, from all over the target.
+    #[must_use]
+    pub(crate) fn one_in(self, stride: usize) -> Self {
+        Self { stride, ..self }
+    }
+
+    fn used(&self) -> impl Iterator<Item = &SeenEdge> {
+        self.edges.iter().step_by(self.stride)
+    }
+
     /// The sights of all nodes; `None` when one lies behind the camera.
     #[inline]
     fn sights(
@@ -184,12 +199,12 @@ impl SeenEdges<'_> {
 
 impl Observations for SeenEdges<'_> {
     fn count(&self) -> usize {
-        self.edges.len()
+        self.edges.len().div_ceil(self.stride)
     }
 
     fn are_finite(&self) -> bool {
         let points = self.nodes.as_slice().iter().map(|node| node.point_target_mm.sum());
-        points.sum::<f64>().is_finite() && self.edges.iter().all(SeenEdge::is_finite)
+        points.sum::<f64>().is_finite() && self.used().all(SeenEdge::is_finite)
     }
 
     fn residuals(
@@ -199,7 +214,7 @@ impl Observations for SeenEdges<'_> {
     ) -> Option<()> {
         let mut sights = Vec::new();
         self.sights(cam_from_target, &mut sights)?;
-        for (place, seen) in self.edges.iter().enumerate() {
+        for (place, seen) in self.used().enumerate() {
             visit(place, seen.residual(seen.edge.nodes.map(|node| &sights[usize::from(node)].ray)));
         }
         Some(())
@@ -212,7 +227,7 @@ impl Observations for SeenEdges<'_> {
     ) -> Option<()> {
         let mut sights = Vec::new();
         self.sights(cam_from_target, &mut sights)?;
-        for (place, seen) in self.edges.iter().enumerate() {
+        for (place, seen) in self.used().enumerate() {
             let ends = seen.edge.nodes.map(usize::from);
             let ends = ends.map(|node| (&self.nodes.as_slice()[node], &sights[node]));
             let residual = seen.residual(ends.map(|(_, sight)| &sight.ray));

@@ -313,6 +313,34 @@ fn ink_that_spreads_is_told_from_a_shift() {
     }
 }
 
+#[test]
+fn one_edge_in_three_has_the_residuals_of_these_edges() {
+    let scene = Scene::new(21.0, 0.1, 0.1);
+    let nodes = scene.nodes(&scene.cam_from_target);
+    let edges = fit_all(
+        &scene,
+        &scene.render().noise_free(),
+        &scene.moved_px([0.1, 0.0]),
+        &appearance(&scene),
+        false,
+    );
+    let edges: Vec<SeenEdge> = edges.into_iter().map(|(seen, _)| seen).collect();
+    let residuals = |seen: &SeenEdges<'_>| {
+        let mut residuals = Vec::new();
+        seen.residuals(&scene.cam_from_target, |place, residual| {
+            assert_eq!(place, residuals.len());
+            residuals.push(residual);
+        })
+        .unwrap();
+        assert_eq!(seen.count(), residuals.len());
+        residuals
+    };
+    let all = SeenEdges::new(&nodes, &edges);
+    let third: Vec<_> = residuals(&all).into_iter().step_by(3).collect();
+    assert_eq!(residuals(&all.one_in(3)), third);
+    assert_eq!(third.len(), EDGES.div_ceil(3));
+}
+
 /// Largest difference between the Jacobian and central differences, relative to
 /// the column's length, with column `spoiled` deliberately 1e-4 too large.
 fn jacobian_error(spoiled: Option<usize>) -> f64 {
@@ -326,7 +354,7 @@ fn jacobian_error(spoiled: Option<usize>) -> f64 {
             SeenEdge::new(edge, ends, &right, [5.0, 0.7, 1.5], [0.3, -0.2])
         })
         .collect();
-    let seen = SeenEdges { nodes: &nodes, edges: &edges };
+    let seen = SeenEdges::new(&nodes, &edges);
     let residuals = |pose: &Pose<Cam, Target>| {
         let mut residuals = Vec::new();
         seen.residuals(pose, |_, residual| residuals.push(Vector2::from(residual))).unwrap();

@@ -7,13 +7,17 @@ use crate::fit::edge::SeenEdges;
 use crate::fit::solve::{Observations, Solution, robust_cost, robust_cost_after_step, solve};
 use crate::model::pose::{Cam, Pose, Target};
 
+/// One edge in this many is enough to rule out a mirrored pose unless the target is seen frontally.
+const EDGES_STRIDE: usize = 3;
+
 /// The pose that explains the edges, from a pose near it.
 ///
 /// A plane seen from afar has two poses that explain it nearly equally well, one the other's mirror
 /// image (Schweighofer and Pinz 2006). Both are considered in every frame, and the mirrored one is
 /// taken when it is better beyond doubt: a warm start alone would stay in the wrong one for ever
 /// once noise had led it there while the target was seen frontally. If a mirrored pose is not
-/// better after one step, more steps do not make it better beyond doubt.
+/// better after one step, more steps do not make it better beyond doubt; nor is it if a part of the
+/// edges alone speaks more against it than all of them do against the other.
 pub(super) fn both_minima(
     near_cam_from_target: &Pose<Cam, Target>,
     seen: &SeenEdges<'_>,
@@ -23,10 +27,14 @@ pub(super) fn both_minima(
     let kept = solve(near_cam_from_target, seen, iterations).ok();
     let near = kept.as_ref().map_or(near_cam_from_target, |kept| &kept.cam_from_target);
     let other = mirror_image(near);
-    if let Some(kept) = kept
-        && robust_cost_after_step(&other, seen, kept.scale).is_none_or(|cost| cost > kept.cost)
-    {
-        return Ok(kept);
+    if let Some(kept) = kept {
+        let some = seen.one_in(EDGES_STRIDE);
+        let cost_of_some = robust_cost_after_step(&other, &some, kept.scale);
+        if cost_of_some.is_some_and(|cost| cost > kept.cost)
+            || robust_cost_after_step(&other, seen, kept.scale).is_none_or(|cost| cost > kept.cost)
+        {
+            return Ok(kept);
+        }
     }
     let mirrored = solve(&other, seen, iterations).ok();
     better(kept, mirrored, seen, doubt).ok_or(MeasureFailure::PoorFit)

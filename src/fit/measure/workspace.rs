@@ -357,7 +357,7 @@ impl Workspace {
 
     /// What was seen of the target.
     fn seen(&self) -> SeenEdges<'_> {
-        SeenEdges { nodes: &self.nodes, edges: &self.edges }
+        SeenEdges::new(&self.nodes, &self.edges)
     }
 
     /// Corrects the appearance according to the edges used; returns the larger relative change of a

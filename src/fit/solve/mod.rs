@@ -422,7 +422,7 @@ impl Squares {
 
 /// Weighted normal equations `matrix * step = -gradient`.
 struct NormalEquations {
-    /// Upper triangle.
+    /// Upper triangle, and some of the elements below it.
     matrix: [[f64; 6]; 6],
     gradient: [f64; 6],
 }
@@ -448,7 +448,8 @@ impl NormalEquations {
         let [first, second] = rows;
         for i in 0..6 {
             let (weighted_first, weighted_second) = (weight * first[i], weight * second[i]);
-            for j in i..6 {
+            // From an even column on: two elements fill a register.
+            for j in i / 2 * 2..6 {
                 self.matrix[i][j] += weighted_first * first[j] + weighted_second * second[j];
             }
             self.gradient[i] += weighted_first * residual[0] + weighted_second * residual[1];

@@ -2,13 +2,12 @@
 
 use core::array;
 use core::hint::black_box;
+use core::ops::Range;
 
 use super::crossing::Crossings;
 use super::lanes::{LANES, Lanes};
-use super::region::Region;
-use super::regression::{
-    ONE_ONE, ONE_SLOPE, ONE_STEP, PRODUCTS, SLOPE_SLOPE, STEP_SLOPE, STEP_STEP, Sums,
-};
+use super::region::{BAND_LINES_MAX, Band, Region};
+use super::regression::{PRODUCTS, Sums};
 use crate::fit::edge::light::Levels;
 use crate::fit::edge::profile::blurred_step;
 use crate::model::image::{GreyImage, Pixel};
@@ -16,8 +15,10 @@ use crate::model::image::{GreyImage, Pixel};
 /// Quantities that vary linearly about an edge's middle, one lane each.
 struct Field {
     middle: Lanes,
-    by_x: Lanes,
-    by_y: Lanes,
+    by_line: Lanes,
+    by_place: Lanes,
+    /// For each quantity, what neighbouring places add to it.
+    steps: [Lanes; 4],
 }
 
 /// Mean of both sides' levels.
@@ -30,29 +31,39 @@ const ACROSS: usize = 2;
 const PLACE: usize = 3;
 
 impl Field {
+    fn new(middle: Lanes, by_line: Lanes, by_place: Lanes) -> Self {
+        let steps = by_place.map(|step| array::from_fn(|lane| step * lane as f32));
+        Self { middle, by_line, by_place, steps }
+    }
+
+    /// At a line and a place in it, from the middle.
     #[inline(always)]
-    fn at(&self, x: f32, y: f32) -> Lanes {
-        array::from_fn(|lane| self.middle[lane] + self.by_x[lane] * x + self.by_y[lane] * y)
+    fn at(&self, line: f32, place: f32) -> Lanes {
+        array::from_fn(|lane| {
+            self.middle[lane] + self.by_line[lane] * line + self.by_place[lane] * place
+        })
     }
 }
 
-/// Pixels handled at once, more than an ordinary edge has.
-pub(super) const BATCH_PX: usize = 256;
+/// Samples handled at once, more than an ordinary edge has.
+pub(super) const BATCH: usize = 128;
 
-/// Pixels of a row that are written together: about as many as a row of a region has.
-const SPAN: usize = 8;
+/// One number per sample. A band's last lanes may reach beyond its end, to be overwritten by
+/// the next band.
+type Column = [f32; BATCH + LANES];
 
-/// One number per pixel. A row's last span may reach beyond its end, to be overwritten by
-/// the next row.
-type Column = [f32; BATCH_PX + SPAN];
-
-/// Pixels of one edge, row after row without gaps, so that no lane is idle; a buffer that is
-/// kept only because clearing it would cost as much as using it.
+/// Samples of one edge, each the mean of neighbouring pixels along the edge or a single pixel, band
+/// after band without gaps, so that no lane is idle; a buffer that is kept only because clearing it
+/// would cost as much as using it.
 pub struct Batch {
     count: usize,
     grey: Column,
     across: Column,
     place: Column,
+    /// Blur of a single pixel over the sample's.
+    sharpness: Column,
+    /// The number of pixels.
+    pixels: Column,
 }
 
 impl Default for Batch {
@@ -65,8 +76,8 @@ impl Batch {
     /// An empty batch.
     #[must_use]
     pub const fn new() -> Self {
-        const EMPTY: Column = [0.0; BATCH_PX + SPAN];
-        Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY }
+        const EMPTY: Column = [0.0; BATCH + LANES];
+        Self { count: 0, grey: EMPTY, across: EMPTY, place: EMPTY, sharpness: EMPTY, pixels: EMPTY }
     }
 
     /// Inner products over all pixels of a region inside the frame, each weighted by its expected
@@ -79,15 +90,21 @@ impl Batch {
         levels: Option<&Levels>,
         sign: f64,
     ) -> Option<Sums> {
-        let [origin_x, origin_y] = region.origin;
+        let by_lines = |[x, y]: [f32; 2]| if region.are_lines_rows { [y, x] } else { [x, y] };
+        let [origin_line, origin_place] = region.origin;
+        let [origin_x, origin_y] = if region.are_lines_rows {
+            [origin_place, origin_line]
+        } else {
+            [origin_line, origin_place]
+        };
         if origin_x >= image.width() || origin_y >= image.height() {
             return None;
         }
-        let [mean_by_x, mean_by_y, gain_by_x, gain_by_y] = levels.map_or([0.0; 4], |levels| {
+        let [mean, gain] = levels.map_or([[0.0; 2]; 2], |levels| {
             // To first order: the square is neglected, 0.1 % of the contrast in the farthest pixels
             // of an edge of 20 px when it varies by 30 % in 140 px.
-            let (mean, gain) = (levels.mean_per_px, -levels.contrast_per_px);
-            [mean.x, mean.y, gain.x, gain.y].map(|slope| slope as f32)
+            [levels.mean_per_px, -levels.contrast_per_px]
+                .map(|slope| by_lines([slope.x as f32, slope.y as f32]))
         });
         let base: f32 = match levels {
             Some(levels) => (0.5 * (levels.light + levels.dark)) as f32,
@@ -96,67 +113,140 @@ impl Batch {
         let noise_by_step = levels.map_or(0.0, |levels| (sign * levels.noise_contrast) as f32);
         let mut products = Products::new(noise_by_step);
         self.count = 0;
-        let [middle_x, middle_y] = region.middle;
-        let [along_x, along_y] = region.along;
+        let [right_line, right_place] = region.right;
+        let [along_line, along_place] = region.along;
         let (per_blur, per_length) = (region.per_blur, region.per_length);
         // An arc's height in its middle, and nothing at its ends.
         let height = region.bend_px * per_blur;
         let bend = 4.0 * height;
-        let field = Field {
-            middle: [base, 1.0, -height, 0.0],
-            by_x: [mean_by_x, gain_by_x, -along_y * per_blur, along_x * per_length],
-            by_y: [mean_by_y, gain_by_y, along_x * per_blur, along_y * per_length],
-        };
-        region.each_row([image.width(), image.height()], |row, columns| {
-            let pixels = &image.row((origin_y as i32 + row) as usize)[columns.start..];
-            let count = columns.len().min(BATCH_PX);
-            if self.count + count > BATCH_PX {
+        let field = Field::new(
+            [base, 1.0, -height, 0.0],
+            [mean[0], gain[0], right_line * per_blur, along_line * per_length],
+            [mean[1], gain[1], right_place * per_blur, along_place * per_length],
+        );
+        region.each_band([image.width(), image.height()], |band| {
+            if self.count + band.places.len() > BATCH {
                 products.add(self, bend, &region.crossings);
             }
-            let x = (columns.start as i32 - origin_x as i32) as f32 - middle_x;
-            self.push(pixels, count, &field, [x, row as f32 - middle_y]);
+            self.push(image, region.are_lines_rows, band, &field);
         });
         products.add(self, bend, &region.crossings);
-        let (count, products) = products.total(&region.crossings);
-        Some(Sums { count, products, base: base.into() })
+        Some(products.total(base.into()))
     }
 
-    /// Appends the first `count` pixels of a row, whose start is given relative to the edge's
-    /// middle; there must be room for them.
+    /// Appends a band's samples; there must be room for them. No band has more than [`BATCH`].
     #[inline]
-    fn push<P: Pixel>(&mut self, pixels: &[P], count: usize, field: &Field, [x, y]: [f32; 2]) {
-        for done in (0..count).step_by(SPAN) {
-            let start = field.at(x + done as f32, y);
-            let pixels = &pixels[done..];
-            match pixels.first_chunk() {
-                Some(span) => self.write(span, self.count + done, &start, &field.by_x),
-                None => {
-                    // At the frame's right border.
-                    let mut span = [pixels[0]; SPAN];
-                    span[..pixels.len()].copy_from_slice(pixels);
-                    self.write(&span, self.count + done, &start, &field.by_x);
-                }
-            }
+    fn push<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        are_lines_rows: bool,
+        band: &Band,
+        field: &Field,
+    ) {
+        let count = band.places.len().min(BATCH);
+        let mut done = 0;
+        while done < count {
+            self.push_lanes(image, are_lines_rows, band, done, field);
+            done += LANES;
         }
         self.count += count;
     }
 
-    /// Writes a span of a row to a place in the batch; `start` is the field at its first pixel, and
-    /// `step` the field's change from pixel to pixel.
+    /// Writes a band's samples from the one at `done`, as many as there are lanes.
+    ///
+    /// Never inlined: most bands have no more, so that nothing is gained by preparing for a loop.
     #[inline(never)]
-    fn write<P: Pixel>(&mut self, pixels: &[P; SPAN], place: usize, start: &Lanes, step: &Lanes) {
-        const ROOM: &str = "a batch has room for its last span";
-        let grey: &mut [f32; SPAN] = self.grey[place..].first_chunk_mut().expect(ROOM);
-        let across: &mut [f32; SPAN] = self.across[place..].first_chunk_mut().expect(ROOM);
-        let places: &mut [f32; SPAN] = self.place[place..].first_chunk_mut().expect(ROOM);
-        for pixel in 0..SPAN {
-            let value: f32 = pixels[pixel].into();
-            let at = |lane: usize| start[lane] + step[lane] * pixel as f32;
-            grey[pixel] = (value - at(MEAN)) * at(GAIN);
-            across[pixel] = at(ACROSS);
-            places[pixel] = at(PLACE);
+    fn push_lanes<P: Pixel>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+        are_lines_rows: bool,
+        band: &Band,
+        done: usize,
+        field: &Field,
+    ) {
+        let places = band.places.start + done..band.places.end;
+        let sums = if are_lines_rows {
+            sums_of_rows(image, band, places)
+        } else {
+            sums_of_columns(image, band, places)
+        };
+        let [line, place] = band.from_middle;
+        let first = field.at(line, place + done as u32 as f32);
+        let at = |part: usize, lane: usize| first[part] + field.steps[part][lane];
+        let lines = band.lines as u32 as f32;
+        let per_line = 1.0 / lines;
+        let grey = |lane: usize| (sums[lane] as f32 * per_line - at(MEAN, lane)) * at(GAIN, lane);
+        let place = self.count + done;
+        write(&mut self.grey, place, &array::from_fn(grey));
+        write(&mut self.across, place, &array::from_fn(|lane| at(ACROSS, lane)));
+        write(&mut self.place, place, &array::from_fn(|lane| at(PLACE, lane)));
+        write(&mut self.sharpness, place, &[band.sharpness; LANES]);
+        write(&mut self.pixels, place, &[lines; LANES]);
+    }
+}
+
+#[inline(always)]
+fn write(column: &mut Column, place: usize, values: &Lanes) {
+    let room: Option<&mut Lanes> = column[place..].first_chunk_mut();
+    *room.expect("a batch has room for its last lanes") = *values;
+}
+
+/// For each of the first places, the sum of a band's pixels there, where its lines are rows.
+#[inline(always)]
+fn sums_of_rows<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    band: &Band,
+    places: Range<usize>,
+) -> [i32; LANES] {
+    let mut sums = [0; LANES];
+    for row in band.first_line..band.first_line + band.lines {
+        if let Some(pixels) = image.span::<LANES>(places.start, row) {
+            sums = array::from_fn(|place| sums[place] + whole(pixels[place]));
+        } else {
+            // At the frame's right border.
+            let pixels = &image.row(row)[places.start..];
+            sums.iter_mut().zip(pixels).for_each(|(sum, &pixel)| *sum += whole(pixel));
         }
     }
+    sums
+}
+
+/// The same where its lines are columns.
+#[inline(always)]
+fn sums_of_columns<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    band: &Band,
+    places: Range<usize>,
+) -> [i32; LANES] {
+    const { assert!(BAND_LINES_MAX == 5) };
+    let column = band.first_line;
+    match band.lines {
+        5 => sums_of::<5, P>(image, column, places),
+        4 => sums_of::<4, P>(image, column, places),
+        3 => sums_of::<3, P>(image, column, places),
+        2 => sums_of::<2, P>(image, column, places),
+        _ => sums_of::<1, P>(image, column, places),
+    }
+}
+
+/// For each of the first rows, the sum of some pixels from a column on.
+#[inline(always)]
+fn sums_of<const COUNT: usize, P: Pixel>(
+    image: &GreyImage<'_, P>,
+    column: usize,
+    rows: Range<usize>,
+) -> [i32; LANES] {
+    let mut sums = [0; LANES];
+    for (sum, row) in sums.iter_mut().zip(rows) {
+        let pixels = image.span::<COUNT>(column, row);
+        *sum = pixels.map_or(0, |pixels| pixels.iter().map(|&pixel| whole(pixel)).sum());
+    }
+    sums
+}
+
+#[inline(always)]
+fn whole<P: Pixel>(pixel: P) -> i32 {
+    Into::<u32>::into(pixel) as i32
 }
 
 /// The weighted inner products, in lanes.
@@ -166,52 +256,63 @@ struct Products {
     /// in the middle. A pixel's weight is the inverse of its expected variance, which follows from
     /// the model and not from the pixel: noise would otherwise weigh itself.
     noise_by_step: f32,
-    count: usize,
-    /// How many of the lanes held none of the region's pixels.
-    padding: usize,
+    samples: usize,
 }
 
 impl Products {
     fn new(noise_by_step: f32) -> Self {
-        Self { sums: [[0.0; LANES]; PRODUCTS], noise_by_step, count: 0, padding: 0 }
+        Self { sums: [[0.0; LANES]; PRODUCTS], noise_by_step, samples: 0 }
     }
 
     /// Adds a batch and empties it; `bend` is 4 times what is to be added at either end, in blurs.
-    ///
+    fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
+        if crossings.are_corners() {
+            self.add_batch::<true>(batch, bend, crossings);
+        } else {
+            self.add_batch::<false>(batch, bend, crossings);
+        }
+    }
+
     /// One loop without branches, in which each group of four lanes becomes one vector. A compiler
-    /// might instead combine pixels of several iterations, which costs two to three times as much,
+    /// might instead combine samples of several iterations, which costs two to three times as much,
     /// because they have to be gathered and the order of the sums kept. [`black_box`] prevents
     /// that: it is opaque to the compiler, and costs no instruction.
     #[inline(never)]
-    fn add(&mut self, batch: &mut Batch, bend: f32, crossings: &Crossings) {
+    fn add_batch<const ARE_CORNERS: bool>(
+        &mut self,
+        batch: &mut Batch,
+        bend: f32,
+        crossings: &Crossings,
+    ) {
         let count = batch.count;
         batch.count = 0;
+        self.samples += count;
         let chunks = count.div_ceil(LANES);
-        let padding = count..chunks * LANES;
-        let Batch { grey, across, place, .. } = batch;
-        // Padded with black pixels in the middle of the edge, which add only what is subtracted from the total.
-        grey[padding.clone()].fill(0.0);
-        across[padding.clone()].fill(0.0);
-        place[padding.clone()].fill(0.0);
-        self.padding += padding.len();
-        self.count += count;
+        let Batch { grey, across, place, sharpness, pixels, .. } = batch;
+        // The last lanes hold no pixels.
+        for column in [&mut *grey, &mut *across, &mut *place, &mut *sharpness, &mut *pixels] {
+            write(column, count, &[0.0; LANES]);
+        }
         let noise_by_step = self.noise_by_step;
         let mut sums = self.sums;
         let [o, s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
             &mut sums;
-        let pixels = chunk(across, chunks).iter().zip(chunk(place, chunks));
-        for ((across, place), grey) in pixels.zip(chunk(grey, chunks)) {
+        let places = chunk(across, chunks).iter().zip(chunk(place, chunks));
+        let places = places.zip(chunk(sharpness, chunks));
+        let samples = chunk(grey, chunks).iter().zip(chunk(pixels, chunks));
+        for (((across, place), sharpness), (grey, pixels)) in places.zip(samples) {
             black_box(());
             let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
-            // Each column times the pixel's weight.
+            // Each column times the sample's weight.
             let [mut wo, mut ws, mut wp, mut wb, mut wt, mut wg] = [[0.0; LANES]; 6];
             for lane in 0..LANES {
                 let w = place[lane];
-                let v = across[lane] + bend * w * w;
-                (step[lane], slope[lane]) = profile(v, w, crossings);
+                let v = (across[lane] + bend * w * w) * sharpness[lane];
+                (step[lane], slope[lane]) = profile::<ARE_CORNERS>(v, w, crossings);
+                slope[lane] *= sharpness[lane];
                 blur[lane] = v * slope[lane];
                 turn[lane] = w * slope[lane];
-                wo[lane] = 1.0 / (1.0 + noise_by_step * step[lane]);
+                wo[lane] = pixels[lane] / (1.0 + noise_by_step * step[lane]);
                 ws[lane] = wo[lane] * step[lane];
                 wp[lane] = wo[lane] * slope[lane];
                 wb[lane] = wo[lane] * blur[lane];
@@ -243,34 +344,18 @@ impl Products {
         self.sums = sums;
     }
 
-    /// The number of pixels, and the products.
-    fn total(&self, crossings: &Crossings) -> (f64, [f64; PRODUCTS]) {
-        let mut products = [0.0; PRODUCTS];
-        for (product, [a, b, c, d]) in products.iter_mut().zip(self.sums) {
-            *product = f64::from(a) + f64::from(b) + (f64::from(c) + f64::from(d));
-        }
-        let (step, slope) = profile(0.0, 0.0, crossings);
-        let weight = self.padding as f64 / f64::from(1.0 + self.noise_by_step * step);
-        let (step, slope) = (f64::from(step), f64::from(slope));
-        for (product, padded) in [
-            (ONE_ONE, 1.0),
-            (ONE_STEP, step),
-            (ONE_SLOPE, slope),
-            (STEP_STEP, step * step),
-            (STEP_SLOPE, step * slope),
-            (SLOPE_SLOPE, slope * slope),
-        ] {
-            products[product] -= weight * padded;
-        }
-        (self.count as f64, products)
+    /// The sums over all lanes; `base` has been subtracted from all pixels.
+    fn total(&self, base: f64) -> Sums {
+        let products = self.sums.map(|[a, b, c, d]| f64::from((a + b) + (c + d)));
+        Sums { count: self.samples as f64, products, base }
     }
 }
 
 /// The step at `v` blurs across the edge and `w` along it, and its slope.
 #[inline(always)]
-fn profile(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
+fn profile<const ARE_CORNERS: bool>(v: f32, w: f32, crossings: &Crossings) -> (f32, f32) {
     let (step, slope) = blurred_step(v);
-    let (height, lift, turn) = crossings.at(v, w);
+    let (height, lift, turn) = crossings.at::<ARE_CORNERS>(v, w);
     (height * step + lift + turn * slope, height * slope)
 }
 

@@ -25,8 +25,8 @@
 //! and E'(d) the derivative of that. Odd powers are not needed, so that the sign of t can
 //! distinguish the ends, and both ends cost no more than one.
 
-/// From here outwards a line has no effect.
-const REACH: f32 = 3.4;
+/// From here outwards a line has no effect, in its blurs.
+pub(super) const REACH: f32 = 3.4;
 
 /// Least-squares fit to E and half its derivative from 1.5 outwards; their errors stay within
 /// 0.0016 and 0.0044.
@@ -92,20 +92,28 @@ impl Crossings {
         }
     }
 
+    /// Whether no border is at an end, so that [`Crossings::at`] has less to do.
+    pub(super) fn are_corners(&self) -> bool {
+        self.shares == [1.0; 2]
+    }
+
     /// The factor of E(v), what is added to it, and the factor of the E'(v) that is added, at
     /// `across` blurs to the right of the edge and `place` lengths from its middle.
     #[inline(always)]
-    pub(super) fn at(&self, across: f32, place: f32) -> (f32, f32, f32) {
+    pub(super) fn at<const ARE_CORNERS: bool>(&self, across: f32, place: f32) -> (f32, f32, f32) {
         let along = self.by_across * across + self.by_place * place;
         let (start, end) = (self.start - along, self.end + along);
         let start = if start > 0.0 { start } else { 0.0 };
         let end = if end > 0.0 { end } else { 0.0 };
         let t = end - start;
         let square = t * t;
-        let share = if t > 0.0 { self.shares[1] } else { self.shares[0] };
         let lowered = square * (A + B * square);
         // The normal at the end points against the direction of the edge.
         let turn = -self.cosine * t * (2.0 * A + 4.0 * B * square);
+        if ARE_CORNERS {
+            return (1.0 - lowered, 0.0, turn);
+        }
+        let share = if t > 0.0 { self.shares[1] } else { self.shares[0] };
         (1.0 - share * lowered, (1.0 - share) * self.sign * lowered, share * turn)
     }
 }
@@ -145,16 +153,17 @@ mod tests {
             let distance = 10.0 - from_middle;
             let (exact, density) = integral(distance);
             let place = (from_middle / 20.0) as f32;
-            let (height, lift, turn) = both.at(0.0, place);
+            let (height, lift, turn) = both.at::<false>(0.0, place);
             assert!((f64::from(height) - exact).abs() < 0.0017, "{distance}");
             assert_eq!(lift, 0.0, "{distance}");
             // Here the line's normal points against the edge's direction.
             assert!((f64::from(turn) + 0.1 * density).abs() < 0.1 * 0.005, "{distance}");
-            assert_eq!(both.at(0.0, -place), (height, 0.0, -turn), "{distance}");
+            assert_eq!(both.at::<false>(0.0, -place), (height, 0.0, -turn), "{distance}");
+            assert_eq!(both.at::<true>(0.0, place), (height, 0.0, turn), "{distance}");
         }
         // The lines are not at right angles: 4 blurs of 1.5 px to the right of the edge, times
         // the cosine, are 0.3 blurs of 2 px nearer to the end.
-        assert!((both.at(4.0, 0.4).0 - both.at(0.0, 0.415).0).abs() < 1e-6);
+        assert!((both.at::<false>(4.0, 0.4).0 - both.at::<false>(0.0, 0.415).0).abs() < 1e-6);
     }
 
     #[test]
@@ -163,7 +172,7 @@ mod tests {
         let border = crossings([Corner, Border]);
         for distance in [1.5, 2.0, 2.5, 3.0, 4.0] {
             let place = ((10.0 - distance) / 20.0) as f32;
-            let (height, lift, turn) = border.at(0.0, place);
+            let (height, lift, turn) = border.at::<false>(0.0, place);
             let (inside, density) = integral(distance);
             for v in [-2.0, -0.5, 0.0, 1.0, 3.0] {
                 let (across, slope) = integral(v);
@@ -180,9 +189,9 @@ mod tests {
             }
         }
         // The other end is a corner.
-        let (height, lift, _) = border.at(0.0, -0.4);
+        let (height, lift, _) = border.at::<false>(0.0, -0.4);
         assert_eq!((height, lift), {
-            let (height, lift, _) = crossings([Corner; 2]).at(0.0, -0.4);
+            let (height, lift, _) = crossings([Corner; 2]).at::<false>(0.0, -0.4);
             (height, lift)
         });
     }
@@ -194,7 +203,7 @@ mod tests {
             ([Corner, Unknown], [false, true]),
             ([Unknown, Corner], [true, false]),
         ] {
-            let at_ends = [-0.42, 0.42].map(|place| crossings(edge_ends).at(0.0, place));
+            let at_ends = [-0.42, 0.42].map(|place| crossings(edge_ends).at::<false>(0.0, place));
             for (is_plain, at_end) in ends.into_iter().zip(at_ends) {
                 assert_eq!(at_end == (1.0, 0.0, 0.0), is_plain, "{edge_ends:?} {at_end:?}");
             }

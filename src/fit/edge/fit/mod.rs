@@ -1,8 +1,8 @@
 //! The fine step: a blurred step fitted to all pixels beside an edge.
 //!
-//! [`fit_edge`] does this: [`region`] selects the pixels that belong to an edge, [`batch`] collects
-//! them and sums the products of the model's columns ([`crossing`] models the vicinity of corners),
-//! and [`regression`] solves for the model's parameters.
+//! [`fit_edge`] does this: [`region`] selects the pixels that belong to an edge, [`batch`] averages
+//! them along the edge and sums the products of the model's columns ([`crossing`] models the vicinity
+//! of corners), and [`regression`] solves for the model's parameters.
 //!
 //! # Model
 //!

@@ -12,13 +12,18 @@
 //!     │╱ └──┘ ╲│
 //!     ·────────·
 //! ```
+//!
+//! They are read in *lines* across the edge: rows of the frame where the edge is nearer to the
+//! vertical, otherwise columns. Along an edge little changes from line to line. Where no crossing
+//! line reaches and the edge runs nearly at right angles to the lines, up to [`BAND_LINES_MAX`] of
+//! them are averaged to one *band*, so that the model is evaluated once for all of them.
 
 use core::array;
 use core::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::crossing::{CrossingLines, Crossings, EdgeEnd};
+use super::crossing::{self, CrossingLines, Crossings, EdgeEnd};
 use super::lanes::{LANES, Lanes};
 use crate::fit::nodes::Chord;
 
@@ -52,45 +57,98 @@ impl Width {
     }
 }
 
+/// Most lines that are averaged: of an edge of 20 px, more would cost several percent of what it
+/// tells about its turn.
+pub(super) const BAND_LINES_MAX: u32 = 5;
+
+/// How much the lines of a band may add to the variance of the blur, as a share of it: they lie
+/// beside each other by the edge's slope. The model includes that, but a blurred edge is also a less
+/// precise one, by about half of this share.
+const BAND_VARIANCE_SHARE: f32 = 0.05;
+
 /// Largest half length of an edge that is used: the work is bounded, however near the target is.
 pub(super) const HALF_LENGTH_PX_MAX: f64 = 32.0;
 
 /// The pixels of one edge, as a convex polygon about its middle.
 pub(super) struct Region {
-    /// Whole pixel at the middle.
+    /// Whether its lines are rows of the frame, and not columns.
+    pub(super) are_lines_rows: bool,
+    /// Whole pixel at the middle: its line, and its place in the line.
     pub(super) origin: [usize; 2],
     /// From there to the exact middle.
     pub(super) middle: [f32; 2],
+    /// Unit vector along the edge: from line to line, and from place to place.
     pub(super) along: [f32; 2],
+    /// Unit vector to its right.
+    pub(super) right: [f32; 2],
     pub(super) per_length: f32,
     pub(super) per_blur: f32,
     /// The lens's bend in the middle of the edge, to its right, px.
     pub(super) bend_px: f32,
-    /// Rows of the polygon, above and below the origin.
-    reach_rows: f32,
-    strips: [Strip; 4],
+    /// Lines of the polygon, before and after the origin,
+    reach_lines: f32,
+    /// those that no crossing line reaches,
+    free_lines: f32,
+    /// and how many of these may be averaged.
+    band_lines: u32,
+    /// A twelfth of the square of the edge's change of place from line to line, in blurs: n
+    /// equidistant lines have (n^2 - 1) times this variance.
+    band_spread: f32,
+    strips: Strips,
     pub(super) crossings: Crossings,
 }
 
-/// The strip between two parallel sides, `low <= normal . (pixel - middle) <= high`, solved for x.
-#[derive(Clone, Copy)]
-struct Strip {
-    /// low + by_y y <= x <= high + by_y y.
-    low: f32,
-    high: f32,
-    by_y: f32,
+/// Neighbouring lines, of which the pixels at the same place are averaged.
+pub(super) struct Band {
+    pub(super) first_line: usize,
+    pub(super) lines: usize,
+    pub(super) places: Range<usize>,
+    /// Blur of a single line over the band's.
+    pub(super) sharpness: f32,
+    /// Mean of the lines, and the first place, from the edge's middle.
+    pub(super) from_middle: [f32; 2],
 }
 
-impl Strip {
-    fn new(normal: Vector2<f64>, [low, high]: [f64; 2]) -> Self {
-        // A side along the rows does not bound x, or only so far out that another side does.
-        const FLATTEST: f64 = 1e-6;
-        let x =
-            if normal.x.abs() < FLATTEST { libm::copysign(FLATTEST, normal.x) } else { normal.x };
-        let per_x = 1.0 / x;
-        let (low, high) = if x > 0.0 { (low, high) } else { (high, low) };
-        let [low, high, by_y] = [low, high, -normal.y].map(|value| (value * per_x) as f32);
-        Self { low, high, by_y }
+/// Strips, each between two parallel sides, `low <= normal . (pixel - middle) <= high`, solved for
+/// the place in a line: one lane each.
+struct Strips {
+    /// low + by_line line <= place <= high + by_line line.
+    low: Lanes,
+    high: Lanes,
+    by_line: Lanes,
+}
+
+impl Strips {
+    /// From normals, with the part from line to line first, and bounds.
+    fn new(strips: [([f64; 2], [f64; 2]); LANES]) -> Self {
+        let solved = strips.map(|([normal_line, normal_place], [low, high])| {
+            // A side along the lines does not bound the place, or only so far out that another side
+            // does.
+            const FLATTEST: f64 = 1e-6;
+            let is_flat = normal_place.abs() < FLATTEST;
+            let normal_place =
+                if is_flat { libm::copysign(FLATTEST, normal_place) } else { normal_place };
+            let per_place = 1.0 / normal_place;
+            let (low, high) = if normal_place > 0.0 { (low, high) } else { (high, low) };
+            [low, high, -normal_line].map(|value| (value * per_place) as f32)
+        });
+        let [low, high, by_line] = array::from_fn(|part| solved.map(|strip| strip[part]));
+        Self { low, high, by_line }
+    }
+
+    /// The first and the last place inside all of them, from the middle, in each of four lines.
+    #[inline(always)]
+    fn bounds(&self, lines: &Lanes) -> [Lanes; 2] {
+        let (mut low, mut high) = ([f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES]);
+        for strip in 0..LANES {
+            for lane in 0..LANES {
+                let place = self.by_line[strip] * lines[lane];
+                let (from, to) = (place + self.low[strip], place + self.high[strip]);
+                low[lane] = if from > low[lane] { from } else { low[lane] };
+                high[lane] = if to < high[lane] { to } else { high[lane] };
+            }
+        }
+        [low, high]
     }
 }
 
@@ -117,6 +175,7 @@ impl Region {
         let (across, sine) = if sine < 0.0 { (-across, -sine) } else { (across, sine) };
         // The crossing lines' normal, along the edge.
         let crossing = Vector2::new(across.y, -across.x);
+        let cosine = right.dot(&crossing);
         let half_length_px = 0.5 * length_px;
         let [used_start_px, used_end_px] = ends.map(|end| {
             let clear = match end {
@@ -137,35 +196,49 @@ impl Region {
         if !is_usable || !is_near {
             return None;
         }
-        // Not near a crossing line, not far from this one, and not nearer to a crossing line than
+        let are_lines_rows = along.y.abs() >= along.x.abs();
+        let by_lines = |[x, y]: [f64; 2]| if are_lines_rows { [y, x] } else { [x, y] };
+        let [along_line, along_place] = by_lines(along.into());
+        let [across_line, _] = by_lines(across.into());
+        // Not far from this line, not near a crossing line, and not nearer to a crossing line than
         // to this one.
         let diagonal_px = sine * half_length_px;
         let within = |distance_px: f64| [-distance_px, distance_px];
-        let strips = [
-            Strip::new(crossing, [-sine * used_start_px, sine * used_end_px]),
-            Strip::new(right, within(width_px)),
-            Strip::new(right + crossing, within(diagonal_px)),
-            Strip::new(right - crossing, within(diagonal_px)),
-        ];
-        let origin = [middle_px.x as usize, middle_px.y as usize];
-        let reach_rows =
-            used_start_px.max(used_end_px) * along.y.abs() + width_px / sine * across.y.abs();
+        let strips = Strips::new([
+            (by_lines(right.into()), within(width_px)),
+            (by_lines(crossing.into()), [-sine * used_start_px, sine * used_end_px]),
+            (by_lines((right + crossing).into()), within(diagonal_px)),
+            (by_lines((right - crossing).into()), within(diagonal_px)),
+        ]);
+        let reach_lines =
+            used_start_px.max(used_end_px) * along_line.abs() + width_px / sine * across_line.abs();
+        // Where only the first strip bounds a line.
+        let clear_px = (f64::from(crossing::REACH) * crossing_blur_px).max(width_px);
+        let free_px = (half_length_px - (clear_px + width_px * cosine.abs()) / sine)
+            .min(used_start_px.min(used_end_px) - width_px * cosine.abs() / sine);
+        let free_lines = free_px * along_line.abs() - width_px * along_place.abs();
+        let slope = along_place / blur_px;
+        let band_spread = (slope * slope / 12.0) as f32;
+        let [line_px, place_px] = by_lines(middle_px.into());
+        let origin = [line_px as usize, place_px as usize];
         Some(Self {
+            are_lines_rows,
             origin,
-            middle: [
-                (middle_px.x - origin[0] as f64) as f32,
-                (middle_px.y - origin[1] as f64) as f32,
-            ],
-            along: [along.x as f32, along.y as f32],
+            middle: [(line_px - origin[0] as f64) as f32, (place_px - origin[1] as f64) as f32],
+            along: [along_line as f32, along_place as f32],
+            right: by_lines(right.into()).map(|value| value as f32),
             per_length: (1.0 / length_px) as f32,
             per_blur: (1.0 / blur_px) as f32,
             bend_px: chord.bend_px as f32,
-            reach_rows: reach_rows as f32,
+            reach_lines: reach_lines as f32,
+            free_lines: free_lines as f32,
+            band_lines: band_lines(band_spread),
+            band_spread,
             strips,
             crossings: Crossings::new(&CrossingLines {
                 blur_px: crossing_blur_px,
                 distance_px: diagonal_px,
-                cosine: right.dot(&crossing),
+                cosine,
                 across_px: blur_px,
                 along_px: sine * length_px,
                 ends,
@@ -174,47 +247,64 @@ impl Region {
         })
     }
 
-    /// Calls `pixels` for each row of the region inside a frame, with the row counted from the
-    /// origin and its columns in the frame.
+    /// Calls `pixels` for each band of the region inside a frame, in order.
     #[inline]
-    pub(super) fn each_row(
-        &self,
-        [width, height]: [usize; 2],
-        mut pixels: impl FnMut(i32, Range<usize>),
-    ) {
-        let [origin_x, origin_y] = self.origin.map(|place| place as i32);
-        let [_, middle_y] = self.middle;
-        let first = (floor(middle_y - self.reach_rows) + 1).max(-origin_y);
-        let last = floor(middle_y + self.reach_rows).min(height as i32 - 1 - origin_y);
-        for four in (first..=last).step_by(LANES) {
-            let y = array::from_fn(|lane| (four + lane as i32) as f32 - middle_y);
-            let (starts, ends) = self.columns(&y);
-            for (row, (start, end)) in (four..=last).zip(starts.into_iter().zip(ends)) {
-                let (start, end) = ((origin_x + start).max(0), (origin_x + end).min(width as i32));
-                if start < end {
-                    pixels(row, start as usize..end as usize);
+    pub(super) fn each_band(&self, [width, height]: [usize; 2], mut pixels: impl FnMut(&Band)) {
+        let [lines, places] = if self.are_lines_rows { [height, width] } else { [width, height] };
+        let [origin_line, origin_place] = self.origin.map(|place| place as i32);
+        let [middle_line, middle_place] = self.middle;
+        let first = (floor(middle_line - self.reach_lines) + 1).max(-origin_line);
+        let end = (floor(middle_line + self.reach_lines) + 1).min(lines as i32 - origin_line);
+        let first_free = (floor(middle_line - self.free_lines) + 1).max(first);
+        let end_free = (floor(middle_line + self.free_lines) + 1).min(end);
+        // As few bands as possible, and as alike as possible.
+        let free = (end_free - first_free).max(0) as u32;
+        let band_lines = free.div_ceil(free.div_ceil(self.band_lines).max(1)) as i32;
+        let mut line = first;
+        while line < end {
+            // Four bands take no longer than one.
+            let mut bands = [(0, 0); LANES];
+            for band in &mut bands {
+                let is_free = (first_free..end_free).contains(&line);
+                let count = if is_free { band_lines.min(end_free - line) } else { 1 };
+                *band = (line, count);
+                line += count;
+            }
+            let middles =
+                bands.map(|(line, count)| line as f32 + 0.5 * (count - 1) as f32 - middle_line);
+            let sharpness = bands.map(|(_, count)| {
+                let added = self.band_spread * (count * count - 1) as f32;
+                // 1 / sqrt(1 + added), to a ten-thousandth.
+                1.0 - added * (0.5 - 0.375 * added)
+            });
+            let [low, high] = self.strips.bounds(&middles);
+            let starts = low.map(|low| -floor(-(low + middle_place)));
+            let ends = high.map(|high| floor(high + middle_place) + 1);
+            for lane in 0..LANES {
+                let (line, count) = bands[lane];
+                let start = starts[lane].max(-origin_place);
+                let after = ends[lane].min(places as i32 - origin_place);
+                if line < end && start < after {
+                    pixels(&Band {
+                        first_line: (origin_line + line) as usize,
+                        lines: count as usize,
+                        places: (origin_place + start) as usize..(origin_place + after) as usize,
+                        sharpness: sharpness[lane],
+                        from_middle: [middles[lane], start as f32 - middle_place],
+                    });
                 }
             }
         }
     }
+}
 
-    /// The first columns, and those after the last, of rows at `y` from the middle; columns are
-    /// counted from the origin. Rows are handled together because that costs no more than a single
-    /// one.
-    #[inline]
-    fn columns(&self, y: &Lanes) -> ([i32; LANES], [i32; LANES]) {
-        let (mut low, mut high) = ([f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES]);
-        for strip in &self.strips {
-            for lane in 0..LANES {
-                let x = strip.by_y * y[lane];
-                let (from, to) = (x + strip.low, x + strip.high);
-                low[lane] = if from > low[lane] { from } else { low[lane] };
-                high[lane] = if to < high[lane] { to } else { high[lane] };
-            }
-        }
-        let [x, _] = self.middle;
-        (low.map(|low| -floor(-(low + x))), high.map(|high| floor(high + x) + 1))
-    }
+/// The number of lines that may be averaged.
+fn band_lines(spread: f32) -> u32 {
+    let added = |lines: u32| spread * (lines * lines - 1) as f32;
+    (2..=BAND_LINES_MAX)
+        .take_while(|&lines| added(lines) <= BAND_VARIANCE_SHARE)
+        .last()
+        .unwrap_or(1)
 }
 
 /// The floor of a position in a region, to a ten-thousandth: a sum with a number that takes all 24

@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::fit::edge::light::Levels;
 
-/// Fewest pixels of an edge: five numbers are fitted.
-const PIXELS_MIN: f64 = 20.0;
+/// Fewest values that an edge is fitted to: five numbers are fitted, and the rest tells the noise.
+const VALUES_MIN: f64 = 8.0;
 
 /// Smallest ratio of a pivot to its own column's square: below it, the pixels do not distinguish
 /// two of the model's columns.
@@ -23,18 +23,16 @@ pub(super) const SLOPE: usize = 3;
 /// Weighted inner products of the columns and the pixels, the upper triangle row by row, the
 /// pixels last. The column of ones makes the first row sums of the weights and of the weighted columns.
 pub(super) const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
-pub(super) const ONE_ONE: usize = 0;
-pub(super) const ONE_STEP: usize = 1;
-pub(super) const ONE_SLOPE: usize = 3;
+const ONE_ONE: usize = 0;
+const ONE_STEP: usize = 1;
 const ONE_PIXEL: usize = 5;
-pub(super) const STEP_STEP: usize = 6;
-pub(super) const STEP_SLOPE: usize = 8;
+const STEP_STEP: usize = 6;
 const STEP_PIXEL: usize = 10;
-pub(super) const SLOPE_SLOPE: usize = 15;
 const PIXEL_PIXEL: usize = 20;
 
 pub(super) struct Sums {
-    /// The number of values that tell about the noise: pixels, and levels known beforehand.
+    /// The number of values that tell about the noise: samples, each the mean of some pixels, and
+    /// levels known beforehand.
     pub(super) count: f64,
     pub(super) products: [f64; PRODUCTS],
     /// Subtracted from all pixels, so that the sums lose no digits.
@@ -94,7 +92,7 @@ impl Regression {
             index += 1;
         }
         let squares = sums[index];
-        if count < PIXELS_MIN {
+        if count < VALUES_MIN {
             return None;
         }
         let factor = normal.cholesky()?.unpack();
