@@ -23,28 +23,28 @@ type Lanes = [f32; LANES];
 /// Blocks of [`LANES`] columns that hold the widest window.
 const BLOCKS_MAX: usize = (2 * RADIUS_MAX + 1).div_ceil(LANES);
 
-/// The kernels of one size, by columns of the window; those beyond it weigh nothing. Rows above and
-/// below the centre have the same weights.
+/// The kernels of one size. The Gaussian is separable: its weights by rows, and by blocks of columns
+/// of the window; columns beyond the window weigh nothing.
 #[derive(Debug, Clone, Copy)]
 struct Size {
     radius: usize,
-    /// Weights at each distance of the row from the centre.
-    rows: [Row; RADIUS_MAX + 1],
-    /// 1 left of the centre, and 1 right of it.
-    sides: [[Lanes; BLOCKS_MAX]; 2],
+    /// Weight at each distance from the centre.
+    gaussian: [f32; RADIUS_MAX + 1],
+    columns: [Columns; BLOCKS_MAX],
     /// 1 / sum of a kernel of prototype 1, of prototype 2.
     norm: [f32; 2],
 }
 
-/// The weights of one row.
+/// A block of columns.
 #[derive(Debug, Clone, Copy)]
-struct Row {
-    /// The Gaussian.
-    whole: [Lanes; BLOCKS_MAX],
-    /// Inside the upper and lower wedges of prototype 2.
-    inside: [Lanes; BLOCKS_MAX],
-    /// Inside the wedges beside them. Pixels on the diagonal belong to none.
-    beside: [Lanes; BLOCKS_MAX],
+struct Columns {
+    /// Distances from the centre.
+    across: Lanes,
+    /// Weights left of the centre, and right of it.
+    left: Lanes,
+    right: Lanes,
+    /// Weights of all.
+    all: Lanes,
 }
 
 /// All kernels.
@@ -117,39 +117,35 @@ impl Kernels {
 impl Size {
     fn new(radius: usize) -> Self {
         let sigma = radius as f32 / 2.0;
-        let gaussian = |distance: usize| {
+        let mut gaussian = [0.0; RADIUS_MAX + 1];
+        for (distance, weight) in gaussian.iter_mut().enumerate().take(radius + 1) {
             let ratio = distance as f32 / sigma;
-            libm::expf(-0.5 * ratio * ratio)
-        };
-        let mut gaussians = [0.0; RADIUS_MAX + 1];
-        for (distance, weight) in gaussians[..=radius].iter_mut().enumerate() {
-            *weight = gaussian(distance);
+            *weight = libm::expf(-0.5 * ratio * ratio);
         }
-        let none = [[0.0; LANES]; BLOCKS_MAX];
-        let mut rows = [Row { whole: none, inside: none, beside: none }; RADIUS_MAX + 1];
-        let mut sides = [none; 2];
-        let (mut quadrant, mut wedge) = (0.0, 0.0);
+        let none = [0.0; LANES];
+        let mut columns =
+            [Columns { across: none, left: none, right: none, all: none }; BLOCKS_MAX];
         for column in 0..=2 * radius {
             let across = column.abs_diff(radius);
-            let (block, lane) = (column / LANES, column % LANES);
-            for (distance, row) in rows[..=radius].iter_mut().enumerate() {
-                let weight = gaussians[distance] * gaussians[across];
-                row.whole[block][lane] = weight;
-                if across < distance {
-                    row.inside[block][lane] = weight;
-                    wedge += weight;
-                } else if across > distance {
-                    row.beside[block][lane] = weight;
-                }
-                if column < radius && distance > 0 {
-                    quadrant += weight;
-                }
-            }
-            if across > 0 {
-                sides[usize::from(column > radius)][block][lane] = 1.0;
+            let (block, lane) = (&mut columns[column / LANES], column % LANES);
+            block.across[lane] = across as f32;
+            block.all[lane] = gaussian[across];
+            if column < radius {
+                block.left[lane] = gaussian[across];
+            } else if column > radius {
+                block.right[lane] = gaussian[across];
             }
         }
-        Self { radius, rows, sides, norm: [1.0 / quadrant, 1.0 / wedge] }
+        let half: f32 = gaussian[1..=radius].iter().sum();
+        // A wedge of prototype 2: at each distance d along its axis, the pixels that are nearer to
+        // the axis than d.
+        let mut wedge = 0.0;
+        let mut across = gaussian[0];
+        for weight in &gaussian[1..=radius] {
+            wedge += weight * across;
+            across += 2.0 * weight;
+        }
+        Self { radius, gaussian, columns, norm: [1.0 / (half * half), 1.0 / wedge] }
     }
 
     /// `SIDE` is the side of the window, 2 radius + 1.
@@ -164,30 +160,36 @@ impl Size {
             core::array::from_fn(|row| &image.row(y + row - radius)[x - radius..]);
         // A, B, C, D of prototype 1, then of prototype 2, in partial sums.
         let mut sums = [[0.0; LANES]; 8];
-        let [lefts, rights] = &self.sides;
-        for block in 0..SIDE.div_ceil(LANES) {
-            // Of the rows above the centre and of those below: all pixels, and those inside the
-            // wedges; of all rows, those beside the wedges.
+        for (block, columns) in self.columns[..SIDE.div_ceil(LANES)].iter().enumerate() {
+            // Sums along the columns. Of the rows above the centre and of those below: all pixels,
+            // and those inside the wedges; of all rows, those beside the wedges. Pixels on the
+            // diagonals are neither.
             let [mut above, mut below, mut upper, mut lower] = [[0.0; LANES]; 4];
-            let mut beside = product(lanes(pixels[radius], block), self.rows[0].beside[block]);
-            for (distance, row) in self.rows[..=radius].iter().enumerate().skip(1) {
-                let up = lanes(pixels[radius - distance], block);
-                let down = lanes(pixels[radius + distance], block);
-                above = sum(above, product(up, row.whole[block]));
-                below = sum(below, product(down, row.whole[block]));
-                upper = sum(upper, product(up, row.inside[block]));
-                lower = sum(lower, product(down, row.inside[block]));
-                beside = sum(beside, product(sum(up, down), row.beside[block]));
+            let mut beside = lanes(pixels[radius], block);
+            for distance in 1..=radius {
+                let weight = [self.gaussian[distance]; LANES];
+                let up = product(lanes(pixels[radius - distance], block), weight);
+                let down = product(lanes(pixels[radius + distance], block), weight);
+                above = sum(above, up);
+                below = sum(below, down);
+                let limit = [distance as f32; LANES];
+                upper = sum(upper, where_less(columns.across, limit, up));
+                lower = sum(lower, where_less(columns.across, limit, down));
+                beside = sum(beside, where_less(limit, columns.across, sum(up, down)));
             }
-            let (left, right) = (lefts[block], rights[block]);
-            sums[0] = sum(sums[0], product(above, left));
-            sums[1] = sum(sums[1], product(below, right));
-            sums[2] = sum(sums[2], product(above, right));
-            sums[3] = sum(sums[3], product(below, left));
-            sums[4] = sum(sums[4], upper);
-            sums[5] = sum(sums[5], lower);
-            sums[6] = sum(sums[6], product(beside, left));
-            sums[7] = sum(sums[7], product(beside, right));
+            let &Columns { left, right, all, .. } = columns;
+            for (sum_of_all, more) in sums.iter_mut().zip([
+                product(above, left),
+                product(below, right),
+                product(above, right),
+                product(below, left),
+                product(upper, all),
+                product(lower, all),
+                product(beside, left),
+                product(beside, right),
+            ]) {
+                *sum_of_all = sum(*sum_of_all, more);
+            }
         }
         let [a1, b1, c1, d1, a2, b2, c2, d2] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
         let upright = combine([a1, b1, c1, d1], self.norm[0]);
@@ -208,6 +210,12 @@ fn lanes<P: Pixel>(row: &[P], block: usize) -> Lanes {
 #[inline(always)]
 fn sum(a: Lanes, b: Lanes) -> Lanes {
     core::array::from_fn(|n| a[n] + b[n])
+}
+
+/// The values where `a` is less than `b`, and 0 elsewhere.
+#[inline(always)]
+fn where_less(a: Lanes, b: Lanes, values: Lanes) -> Lanes {
+    core::array::from_fn(|n| if a[n] < b[n] { values[n] } else { 0.0 })
 }
 
 #[inline(always)]
