@@ -128,35 +128,28 @@ fn examine<P: Pixel>(
         return None;
     }
     // Climb with the smallest kernels that are not lost in the blur: their peak is the sharpest.
-    let size = level;
+    let (size, step) = (level, 1 << level);
     let mut likelihood = kernels.of_size(image, x, y, size)?;
-    for _ in 0..CLIMB_STEPS_MAX << level {
+    let mut last = (x, y);
+    for _ in 0..CLIMB_STEPS_MAX {
         let mut next = (x, y);
-        for neighbour in [
-            (x - 1, y - 1),
-            (x, y - 1),
-            (x + 1, y - 1),
-            (x - 1, y),
-            (x + 1, y),
-            (x - 1, y + 1),
-            (x, y + 1),
-            (x + 1, y + 1),
-        ] {
-            if let Some(value) = kernels.of_size(image, neighbour.0, neighbour.1, size)
+        for place in [(x, y - step), (x - step, y), (x + step, y), (x, y + step)] {
+            if place != last
+                && let Some(value) = kernels.of_size(image, place.0, place.1, size)
                 && value > likelihood
             {
                 likelihood = value;
-                next = neighbour;
+                next = place;
             }
         }
         if next == (x, y) {
             break;
         }
-        (x, y) = next;
+        (last, (x, y)) = ((x, y), next);
     }
-    let (likelihood, size) = kernels.best(image, x, y)?;
-    if likelihood < least {
-        return None;
-    }
+    // The windows of the two larger sizes are described alike: the largest is needed only where no
+    // other suffices.
+    let best_of = |sizes| kernels.best(image, x, y, sizes).filter(|(best, _)| *best >= least);
+    let (_, size) = best_of(0..2).or_else(|| best_of(2..RADII_PX.len()))?;
     describe(image, [x, y], RADII_PX[size])
 }

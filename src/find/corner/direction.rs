@@ -8,6 +8,7 @@
 //! gradient except along the edges.
 
 use core::f32::consts::PI;
+use core::ops::Range;
 
 use heapless::Vec;
 
@@ -133,12 +134,15 @@ impl Window {
         }
         for (row, line) in self.gradients[..side].iter_mut().enumerate() {
             let y = y + row - half;
-            let above = &image.row(y - 1)[x - half..][..side];
-            let below = &image.row(y + 1)[x - half..][..side];
-            let here = &image.row(y)[x - half - 1..][..side + 2];
-            for (column, gradient) in line[..side].iter_mut().enumerate() {
-                let gx = value(here[column + 2]) - value(here[column]);
-                let gy = value(below[column]) - value(above[column]);
+            let columns = columns_within(half, half, row);
+            let x = x + columns.start - half;
+            let above = &image.row(y - 1)[x..][..columns.len()];
+            let below = &image.row(y + 1)[x..][..columns.len()];
+            let here = &image.row(y)[x - 1..][..columns.len() + 2];
+            let pixels = here.windows(3).zip(above.iter().zip(below));
+            for (gradient, (here, (&above, &below))) in line[columns].iter_mut().zip(pixels) {
+                let gx = value(here[2]) - value(here[0]);
+                let gy = value(below) - value(above);
                 let magnitude = libm::sqrtf(gx * gx + gy * gy);
                 *gradient = [gx, gy, magnitude];
                 self.strongest = self.strongest.max(magnitude);
@@ -154,12 +158,13 @@ impl Window {
     #[inline]
     fn collect(&self, elements: &mut Elements) {
         let (half, side) = (self.half, self.side());
+        let least = GRADIENT_MIN * self.strongest;
         for (row, line) in self.gradients[..side].iter().enumerate() {
-            for (column, &[gx, gy, magnitude]) in line[..side].iter().enumerate() {
-                let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
-                let is_inside = dx * dx + dy * dy <= half * half + 1;
-                let weight = if is_inside { self.gaussian[dx] * self.gaussian[dy] } else { 0.0 };
-                if weight > 0.0 && magnitude > GRADIENT_MIN * self.strongest {
+            for column in columns_within(half, half, row) {
+                let [gx, gy, magnitude] = line[column];
+                if magnitude > least {
+                    let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
+                    let weight = self.gaussian[dx] * self.gaussian[dy];
                     let offset = [column as f32 - half as f32, row as f32 - half as f32];
                     let gradient = [gx, gy];
                     // There is room for every pixel of the window: this cannot fail.
@@ -187,11 +192,9 @@ impl Window {
         let mut moments = Moments::default();
         for (row, line) in self.gradients[..side].iter().enumerate() {
             let pixels = &image.row(y + row - half)[x - half..][..side];
-            for (column, (&pixel, gradient)) in pixels.iter().zip(line).enumerate() {
+            for column in columns_within(core, half, row) {
+                let (pixel, gradient) = (pixels[column], line[column]);
                 let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
-                if dx * dx + dy * dy > core * core + 1 {
-                    continue;
-                }
                 let weight = self.gaussian[dx] * self.gaussian[dy];
                 let offset =
                     [column as f32 - half as f32 - shift[0], row as f32 - half as f32 - shift[1]];
@@ -211,6 +214,15 @@ impl Window {
         }
         Some((sums.map(|sum| sum[0] / sum[1]), moments.correlation()))
     }
+}
+
+/// The columns of a row that lie inside a circle around the middle of a window, which is `half` from
+/// its border.
+fn columns_within(radius: usize, half: usize, row: usize) -> Range<usize> {
+    let dy = row.abs_diff(half);
+    let Some(square) = (radius * radius + 1).checked_sub(dy * dy) else { return 0..0 };
+    let reach = square.isqrt().min(half);
+    half - reach..half + reach + 1
 }
 
 /// The brightness of the four sectors between two edges: at a corner, one pair of opposite sectors

@@ -8,21 +8,43 @@
 //! exchanged; the likelihood is the best over both signs, both prototypes and all sizes. It is half
 //! the contrast at a perfect corner.
 
+use core::ops::Range;
+
 use crate::model::image::{GreyImage, Pixel};
 
 /// Radii of the kernels.
 pub(super) const RADII_PX: [usize; 3] = [4, 8, 12];
 const RADIUS_MAX: usize = 12;
-const SIDE_MAX: usize = 2 * RADIUS_MAX + 1;
 
-/// The kernels of one size. The Gaussian is separable, so one axis is enough.
+/// Columns that are processed together: one vector register of x86 or ARM.
+const LANES: usize = 4;
+type Lanes = [f32; LANES];
+
+/// Blocks of [`LANES`] columns that hold the widest window.
+const BLOCKS_MAX: usize = (2 * RADIUS_MAX + 1).div_ceil(LANES);
+
+/// The kernels of one size. The Gaussian is separable: its weights by rows, and by blocks of columns
+/// of the window; columns beyond the window weigh nothing.
 #[derive(Debug, Clone, Copy)]
 struct Size {
     radius: usize,
     /// Weight at each distance from the centre.
     gaussian: [f32; RADIUS_MAX + 1],
+    columns: [Columns; BLOCKS_MAX],
     /// 1 / sum of a kernel of prototype 1, of prototype 2.
     norm: [f32; 2],
+}
+
+/// A block of columns.
+#[derive(Debug, Clone, Copy)]
+struct Columns {
+    /// Distances from the centre.
+    across: Lanes,
+    /// Weights left of the centre, and right of it.
+    left: Lanes,
+    right: Lanes,
+    /// Weights of all.
+    all: Lanes,
 }
 
 /// All kernels.
@@ -36,16 +58,17 @@ impl Kernels {
         Self { sizes: RADII_PX.map(Size::new) }
     }
 
-    /// The largest likelihood at a pixel, in grey levels, over the sizes that fit into the frame,
-    /// and the index of its size; `None` where none fits.
+    /// The largest likelihood at a pixel, in grey levels, over those of these sizes that fit into
+    /// the frame, and the index of its size; `None` where none fits.
     pub(super) fn best<P: Pixel>(
         &self,
         image: &GreyImage<'_, P>,
         x: usize,
         y: usize,
+        sizes: Range<usize>,
     ) -> Option<(f32, usize)> {
         let mut best: Option<(f32, usize)> = None;
-        for size in 0..self.sizes.len() {
+        for size in sizes {
             if let Some(likelihood) = self.of_size(image, x, y, size)
                 && best.is_none_or(|(most, _)| likelihood > most)
             {
@@ -86,7 +109,7 @@ impl Kernels {
         Some(match radius {
             4 => size.likelihood::<P, 9>(image, x, y),
             8 => size.likelihood::<P, 17>(image, x, y),
-            _ => size.likelihood::<P, SIDE_MAX>(image, x, y),
+            _ => size.likelihood::<P, 25>(image, x, y),
         })
     }
 }
@@ -99,6 +122,20 @@ impl Size {
             let ratio = distance as f32 / sigma;
             *weight = libm::expf(-0.5 * ratio * ratio);
         }
+        let none = [0.0; LANES];
+        let mut columns =
+            [Columns { across: none, left: none, right: none, all: none }; BLOCKS_MAX];
+        for column in 0..=2 * radius {
+            let across = column.abs_diff(radius);
+            let (block, lane) = (&mut columns[column / LANES], column % LANES);
+            block.across[lane] = across as f32;
+            block.all[lane] = gaussian[across];
+            if column < radius {
+                block.left[lane] = gaussian[across];
+            } else if column > radius {
+                block.right[lane] = gaussian[across];
+            }
+        }
         let half: f32 = gaussian[1..=radius].iter().sum();
         // A wedge of prototype 2: at each distance d along its axis, the pixels that are nearer to
         // the axis than d.
@@ -108,7 +145,7 @@ impl Size {
             wedge += weight * across;
             across += 2.0 * weight;
         }
-        Self { radius, gaussian, norm: [1.0 / (half * half), 1.0 / wedge] }
+        Self { radius, gaussian, columns, norm: [1.0 / (half * half), 1.0 / wedge] }
     }
 
     /// `SIDE` is the side of the window, 2 radius + 1.
@@ -119,83 +156,71 @@ impl Size {
         y: usize,
     ) -> f32 {
         let radius = SIDE / 2;
-        // Sums along the columns of the window. For prototype 1: the rows above and below the
-        // centre. For prototype 2: the pixels inside the upper and the lower wedge, and those
-        // beside them.
-        let mut above = [0.0_f32; SIDE];
-        let mut below = [0.0_f32; SIDE];
-        let mut upper = [0.0_f32; SIDE];
-        let mut lower = [0.0_f32; SIDE];
-        let mut beside = [0.0_f32; SIDE];
-        for row in 0..SIDE {
-            let pixels = &image.row(y + row - radius)[x - radius..][..SIDE];
-            let distance = row.abs_diff(radius);
-            let (inside, outside) =
-                (&Wedges::<SIDE>::INSIDE[distance], &Wedges::<SIDE>::OUTSIDE[distance]);
-            let weight = self.gaussian[distance];
-            let mut weighted = [0.0_f32; SIDE];
-            for (weighted, &pixel) in weighted.iter_mut().zip(pixels) {
-                let value: f32 = pixel.into();
-                *weighted = value * weight;
+        let pixels: [&[P]; SIDE] =
+            core::array::from_fn(|row| &image.row(y + row - radius)[x - radius..]);
+        // A, B, C, D of prototype 1, then of prototype 2, in partial sums.
+        let mut sums = [[0.0; LANES]; 8];
+        for (block, columns) in self.columns[..SIDE.div_ceil(LANES)].iter().enumerate() {
+            // Sums along the columns. Of the rows above the centre and of those below: all pixels,
+            // and those inside the wedges; of all rows, those beside the wedges. Pixels on the
+            // diagonals are neither.
+            let [mut above, mut below, mut upper, mut lower] = [[0.0; LANES]; 4];
+            let mut beside = lanes(pixels[radius], block);
+            for distance in 1..=radius {
+                let weight = [self.gaussian[distance]; LANES];
+                let up = product(lanes(pixels[radius - distance], block), weight);
+                let down = product(lanes(pixels[radius + distance], block), weight);
+                above = sum(above, up);
+                below = sum(below, down);
+                let limit = [distance as f32; LANES];
+                upper = sum(upper, where_less(columns.across, limit, up));
+                lower = sum(lower, where_less(columns.across, limit, down));
+                beside = sum(beside, where_less(limit, columns.across, sum(up, down)));
             }
-            for column in 0..SIDE {
-                beside[column] += weighted[column] * outside[column];
-            }
-            if distance == 0 {
-                continue;
-            }
-            let (half, wedge) =
-                if row < radius { (&mut above, &mut upper) } else { (&mut below, &mut lower) };
-            for column in 0..SIDE {
-                half[column] += weighted[column];
-                wedge[column] += weighted[column] * inside[column];
+            let &Columns { left, right, all, .. } = columns;
+            for (sum_of_all, more) in sums.iter_mut().zip([
+                product(above, left),
+                product(below, right),
+                product(above, right),
+                product(below, left),
+                product(upper, all),
+                product(lower, all),
+                product(beside, left),
+                product(beside, right),
+            ]) {
+                *sum_of_all = sum(*sum_of_all, more);
             }
         }
-        let side = |sums: &[f32; SIDE], first: usize, last: usize| {
-            (first..last)
-                .map(|column| sums[column] * self.gaussian[column.abs_diff(radius)])
-                .sum::<f32>()
-        };
-        let quadrants = [
-            side(&above, 0, radius),
-            side(&below, radius + 1, SIDE),
-            side(&above, radius + 1, SIDE),
-            side(&below, 0, radius),
-        ];
-        let wedges = [
-            side(&upper, 0, SIDE),
-            side(&lower, 0, SIDE),
-            side(&beside, 0, radius),
-            side(&beside, radius + 1, SIDE),
-        ];
-        combine(quadrants, self.norm[0]).max(combine(wedges, self.norm[1]))
+        let [a1, b1, c1, d1, a2, b2, c2, d2] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
+        let upright = combine([a1, b1, c1, d1], self.norm[0]);
+        upright.max(combine([a2, b2, c2, d2], self.norm[1]))
     }
 }
 
-/// Which columns of a window lie inside, and which outside, the upper and lower wedges of prototype
-/// 2 (1 or 0), for each distance of the row from the centre. Pixels on the diagonal are neither.
-struct Wedges<const SIDE: usize>;
-
-impl<const SIDE: usize> Wedges<SIDE> {
-    const INSIDE: [[f32; SIDE]; RADIUS_MAX + 1] = Self::columns(true);
-    const OUTSIDE: [[f32; SIDE]; RADIUS_MAX + 1] = Self::columns(false);
-
-    const fn columns(inside: bool) -> [[f32; SIDE]; RADIUS_MAX + 1] {
-        let mut columns = [[0.0; SIDE]; RADIUS_MAX + 1];
-        let mut distance = 0;
-        while distance <= RADIUS_MAX {
-            let mut column = 0;
-            while column < SIDE {
-                let across = column.abs_diff(SIDE / 2);
-                if (inside && across < distance) || (!inside && across > distance) {
-                    columns[distance][column] = 1.0;
-                }
-                column += 1;
-            }
-            distance += 1;
-        }
-        columns
+/// A block of the pixels of a row; 0 beyond the frame.
+#[inline(always)]
+fn lanes<P: Pixel>(row: &[P], block: usize) -> Lanes {
+    let rest = &row[LANES * block..];
+    match rest.first_chunk::<LANES>() {
+        Some(pixels) => core::array::from_fn(|n| pixels[n].into()),
+        None => core::array::from_fn(|n| rest.get(n).map_or(0.0, |&pixel| pixel.into())),
     }
+}
+
+#[inline(always)]
+fn sum(a: Lanes, b: Lanes) -> Lanes {
+    core::array::from_fn(|n| a[n] + b[n])
+}
+
+/// The values where `a` is less than `b`, and 0 elsewhere.
+#[inline(always)]
+fn where_less(a: Lanes, b: Lanes, values: Lanes) -> Lanes {
+    core::array::from_fn(|n| if a[n] < b[n] { values[n] } else { 0.0 })
+}
+
+#[inline(always)]
+fn product(a: Lanes, b: Lanes) -> Lanes {
+    core::array::from_fn(|n| a[n] * b[n])
 }
 
 /// The better of both signs; the arguments are the responses of A, B, C and D before normalisation.

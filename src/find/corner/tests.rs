@@ -229,7 +229,7 @@ fn plain_detect<P: Pixel>(image: &GreyImage<'_, P>) -> Vec<Corner> {
                 .all(|row| row[x - 3..=x + 3].iter().all(|&other| other <= own));
             if own >= least && is_maximum {
                 let kernels = kernel::Kernels::new();
-                let (_, size) = kernels.best(image, x, y).unwrap();
+                let (_, size) = kernels.best(image, x, y, 0..kernel::RADII_PX.len()).unwrap();
                 corners.extend(direction::describe(image, [x, y], kernel::RADII_PX[size]));
             }
         }
@@ -261,6 +261,7 @@ fn the_kernels_are_their_definition_at_every_place() {
     let image = GreyImage::new(&bytes, width, height, width + 5).unwrap();
     let deep = GreyImage::with_white_level(&words, width, height, width + 3, 1023).unwrap();
     let kernels = kernel::Kernels::new();
+    let sizes = 0..kernel::RADII_PX.len();
     for y in 0..height {
         for x in 0..width {
             let check =
@@ -274,8 +275,8 @@ fn the_kernels_are_their_definition_at_every_place() {
                     }
                     (fast, plain) => assert!(fast.is_none() && plain.is_none(), "{x} {y}"),
                 };
-            check(kernels.best(&image, x, y), plain_likelihood(&image, x, y), 255.0);
-            check(kernels.best(&deep, x, y), plain_likelihood(&deep, x, y), 1023.0);
+            check(kernels.best(&image, x, y, sizes.clone()), plain_likelihood(&image, x, y), 255.0);
+            check(kernels.best(&deep, x, y, sizes.clone()), plain_likelihood(&deep, x, y), 1023.0);
         }
     }
 }

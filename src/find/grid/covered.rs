@@ -39,10 +39,10 @@ const CLUTTER_LINES_MAX: usize = 4;
 enum Side {
     /// The squares around the corners, and the margin.
     Ends,
-    /// Nothing that says whether the board ends there.
+    /// Nothing that says whether the board ends there, or something that covers its squares.
     Hidden,
-    /// Something like a margin, or squares all along it: a board of other columns and rows may end
-    /// there.
+    /// Squares that end where they should, or something like a margin: a board of other columns and
+    /// rows may end there.
     MayEnd,
     /// More squares.
     GoesOn,
@@ -261,6 +261,12 @@ impl Votes {
         2 * self.early[0] > self.seen - self.dark || 2 * self.early[1] > self.dark
     }
 
+    /// Whether a third of the squares, and at least two, end much too early or are not seen at all.
+    fn is_partly_covered(&self) -> bool {
+        let hidden = self.early[0] + self.early[1] + self.possible - self.seen;
+        hidden >= 2 && 3 * hidden >= self.possible
+    }
+
     /// Whether nearly all squares are seen, and none is cut short.
     fn is_complete(&self) -> bool {
         5 * self.seen >= 4 * self.possible && !self.is_cut_short()
@@ -273,11 +279,9 @@ impl Votes {
             Side::Ends
         } else if more > margins && dark_ends > 0 && more + dark_ends > covered {
             Side::GoesOn
-        } else if more >= 2
-            || 2 * on_board > possible
-            || (dark > 0 && 2 * dark_maybe >= dark)
-            || self.is_complete()
-        {
+        } else if self.is_partly_covered() {
+            Side::Hidden
+        } else if more >= 2 || 2 * on_board > possible || (dark > 0 && 2 * dark_maybe >= dark) {
             Side::MayEnd
         } else {
             Side::Hidden
