@@ -7,10 +7,14 @@
 //!
 //! The camera is vivid, the kernel's own: a capture device (/dev/video0) and an
 //! output device (/dev/video1) that is looped into it, so that whatever is
-//! written to the one is seen by the other. The frames are raw, 1280 x 720, one
-//! byte per pixel, in the file `/test/frames` of the initramfs or else on a disk
-//! with the serial number `frames`; they are played forwards and backwards in
-//! turn, so that the motion never jumps.
+//! written to the one is seen by the other. The frames are raw, 1280 x 720, in
+//! the file `/test/frames` of the initramfs or else on a disk with the serial
+//! number `frames`; they are played forwards and backwards in turn, so that the
+//! motion never jumps. `test.format=CODE` on the kernel's command line is the
+//! kernel's code of their format, which is GREY without it.
+//!
+//! With `test.usb_camera` the camera is one on USB, which the kernel's driver for such cameras
+//! finds; it plays the JPEG files `/frames/0` and so on of the initramfs.
 //!
 //! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
@@ -19,6 +23,8 @@
 
 mod camera;
 mod kernel;
+mod usb_camera;
+mod usb_descriptors;
 
 use std::fs::{self, File};
 use std::io::{Seek, SeekFrom};
@@ -30,7 +36,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use camera::{FRAME_BYTES, Player};
+use camera::{PixelFormat, Player};
 use nix::errno::Errno;
 use nix::kmod::{ModuleInitFlags, finit_module};
 use nix::mount::{MsFlags, mount};
@@ -45,8 +51,11 @@ const GAIN_EVERY: usize = 6;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn main() {
-    let feeds = std::env::args().nth(1).is_some_and(|word| word == "feed");
-    let done = if feeds { feed() } else { start() };
+    let done = match std::env::args().nth(1).as_deref() {
+        Some("feed") => feed(),
+        Some("usb") => usb_camera::play(),
+        _ => start(),
+    };
     let Err(error) = done else { return };
     eprintln!("test: {error:#}");
     // Where process 1 ends the kernel panics: better that the console is read first.
@@ -60,9 +69,16 @@ fn start() -> Result<()> {
         mount(Some(kind), place, Some(kind), MsFlags::empty(), None::<&str>)
             .with_context(|| format!("{kind} cannot be mounted"))?;
     }
-    load_modules(Path::new("/test/modules"))?;
-    camera::connect(CAPTURE, OUTPUT)?;
-    Command::new("/proc/self/exe").arg("feed").spawn().context("the feeder does not start")?;
+    let mut player = Command::new("/proc/self/exe");
+    if has_option("test.usb_camera")? {
+        load_modules(Path::new("/test/modules.usb"))?;
+        player.arg("usb");
+    } else {
+        load_modules(Path::new("/test/modules.vivid"))?;
+        camera::connect(CAPTURE, OUTPUT, pixel_format()?)?;
+        player.arg("feed");
+    }
+    player.spawn().context("the player does not start")?;
     // Comes back only when it fails.
     Err(Command::new("/init").exec()).context("/init does not start")
 }
@@ -84,14 +100,16 @@ fn load_modules(list: &Path) -> Result<()> {
 /// Plays the frames for as long as the machine runs.
 fn feed() -> Result<()> {
     let mut frames = open_frames()?;
-    let count = frame_count(&mut frames)?;
+    let pixels = pixel_format()?;
+    let frame_bytes = pixels.frame_bytes();
+    let count = frame_count(&mut frames, frame_bytes)?;
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
-    let mut player = player()?;
-    let obeys_gain = options()?.split_whitespace().any(|word| word == "test.gain");
+    let mut player = player(pixels)?;
+    let obeys_gain = has_option("test.gain")?;
     let mut levels = levels(100);
     for step in 0_usize.. {
-        let offset = (frame_index(step, count) * FRAME_BYTES) as u64;
+        let offset = (frame_index(step, count) * frame_bytes) as u64;
         if obeys_gain && step.is_multiple_of(GAIN_EVERY) {
             levels = self::levels(camera::gain(CAPTURE)?);
         }
@@ -105,7 +123,7 @@ fn feed() -> Result<()> {
         });
         if played.is_err_and(|error| error.raw_os_error() == Some(Errno::ENODEV as i32)) {
             drop(player);
-            player = self::player()?;
+            player = self::player(pixels)?;
         }
         if let Some(Disconnection { after, lasts }) = disconnection
             && started.elapsed() >= after
@@ -116,7 +134,7 @@ fn feed() -> Result<()> {
             // vivid puts the plug back when its last user has gone: the player is one.
             sleep(lasts);
             drop(player);
-            player = self::player()?;
+            player = self::player(pixels)?;
             println!("test: the camera's plug is back");
         }
     }
@@ -133,6 +151,22 @@ fn options() -> Result<String> {
     fs::read_to_string("/proc/cmdline").context("/proc/cmdline")
 }
 
+/// Whether this word is on the kernel's command line.
+fn has_option(word: &str) -> Result<bool> {
+    Ok(options()?.split_whitespace().any(|option| option == word))
+}
+
+/// The format of the frames that vivid plays.
+fn pixel_format() -> Result<PixelFormat> {
+    PixelFormat::of(option("test.format=")?.as_deref().unwrap_or("GREY"))
+}
+
+/// What follows this beginning of a word of the kernel's command line.
+fn option(beginning: &str) -> Result<Option<String>> {
+    let options = options()?;
+    Ok(options.split_whitespace().find_map(|word| word.strip_prefix(beginning)).map(str::to_owned))
+}
+
 /// 0, 1 ... n-1, n-1 ... 1, 0 and again.
 fn frame_index(step: usize, count: usize) -> usize {
     let phase = step % (2 * count);
@@ -140,11 +174,11 @@ fn frame_index(step: usize, count: usize) -> usize {
 }
 
 /// The number of whole frames; a disk's size is rounded up to sectors.
-fn frame_count(disk: &mut File) -> Result<usize> {
+fn frame_count(disk: &mut File, frame_bytes: usize) -> Result<usize> {
     // A device's metadata says nothing of its size.
     let bytes = disk.seek(SeekFrom::End(0))? as usize;
-    ensure!(bytes >= FRAME_BYTES, "the disk of frames holds {bytes} bytes");
-    Ok(bytes / FRAME_BYTES)
+    ensure!(bytes >= frame_bytes, "the disk of frames holds {bytes} bytes");
+    Ok(bytes / frame_bytes)
 }
 
 /// Opens the frames: on a board with one disk slot they come in the initramfs.
@@ -184,10 +218,10 @@ fn disk(serial: &str) -> Result<PathBuf> {
 }
 
 /// Opens the output device, waiting until it is (again) there.
-fn player() -> Result<Player> {
+fn player(pixels: PixelFormat) -> Result<Player> {
     let until = Instant::now() + PATIENCE;
     loop {
-        match Player::open(OUTPUT) {
+        match Player::open(OUTPUT, pixels) {
             Ok(player) => return Ok(player),
             Err(error) if Instant::now() > until => return Err(error).context(OUTPUT),
             Err(_) => sleep(Duration::from_millis(20)),
@@ -210,10 +244,9 @@ struct Disconnection {
 impl Disconnection {
     /// What the kernel's command line asks for.
     fn asked_for() -> Result<Option<Self>> {
-        let options = options()?;
         let seconds = |name: &str| -> Result<Option<Duration>> {
-            let value = options.split_whitespace().find_map(|word| word.strip_prefix(name));
-            Ok(value.map(str::parse).transpose()?.map(Duration::from_secs_f64))
+            let value = option(name)?.map(|value| value.parse()).transpose()?;
+            Ok(value.map(Duration::from_secs_f64))
         };
         let after = seconds("test.disconnect_after=")?;
         let lasts = seconds("test.disconnect_for=")?;
