@@ -5,8 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
+use common::coloured;
 use plumbline::config::PixelFormat;
 use plumbline::packet::Health;
 use plumbline_board::source::Pixels;
@@ -17,6 +16,9 @@ use crate::scene::{self, FRAMES, Grey, Position, RATE_HZ, SCENE, distance_mm};
 
 /// As the virtual USB camera plays them: an emulated machine decodes them slowly.
 const USB_RATE_HZ: f32 = 5.0;
+
+/// Of the compressed frames: as USB cameras have it by default.
+const QUALITY: u8 = 90;
 
 /// Of the scene's frames, every so many: a third is enough to move by more than the noise.
 const EVERY: usize = 3;
@@ -151,52 +153,16 @@ impl Sent {
     }
 }
 
-/// A colour camera's levels of a grey level: paper under a warm lamp. White balance is off.
-fn colours(grey: u8) -> [u8; 3] {
-    let grey = u32::from(grey);
-    [grey * 9 / 10, grey, grey * 6 / 10].map(|level| level as u8)
-}
-
 fn size_px() -> (usize, usize) {
     let camera = SCENE.simulation.camera();
     (camera.width_px.into(), camera.height_px.into())
 }
 
-fn motion_jpeg(grey: &[u8]) -> Vec<u8> {
-    let rgb: Vec<u8> = grey.iter().flat_map(|&grey| colours(grey)).collect();
-    let (width, height) = size_px();
-    let mut file = Vec::new();
-    JpegEncoder::new_with_quality(&mut file, 95)
-        .encode(&rgb, width as u32, height as u32, ExtendedColorType::Rgb8)
-        .expect("memory takes it");
-    file
-}
-
-fn bgr(grey: &[u8]) -> Vec<u8> {
-    let pixel = |&grey: &u8| {
-        let [red, green, blue] = colours(grey);
-        [blue, green, red]
-    };
-    grey.iter().flat_map(pixel).collect()
-}
-
-/// Blue and green in turn in the first row, green and red in the second.
-fn blue_first(grey: &[u8]) -> Vec<u8> {
-    let width = size_px().0;
-    let sample = |(place, &grey): (usize, &u8)| {
-        let [red, green, blue] = colours(grey);
-        match (place / width % 2, place % width % 2) {
-            (0, 0) => blue,
-            (1, 1) => red,
-            _ => green,
-        }
-    };
-    grey.iter().enumerate().map(sample).collect()
-}
-
 #[test]
 fn motion_jpeg_is_decoded_and_a_damaged_frame_is_missed() {
-    let mut sent = Sent::new(PixelFormat::Mjpeg, b"MJPG", motion_jpeg);
+    let mut sent = Sent::new(PixelFormat::Mjpeg, b"MJPG", |grey| {
+        coloured::motion_jpeg(grey, size_px(), QUALITY)
+    });
     sent.rate_hz = USB_RATE_HZ;
     // One is cut off, as by a cable that is bent.
     let cut = sent.whole.remove(sent.frames.len() / 2);
@@ -209,10 +175,11 @@ fn motion_jpeg_is_decoded_and_a_damaged_frame_is_missed() {
 
 #[test]
 fn a_colour_sensors_own_samples_are_tracked_by_their_green() {
-    Sent::new(PixelFormat::Bayer8, b"BA81", blue_first).boot_with_vivid();
+    let mosaic = |grey: &[u8]| coloured::mosaic(b"BA81", grey, size_px().0);
+    Sent::new(PixelFormat::Bayer8, b"BA81", mosaic).boot_with_vivid();
 }
 
 #[test]
 fn colours_are_tracked_by_their_green() {
-    Sent::new(PixelFormat::Rgb24, b"BGR3", bgr).boot_with_vivid();
+    Sent::new(PixelFormat::Rgb24, b"BGR3", coloured::bgr).boot_with_vivid();
 }

@@ -133,7 +133,8 @@ impl Stream {
         if is_last {
             self.step += 1;
             self.sent = 0;
-            self.due += Duration::from_secs(1) / RATE_HZ;
+            // After a pause the rate goes on from now.
+            self.due = (self.due + Duration::from_secs(1) / RATE_HZ).max(Instant::now());
         }
         payload
     }
@@ -150,15 +151,15 @@ struct UsbCamera {
 impl UsbCamera {
     fn serve(mut self, commands: &Receiver<Command>) -> Result<()> {
         loop {
-            let wait = self.stream.due.saturating_duration_since(Instant::now());
-            match commands.recv_timeout(wait) {
+            let command = if self.waiting.is_empty() {
+                commands.recv().map_err(|_| RecvTimeoutError::Disconnected)
+            } else {
+                commands.recv_timeout(self.stream.due.saturating_duration_since(Instant::now()))
+            };
+            match command {
                 Ok(command) => self.answer(command)?,
                 Err(RecvTimeoutError::Timeout) => {
-                    let Some((number, length)) = self.waiting.pop_front() else {
-                        // Nobody looks.
-                        self.stream.due = Instant::now() + Duration::from_secs(1) / RATE_HZ;
-                        continue;
-                    };
+                    let (number, length) = self.waiting.pop_front().expect("it was not empty");
                     let payload = self.stream.payload(length);
                     self.reply(number, 0, payload.len(), &payload)?;
                 }
@@ -184,6 +185,8 @@ impl UsbCamera {
                 Ok(())
             }
             Command::Unlink { number, unwanted } => {
+                // The driver stops: the next stream begins with a whole frame.
+                self.stream.sent = 0;
                 let before = self.waiting.len();
                 self.waiting.retain(|(waiting, _)| *waiting != unwanted);
                 let status = if self.waiting.len() < before { UNLINKED } else { 0 };
