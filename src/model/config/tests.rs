@@ -94,6 +94,17 @@ fn a_config_comes_back_and_its_checksum_names_it() {
     assert_eq!(config.target(Role::Scene), None);
 }
 
+/// A format's number is its place in the enumeration: new ones go to the end, and the blobs on
+/// boxes keep their meaning and their version.
+#[test]
+fn pixel_formats_keep_their_numbers() {
+    use PixelFormat::{Bayer8, Grey, Mjpeg, Nv12, Rgb24, Y10, Y16, Yuyv};
+    for (number, format) in (0_u8..).zip([Grey, Y10, Y16, Yuyv, Nv12, Rgb24, Bayer8, Mjpeg]) {
+        assert_eq!(postcard::to_slice(&format, &mut [0; 8]).unwrap(), [number], "{format:?}");
+    }
+    assert!(postcard::from_bytes::<PixelFormat>(&[8]).is_err());
+}
+
 #[test]
 fn the_largest_config_fits_its_buffer() {
     let mut config = config();

@@ -85,7 +85,8 @@ fn start() -> Result<()> {
 
 /// Each line is `PATH OPTIONS`.
 fn load_modules(list: &Path) -> Result<()> {
-    for line in fs::read_to_string(list).context("/test/modules")?.lines() {
+    let lines = fs::read_to_string(list).with_context(|| list.display().to_string())?;
+    for line in lines.lines() {
         let (path, options) = line.split_once(' ').unwrap_or((line, ""));
         let file = File::open(path).with_context(|| path.to_owned())?;
         let options = std::ffi::CString::new(options)?;

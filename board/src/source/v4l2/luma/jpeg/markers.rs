@@ -8,16 +8,18 @@
 //!                                              or is a restart marker, FF D0..D7
 //! ```
 //!
-//! What cameras send is baseline JPEG: one scan with all components. Nothing else is read, so that
-//! neither time nor memory depend on what a damaged frame says: a progressive file, for example, may
-//! have many scans, each of the size of the frame. Restart markers, which some cameras put after
-//! every so many blocks, are numbered, so that a lost one is noticed.
+//! What USB cameras send is laid down in "USB Device Class Definition for Video Devices: Motion-JPEG
+//! Payload": baseline JPEG, one scan with all components, with or without the tables of its code. No
+//! other kind is read, so that neither time nor memory depend on what a damaged frame says: a
+//! progressive file, for example, may have many scans, each of the size of the frame. Restart
+//! markers, which some cameras put after every so many blocks, are numbered, so that a lost one is
+//! noticed.
 //!
 //! A decoder whose samples run out makes up the rest, as a viewer should: if bytes have been lost in
 //! the middle, everything after them is in the wrong place, and it says nothing. In the copy, [`ONES`]
 //! follow the samples. No code consists of ones only (T.81, annex C), so that samples that run out
-//! are an error. Samples that are left over are not: many cameras send a few more bytes than the
-//! picture takes.
+//! are an error. Samples that are left over are not: many cameras send a few bytes more, before
+//! restart markers and at the end.
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -37,8 +39,8 @@ const BLOCK_PX: usize = 8;
 /// More than the rest of a code, the longest value after it and another code.
 const ONES: [u8; 16] = [0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0];
 
-/// The start of a file, and the segment that stands for the code's usual tables (T.81, annex K.3) in
-/// Motion JPEG. Many cameras leave out the tables, and some of them this segment as well.
+/// The start of a file, and the segment that stands for the code's usual tables (T.81, annex K.3).
+/// Many cameras leave out the tables, and some of them this segment as well.
 const START_WITH_USUAL_TABLES: &[u8] =
     b"\xFF\xD8\xFF\xE0\x00\x10AVI1\0\0\0\0\0\0\0\0\0\0";
 
