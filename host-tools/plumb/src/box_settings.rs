@@ -202,7 +202,9 @@ fn parse(text: &str, place: &str) -> Result<BoxSettings, BadInput> {
 fn wanted(name: &str) -> Option<&'static str> {
     Some(match name {
         "driver" => "give \"v4l2\" or \"libcamera\"",
-        "pixel_format" => "give \"grey\", \"y10\", \"y16\", \"yuyv\", \"nv12\", \"rgb24\", \"bayer8\" or \"mjpeg\"",
+        "pixel_format" => {
+            "give \"grey\", \"y10\", \"y16\", \"yuyv\", \"nv12\", \"rgb24\", \"bayer8\" or \"mjpeg\""
+        }
         "rate_hz" => "give frames per second, for example 60.0",
         "exposure_us" => {
             "give whole microseconds above 0, for example 4000; left out, it is as the camera has it"

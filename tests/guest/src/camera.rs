@@ -4,40 +4,15 @@
 use std::fs::File;
 use std::io;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 
 use crate::kernel::{self, Buffer, BufferRequest, Control, ControlQuery, Format, Mapping, Timings};
 
 pub const WIDTH_PX: u32 = 1280;
 pub const HEIGHT_PX: u32 = 720;
 
-/// What a pixel takes.
-#[derive(Clone, Copy)]
-pub struct PixelFormat {
-    fourcc: u32,
-    pixel_bytes: usize,
-}
-
-impl PixelFormat {
-    /// That of the kernel's four-character code.
-    ///
-    /// # Errors
-    /// When it is none that is played here.
-    pub fn of(code: &str) -> Result<Self> {
-        let pixel_bytes = match code {
-            "GREY" | "BA81" => 1,
-            "BGR3" => 3,
-            _ => bail!("the format {code} is not played here"),
-        };
-        let fourcc = u32::from_le_bytes(code.as_bytes().try_into()?);
-        Ok(Self { fourcc, pixel_bytes })
-    }
-
-    /// The size of a frame.
-    pub fn frame_bytes(self) -> usize {
-        self.pixel_bytes * WIDTH_PX as usize * HEIGHT_PX as usize
-    }
-}
+/// Bytes of a frame, one per pixel.
+pub const FRAME_BYTES: usize = WIDTH_PX as usize * HEIGHT_PX as usize;
 
 /// Two are with the driver, one being shown and one waiting. One is being filled. And one
 /// rests: the capture side may still be copying what the output side has just handed back.
@@ -59,13 +34,13 @@ fn timings() -> Timings {
     }
 }
 
-fn format(pixels: PixelFormat, buffer_type: u32) -> Format {
+fn grey(buffer_type: u32) -> Format {
     Format {
         buffer_type,
         padding: 0,
         width_px: WIDTH_PX,
         height_px: HEIGHT_PX,
-        fourcc: pixels.fourcc,
+        fourcc: u32::from_le_bytes(*b"GREY"),
         field: kernel::FIELD_NONE,
         rest: [0; 46],
     }
@@ -75,15 +50,14 @@ fn format(pixels: PixelFormat, buffer_type: u32) -> Format {
 ///
 /// # Errors
 /// When vivid is not there, or not what it was.
-pub fn connect(capture: &str, output: &str, pixels: PixelFormat) -> Result<()> {
+pub fn connect(capture: &str, output: &str) -> Result<()> {
     for (path, buffer_type) in
         [(output, kernel::BUFFER_TYPE_OUTPUT), (capture, kernel::BUFFER_TYPE_CAPTURE)]
     {
         let device = open(path)?;
         kernel::set_timings(&device, &mut timings()).with_context(|| format!("{path}: timings"))?;
-        let mut format = format(pixels, buffer_type);
-        kernel::set_format(&device, &mut format).with_context(|| format!("{path}: format"))?;
-        ensure!(format.fourcc == pixels.fourcc, "{path} does not have the format");
+        kernel::set_format(&device, &mut grey(buffer_type))
+            .with_context(|| format!("{path}: format"))?;
     }
     let capture = open(capture)?;
     // The cable's other end: the test pattern, nothing, and last the output device.
@@ -137,7 +111,6 @@ fn set(device: &File, name: &str, value: impl Fn(&ControlQuery) -> i32) -> Resul
 pub struct Player {
     device: File,
     buffers: Vec<Mapping>,
-    frame_bytes: usize,
     /// Frames played since the stream began.
     played: u32,
 }
@@ -147,7 +120,7 @@ impl Player {
     ///
     /// # Errors
     /// As the kernel reports them.
-    pub fn open(path: &str, pixels: PixelFormat) -> io::Result<Self> {
+    pub fn open(path: &str) -> io::Result<Self> {
         let device = File::options().read(true).write(true).open(path)?;
         let mut request = BufferRequest {
             count: BUFFERS,
@@ -162,7 +135,7 @@ impl Player {
             Mapping::new(&device, &buffer)
         };
         let buffers = (0..BUFFERS).map(mapping).collect::<io::Result<_>>()?;
-        Ok(Self { device, buffers, frame_bytes: pixels.frame_bytes(), played: 0 })
+        Ok(Self { device, buffers, played: 0 })
     }
 
     /// Fills a buffer and hands it to the driver; waits until fewer than two frames are
@@ -176,9 +149,9 @@ impl Player {
             kernel::dequeue_buffer(&self.device, &mut buffer(0))?;
         }
         let index = self.played % BUFFERS;
-        fill(&mut self.buffers[index as usize].bytes()[..self.frame_bytes])?;
-        let bytes_used = self.frame_bytes as u32;
-        let mut queued = Buffer { bytes_used, field: kernel::FIELD_NONE, ..buffer(index) };
+        fill(self.buffers[index as usize].bytes())?;
+        let mut queued =
+            Buffer { bytes_used: FRAME_BYTES as u32, field: kernel::FIELD_NONE, ..buffer(index) };
         kernel::queue_buffer(&self.device, &mut queued)?;
         if self.played == 0 {
             kernel::stream_on(&self.device, kernel::BUFFER_TYPE_OUTPUT)?;

@@ -7,16 +7,16 @@
 //!
 //! The camera is vivid, the kernel's own: a capture device (/dev/video0) and an
 //! output device (/dev/video1) that is looped into it, so that whatever is
-//! written to the one is seen by the other. The frames are raw, 1280 x 720, in
-//! the file `/test/frames` of the initramfs or else on a disk with the serial
-//! number `frames`; they are played forwards and backwards in turn, so that the
-//! motion never jumps. `test.format=CODE` on the kernel's command line is the
-//! kernel's code of their format, which is GREY without it.
+//! written to the one is seen by the other. The frames are raw, 1280 x 720, one
+//! byte per pixel, in the file `/test/frames` of the initramfs or else on a disk
+//! with the serial number `frames`; they are played forwards and backwards in
+//! turn, so that the motion never jumps.
 //!
-//! With `test.usb_camera` the camera is one on USB, which the kernel's driver for such cameras
-//! finds; it plays the JPEG files `/frames/0` and so on of the initramfs.
+//! With `test.usb_camera=CODE` on the kernel's command line the camera is one on USB instead, which
+//! the kernel's driver for such cameras finds. It plays the files `/frames/0` and so on of the
+//! initramfs, which have the format with this code of the kernel.
 //!
-//! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
+//! Other options: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
 //! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
 //! as they are on the disk.
@@ -36,7 +36,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use camera::{PixelFormat, Player};
+use camera::{FRAME_BYTES, Player};
 use nix::errno::Errno;
 use nix::kmod::{ModuleInitFlags, finit_module};
 use nix::mount::{MsFlags, mount};
@@ -51,9 +51,10 @@ const GAIN_EVERY: usize = 6;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn main() {
-    let done = match std::env::args().nth(1).as_deref() {
-        Some("feed") => feed(),
-        Some("usb") => usb_camera::play(),
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let done = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["feed"] => feed(),
+        ["usb", code] => usb_camera::play(code),
         _ => start(),
     };
     let Err(error) = done else { return };
@@ -70,12 +71,12 @@ fn start() -> Result<()> {
             .with_context(|| format!("{kind} cannot be mounted"))?;
     }
     let mut player = Command::new("/proc/self/exe");
-    if has_option("test.usb_camera")? {
+    if let Some(code) = value_of(&options()?, "test.usb_camera=") {
         load_modules(Path::new("/test/modules.usb"))?;
-        player.arg("usb");
+        player.args(["usb", code]);
     } else {
         load_modules(Path::new("/test/modules.vivid"))?;
-        camera::connect(CAPTURE, OUTPUT, pixel_format()?)?;
+        camera::connect(CAPTURE, OUTPUT)?;
         player.arg("feed");
     }
     player.spawn().context("the player does not start")?;
@@ -101,16 +102,14 @@ fn load_modules(list: &Path) -> Result<()> {
 /// Plays the frames for as long as the machine runs.
 fn feed() -> Result<()> {
     let mut frames = open_frames()?;
-    let pixels = pixel_format()?;
-    let frame_bytes = pixels.frame_bytes();
-    let count = frame_count(&mut frames, frame_bytes)?;
+    let count = frame_count(&mut frames)?;
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
-    let mut player = player(pixels)?;
-    let obeys_gain = has_option("test.gain")?;
+    let mut player = player()?;
+    let obeys_gain = options()?.split_whitespace().any(|word| word == "test.gain");
     let mut levels = levels(100);
     for step in 0_usize.. {
-        let offset = (frame_index(step, count) * frame_bytes) as u64;
+        let offset = (frame_index(step, count) * FRAME_BYTES) as u64;
         if obeys_gain && step.is_multiple_of(GAIN_EVERY) {
             levels = self::levels(camera::gain(CAPTURE)?);
         }
@@ -124,7 +123,7 @@ fn feed() -> Result<()> {
         });
         if played.is_err_and(|error| error.raw_os_error() == Some(Errno::ENODEV as i32)) {
             drop(player);
-            player = self::player(pixels)?;
+            player = self::player()?;
         }
         if let Some(Disconnection { after, lasts }) = disconnection
             && started.elapsed() >= after
@@ -135,7 +134,7 @@ fn feed() -> Result<()> {
             // vivid puts the plug back when its last user has gone: the player is one.
             sleep(lasts);
             drop(player);
-            player = self::player(pixels)?;
+            player = self::player()?;
             println!("test: the camera's plug is back");
         }
     }
@@ -152,20 +151,9 @@ fn options() -> Result<String> {
     fs::read_to_string("/proc/cmdline").context("/proc/cmdline")
 }
 
-/// Whether this word is on the kernel's command line.
-fn has_option(word: &str) -> Result<bool> {
-    Ok(options()?.split_whitespace().any(|option| option == word))
-}
-
-/// The format of the frames that vivid plays.
-fn pixel_format() -> Result<PixelFormat> {
-    PixelFormat::of(option("test.format=")?.as_deref().unwrap_or("GREY"))
-}
-
 /// What follows this beginning of a word of the kernel's command line.
-fn option(beginning: &str) -> Result<Option<String>> {
-    let options = options()?;
-    Ok(options.split_whitespace().find_map(|word| word.strip_prefix(beginning)).map(str::to_owned))
+fn value_of<'a>(options: &'a str, beginning: &str) -> Option<&'a str> {
+    options.split_whitespace().find_map(|word| word.strip_prefix(beginning))
 }
 
 /// 0, 1 ... n-1, n-1 ... 1, 0 and again.
@@ -175,11 +163,11 @@ fn frame_index(step: usize, count: usize) -> usize {
 }
 
 /// The number of whole frames; a disk's size is rounded up to sectors.
-fn frame_count(disk: &mut File, frame_bytes: usize) -> Result<usize> {
+fn frame_count(disk: &mut File) -> Result<usize> {
     // A device's metadata says nothing of its size.
     let bytes = disk.seek(SeekFrom::End(0))? as usize;
-    ensure!(bytes >= frame_bytes, "the disk of frames holds {bytes} bytes");
-    Ok(bytes / frame_bytes)
+    ensure!(bytes >= FRAME_BYTES, "the disk of frames holds {bytes} bytes");
+    Ok(bytes / FRAME_BYTES)
 }
 
 /// Opens the frames: on a board with one disk slot they come in the initramfs.
@@ -219,10 +207,10 @@ fn disk(serial: &str) -> Result<PathBuf> {
 }
 
 /// Opens the output device, waiting until it is (again) there.
-fn player(pixels: PixelFormat) -> Result<Player> {
+fn player() -> Result<Player> {
     let until = Instant::now() + PATIENCE;
     loop {
-        match Player::open(OUTPUT, pixels) {
+        match Player::open(OUTPUT) {
             Ok(player) => return Ok(player),
             Err(error) if Instant::now() > until => return Err(error).context(OUTPUT),
             Err(_) => sleep(Duration::from_millis(20)),
@@ -245,9 +233,10 @@ struct Disconnection {
 impl Disconnection {
     /// What the kernel's command line asks for.
     fn asked_for() -> Result<Option<Self>> {
+        let options = options()?;
         let seconds = |name: &str| -> Result<Option<Duration>> {
-            let value = option(name)?.map(|value| value.parse()).transpose()?;
-            Ok(value.map(Duration::from_secs_f64))
+            let value = value_of(&options, name);
+            Ok(value.map(str::parse).transpose()?.map(Duration::from_secs_f64))
         };
         let after = seconds("test.disconnect_after=")?;
         let lasts = seconds("test.disconnect_for=")?;

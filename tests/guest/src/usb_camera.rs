@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The protocol of the socket is in the kernel's Documentation/usb/usbip_protocol.rst. The camera
-//! is one of USB Video Class 1.0 for Motion JPEG of one size and one rate, with a bulk endpoint.
+//! is one of USB Video Class 1.0 with one format, one size and one rate, and a bulk endpoint.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 
 use crate::frame_index;
-use crate::usb_descriptors::{Descriptors, FRAME_BYTES_MAX};
+use crate::usb_descriptors::{Descriptors, Format};
 
 /// Where the kernel takes the socket of a virtual USB device.
 const ATTACH: &str = "/sys/devices/platform/vhci_hcd.0/attach";
@@ -49,12 +49,14 @@ const STALL: i32 = -32;
 /// Of a transfer that the driver no longer wants, `-ECONNRESET`.
 const UNLINKED: i32 = -104;
 
-/// The files `/frames/0`, `/frames/1` and so on, each one a JPEG file, played forwards and backwards
-/// for ever.
+/// Plays the files `/frames/0`, `/frames/1` and so on, frames in the format with this code of the
+/// kernel, forwards and backwards for ever.
 ///
 /// # Errors
-/// When the kernel has no virtual host controller, or drops the device.
-pub fn play() -> Result<()> {
+/// When the format is none that is played here, or the kernel has no virtual host controller, or
+/// drops the device.
+pub fn play(code: &str) -> Result<()> {
+    let format = Format::of(code)?;
     let mut frames = Vec::new();
     while let Ok(frame) = fs::read(format!("/frames/{}", frames.len())) {
         frames.push(frame);
@@ -66,8 +68,8 @@ pub fn play() -> Result<()> {
     drop(kernels);
     let commands = read_commands(device.try_clone()?);
     let stream = Stream { frames, step: 0, sent: 0, due: Instant::now() };
-    UsbCamera { device, descriptors: Descriptors::new(), waiting: VecDeque::new(), stream }
-        .serve(&commands)
+    let descriptors = Descriptors::new(&format);
+    UsbCamera { device, format, descriptors, waiting: VecDeque::new(), stream }.serve(&commands)
 }
 
 /// A request of the host's.
@@ -142,6 +144,7 @@ impl Stream {
 
 struct UsbCamera {
     device: UnixStream,
+    format: Format,
     descriptors: Descriptors,
     /// Transfers that wait for a part of a frame: number and length.
     waiting: VecDeque<(u32, usize)>,
@@ -207,7 +210,7 @@ impl UsbCamera {
             // SET_CUR of what the stream is to be: it can be nothing else than it is.
             (0x21, 1) if matches!(high, 1 | 2) && data.len() <= PROBE_BYTES => Some(Vec::new()),
             // GET_CUR, GET_MIN, GET_MAX and GET_DEF of the same.
-            (0xA1, 0x81..=0x83 | 0x87) if matches!(high, 1 | 2) => Some(probe().to_vec()),
+            (0xA1, 0x81..=0x83 | 0x87) if matches!(high, 1 | 2) => Some(self.probe()),
             _ => None,
         }
     }
@@ -226,14 +229,13 @@ impl UsbCamera {
         self.device.write_all(&message)?;
         Ok(self.device.write_all(data)?)
     }
-}
-
-/// The one stream that there is: format 1, frame 1.
-fn probe() -> [u8; PROBE_BYTES] {
-    let mut probe = [0; PROBE_BYTES];
-    (probe[2], probe[3]) = (1, 1);
-    probe[4..8].copy_from_slice(&INTERVAL.to_le_bytes());
-    probe[18..22].copy_from_slice(&FRAME_BYTES_MAX.to_le_bytes());
-    probe[22..26].copy_from_slice(&(PAYLOAD_BYTES_MAX as u32).to_le_bytes());
-    probe
+    /// The one stream that there is: format 1, frame 1.
+    fn probe(&self) -> Vec<u8> {
+        let mut probe = vec![0; PROBE_BYTES];
+        (probe[2], probe[3]) = (1, 1);
+        probe[4..8].copy_from_slice(&INTERVAL.to_le_bytes());
+        probe[18..22].copy_from_slice(&self.format.frame_bytes_max.to_le_bytes());
+        probe[22..26].copy_from_slice(&(PAYLOAD_BYTES_MAX as u32).to_le_bytes());
+        probe
+    }
 }

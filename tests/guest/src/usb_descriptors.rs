@@ -1,8 +1,10 @@
 //! How the USB camera describes itself: the tables of the standards, byte by byte.
 //!
 //! The camera is a device with two interfaces, one that controls (a sensor and its output) and one
-//! that streams (Motion JPEG of one size and one rate, over a bulk endpoint). The tables are those
-//! of USB 2.0, chapter 9, and of USB Video Class 1.0, chapter 3.
+//! that streams (one format of one size and one rate, over a bulk endpoint). The tables are those
+//! of USB 2.0, chapter 9, of USB Video Class 1.0, chapter 3, and of its payload formats.
+
+use anyhow::{Result, bail};
 
 use crate::camera::{HEIGHT_PX, WIDTH_PX};
 use crate::usb_camera::{INTERVAL, RATE_HZ};
@@ -28,8 +30,41 @@ const PACKET_BYTES: u16 = 512;
 /// For testing only, of a list for projects that have no number of their own (pid.codes).
 const MAKER_AND_PRODUCT: [u16; 2] = [0x1209, 0x0001];
 
-/// More than any frame takes.
-pub const FRAME_BYTES_MAX: u32 = WIDTH_PX * HEIGHT_PX;
+/// The end of a format's identifier, where its beginning is the kernel's code.
+const AFTER_CODE: [u8; 12] = [0, 0, 0x10, 0, 0x80, 0, 0, 0xAA, 0, 0x38, 0x9B, 0x71];
+
+/// The identifier of BGR.
+const BGR: [u8; 16] =
+    [0x7D, 0xEB, 0x36, 0xE4, 0x4F, 0x52, 0xCE, 0x11, 0x9F, 0x53, 0, 0x20, 0xAF, 0x0B, 0xA7, 0x70];
+
+/// What a camera sends.
+pub struct Format {
+    /// The size of a frame, or of the largest where they are compressed.
+    pub frame_bytes_max: u32,
+    /// The identifier, and the size of a pixel; `None` for Motion JPEG.
+    pixels: Option<([u8; 16], u8)>,
+}
+
+impl Format {
+    /// That of the kernel's code.
+    ///
+    /// # Errors
+    /// When it is none that is played here.
+    pub fn of(code: &str) -> Result<Self> {
+        let (pixels, pixel_bytes) = match code {
+            "MJPG" => (None, 1),
+            "BGR3" => (Some((BGR, 24)), 3),
+            "BA81" => {
+                let mut identifier = [0; 16];
+                identifier[..4].copy_from_slice(code.as_bytes());
+                identifier[4..].copy_from_slice(&AFTER_CODE);
+                (Some((identifier, 8)), 1)
+            }
+            _ => bail!("the format {code} is not played here"),
+        };
+        Ok(Self { frame_bytes_max: pixel_bytes * WIDTH_PX * HEIGHT_PX, pixels })
+    }
+}
 
 /// All tables.
 pub struct Descriptors {
@@ -38,9 +73,9 @@ pub struct Descriptors {
 }
 
 impl Descriptors {
-    /// Those of the camera.
-    pub fn new() -> Self {
-        Self { device: device(), configuration: configuration() }
+    /// Those of a camera with this format.
+    pub fn new(format: &Format) -> Self {
+        Self { device: device(), configuration: configuration(format) }
     }
 
     /// The table of a kind, and of an index where there are several.
@@ -81,9 +116,9 @@ fn device() -> Vec<u8> {
     )
 }
 
-fn configuration() -> Vec<u8> {
+fn configuration(format: &Format) -> Vec<u8> {
     let association = table(ASSOCIATION, &[&[0, 2, VIDEO, 3, 0, 0]]);
-    let interfaces = [association, controls(), streams()].concat();
+    let interfaces = [association, controls(), streams(format)].concat();
     let length = (9 + interfaces.len() as u16).to_le_bytes();
     // Two interfaces, number 1, no name, powered by the bus with 100 mA.
     let head = table(CONFIGURATION, &[&length, &[2, 1, 0, 0x80, 50]]);
@@ -105,21 +140,26 @@ fn controls() -> Vec<u8> {
 }
 
 /// The interface that streams.
-fn streams() -> Vec<u8> {
+fn streams(of: &Format) -> Vec<u8> {
     let interface = table(INTERFACE, &[&[1, 0, 1, VIDEO, STREAMS, 0, 0]]);
     // Its one size is the default, and all frames have it.
-    let format = table(CLASS, &[&[6, 1, 1, 1, 1, 0, 0, 0, 0]]);
-    let bits_per_second = (8 * FRAME_BYTES_MAX * RATE_HZ).to_le_bytes();
+    let (format, size_kind) = match &of.pixels {
+        None => (table(CLASS, &[&[6, 1, 1, 1, 1, 0, 0, 0, 0]]), 7),
+        Some((identifier, bits)) => {
+            (table(CLASS, &[&[4, 1, 1], identifier, &[*bits, 1, 0, 0, 0, 0]]), 5)
+        }
+    };
+    let bits_per_second = (8 * of.frame_bytes_max * RATE_HZ).to_le_bytes();
     let size = table(
         CLASS,
         &[
-            &[7, 1, 0],
+            &[size_kind, 1, 0],
             &(WIDTH_PX as u16).to_le_bytes(),
             &(HEIGHT_PX as u16).to_le_bytes(),
             // The lowest and the highest.
             &bits_per_second,
             &bits_per_second,
-            &FRAME_BYTES_MAX.to_le_bytes(),
+            &of.frame_bytes_max.to_le_bytes(),
             // The default interval, and the one that there is.
             &INTERVAL.to_le_bytes(),
             &[1],

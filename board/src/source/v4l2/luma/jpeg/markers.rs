@@ -41,8 +41,7 @@ const ONES: [u8; 16] = [0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0x
 
 /// The start of a file, and the segment that stands for the code's usual tables (T.81, annex K.3).
 /// Many cameras leave out the tables, and some of them this segment as well.
-const START_WITH_USUAL_TABLES: &[u8] =
-    b"\xFF\xD8\xFF\xE0\x00\x10AVI1\0\0\0\0\0\0\0\0\0\0";
+const START_WITH_USUAL_TABLES: &[u8] = b"\xFF\xD8\xFF\xE0\x00\x10AVI1\0\0\0\0\0\0\0\0\0\0";
 
 /// What the segments before the scan say.
 #[derive(Debug, Default)]
@@ -70,11 +69,13 @@ pub fn guarded(bytes: &[u8], size_px: (usize, usize)) -> Result<Vec<u8>> {
             at += 1;
         }
         let segment;
-        (marker, segment) = self::segment(&bytes[at..]).context("it is cut off before its samples")?;
+        (marker, segment) =
+            self::segment(&bytes[at..]).context("it is cut off before its samples")?;
         header.read(marker, segment, size_px)?;
         at += 4 + segment.len();
     }
-    let capacity = START_WITH_USUAL_TABLES.len() + bytes.len() + ONES.len() * (header.restarts() + 2);
+    let capacity =
+        START_WITH_USUAL_TABLES.len() + bytes.len() + ONES.len() * (header.restarts() + 2);
     let mut copy = Vec::with_capacity(capacity);
     copy.extend(if header.has_tables { &bytes[..2] } else { START_WITH_USUAL_TABLES });
     copy.extend(&bytes[2..at]);
