@@ -170,6 +170,13 @@ fn every_fault_of_a_value_is_named() {
         (|c| c.links.udp = Some("0.0.0.0:4210".parse().unwrap()), ConfigError::Udp),
         (|c| c.links.serial.as_mut().unwrap().baud = 0, ConfigError::Serial),
         (|c| c.links.serial.as_mut().unwrap().path.clear(), ConfigError::Serial),
+        (
+            |c| {
+                capture(c).driver = CaptureDriver::Libcamera;
+                capture(c).pixel_format = PixelFormat::Mjpeg;
+            },
+            ConfigError::Capture(CaptureError::PixelFormat),
+        ),
         (|c| capture(c).rate_hz = f32::NAN, ConfigError::Capture(CaptureError::Rate)),
         (|c| capture(c).exposure_us = Some(0), ConfigError::Capture(CaptureError::Exposure)),
         // At 60 Hz a frame lasts 16,667 us.
