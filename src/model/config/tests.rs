@@ -142,7 +142,7 @@ fn the_largest_config_fits_its_buffer() {
 #[test]
 fn every_fault_of_a_value_is_named() {
     type Change = fn(&mut Config);
-    let table: [(Change, ConfigError); 22] = [
+    let table: [(Change, ConfigError); 23] = [
         (|c| c.lens.fx_px = f64::NAN, ConfigError::Lens(LensError::FocalLength)),
         (|c| c.targets.clear(), ConfigError::NoTarget),
         (|c| c.targets[1].name.clear(), ConfigError::TargetName { index: 1 }),
