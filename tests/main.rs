@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod calibration;
+mod camera_formats;
 mod covered_targets;
 mod first_trial;
 mod held_boards;

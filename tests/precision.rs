@@ -51,7 +51,7 @@ fn poses_are_as_good_as_they_say() {
 }
 
 /// 40 mm nearer to farther, 30 mm from side to side, tilts of up to 25 degrees.
-fn path() -> impl Iterator<Item = Pose<Cam, Target>> {
+pub fn path() -> impl Iterator<Item = Pose<Cam, Target>> {
     const STEPS: i32 = 120;
     (0..STEPS).map(|step| {
         let t = f64::from(step) / f64::from(STEPS - 1);

@@ -16,9 +16,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
-    /// The count of the work that this thread runs apart. Neither making it nor dropping it
+    /// What the work that this thread runs apart has allocated. Neither making it nor dropping it
     /// allocates.
-    static APART: Cell<Option<u64>> = const { Cell::new(None) };
+    static APART: Cell<Option<Allocated>> = const { Cell::new(None) };
+}
+
+/// What some work has allocated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Allocated {
+    /// Allocations and re-allocations.
+    pub count: u64,
+    /// Their sizes, added up: at least as much as was in use at any time.
+    pub bytes: usize,
 }
 
 /// The system's allocator, with a counter in front of it.
@@ -28,19 +37,19 @@ pub struct CountingAllocator;
 // upholds the contract of `GlobalAlloc`.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
+        count(layout.size());
         // SAFETY: the caller's promises are the ones that `System` asks for.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        count();
+        count(layout.size());
         // SAFETY: as above.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
+        count(size);
         // SAFETY: as above.
         unsafe { System.realloc(block, layout, size) }
     }
@@ -51,9 +60,12 @@ unsafe impl GlobalAlloc for CountingAllocator {
     }
 }
 
-fn count() {
+fn count(bytes: usize) {
     match APART.get() {
-        Some(count) => APART.set(Some(count + 1)),
+        Some(before) => APART.set(Some(Allocated {
+            count: before.count + 1,
+            bytes: before.bytes.saturating_add(bytes),
+        })),
         None => {
             ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
         }
@@ -67,10 +79,10 @@ pub fn allocations() -> u64 {
     ALLOCATIONS.load(Ordering::Relaxed)
 }
 
-/// Runs work that is known to allocate on this thread; returns its result and the number of its
-/// allocations, which [`allocations`] leaves out.
-pub fn apart<T>(work: impl FnOnce() -> T) -> (T, u64) {
-    let around = APART.replace(Some(0));
+/// Runs work that is known to allocate on this thread; returns its result and what it allocated,
+/// which [`allocations`] leaves out.
+pub fn apart<T>(work: impl FnOnce() -> T) -> (T, Allocated) {
+    let around = APART.replace(Some(Allocated::default()));
     let result = work();
-    (result, APART.replace(around).unwrap_or(0))
+    (result, APART.replace(around).unwrap_or_default())
 }

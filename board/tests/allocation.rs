@@ -4,7 +4,7 @@
 
 use std::hint::black_box;
 
-use plumbline_board::allocation::{CountingAllocator, allocations, apart};
+use plumbline_board::allocation::{Allocated, CountingAllocator, allocations, apart};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -22,13 +22,14 @@ fn allocations_are_counted_and_those_apart_by_themselves() {
     drop((boxed, zeroed, grown));
 
     let before = allocations();
-    let (inner, outer_count) = apart(|| {
+    let ((_, inside), outside) = apart(|| {
         let outer = black_box(Box::new(1));
         let inner = apart(|| black_box(vec![0_u8; 10]));
         drop(outer);
         inner
     });
-    assert_eq!((inner.1, outer_count), (1, 1));
+    assert_eq!(inside, Allocated { count: 1, bytes: 10 });
+    assert_eq!(outside, Allocated { count: 1, bytes: 4 });
     // Nothing but perhaps the harness's own, on its other thread.
     assert!(allocations() - before <= counted - 4);
     let boxed = black_box(Box::new(7));

@@ -16,6 +16,7 @@ mod scene;
 
 mod configuration;
 mod first_trial;
+mod formats;
 mod libcamera;
 mod package;
 mod pi;

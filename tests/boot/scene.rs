@@ -12,7 +12,7 @@ use cpio::newc::ModeFileType;
 use plumbline::config::{
     BLOB_BYTES_MAX, Capture, CaptureDriver, Config, Machine, Network, PixelFormat, SerialLink,
 };
-use plumbline::image::GreyImage;
+use plumbline::image::{GreyImage, Pixel};
 use plumbline::pipeline::Pipeline;
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
@@ -71,7 +71,12 @@ impl Scene {
             let truth = (0..FRAMES as u64).map(|frame| simulation.truth(frame));
             truth.map(|truth| truth.targets[target].cam_from_target.translation_mm.into()).collect()
         });
-        let offline_mm = track(&simulation, &frames);
+        let (width, height) = (simulation.camera().width_px, simulation.camera().height_px);
+        let read = |frame: &Vec<u8>| {
+            let image = GreyImage::new(frame, width.into(), height.into(), width.into());
+            Grey::of(&image.expect("a whole frame"))
+        };
+        let offline_mm = track(&simulation, &frames.iter().map(read).collect::<Vec<_>>());
         Self { simulation, frames_disk, truth_mm, offline_mm, _directory: directory }
     }
 
@@ -102,17 +107,33 @@ pub fn archive(files: impl IntoIterator<Item = (String, Vec<u8>)>) -> Vec<u8> {
     archive
 }
 
+/// A frame in memory.
+pub struct Grey {
+    samples: Vec<u16>,
+    white_level: u16,
+}
+
+impl Grey {
+    pub fn of<P: Pixel>(image: &GreyImage<'_, P>) -> Self {
+        let row = |y| image.row(y).iter().map(|&sample| Into::<u32>::into(sample) as u16);
+        let samples = (0..image.height()).flat_map(row).collect();
+        Self { samples, white_level: image.white_level() }
+    }
+}
+
 /// Per target and frame: where the core sees it, on the way back from the last frame to the first.
 ///
 /// On the way there its estimates of the blur and of the print's growth settle, as those of a box
 /// have that has been running for a second or two.
-fn track(simulation: &Simulation, frames: &[Vec<u8>]) -> [Vec<Position>; 2] {
+pub fn track(simulation: &Simulation, frames: &[Grey]) -> [Vec<Position>; 2] {
     let mut pipeline = Box::new(Pipeline::new());
     pipeline.configure(&simulation.config()).expect("the simulation's own scene");
     let (width, height) = (simulation.camera().width_px, simulation.camera().height_px);
     let mut positions = [0, 1].map(|_| vec![Position::default(); frames.len()]);
     for (time, frame) in (0..).zip((0..frames.len()).chain((0..frames.len()).rev())) {
-        let image = GreyImage::new(&frames[frame], width.into(), height.into(), width.into())
+        let Grey { samples, white_level } = &frames[frame];
+        let (width, height) = (width.into(), height.into());
+        let image = GreyImage::with_white_level(samples, width, height, width, *white_level)
             .expect("a whole frame");
         let report = pipeline.step(&image, (f64::from(time) / RATE_HZ * 1e9) as u64);
         for (target, positions) in report.targets.iter().zip(&mut positions) {
@@ -173,6 +194,25 @@ pub fn copy_config(disk: &Path, start_bytes: u64, directory: &Path, blob: &[u8])
     std::fs::write(&file, blob).expect("the configuration is written");
     let image = format!("{}@@{start_bytes}", disk.display());
     run("mcopy", &["-o", "-i", &image, file.to_str().expect("a plain path"), "::config.plb"]);
+}
+
+/// The names of the files in the file system of a disk, written as mtools take it.
+pub fn files_on(disk: &str) -> Vec<String> {
+    let listing = run("mdir", &["-b", "-i", disk]);
+    listing.lines().filter_map(|line| Some(line.strip_prefix("::/")?.to_lowercase())).collect()
+}
+
+/// A file in it. `None` if it is not there or cannot be read, as one that was being written when the
+/// power went.
+pub fn file_on(disk: &str, name: &str) -> Option<Vec<u8>> {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let copy = directory.path().join("copy");
+    let output = Command::new("mcopy")
+        .args(["-n", "-i", disk, &format!("::{name}")])
+        .arg(&copy)
+        .output()
+        .expect("mcopy starts");
+    output.status.success().then(|| read(&copy))
 }
 
 /// Runs a standard tool; what it says.

@@ -16,8 +16,9 @@ use plumbline_render::simulate::render::{
 use plumbline_render::simulate::sensor::Sensor;
 
 /// The part of the standard scene's picture around one target, seen through the same lens.
-const WIDTH: u16 = 400;
-const HEIGHT: u16 = 360;
+pub const WIDTH: u16 = 400;
+/// Its rows.
+pub const HEIGHT: u16 = 360;
 
 /// In poor light; with more contrast all errors but the systematic ones are smaller.
 const INK: Ink = Ink { black: 60.0, white: 180.0 };
@@ -158,14 +159,30 @@ impl Booth {
         (self.frame as f64 * 1e9 / self.rate_hz) as u64
     }
 
+    /// The next frame as a camera of 8 bits takes it.
+    pub fn samples(&self, cam_from_target: &Pose<Cam, Target>, shot: &Shot) -> Vec<u8> {
+        self.sampled(&self.expose(cam_from_target, shot), shot)
+    }
+
+    fn sampled(&self, picture: &Picture, shot: &Shot) -> Vec<u8> {
+        let mut samples = vec![0; picture.grey.len()];
+        let sensor = Sensor { noise_levels: shot.noise_levels as f32, bits: 8 };
+        sensor.expose(picture, 17, self.frame, &mut samples);
+        samples
+    }
+
     /// Measures the pixels as the next frame.
     pub fn measure<P: Pixel>(&mut self, pixels: &[P], white: u16) -> Result<Measurement, NoPose> {
         let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
         let view = GreyImage::with_white_level(pixels, width, height, width, white);
+        self.look_at(&view.expect("a whole frame"))
+    }
+
+    /// Measures an image as the next frame.
+    pub fn look_at<P: Pixel>(&mut self, image: &GreyImage<'_, P>) -> Result<Measurement, NoPose> {
         let time_ns = self.time_ns();
         self.frame += 1;
-        let report = self.pipeline.step(&view.expect("a whole frame"), time_ns);
-        report.targets[0].measurement
+        self.pipeline.step(image, time_ns).targets[0].measurement
     }
 
     /// Takes a picture and measures it: the error of the position, and the measurement.
@@ -196,10 +213,7 @@ impl Booth {
     /// Adds noise, rounds, and measures.
     fn develop(&mut self, picture: &Picture, shot: &Shot) -> Result<Measurement, NoPose> {
         if shot.noise_levels > 0.0 {
-            let mut samples = vec![0_u8; picture.grey.len()];
-            let sensor = Sensor { noise_levels: shot.noise_levels as f32, bits: 8 };
-            sensor.expose(picture, 17, self.frame, &mut samples);
-            self.measure(&samples, 255)
+            self.measure(&self.sampled(picture, shot), 255)
         } else {
             // Without noise 8 bits would round the same way over and over.
             let samples: Vec<u16> = picture.grey.iter().map(|grey| (grey * 257.0) as u16).collect();

@@ -2,5 +2,6 @@
 
 pub mod binary;
 pub mod booth;
+pub mod coloured;
 pub mod photographer;
 pub mod scene;

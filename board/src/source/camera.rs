@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Opening an absent camera is retried, soon at first and then every [`BACK_OFF_MAX`],
-//! for as long as it takes. Opening allocates; giving frames does not.
+//! for as long as it takes. Opening allocates; giving frames does not, unless they are compressed.
 
 use std::time::{Duration, Instant};
 

@@ -27,7 +27,8 @@ pub trait FrameSource {
 
     /// The next frame, or [`Next::Quiet`] if there is none by `until`.
     ///
-    /// Does not allocate once the first frame has been given.
+    /// Does not allocate once the first frame has been given, except to decode a compressed frame
+    /// (see [`allocation::apart`](crate::allocation::apart)).
     fn next(&mut self, until: Instant) -> Next<'_>;
 
     /// Changes the exposure from now on; `None` means as configured. Returns false if that is

@@ -7,7 +7,7 @@
 //! [capture]
 //! driver = "v4l2"                # or "libcamera"
 //! device = "/dev/video0"         # left out: the first camera that can do this
-//! pixel_format = "grey"          # "grey", "y10", "y16", "yuyv" or "nv12"
+//! pixel_format = "grey"          # "grey", "y10", "y16", "yuyv", "nv12", "rgb24", "bayer8", "mjpeg"
 //! rate_hz = 60.0
 //! exposure_us = 4000             # left out: as the camera has it
 //! gain = 2.0                     # the driver's steps (v4l2) or a factor (libcamera)
@@ -202,7 +202,9 @@ fn parse(text: &str, place: &str) -> Result<BoxSettings, BadInput> {
 fn wanted(name: &str) -> Option<&'static str> {
     Some(match name {
         "driver" => "give \"v4l2\" or \"libcamera\"",
-        "pixel_format" => "give \"grey\", \"y10\", \"y16\", \"yuyv\" or \"nv12\"",
+        "pixel_format" => {
+            "give \"grey\", \"y10\", \"y16\", \"yuyv\", \"nv12\", \"rgb24\", \"bayer8\" or \"mjpeg\""
+        }
         "rate_hz" => "give frames per second, for example 60.0",
         "exposure_us" => {
             "give whole microseconds above 0, for example 4000; left out, it is as the camera has it"
@@ -497,7 +499,7 @@ mod tests {
     #[test]
     fn what_a_field_takes_is_said() {
         for (good, bad, wanted) in [
-            ("\"y10\"", "3", "\"yuyv\" or \"nv12\""),
+            ("\"y10\"", "3", "\"bayer8\" or \"mjpeg\""),
             ("= 4000", "= -4", "whole microseconds above 0"),
             ("\"libcamera\"", "7", "\"v4l2\""),
             ("cpu = 3", "cpu = \"last\"", "from 0"),

@@ -103,6 +103,7 @@ fn camera(config: &Config, correlations: Vec<Vec<f64>>) -> String {
     let coefficients = config.lens.distortion.coefficients().len();
     to_toml(&Camera {
         lens: config.lens,
+        readout_ns: 0,
         provenance: Provenance {
             details: Some(Details {
                 verdict: Vec::new(),

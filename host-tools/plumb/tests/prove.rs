@@ -387,6 +387,7 @@ fn write_trial(folder: &Path) {
         let pose = MeasuredPose {
             theta_rad: [theta[0], theta[1], theta[2]],
             translation_mm: [theta[3], theta[4], theta[5]],
+            delay_ns: 0,
             sd_mm: [0.01; 3],
             sd_rad: [2e-4; 3],
             correlations: [0.0; 15],

@@ -5,7 +5,7 @@
 //! measures OpenCV; and `host-tools/bench/limit.py` computes how good any method could be. All of
 //! them print lines `name, tab, value`, which are turned into tables here. The core is also
 //! measured on frames in other formats and, in instructions, on an emulated ARM board; `plumb` is
-//! measured on recorded trials.
+//! measured on recorded trials, and the box's program on a camera's frames.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -23,6 +23,7 @@ use crate::{instructions, setup};
 mod boards;
 mod calibration;
 mod formats;
+mod luma;
 mod recordings;
 mod stated;
 
@@ -101,7 +102,8 @@ fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
     let brisk = Brisk { plumbline: measure(directory)?, opencv: self::opencv(directory)? };
     let stated = stated::measure_all(directory, arguments.frames, &plumbline)?;
     let formats = formats::measure_all(directory, arguments.frames, &plumbline)?;
-    let (recordings, calibrations) = (recordings::table()?, calibration::table()?);
+    let (recordings, calibrations, luma) =
+        (recordings::table()?, calibration::table()?, luma::table()?);
     let (mut arm, mut booted) = (None, None);
     if !arguments.host_only {
         arm = Some(count_instructions(directory)?);
@@ -110,7 +112,7 @@ fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
     // Half a gigabyte that is of no further use.
     fs::remove_dir_all(directory).context(format!("{}", directory.display()))?;
     let mut tables = tables(&Measured { plumbline, opencv, brisk, stated, formats, arm, booted })?;
-    for table in [recordings, calibrations].iter().filter(|table| !table.is_empty()) {
+    for table in [luma, recordings, calibrations].iter().filter(|table| !table.is_empty()) {
         write!(tables, "\n\n{}", table.trim_end())?;
     }
     println!("\n{tables}");

@@ -57,6 +57,8 @@ pub struct Capture {
 /// Which field of a [`Capture`] is out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CaptureError {
+    /// Bayer samples and Motion JPEG are read through Video4Linux only.
+    PixelFormat,
     /// The rate is not within 1 to 1,000 Hz.
     Rate,
     /// The exposure is 0, or longer than a frame lasts.
@@ -68,6 +70,9 @@ pub enum CaptureError {
 impl core::fmt::Display for CaptureError {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         formatter.write_str(match self {
+            Self::PixelFormat => {
+                "pixel_format: bayer8 and mjpeg need the driver v4l2; with libcamera take nv12"
+            }
             Self::Rate => "rate_hz: must be within 1 to 1,000",
             Self::Exposure => "exposure_us: must be above 0 and no longer than one frame",
             Self::Gain => "gain: must be 0 or more",
@@ -81,6 +86,11 @@ impl Capture {
     /// # Errors
     /// The first field that is out of range.
     pub fn check(&self) -> Result<(), CaptureError> {
+        if self.driver == CaptureDriver::Libcamera
+            && matches!(self.pixel_format, PixelFormat::Bayer8 | PixelFormat::Mjpeg)
+        {
+            return Err(CaptureError::PixelFormat);
+        }
         if !(1.0..=1000.0).contains(&self.rate_hz) {
             return Err(CaptureError::Rate);
         }

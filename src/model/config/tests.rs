@@ -95,6 +95,17 @@ fn a_config_comes_back_and_its_checksum_names_it() {
     assert_eq!(config.target(Role::Scene), None);
 }
 
+/// A format's number is its place in the enumeration: new ones go to the end, and the blobs on
+/// boxes keep their meaning and their version.
+#[test]
+fn pixel_formats_keep_their_numbers() {
+    use PixelFormat::{Bayer8, Grey, Mjpeg, Nv12, Rgb24, Y10, Y16, Yuyv};
+    for (number, format) in (0_u8..).zip([Grey, Y10, Y16, Yuyv, Nv12, Rgb24, Bayer8, Mjpeg]) {
+        assert_eq!(postcard::to_slice(&format, &mut [0; 8]).unwrap(), [number], "{format:?}");
+    }
+    assert!(postcard::from_bytes::<PixelFormat>(&[8]).is_err());
+}
+
 #[test]
 fn the_largest_config_fits_its_buffer() {
     let mut config = config();
@@ -133,7 +144,7 @@ fn the_largest_config_fits_its_buffer() {
 #[test]
 fn every_fault_of_a_value_is_named() {
     type Change = fn(&mut Config);
-    let table: [(Change, ConfigError); 25] = [
+    let table: [(Change, ConfigError); 26] = [
         (|c| c.lens.fx_px = f64::NAN, ConfigError::Lens(LensError::FocalLength)),
         (|c| (c.readout_ns, c.capture) = (1_000_000_001, None), ConfigError::Readout),
         (|c| (c.readout_ns, c.capture) = (i32::MIN, None), ConfigError::Readout),
@@ -165,6 +176,13 @@ fn every_fault_of_a_value_is_named() {
         (|c| c.links.udp = Some("0.0.0.0:4210".parse().unwrap()), ConfigError::Udp),
         (|c| c.links.serial.as_mut().unwrap().baud = 0, ConfigError::Serial),
         (|c| c.links.serial.as_mut().unwrap().path.clear(), ConfigError::Serial),
+        (
+            |c| {
+                capture(c).driver = CaptureDriver::Libcamera;
+                capture(c).pixel_format = PixelFormat::Mjpeg;
+            },
+            ConfigError::Capture(CaptureError::PixelFormat),
+        ),
         (|c| capture(c).rate_hz = f32::NAN, ConfigError::Capture(CaptureError::Rate)),
         (|c| capture(c).exposure_us = Some(0), ConfigError::Capture(CaptureError::Exposure)),
         // At 60 Hz a frame lasts 16,667 us.

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::firmware::{self, BOARDS};
 use crate::machine::{image, read};
-use crate::scene::run;
+use crate::scene::{file_on, files_on, run};
 
 /// Where the card's one partition starts.
 pub const START_BYTES: u64 = 4 << 20;
@@ -23,16 +23,9 @@ pub struct Card {
 impl Card {
     /// Reads the image of a card.
     pub fn of(image_file: &Path) -> Self {
-        let directory = tempfile::tempdir().expect("a temporary directory");
         let partition = format!("{}@@{START_BYTES}", image_file.display());
-        let listing = run("mdir", &["-b", "-i", &partition]);
-        let names = listing.lines().filter_map(|line| line.strip_prefix("::/"));
-        let files = names.map(|name| {
-            let copy = directory.path().join(name);
-            let (from, to) = (format!("::{name}"), copy.to_str().expect("a plain path"));
-            run("mcopy", &["-n", "-i", &partition, &from, to]);
-            (name.to_lowercase(), read(&copy))
-        });
+        let names = files_on(&partition).into_iter();
+        let files = names.filter_map(|name| Some((name.clone(), file_on(&partition, &name)?)));
         let files: BTreeMap<_, _> = files.collect();
         let (initramfs_names, modules) = unpacked(&files["initramfs"]);
         let kernel_config =

@@ -8,8 +8,8 @@ use anyhow::{Context, Result, bail};
 
 use crate::kernel::{self, Buffer, BufferRequest, Control, ControlQuery, Format, Mapping, Timings};
 
-const WIDTH_PX: u32 = 1280;
-const HEIGHT_PX: u32 = 720;
+pub const WIDTH_PX: u32 = 1280;
+pub const HEIGHT_PX: u32 = 720;
 
 /// Bytes of a frame, one per pixel.
 pub const FRAME_BYTES: usize = WIDTH_PX as usize * HEIGHT_PX as usize;

@@ -12,13 +12,19 @@
 //! with the serial number `frames`; they are played forwards and backwards in
 //! turn, so that the motion never jumps.
 //!
-//! Options on the kernel's command line: `test.disconnect_after=SECONDS` and
+//! With `test.usb_camera=CODE` on the kernel's command line the camera is one on USB instead, which
+//! the kernel's driver for such cameras finds. It plays the files `/frames/0` and so on of the
+//! initramfs, which have the format with this code of the kernel.
+//!
+//! Other options: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
 //! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
 //! as they are on the disk.
 
 mod camera;
 mod kernel;
+mod usb_camera;
+mod usb_descriptors;
 
 use std::fs::{self, File};
 use std::io::{Seek, SeekFrom};
@@ -45,8 +51,12 @@ const GAIN_EVERY: usize = 6;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn main() {
-    let feeds = std::env::args().nth(1).is_some_and(|word| word == "feed");
-    let done = if feeds { feed() } else { start() };
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let done = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["feed"] => feed(),
+        ["usb", code] => usb_camera::play(code),
+        _ => start(),
+    };
     let Err(error) = done else { return };
     eprintln!("test: {error:#}");
     // Where process 1 ends the kernel panics: better that the console is read first.
@@ -60,16 +70,24 @@ fn start() -> Result<()> {
         mount(Some(kind), place, Some(kind), MsFlags::empty(), None::<&str>)
             .with_context(|| format!("{kind} cannot be mounted"))?;
     }
-    load_modules(Path::new("/test/modules"))?;
-    camera::connect(CAPTURE, OUTPUT)?;
-    Command::new("/proc/self/exe").arg("feed").spawn().context("the feeder does not start")?;
+    let mut player = Command::new("/proc/self/exe");
+    if let Some(code) = value_of(&options()?, "test.usb_camera=") {
+        load_modules(Path::new("/test/modules.usb"))?;
+        player.args(["usb", code]);
+    } else {
+        load_modules(Path::new("/test/modules.vivid"))?;
+        camera::connect(CAPTURE, OUTPUT)?;
+        player.arg("feed");
+    }
+    player.spawn().context("the player does not start")?;
     // Comes back only when it fails.
     Err(Command::new("/init").exec()).context("/init does not start")
 }
 
 /// Each line is `PATH OPTIONS`.
 fn load_modules(list: &Path) -> Result<()> {
-    for line in fs::read_to_string(list).context("/test/modules")?.lines() {
+    let lines = fs::read_to_string(list).with_context(|| list.display().to_string())?;
+    for line in lines.lines() {
         let (path, options) = line.split_once(' ').unwrap_or((line, ""));
         let file = File::open(path).with_context(|| path.to_owned())?;
         let options = std::ffi::CString::new(options)?;
@@ -131,6 +149,11 @@ fn levels(gain: u32) -> [u8; 256] {
 /// The kernel's command line.
 fn options() -> Result<String> {
     fs::read_to_string("/proc/cmdline").context("/proc/cmdline")
+}
+
+/// What follows this beginning of a word of the kernel's command line.
+fn value_of<'a>(options: &'a str, beginning: &str) -> Option<&'a str> {
+    options.split_whitespace().find_map(|word| word.strip_prefix(beginning))
 }
 
 /// 0, 1 ... n-1, n-1 ... 1, 0 and again.
@@ -212,7 +235,7 @@ impl Disconnection {
     fn asked_for() -> Result<Option<Self>> {
         let options = options()?;
         let seconds = |name: &str| -> Result<Option<Duration>> {
-            let value = options.split_whitespace().find_map(|word| word.strip_prefix(name));
+            let value = value_of(&options, name);
             Ok(value.map(str::parse).transpose()?.map(Duration::from_secs_f64))
         };
         let after = seconds("test.disconnect_after=")?;

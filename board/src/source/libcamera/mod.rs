@@ -7,8 +7,9 @@
 //!          └─────────────────────────────┴──────────────────────┘ queued again
 //! ```
 //!
-//! Buffers are mapped once and read in place; only luma between chroma (YUYV) is
-//! copied. The formats are R8, R10 and R16 (unpacked), YUYV, and NV12 or YUV420.
+//! Buffers are mapped once and read in place; only luma between chroma (YUYV) and
+//! green (RGB) are copied. The formats are R8, R10 and R16 (unpacked), YUYV, NV12 or
+//! YUV420, and RGB888 or BGR888.
 //! Each opening restarts libcamera, so that it searches for cameras again whether
 //! or not it was notified that one was plugged in; there can be one open camera per
 //! process.

@@ -8,9 +8,9 @@
 //! parts that touch the kernel, and the only ones with unsafe code.
 //!
 //! Frames are read in the driver's own memory where the format allows. Waiting
-//! for frames and giving them does not allocate, except that compressed frames are
-//! decoded; losing the camera does, once. A frame that was given stays intact until
-//! the next wait.
+//! for frames and giving them does not allocate, except to decode compressed ones;
+//! losing the camera does, once. A frame that was given stays intact until the next
+//! wait.
 
 mod buffers;
 mod controls;
@@ -108,28 +108,29 @@ impl V4l2 {
         stream.driver.start().context("it does not start")?;
         Ok(Self { path, luma, intake, stream, has_allocated: false, has_refused: false })
     }
-}
 
-impl V4l2 {
     /// Reads the grey values of the frame that arrived.
     fn load(&mut self) -> Result<()> {
         let arrived = self.intake.out().expect("the wait has found a frame");
         let bytes = self.stream.mappings[arrived.ours.index() as usize].bytes(&arrived.ours);
-        let started = Instant::now();
         let bytes = &bytes[..arrived.bytes.min(bytes.len())];
-        let (loaded, allocations) = allocation::apart(|| self.luma.load(bytes));
-        if allocations > 0 && loaded.is_ok() && !self.has_allocated {
+        let started = Instant::now();
+        let (loaded, allocated) = allocation::apart(|| self.luma.load(bytes));
+        if allocated.count > 0 && loaded.is_ok() && !self.has_allocated {
             self.has_allocated = true;
             log::info!(
-                "camera: {}: its frames are compressed: one took {allocations} heap allocations and \
-                 {} us to decode, which Health does not count",
+                "camera: {}: decoding a frame took {} us and {} heap allocations ({} KiB), which \
+                 Health leaves out",
                 self.path,
-                started.elapsed().as_micros()
+                started.elapsed().as_micros(),
+                allocated.count,
+                allocated.bytes / 1024
             );
         }
         loaded
     }
 
+    /// Counts the frame that arrived as missed.
     fn refuse(&mut self, error: &anyhow::Error) {
         self.intake.refuse();
         if !self.has_refused {
@@ -161,7 +162,7 @@ impl Device for V4l2 {
                 Ok(()) => return Waited::Ready,
                 Err(error) => self.refuse(&error),
             }
-            // Frames that all are damaged must not hold up the loop.
+            // A camera whose frames are all damaged must not hold up the loop.
             if Instant::now() >= until {
                 return Waited::Quiet;
             }

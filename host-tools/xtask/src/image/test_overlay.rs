@@ -2,7 +2,7 @@
 //! the initramfs under test is the one that ships.
 //!
 //! `/test/start` (package `tests/guest`) becomes the first process; it sets up
-//! vivid as a camera and then starts `/init`.
+//! vivid as a camera, or plugs a virtual camera into a virtual USB port, and then starts `/init`.
 //!
 //! For libcamera there is another overlay: the program with libcamera as `/init`, and the Debian
 //! files that it needs. There, libcamera's own virtual camera plays pictures, which the test adds
@@ -28,9 +28,13 @@ const VIVID_OPTIONS: &str =
 pub fn make(debian: &DebianRoot, guest: &Path) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("test/start", initramfs::stripped(guest)?);
-    let list = modules::add(&mut root, debian, &["vivid".to_owned()], "test/modules.d")?;
-    // The modules that vivid needs come before it, so its options end the list.
-    root.file("test/modules", format!("{} {VIVID_OPTIONS}\n", list.join("\n")).into_bytes());
+    // The modules that one needs come before it, so its options end its list.
+    for (camera, module, options) in [("vivid", "vivid", VIVID_OPTIONS), ("usb", "vhci-hcd", "")] {
+        let directory = format!("test/modules.d/{camera}");
+        let list = modules::add(&mut root, debian, &[module.to_owned()], &directory)?;
+        let list = format!("{} {options}\n", list.join("\n"));
+        root.file(&format!("test/modules.{camera}"), list.into_bytes());
+    }
     root.to_bytes()
 }
 

@@ -9,7 +9,7 @@
 //! | Nv12 | `NV12` | Y; the colours follow after all rows | none |
 //! | Y10 | `Y10 ` | 10 bits in each little-endian word | none |
 //! | Y16 | `Y16 ` | little-endian words | none |
-//! | Yuyv | `YUYV` | Y U Y V | the luma is copied |
+//! | Yuyv | `YUYV`, `UYVY` | Y U Y V or U Y V Y | the luma is copied |
 //! | Rgb24 | `RGB3`, `BGR3` | R G B or B G R | the green is copied |
 //! | Y10 | `Y10P` | 4 high bytes, then the low bits of the four | unpacked |
 //! | Y10 | `Y10B` | 4 samples in 5 bytes, highest bit first | unpacked |
@@ -17,7 +17,10 @@
 //! | Mjpeg | `MJPG`, `JPEG` | a file | decoded, see [`jpeg`] |
 //!
 //! Rows may be padded. The memory for copies is allocated once; only decoding allocates for each
-//! frame.
+//! frame. `cargo xtask bench` measures what each format costs.
+//!
+//! Of colours only green is used. A weighted sum, as luma is, would mix in red and blue, which the
+//! lens focuses elsewhere and most sensors sample more coarsely.
 
 mod bayer;
 mod jpeg;
@@ -40,7 +43,7 @@ pub fn codes(format: PixelFormat) -> &'static [&'static [u8; 4]] {
         PixelFormat::Grey => &[b"GREY"],
         PixelFormat::Y10 => &[b"Y10 ", b"Y10P", b"Y10B"],
         PixelFormat::Y16 => &[b"Y16 "],
-        PixelFormat::Yuyv => &[b"YUYV"],
+        PixelFormat::Yuyv => &[b"YUYV", b"UYVY"],
         PixelFormat::Nv12 => &[b"NV12"],
         PixelFormat::Rgb24 => &[b"RGB3", b"BGR3"],
         PixelFormat::Bayer8 => &[b"RGGB", b"GRBG", b"GBRG", b"BA81"],
@@ -64,10 +67,8 @@ enum Samples {
     Bytes,
     /// One word each.
     Words { white_level: u16 },
-    /// The first of every two bytes.
-    First { luma: Vec<u8> },
-    /// The second of every three bytes.
-    Middle { luma: Vec<u8> },
+    /// One byte in each group of bytes.
+    Every { copy_row: fn(&[u8], &mut [u8]), luma: Vec<u8> },
     /// Four in five bytes.
     Packed { unpack: fn(&[u8; 5]) -> [u16; 4], luma: Vec<u16> },
     /// One byte each, every second of which is green.
@@ -91,9 +92,12 @@ impl Luma {
             b"GREY" | b"NV12" => (width_px, Samples::Bytes),
             b"Y10 " => (2 * width_px, Samples::Words { white_level: WHITE_10_BIT }),
             b"Y16 " => (2 * width_px, Samples::Words { white_level: u16::MAX }),
-            b"YUYV" => (2 * width_px, Samples::First { luma: luma() }),
+            b"YUYV" => (2 * width_px, Samples::Every { copy_row: copy::<0, 2>, luma: luma() }),
+            b"UYVY" => (2 * width_px, Samples::Every { copy_row: copy::<1, 2>, luma: luma() }),
             // Green is in the middle in both orders.
-            b"RGB3" | b"BGR3" => (3 * width_px, Samples::Middle { luma: luma() }),
+            b"RGB3" | b"BGR3" => {
+                (3 * width_px, Samples::Every { copy_row: copy::<1, 3>, luma: luma() })
+            }
             b"MJPG" | b"JPEG" => (width_px, Samples::Jpeg { luma: luma() }),
             b"Y10P" => (width_px / 4 * 5, packed(unpack_low_bits_last)),
             b"Y10B" => (width_px / 4 * 5, packed(unpack_bit_stream)),
@@ -140,14 +144,9 @@ impl Luma {
         let rows = bytes.chunks(self.stride_bytes).map(|row| &row[..self.row_bytes]);
         match &mut self.samples {
             Samples::Bytes | Samples::Words { .. } => {}
-            Samples::First { luma } => {
+            Samples::Every { copy_row, luma } => {
                 for (to, row) in luma.chunks_exact_mut(self.width_px).zip(rows) {
-                    copy(row, |&pair| u16::from_le_bytes(pair) as u8, to);
-                }
-            }
-            Samples::Middle { luma } => {
-                for (to, row) in luma.chunks_exact_mut(self.width_px).zip(rows) {
-                    copy(row, |&[_, green, _]| green, to);
+                    copy_row(row, to);
                 }
             }
             Samples::Packed { unpack, luma } => {
@@ -180,7 +179,7 @@ impl Luma {
             Samples::Words { white_level } => {
                 grey16(words, self.stride_bytes / 2, *white_level).map(Pixels::Grey16)
             }
-            Samples::First { luma } | Samples::Middle { luma } | Samples::Jpeg { luma } => {
+            Samples::Every { luma, .. } | Samples::Jpeg { luma } => {
                 grey8(luma, width).map(Pixels::Grey8)
             }
             Samples::Mosaic { green, .. } => grey16(green, width, bayer::WHITE).map(Pixels::Grey16),
@@ -189,10 +188,10 @@ impl Luma {
     }
 }
 
-/// Copies one sample of each group of `N` bytes.
-fn copy<const N: usize>(row: &[u8], sample: impl Fn(&[u8; N]) -> u8, to: &mut [u8]) {
-    for (to, group) in to.iter_mut().zip(row.as_chunks().0) {
-        *to = sample(group);
+/// Copies one byte, which is at place `AT`, of each group of `GROUP` bytes.
+fn copy<const AT: usize, const GROUP: usize>(row: &[u8], to: &mut [u8]) {
+    for (to, group) in to.iter_mut().zip(row.as_chunks::<GROUP>().0) {
+        *to = group[AT];
     }
 }
 
@@ -222,6 +221,7 @@ mod tests {
             b"GREY" | b"NV12" => byte(x),
             b"Y10 " | b"Y16 " => byte(2 * x) + 256 * byte(2 * x + 1),
             b"YUYV" => byte(2 * x),
+            b"UYVY" => byte(2 * x + 1),
             b"RGB3" | b"BGR3" => byte(3 * x + 1),
             b"Y10P" => {
                 let (group, of) = (5 * (x / 4), x % 4);
@@ -236,12 +236,13 @@ mod tests {
     #[test]
     fn every_format_reads_as_it_is_defined() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-        let tight: [(&[u8; 4], usize, u16); 9] = [
+        let tight: [(&[u8; 4], usize, u16); 10] = [
             (b"GREY", 64, 255),
             (b"NV12", 64, 255),
             (b"Y10 ", 128, 1023),
             (b"Y16 ", 128, 65535),
             (b"YUYV", 128, 255),
+            (b"UYVY", 128, 255),
             (b"RGB3", 192, 255),
             (b"BGR3", 192, 255),
             (b"Y10P", 80, 1023),

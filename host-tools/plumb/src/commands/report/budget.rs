@@ -2,8 +2,8 @@
 
 use maud::{Markup, html};
 
-use crate::ui::page::table;
 use crate::budget::{TrialBudget, tables};
+use crate::ui::page::table;
 
 /// The section of a trial whose camera is given.
 pub fn section(trial: &TrialBudget) -> Markup {

@@ -1,0 +1,165 @@
+//! Cameras that compress their frames, or send colours.
+//!
+//! The kernel's own driver for USB cameras streams from a virtual one, as it does from most that
+//! people have.
+
+use common::coloured;
+use plumbline::config::PixelFormat;
+use plumbline::packet::Health;
+use plumbline_board::source::Pixels;
+use plumbline_board::source::v4l2::luma::Luma;
+
+use crate::machine::{Host, Machine, Parts, image as built, is_measured, poses, read};
+use crate::scene::{self, Grey, Position, SCENE, distance_mm};
+
+/// As the virtual camera plays them: an emulated machine decodes them slowly.
+const RATE_HZ: f32 = 5.0;
+
+/// Of the compressed frames: as USB cameras have it by default.
+const QUALITY: u8 = 90;
+
+/// Of the scene's frames, every so many: there and back they go by in three seconds.
+const EVERY: usize = 6;
+
+/// The eight frames go by there and back, while the estimates of the blur and of the print's growth
+/// settle.
+const SETTLING: usize = 16;
+
+/// And once more.
+const POSES: usize = SETTLING + 16;
+
+/// How far a position may be from the truth, and from the same frame's tracked here after another
+/// one: four standard deviations of its depth for a mosaic, whose frames are the noisiest.
+const ERROR_MM_MAX: [f64; 2] = [0.12, 0.28];
+
+/// What a camera sends.
+struct Sent {
+    format: PixelFormat,
+    code: &'static [u8; 4],
+    frames: Vec<Vec<u8>>,
+    /// Which of them can be read.
+    whole: Vec<usize>,
+}
+
+impl Sent {
+    /// The scene's frames in a format.
+    fn new(format: PixelFormat, code: &'static [u8; 4], encode: impl Fn(&[u8]) -> Vec<u8>) -> Self {
+        let (width, height) = size_px();
+        let rendered = read(&SCENE.frames_disk);
+        let frames = rendered.chunks_exact(width * height).step_by(EVERY);
+        let frames: Vec<_> = frames.map(encode).collect();
+        let whole = (0..frames.len()).collect();
+        Self { format, code, frames, whole }
+    }
+
+    /// Boots with a camera that sends them; the last Health, after enough poses. Each of them is
+    /// that of a frame that this machine reads and tracks, at most as far from it as allowed.
+    fn boot(&self) -> Health {
+        let host = Host::new();
+        let directory = tempfile::tempdir().unwrap();
+        let mut config = scene::config(host.address());
+        let capture = config.capture.as_mut().unwrap();
+        (capture.pixel_format, capture.rate_hz) = (self.format, RATE_HZ);
+        let disk = scene::boot_disk(directory.path(), &scene::blob(&config));
+        let files = self.frames.iter().enumerate();
+        let files = files.map(|(place, frame)| (format!("frames/{place}"), frame.clone()));
+        let frames = directory.path().join("frames.cpio");
+        std::fs::write(&frames, scene::archive(files)).unwrap();
+        let machine = Machine::start(
+            &Parts {
+                kernel: built("vmlinuz"),
+                initramfs: vec![built("initramfs"), built("overlay.cpio"), frames],
+                command_line: &format!("rdinit=/test/start test.usb_camera={}", self.name()),
+                boot_disk: &disk,
+                frames_disk: None,
+            },
+            &host,
+        );
+        let health = machine.wait_for("poses and a Health after them", |seen| {
+            let enough = poses(&seen.udp).filter(|pose| is_measured(pose)).count() >= POSES;
+            seen.health().filter(|health| enough && health.frames >= POSES as u32).cloned()
+        });
+        let here = self.tracked_here();
+        machine.look(|seen| {
+            let mut largest_mm = [0.0_f64; 2];
+            for pose in poses(&seen.udp).skip_while(|pose| !is_measured(pose)).skip(SETTLING) {
+                for (target, largest_mm) in largest_mm.iter_mut().enumerate() {
+                    let found = pose.targets[target].pose.expect("once it tracks, it goes on");
+                    let found = found.translation_mm.map(f64::from);
+                    let distances = here[target].iter().map(|here| distance_mm(here, &found));
+                    *largest_mm = largest_mm.max(distances.fold(f64::INFINITY, f64::min));
+                }
+            }
+            let name = self.name();
+            println!("{name}: at most {largest_mm:.4?} mm from the poses of these frames here");
+            let said: Vec<_> =
+                seen.console.lines().filter(|line| line.contains("camera: ")).collect();
+            println!("{}", said.join("\n"));
+            // Decoding is counted by itself, and said.
+            let allocates = said.iter().any(|line| line.contains("heap allocations"));
+            assert_eq!(allocates, self.format == PixelFormat::Mjpeg);
+            assert_eq!(health.heap_allocations, Some(0));
+            let mut bounds = largest_mm.iter().zip(&ERROR_MM_MAX);
+            assert!(bounds.all(|(mm, max)| mm < max), "{name}: {largest_mm:?} mm");
+        });
+        health
+    }
+
+    /// Per target: where the core sees it in the whole frames, read in the same way.
+    fn tracked_here(&self) -> [Vec<Position>; 2] {
+        let mut luma = Luma::new(self.code, size_px(), 0).expect("a format that is read");
+        let mut seen = |&place: &usize| {
+            let bytes = &self.frames[place];
+            luma.load(bytes).expect("a whole frame");
+            match luma.view(bytes, &[]).expect("a whole frame") {
+                Pixels::Grey8(image) => Grey::of(&image),
+                Pixels::Grey16(image) => Grey::of(&image),
+            }
+        };
+        let seen: Vec<Grey> = self.whole.iter().map(&mut seen).collect();
+        let here = scene::track(&SCENE.simulation, &seen);
+        // That they are right, and not only the same.
+        for (target, here) in here.iter().enumerate() {
+            let truth = self.whole.iter().map(|place| &SCENE.truth_mm[target][EVERY * place]);
+            let worst_mm =
+                here.iter().zip(truth).map(|(a, b)| distance_mm(a, b)).fold(0.0, f64::max);
+            println!("target {target}: at most {worst_mm:.3} mm from the truth");
+            assert!(worst_mm < ERROR_MM_MAX[target], "{worst_mm} mm");
+        }
+        here
+    }
+
+    fn name(&self) -> std::slice::EscapeAscii<'_> {
+        self.code.escape_ascii()
+    }
+}
+
+fn size_px() -> (usize, usize) {
+    let camera = SCENE.simulation.camera();
+    (camera.width_px.into(), camera.height_px.into())
+}
+
+#[test]
+fn motion_jpeg_is_decoded_and_a_damaged_frame_is_missed() {
+    let mut sent = Sent::new(PixelFormat::Mjpeg, b"MJPG", |grey| {
+        coloured::motion_jpeg(grey, size_px(), QUALITY)
+    });
+    // One is cut off, as by a cable that is bent.
+    let cut = sent.whole.remove(sent.frames.len() / 2);
+    let length = sent.frames[cut].len() / 2;
+    sent.frames[cut].truncate(length);
+    let health = sent.boot();
+    // It came twice on the way there and back.
+    assert!(health.frames_missed >= 2, "{} frames missed", health.frames_missed);
+}
+
+#[test]
+fn a_colour_sensors_own_samples_are_tracked_by_their_green() {
+    let mosaic = |grey: &[u8]| coloured::mosaic(b"BA81", grey, size_px().0);
+    Sent::new(PixelFormat::Bayer8, b"BA81", mosaic).boot();
+}
+
+#[test]
+fn colours_are_tracked_by_their_green() {
+    Sent::new(PixelFormat::Rgb24, b"BGR3", coloured::bgr).boot();
+}
