@@ -9,5 +9,6 @@ mod photographs;
 mod photographs_grid;
 mod precision;
 mod printed_targets;
+mod readout;
 mod rendered_person;
 mod stumble;
