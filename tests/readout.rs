@@ -98,7 +98,7 @@ fn refused(lab: &Path, arguments: &str) -> String {
 fn what_does_not_tell_the_readout_is_refused_with_the_reason() {
     let lab = lab();
     let lab = lab.path();
-    let still = frames(1, 0.0, waved).repeat(40);
+    let still = vec![frames(1, 0.0, waved).remove(0); 40];
     save_video(&still, SIZE_PX, 60, &lab.join("still.y4m"));
     save_video(&still[..1], SIZE_PX, 60, &lab.join("one.y4m"));
     save_video(&vec![vec![90; 640 * 480]; 2], [640, 480], 60, &lab.join("small.y4m"));
@@ -125,9 +125,6 @@ fn what_does_not_tell_the_readout_is_refused_with_the_reason() {
     assert!(text.contains("--camera <FILE>"), "{text}");
     let without = WITH_BOARD.replace("--board 9x7", "");
     assert!(refused(lab, &format!("{without} still.y4m")).contains("--board"));
-    // The camera's file is replaced only if that is asked for.
-    let onto = WITH_BOARD.replace("measured", "camera");
-    assert!(refused(lab, &format!("{onto} still.y4m")).contains("camera.toml"));
 }
 
 /// A wall in the light of a lamp, darker to one side, with noise.
@@ -166,4 +163,12 @@ fn the_readout_is_measured_by_a_flickering_lamp() {
     // A thousandth for the frequency of the mains, which here is exact.
     assert_eq!(measured.provenance.readout_sd_ms, Some(0.021));
     assert!((f64::from(measured.readout_ns) * 1e-6 + 21.0).abs() < 0.01, "{text}");
+
+    // A file is replaced only if that is asked for: the camera's own, too.
+    let onto = WITH_LAMP.replace("measured", "camera");
+    let (code, text) = plumb_judges_in(lab.path(), &onto);
+    assert!(code == Some(2) && text.contains("camera.toml: exists already"), "{text}");
+    plumb_in(lab.path(), &format!("{onto} --force"));
+    let camera = camera::read(&lab.path().join("camera.toml")).unwrap();
+    assert_eq!((camera.readout_ns, camera.lens), (measured.readout_ns, LENS));
 }

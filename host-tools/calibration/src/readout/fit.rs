@@ -362,3 +362,49 @@ impl Eliminated {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{LENS, waved};
+    use super::*;
+
+    #[test]
+    fn derivatives_are_central_differences() {
+        let points_mm = [Vector3::new(-60.0, 40.0, 0.0), Vector3::new(30.0, -50.0, 0.0)];
+        let fit = Fit {
+            lens: &LENS,
+            points_mm: &points_mm,
+            interval_s: 1.0 / 30.0,
+            runs: Vec::new(),
+            readout_s: 25e-3,
+            tau_px: 0.0,
+        };
+        let poses = std::array::from_fn(|place| waved(place as f64 / 30.0));
+        let raw_px = |fit: &Fit, poses: &[Pose<Cam, Target>; WINDOW], point_mm: &Vector3<f64>| {
+            fit.seen_at(&Motion::new(*poses, 3), point_mm).unwrap().1
+        };
+        const STEP: f64 = 1e-4;
+        for point_mm in &points_mm {
+            let projected = fit.project(&Motion::new(poses, 3), point_mm).unwrap();
+            let later = |step_s: f64| {
+                raw_px(&Fit { readout_s: fit.readout_s + step_s, ..fit.clone() }, &poses, point_mm)
+            };
+            let difference = (later(STEP) - later(-STEP)) / (2.0 * STEP);
+            // Pixels per second: some hundred.
+            assert!((difference - projected.by_readout).norm() < 1e-3, "{difference}");
+            for place in 0..POSES {
+                let moved = |step: f64| {
+                    let mut moved = poses;
+                    let mut increment = Vector6::zeros();
+                    increment[place % 6] = step;
+                    moved[place / 6] = moved[place / 6].moved_by(&increment);
+                    raw_px(&fit, &moved, point_mm)
+                };
+                let difference = (moved(STEP) - moved(-STEP)) / (2.0 * STEP);
+                let error = (difference - projected.by_poses.column(place)).norm();
+                // Of up to 1,000 px per radian.
+                assert!(error < 1e-4, "{place}: {error}");
+            }
+        }
+    }
+}

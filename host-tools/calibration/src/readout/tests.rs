@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::*;
 use crate::model::Seen;
 
-const LENS: Lens = Lens {
+pub(super) const LENS: Lens = Lens {
     width_px: 1280,
     height_px: 720,
     fx_px: 1150.0,
@@ -28,7 +28,7 @@ fn board() -> TargetGeometry {
 }
 
 /// A board waved by hand: to and fro, up and down, and turned a little, at about 1 Hz.
-fn waved(time_s: f64) -> Pose<Cam, Target> {
+pub(super) fn waved(time_s: f64) -> Pose<Cam, Target> {
     let wave = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * time_s + phase).sin();
     Pose::from_theta([
         0.1 + 0.05 * wave(0.7, 0.3),

@@ -31,15 +31,16 @@ mod readout;
 /// what is wrong with the photographs or the board, and what to do about it.
 ///
 /// With --readout, a camera that is calibrated learns how long its rolling shutter takes to read a
-/// frame, from a video: hold the board 0.4 to 0.7 m in front of the camera, where it fills a third
-/// to a half of the frame, and wave it for 5 to 10 seconds, to and fro and up and down, by a hand's
-/// breadth and about once a second, without leaving the frame. Good light and a short exposure keep
-/// it sharp. The video must have a constant frame rate; one made in slow motion has to be given its
-/// true rate with --fps. The readout and its standard deviation are added to the camera file.
+/// frame, from a video of the board that it takes in the same mode: the same frame size and rate,
+/// since the readout depends on them. Hold the board so close that it fills a third to a half of the
+/// frame, and wave it for 5 to 10 seconds, by a hand's breadth and about once a second, to and fro,
+/// up and down and slightly tilted, without leaving the frame. Good light and a short exposure keep
+/// it sharp. The frame rate must be constant; of a video in slow motion, --fps gives the true one.
+/// The readout and its standard deviation are added to what the camera's file says.
 ///
 /// With --flicker-hz as well, the readout comes from a video of a bright, plain wall in the light of
-/// a lamp that flickers at this frequency, twice that of the mains: 100 or 120. The exposure must be
-/// shorter than 3 ms, so that light and dark bands move through the picture.
+/// a lamp that flickers at this frequency: 100 or 120, twice that of the mains. At an exposure
+/// shorter than 3 ms, light and dark bands then move through the picture.
 ///
 /// Exit code 0: a calibration was written (look at its verdict); 2: there is none.
 #[derive(clap::Args)]
@@ -50,6 +51,8 @@ mod readout;
   plumb calibrate --board 9x7 --pitch-mm 20 --model brown5 --plot residuals.svg --out camera.toml photos/*.png
   plumb calibrate --readout --camera camera.toml --board 9x7 --pitch-mm 20 --out camera.toml --force waved.y4m
   plumb calibrate --readout --camera camera.toml --flicker-hz 100 --out camera.toml --force wall.y4m
+
+  ffmpeg -i waved.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe waved.y4m    converts another video
 
 Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate.")]
 pub struct Arguments {
