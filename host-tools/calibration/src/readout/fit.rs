@@ -269,9 +269,7 @@ impl<'a> Fit<'a> {
         point_mm: &Vector3<f64>,
     ) -> Option<Matrix2x6<f64>> {
         let point_cam_mm = cam_from_board.transform(point_mm);
-        let ray = ray_of(&point_cam_mm)?;
-        let (_, by_ray) = self.lens.distortion.distort_with_jacobian(&ray);
-        let raw_by_point = self.lens.pixel_by_ray() * by_ray * ray_by_point(&point_cam_mm, &ray);
+        let raw_by_point = raw_by_point(self.lens, &point_cam_mm)?;
         let [x, y] = [0, 1].map(|axis| {
             let by_point = raw_by_point.row(axis).transpose();
             Vector6::from(by_increment(&by_point, &cam_from_board.rotation, point_mm)).transpose()
@@ -321,6 +319,13 @@ impl<'a> Fit<'a> {
             .map(|(equations, run)| Eliminated::new(equations, run))
             .collect()
     }
+}
+
+/// The derivative of a raw pixel with respect to the point in the camera's frame.
+pub fn raw_by_point(lens: &Lens, point_cam_mm: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+    let ray = ray_of(point_cam_mm)?;
+    let (_, by_ray) = lens.distortion.distort_with_jacobian(&ray);
+    Some(lens.pixel_by_ray() * by_ray * ray_by_point(point_cam_mm, &ray))
 }
 
 impl Eliminated {

@@ -20,8 +20,9 @@ use plumbline::parts::points_mm;
 use plumbline::target::TargetGeometry;
 
 use crate::model::Photograph;
-use crate::observe::Finder;
+use crate::observe::{Finder, Measured};
 
+mod apparent;
 mod banded;
 mod fit;
 mod intervals;
@@ -90,18 +91,25 @@ pub enum Failure {
 }
 
 impl Finder {
-    /// Observes the board in a frame of a video; `None` when it is not there.
+    /// Observes the board in a frame of a video; `None` when it is not there. `table` is the lens's.
     pub fn observe<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
         board: &TargetGeometry,
-        lens: &LensTable,
+        lens: &Lens,
+        table: &LensTable,
     ) -> Option<Observed> {
         let found = self.find(image, board).ok()?;
-        let measured = self.measure(image, board, lens, &found)?;
-        let cam_from_board = measured.measurement.cam_from_target;
-        Some(Observed(Photograph { seen: measured.seen.into(), cam_from_board }))
+        let rigid = photograph(self.measure(image, board, table, &found)?);
+        let deformed = apparent::board(lens, board, &rigid)?;
+        let seen = self.measure(image, &deformed, table, &found)?.seen.into();
+        Some(Observed(Photograph { seen, ..rigid }))
     }
+}
+
+fn photograph(measured: Measured) -> Photograph {
+    let cam_from_board = measured.measurement.cam_from_target;
+    Photograph { seen: measured.seen.into(), cam_from_board }
 }
 
 /// Estimates the readout time from successive frames that are `interval_s` apart.

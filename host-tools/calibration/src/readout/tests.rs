@@ -23,7 +23,7 @@ pub(super) const LENS: Lens = Lens {
 
 const SIGMA_PX: f64 = 0.05;
 
-fn board() -> TargetGeometry {
+pub(super) fn board() -> TargetGeometry {
     TargetGeometry::checker(7, 4, 30.0, Origin::Center, Role::Scene, [0.0; 3]).unwrap()
 }
 
@@ -110,6 +110,14 @@ impl Video {
     fn estimate(&self) -> Result<Readout, Failure> {
         estimate(&LENS, &board(), self.interval_s, &self.frames())
     }
+}
+
+/// A frame in which the board is fast, with the pose that it has in the middle row.
+pub(super) fn one_frame() -> Photograph {
+    let video = Video::default();
+    let Observed(photograph) = video.frame(0, &mut None);
+    let cam_from_board = waved(0.5 * video.readout_s);
+    Photograph { cam_from_board, ..photograph }
 }
 
 #[test]

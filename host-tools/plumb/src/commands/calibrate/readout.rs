@@ -122,7 +122,7 @@ fn by_board(arguments: &Arguments, mut video: Video, camera: &Camera) -> Result<
     let mut table = Box::new(LensTable::new());
     table.fill(&camera.lens).expect("a lens from a file has a table");
     let observed: Vec<Option<Observed>> =
-        video.each(|finder, image| finder.observe(image, &board, &table))?;
+        video.each(|finder, image| finder.observe(image, &board, &camera.lens, &table))?;
     let spinner = ProgressBar::new_spinner().with_message("fitting the motion of the board");
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     let estimated = readout::estimate(&camera.lens, &board, video.interval_s(), &observed);
