@@ -10,6 +10,7 @@ mod photographs;
 mod photographs_grid;
 mod precision;
 mod printed_targets;
+mod readout;
 mod rendered_person;
 mod rolling_shutter;
 mod stumble;

@@ -9,7 +9,7 @@ use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
 use plumbline_calibration::Picture;
 use plumbline_render::simulate::render::{
-    Board, Ink, Picture as Rendered, PlacedBoard, render_targets,
+    Board, Ink, Picture as Rendered, PlacedBoard, render_targets, render_targets_by_row,
 };
 use plumbline_render::simulate::sensor::Sensor;
 use rand::{RngExt, SeedableRng};
@@ -64,6 +64,46 @@ pub fn posed(
         Picture { place: format!("{index}.png"), samples, width, height }
     };
     poses.iter().enumerate().map(photograph).collect()
+}
+
+/// A video of a board that moves, by a sensor that reads one row after the other.
+pub struct Video<'a> {
+    pub lens: &'a Lens,
+    pub board: &'a TargetGeometry,
+    /// Where the board is at a time, in seconds.
+    pub cam_from_board: fn(f64) -> Pose<Cam, Target>,
+    pub rate_hz: f64,
+    /// From the first row to that below the last one.
+    pub readout_s: f64,
+}
+
+impl Video<'_> {
+    /// A frame; its first row is read at its time.
+    pub fn frame(&self, index: usize) -> Vec<u8> {
+        let print = printed(self.board);
+        let (width, height) = (usize::from(self.lens.width_px), usize::from(self.lens.height_px));
+        let placed = |y: usize| {
+            let row_s = y as f64 / height as f64 * self.readout_s;
+            let cam_from_target = (self.cam_from_board)(index as f64 / self.rate_hz + row_s);
+            [PlacedBoard { board: &print, cam_from_target }]
+        };
+        let rows: Vec<_> = (0..height).map(placed).collect();
+        let mut picture = Rendered::uniform(width, height, 110.0);
+        render_targets_by_row(self.lens, 0.6, |y| &rows[y], |_, _| 1.0, &mut picture);
+        let mut samples = vec![0_u8; width * height];
+        Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, 1, index as u64, &mut samples);
+        samples
+    }
+}
+
+/// As Y4M.
+pub fn save_video(frames: &[Vec<u8>], [width, height]: [u16; 2], rate_hz: u32, path: &Path) {
+    let mut file = format!("YUV4MPEG2 W{width} H{height} F{rate_hz}:1 Cmono\n").into_bytes();
+    for frame in frames {
+        file.extend_from_slice(b"FRAME\n");
+        file.extend_from_slice(frame);
+    }
+    std::fs::write(path, file).expect("a file in a temporary directory");
 }
 
 fn printed(geometry: &TargetGeometry) -> Board {

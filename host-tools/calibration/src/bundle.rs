@@ -93,8 +93,12 @@ impl Bundle {
     /// The number of measured quantities less that of the unknowns; `None` when nothing is left.
     fn freedom(&self) -> Option<usize> {
         let measured: usize = self.photographs.iter().map(|it| it.seen.len()).sum();
-        let unknowns = self.shared() + 6 * self.photographs.len();
-        measured.checked_sub(unknowns).filter(|&left| left > 0)
+        measured.checked_sub(self.unknowns()).filter(|&left| left > 0)
+    }
+
+    /// The number of parameters: the shared ones, and a pose of each photograph.
+    fn unknowns(&self) -> usize {
+        self.shared() + 6 * self.photographs.len()
     }
 
     /// The number of parameters that all photographs share.
@@ -177,7 +181,7 @@ impl Bundle {
         Some(cost)
     }
 
-    /// Finds by bisection the tau for which the cost equals its degrees of freedom.
+    /// [`tau_px`] of the residuals.
     fn excess(&self, points_mm: &[Vector3<f64>]) -> Option<f64> {
         let mut squares = Vec::new();
         for photograph in &self.photographs {
@@ -185,20 +189,7 @@ impl Bundle {
             let sigmas = photograph.seen.iter().map(|seen| seen.sigma_px * seen.sigma_px);
             squares.extend(residuals.iter().map(|residual| residual * residual).zip(sigmas));
         }
-        let freedom = self.freedom()? as f64;
-        let cost = |tau: f64| -> f64 {
-            squares.iter().map(|(square, variance)| square / (variance + tau * tau)).sum()
-        };
-        if cost(0.0) <= freedom {
-            return Some(0.0);
-        }
-        // No residual is larger than a frame.
-        let (mut low, mut high) = (0.0, 1e4);
-        for _ in 0..80 {
-            let middle = 0.5 * (low + high);
-            if cost(middle) > freedom { low = middle } else { high = middle }
-        }
-        Some(high)
+        tau_px(&squares, self.unknowns())
     }
 
     fn descend(&mut self, points_mm: &[Vector3<f64>]) -> Option<()> {
@@ -340,6 +331,26 @@ impl Bundle {
             by_own: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
         })
     }
+}
+
+/// Finds by bisection the standard deviation beyond the pixels' noise with which the squared
+/// residuals, each given with the variance expected from the pixels, add up to their degrees of
+/// freedom; `None` when there are none.
+pub fn tau_px(squares: &[(f64, f64)], unknowns: usize) -> Option<f64> {
+    let freedom = squares.len().checked_sub(unknowns).filter(|&left| left > 0)? as f64;
+    let cost = |tau: f64| -> f64 {
+        squares.iter().map(|(square, variance)| square / (variance + tau * tau)).sum()
+    };
+    if cost(0.0) <= freedom {
+        return Some(0.0);
+    }
+    // No residual is larger than a frame.
+    let (mut low, mut high) = (0.0, 1e4);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if cost(middle) > freedom { low = middle } else { high = middle }
+    }
+    Some(high)
 }
 
 struct Projected {

@@ -9,6 +9,9 @@
 //! The paper's two steps: Zhang's closed form ([`closed_form`]) and the joint refinement
 //! ([`bundle`]). The refinement first uses the detector's corners and then the edges themselves,
 //! measured as the tracker measures them, through the lens found so far.
+//!
+//! How long a rolling shutter takes to read a frame is measured from videos: of a board that moves
+//! ([`readout`]), or of a wall in flickering light ([`flicker`]).
 
 use std::mem::discriminant;
 
@@ -25,9 +28,11 @@ use rayon::prelude::*;
 mod bundle;
 mod closed_form;
 pub mod coverage;
+pub mod flicker;
 mod model;
 pub mod models;
 pub mod observe;
+pub mod readout;
 pub mod scene;
 mod search;
 pub mod verdict;

@@ -11,6 +11,7 @@
 //! model = "brown5"                   # or radial2, rational8, thin_prism12, fisheye4
 //! distortion = [-0.1, 0.02, 0.0, 0.0, 0.0]   # k1 k2 p1 p2 k3; see `Distortion`
 //! readout_ms = 16.0                  # optional: rolling shutter, first row to last; see below
+//! readout_sd_ms = 0.02               # optional: its standard deviation, if it was measured
 //! rms_px = 0.12                      # optional, as images, date and source:
 //! images = 40                        # where the calibration came from
 //! date = "2026-11-21"
@@ -40,7 +41,7 @@ use crate::{from_toml, read_text, write_text};
 
 mod opencv;
 
-const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2, brown5, rational8, thin_prism12 or fisheye4), distortion, and optionally skew_px, readout_ms, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
+const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px, cy_px, model (radial2, brown5, rational8, thin_prism12 or fisheye4), distortion, and optionally skew_px, readout_ms, readout_sd_ms, rms_px, images, date, source; files of OpenCV (YAML, JSON) and ROS (camera_info YAML) are read too";
 
 const NS_PER_MS: f64 = 1e6;
 
@@ -50,6 +51,8 @@ const READOUT_MS_MAX: f64 = 1000.0;
 /// Where a calibration came from; all of it may be unknown.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Provenance {
+    /// Standard deviation of the readout, if it was measured.
+    pub readout_sd_ms: Option<f64>,
     /// Root mean square reprojection error of the calibration.
     pub rms_px: Option<f64>,
     /// Number of images.
@@ -182,6 +185,8 @@ struct Fields {
     distortion: Vec<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     readout_ms: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    readout_sd_ms: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     rms_px: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -319,6 +324,7 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
         },
         readout_ns: readout_ns(fields.readout_ms.unwrap_or(0.0), place)?,
         provenance: Provenance {
+            readout_sd_ms: fields.readout_sd_ms,
             rms_px: fields.rms_px,
             images: fields.images,
             date: fields.date,
@@ -389,7 +395,10 @@ pub fn to_toml(camera: &Camera) -> String {
         skew_px: lens.skew_px,
         model: Model::of(&lens.distortion),
         distortion: lens.distortion.coefficients().to_vec(),
-        readout_ms: (*readout_ns != 0).then(|| f64::from(*readout_ns) / NS_PER_MS),
+        // A global shutter is stated if it was measured.
+        readout_ms: (*readout_ns != 0 || provenance.readout_sd_ms.is_some())
+            .then(|| f64::from(*readout_ns) / NS_PER_MS),
+        readout_sd_ms: provenance.readout_sd_ms,
         rms_px: provenance.rms_px,
         images: provenance.images,
         date: provenance.date.clone(),

@@ -89,6 +89,7 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
         },
         readout_ns: 0,
         provenance: Provenance {
+            readout_sd_ms: None,
             rms_px: fields.avg_reprojection_error,
             images: fields.nr_of_frames,
             date: fields.calibration_time,

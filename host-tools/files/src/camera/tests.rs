@@ -25,6 +25,7 @@ fn a_camera_toml_comes_back() {
         },
         readout_ns: -16_000_001,
         provenance: Provenance {
+            readout_sd_ms: Some(0.021),
             rms_px: Some(0.25),
             images: Some(36),
             date: Some("2026-11-21".to_owned()),

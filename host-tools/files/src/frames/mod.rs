@@ -151,6 +151,12 @@ impl FrameSource {
         self.rate_hz
     }
 
+    /// Whether the frames have times of their own: a video says its rate, images do not.
+    #[must_use]
+    pub fn has_rate(&self) -> bool {
+        self.given_rate_hz.is_some() || matches!(self.open, Some(Open::Video(_)))
+    }
+
     /// Number of frames, as far as it can be known beforehand.
     #[must_use]
     pub fn count_hint(&self) -> Option<u64> {

@@ -14,10 +14,11 @@ use plumbline_calibration::{
 };
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
-use plumbline_files::frames::{FrameSource, IMAGE_RATE_HZ, Pixels};
+use plumbline_files::frames::{Frame, FrameSource, IMAGE_RATE_HZ, Pixels};
 use plumbline_files::{refuse_overwriting, targets};
 
 mod plot;
+mod readout;
 
 /// Calibrate the camera from photographs of a checkerboard.
 ///
@@ -29,6 +30,18 @@ mod plot;
 /// reprojection error of every photograph, a map of where the board was seen, and a verdict:
 /// what is wrong with the photographs or the board, and what to do about it.
 ///
+/// With --readout, a camera that is calibrated learns how long its rolling shutter takes to read a
+/// frame, from a video of the board that it takes in the same mode: the same frame size and rate,
+/// since the readout depends on them. Hold the board so close that it fills a third to a half of the
+/// frame, and wave it for 5 to 10 seconds, by a hand's breadth and about once a second, to and fro,
+/// up and down and slightly tilted, without leaving the frame. Good light and a short exposure keep
+/// it sharp. The frame rate must be constant; of a video in slow motion, --fps gives the true one.
+/// The readout and its standard deviation are added to what the camera's file says.
+///
+/// With --flicker-hz as well, the readout comes from a video of a bright, plain wall in the light of
+/// a lamp that flickers at this frequency: 100 or 120, twice that of the mains. At an exposure
+/// shorter than 3 ms, light and dark bands then move through the picture.
+///
 /// Exit code 0: a calibration was written (look at its verdict); 2: there is none.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
@@ -36,15 +49,19 @@ mod plot;
   plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.png
   plumb calibrate --board 9x7 --pitch-mm 20 --out camera.toml photos/*.jpg
   plumb calibrate --board 9x7 --pitch-mm 20 --model brown5 --plot residuals.svg --out camera.toml photos/*.png
+  plumb calibrate --readout --camera camera.toml --board 9x7 --pitch-mm 20 --out camera.toml --force waved.y4m
+  plumb calibrate --readout --camera camera.toml --flicker-hz 100 --out camera.toml --force wall.y4m
+
+  ffmpeg -i waved.mp4 -pix_fmt gray -strict -1 -f yuv4mpegpipe waved.y4m    converts another video
 
 Print a board with `plumb target`, and glue it to something flat: glass, or an aluminium plate.")]
 pub struct Arguments {
     /// Columns x rows of INNER corners, where four squares meet: 9x7 for 10 x 8 squares.
-    #[arg(long, value_name = "COLUMNSxROWS", value_parser = targets::grid_size)]
-    board: [u8; 2],
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = targets::grid_size, required_unless_present = "flicker_hz")]
+    board: Option<[u8; 2]>,
     /// From one inner corner to the next, measured on the print over many squares.
-    #[arg(long, value_name = "MM")]
-    pitch_mm: f64,
+    #[arg(long, value_name = "MM", required_unless_present = "flicker_hz")]
+    pitch_mm: Option<f64>,
     /// Lens distortion. Every model is fitted, and each is tried on photographs that it was not
     /// fitted to; `auto` takes the smallest one that no larger one beats beyond chance.
     #[arg(long, value_enum, default_value = "auto")]
@@ -58,6 +75,18 @@ pub struct Arguments {
     /// Replace the files of --out and --plot if they exist.
     #[arg(long)]
     force: bool,
+    /// Measure the readout of a rolling shutter from a video, for a camera that is calibrated.
+    #[arg(long, requires = "camera", conflicts_with_all = ["model", "plot"])]
+    readout: bool,
+    /// The file of that camera: camera.toml, or of OpenCV or ROS.
+    #[arg(long, value_name = "FILE", requires = "readout")]
+    camera: Option<PathBuf>,
+    /// The rate at which the video was recorded, if its file says another.
+    #[arg(long, value_name = "HZ", requires = "readout")]
+    fps: Option<f64>,
+    /// Measure the readout by a lamp that flickers so many times a second, not by a board.
+    #[arg(long, value_name = "HZ", requires = "readout", conflicts_with_all = ["board", "pitch_mm"])]
+    flicker_hz: Option<f64>,
     /// Photographs (PNG, JPEG, PGM), or a Y4M video of them.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -105,22 +134,13 @@ const IMAGES_MAX: usize = 200;
 /// When an input cannot be used, the photographs do not make a calibration, or an output cannot
 /// be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let [columns, rows] = arguments.board;
-    let board = TargetGeometry::checker(
-        columns,
-        rows,
-        arguments.pitch_mm,
-        Origin::Center,
-        Role::Scene,
-        [0.0; 3],
-    )
-    .map_err(|error| {
-        let found = format!("{columns} x {rows} corners, {} mm", arguments.pitch_mm);
-        BadInput::whole("--board, --pitch-mm", found, error)
-    })?;
     for out in [Some(&arguments.out), arguments.plot.as_ref()].into_iter().flatten() {
         refuse_overwriting(out, &arguments.images)?;
     }
+    if let Some(camera) = &arguments.camera {
+        return readout::run(arguments, camera);
+    }
+    let board = board(arguments)?;
     let pictures = read(arguments)?;
     let places: Vec<String> = pictures.iter().map(|picture| picture.place.clone()).collect();
     let calibration = {
@@ -152,6 +172,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The board of the command line.
+fn board(arguments: &Arguments) -> Result<TargetGeometry, BadInput> {
+    let ([columns, rows], pitch_mm) = printed(arguments);
+    TargetGeometry::checker(columns, rows, pitch_mm, Origin::Center, Role::Scene, [0.0; 3]).map_err(
+        |error| {
+            let found = format!("{columns} x {rows} corners, {pitch_mm} mm");
+            BadInput::whole("--board, --pitch-mm", found, error)
+        },
+    )
+}
+
+/// The corners and the pitch of the board.
+fn printed(arguments: &Arguments) -> ([u8; 2], f64) {
+    arguments.board.zip(arguments.pitch_mm).expect("required without --flicker-hz")
+}
+
 /// All photographs into memory.
 fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
     // It does not matter when photographs were taken, nor at which rate a video of them runs.
@@ -171,14 +207,7 @@ fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
     let mut pictures: Vec<Picture> = Vec::new();
     while let Some(frame) = source.next_frame()? {
         let index = frame.index;
-        let white = u32::from(frame.white_level);
-        let samples = match frame.pixels {
-            Pixels::Grey8(samples) => samples.to_vec(),
-            Pixels::Grey16(samples) => {
-                let in_8_bits = |&value: &u16| (u32::from(value) * 255 / white).min(255) as u8;
-                samples.iter().map(in_8_bits).collect()
-            }
-        };
+        let samples = in_8_bits(&frame);
         let mut place = source.place().to_owned();
         if pictures.len() == IMAGES_MAX {
             return Err(BadInput::new(
@@ -196,8 +225,20 @@ fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
     Ok(pictures)
 }
 
+/// The samples of a frame, those of more than 8 bits rounded down.
+fn in_8_bits(frame: &Frame<'_>) -> Vec<u8> {
+    let white = u32::from(frame.white_level);
+    match frame.pixels {
+        Pixels::Grey8(samples) => samples.to_vec(),
+        Pixels::Grey16(samples) => {
+            let in_8_bits = |&value: &u16| (u32::from(value) * 255 / white).min(255) as u8;
+            samples.iter().map(in_8_bits).collect()
+        }
+    }
+}
+
 fn refusal(failure: Failure, arguments: &Arguments, pictures: usize) -> BadInput {
-    let [columns, rows] = arguments.board;
+    let ([columns, rows], _) = printed(arguments);
     match failure {
         Failure::TooFew(count) => BadInput::new(
             "IMAGE",
@@ -243,6 +284,7 @@ fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern])
         lens: calibration.lens,
         readout_ns: 0,
         provenance: Provenance {
+            readout_sd_ms: None,
             rms_px: Some(calibration.rms_px),
             images: Some(used as u32),
             date: Some(jiff::Zoned::now().date().to_string()),
