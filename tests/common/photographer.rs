@@ -68,10 +68,13 @@ pub fn posed(
 
 /// A video of a board that moves, by a sensor that reads one row after the other.
 pub struct Video<'a> {
+    /// The camera.
     pub lens: &'a Lens,
+    /// What it films.
     pub board: &'a TargetGeometry,
     /// Where the board is at a time, in seconds.
     pub cam_from_board: fn(f64) -> Pose<Cam, Target>,
+    /// Frames per second.
     pub rate_hz: f64,
     /// From the first row to that below the last one.
     pub readout_s: f64,

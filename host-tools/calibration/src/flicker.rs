@@ -170,7 +170,8 @@ impl<'a> Wall<'a> {
             let fit = self.fit(periods);
             let (gradient, information, _) = fit.normal();
             periods -= gradient / information;
-            if !((periods - start).abs() <= 2.0 * PERIODS_STEP) {
+            let moved = (periods - start).abs();
+            if moved.is_nan() || moved > 2.0 * PERIODS_STEP {
                 return None;
             }
             // The mean of the frames contains the mean of their flickers.
