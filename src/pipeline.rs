@@ -303,14 +303,16 @@ impl Pipeline {
             let time_ns = track.expected_time_ns(&camera);
             let view = track.view(frame, &camera, track.first_square_dark);
             let fitted = self.workspace.track(&view, &motion.predict(time_ns), track.appearance);
-            track.outcome = fitted.map_err(NoPose::from).and_then(|fitted| {
-                let identified = motion.identifies_corners(time_ns, track.geometry.pitch_mm())
-                    || extent_is_certain(&track.geometry, fitted.used);
-                if !identified {
-                    return Err(NoPose::ExtentUnknown);
-                }
+            let fitted = fitted.map_err(NoPose::from).and_then(|fitted| {
+                let found = &fitted.measurement.cam_from_target;
+                let identified = extent_is_certain(&track.geometry, fitted.used)
+                    || motion.identifies_corners(time_ns, &track.geometry, found)
+                        && !self.workspace.pattern_goes_on(&view);
+                if identified { Ok(fitted) } else { Err(NoPose::ExtentUnknown) }
+            });
+            track.outcome = fitted.map(|fitted| {
                 track.appearance = fitted.appearance;
-                Ok(fitted.measurement)
+                fitted.measurement
             });
         }
     }

@@ -47,3 +47,36 @@ fn a_stumble_is_followed_at_60_and_at_30_hz() {
         }
     }
 }
+
+/// A camera that is knocked turns by a degree or two: farther in one frame than any person moves,
+/// so that what was expected says nothing. A grid that is shifted by two squares, or by one across
+/// and one down, has most of its edges where the target has some.
+#[test]
+fn after_a_jump_a_target_is_where_it_is_or_missed() {
+    const PX_MM: f64 = 1000.0 / 1740.0;
+    let start = Vector3::new(-5.0, 5.0, 1000.0);
+    for (columns, rows) in [(6, 5), (5, 4)] {
+        for eighth in 0..8 {
+            let direction = f64::from(eighth) * std::f64::consts::FRAC_PI_4 + 0.1;
+            for jump_px in (1..=20).map(|step| f64::from(step) * 2.5 - 0.4) {
+                let mut booth = Booth::new(columns, rows);
+                let side = Vector3::new(direction.cos(), direction.sin(), 0.0) * jump_px * PX_MM;
+                let mut missed = 0;
+                for frame in 0..7 {
+                    let at_mm = if frame < 3 { start } else { start + side };
+                    let pose = Pose::from_theta([0.03, 0.1, -0.08, at_mm.x, at_mm.y, at_mm.z]);
+                    match booth.error_mm(&pose, &Shot::STANDARD) {
+                        Ok((error_mm, _)) => assert!(
+                            // Ten standard deviations of the depth.
+                            error_mm.norm() < 0.5,
+                            "{columns} x {rows}, {side:?}, frame {frame}: {error_mm:?}"
+                        ),
+                        Err(_) => missed += 1,
+                    }
+                }
+                // The region around the prediction is searched within a frame or two.
+                assert!(missed <= 2, "{columns} x {rows}, {side:?}: missed in {missed} frames");
+            }
+        }
+    }
+}

@@ -251,6 +251,12 @@ impl Nodes {
         along_x.chain(along_y)
     }
 
+    /// The number of squares in a row.
+    #[must_use]
+    pub fn columns_of_squares(&self) -> usize {
+        self.columns.saturating_sub(1)
+    }
+
     /// Every square, row by row; `first_square_dark`: see [`crate::find::grid::Grid`].
     pub fn squares(&self, first_square_dark: bool) -> impl Iterator<Item = Square> + '_ {
         let columns = self.columns.max(1);

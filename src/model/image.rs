@@ -164,6 +164,20 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
         }
         Some(((x + 0.5) as usize, (y + 0.5) as usize))
     }
+
+    /// The mean of 3 x 3 pixels around a sub-pixel position; `None` when they are not all inside.
+    #[must_use]
+    pub fn mean_around(&self, position_px: [f64; 2]) -> Option<f32> {
+        let (column, row) = self.window_centre(position_px, 1)?;
+        let mut sum = 0.0;
+        for row in row - 1..=row + 1 {
+            for &pixel in &self.row(row)[column - 1..=column + 1] {
+                let value: f32 = pixel.into();
+                sum += value;
+            }
+        }
+        Some(sum / 9.0)
+    }
 }
 
 #[cfg(test)]

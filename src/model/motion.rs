@@ -6,6 +6,7 @@
 use nalgebra::Vector6;
 
 use crate::model::pose::{Cam, Pose, Target, vector_from_rotation};
+use crate::model::target::TargetGeometry;
 
 /// A velocity is trusted for this long: two frames at 20 Hz. After a longer gap it says nothing
 /// about where in its sway the body is.
@@ -14,6 +15,14 @@ const VELOCITY_NS_MAX: u64 = 100_000_000;
 /// The largest acceleration of a standing person's trunk, recovery steps included: about half of
 /// gravity.
 const ACCELERATION_MM_PER_S2_MAX: f64 = 5_000.0;
+
+/// The speed that this acceleration reaches in a tenth of a second; a stumble lasts no longer.
+const SPEED_MM_PER_S_MAX: f64 = 500.0;
+
+/// A velocity that has changed faster than the largest acceleration, by more than noise and the
+/// means over two intervals explain, is not that of a person: someone moved the target or the
+/// camera, and it will not go on like that.
+const CHANGE_MM_PER_S2_MAX: f64 = 1.25 * ACCELERATION_MM_PER_S2_MAX;
 
 /// How much of the last change of velocity is expected to happen again. All of it would follow a
 /// steady acceleration exactly, and double the noise of the prediction; of a swaying body's, this
@@ -51,6 +60,11 @@ impl Velocity {
         let change = if is_next { ACCELERATION_SHARE * between_middles_s } else { 0.0 };
         (self.per_s + self.change_per_s2 * change) * gap_s
     }
+
+    /// Judged across the line of sight: along it the noise is far larger.
+    fn is_of_a_person(&self) -> bool {
+        self.change_per_s2.fixed_rows::<2>(3).norm() < CHANGE_MM_PER_S2_MAX
+    }
 }
 
 impl Motion {
@@ -86,15 +100,28 @@ impl Motion {
         })
     }
 
-    /// True while a corner near its predicted place can only be that corner: a part of
-    /// the target is then enough. The nearest corner of the same colours lies one square
-    /// across and one down, 1.41 pitches away, and the prediction must be good to half of
-    /// that; the error of a constant velocity grows as a t^2 / 2. At a pitch of 12 mm the
-    /// frames may be 58 ms apart: 20 Hz, but not 15.
+    /// True when a pose found at a time can only be the target's own: a part of the target is then
+    /// enough. A grid that is shifted by a square across and one down has the same colours, and lies
+    /// 1.41 pitches away, so that both the prediction and the pose must be good to half of that. The
+    /// error of a known velocity grows as a t^2 / 2: at a pitch of 12 mm the frames may be 58 ms
+    /// apart, 20 Hz, but not 15. Where none is known, it is 16 ms, 60 Hz.
     #[must_use]
-    pub(crate) fn identifies_corners(&self, time_ns: u64, pitch_mm: f64) -> bool {
+    pub(crate) fn identifies_corners(
+        &self,
+        time_ns: u64,
+        target: &TargetGeometry,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> bool {
         let gap_s = self.gap_ns(time_ns) as f64 * 1e-9;
-        ACCELERATION_MM_PER_S2_MAX * gap_s * gap_s < core::f64::consts::SQRT_2 * pitch_mm
+        let strayed_mm = match self.velocity {
+            Some(_) => 0.5 * ACCELERATION_MM_PER_S2_MAX * gap_s * gap_s,
+            None => SPEED_MM_PER_S_MAX * gap_s,
+        };
+        let middle_mm = target.middle_mm();
+        let found_mm = cam_from_target.transform(&middle_mm);
+        let off_mm = self.predict(time_ns).inverse().transform(&found_mm) - middle_mm;
+        let half_way_mm = core::f64::consts::FRAC_1_SQRT_2 * target.pitch_mm();
+        strayed_mm < half_way_mm && off_mm.xy().norm() < half_way_mm
     }
 
     /// The motion after a new measurement.
@@ -114,6 +141,7 @@ impl Motion {
             });
             Velocity { per_s, interval_s, change_per_s2 }
         });
+        let velocity = velocity.filter(Velocity::is_of_a_person);
         Self { cam_from_target, time_ns, velocity }
     }
 }
@@ -121,6 +149,7 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::target::{Origin, Role};
 
     const FRAME_NS: u64 = 16_666_667;
 
@@ -166,22 +195,30 @@ mod tests {
     }
 
     #[test]
-    fn corners_are_identified_for_about_three_frames() {
+    fn corners_are_identified_for_about_three_frames_and_half_a_diagonal() {
+        let target =
+            TargetGeometry::checker(6, 5, 12.0, Origin::Center, Role::Lower, [0.0; 3]).unwrap();
+        let first = motion(0);
+        let still = first.continued(pose(0.0), FRAME_NS);
+        let identifies = |motion: &Motion, after_ns, x_mm| {
+            motion.identifies_corners(motion.time_ns + after_ns, &target, &pose(x_mm))
+        };
         // 5 m/s^2 moves 12 mm / sqrt(2) in 58.3 ms.
-        let last = motion(0);
-        assert!(last.identifies_corners(58_000_000, 12.0));
-        assert!(!last.identifies_corners(59_000_000, 12.0));
+        assert!(identifies(&still, 58_000_000, 0.0));
+        assert!(!identifies(&still, 59_000_000, 0.0));
+        // 0.5 m/s does in 17.0 ms.
+        assert!(identifies(&first, 16_900_000, 0.0));
+        assert!(!identifies(&first, 17_100_000, 0.0));
+        // It is 8.485 mm, which a yaw of 0.02 rad does not shorten visibly.
+        assert!(identifies(&still, FRAME_NS, -8.4) && identifies(&still, FRAME_NS, 8.4));
+        assert!(!identifies(&still, FRAME_NS, -8.6) && !identifies(&still, FRAME_NS, 8.6));
     }
 
     #[test]
-    fn the_velocity_is_that_of_the_last_instant() {
-        // x = t^2 / 2 in frames: 0, 0.5, 2, with a velocity of 0, 1, 2 a frame.
-        let first = motion(0);
-        assert_eq!(first.velocity_per_s(), Vector6::zeros());
-        let steady = first.continued(pose(0.5), FRAME_NS);
-        let per_frame = |motion: &Motion| motion.velocity_per_s()[3] * FRAME_NS as f64 * 1e-9;
-        assert!((per_frame(&steady) - 0.5).abs() < 1e-9);
-        let moving = steady.continued(pose(2.0), 2 * FRAME_NS);
-        assert!((per_frame(&moving) - 2.0).abs() < 1e-9);
+    fn a_jump_is_no_velocity() {
+        let still = motion(0).continued(pose(0.0), FRAME_NS);
+        // 1.25 times 5 m/s^2 from one frame to the next is 1.736 mm.
+        assert!(still.continued(pose(1.7), 2 * FRAME_NS).velocity.is_some());
+        assert_eq!(still.continued(pose(1.8), 2 * FRAME_NS).velocity, None);
     }
 }

@@ -50,7 +50,7 @@ pub(super) fn squares_go_on<P: Pixel>(
             let middle = |out: f32| {
                 let coordinate =
                     |axis: usize| 0.5 * (a[axis] + b[axis] + out * (step_a[axis] + step_b[axis]));
-                sample(image, [coordinate(0), coordinate(1)])
+                image.mean_around([coordinate(0), coordinate(1)].map(f64::from))
             };
             Some([middle(-0.5)?, middle(0.5)?, middle(FARTHER_STEPS)?])
         });
@@ -73,17 +73,4 @@ pub(super) fn squares_go_on<P: Pixel>(
     let mean = differences.clone().map(|(inside, ..)| inside).sum::<f32>() / count as f32;
     let least = DIFFERENCE_MIN * mean;
     differences.into_iter().all(|(_, outside, farther)| outside > least && farther > least)
-}
-
-/// The mean of 3 x 3 pixels.
-pub(super) fn sample<P: Pixel>(image: &GreyImage<'_, P>, [x, y]: [f32; 2]) -> Option<f32> {
-    let (column, row) = image.window_centre([f64::from(x), f64::from(y)], 1)?;
-    let mut sum = 0.0;
-    for row in row - 1..=row + 1 {
-        for &pixel in &image.row(row)[column - 1..=column + 1] {
-            let value: f32 = pixel.into();
-            sum += value;
-        }
-    }
-    Some(sum / 9.0)
 }

@@ -221,7 +221,9 @@ fn contrast<P: Pixel>(
             .into_iter()
             .all(|cell| lattice.corner(cell).is_some());
         let middle = plane.at([u as f32 + 0.5, v as f32 + 0.5]);
-        if whole && let Some(value) = middle.and_then(|middle| beyond::sample(image, middle)) {
+        if whole
+            && let Some(value) = middle.and_then(|middle| image.mean_around(middle.map(f64::from)))
+        {
             let sum = &mut sums[usize::from(is_dark(lattice, cell))];
             sum[0] += value;
             sum[1] += 1.0;
@@ -320,7 +322,7 @@ fn votes<P: Pixel>(
         let middle = [0, 1].map(|axis| cell[axis] as f32 + 0.5 * line.step[axis] as f32);
         let at =
             |out: f32| plane.at([0, 1].map(|axis| middle[axis] + out * line.outwards[axis] as f32));
-        let level = |out: f32| at(out).and_then(|place| beyond::sample(image, place));
+        let level = |out: f32| at(out).and_then(|place| image.mean_around(place.map(f64::from)));
         let (Some(inside), Some(outside)) = (level(INSIDE), level(OUTSIDE)) else { continue };
         let (Some(near), Some(far)) = (at(OUTSIDE), at(OUTSIDE + 1.0)) else { continue };
         let step_px = libm::hypotf(far[0] - near[0], far[1] - near[1]);

@@ -12,6 +12,7 @@
 //! which makes the start good to a few hundredths.
 
 mod corners;
+mod margin;
 mod measurement;
 mod minima;
 mod rough;

@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::corners::{Crossing, EDGES_OF_CORNER_MIN};
+use super::margin::pattern_goes_on;
 use super::measurement::{CORNERS_MIN, Fitted, MeasureFailure, Measurement, View};
 use super::minima::both_minima;
 use super::rough::{ITERATIONS_FOUND, rough_pose};
@@ -288,6 +289,11 @@ impl Workspace {
     fn solved_from(&self, near: &Solution) -> Result<Solution, MeasureFailure> {
         solve(&near.cam_from_target, &self.seen(), ITERATIONS_FITTED)
             .map_err(|_| MeasureFailure::PoorFit)
+    }
+
+    /// Whether the target's pattern goes on beyond the grid of the last pose, which is then shifted.
+    pub(crate) fn pattern_goes_on<P: Pixel>(&self, view: &View<'_, P>) -> bool {
+        pattern_goes_on(view.image, &self.nodes)
     }
 
     /// The edges that a pose of [`Workspace::track`] rests on, and the nodes where they were

@@ -1,0 +1,106 @@
+//! Whether the checkerboard goes on where the target's margin should be.
+//!
+//! A part of a grid fits just as well two squares to the side, or one across and one down. If all of
+//! the target can be seen, its pattern then goes on beyond one of the grid's borders at least, where
+//! the target has nothing but paper.
+//!
+//! In: the squares where a pose puts them. Each outermost square is compared with the next one along
+//! its border, and so are the places just outside them: in a board that goes on, they differ in the
+//! opposite sense. What covers a target does not alternate in step with it.
+
+use heapless::Vec;
+use nalgebra::Vector2;
+
+use crate::fit::nodes::Nodes;
+use crate::limits::TARGET_NODES_MAX;
+use crate::model::image::{GreyImage, Pixel};
+
+/// The places outside lie this many squares from the middles of the outermost ones: near enough for
+/// a board whose last squares are cut.
+const OUTSIDE_STEPS: f64 = 0.8;
+
+/// Difference of neighbouring places outside, relative to the mean one of the squares. On paper
+/// there is none.
+const DIFFERENCE_MIN: f32 = 0.25;
+
+/// Fewest differences that count as evidence, and the share of all along a border.
+const DIFFERENCES_MIN: usize = 3;
+const DIFFERENCES_SHARE_MIN: f32 = 0.75;
+
+/// True when the pattern goes on beyond one of the borders.
+///
+/// Never inlined: the places would stay on the stack during a pass.
+#[inline(never)]
+pub(super) fn pattern_goes_on<P: Pixel>(image: &GreyImage<'_, P>, nodes: &Nodes) -> bool {
+    // The squares' colours do not matter here.
+    let middles = nodes.squares(true).map(|square| square.middle_px);
+    let middles: Vec<Vector2<f64>, TARGET_NODES_MAX> = middles.collect();
+    let columns = nodes.columns_of_squares();
+    let rows = middles.len() / columns.max(1);
+    if columns < 2 || rows < 2 {
+        return false;
+    }
+    let (right, bottom) = (columns - 1, columns * (rows - 1));
+    // The first square of a border, the steps to the next one along it and to the one inside, and
+    // the number of squares.
+    let borders = [
+        (0, 1, columns as isize, columns),
+        (bottom, 1, -(columns as isize), columns),
+        (0, columns, 1, rows),
+        (right, columns, -1, rows),
+    ];
+    borders.into_iter().any(|(first, step, inwards, count)| {
+        alternates((0..count).map(|place| {
+            let square = first + place * step;
+            let (middle_px, inner_px) =
+                (middles[square], middles[square.wrapping_add_signed(inwards)]);
+            let outside_px = middle_px + (middle_px - inner_px) * OUTSIDE_STEPS;
+            Some([image.mean_around(middle_px.into())?, image.mean_around(outside_px.into())?])
+        }))
+    })
+}
+
+/// Whether the places outside a border alternate, against its squares; each item is the brightness
+/// of a square and of the place outside it.
+fn alternates(places: impl Iterator<Item = Option<[f32; 2]>>) -> bool {
+    let mut differences: Vec<[f32; 2], TARGET_NODES_MAX> = Vec::new();
+    let mut previous: Option<[f32; 2]> = None;
+    for place in places {
+        if let (Some([square, outside]), Some([last_square, last_outside])) = (place, previous) {
+            let inside = square - last_square;
+            let against = (last_outside - outside) * inside.signum();
+            // A border has fewer squares than a target.
+            let _ = differences.push([inside.abs(), against]);
+        }
+        previous = place;
+    }
+    let count = differences.len() as f32;
+    let mean = differences.iter().map(|[inside, _]| inside).sum::<f32>() / count;
+    let agreeing = differences.iter().filter(|[_, against]| *against > DIFFERENCE_MIN * mean);
+    let agreeing = agreeing.count();
+    agreeing >= DIFFERENCES_MIN && agreeing as f32 >= DIFFERENCES_SHARE_MIN * count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_goes_on_alternates_against_the_squares() {
+        let border = |outside: [f32; 6]| {
+            let squares = [200.0, 30.0, 190.0, 25.0, 205.0, 35.0];
+            alternates(squares.into_iter().zip(outside).map(|(it, outside)| Some([it, outside])))
+        };
+        assert!(border([40.0, 180.0, 30.0, 200.0, 35.0, 190.0]));
+        // A piece of it is covered at one end.
+        assert!(border([40.0, 180.0, 30.0, 200.0, 35.0, 40.0]));
+        // Paper, hair, and the squares themselves once more.
+        assert!(!border([200.0; 6]));
+        assert!(!border([40.0, 45.0, 38.0, 52.0, 41.0, 37.0]));
+        assert!(!border([200.0, 30.0, 190.0, 25.0, 205.0, 35.0]));
+        // Too few places inside the frame.
+        let two = [Some([200.0, 30.0]), Some([30.0, 200.0]), None, Some([190.0, 30.0])];
+        assert!(!alternates(two.into_iter()));
+        assert!(!alternates(core::iter::empty()));
+    }
+}
