@@ -94,7 +94,8 @@ fn a_mosaic_and_a_compressed_frame_are_measured_where_grey_is() {
         // and 0.001 mm to the side.
         assert!(mean_mm.z.abs() < 0.01, "{name}: {mean_mm}");
         assert!(mean_mm.xy().abs().max() < 0.0003, "{name}: {mean_mm}");
-        // The poses know how uncertain they are.
-        assert!(normalised.min() > 0.8 && normalised.max() < 1.25, "{name}: {normalised}");
+        // The poses know how uncertain they are; but the errors that compression adds are of opposite
+        // signs in neighbouring pixels, and partly cancel along an edge.
+        assert!(normalised.min() > 0.7 && normalised.max() < 1.25, "{name}: {normalised}");
     }
 }
