@@ -143,7 +143,10 @@ const HERE: Board = Board {
 /// Installs what all boards need.
 pub fn prepare() -> Result<()> {
     for board in BOARDS {
-        setup::ensure(&[setup::LINKER, board.needs, board.emulator_needs])?;
+        setup::ensure(&[setup::LINKER, board.needs])?;
+        // By itself: where an emulator conflicts with what the system has, it is unpacked beside the
+        // system, with everything that is asked for at once.
+        setup::ensure(&[board.emulator_needs])?;
         board.compiler()?;
     }
     Ok(())
