@@ -82,8 +82,10 @@ fn a_mosaic_and_a_compressed_frame_are_measured_where_grey_is() {
             seen.see(&frame, &truth);
         }
     }
-    let [_, grey_sd_mm, _] = grey.errors();
-    println!("grey: SD {grey_sd_mm:.4?} mm");
+    let [_, grey_sd_mm, grey_normalised] = grey.errors();
+    println!("grey: SD {grey_sd_mm:.4?} mm, stated {grey_normalised:.2?}");
+    // What 240 frames tell, to three standard deviations.
+    assert!(grey_normalised.add_scalar(-1.0).abs().max() < 0.14, "grey: {grey_normalised}");
     for (seen, ratio_max) in &others {
         let [mean_mm, sd_mm, normalised] = seen.errors();
         let (name, ratio) = (seen.name, sd_mm.z / grey_sd_mm.z);
@@ -94,8 +96,13 @@ fn a_mosaic_and_a_compressed_frame_are_measured_where_grey_is() {
         // and 0.001 mm to the side.
         assert!(mean_mm.z.abs() < 0.01, "{name}: {mean_mm}");
         assert!(mean_mm.xy().abs().max() < 0.0003, "{name}: {mean_mm}");
-        // The poses know how uncertain they are; but the errors that compression adds are of opposite
-        // signs in neighbouring pixels, and partly cancel along an edge.
+        // The poses know how uncertain they are.
         assert!(normalised.min() > 0.7 && normalised.max() < 1.25, "{name}: {normalised}");
+        // In the same frames in grey chance is the same. What is left: compression makes the poses too
+        // cautious. Its errors run along an edge, so that they do not average out over the lines from
+        // whose means the noise is estimated; but across the edge they are finer than its profile, and
+        // only two thirds of their variance move it.
+        let cautious = normalised.component_div(&grey_normalised).min();
+        assert!(cautious > 0.8, "{name}: {normalised}, of grey {grey_normalised}");
     }
 }

@@ -66,11 +66,13 @@ fn after_a_jump_a_target_is_where_it_is_or_missed() {
                     let at_mm = if frame < 3 { start } else { start + side };
                     let pose = Pose::from_theta([0.03, 0.1, -0.08, at_mm.x, at_mm.y, at_mm.z]);
                     match booth.error_mm(&pose, &Shot::STANDARD) {
-                        Ok((error_mm, _)) => assert!(
-                            // Ten standard deviations of the depth.
-                            error_mm.norm() < 0.5,
-                            "{columns} x {rows}, {side:?}, frame {frame}: {error_mm:?}"
-                        ),
+                        Ok((error_mm, measurement)) => {
+                            let off = error_mm.component_div(&measurement.sd_mm()).abs().max();
+                            let what = format!("{columns} x {rows}, {side:?}, frame {frame}");
+                            // Of 10,000 correct numbers one is farther off than five deviations in
+                            // 170 runs; a blur that is not known yet adds a little to the first ones.
+                            assert!(off < 6.0, "{what}: {error_mm:?}, {off} deviations");
+                        }
                         Err(_) => missed += 1,
                     }
                 }

@@ -10,8 +10,8 @@ parameters are used.
     target/release/plumb simulate --lens none --frames 120 --out trial
     venv/bin/python host-tools/bench/mitsuba_scene.py trial trial-mitsuba
 
-The second directory gets frames.y4m, and the first one's other files, so that
-whatever reads the first can read the second. `cargo xtask bench` does the same when
+The second directory gets frames.y4m, its truth.csv, and the first one's other files,
+so that whatever reads the first can read the second. `cargo xtask bench` does the same when
 its python3 has Mitsuba. It is not part of the tests. A drawing takes some six seconds on
 two cores; where Mitsuba finds no LLVM (Debian's libllvm), four times that.
 
@@ -40,6 +40,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from fractions import Fraction
 from pathlib import Path
 
 try:
@@ -102,6 +103,8 @@ def read_camera(path):
         sys.exit(f"error: {path}: Mitsuba's lens is a pinhole; use `plumb simulate --lens none`")
     if camera["fx_px"] != camera["fy_px"]:
         sys.exit(f"error: {path}: Mitsuba's pixels are square, but fx_px and fy_px differ")
+    if camera.get("readout_ms", 0.0) != 0.0:
+        sys.exit(f"error: {path}: all rows are drawn at once, but readout_ms is not 0")
     return camera
 
 
@@ -249,8 +252,9 @@ def read_rate(path):
     return next(field[1:] for field in header.split() if field.startswith("F"))
 
 
-def write_truth(simulated, out, drawings, exposures):
-    """The truth of each exposure: that of its drawing."""
+def write_truth(simulated, out, drawings, exposures, rate):
+    """The truth of each exposure: that of its drawing, at its own time."""
+    rate_hz = Fraction(rate.replace(":", "/"))
     with simulated.open(newline="") as source, out.open("w", newline="") as copy:
         rows = csv.DictReader(source)
         of_drawing = [[] for _ in range(drawings)]
@@ -260,7 +264,8 @@ def write_truth(simulated, out, drawings, exposures):
         table = csv.DictWriter(copy, rows.fieldnames, lineterminator="\n")
         table.writeheader()
         for frame in range(drawings * exposures):
-            table.writerows(row | {"frame": frame} for row in of_drawing[frame // exposures])
+            own = {"frame": frame, "time_s": float(frame / rate_hz)}
+            table.writerows(row | own for row in of_drawing[frame // exposures])
 
 
 def write_frames(path, camera, targets, poses, drawings, exposures, rate):
@@ -332,12 +337,13 @@ def main():
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name in ("camera.toml", "targets.toml", "scene.toml"):
         shutil.copy(arguments.simulated / name, arguments.out / name)
-    write_truth(arguments.simulated / "truth.csv", arguments.out / "truth.csv", drawings, exposures)
     rate = read_rate(arguments.simulated / "frames.y4m")
+    truth_csv = arguments.out / "truth.csv"
+    write_truth(arguments.simulated / "truth.csv", truth_csv, drawings, exposures, rate)
     frames = arguments.out / "frames.y4m"
     write_frames(frames, camera, targets, poses, drawings, exposures, rate)
     found = track(plumb, arguments.out)
-    truth = read_poses(arguments.out / "truth.csv")
+    truth = read_poses(truth_csv)
     print(f"version\t{mi.__version__}")
     print(f"frames\t{drawings * exposures}")
     for name in targets:

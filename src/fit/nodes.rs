@@ -40,7 +40,7 @@ pub struct Drift {
 const ROWS_PER_ROW_MAX: f64 = 0.5;
 
 impl Drift {
-    /// How much farther, in the target frame, a point is from one row to the next.
+    /// The displacement of a point, in the target frame, from one row to the next below.
     fn of_point_mm(
         &self,
         point_target_mm: &Vector3<f64>,
@@ -51,7 +51,8 @@ impl Drift {
         turn_rad.cross(point_target_mm) + cam_from_target.rotation.tr_mul(&moved_mm)
     }
 
-    /// Where on the undeformed target's frame a point lies that is seen when its row is read.
+    /// Where a point of the target lies, in the frame of the target at its middle's time, when the row
+    /// in which it is seen is read; `None` when it is behind the camera.
     fn displaced_mm(
         &self,
         point_target_mm: &Vector3<f64>,
@@ -188,8 +189,8 @@ impl Nodes {
         drift: &Drift,
     ) {
         for (node, point_mm) in self.nodes.iter_mut().zip(points_mm(target)) {
-            // The row in which the node was seen with the drift before is near enough: it changes by
-            // some hundredths, each of which moves the node by a hundredth of that.
+            // The row in which the former drift puts the node is near enough: a velocity that is
+            // corrected by 20 mm/s changes it by 0.04 rows, and so the node by 0.0001 mm.
             if let Some(moved_px) = node.moved_px(cam_from_target) {
                 let rows = node.raw_px.y + moved_px.y - drift.middle_row_px;
                 node.point_target_mm =

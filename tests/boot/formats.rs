@@ -18,19 +18,26 @@ const RATE_HZ: f32 = 5.0;
 /// Of the compressed frames: as USB cameras have it by default.
 const QUALITY: u8 = 90;
 
-/// Of the scene's frames, every so many: there and back they go by in three seconds.
-const EVERY: usize = 6;
+/// Of the scene's frames, every third one: the person sways at a little more than half the real speed,
+/// and where one frame is missed, the target is not lost before the next.
+const EVERY: usize = 3;
 
-/// The eight frames go by there and back, while the estimates of the blur and of the print's growth
-/// settle.
-const SETTLING: usize = 16;
+/// The number of frames that are played, there and back, in three seconds.
+const FRAMES: usize = 8;
+
+/// They go by there and back once, while the estimates of the blur and of the print's growth settle.
+const SETTLING: usize = 2 * FRAMES;
 
 /// And once more.
-const POSES: usize = SETTLING + 16;
+const POSES: usize = SETTLING + 2 * FRAMES;
 
-/// How far a position may be from the truth, and from the same frame's tracked here after another
-/// one: four standard deviations of its depth for a mosaic, whose frames are the noisiest.
+/// How far a position may be from the truth, per target: some four standard deviations of its depth
+/// for a mosaic, whose frames are the noisiest.
 const ERROR_MM_MAX: [f64; 2] = [0.12, 0.28];
+
+/// How far it may be from that of the same frame tracked here, after other ones: the blur and the
+/// growth are then known from other frames. Other seeds, with frames missed, differ by up to 0.044.
+const DIFFERENCE_MM_MAX: f64 = 0.05;
 
 /// What a camera sends.
 struct Sent {
@@ -46,7 +53,7 @@ impl Sent {
     fn new(format: PixelFormat, code: &'static [u8; 4], encode: impl Fn(&[u8]) -> Vec<u8>) -> Self {
         let (width, height) = size_px();
         let rendered = read(&SCENE.frames_disk);
-        let frames = rendered.chunks_exact(width * height).step_by(EVERY);
+        let frames = rendered.chunks_exact(width * height).step_by(EVERY).take(FRAMES);
         let frames: Vec<_> = frames.map(encode).collect();
         let whole = (0..frames.len()).collect();
         Self { format, code, frames, whole }
@@ -99,8 +106,8 @@ impl Sent {
             let allocates = said.iter().any(|line| line.contains("heap allocations"));
             assert_eq!(allocates, self.format == PixelFormat::Mjpeg);
             assert_eq!(health.heap_allocations, Some(0));
-            let mut bounds = largest_mm.iter().zip(&ERROR_MM_MAX);
-            assert!(bounds.all(|(mm, max)| mm < max), "{name}: {largest_mm:?} mm");
+            let agree = largest_mm.iter().all(|&mm| mm < DIFFERENCE_MM_MAX);
+            assert!(agree, "{name}: {largest_mm:?} mm");
         });
         health
     }
@@ -117,7 +124,7 @@ impl Sent {
             }
         };
         let seen: Vec<Grey> = self.whole.iter().map(&mut seen).collect();
-        let here = scene::track(&SCENE.simulation, &seen);
+        let here = scene::track(&SCENE.simulation, &seen, RATE_HZ.into());
         // That they are right, and not only the same.
         for (target, here) in here.iter().enumerate() {
             let truth = self.whole.iter().map(|place| &SCENE.truth_mm[target][EVERY * place]);

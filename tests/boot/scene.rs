@@ -76,7 +76,8 @@ impl Scene {
             let image = GreyImage::new(frame, width.into(), height.into(), width.into());
             Grey::of(&image.expect("a whole frame"))
         };
-        let offline_mm = track(&simulation, &frames.iter().map(read).collect::<Vec<_>>());
+        let seen: Vec<_> = frames.iter().map(read).collect();
+        let offline_mm = track(&simulation, &seen, RATE_HZ);
         Self { simulation, frames_disk, truth_mm, offline_mm, _directory: directory }
     }
 
@@ -124,8 +125,10 @@ impl Grey {
 /// Per target and frame: where the core sees it, on the way back from the last frame to the first.
 ///
 /// On the way there its estimates of the blur and of the print's growth settle, as those of a box
-/// have that has been running for a second or two.
-pub fn track(simulation: &Simulation, frames: &[Grey]) -> [Vec<Position>; 2] {
+/// have that has been running for a second or two. `rate_hz` is that of the camera: from the last
+/// motion follows where the core looks first, and a target that is lost and found anew is measured
+/// without its border, with another error.
+pub fn track(simulation: &Simulation, frames: &[Grey], rate_hz: f64) -> [Vec<Position>; 2] {
     let mut pipeline = Box::new(Pipeline::new());
     pipeline.configure(&simulation.config()).expect("the simulation's own scene");
     let (width, height) = (simulation.camera().width_px, simulation.camera().height_px);
@@ -135,7 +138,7 @@ pub fn track(simulation: &Simulation, frames: &[Grey]) -> [Vec<Position>; 2] {
         let (width, height) = (width.into(), height.into());
         let image = GreyImage::with_white_level(samples, width, height, width, *white_level)
             .expect("a whole frame");
-        let report = pipeline.step(&image, (f64::from(time) / RATE_HZ * 1e9) as u64);
+        let report = pipeline.step(&image, (f64::from(time) / rate_hz * 1e9) as u64);
         for (target, positions) in report.targets.iter().zip(&mut positions) {
             let measured = target.measurement.as_ref().expect("both targets are always in sight");
             let position: Position = measured.cam_from_target.translation_mm.into();

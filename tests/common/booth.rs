@@ -75,8 +75,24 @@ impl Booth {
 
     /// The same, by a camera that reads the rows of the standard scene's whole picture in this time.
     pub fn rolling(columns: u8, rows: u8, rate_hz: f64, whole_readout_ns: i32) -> Self {
+        Self::with_setting(columns, rows, rate_hz, whole_readout_ns, whole_readout_ns)
+    }
+
+    /// The same by a camera whose file says that all rows are exposed at once.
+    pub fn taken_for_global(columns: u8, rows: u8, rate_hz: f64, whole_readout_ns: i32) -> Self {
+        Self::with_setting(columns, rows, rate_hz, whole_readout_ns, 0)
+    }
+
+    fn with_setting(
+        columns: u8,
+        rows: u8,
+        rate_hz: f64,
+        whole_readout_ns: i32,
+        whole_setting_ns: i32,
+    ) -> Self {
         // These rows' share.
-        let readout_ns = (f64::from(whole_readout_ns) * f64::from(HEIGHT) / 1088.0) as i32;
+        let [readout_ns, setting_ns] = [whole_readout_ns, whole_setting_ns]
+            .map(|whole_ns| (f64::from(whole_ns) * f64::from(HEIGHT) / 1088.0) as i32);
         let lens = Lens {
             width_px: WIDTH,
             height_px: HEIGHT,
@@ -96,7 +112,7 @@ impl Booth {
             device: heapless::String::new(),
             serial_number: heapless::String::new(),
             lens,
-            readout_ns,
+            readout_ns: setting_ns,
             targets: [TargetConfig { name, geometry }].into_iter().collect(),
             cam_from_scene_theta: None,
             links: Links::default(),

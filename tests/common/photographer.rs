@@ -76,12 +76,12 @@ pub struct Video<'a> {
     pub cam_from_board: fn(f64) -> Pose<Cam, Target>,
     /// Frames per second.
     pub rate_hz: f64,
-    /// From the first row to that below the last one.
+    /// From the top row to that below the bottom one; negative if the bottom row is read first.
     pub readout_s: f64,
 }
 
 impl Video<'_> {
-    /// A frame; its first row is read at its time.
+    /// A frame; its top row is read at its time.
     pub fn frame(&self, index: usize) -> Vec<u8> {
         let print = printed(self.board);
         let (width, height) = (usize::from(self.lens.width_px), usize::from(self.lens.height_px));

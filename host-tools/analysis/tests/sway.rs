@@ -7,7 +7,7 @@ use plumbline_analysis::series::{Axis, Series};
 use plumbline_analysis::sway::figure::{Absent, ByAxis, Figure, Figures};
 use plumbline_analysis::sway::noise::{Noise, NoiseError};
 use plumbline_analysis::sway::{
-    PathNoises, Settings, Sway, SwayError, SwayFigures, analyze, lengths,
+    PathNoises, Settings, Sway, SwayError, SwayFigures, analyze, lengths, path_noise,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -184,10 +184,12 @@ fn lengths_alone_are_those_among_all_figures() {
     let noise = independent_noise(&series, [0.02, 0.01, 0.01]);
     let settings = Settings { span_s: Some(1.0..5.0), ..Default::default() };
     let all = analyze(&series, Some(&noise), &settings).unwrap();
-    let (alone, effect) = lengths(&series, Some(&noise), &settings).unwrap();
+    let (alone, copies) = lengths(&series, Some(&noise), &settings).unwrap();
+    let effect = path_noise(&series, &noise, &settings).unwrap();
     assert_eq!((&alone.path, &alone.extent), (&all.figures.path, &all.figures.extent));
     assert_eq!(alone.ellipse, all.figures.ellipse);
-    assert_eq!(effect.map(|it| it.total), all.noise.map(|it| it.total));
+    let noises = all.noise.unwrap();
+    assert_eq!((effect, copies), (noises.total, noises.copies));
     assert_eq!(
         lengths(&series, None, &Settings { filter_s: Some(-1.0), ..settings }).unwrap_err(),
         SwayError::Setting("filter's window")

@@ -13,10 +13,9 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Lens, ray_by_point, ray_of};
-use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Target};
 
-use super::model::{Photograph, Residual, Seen, Shape};
+use super::model::{Photograph, Residual, Seen, Shape, raw_by_pose};
 
 /// The number of parameters of a shape.
 const SHAPE: usize = 4;
@@ -35,8 +34,6 @@ pub struct Bundle {
     pub sd: Vec<f64>,
     /// The correlations of the same parameters.
     pub correlations: DMatrix<f64>,
-    /// Degrees of freedom: the number of measured quantities less that of the unknowns.
-    pub freedom: usize,
     /// Standard deviation of each measured quantity beyond the pixels' noise.
     tau_px: f64,
     /// Whether the shape was fitted.
@@ -69,7 +66,6 @@ impl Bundle {
             shape: Shape::default(),
             sd: Vec::new(),
             correlations: DMatrix::zeros(0, 0),
-            freedom: 0,
             tau_px: 0.0,
             has_shape,
         };
@@ -86,19 +82,15 @@ impl Bundle {
             let both = 0.5 * (covariance[(row, column)] + covariance[(column, row)]);
             both / (sd[row] * sd[column])
         });
-        bundle.freedom = bundle.freedom()?;
         bundle.sd.iter().all(|sd| sd.is_finite()).then_some(bundle)
     }
 
-    /// The number of measured quantities less that of the unknowns; `None` when nothing is left.
-    fn freedom(&self) -> Option<usize> {
+    /// Degrees of freedom: the number of measured quantities less that of the unknowns, which are
+    /// the shared parameters and a pose of each photograph; 0 when there are not enough.
+    #[must_use]
+    pub fn freedom(&self) -> usize {
         let measured: usize = self.photographs.iter().map(|it| it.seen.len()).sum();
-        measured.checked_sub(self.unknowns()).filter(|&left| left > 0)
-    }
-
-    /// The number of parameters: the shared ones, and a pose of each photograph.
-    fn unknowns(&self) -> usize {
-        self.shared() + 6 * self.photographs.len()
+        measured.saturating_sub(self.shared() + 6 * self.photographs.len())
     }
 
     /// The number of parameters that all photographs share.
@@ -189,7 +181,7 @@ impl Bundle {
             let sigmas = photograph.seen.iter().map(|seen| seen.sigma_px * seen.sigma_px);
             squares.extend(residuals.iter().map(|residual| residual * residual).zip(sigmas));
         }
-        tau_px(&squares, self.unknowns())
+        tau_px(&squares, self.freedom())
     }
 
     fn descend(&mut self, points_mm: &[Vector3<f64>]) -> Option<()> {
@@ -321,14 +313,10 @@ impl Bundle {
             }
             by_shared.set_column(at + SHAPE - 1, &(by_point.column(1) * y));
         }
-        let [x, y] = [0, 1].map(|axis| {
-            let by_point = raw_by_point.row(axis).transpose();
-            Vector6::from(by_increment(&by_point, &cam_from_board.rotation, &point_mm))
-        });
         Some(Projected {
             raw_px: self.lens.pixel_from_ray(&distorted),
             by_shared,
-            by_own: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
+            by_own: raw_by_pose(&raw_by_point, cam_from_board, &point_mm),
         })
     }
 }
@@ -336,8 +324,11 @@ impl Bundle {
 /// Finds by bisection the standard deviation beyond the pixels' noise with which the squared
 /// residuals, each given with the variance expected from the pixels, add up to their degrees of
 /// freedom; `None` when there are none.
-pub fn tau_px(squares: &[(f64, f64)], unknowns: usize) -> Option<f64> {
-    let freedom = squares.len().checked_sub(unknowns).filter(|&left| left > 0)? as f64;
+pub fn tau_px(squares: &[(f64, f64)], freedom: usize) -> Option<f64> {
+    if freedom == 0 {
+        return None;
+    }
+    let freedom = freedom as f64;
     let cost = |tau: f64| -> f64 {
         squares.iter().map(|(square, variance)| square / (variance + tau * tau)).sum()
     };

@@ -13,6 +13,7 @@
 //! wall that is not plain, counts. The direction of the bands tells which row is read first.
 
 use std::f64::consts::{PI, TAU};
+use std::ops::RangeInclusive;
 
 use nalgebra::{Complex, Matrix3, Vector3};
 use plumbline::image::{GreyImage, Pixel};
@@ -44,6 +45,13 @@ const DIRECTION_MIN_RAD: f64 = 0.4;
 /// to 0.2 Hz.
 const ADVANCE_ERROR_MAX_RAD: f64 = 0.2;
 
+/// The flicker has twice the frequency of the mains, which have 16.7 Hz on railways and up to 400 Hz
+/// in aircraft.
+const FLICKER_HZ: RangeInclusive<f64> = 30.0..=1000.0;
+
+/// No camera takes longer to read a frame, s.
+const READOUT_S_MAX: f64 = 1.0;
+
 /// How far the flicker may be from its nominal frequency, relative: mains are kept to 0.05 of 50 Hz.
 const FLICKER_DEVIATION: f64 = 1e-3;
 
@@ -57,7 +65,7 @@ pub type Row = f64;
 pub enum Failure {
     /// It has only this many frames.
     TooFew(usize),
-    /// No such flicker makes bands: its frequency is not positive, or not finite.
+    /// No lamp on the mains flickers at this frequency.
     Frequency,
     /// There are no bands.
     NoBands,
@@ -87,12 +95,13 @@ pub fn estimate(flicker_hz: f64, interval_s: f64, frames: &[Vec<Row>]) -> Result
     if frames.len() < FRAMES_MIN {
         return Err(Failure::TooFew(frames.len()));
     }
-    if !(flicker_hz > 0.0 && flicker_hz.is_finite()) {
+    if !FLICKER_HZ.contains(&flicker_hz) {
         return Err(Failure::Frequency);
     }
     let mut wall = Wall::new(frames).ok_or(Failure::NoBands)?;
     // A frame takes longer than its readout.
-    let periods = wall.search(flicker_hz * interval_s).ok_or(Failure::NoBands)?;
+    let most = flicker_hz * interval_s.min(READOUT_S_MAX);
+    let periods = wall.search(most).ok_or(Failure::NoBands)?;
     let bands = wall.refine(periods).ok_or(Failure::NoBands)?;
     let direction = bands.direction(flicker_hz * interval_s)?;
     let readout_s = direction * bands.periods / flicker_hz;
@@ -347,7 +356,13 @@ mod tests {
         assert_eq!(estimate(100.0, 1.0 / 40.0, &video(16e-3, 40.0, 0.1)), Err(Failure::Standing));
         let other = estimate(120.0, 1.0 / 30.0, &video(16e-3, 30.0, 0.1));
         assert_eq!(other, Err(Failure::OtherFlicker));
-        assert_eq!(estimate(0.0, 1.0 / 30.0, &video(16e-3, 30.0, 0.1)), Err(Failure::Frequency));
+        for flicker_hz in [0.0, -100.0, 1e12, f64::NAN] {
+            let found = estimate(flicker_hz, 1.0 / 30.0, &video(16e-3, 30.0, 0.1));
+            assert_eq!(found, Err(Failure::Frequency), "{flicker_hz}");
+        }
+        // As if a frame took hours: no readout does, and none is searched for.
+        let hours = estimate(100.0, 1e4, &video(16e-3, 30.0, 0.1));
+        assert_eq!(hours, Err(Failure::OtherFlicker));
         let few = &video(16e-3, 30.0, 0.1)[..5];
         assert_eq!(estimate(100.0, 1.0 / 30.0, few), Err(Failure::TooFew(5)));
         assert_eq!(estimate(100.0, 1.0 / 30.0, &vec![vec![0.0; ROWS]; 60]), Err(Failure::NoBands));

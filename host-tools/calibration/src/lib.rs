@@ -321,11 +321,12 @@ impl Photographs<'_> {
             .map(|found| found.corners_px().map(|(_, px)| px).collect())
             .collect();
         let size_px = [bundle.lens.width_px, bundle.lens.height_px].map(f64::from);
+        let freedom = bundle.freedom();
         Ok(Calibration {
             lens: bundle.lens,
             sd: bundle.sd,
             correlations: bundle.correlations,
-            freedom: bundle.freedom,
+            freedom,
             rms_px: (squares / corners).sqrt(),
             outcomes,
             coverage: Coverage::new(seen_px.iter().map(Vec::as_slice), size_px),

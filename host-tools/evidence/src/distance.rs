@@ -18,7 +18,7 @@ use plumbline_analysis::agreement::effective::effective_samples;
 use serde::Serialize;
 
 use crate::sighting::Sighting;
-use crate::uncertainty::{Estimate, Spread, combined, mean};
+use crate::uncertainty::{Estimate, Spread, mean};
 use crate::volume::Direction;
 
 /// Fewer positions say nothing about a volume.
@@ -229,13 +229,6 @@ fn distances(group: &[&Pair]) -> Vec<f64> {
     group.iter().map(|it| it.distance_mm).collect()
 }
 
-/// The standard uncertainty of a length that was read from a ruler or a caliper, from the largest
-/// error that the reading may have: a rectangular distribution.
-#[must_use]
-pub fn standard_of_reading(largest_error_mm: f64) -> f64 {
-    combined([largest_error_mm / 3_f64.sqrt()])
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector6;
@@ -426,10 +419,5 @@ mod tests {
         let pairs = session(&mut random, &[0.0; 3]);
         assert_eq!(distance(&pairs, None).unwrap_err(), 3);
         assert_eq!(distance(&[], None).unwrap_err(), 0);
-    }
-
-    #[test]
-    fn a_reading_that_may_be_off_by_a_millimetre_has_this_uncertainty() {
-        assert!((standard_of_reading(1.0) - 0.577).abs() < 1e-3);
     }
 }

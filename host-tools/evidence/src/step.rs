@@ -54,6 +54,21 @@ pub struct Step {
     pub is_placing_known: bool,
     /// The places, in the order of their times.
     pub places: Vec<PlaceSeen>,
+    /// The mean normal, away from the camera.
+    #[serde(skip)]
+    normal: Vector3<f64>,
+    /// Where the far group is along it.
+    #[serde(skip)]
+    far_mm: f64,
+}
+
+impl Step {
+    /// How high a board is in a frame: along the mean normal, towards the camera, from the far
+    /// group's mean.
+    #[must_use]
+    pub fn height_mm(&self, sighting: &Sighting) -> f64 {
+        self.far_mm - self.normal.dot(&sighting.cam_from_board.translation_mm)
+    }
 }
 
 /// One contribution to a standard uncertainty.
@@ -83,7 +98,7 @@ pub struct PlaceSeen {
 /// Why there is no step.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NoStep {
-    /// So many places where the board rested are fewer than two.
+    /// The board rested at this number of places, which is fewer than two.
     TooFewPlaces(usize),
     /// The step is not larger than its expanded uncertainty.
     Lost(Estimate),
@@ -101,13 +116,13 @@ pub fn step(parts: &[&[Sighting]]) -> Result<Step, NoStep> {
     if parts.len() < 2 {
         return Err(NoStep::TooFewPlaces(parts.len()));
     }
-    let mut places = places(&parts);
+    let (normal, mut places) = places(&parts);
     places.sort_by(|a, b| b.along_mm.value.total_cmp(&a.along_mm.value));
     // The far group comes first: the normal points away from the camera.
     let gap = |at: usize| places[at - 1].along_mm.value - places[at].along_mm.value;
     let split = (1..places.len()).max_by(|a, b| gap(*a).total_cmp(&gap(*b))).unwrap_or(1);
     let (far, near) = places.split_at(split);
-    let step = of_groups(far, near);
+    let step = of_groups(normal, far, near);
     if step.along_normal_mm.is_beyond_chance() {
         Ok(step)
     } else {
@@ -115,7 +130,8 @@ pub fn step(parts: &[&[Sighting]]) -> Result<Step, NoStep> {
     }
 }
 
-fn places(parts: &[&[Sighting]]) -> Vec<Place> {
+/// The mean normal, and the places along it.
+fn places(parts: &[&[Sighting]]) -> (Vector3<f64>, Vec<Place>) {
     let poses: Vec<_> = parts.iter().map(|part| Deviations::of(part).mean).collect();
     let normals: Vec<Vector3<f64>> =
         poses.iter().map(|pose| pose.rotation.column(2).into_owned()).collect();
@@ -132,10 +148,10 @@ fn places(parts: &[&[Sighting]]) -> Vec<Place> {
             along_mm: Estimate::mean(&along),
         }
     };
-    parts.iter().enumerate().map(of).collect()
+    (normal, parts.iter().enumerate().map(of).collect())
 }
 
-fn of_groups(far: &[Place], near: &[Place]) -> Step {
+fn of_groups(normal: Vector3<f64>, far: &[Place], near: &[Place]) -> Step {
     let along =
         |group: &[Place]| -> Vec<f64> { group.iter().map(|it| it.along_mm.value).collect() };
     let middle = |group: &[Place], of: fn(&Place) -> Vector3<f64>| {
@@ -176,6 +192,8 @@ fn of_groups(far: &[Place], near: &[Place]) -> Step {
         budget,
         is_placing_known: placing.is_some(),
         places,
+        normal,
+        far_mm,
     }
 }
 
@@ -274,13 +292,21 @@ mod tests {
     #[test]
     fn what_was_done_is_said() {
         let mut random = Random::new(1);
-        let found = measured(&session(&mut random, [6, 60], THICKNESS_MM, [2.0, 0.05])).unwrap();
+        let rests = session(&mut random, [6, 60], THICKNESS_MM, [2.0, 0.05]);
+        let found = measured(&rests).unwrap();
         assert!(found.is_placing_known);
         assert_eq!(found.budget[0].source, "putting the board down again");
         let near: Vec<bool> = found.places.iter().map(|it| it.is_near).collect();
         // All of them begin at the time 0; each group has three.
         assert_eq!(near.iter().filter(|it| **it).count(), 3);
         assert!(found.in_space_mm >= found.along_normal_mm.value);
+        // The mean height of a place's frames is that of the place.
+        for sightings in &rests {
+            let heights: Vec<f64> = sightings.iter().map(|it| found.height_mm(it)).collect();
+            let height_mm = mean(&heights);
+            let is_there = |it: &PlaceSeen| (it.height_mm.value - height_mm).abs() < 1e-9;
+            assert_eq!(found.places.iter().filter(|it| is_there(it)).count(), 1);
+        }
         let along_and_across_mm = found.along_normal_mm.value.hypot(found.sideways_mm);
         assert!((found.in_space_mm - along_and_across_mm).abs() < 1e-9);
 

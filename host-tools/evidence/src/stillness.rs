@@ -3,12 +3,13 @@
 //! At each frame the mean pose of the half second before is compared with that of the half second
 //! after. The board is moving where any of the six coordinates differs by more than three times the
 //! noise of one frame, and by more than 0.02 mm or 0.02 degrees, which no footstep in the room
-//! causes. A mean of 15 frames differs from another one by 0.4 times the noise of one frame, so
-//! noise alone reaches the bound never. A drift of less than 2 mm per minute is not a movement:
+//! causes. Two means of 15 frames differ by 0.4 times the noise of one frame, so that noise alone
+//! never reaches the bound. A drift of less than 2 mm per minute is not a movement:
 //! [`repeatability`](crate::repeatability) measures it.
 
 use std::ops::Range;
 
+use plumbline_analysis::statistics::describe::median;
 use serde::Serialize;
 
 use crate::sighting::{COORDINATES, Deviations, Sighting};
@@ -62,9 +63,8 @@ impl Stillness {
 /// The number of frames in half a second, for sightings at the rate of these.
 #[must_use]
 pub fn part_frames(sightings: &[Sighting]) -> usize {
-    let mut apart_s: Vec<f64> =
-        sightings.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
-    let usual_s = median(&mut apart_s).unwrap_or(PART_S);
+    let apart_s = sightings.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
+    let usual_s = median(apart_s).unwrap_or(PART_S);
     // `as` turns what is not finite into the largest number, or 0.
     ((PART_S / usual_s).round() as usize).clamp(PART_FRAMES_MIN, PART_FRAMES_MAX)
 }
@@ -133,14 +133,8 @@ fn changes(values: &[f64], width: usize) -> Vec<f64> {
 /// The noise of one value, from the median of successive differences: a few movements change
 /// nothing.
 fn robust_noise(values: &[f64]) -> f64 {
-    let mut differences: Vec<f64> =
-        values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
-    let middle = median(&mut differences).unwrap_or(0.0);
-    middle / (MEDIAN_OF_ABSOLUTE * 2_f64.sqrt())
-}
-
-fn median(values: &mut [f64]) -> Option<f64> {
-    plumbline_analysis::statistics::describe::median(values.iter().copied())
+    let differences = values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    median(differences).unwrap_or(0.0) / (MEDIAN_OF_ABSOLUTE * 2_f64.sqrt())
 }
 
 #[cfg(test)]

@@ -33,6 +33,13 @@ impl Estimate {
         Self { value, standard }
     }
 
+    /// What was read from a ruler, a caliper or a label, from the largest error that it may have: a
+    /// rectangular distribution (JCGM 100:2008, 4.3.7).
+    #[must_use]
+    pub fn of_reading(value: f64, largest_error: f64) -> Self {
+        Self::new(value, largest_error / 3_f64.sqrt())
+    }
+
     /// The mean of values that follow each other in time, with its Type A uncertainty by their
     /// effective number.
     ///
@@ -279,6 +286,12 @@ mod tests {
         assert_eq!(difference, Estimate::new(2.0, 5.0));
         assert_eq!((difference.expanded(), difference.covers(-8.0)), (10.0, true));
         assert_eq!(difference.times(-2.0), Estimate::new(-4.0, 10.0));
+    }
+
+    #[test]
+    fn a_reading_that_may_be_off_by_a_millimetre_has_this_uncertainty() {
+        let reading = Estimate::of_reading(109.0, 1.0);
+        assert!(reading.value == 109.0 && (reading.standard - 0.577).abs() < 1e-3);
     }
 
     #[test]

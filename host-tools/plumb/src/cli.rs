@@ -45,21 +45,15 @@ enum Command {
 /// Exit code for input that cannot be used, the same as clap's for a wrong command line.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code when a check of `plumb doctor` failed, or an error is not within the limit that `plumb
-/// prove` was given.
+/// Exit code when a check of `plumb doctor` failed, or an error is not shown to be within the limit
+/// that `plumb prove` was given.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.
 #[must_use]
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
-    // Whether all is well; most subcommands check nothing.
-    let result: anyhow::Result<bool> = match &arguments.command {
-        Command::Doctor(arguments) => doctor::run(arguments),
-        Command::Prove(arguments) => prove::run(arguments),
-        command => carry_out(command).map(|()| true),
-    };
-    match result {
+    match carry_out(&arguments.command) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(EXIT_FAILED),
         Err(error) => {
@@ -69,10 +63,11 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Runs a subcommand that succeeds or fails.
-fn carry_out(command: &Command) -> anyhow::Result<()> {
+/// Runs a subcommand. Gives whether what it checks is as it should be; most check nothing.
+fn carry_out(command: &Command) -> anyhow::Result<bool> {
     match command {
-        Command::Doctor(_) | Command::Prove(_) => unreachable!("these have a result"),
+        Command::Doctor(arguments) => return doctor::run(arguments),
+        Command::Prove(arguments) => return prove::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
@@ -90,5 +85,6 @@ fn carry_out(command: &Command) -> anyhow::Result<()> {
         Command::Export(arguments) => export::run(arguments),
         Command::Validate(arguments) => validate::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
-    }
+    }?;
+    Ok(true)
 }

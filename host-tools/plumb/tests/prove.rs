@@ -239,7 +239,7 @@ fn a_known_length_shows_a_print_of_the_wrong_scale_and_a_wrong_lens() {
     let at = |name: &str| folder.path().join(name);
     record(&at("good.y4m"), &GOOD, &positions(), 3);
     let large = Plate { scale: 1.003, is_whole: true };
-    record(&at("large.y4m"), &large, &positions(), 3);
+    record(&at("large.y4m"), &large, &positions(), 1);
 
     let good = "distance --independent --length-mm 109 --length-max-error-mm 0.05 --limit-mm 0.3";
     let done = prove(folder.path(), &format!("{good} good.y4m"));
@@ -344,6 +344,7 @@ fn no_input_is_overwritten_and_no_page_without_being_asked() {
         &run(&["--force", "--out", "camera.toml"]),
         &["camera.toml is one of the inputs"],
     );
+    assert_refused(&run(&["--out", "figures.json"]), &["figures.json names the figures", ".html"]);
 }
 
 #[test]
@@ -429,6 +430,12 @@ fn the_trial_of_a_box_is_a_recording_too() {
     }
     let done = plumb(folder.path(), &["prove", "distance", "still"]);
     assert_refused(&done, &["\"shoulder\" is seen in none of 600 frames", "only lumbar is seen"]);
+    let at = |name: &str| folder.path().join(name);
+    std::fs::rename(at("still"), at("first")).unwrap();
+    std::fs::write(at("camera.toml"), CAMERA.replace("1000.0", "1010.0")).unwrap();
+    write_trial(folder.path());
+    let done = plumb(folder.path(), &["prove", "step", "first", "still"]);
+    assert_refused(&done, &["still: its camera is not that of first"]);
     std::fs::remove_file(folder.path().join("still/config.plb")).unwrap();
     let done = plumb(folder.path(), &["prove", "repeatability", "--force", "still"]);
     assert_refused(&done, &["still/config.plb: the box's configuration", "is not known"]);

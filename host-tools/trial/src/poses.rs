@@ -6,12 +6,10 @@ use std::path::Path;
 use plumbline::config::Config;
 use plumbline::packet::{Deframer, Message, PosePacket};
 use plumbline_files::BadInput;
-use plumbline_stream::accounting::{Accounting, Arrival};
-use plumbline_stream::recorder::SessionClock;
 
 use crate::journal::{Content, Reader};
 use crate::names;
-use crate::reading::{self, FRAMES_MAX};
+use crate::reading::{self, FRAMES_MAX, Sessions};
 
 /// The poses of a recording.
 #[derive(Debug, Clone)]
@@ -37,30 +35,17 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
         ));
     };
     let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
-    let mut accounting = Accounting::default();
-    let mut clock = SessionClock::default();
+    let mut sessions = Sessions::default();
     let mut deframer = Deframer::new();
     let mut frames = Vec::new();
     while let Some(entry) = reader.next_entry()? {
         let Content::Raw(raw) = entry.content else { continue };
-        match raw.decode(&mut deframer) {
-            Ok(Message::Hello(hello)) => {
-                accounting.hello(hello.boot_id);
-            }
-            Ok(Message::Health(health)) => {
-                accounting.uptime(health.uptime_ms);
-            }
-            Ok(Message::Pose(packet)) => {
-                match accounting.pose(packet.sequence, packet.capture_time_ns) {
-                    Arrival::Repeated => continue,
-                    Arrival::NewSession => {
-                        clock.start_session(packet.capture_time_ns, entry.host_ns);
-                    }
-                    Arrival::New { .. } | Arrival::Late => {}
-                }
-                frames.push((clock.time_s(packet.capture_time_ns), packet));
-            }
-            _ => {}
+        let Ok(message) = raw.decode(&mut deframer) else { continue };
+        if !sessions.is_new(&message, entry.host_ns) {
+            continue;
+        }
+        if let Message::Pose(packet) = message {
+            frames.push((sessions.clock.time_s(packet.capture_time_ns), packet));
         }
         if frames.len() > FRAMES_MAX {
             return Err(reading::too_long(folder));

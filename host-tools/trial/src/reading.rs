@@ -213,8 +213,7 @@ pub(crate) fn read_config(
 
 /// Builds a trial from its packets.
 struct Builder {
-    accounting: Accounting,
-    clock: SessionClock,
+    sessions: Sessions,
     scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
     frames: Vec<Frame>,
@@ -228,11 +227,45 @@ struct Builder {
     deframer: Deframer,
 }
 
+/// What tells a box's sessions apart, and their common time.
+#[derive(Default)]
+pub(crate) struct Sessions {
+    accounting: Accounting,
+    pub clock: SessionClock,
+}
+
+impl Sessions {
+    /// Takes note of a message; false for a pose that was there before.
+    pub fn is_new(&mut self, message: &Message, host_ns: u64) -> bool {
+        match message {
+            Message::Hello(hello) => {
+                self.accounting.hello(hello.boot_id);
+            }
+            Message::Health(health) => {
+                self.accounting.uptime(health.uptime_ms);
+            }
+            Message::Log(log) => {
+                self.accounting.uptime(log.uptime_ms);
+            }
+            Message::Pose(packet) => {
+                match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
+                    Arrival::Repeated => return false,
+                    Arrival::NewSession => {
+                        self.clock.start_session(packet.capture_time_ns, host_ns);
+                    }
+                    Arrival::New { .. } | Arrival::Late => {}
+                }
+            }
+            _ => {}
+        }
+        true
+    }
+}
+
 impl Builder {
     fn new(config: Option<&Config>) -> Self {
         Self {
-            accounting: Accounting::default(),
-            clock: SessionClock::default(),
+            sessions: Sessions::default(),
             scene: config.and_then(scene_of),
             runs: BTreeMap::new(),
             frames: Vec::new(),
@@ -248,7 +281,7 @@ impl Builder {
     }
 
     fn session(&self) -> u32 {
-        self.accounting.counts().sessions.max(1)
+        self.sessions.accounting.counts().sessions.max(1)
     }
 
     fn take(&mut self, entry: Entry) {
@@ -267,20 +300,18 @@ impl Builder {
     }
 
     fn message(&mut self, message: Message, host_ns: u64) {
+        if !self.sessions.is_new(&message, host_ns) {
+            return;
+        }
         match message {
             Message::Pose(packet) => self.pose(&packet, host_ns),
             Message::Hello(hello) => {
-                self.accounting.hello(hello.boot_id);
                 self.other_configs |=
                     self.config_crc.is_some_and(|config_crc| config_crc != hello.config_crc);
                 self.hello = Some(hello);
             }
             Message::Health(health) => {
-                self.accounting.uptime(health.uptime_ms);
                 self.power.take(&health);
-            }
-            Message::Log(log) => {
-                self.accounting.uptime(log.uptime_ms);
             }
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
@@ -303,15 +334,8 @@ impl Builder {
     }
 
     fn pose(&mut self, packet: &PosePacket, host_ns: u64) {
-        match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
-            Arrival::Repeated => return,
-            Arrival::NewSession => {
-                self.clock.start_session(packet.capture_time_ns, host_ns);
-            }
-            Arrival::New { .. } | Arrival::Late => {}
-        }
         self.instant = Some(packet.instant);
-        let (session, clock) = (self.session(), self.clock);
+        let (session, clock) = (self.session(), self.sessions.clock);
         self.runs.entry(session).or_default().frame(host_ns, packet, clock);
         let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
         let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
@@ -357,7 +381,7 @@ impl Builder {
                     .to_owned(),
             );
         }
-        let counts = self.accounting.counts();
+        let counts = self.sessions.accounting.counts();
         if counts.sessions > 1 {
             warnings.push(format!(
                 "the box has started {} times: between its runs times are only as good as the \
@@ -449,11 +473,27 @@ fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::Health;
+    use plumbline::packet::{Health, Log, LogLevel};
 
     use super::super::manifest::Zero;
     use super::*;
-    use plumbline_stream::fixture::health;
+    use plumbline_stream::fixture::{health, pose_packet};
+
+    #[test]
+    fn a_restart_that_only_the_log_tells_begins_a_session() {
+        let log = |uptime_ms: u64| {
+            let [target, text] = ["board", "started"];
+            let (target, text) = (target.try_into().unwrap(), text.try_into().unwrap());
+            Message::Log(Log { uptime_ms, level: LogLevel::Info, target, text, cut: 0 })
+        };
+        let pose = || Message::Pose(pose_packet(3));
+        let mut sessions = Sessions::default();
+        // After its restart the box numbers and times its frames as before.
+        let messages = [log(900_000), pose(), pose(), log(1_000), pose()];
+        let found = messages.map(|message| sessions.is_new(&message, 0));
+        assert_eq!(found, [true, true, false, true, true]);
+        assert_eq!(sessions.accounting.counts().sessions, 2);
+    }
 
     #[test]
     fn a_trial_tells_that_the_box_had_too_little_power() {

@@ -95,18 +95,12 @@ impl Budget {
                 FigureBudget::combine(figure, correction, &terms, squares)
             })
             .collect();
-        let few = figures.iter().filter_map(|it| it.freedom).fold(f64::INFINITY, f64::min);
-        let few = (few < FREEDOM_ENOUGH).then(|| {
-            format!(
-                "a figure has only {few:.0} effective degrees of freedom: U covers less than 95 %; \
-                 take more readings"
-            )
-        });
+        let warnings = ruler_off(inputs).into_iter().chain(few_freedom(&figures, &terms));
         Ok(Self {
+            warnings: warnings.collect(),
             terms,
             figures,
             not_included: not_included(measured, settings),
-            warnings: ruler_off(inputs).into_iter().chain(few).collect(),
         })
     }
 }
@@ -172,6 +166,38 @@ fn ruler_off(inputs: &Inputs) -> Option<String> {
     })
 }
 
+/// The figure with the fewest degrees of freedom, if they are too few, and the cause that is most to
+/// blame.
+fn few_freedom(figures: &[FigureBudget], terms: &[Term]) -> Option<String> {
+    let known = figures.iter().filter_map(|it| Some((it, it.freedom?)));
+    let (figure, freedom) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    if freedom >= FREEDOM_ENOUGH {
+        return None;
+    }
+    let share = |(term, part): &(&Term, &Contribution)| {
+        term.freedom.map_or(0.0, |freedom| part.u.powi(4) / freedom)
+    };
+    let (term, _) = terms
+        .iter()
+        .zip(&figure.contributions)
+        .max_by(|one, other| share(one).total_cmp(&share(other)))?;
+    let remedy = match term.name {
+        TermName::Noise | TermName::Jitter => {
+            "that of a long trial is estimated from few noisy copies of it; a shorter trial has more"
+        }
+        TermName::Lens => "calibrate with more photographs",
+        _ => "take more readings of it",
+    };
+    Some(format!(
+        "the {} {} ({}) has only {freedom:.0} effective degrees of freedom, so that U covers less \
+         than 95 %, mostly because of the {}: {remedy}",
+        figure.quantity.words().0,
+        figure.direction,
+        figure.point,
+        term.name.words(),
+    ))
+}
+
 fn not_included(measured: &Measured, settings: &Settings) -> Vec<&'static str> {
     let zero = (measured.zero_u_s.is_none() && settings.span_s.is_some())
         .then_some("the time of t = 0, found by the trunk's rise");
@@ -179,10 +205,43 @@ fn not_included(measured: &Measured, settings: &Settings) -> Vec<&'static str> {
         "a focus, zoom or mount that has changed since the calibration, and the lens model's form",
         "skin and clothes that move under the targets, and where on the body they sit",
         "what light, blur and ink do alike to the edges of every frame",
-        "the exposure's length and a rolling shutter",
+        "the exposure's length, and what is not known of a rolling shutter's readout",
         "what the filter does to the movement: it is part of each figure's definition",
     ]
     .into_iter()
     .chain(zero)
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::LensUncertainty;
+
+    #[test]
+    fn few_degrees_of_freedom_come_with_their_cause_and_its_remedy() {
+        let lens = LensUncertainty { ways: Vec::new(), sd_fx_px: 1.0, freedom: Some(900.0) };
+        let mut inputs = Inputs::default();
+        inputs.print.freedom = Some(4.0);
+        // As of an hour.
+        let terms = terms(&inputs, &lens, None, 10);
+        let path = Listed {
+            point: "lower",
+            quantity: Quantity::Path,
+            direction: "AP",
+            value: Some(1000.0),
+            noise_sd: None,
+        };
+        let warning = |large: TermName| {
+            let squares = |term: &Term| if term.name == large { 1.0 } else { 0.01 };
+            let figure = FigureBudget::combine(&path, &Correction::default(), &terms, squares);
+            few_freedom(&[figure.unwrap()], &terms)
+        };
+        let scale = warning(TermName::Scale).unwrap();
+        assert!(scale.contains("only 5") && scale.ends_with("take more readings of it"), "{scale}");
+        // Nobody takes readings of the noise.
+        let noise = warning(TermName::Noise).unwrap();
+        assert!(noise.contains("noise of the poses: that of a long trial"), "{noise}");
+        assert_eq!(warning(TermName::Tilt), None);
+    }
 }

@@ -3,7 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::sway::figure::{ByAxis, ByDirection, Figure};
-use plumbline_analysis::sway::{Lengths, PathNoises, Settings};
+use plumbline_analysis::sway::noise::PathNoise;
+use plumbline_analysis::sway::{Lengths, Settings};
 use serde::Serialize;
 
 use crate::measured::Body;
@@ -92,8 +93,8 @@ fn by_direction(quantity: Quantity, all: &ByDirection<Figure>) -> Vec<Listed> {
 
 /// What moves each path away from its true length: what noise adds, and what the steps between
 /// samples leave out. In the order of [`listed`]; other figures have neither.
-pub(crate) fn corrections(lengths: &Lengths, noise: &PathNoises) -> Vec<Correction> {
-    let all = [&noise.total.inflation_mm, &lengths.shortfall.length_mm, &lengths.shortfall.u_mm];
+pub(crate) fn corrections(lengths: &Lengths, noise: &PathNoise) -> Vec<Correction> {
+    let all = [&noise.inflation_mm, &lengths.shortfall.length_mm, &lengths.shortfall.u_mm];
     let all = all.map(|it| by_direction(Quantity::Path, it));
     let of_path = |direction: &str| {
         let value = |listed: &Vec<Listed>| {
@@ -137,7 +138,7 @@ pub(crate) fn distance(bodies: [&Body; 2], series: [&Series; 2], settings: &Sett
     let distance = match means {
         [Some((first_mm, first_mm2)), Some((second_mm, second_mm2))] => {
             let between_mm = second_mm - first_mm;
-            let along = between_mm.normalize();
+            let along = between_mm.try_normalize(0.0).unwrap_or_default();
             let variance_mm2 = along.dot(&((first_mm2 + second_mm2) * along));
             Some((between_mm.norm(), variance_mm2.max(0.0).sqrt()))
         }
@@ -171,4 +172,27 @@ fn mean_mm(
         }
     }
     (count > 0.0).then(|| (sum_mm / count, sum_mm2 / (count * count)))
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline_trial::reading::Trunk;
+
+    use super::*;
+
+    #[test]
+    fn two_points_in_one_place_are_at_a_distance_of_zero() {
+        let still = || vec![900.0; 3];
+        let body = |trunk| Body {
+            trunk,
+            series: Series::new(vec![0.0, 0.1, 0.2], [still(), still(), still()]).unwrap(),
+            covariance_mm2: vec![Matrix3::identity(); 3],
+            by_scale_mm: Vec::new(),
+            by_numbers: Vec::new(),
+        };
+        let [lower, upper] = Trunk::ALL.map(body);
+        let series = [&lower.series, &upper.series];
+        let found = distance([&lower, &upper], series, &Settings::default());
+        assert_eq!((found.value, found.noise_sd), (Some(0.0), Some(0.0)));
+    }
 }

@@ -4,8 +4,8 @@ use std::f64::consts::FRAC_2_PI;
 
 use nalgebra::{Matrix3, SVector, Vector3};
 use plumbline_analysis::series::{Axis, Series};
-use plumbline_analysis::sway::noise::Noise;
-use plumbline_analysis::sway::{Lengths, PathNoises, Settings, lengths};
+use plumbline_analysis::sway::noise::{Noise, PathNoise};
+use plumbline_analysis::sway::{Lengths, Settings, lengths, path_noise};
 use plumbline_files::BadInput;
 use rayon::prelude::*;
 
@@ -56,20 +56,33 @@ impl Propagation<'_> {
     /// When the settings do not suit the trial.
     pub fn run(&self) -> Result<Propagated, BadInput> {
         let bodies = &self.measured.bodies;
-        let noisy: Vec<(Lengths, PathNoises)> = bodies
-            .par_iter()
-            .map(|body| self.noisy(body, &body.covariance_mm2))
+        let noises: Vec<Noise> = bodies
+            .iter()
+            .map(|body| self.noise(body, &body.covariance_mm2))
             .collect::<Result<_, _>>()?;
-        let jittered: Vec<(Lengths, PathNoises)> = bodies
+        let with_noise = bodies.par_iter().zip(&noises);
+        let noisy: Vec<(Lengths, usize)> = with_noise
+            .clone()
+            .map(|(body, noise)| self.noisy(body, noise))
+            .collect::<Result<_, _>>()?;
+        let path_noises: Vec<PathNoise> = with_noise
+            .map(|(body, noise)| path_noise(&body.series, noise, self.settings))
+            .collect::<Result<_, _>>()
+            .map_err(|error| self.refuse(error))?;
+        let jittered: Vec<(Lengths, usize)> = bodies
             .par_iter()
-            .map(|body| self.noisy(body, &jitter_mm2(body, self.inputs.timing.jitter_u_s)))
+            .map(|body| {
+                let jitter_mm2 = jitter_mm2(body, self.inputs.timing.jitter_u_s);
+                self.noisy(body, &self.noise(body, &jitter_mm2)?)
+            })
             .collect::<Result<_, _>>()?;
         let series: Vec<&Series> = bodies.iter().map(|body| &body.series).collect();
         let figures = self.listed(noisy.iter().map(|it| &it.0), &series, self.settings);
         let jitter = self.listed(jittered.iter().map(|it| &it.0), &series, self.settings);
         let corrections: Vec<Correction> = noisy
             .iter()
-            .flat_map(|(lengths, noise)| corrections(lengths, noise))
+            .zip(&path_noises)
+            .flat_map(|((lengths, _), noise)| corrections(lengths, noise))
             .chain([Correction::default()])
             .take(figures.len())
             .collect();
@@ -96,7 +109,7 @@ impl Propagation<'_> {
             _ => 0.0,
         });
         contributions.push((TermName::Clock, of_clock.collect()));
-        let copies = noisy.iter().map(|it| it.1.copies).min().unwrap_or_default();
+        let copies = noisy.iter().map(|it| it.1).min().unwrap_or_default();
         Ok(Propagated { figures, corrections, contributions, copies })
     }
 
@@ -219,17 +232,14 @@ impl Propagation<'_> {
         own.chain(distance).collect()
     }
 
-    /// The figures of a point, with the uncertainty from independent errors of its positions.
-    fn noisy(
-        &self,
-        body: &Body,
-        covariance_mm2: &[Matrix3<f64>],
-    ) -> Result<(Lengths, PathNoises), BadInput> {
-        let noise =
-            Noise::per_sample(&body.series, covariance_mm2).map_err(|error| self.refuse(error))?;
-        let (lengths, noise) = lengths(&body.series, Some(&noise), self.settings)
-            .map_err(|error| self.refuse(error))?;
-        Ok((lengths, noise.expect("noise was given")))
+    fn noise(&self, body: &Body, covariance_mm2: &[Matrix3<f64>]) -> Result<Noise, BadInput> {
+        Noise::per_sample(&body.series, covariance_mm2).map_err(|error| self.refuse(error))
+    }
+
+    /// The figures of a point, with the uncertainty from independent errors of its positions, and
+    /// the number of noisy copies that it comes from.
+    fn noisy(&self, body: &Body, noise: &Noise) -> Result<(Lengths, usize), BadInput> {
+        lengths(&body.series, Some(noise), self.settings).map_err(|error| self.refuse(error))
     }
 
     fn refuse(&self, error: impl std::fmt::Display) -> BadInput {

@@ -7,6 +7,9 @@
 //! In: the squares where a pose puts them. Each outermost square is compared with the next one along
 //! its border, and so are the places just outside them: in a board that goes on, they differ in the
 //! opposite sense. What covers a target does not alternate in step with it.
+//!
+//! [`crate::find::grid`] makes the same check of a lattice that it has found, of which it knows only
+//! the corners; here the squares around them are known as well.
 
 use heapless::Vec;
 use nalgebra::Vector2;

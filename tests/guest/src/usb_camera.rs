@@ -229,6 +229,7 @@ impl UsbCamera {
         self.device.write_all(&message)?;
         Ok(self.device.write_all(data)?)
     }
+
     /// The one stream that there is: format 1, frame 1.
     fn probe(&self) -> Vec<u8> {
         let mut probe = vec![0; PROBE_BYTES];

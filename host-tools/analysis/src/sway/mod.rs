@@ -252,7 +252,8 @@ pub fn analyze(
 }
 
 /// Computes only the figures that are lengths, areas or velocities, for callers that need them many
-/// times; with noise also what it does to the paths.
+/// times; also returns the number of noisy copies that their uncertainties come from, 0 without
+/// noise.
 ///
 /// # Errors
 /// As [`analyze`].
@@ -260,24 +261,37 @@ pub fn lengths(
     series: &Series,
     noise: Option<&Noise>,
     settings: &Settings,
-) -> Result<(Lengths, Option<PathNoises>), SwayError> {
+) -> Result<(Lengths, usize), SwayError> {
     let prepared = Prepared::of(series, noise, settings)?;
     let Prepared { smooth, filter, noise, spans, .. } = &prepared;
     let of = |smooth: &Series| Lengths::of(smooth, spans, settings);
     let mut lengths = of(smooth).ok_or(SwayError::EmptySpan)?;
-    let noise = noise.as_ref().map(|noise| {
-        let steps = noise::step_factors(noise, smooth, filter.as_ref());
-        let total = noise::path_noise(smooth, &spans.total, &steps);
+    let copies = noise.as_ref().map_or(0, |noise| {
         let measured = lengths.ellipse.clone();
         let again = |noisy: &Series| {
             let mut lengths = of(noisy)?;
             ellipse::turn_towards(&mut lengths.ellipse, &measured);
             Some(lengths)
         };
-        let copies = noise::uncertainties(&mut lengths, noise, smooth, filter.as_ref(), again);
-        PathNoises { total, bins: Vec::new(), copies }
+        noise::uncertainties(&mut lengths, noise, smooth, filter.as_ref(), again)
     });
-    Ok((lengths, noise))
+    Ok((lengths, copies))
+}
+
+/// Computes only what noise does to the total path: [`PathNoises::total`].
+///
+/// # Errors
+/// As [`analyze`].
+pub fn path_noise(
+    series: &Series,
+    noise: &Noise,
+    settings: &Settings,
+) -> Result<PathNoise, SwayError> {
+    let Prepared { smooth, filter, noise, spans, .. } =
+        Prepared::of(series, Some(noise), settings)?;
+    let noise = noise.expect("noise was given");
+    let steps = noise::step_factors(&noise, &smooth, filter.as_ref());
+    Ok(noise::path_noise(&smooth, &spans.total, &steps))
 }
 
 /// A series as its figures need it.

@@ -264,12 +264,11 @@ impl Draws {
             let (mut sum, mut slope) = (0.0, 0.0);
             for (step, noises_mm) in measured.iter().zip(self.noises_mm.chunks(self.pairs)) {
                 for noise in noises_mm {
-                    let noise = [
-                        noise[first as usize],
-                        second.map_or(0.0, |second| noise[second as usize]),
-                    ];
+                    let noise_x = noise[first as usize];
+                    let noise_y = second.map_or(0.0, |second| noise[second as usize]);
                     for sign in [1.0, -1.0] {
-                        let [x, y] = [0, 1].map(|it| factor * step[it] + sign * noise[it]);
+                        let x = factor * step[0] + sign * noise_x;
+                        let y = factor * step[1] + sign * noise_y;
                         let distance = (x * x + y * y).sqrt();
                         sum += distance;
                         if distance > 0.0 {

@@ -10,8 +10,7 @@ use plumbline::lens::Lens;
 use plumbline::parts::points_mm;
 use plumbline::target::{Role, TargetGeometry};
 
-use super::fit::raw_by_point;
-use crate::model::Photograph;
+use crate::model::{Photograph, raw_by_point};
 
 /// Each step leaves a few percent of the deformation, which itself is a few percent.
 const STEPS: usize = 3;

@@ -11,17 +11,15 @@
 //! estimate), with neighbouring frames counted as dependent ([`sandwich`](super::sandwich)), and the
 //! larger of both is stated.
 
-use nalgebra::{DVector, Matrix2x3, Matrix2x6, SMatrix, SVector, Vector2, Vector3, Vector6};
-use plumbline::lens::{Lens, ray_by_point, ray_of};
-use plumbline::parts::by_increment;
-use plumbline::pose::{Cam, Pose, Target};
+use nalgebra::{DVector, Matrix2x3, SMatrix, SVector, Vector2, Vector3, Vector6};
+use plumbline::lens::Lens;
 use rayon::prelude::*;
 
 use super::banded::Banded;
 use super::motion::{Motion, WINDOW};
 use super::sandwich::variance_of_sum;
 use crate::bundle::tau_px;
-use crate::model::{Photograph, Seen};
+use crate::model::{Photograph, Seen, raw_by_point, raw_by_pose};
 
 /// The number of parameters of the poses that a residual depends on.
 const POSES: usize = 6 * WINDOW;
@@ -79,8 +77,8 @@ struct Eliminated {
 }
 
 impl<'a> Fit<'a> {
-    /// Minimises from a start; `None` where the frames do not determine the poses. Returns the
-    /// standard deviation of the readout time.
+    /// Minimises from a start, and gives the standard deviation of the readout time; `None` where the
+    /// frames do not determine the poses.
     pub fn refine(&mut self) -> Option<f64> {
         for _ in 0..ROUNDS {
             self.descend()?;
@@ -135,16 +133,21 @@ impl<'a> Fit<'a> {
         let information: f64 = eliminated.iter().map(|run| run.information).sum();
         let sum: f64 = eliminated.iter().map(|run| variance_of_sum(&run.scores)).sum();
         // The fit has made the residuals smaller than the errors were.
-        let (count, unknowns) = self.counts();
-        let shrunk = count as f64 / (count - unknowns) as f64;
+        let shrunk = self.measured() as f64 / self.freedom() as f64;
         let variance = (1.0 / information).max(shrunk * sum / (information * information));
         Some(variance.sqrt()).filter(|deviation| deviation.is_finite())
     }
 
-    /// The number of measured quantities, and of unknowns.
-    fn counts(&self) -> (usize, usize) {
-        let frames = || self.runs.iter().flatten();
-        (frames().map(|photograph| photograph.seen.len()).sum(), 6 * frames().count() + 1)
+    /// The number of measured quantities.
+    fn measured(&self) -> usize {
+        self.runs.iter().flatten().map(|photograph| photograph.seen.len()).sum()
+    }
+
+    /// Degrees of freedom: that number less the readout time and a pose of each frame; 0 when there
+    /// are not enough.
+    fn freedom(&self) -> usize {
+        let frames: usize = self.runs.iter().map(Vec::len).sum();
+        self.measured().saturating_sub(6 * frames + 1)
     }
 
     fn variance(&self, seen: &Seen) -> f64 {
@@ -205,7 +208,7 @@ impl<'a> Fit<'a> {
         };
         let squares: Vec<_> =
             self.for_each_frame(of_frame)?.into_iter().flatten().flatten().collect();
-        tau_px(&squares, self.counts().1)
+        tau_px(&squares, self.freedom())
     }
 
     /// When row `y` is read, in frames from the middle row.
@@ -242,7 +245,9 @@ impl<'a> Fit<'a> {
     fn project(&self, motion: &Motion, point_mm: &Vector3<f64>) -> Option<Projected> {
         let (frames, raw_px) = self.seen_at(motion, point_mm)?;
         let instant = motion.at(frames);
-        let by_pose = self.raw_by_pose(&instant.cam_from_board, point_mm)?;
+        let point_cam_mm = instant.cam_from_board.transform(point_mm);
+        let raw_by_point = raw_by_point(self.lens, &point_cam_mm)?;
+        let by_pose = raw_by_pose(&raw_by_point, &instant.cam_from_board, point_mm);
         let by_turn: Matrix2x3<f64> = by_pose.fixed_columns::<3>(0).into();
         let by_shift: Matrix2x3<f64> = by_pose.fixed_columns::<3>(3).into();
         // Per frame, as are the times below.
@@ -260,21 +265,6 @@ impl<'a> Fit<'a> {
         let frames_by_readout = (raw_px.y / f64::from(self.lens.height_px) - 0.5) / self.interval_s;
         let by_readout = velocity_px * (frames_by_readout * rows_gained);
         Some(Projected { raw_px, by_poses, by_readout })
-    }
-
-    /// The derivative of a raw pixel with respect to the increment of the pose.
-    fn raw_by_pose(
-        &self,
-        cam_from_board: &Pose<Cam, Target>,
-        point_mm: &Vector3<f64>,
-    ) -> Option<Matrix2x6<f64>> {
-        let point_cam_mm = cam_from_board.transform(point_mm);
-        let raw_by_point = raw_by_point(self.lens, &point_cam_mm)?;
-        let [x, y] = [0, 1].map(|axis| {
-            let by_point = raw_by_point.row(axis).transpose();
-            Vector6::from(by_increment(&by_point, &cam_from_board.rotation, point_mm)).transpose()
-        });
-        Some(Matrix2x6::from_rows(&[x, y]))
     }
 
     fn equations(&self, run: &[Photograph], frame: usize) -> Option<Equations> {
@@ -321,13 +311,6 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// The derivative of a raw pixel with respect to the point in the camera's frame.
-pub fn raw_by_point(lens: &Lens, point_cam_mm: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
-    let ray = ray_of(point_cam_mm)?;
-    let (_, by_ray) = lens.distortion.distort_with_jacobian(&ray);
-    Some(lens.pixel_by_ray() * by_ray * ray_by_point(point_cam_mm, &ray))
-}
-
 impl Eliminated {
     /// From the equations of each frame of a run.
     fn new(frames: &[Equations], run: &[Photograph]) -> Option<Self> {
@@ -370,6 +353,8 @@ impl Eliminated {
 
 #[cfg(test)]
 mod tests {
+    use plumbline::pose::{Cam, Pose, Target};
+
     use super::super::tests::{LENS, waved};
     use super::*;
 

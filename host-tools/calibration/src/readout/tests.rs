@@ -188,6 +188,12 @@ fn videos_that_do_not_tell_are_refused_with_the_reason() {
     let gaps = estimate(&LENS, &board(), video.interval_s, &frames);
     assert_eq!(gaps, Err(Failure::TooFew(0)));
 
+    // Of frames without neighbours nobody can say that the board was at rest.
+    let mut frames = Video { frames: 2 * FRAMES_MIN, ..Video::default() }.frames();
+    frames.iter_mut().step_by(2).for_each(|frame| *frame = None);
+    let alone = estimate(&LENS, &board(), video.interval_s, &frames);
+    assert_eq!(alone, Err(Failure::TooFew(0)));
+
     // 60 Hz in a file of 30 Hz, in which every second frame was dropped now and then.
     let frames: Vec<_> = Video { frames: 240, ..Video::default() }
         .frames()

@@ -91,7 +91,7 @@ impl FrameSource {
     /// image and no video that is supported.
     pub fn open(inputs: &[PathBuf], rate_hz: Option<f64>) -> Result<Self, BadInput> {
         if let Some(rate_hz) = rate_hz {
-            check_rate("--fps", "", rate_hz)?;
+            check_rate("--fps", "", rate_hz, "give the recording's own rate, for example 60")?;
         }
         for input in inputs.iter().filter(|input| input.as_os_str() != STANDARD_INPUT) {
             let place = input.display();
@@ -244,7 +244,7 @@ impl FrameSource {
                     "{rate_hz} Hz, but the frames up to {former_place} have {} Hz",
                     self.rate_hz
                 ),
-                "give recordings of one rate at a time; `plumb track` takes --fps for all of them",
+                "give recordings of one rate at a time; `plumb track`, `plumb prove` and `plumb calibrate --readout` take --fps for all of them",
             ));
         }
         self.open = Some(open);
@@ -299,17 +299,12 @@ fn open_input(input: &Path, given_rate_hz: Option<f64>) -> Result<Opened, BadInp
     Ok((Open::Picture(picture), size, None))
 }
 
-fn check_rate(place: &str, field: &str, rate_hz: f64) -> Result<(), BadInput> {
+fn check_rate(place: &str, field: &str, rate_hz: f64, remedy: &str) -> Result<(), BadInput> {
     // From one frame in three hours to high-speed cameras.
     if (1e-4..=1e5).contains(&rate_hz) {
         return Ok(());
     }
-    Err(BadInput::new(
-        place,
-        field,
-        format!("{rate_hz} frames per second"),
-        "`plumb track` takes the recording's rate, for example --fps 60",
-    ))
+    Err(BadInput::new(place, field, format!("{rate_hz} frames per second"), remedy))
 }
 
 /// Refuses a frame before memory is reserved for it.

@@ -191,4 +191,6 @@ fn inputs_that_cannot_be_frames_are_named() {
     assert!(error.found.contains("64 x 80") && error.found.contains("80 x 64"), "{error}");
     let rate = drain(&[directory.path().join("whole.png")], Some(0.0)).1.unwrap_err();
     assert_eq!(rate.place, "--fps");
+    // Several commands have this option.
+    assert!(!rate.to_string().contains("plumb track"), "{rate}");
 }

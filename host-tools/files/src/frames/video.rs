@@ -93,7 +93,12 @@ impl Video {
             None => {
                 let ratio = decoder.get_framerate();
                 let rate_hz = ratio.num as f64 / ratio.den as f64;
-                check_rate(place, "header, F", rate_hz)?;
+                check_rate(
+                    place,
+                    "header, F",
+                    rate_hz,
+                    "`plumb track`, `plumb prove` and `plumb calibrate --readout` take the recording's rate, for example --fps 60",
+                )?;
                 Some(rate_hz)
             }
         };

@@ -50,12 +50,10 @@ pub struct TrialBudget {
 }
 
 impl Conditions {
-    /// The first option that is given.
+    /// The first option that is given: none is without the camera.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
-        let Self { camera, budget } = self;
-        let camera = camera.as_ref().map(|_| "--camera");
-        camera.or(budget.as_ref().map(|_| "--budget"))
+        self.camera.as_ref().map(|_| "--camera")
     }
 
     /// The budget of a trial's figures; `None` where no camera is given.

@@ -13,7 +13,11 @@ use plumbline_trial::manifest::Zero;
 ///
 /// Each frame is a row, also one that never came. Where a point was not seen, cells are empty
 /// (CSV), null (Parquet), NaN (TRC) or n/a (BIDS), and a point has the residual -1 (C3D).
-/// Nothing is interpolated. t = 0 is that of `plumb analyze`.
+/// No gap is filled. t = 0 is that of `plumb analyze`.
+///
+/// A camera with a rolling shutter sees each point at a time of its own. A row has the mean of
+/// these times, and each point is moved to it, by some milliseconds, with the velocity between the
+/// samples beside it. A warning says by how much, and so do Parquet, C3D and BIDS themselves.
 ///
 /// CSV, Parquet and BIDS have the body's axes under their names: AP forward, ML to the person's
 /// right, SI up; all in millimetres. These three are a left-handed frame, and programs that show

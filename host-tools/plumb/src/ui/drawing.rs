@@ -83,7 +83,16 @@ pub fn chart_of_decades<'a, 'b: 'a>(
     names: [&str; 2],
 ) -> Drawn<Chart<'a, 'b, LogCoord<f64>>> {
     let ranges = check(ranges)?.map(|range| range.log_scale());
-    build(area, "", ranges, names, [(11, &|it| format!("{it}")), (11, &|it| format!("{it:.0e}"))])
+    let plain = |it: &f64| in_decade(*it).map_or_else(String::new, |(it, _)| it.to_string());
+    let power = |it: &f64| in_decade(*it).map_or_else(String::new, |(_, text)| text);
+    build(area, "", ranges, names, [(11, &plain), (11, &power)])
+}
+
+/// A value of a logarithmic axis, which has one digit, without its error of rounding and as a power
+/// of ten. `None` but for 1, 2 and 5 of each decade: the others would stand too close together.
+fn in_decade(value: f64) -> Option<(f64, String)> {
+    let text = format!("{value:.0e}");
+    text.starts_with(['1', '2', '5']).then(|| (text.parse().unwrap_or(value), text))
 }
 
 /// Checks that both ranges can be drawn.
@@ -168,6 +177,13 @@ fn labels(range: &Range<f64>) -> impl Fn(&f64) -> String + use<> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_of_a_logarithmic_axis_have_one_digit_and_room() {
+        assert_eq!(in_decade(0.1 + 0.1), Some((0.2, "2e-1".to_owned())));
+        assert_eq!(in_decade(0.1 * 3.0), None);
+        assert_eq!(in_decade(0.1 * 0.1), Some((0.01, "1e-2".to_owned())));
+    }
 
     #[test]
     fn values_of_an_axis_are_told_apart_and_no_longer_than_that() {

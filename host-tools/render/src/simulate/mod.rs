@@ -15,8 +15,9 @@
 //! ```
 //!
 //! The targets are integrated exactly ([`render`]); the background and an occluding arm are
-//! procedural clutter. The exposure is instantaneous: there is no motion blur. The camera has a global
-//! shutter, or a rolling one, whose rows each show the person where they are at the row's own time.
+//! procedural clutter. The exposure is instantaneous: there is no motion blur. The camera has a
+//! global shutter, or a rolling one, whose rows each show the person where they are at the row's own
+//! time.
 
 pub mod background;
 pub mod layout;
@@ -131,7 +132,7 @@ pub struct SimulatedTarget {
 pub struct Truth {
     /// The frame's number, from 0.
     pub frame: u64,
-    /// The instant at which the first row was exposed, from the first frame's.
+    /// The instant at which the row that is read first was exposed, from the first frame's.
     pub time_s: f64,
     /// The targets, in the order of [`Simulation::targets`].
     pub targets: Vec<TargetTruth>,

@@ -83,8 +83,8 @@ pub fn frame_rate(frame_rate_hz: f64) -> y4m::Ratio {
     }
 }
 
-/// The rows of truth.csv for one frame: the columns of poses.csv, where `points` is the number of
-/// corners in view, and the time that at which the row of the target's centre was exposed.
+/// The rows of truth.csv for one frame: the columns of poses.csv. `time_s` is when the row of the
+/// target's centre was exposed, and `points` is the number of corners in view.
 #[must_use]
 pub fn truth_rows(simulation: &Simulation, frame: u64) -> Vec<PoseRow> {
     let truth = simulation.truth(frame);

@@ -82,10 +82,12 @@ impl Rows {
 
     /// A sentence where points were moved to their rows' times, for files that have room for it.
     pub fn moved(&self) -> Option<String> {
-        (self.moved_s > 0.0).then(|| {
+        // Less is none in the digits given.
+        (self.moved_s >= 0.05e-3).then(|| {
             format!(
-                "the camera sees each point at its own time, up to {:.1} ms from its row's: it is \
-                 moved to that with the velocity between its neighbours",
+                "the camera sees each point at its own time; a row has the mean of these times, \
+                 and each point was moved to it, by up to {:.1} ms, with the velocity between its \
+                 neighbours",
                 1e3 * self.moved_s
             )
         })
@@ -222,6 +224,11 @@ mod tests {
             assert!((found[1].unwrap()[0] - ap_mm).abs() < 0.011, "{row}: {found:?}");
         }
         assert!(rows.points[0].position_mm[3].is_none());
+        // A single point that hardly changes its row is where it was, to the digits given.
+        let [_, lower] = &mut points.points[..] else { panic!("two points") };
+        lower.frame_time_s = lower.series.time_s().iter().map(|own_s| own_s - 9e-3).collect();
+        points.points.remove(0);
+        assert_eq!(Rows::of(&points).unwrap().moved(), None);
         // With a global shutter nothing is moved.
         let global = Rows::of(&self::points(&[&frames_s])).unwrap();
         assert_eq!((global.moved_s, global.moved()), (0.0, None));

@@ -171,6 +171,7 @@ impl Batch {
             sums_of_columns(image, band, places)
         };
         let [line, place] = band.from_middle;
+        // Through 32 bits: a conversion from 64 takes several instructions.
         let first = field.at(line, place + done as u32 as f32);
         let at = |part: usize, lane: usize| first[part] + field.steps[part][lane];
         let lines = band.lines as u32 as f32;

@@ -85,11 +85,11 @@ pub(super) struct Region {
     pub(super) per_blur: f32,
     /// The lens's bend in the middle of the edge, to its right, px.
     pub(super) bend_px: f32,
-    /// Lines of the polygon, before and after the origin,
+    /// The polygon's extent in lines, to either side of the middle.
     reach_lines: f32,
-    /// those that no crossing line reaches,
+    /// That of its lines which no crossing line reaches.
     free_lines: f32,
-    /// and how many of these may be averaged.
+    /// The number of such lines that may be averaged.
     band_lines: u32,
     /// A twelfth of the square of the edge's change of place from line to line, in blurs: n
     /// equidistant lines have (n^2 - 1) times this variance.

@@ -36,7 +36,8 @@ mod readout;
 /// frame, and wave it for 5 to 10 seconds, by a hand's breadth and about once a second, to and fro,
 /// up and down and slightly tilted, without leaving the frame. Good light and a short exposure keep
 /// it sharp. The frame rate must be constant; of a video in slow motion, --fps gives the true one.
-/// The readout and its standard deviation are added to what the camera's file says.
+/// The readout and its standard deviation are added to what the camera's file says. For a fast board
+/// the deviation is somewhat too small: errors of two to three times as much occur.
 ///
 /// With --flicker-hz as well, the readout comes from a video of a bright, plain wall in the light of
 /// a lamp that flickers at this frequency: 100 or 120, twice that of the mains. At an exposure
@@ -84,7 +85,8 @@ pub struct Arguments {
     /// The rate at which the video was recorded, if its file says another.
     #[arg(long, value_name = "HZ", requires = "readout")]
     fps: Option<f64>,
-    /// Measure the readout by a lamp that flickers so many times a second, not by a board.
+    /// The frequency at which a lamp flickers: measure the readout by its light on a wall, without a
+    /// board.
     #[arg(long, value_name = "HZ", requires = "readout", conflicts_with_all = ["board", "pitch_mm"])]
     flicker_hz: Option<f64>,
     /// Photographs (PNG, JPEG, PGM), or a Y4M video of them.

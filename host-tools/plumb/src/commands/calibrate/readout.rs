@@ -60,7 +60,7 @@ impl Video {
             return Err(BadInput::whole(
                 source.place(),
                 "a photograph, and photographs do not tell when they were taken",
-                "give a Y4M video of the moving board; if these are the frames of one, say its rate with --fps",
+                "give a Y4M video; if these are the frames of one, say its rate with --fps",
             ));
         }
         let (width, height) = (source.width(), source.height());

@@ -2,9 +2,7 @@
 
 use maud::{Markup, html};
 use nalgebra::Vector3;
-use plumbline_evidence::distance::{
-    Distance, POSITIONS_MIN, Pair, Position, distance, standard_of_reading,
-};
+use plumbline_evidence::distance::{Against, Distance, POSITIONS_MIN, Pair, Position, distance};
 use plumbline_evidence::uncertainty::{Estimate, Verdict};
 use plumbline_evidence::volume::{Coverage, Direction, Volume};
 use plumbline_files::BadInput;
@@ -104,17 +102,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let mut pairs = Vec::new();
     let names: [String; 2] = first.pair(arguments.boards.as_ref())?.map(|board| board.name.clone());
     for recording in &recordings {
-        if recording.lens != first.lens {
-            let found = format!("its camera is not that of {}", first.place);
-            let remedy = "give recordings of one camera with one calibration";
-            return Err(BadInput::whole(&recording.place, found, remedy).into());
-        }
         pairs.extend(pairs_of(&recording.pair(Some(&names))?));
     }
     let length_mm = arguments
         .length_mm
         .zip(arguments.length_max_error_mm)
-        .map(|(length_mm, off_mm)| Estimate::new(length_mm, standard_of_reading(off_mm)));
+        .map(|(length_mm, off_mm)| Estimate::of_reading(length_mm, off_mm));
     let found = distance(&pairs, length_mm)
         .map_err(|positions| too_few(first, &names, &pairs, positions))?;
     check_length(&found)?;
@@ -294,10 +287,17 @@ fn next(found: &Distance, coverage: &Coverage, judged: Option<Verdict>) -> Strin
             1.0 / (1.0 + scale.value / 100.0)
         );
     }
+    let is_reading_coarse = |it: Against| {
+        it.length_mm.standard > std::f64::consts::FRAC_1_SQRT_2 * it.largest_error_mm.standard
+    };
     match judged {
         Some(Verdict::Exceeds) => "look in the page for where the errors are largest: towards the \
              corners of the picture it is the lens, so calibrate it again with more photographs there."
             .to_owned(),
+        Some(Verdict::Undecided) if !found.against.is_some_and(is_reading_coarse) => {
+            "hold the plate still for longer at each position: the noise is too large for the limit."
+                .to_owned()
+        }
         Some(Verdict::Undecided) => {
             "measure the length with a finer instrument, and give its smaller error.".to_owned()
         }

@@ -3,10 +3,12 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::Message;
+use plumbline::packet::{Message, PosePacket};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
+use plumbline_stream::accounting::{Accounting, Arrival};
 use plumbline_stream::link::BoxLink;
+use plumbline_stream::recorder::SessionClock;
 
 use super::source::Recording;
 use crate::arguments::LinkArguments;
@@ -63,8 +65,9 @@ fn listen(
     mut advise: impl FnMut(&Recording) -> Advice,
 ) -> Result<(), BadInput> {
     let stop = stop_on_signals()?;
-    let until = Instant::now() + duration;
-    let mut first_ns = None;
+    let begun = Instant::now();
+    let until = begun + duration;
+    let mut arrivals = Arrivals::default();
     let mut said = String::new();
     while Instant::now() < until && !stop.load(Ordering::Relaxed) {
         match advise(recording) {
@@ -78,13 +81,66 @@ fn listen(
         }
         link.messages(until.min(Instant::now() + ADVICE_EVERY), |message| -> Option<()> {
             if let Message::Pose(packet) = message {
-                let first_ns = *first_ns.get_or_insert(packet.capture_time_ns);
-                // A packet that was overtaken can be older than the first; it is left out.
-                let since_ns = packet.capture_time_ns.checked_sub(first_ns)?;
-                recording.take(1e-9 * since_ns as f64, packet);
+                let arrival_ns = begun.elapsed().as_nanos() as u64;
+                if let Some(time_s) = arrivals.time_s(packet, arrival_ns) {
+                    recording.take(time_s, packet);
+                }
             }
             None
         })?;
     }
     Ok(())
+}
+
+/// Which packets are new, and when their frames were taken.
+#[derive(Default)]
+struct Arrivals {
+    accounting: Accounting,
+    clock: SessionClock,
+}
+
+impl Arrivals {
+    /// When the frame was taken, since the first of all. `None` for a packet that came before or
+    /// was overtaken: it would be out of order.
+    fn time_s(&mut self, packet: &PosePacket, arrival_ns: u64) -> Option<f64> {
+        match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
+            Arrival::Repeated | Arrival::Late => return None,
+            Arrival::NewSession => {
+                self.clock.start_session(packet.capture_time_ns, arrival_ns);
+            }
+            Arrival::New { .. } => {}
+        }
+        Some(self.clock.time_s(packet.capture_time_ns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::MarkedInstant;
+
+    use super::*;
+
+    /// By number, capture time in frames and arrival in seconds.
+    #[test]
+    fn each_frame_is_taken_once_in_order_and_after_a_restart_of_the_box_too() {
+        const FRAME_NS: u64 = 100_000_000;
+        let mut arrivals = Arrivals::default();
+        let mut time_s = |sequence: u32, frames: u64, arrival_s: u64| {
+            let packet = PosePacket {
+                sequence,
+                capture_time_ns: frames * FRAME_NS,
+                instant: MarkedInstant::Recording,
+                latency_us: 0,
+                targets: [].into_iter().collect(),
+                upper_trunk: None,
+                lower_trunk: None,
+            };
+            arrivals.time_s(&packet, 1_000_000_000 * arrival_s)
+        };
+        assert_eq!(time_s(7, 100, 3), Some(0.0));
+        assert_eq!(time_s(9, 102, 3), Some(0.2));
+        assert_eq!((time_s(9, 102, 3), time_s(8, 101, 3)), (None, None));
+        // Restarted: its clock begins anew.
+        assert_eq!((time_s(0, 1, 13), time_s(1, 2, 13)), (Some(10.0), Some(10.1)));
+    }
 }

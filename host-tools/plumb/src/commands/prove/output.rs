@@ -65,16 +65,22 @@ struct Camera {
 }
 
 impl Output {
-    fn page(&self, name: &str) -> PathBuf {
-        self.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.html")))
-    }
-
     /// Checks before any work that nothing is in the way.
     ///
     /// # Errors
-    /// When an output is one of the inputs, or exists and may not be replaced.
+    /// When an output is one of the inputs, or exists and may not be replaced, or page and figures
+    /// would be one file.
     pub fn check(&self, name: &str, input: &Input) -> Result<(), BadInput> {
-        for path in self.paths(name) {
+        let [page, figures] = self.paths(name);
+        if page == figures {
+            let remedy = "give the page's name, which ends in .html; the figures are beside it";
+            return Err(BadInput::whole(
+                "--out",
+                format!("{} names the figures", page.display()),
+                remedy,
+            ));
+        }
+        for path in [page, figures] {
             refuse_overwriting(&path, input.paths())?;
             if path.exists() && !self.force {
                 let remedy = "give another --out, or --force to replace it";
@@ -84,8 +90,9 @@ impl Output {
         Ok(())
     }
 
+    /// The page, and the figures beside it.
     fn paths(&self, name: &str) -> [PathBuf; 2] {
-        let page = self.page(name);
+        let page = self.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.html")));
         let figures = page.with_extension("json");
         [page, figures]
     }

@@ -231,7 +231,7 @@ impl Input {
     /// asked every second for what the user is to do next.
     ///
     /// # Errors
-    /// When one cannot be read, or holds no frames.
+    /// When one cannot be read or holds no frames, or their cameras differ.
     pub fn read(
         &self,
         advise: impl FnMut(&Recording) -> Advice,
@@ -250,6 +250,12 @@ impl Input {
                 return Err(BadInput::whole(&recording.place, "there are no frames in it", remedy));
             }
             recordings.push(recording);
+        }
+        let first = &recordings[0];
+        if let Some(other) = recordings.iter().find(|it| it.lens != first.lens) {
+            let found = format!("its camera is not that of {}", first.place);
+            let remedy = "give recordings of one camera with one calibration";
+            return Err(BadInput::whole(&other.place, found, remedy));
         }
         Ok(recordings)
     }

@@ -3,8 +3,6 @@
 use std::ops::Range;
 
 use maud::{Markup, html};
-use nalgebra::Vector3;
-use plumbline_evidence::distance::standard_of_reading;
 use plumbline_evidence::sighting::Sighting;
 use plumbline_evidence::step::{FRAMES_MIN, NoStep, PlaceSeen, Step, slices, step};
 use plumbline_evidence::stillness::stillness;
@@ -96,7 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let thickness_mm = arguments
         .thickness_mm
         .zip(arguments.thickness_max_error_mm)
-        .map(|(it, off_mm)| Estimate::new(it, standard_of_reading(off_mm)));
+        .map(|(it, off_mm)| Estimate::of_reading(it, off_mm));
     let error_mm = thickness_mm.map(|it| found.along_normal_mm.minus(it));
     let judged = error_mm.zip(arguments.limit_mm).map(|(it, limit_mm)| Verdict::of(&it, limit_mm));
     let figures = Figures {
@@ -128,15 +126,20 @@ fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
         Err(_) => return Advice::Do("let the board rest without the block".to_owned()),
         Ok(board) => board,
     };
-    let sightings = board.sightings();
-    let parts = stillness(&sightings).parts;
-    // As long as it rests it is told to be moved on only when it has rested for long enough.
-    let enough = |part: &Range<usize>| {
+    where_to_rest(&board.sightings())
+}
+
+/// Where to put the board down next. A rest that was cut short does not count.
+fn where_to_rest(sightings: &[Sighting]) -> Advice {
+    let parts = stillness(sightings).parts;
+    let is_enough = |part: &&Range<usize>| {
         sightings[part.end - 1].time_s - sightings[part.start].time_s >= REST_S
     };
-    match parts.iter().filter(|part| enough(part)).count() {
+    let rests_too_briefly =
+        parts.last().is_some_and(|it| it.end == sightings.len() && !is_enough(&it));
+    match parts.iter().filter(is_enough).count() {
         RESTS.. => Advice::Enough,
-        rests if parts.len() > rests => {
+        rests if rests_too_briefly => {
             Advice::Do(format!("let the board rest ({rests} of {RESTS})"))
         }
         rests => {
@@ -287,7 +290,8 @@ fn body(
     found: &Step,
     thickness_mm: Option<Estimate>,
 ) -> Result<Markup, BadInput> {
-    let heights = heights(sightings, found);
+    let heights: Vec<(f64, f64)> =
+        sightings.iter().map(|it| (it.time_s, found.height_mm(it))).collect();
     let svg = plots::places(found, &heights)?;
     let rows: Vec<Vec<String>> = found.places.iter().enumerate().map(place).collect();
     let header = ["place", "from (s)", "until (s)", "frames", "height (mm)", "group"];
@@ -322,7 +326,7 @@ fn body(
             p.method {
                 "The board rests where the mean pose of half a second differs from that of the next by "
                 "less than three times the noise of one frame. The places form two groups along the "
-                "mean normal of the board, parted where the gap is largest; the step is the difference "
+                "mean normal of the board, divided where the gap is largest; the step is the difference "
                 "of the groups' means. Noise of a mean: by the effective number of frames (Bartlett "
                 "1946, Geyer 1992). Putting the board down again: the scatter of the places within "
                 "the groups, if there are three degrees of freedom or more; it contains the noise. "
@@ -334,24 +338,6 @@ fn body(
     })
 }
 
-/// Each sighting's height over the far group along the mean normal of the resting board.
-fn heights(sightings: &[Sighting], found: &Step) -> Vec<(f64, f64)> {
-    let rested = |it: &&Sighting| {
-        found.places.iter().any(|place| (place.from_s..=place.until_s).contains(&it.time_s))
-    };
-    let normal: Vector3<f64> =
-        sightings.iter().filter(rested).map(Sighting::normal).sum::<Vector3<f64>>().normalize();
-    let along = |it: &Sighting| -normal.dot(&it.cam_from_board.translation_mm);
-    let far = found.places.iter().find(|it| !it.is_near);
-    let is_far = |it: &&Sighting| {
-        far.is_some_and(|place| (place.from_s..=place.until_s).contains(&it.time_s))
-    };
-    let at_far: Vec<f64> = sightings.iter().filter(is_far).map(along).collect();
-    let mean = at_far.iter().sum::<f64>() / at_far.len().max(1) as f64;
-    let zero = mean - far.map_or(0.0, |it| it.height_mm.value);
-    sightings.iter().map(|it| (it.time_s, along(it) - zero)).collect()
-}
-
 fn place((at, it): (usize, &PlaceSeen)) -> Vec<String> {
     vec![
         (at + 1).to_string(),
@@ -361,4 +347,45 @@ fn place((at, it): (usize, &PlaceSeen)) -> Vec<String> {
         signed(&it.height_mm),
         if it.is_near { "near" } else { "far" }.to_owned(),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix6;
+    use plumbline::pose::Pose;
+
+    use super::*;
+
+    /// A board that rests for these times, with and without the block in turn, seconds.
+    fn rested(times_s: &[f64]) -> Vec<Sighting> {
+        let frames = times_s.iter().enumerate().flat_map(|(at, time_s)| {
+            let height_mm = if at % 2 == 1 { 10.0 } else { 0.0 };
+            std::iter::repeat_n(900.0 - height_mm, (30.0 * time_s) as usize)
+        });
+        let sighting = |(at, z_mm): (usize, f64)| Sighting {
+            time_s: at as f64 / 30.0,
+            cam_from_board: Pose::from_theta([0.0, 0.0, 0.0, 0.0, 0.0, z_mm]),
+            covariance: Matrix6::identity(),
+        };
+        frames.enumerate().map(sighting).collect()
+    }
+
+    #[test]
+    fn a_board_is_to_be_moved_on_when_it_has_rested_for_long_enough() {
+        for (times_s, words) in [
+            (&[1.5][..], "let the board rest (0 of 6)"),
+            (&[4.0], "put the board down with the block, and let it rest (1 of 6)"),
+            (&[4.0, 1.5], "let the board rest (1 of 6)"),
+            (&[4.0, 4.0], "put the board down without the block, and let it rest (2 of 6)"),
+            // One that was cut short, once and for all.
+            (&[1.5, 4.0, 4.0], "put the board down without the block, and let it rest (2 of 6)"),
+        ] {
+            assert_eq!(
+                where_to_rest(&rested(times_s)),
+                Advice::Do(words.to_owned()),
+                "{times_s:?}"
+            );
+        }
+        assert_eq!(where_to_rest(&rested(&[4.0; 6])), Advice::Enough);
+    }
 }

@@ -34,11 +34,12 @@ pub fn with_u(estimate: &Estimate) -> String {
     format!("{:.decimals$} ± {:.decimals$}", estimate.value, estimate.expanded())
 }
 
-/// "0.021 (0.020 to 0.022)": a standard deviation and its 95 % interval.
+/// "0.0213 (0.0207–0.0219)": a standard deviation and its 95 % interval, whose last digit counts less
+/// than half of what is not known.
 pub fn spread(spread: &Spread) -> String {
     let [low, high] = spread.interval_95;
-    let decimals = decimals(0.5 * (high - low)).max(decimals(spread.sd));
-    format!("{:.decimals$} ({low:.decimals$} to {high:.decimals$})", spread.sd)
+    let decimals = decimals(0.25 * (high - low)).saturating_sub(1).max(decimals(spread.sd));
+    format!("{:.decimals$} ({low:.decimals$}–{high:.decimals$})", spread.sd)
 }
 
 /// What a verdict says of an error and a limit.
@@ -66,6 +67,10 @@ mod tests {
         assert_eq!(with_u(&Estimate::new(1234.5, 60.0)), "1234 ± 120");
         assert_eq!([0.0213, 12.3, 0.0].map(rounded), ["0.021", "12", "0"]);
         let it = Spread { sd: 0.0213, interval_95: [0.0207, 0.0219] };
-        assert_eq!(spread(&it), "0.02130 (0.02070 to 0.02190)");
+        assert_eq!(spread(&it), "0.0213 (0.0207–0.0219)");
+        let it = Spread { sd: 0.993, interval_95: [0.898, 1.112] };
+        assert_eq!(spread(&it), "0.99 (0.90–1.11)");
+        let it = Spread { sd: 1.003, interval_95: [0.951, 1.062] };
+        assert_eq!(spread(&it), "1.00 (0.95–1.06)");
     }
 }

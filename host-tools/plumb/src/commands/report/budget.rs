@@ -20,9 +20,8 @@ pub fn section(trial: &TrialBudget) -> Markup {
                 "Uncertainty budget after the GUM (JCGM 100:2008): the figures are computed again "
                 "with the whole trial displaced by each cause; contributions add in squares. "
                 "U = " (trial.coverage_factor) " u. Paths are less what noise adds to them, and more "
-                "by what the steps between the samples leave out. \"Of this trial\": the part of "
-                "u that other trials of the session do not share. Types: A, from observations; B, "
-                "by judgement. Not included: " (budget.not_included.join("; ")) "."
+                "by what the steps between the samples leave out. Types: A, from observations; B, by "
+                "judgement. Not included: " (budget.not_included.join("; ")) "."
             }
         }
     }
