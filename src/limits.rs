@@ -9,7 +9,7 @@
 struct Capacities {
     target_corners: usize,
     corners: usize,
-    lens_table_coefficients: usize,
+    lens_table_cells: usize,
     search_pixels_per_step: usize,
 }
 
@@ -17,7 +17,7 @@ struct Capacities {
 const STANDARD: Capacities = Capacities {
     target_corners: 120,
     corners: 1024,
-    lens_table_coefficients: 3600,
+    lens_table_cells: 16,
     search_pixels_per_step: 128 * 1024,
 };
 
@@ -25,7 +25,7 @@ const STANDARD: Capacities = Capacities {
 const SMALL: Capacities = Capacities {
     target_corners: 48,
     corners: 384,
-    lens_table_coefficients: 1024,
+    lens_table_cells: 10,
     search_pixels_per_step: 25 * 1024,
 };
 
@@ -69,10 +69,9 @@ const _: () = assert!(TARGET_NODES_MAX <= 256 && TARGET_CORNERS_MAX <= 128);
 // The longest grid has exactly the largest number of corners.
 const _: () = assert!(GRID_COLUMNS_MAX * 3 == TARGET_CORNERS_MAX);
 
-/// Coefficients of each coordinate of each of the two maps of a
-/// [`LensTable`](crate::lens_table::LensTable). For a frame of 4:3, 69 x 52 or 37 x 27: one about
-/// every 22 px in the larger frame, every 19 px in the smaller.
-pub const LENS_TABLE_COEFFICIENTS: usize = SELECTED.lens_table_coefficients;
+/// Cells along each side of the map from rays to raw pixels in a
+/// [`LensTable`](crate::lens_table::LensTable), and twice those of the map back.
+pub const LENS_TABLE_CELLS: usize = SELECTED.lens_table_cells;
 
 /// Pixels that a search examines in one step while another target is tracked: a twelfth of a frame,
 /// so that a sweep of the whole frame takes less than a quarter of a second at 60 Hz.

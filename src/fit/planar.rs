@@ -93,7 +93,7 @@ impl SeenCorner {
         raw_px: &Vector2<f64>,
         sigma_px: f64,
     ) -> Option<Self> {
-        let (ray, _) = lens.ray_from_raw_with_jacobian(raw_px)?;
+        let ray = lens.ray_from_raw(raw_px)?;
         let (_, raw_by_ray) = lens.raw_from_ray_with_jacobian(&ray);
         Some(Self { point_target_mm, ray, raw_by_ray, sigma_px })
     }
