@@ -18,15 +18,15 @@
 //! that: fisheyes are smooth there.
 //!
 //! The table from raw pixels to the plane is coarse; one Newton step on the other table makes up for
-//! it, so that one map is the other's inverse.
+//! it, and makes the two maps inverse to each other.
 //!
 //! [`LensTable::fill`] measures the errors of both over the frame and refuses a lens for which they
 //! exceed [`ERROR_PX_MAX`]; usual lenses stay below a hundredth of that. Outside the frame the maps
 //! continue linearly.
 //!
-//! Cost: from ray to raw pixel, less than a polynomial lens model; stereographic, a square root and
-//! two divisions more. Building takes about 50,000 evaluations of the lens, or three times as many
-//! for a lens that strains the table.
+//! Cost: from ray to raw pixel less than by a polynomial lens model; over the stereographic plane a
+//! square root and two divisions more. Building takes about 40,000 evaluations of the lens, and up to
+//! three times as many where both planes have to be tried.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 

@@ -6,8 +6,9 @@
 //! the fifth power of the cell's side. Where two cells meet, they differ by no more than the sum of
 //! their errors. Outside the rectangle the map continues linearly.
 //!
-//! Cost: one cell of 128 bytes; 26 multiplications and additions for each coordinate of the value,
-//! both coordinates together in one register. No division, no square root.
+//! Cost: for each coordinate, with its two derivatives, 26 multiplications and as many additions;
+//! both coordinates lie side by side in one register. No division, no square root, and only the 128
+//! bytes of one cell are read.
 
 use core::array;
 
@@ -75,10 +76,10 @@ impl<const SIDE: usize> Map<SIDE> {
     /// the place in it, counted from its own. `None` outside the rectangle, and for NaN.
     #[inline]
     fn cell(&self, place: &Vector2<f64>) -> Option<(&Cell, Vector2<f64>)> {
-        // Between 2^52 and 2^53 a number's last bit is worth 1: the sum is rounded to an integer,
-        // and its bits count up from those of the addend. Any place outside, and NaN, leaves a
-        // difference that is too large. A conversion from floating point would need more
-        // instructions for the same.
+        // Between 2^52 and 2^53 the last bit of a number is worth 1: the sum is rounded to the nearest
+        // integer, and its bits count up from those of the constant. A place outside, and NaN, leave a
+        // difference that is no index. Conversions and comparisons of floating-point numbers would
+        // take more instructions for the same.
         const TO_INTEGER: f64 = 1.5 * (1_u64 << 52) as f64;
         let sum = place.add_scalar(TO_INTEGER);
         let [column, row] = array::from_fn(|axis| {
