@@ -125,7 +125,7 @@ impl Cell {
         let (u, v) = (place.x, place.y);
         let middle = Vector2::from(self.middle);
         let [u1, u2, u3, u4, v1, u1v1, u2v1, u3v1, v2, u1v2, u2v2, v3, u1v3, v4] =
-            self.terms.map(|term| Vector2::from(term.map(f64::from)));
+            array::from_fn(|term| Vector2::from_fn(|axis, _| f64::from(self.terms[term][axis])));
         // The factors of each power of v, and their derivatives with respect to u.
         let (row0, row0_by_u) = horner([middle, u1, u2, u3, u4], u);
         let (row1, row1_by_u) = horner([v1, u1v1, u2v1, u3v1], u);
