@@ -8,21 +8,21 @@
 //! gradient except along the edges.
 
 use core::f32::consts::PI;
-use core::ops::Range;
+use core::hint::black_box;
 
-use heapless::Vec;
-
+use super::lanes::{LANES, Lanes, totals};
 use super::list::Corner;
+use super::window::{Block, HALF_MAX, Window};
 use crate::model::image::{GreyImage, Pixel};
 
-/// Radius of the largest window: a larger one costs more and does not improve the direction.
-const HALF_MAX: usize = 9;
 /// Radius of the smallest window: a smaller one says nothing about the edges.
 const HALF_MIN: usize = 3;
-const SIDE_MAX: usize = 2 * HALF_MAX + 1;
 
 /// Bins of the histogram over half a turn, as in the paper.
 const BINS: usize = 32;
+/// 1.5 * 2^23. Numbers of this size are whole, so that adding it rounds a small number; the lowest
+/// bits are then the whole number.
+const ROUNDING: f32 = 12_582_912.0;
 /// The two edges are at least this many bins apart: 28 degrees. A right angle
 /// tilted by 60 degrees is at least 53 degrees wide.
 const BINS_APART: usize = 5;
@@ -33,7 +33,7 @@ const SECOND_EDGE_MIN: f32 = 0.15;
 const ALONG_SINE_MAX: f32 = 0.35;
 /// Half the width of an edge in the template of the gradient, Geiger's value.
 const EDGE_HALF_WIDTH_PX: f32 = 1.5;
-/// Elements farther than this from the edge through the centre belong to the parallel edge of the
+/// Pixels farther than this from the edge through the centre belong to the parallel edge of the
 /// next square.
 const OWN_EDGE_PX: f32 = 3.5;
 /// Largest distance of the position from the pixel of the best likelihood.
@@ -48,21 +48,6 @@ const BETWEEN_EDGES_SINE_MIN: f32 = 0.4;
 const GAP_MIN: f32 = 0.3;
 /// Smallest correlation of the gradient with the edges.
 const CORRELATION_MIN: f32 = 0.2;
-
-/// Gradients weaker than this fraction of the strongest are noise, or the flanks of the blur.
-const GRADIENT_MIN: f32 = 0.15;
-
-/// A pixel with a significant gradient.
-#[derive(Clone, Copy)]
-struct Element {
-    /// From the centre of the window.
-    offset: [f32; 2],
-    gradient: [f32; 2],
-    magnitude: f32,
-    weight: f32,
-}
-
-type Elements = Vec<Element, { SIDE_MAX * SIDE_MAX }>;
 
 /// The corner at a pixel of high likelihood, or `None` when the window around it does not show one.
 pub(super) fn describe<P: Pixel>(
@@ -79,15 +64,13 @@ pub(super) fn describe<P: Pixel>(
     }
     let mut window = Window::new(half);
     window.fill(image, place);
-    let mut elements = Elements::new();
-    window.collect(&mut elements);
-    let edges_rad = modes(&elements)?.map(|angle_rad| turned(&elements, angle_rad));
-    let edges = edges_rad.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
-    if cross(edges[0], edges[1]).abs() < BETWEEN_EDGES_SINE_MIN {
+    let edges_rad = modes(&window)?.map(|angle_rad| turned(&window, angle_rad));
+    if libm::sinf(edges_rad[1] - edges_rad[0]).abs() < BETWEEN_EDGES_SINE_MIN {
         return None;
     }
-    let shift = intersection(&elements, edges)?;
-    let (levels, correlation) = window.compare(image, place, radius, edges, shift)?;
+    let edges = edges_rad.map(|angle_rad| [libm::cosf(angle_rad), libm::sinf(angle_rad)]);
+    let shift = intersection(&window, edges)?;
+    let (levels, correlation) = compare(&window, half.min(radius + 1), edges, shift)?;
     let sectors = Sectors::of(levels);
     if sectors.gap < GAP_MIN * sectors.span || sectors.span <= 0.0 || correlation < CORRELATION_MIN
     {
@@ -100,129 +83,48 @@ pub(super) fn describe<P: Pixel>(
     })
 }
 
-/// The gradients around a pixel. The window is round, with Gaussian weights, so that no direction
-/// is favoured.
-struct Window {
-    /// From the pixel in the middle to the border.
-    half: usize,
-    /// Weight by the distance along x or y.
-    gaussian: [f32; HALF_MAX + 1],
-    /// The gradient along x and along y, and its magnitude.
-    gradients: [[[f32; 3]; SIDE_MAX]; SIDE_MAX],
-    /// The largest magnitude.
-    strongest: f32,
+/// Compares the window, as far as `reach` from its middle, with a corner of these edges, `shift`
+/// away from the middle. Returns the mean grey level of each of the four sectors, indexed by the
+/// signs of the distances from both edges, and the correlation of the gradient with the edges.
+/// `None` when a sector has no pixel.
+fn compare(
+    window: &Window,
+    reach: usize,
+    [edge0, edge1]: [[f32; 2]; 2],
+    shift: [f32; 2],
+) -> Option<([f32; 4], f32)> {
+    let mut sectors = [[Lanes::ZERO; 2]; 4];
+    let none = Lanes::ZERO;
+    let mut moments = Moments { count: none, a: none, b: none, ab: none, bb: none };
+    for block in window.blocks_within(reach) {
+        let inside = block.within(reach);
+        let [x, y] = block.offset();
+        let offset = [x - Lanes::all(shift[0]), y - Lanes::all(shift[1])];
+        let (from0, from1) = (distances(edge0, offset), distances(edge1, offset));
+        let distance = from0.abs().min(from1.abs());
+        let on_edge = inside.where_less(distance, Lanes::all(EDGE_HALF_WIDTH_PX));
+        moments.add(inside, on_edge, block.magnitude);
+        let weight = block.weight * inside.where_less(Lanes::all(CLEAR_OF_EDGE_PX), distance);
+        for (sector, weight) in sectors.iter_mut().zip(by_sector(weight, from0, from1)) {
+            sector[0] += weight * block.brightness;
+            sector[1] += weight;
+        }
+    }
+    let sums = sectors.map(|sums| totals(&sums));
+    if sums.iter().any(|sum| sum[1] <= 0.0) {
+        return None;
+    }
+    Some((sums.map(|sum| sum[0] / sum[1]), moments.correlation()))
 }
 
-impl Window {
-    /// An empty window.
-    #[inline]
-    fn new(half: usize) -> Self {
-        Self {
-            half,
-            gaussian: [0.0; HALF_MAX + 1],
-            gradients: [[[0.0; 3]; SIDE_MAX]; SIDE_MAX],
-            strongest: 0.0,
-        }
-    }
-
-    /// Computes the gradients around a pixel, which must be farther from the frame's border than
-    /// `half`.
-    fn fill<P: Pixel>(&mut self, image: &GreyImage<'_, P>, [x, y]: [usize; 2]) {
-        let (half, side) = (self.half, self.side());
-        for (distance, weight) in self.gaussian.iter_mut().enumerate() {
-            *weight = libm::expf(-2.0 * (distance * distance) as f32 / (half * half) as f32);
-        }
-        for (row, line) in self.gradients[..side].iter_mut().enumerate() {
-            let y = y + row - half;
-            let columns = columns_within(half, half, row);
-            let x = x + columns.start - half;
-            let above = &image.row(y - 1)[x..][..columns.len()];
-            let below = &image.row(y + 1)[x..][..columns.len()];
-            let here = &image.row(y)[x - 1..][..columns.len() + 2];
-            let pixels = here.windows(3).zip(above.iter().zip(below));
-            for (gradient, (here, (&above, &below))) in line[columns].iter_mut().zip(pixels) {
-                let gx = value(here[2]) - value(here[0]);
-                let gy = value(below) - value(above);
-                let magnitude = libm::sqrtf(gx * gx + gy * gy);
-                *gradient = [gx, gy, magnitude];
-                self.strongest = self.strongest.max(magnitude);
-            }
-        }
-    }
-
-    fn side(&self) -> usize {
-        2 * self.half + 1
-    }
-
-    /// Appends the pixels whose gradient exceeds the noise.
-    #[inline]
-    fn collect(&self, elements: &mut Elements) {
-        let (half, side) = (self.half, self.side());
-        let least = GRADIENT_MIN * self.strongest;
-        for (row, line) in self.gradients[..side].iter().enumerate() {
-            for column in columns_within(half, half, row) {
-                let [gx, gy, magnitude] = line[column];
-                if magnitude > least {
-                    let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
-                    let weight = self.gaussian[dx] * self.gaussian[dy];
-                    let offset = [column as f32 - half as f32, row as f32 - half as f32];
-                    let gradient = [gx, gy];
-                    // There is room for every pixel of the window: this cannot fail.
-                    let _ = elements.push(Element { offset, gradient, magnitude, weight });
-                }
-            }
-        }
-    }
-
-    /// Compares the window with a corner of these edges, `shift` away from its middle. Returns the
-    /// mean grey level of each of the four sectors, indexed by the signs of the distances from both
-    /// edges, and the correlation of the gradient with the edges. `None` when a sector has no
-    /// pixel.
-    fn compare<P: Pixel>(
-        &self,
-        image: &GreyImage<'_, P>,
-        [x, y]: [usize; 2],
-        radius: usize,
-        [edge0, edge1]: [[f32; 2]; 2],
-        shift: [f32; 2],
-    ) -> Option<([f32; 4], f32)> {
-        let (half, side) = (self.half, self.side());
-        let core = half.min(radius + 1);
-        let mut sums = [[0.0_f32; 2]; 4];
-        let mut moments = Moments::default();
-        for (row, line) in self.gradients[..side].iter().enumerate() {
-            let pixels = &image.row(y + row - half)[x - half..][..side];
-            for column in columns_within(core, half, row) {
-                let (pixel, gradient) = (pixels[column], line[column]);
-                let (dx, dy) = (column.abs_diff(half), row.abs_diff(half));
-                let weight = self.gaussian[dx] * self.gaussian[dy];
-                let offset =
-                    [column as f32 - half as f32 - shift[0], row as f32 - half as f32 - shift[1]];
-                let (from0, from1) = (cross(edge0, offset), cross(edge1, offset));
-                let distance = from0.abs().min(from1.abs());
-                let on_edge = distance <= EDGE_HALF_WIDTH_PX;
-                moments.add(if on_edge { 1.0 } else { -1.0 }, gradient[2]);
-                if distance >= CLEAR_OF_EDGE_PX {
-                    let sector = usize::from(from0 > 0.0) + 2 * usize::from(from1 > 0.0);
-                    sums[sector][0] += weight * value(pixel);
-                    sums[sector][1] += weight;
-                }
-            }
-        }
-        if sums.iter().any(|sum| sum[1] <= 0.0) {
-            return None;
-        }
-        Some((sums.map(|sum| sum[0] / sum[1]), moments.correlation()))
-    }
-}
-
-/// The columns of a row that lie inside a circle around the middle of a window, which is `half` from
-/// its border.
-fn columns_within(radius: usize, half: usize, row: usize) -> Range<usize> {
-    let dy = row.abs_diff(half);
-    let Some(square) = (radius * radius + 1).checked_sub(dy * dy) else { return 0..0 };
-    let reach = square.isqrt().min(half);
-    half - reach..half + reach + 1
+/// Weights distributed over the four sectors by the signs of the distances from both edges.
+#[inline(always)]
+fn by_sector(weight: Lanes, from0: Lanes, from1: Lanes) -> [Lanes; 4] {
+    let beyond0 = weight.where_less(Lanes::ZERO, from0);
+    let before0 = weight - beyond0;
+    let beyond_both = beyond0.where_less(Lanes::ZERO, from1);
+    let beyond1_only = before0.where_less(Lanes::ZERO, from1);
+    [before0 - beyond1_only, beyond0 - beyond_both, beyond1_only, beyond_both]
 }
 
 /// The brightness of the four sectors between two edges: at a corner, one pair of opposite sectors
@@ -238,7 +140,7 @@ struct Sectors {
 }
 
 impl Sectors {
-    /// From the levels of [`Window::compare`].
+    /// From the levels of [`compare`].
     fn of([behind, between, between_opposite, behind_opposite]: [f32; 4]) -> Self {
         // Sectors 1 and 2 lie on the positive side of one edge only: they are opposite each other,
         // as are 0 and 3.
@@ -262,26 +164,34 @@ impl Sectors {
     }
 }
 
-fn value<P: Pixel>(pixel: P) -> f32 {
-    pixel.into()
-}
-
-fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
-    a[0] * b[1] - a[1] * b[0]
+/// The signed distances of points from a line of this direction through the origin.
+#[inline(always)]
+fn distances([x, y]: [f32; 2], offset: [Lanes; 2]) -> Lanes {
+    offset[1] * x - offset[0] * y
 }
 
 /// Directions of the two strongest edges, `[0, pi)`.
-fn modes(elements: &Elements) -> Option<[f32; 2]> {
-    let mut bins = [0.0_f32; BINS];
-    for Element { gradient, magnitude, weight, .. } in elements {
-        let mass = weight * magnitude;
+fn modes(window: &Window) -> Option<[f32; 2]> {
+    // A histogram for each lane, because additions to the same bin wait for each other.
+    let mut bins = [Lanes::ZERO; BINS];
+    for block in window.blocks() {
+        let mass = block.edge_weight * block.magnitude;
         // The edge is perpendicular to the gradient: (-y, x), or turned by half a turn (y, -x).
-        let position = half_turn(-gradient[0], gradient[1]) * BINS as f32;
-        let bin = (position as usize).min(BINS - 1);
-        let part = position - bin as f32;
-        bins[bin] += mass * (1.0 - part);
-        bins[(bin + 1) % BINS] += mass * part;
+        let [gx, gy] = block.gradient;
+        let position = half_turn(Lanes::ZERO - gx, gy) * BINS as f32;
+        // Half a bin less, rounded, is the bin before the position.
+        let rounded = position - Lanes::all(0.5) + Lanes::all(ROUNDING);
+        let part = position - (rounded - Lanes::all(ROUNDING));
+        let next = mass * part;
+        // [`black_box`] makes the compiler finish the vectors before it takes them apart.
+        let [Lanes(rounded), Lanes(own), Lanes(next)] = black_box([rounded, mass - next, next]);
+        for lane in 0..LANES {
+            let bin = rounded[lane].to_bits() as usize % BINS;
+            bins[bin].0[lane] += own[lane];
+            bins[(bin + 1) % BINS].0[lane] += next[lane];
+        }
     }
+    let bins = totals(&bins);
     // Smoothed by 1 4 6 4 1, roughly the paper's mean shift of one bin.
     let at = |bin: usize, step: usize| bins[(bin + step) % BINS];
     let mut smooth = [0.0_f32; BINS];
@@ -311,31 +221,33 @@ fn modes(elements: &Elements) -> Option<[f32; 2]> {
     Some([first, second].map(|bin| bin as f32 * (PI / BINS as f32)))
 }
 
-/// The direction of (y, x) as a fraction of half a turn, `[0, 1)`: atan2 by a
+/// The direction of (y, x) as a fraction of half a turn, `[0, 1]`: atan2 by a
 /// polynomial with an error of 0.005 rad, twenty times finer than a bin.
-fn half_turn(y: f32, x: f32) -> f32 {
+#[inline(always)]
+fn half_turn(y: Lanes, x: Lanes) -> Lanes {
     let (ax, ay) = (x.abs(), y.abs());
-    let ratio = ax.min(ay) / ax.max(ay).max(f32::MIN_POSITIVE);
-    let octant = ratio * (0.9724 - 0.1919 * ratio * ratio);
-    let quadrant = if ay > ax { 0.5 * PI - octant } else { octant };
-    let angle = if (x < 0.0) != (y < 0.0) { PI - quadrant } else { quadrant };
-    let turn = angle / PI;
-    if turn >= 1.0 { 0.0 } else { turn }
+    let ratio = ax.min(ay) / ax.max(ay).max(Lanes::all(f32::MIN_POSITIVE));
+    let octant = ratio * (Lanes::all(0.9724 / PI) - ratio * ratio * (0.1919 / PI));
+    // Without branches: |a - b| is a where b is 0, and b - a where b is more than a.
+    let quadrant = (octant - Lanes::all(0.5).where_less(ax, ay)).abs();
+    (quadrant - Lanes::all(1.0).where_less(x * y, Lanes::ZERO)).abs()
 }
 
 /// The direction turned so that the gradients along this edge are perpendicular to it.
-fn turned(elements: &Elements, angle_rad: f32) -> f32 {
+fn turned(window: &Window, angle_rad: f32) -> f32 {
     let mut angle_rad = angle_rad;
     for _ in 0..2 {
         let edge = [libm::cosf(angle_rad), libm::sinf(angle_rad)];
-        let (mut xx, mut xy, mut yy) = (0.0_f32, 0.0_f32, 0.0_f32);
-        for element in elements.iter().filter(|element| is_along(element, edge)) {
-            let [x, y] = element.gradient;
-            xx += element.weight * x * x;
-            xy += element.weight * x * y;
-            yy += element.weight * y * y;
+        let [mut xx, mut xy, mut yy] = [Lanes::ZERO; 3];
+        for block in window.blocks() {
+            let [x, y] = block.gradient;
+            let weight = weight_along(block, edge);
+            xx += weight * x * x;
+            xy += weight * x * y;
+            yy += weight * y * y;
         }
         // The normal is the largest eigenvector of the moments; the edge is a quarter turn away.
+        let [xx, xy, yy] = totals(&[xx, xy, yy]);
         let normal_rad = 0.5 * libm::atan2f(2.0 * xy, xx - yy);
         angle_rad = normal_rad + 0.5 * PI;
     }
@@ -343,32 +255,34 @@ fn turned(elements: &Elements, angle_rad: f32) -> f32 {
     if angle_rad >= PI { 0.0 } else { angle_rad.max(0.0) }
 }
 
-/// Whether an element belongs to an edge of this direction.
-fn is_along(element: &Element, edge: [f32; 2]) -> bool {
-    let along = element.gradient[0] * edge[0] + element.gradient[1] * edge[1];
-    along.abs() < ALONG_SINE_MAX * element.magnitude
+/// The weights of the gradients that belong to an edge of this direction, and 0 for the others.
+#[inline(always)]
+fn weight_along(block: &Block, edge: [f32; 2]) -> Lanes {
+    let [x, y] = block.gradient;
+    let along = x * edge[0] + y * edge[1];
+    block.edge_weight.where_less(along.abs(), block.magnitude * ALONG_SINE_MAX)
 }
 
-/// The point towards which the edge elements run, relative to the centre of the window.
-fn intersection(elements: &Elements, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
-    let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-    for element in elements {
-        let Element { offset: [dx, dy], gradient: [x, y], weight, .. } = *element;
+/// The point towards which the edges' pixels run, relative to the centre of the window.
+fn intersection(window: &Window, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
+    let [mut xx, mut xy, mut yy, mut bx, mut by] = [Lanes::ZERO; 5];
+    for block in window.blocks() {
+        let ([x, y], [dx, dy]) = (block.gradient, block.offset());
+        let own = edges.map(|edge| {
+            let distance = distances(edge, [dx, dy]).abs();
+            weight_along(block, edge).where_less(distance, Lanes::all(OWN_EDGE_PX))
+        });
         // In the middle the gradient has no clear direction.
-        let middle = dx * dx + dy * dy < 1.5;
-        let is_own = |&edge: &[f32; 2]| {
-            is_along(element, edge) && cross(edge, element.offset).abs() < OWN_EDGE_PX
-        };
-        if middle || !edges.iter().any(is_own) {
-            continue;
-        }
+        let weight = own[0].max(own[1]).where_less(Lanes::all(1.5), dx * dx + dy * dy);
         let inward = x * dx + y * dy;
-        xx += weight * x * x;
-        xy += weight * x * y;
-        yy += weight * y * y;
-        bx += weight * x * inward;
-        by += weight * y * inward;
+        let (wx, wy) = (weight * x, weight * y);
+        xx += wx * x;
+        xy += wx * y;
+        yy += wy * y;
+        bx += wx * inward;
+        by += wy * inward;
     }
+    let [xx, xy, yy, bx, by] = totals(&[xx, xy, yy, bx, by]);
     let determinant = xx * yy - xy * xy;
     let trace = xx + yy;
     // This bounds the ratio of the eigenvalues: below it one edge is missing.
@@ -380,32 +294,54 @@ fn intersection(elements: &Elements, edges: [[f32; 2]; 2]) -> Option<[f32; 2]> {
     (length_square <= SHIFT_MAX_PX * SHIFT_MAX_PX).then_some(shift)
 }
 
-/// Sums for a correlation.
-#[derive(Default)]
+/// Sums for the correlation of two variables of which one, a, is 0 or 1.
 struct Moments {
-    count: f32,
-    a: f32,
-    b: f32,
-    aa: f32,
-    ab: f32,
-    bb: f32,
+    count: Lanes,
+    a: Lanes,
+    b: Lanes,
+    ab: Lanes,
+    bb: Lanes,
 }
 
 impl Moments {
-    fn add(&mut self, a: f32, b: f32) {
-        self.count += 1.0;
+    /// Adds the lanes where `inside` is 1; where it is 0, `a` must be 0 as well.
+    #[inline(always)]
+    fn add(&mut self, inside: Lanes, a: Lanes, b: Lanes) {
+        let b = b * inside;
+        self.count += inside;
         self.a += a;
         self.b += b;
-        self.aa += a * a;
         self.ab += a * b;
         self.bb += b * b;
     }
 
     /// Pearson's correlation; 0 where one side does not vary.
     fn correlation(&self) -> f32 {
-        let covariance = self.count * self.ab - self.a * self.b;
-        let spread =
-            (self.count * self.aa - self.a * self.a) * (self.count * self.bb - self.b * self.b);
+        let [count, a, b, ab, bb] = totals(&[self.count, self.a, self.b, self.ab, self.bb]);
+        let covariance = count * ab - a * b;
+        let spread = (count * a - a * a) * (count * bb - b * b);
         if spread > 0.0 { covariance / libm::sqrtf(spread) } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_turn_is_a_fraction_of_the_arctangent_all_around() {
+        for degree in 0..360_u16 {
+            for length in [1.0, 360.0, 90_000.0] {
+                let angle_rad = f32::from(degree).to_radians();
+                let [x, y] = [length * libm::cosf(angle_rad), length * libm::sinf(angle_rad)];
+                let Lanes(turns) = half_turn(Lanes::all(y), Lanes::all(x));
+                assert_eq!(turns, [turns[0]; LANES]);
+                assert!((0.0..=1.0).contains(&turns[0]), "{degree}: {turns:?}");
+                // Directions that are half a turn apart are one.
+                let apart_rad = turns[0] * PI - angle_rad;
+                assert!(libm::sinf(apart_rad).abs() < 0.005, "{degree}: {turns:?}");
+            }
+        }
+        assert_eq!(half_turn(Lanes::ZERO, Lanes::ZERO), Lanes::ZERO);
     }
 }

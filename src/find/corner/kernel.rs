@@ -10,27 +10,24 @@
 
 use core::ops::Range;
 
+use super::lanes::{LANES, Lanes, totals};
 use crate::model::image::{GreyImage, Pixel};
 
-/// Radii of the kernels.
+/// Radii of the kernels: multiples of [`LANES`].
 pub(super) const RADII_PX: [usize; 3] = [4, 8, 12];
 const RADIUS_MAX: usize = 12;
 
-/// Columns that are processed together: one vector register of x86 or ARM.
-const LANES: usize = 4;
-type Lanes = [f32; LANES];
-
-/// Blocks of [`LANES`] columns that hold the widest window.
-const BLOCKS_MAX: usize = (2 * RADIUS_MAX + 1).div_ceil(LANES);
+/// Blocks of [`LANES`] columns on each side of the centre of the widest window.
+const BLOCKS_MAX: usize = RADIUS_MAX / LANES;
 
 /// The kernels of one size. The Gaussian is separable: its weights by rows, and by blocks of columns
-/// of the window; columns beyond the window weigh nothing.
+/// left of the centre and right of it. The column in the middle weighs 1.
 #[derive(Debug, Clone, Copy)]
 struct Size {
     radius: usize,
     /// Weight at each distance from the centre.
     gaussian: [f32; RADIUS_MAX + 1],
-    columns: [Columns; BLOCKS_MAX],
+    sides: [[Columns; BLOCKS_MAX]; 2],
     /// 1 / sum of a kernel of prototype 1, of prototype 2.
     norm: [f32; 2],
 }
@@ -40,11 +37,7 @@ struct Size {
 struct Columns {
     /// Distances from the centre.
     across: Lanes,
-    /// Weights left of the centre, and right of it.
-    left: Lanes,
-    right: Lanes,
-    /// Weights of all.
-    all: Lanes,
+    weight: Lanes,
 }
 
 /// All kernels.
@@ -122,18 +115,12 @@ impl Size {
             let ratio = distance as f32 / sigma;
             *weight = libm::expf(-0.5 * ratio * ratio);
         }
-        let none = [0.0; LANES];
-        let mut columns =
-            [Columns { across: none, left: none, right: none, all: none }; BLOCKS_MAX];
-        for column in 0..=2 * radius {
-            let across = column.abs_diff(radius);
-            let (block, lane) = (&mut columns[column / LANES], column % LANES);
-            block.across[lane] = across as f32;
-            block.all[lane] = gaussian[across];
-            if column < radius {
-                block.left[lane] = gaussian[across];
-            } else if column > radius {
-                block.right[lane] = gaussian[across];
+        let mut sides = [[Columns { across: Lanes::ZERO, weight: Lanes::ZERO }; BLOCKS_MAX]; 2];
+        for n in 0..radius {
+            for (side, across) in [radius - n, n + 1].into_iter().enumerate() {
+                let (block, lane) = (&mut sides[side][n / LANES], n % LANES);
+                block.across.0[lane] = across as f32;
+                block.weight.0[lane] = gaussian[across];
             }
         }
         let half: f32 = gaussian[1..=radius].iter().sum();
@@ -145,7 +132,7 @@ impl Size {
             wedge += weight * across;
             across += 2.0 * weight;
         }
-        Self { radius, gaussian, columns, norm: [1.0 / (half * half), 1.0 / wedge] }
+        Self { radius, gaussian, sides, norm: [1.0 / (half * half), 1.0 / wedge] }
     }
 
     /// `SIDE` is the side of the window, 2 radius + 1.
@@ -156,71 +143,78 @@ impl Size {
         y: usize,
     ) -> f32 {
         let radius = SIDE / 2;
-        let pixels: [&[P]; SIDE] =
-            core::array::from_fn(|row| &image.row(y + row - radius)[x - radius..]);
-        // A, B, C, D of prototype 1, then of prototype 2, in partial sums.
-        let mut sums = [[0.0; LANES]; 8];
-        for (block, columns) in self.columns[..SIDE.div_ceil(LANES)].iter().enumerate() {
-            // Sums along the columns. Of the rows above the centre and of those below: all pixels,
-            // and those inside the wedges; of all rows, those beside the wedges. Pixels on the
-            // diagonals are neither.
-            let [mut above, mut below, mut upper, mut lower] = [[0.0; LANES]; 4];
-            let mut beside = lanes(pixels[radius], block);
-            for distance in 1..=radius {
-                let weight = [self.gaussian[distance]; LANES];
-                let up = product(lanes(pixels[radius - distance], block), weight);
-                let down = product(lanes(pixels[radius + distance], block), weight);
-                above = sum(above, up);
-                below = sum(below, down);
-                let limit = [distance as f32; LANES];
-                upper = sum(upper, where_less(columns.across, limit, up));
-                lower = sum(lower, where_less(columns.across, limit, down));
-                beside = sum(beside, where_less(limit, columns.across, sum(up, down)));
-            }
-            let &Columns { left, right, all, .. } = columns;
-            for (sum_of_all, more) in sums.iter_mut().zip([
-                product(above, left),
-                product(below, right),
-                product(above, right),
-                product(below, left),
-                product(upper, all),
-                product(lower, all),
-                product(beside, left),
-                product(beside, right),
-            ]) {
-                *sum_of_all = sum(*sum_of_all, more);
+        let rows: [&[P; SIDE]; SIDE] = core::array::from_fn(|row| {
+            image.span(x - radius, y + row - radius).expect("the window fits into the frame")
+        });
+        // Weighted sums in lanes: of the quadrants and of the wedges beside the centre, left and
+        // right; and of the wedges above and below the centre. Pixels on the axes belong to no
+        // quadrant, pixels on the diagonals to no wedge.
+        let [mut above, mut below, mut beside] = [[Lanes::ZERO; 2]; 3];
+        let [mut upper, mut lower] = [Lanes::ZERO; 2];
+        for (side, blocks) in self.sides.iter().enumerate() {
+            let first = side * (radius + 1);
+            for (block, columns) in blocks[..radius / LANES].iter().enumerate() {
+                let start = first + block * LANES;
+                let pixels = |row: usize| {
+                    Lanes::of(rows[row][start..].first_chunk().expect("LANES columns"))
+                };
+                let sums = self.sum_columns::<SIDE>(pixels, columns.across);
+                above[side] += sums.above * columns.weight;
+                below[side] += sums.below * columns.weight;
+                beside[side] += sums.beside * columns.weight;
+                upper += sums.upper * columns.weight;
+                lower += sums.lower * columns.weight;
             }
         }
-        let [a1, b1, c1, d1, a2, b2, c2, d2] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
+        // The column in the middle, which belongs to the wedges above and below the centre.
+        let mut middle = [0.0; 2];
+        for distance in 1..=radius {
+            for (sum, row) in middle.iter_mut().zip([radius - distance, radius + distance]) {
+                let pixel: f32 = rows[row][radius].into();
+                *sum += self.gaussian[distance] * pixel;
+            }
+        }
+        let [a1, b1, c1, d1, a2, b2, c2, d2] =
+            totals(&[above[0], below[1], above[1], below[0], upper, lower, beside[0], beside[1]]);
         let upright = combine([a1, b1, c1, d1], self.norm[0]);
-        upright.max(combine([a2, b2, c2, d2], self.norm[1]))
+        upright.max(combine([a2 + middle[0], b2 + middle[1], c2, d2], self.norm[1]))
+    }
+
+    /// The sums along a block of columns, whose pixels in a row `pixels` returns.
+    #[inline(always)]
+    fn sum_columns<const SIDE: usize>(
+        &self,
+        pixels: impl Fn(usize) -> Lanes,
+        across: Lanes,
+    ) -> ColumnSums {
+        let radius = SIDE / 2;
+        let none = Lanes::ZERO;
+        let beside = pixels(radius);
+        let mut sums = ColumnSums { above: none, below: none, upper: none, lower: none, beside };
+        for distance in 1..=radius {
+            let up = pixels(radius - distance) * self.gaussian[distance];
+            let down = pixels(radius + distance) * self.gaussian[distance];
+            let limit = Lanes::all(distance as f32);
+            sums.above += up;
+            sums.below += down;
+            sums.upper += up.where_less(across, limit);
+            sums.lower += down.where_less(across, limit);
+            sums.beside += (up + down).where_less(limit, across);
+        }
+        sums
     }
 }
 
-/// A block of the pixels of a row; 0 beyond the frame.
-#[inline(always)]
-fn lanes<P: Pixel>(row: &[P], block: usize) -> Lanes {
-    let rest = &row[LANES * block..];
-    match rest.first_chunk::<LANES>() {
-        Some(pixels) => core::array::from_fn(|n| pixels[n].into()),
-        None => core::array::from_fn(|n| rest.get(n).map_or(0.0, |&pixel| pixel.into())),
-    }
-}
-
-#[inline(always)]
-fn sum(a: Lanes, b: Lanes) -> Lanes {
-    core::array::from_fn(|n| a[n] + b[n])
-}
-
-/// The values where `a` is less than `b`, and 0 elsewhere.
-#[inline(always)]
-fn where_less(a: Lanes, b: Lanes, values: Lanes) -> Lanes {
-    core::array::from_fn(|n| if a[n] < b[n] { values[n] } else { 0.0 })
-}
-
-#[inline(always)]
-fn product(a: Lanes, b: Lanes) -> Lanes {
-    core::array::from_fn(|n| a[n] * b[n])
+/// Sums along columns, weighted by rows.
+struct ColumnSums {
+    /// Above the centre, and below it.
+    above: Lanes,
+    below: Lanes,
+    /// Of these, the pixels that are nearer to the middle column than to the middle row.
+    upper: Lanes,
+    lower: Lanes,
+    /// The pixels that are nearer to the middle row.
+    beside: Lanes,
 }
 
 /// The better of both signs; the arguments are the responses of A, B, C and D before normalisation.

@@ -10,10 +10,12 @@
 mod detect;
 mod direction;
 mod kernel;
+mod lanes;
 mod list;
 mod ring;
 #[cfg(test)]
 pub(crate) mod tests;
+mod window;
 
 pub use detect::{Detector, refined};
 pub use list::{Corner, CornerList};

@@ -425,6 +425,32 @@ fn wherever_a_picture_is_split_no_corner_is_lost_or_found_twice() {
     }
 }
 
+/// What lies beyond the frame does not matter: a window that touches its border shows the same
+/// corner as one inside a larger frame.
+#[test]
+fn a_corner_beside_the_border_is_described_as_in_a_larger_frame() {
+    let board = Board::new([2, 2], [60.3, 50.6], 25.0, 0.3, 0.0, 0.0);
+    let picture = render([130, 110], &[board], 0.5, 0.01, 6);
+    let bytes: Vec<u8> = samples(&picture, 130, 0, 255);
+    let whole = GreyImage::new(&bytes, 130, 110, 130).unwrap();
+    let found = detect(&whole);
+    assert_eq!(found.as_slice().len(), 4);
+    for corner in found.as_slice() {
+        let [x, y] = corner.position_px.map(|value| (value + 0.5) as usize);
+        for radius in kernel::RADII_PX {
+            let described = direction::describe(&whole, [x, y], radius);
+            assert!(described.is_some(), "{x} {y}");
+            // The last column and row that the window needs, and a few more.
+            for more in 0..4 {
+                let reach = (radius + 3).min(9) + 1 + more;
+                let [width, height] = [x + reach + 1, y + reach + 1];
+                let cut = GreyImage::new(&bytes, width.max(64), height.max(64), 130).unwrap();
+                assert_eq!(direction::describe(&cut, [x, y], radius), described, "{width}");
+            }
+        }
+    }
+}
+
 #[test]
 fn empty_and_noisy_frames_give_finite_corners_or_none() {
     for value in [0_u8, 1, 128, 255] {
