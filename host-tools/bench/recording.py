@@ -19,3 +19,13 @@ def read_poses(path):
         position_mm = np.array([float(row[f"{axis}_mm"]) for axis in "xyz"])
         poses[int(row["frame"]), row["target"]] = about_z @ about_y @ about_x, position_mm
     return poses
+
+
+def read_deviations(path):
+    """(frame, target) -> the stated standard deviations of the position in mm."""
+    rows = csv.DictReader(path.open())
+    return {
+        (int(row["frame"]), row["target"]): [float(row[f"sd_{axis}_mm"]) for axis in "xyz"]
+        for row in rows
+        if row["x_mm"]
+    }

@@ -236,6 +236,23 @@ fn limit_mm(figures: &Figures, target: &str) -> Result<String> {
     Ok(format!("{:.3}", bound.parse::<f64>()?))
 }
 
+/// The spread of a target's depth over its bound, in recordings with that bound, and the standard
+/// deviation which that has by the number of frames.
+fn share_of_bound(recordings: &[&Figures], target: &str) -> Result<String> {
+    let [mut squares, mut frames] = [0.0; 2];
+    for &figures in recordings {
+        let Some(bound) = recordings[0].get(&format!("limit_mm:{target}")) else {
+            return Ok("not calculated".into());
+        };
+        let spread: f64 = get(figures, &format!("tracking_spread_mm:{target}"))?.parse()?;
+        let count: f64 = get(figures, "frames")?.parse()?;
+        squares += count * (spread / bound.parse::<f64>()?).powi(2);
+        frames += count;
+    }
+    let share = (squares / frames).sqrt();
+    Ok(format!("{share:.2} +- {:.2}", share / (2.0 * frames).sqrt()))
+}
+
 /// The median of one run as a share of another's.
 fn share(figures: &Figures, run: &str, of_figures: &Figures, of_run: &str) -> Result<String> {
     let median = |figures: &Figures, run: &str| -> Result<f64> {
@@ -356,7 +373,7 @@ fn tables(measured: &Measured) -> Result<String> {
             spreads(figures, "search", &targets)?
         )?;
     }
-    writeln!(text, "{}", stated::row(stated, &targets)?)?;
+    writeln!(text, "{}", stated::rows(stated, &targets)?)?;
     write!(text, "\n{}", formats::table(formats, &targets)?)?;
     if let Some(figures) = &measured.booted {
         writeln!(
@@ -392,6 +409,21 @@ mod tests {
     fn a_figure_that_is_missing_is_named() {
         let error = tables(&Measured::default()).unwrap_err().to_string();
         assert!(error.contains("frames"), "{error}");
+    }
+
+    #[test]
+    fn a_share_of_the_bound_is_pooled_over_frames() {
+        let of = |frames: &str, spread: &str| {
+            Figures::from([
+                ("frames".into(), frames.into()),
+                ("tracking_spread_mm:lumbar".into(), spread.into()),
+            ])
+        };
+        let (mut first, second) = (of("400", "0.6"), of("400", "0.8"));
+        assert_eq!(share_of_bound(&[&first], "lumbar").unwrap(), "not calculated");
+        first.insert("limit_mm:lumbar".into(), "0.5".into());
+        // The root of (1.2^2 + 1.6^2) / 2, and of 1 / 1600 of it.
+        assert_eq!(share_of_bound(&[&first, &second], "lumbar").unwrap(), "1.41 +- 0.04");
     }
 
     #[test]

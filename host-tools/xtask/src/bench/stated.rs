@@ -1,10 +1,11 @@
-//! Whether the standard deviations that are stated with each pose are those of its errors.
+//! How near the errors of the depth come to their bound, and whether the standard deviations that
+//! are stated with each pose are those of its errors.
 
 use std::path::Path;
 
 use anyhow::Result;
 
-use super::{Figures, get, measure, render};
+use super::{Figures, get, measure, render, share_of_bound};
 
 /// Seeds of the recordings besides the first one's. Five recordings of 300 frames tell the
 /// deviation of the errors to 2 %.
@@ -21,11 +22,17 @@ pub fn measure_all(directory: &Path, frames: u32, first: &Figures) -> Result<Vec
     Ok(recordings)
 }
 
-/// The row of the table of spreads.
-pub fn row(recordings: &[Figures], targets: &[&str]) -> Result<String> {
+/// Two rows of the table of spreads.
+pub fn rows(recordings: &[Figures], targets: &[&str]) -> Result<String> {
     let count = recordings.len();
-    let mut row = format!(
-        "| the SD of Plumbline's errors over the SD that it states (0.95 to 1.05; {count} recordings) |"
+    let mut rows =
+        format!("| Plumbline, tracking, over the bound (at most 1.08; {count} recordings) |");
+    for target in targets {
+        let share = share_of_bound(&Vec::from_iter(recordings), target)?;
+        rows += &format!(" {share} |");
+    }
+    rows += &format!(
+        " |\n| the SD of Plumbline's errors over the SD that it states (0.95 to 1.05; {count} recordings) |"
     );
     for target in targets {
         let name = format!("tracking_normalised:{target}");
@@ -34,9 +41,9 @@ pub fn row(recordings: &[Figures], targets: &[&str]) -> Result<String> {
             let normalised: f64 = get(recording, &name)?.parse()?;
             squares += normalised * normalised;
         }
-        row += &format!(" {:.3} |", (squares / count as f64).sqrt());
+        rows += &format!(" {:.3} |", (squares / count as f64).sqrt());
     }
-    Ok(row + " |")
+    Ok(rows + " |")
 }
 
 #[cfg(test)]
@@ -46,8 +53,9 @@ mod tests {
     #[test]
     fn deviations_are_pooled_as_squares() {
         let of = |value: &str| Figures::from([("tracking_normalised:lumbar".into(), value.into())]);
-        let text = row(&[of("0.6"), of("0.8")], &["lumbar"]).unwrap();
+        let text = rows(&[of("0.6"), of("0.8")], &["lumbar"]).unwrap();
+        assert!(text.starts_with("| Plumbline, tracking, over the bound"), "{text}");
         assert!(text.ends_with("(0.95 to 1.05; 2 recordings) | 0.707 | |"), "{text}");
-        assert!(row(&[of("1")], &["shoulder"]).unwrap_err().to_string().contains("shoulder"));
+        assert!(rows(&[of("1")], &["shoulder"]).unwrap_err().to_string().contains("shoulder"));
     }
 }
