@@ -208,7 +208,8 @@ impl Pipeline {
 
     /// Measures a frame that stands for itself, from what the caller's search has found: for each
     /// target its grid, or why there is none. Targets beyond the end of `found` are not measured.
-    /// One frame does not tell a velocity: with a rolling shutter the targets should stand still.
+    /// One frame does not tell a velocity: with a rolling shutter the targets should stand still, and
+    /// their covariances are those of targets that may sway.
     pub fn step_found<P: Pixel>(
         &mut self,
         frame: &GreyImage<'_, P>,

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector6;
 
-use crate::model::pose::{Cam, Pose, Target, vector_from_rotation};
+use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::TargetGeometry;
 
 /// A velocity is trusted for this long: two frames at 20 Hz. After a longer gap it says nothing
@@ -91,13 +91,12 @@ impl Motion {
         }
     }
 
-    /// The velocity at the last measurement, as increments of [`Pose::moved_by`] per second; zero
+    /// The velocity at the last measurement, as increments of [`Pose::moved_by`] per second; `None`
     /// where it is not known. Exact for a steady acceleration.
     #[must_use]
-    pub fn velocity_per_s(&self) -> Vector6<f64> {
-        self.velocity.map_or(Vector6::zeros(), |velocity| {
-            velocity.per_s + velocity.change_per_s2 * (0.5 * velocity.interval_s)
-        })
+    pub fn velocity_per_s(&self) -> Option<Vector6<f64>> {
+        let velocity = self.velocity.as_ref()?;
+        Some(velocity.per_s + velocity.change_per_s2 * (0.5 * velocity.interval_s))
     }
 
     /// True when a pose found at a time can only be the target's own: a part of the target is then
@@ -129,13 +128,8 @@ impl Motion {
     pub fn continued(&self, cam_from_target: Pose<Cam, Target>, time_ns: u64) -> Self {
         let gap_ns = self.gap_ns(time_ns);
         let velocity = (gap_ns > 0 && gap_ns <= VELOCITY_NS_MAX).then(|| {
-            let turn_rad = vector_from_rotation(
-                &(self.cam_from_target.rotation.transpose() * cam_from_target.rotation),
-            );
-            let moved_mm = cam_from_target.translation_mm - self.cam_from_target.translation_mm;
             let interval_s = gap_ns as f64 * 1e-9;
-            let per_s = Vector6::from_iterator(turn_rad.iter().chain(moved_mm.iter()).copied())
-                / interval_s;
+            let per_s = self.cam_from_target.increment_to(&cam_from_target) / interval_s;
             let change_per_s2 = self.velocity.map_or(Vector6::zeros(), |before| {
                 (per_s - before.per_s) / (0.5 * (before.interval_s + interval_s))
             });

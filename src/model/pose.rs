@@ -8,7 +8,7 @@
 use core::marker::PhantomData;
 use core::ops::Mul;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// The camera's frame: x right, y down, z forward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,10 +87,18 @@ impl<To, From> Pose<To, From> {
     /// Rotating about the target's own origin keeps the six parameters nearly
     /// independent of each other, which a rotation about the far camera would not.
     #[must_use]
-    pub fn moved_by(&self, increment: &nalgebra::Vector6<f64>) -> Self {
+    pub fn moved_by(&self, increment: &Vector6<f64>) -> Self {
         let omega_rad = increment.fixed_rows::<3>(0).into_owned();
         let delta_mm = increment.fixed_rows::<3>(3).into_owned();
         Self::new(self.rotation * rotation_from_vector(&omega_rad), self.translation_mm + delta_mm)
+    }
+
+    /// The increment by which this transform is [moved](Self::moved_by) to another.
+    #[must_use]
+    pub fn increment_to(&self, other: &Self) -> Vector6<f64> {
+        let turn_rad = vector_from_rotation(&(self.rotation.transpose() * other.rotation));
+        let moved_mm = other.translation_mm - self.translation_mm;
+        Vector6::from_iterator(turn_rad.iter().chain(moved_mm.iter()).copied())
     }
 }
 
@@ -222,6 +230,14 @@ mod tests {
         let round = pose * pose.inverse();
         assert!((round.rotation - Matrix3::identity()).norm() < 1e-14);
         assert!(round.translation_mm.norm() < 1e-12);
+    }
+
+    #[test]
+    fn an_increment_comes_back() {
+        let pose = Pose::<Cam, Target>::from_theta([0.1, -0.2, 0.3, 10.0, -20.0, 1000.0]);
+        let increment = Vector6::new(0.02, -0.01, 0.3, 4.0, -5.0, 60.0);
+        let back = pose.increment_to(&pose.moved_by(&increment));
+        assert!((back - increment).norm() < 1e-12, "{back}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! One target in front of a camera, at any pose and in any light: frames with known truth.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use plumbline::config::{Config, Links, Machine, TargetConfig};
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens::{Distortion, Lens};
@@ -212,18 +212,19 @@ impl Booth {
         Ok((found.cam_from_target.translation_mm - cam_from_target.translation_mm, found))
     }
 
-    /// The same of a target that moves while its rows are read: the error at the time that the
-    /// measurement states, and that time in seconds since the first frame.
-    pub fn moving_error_mm(
+    /// The same of a target that moves while its rows are read: the error, as an increment of the
+    /// pose at the time that the measurement states; that time in seconds since the first frame; and
+    /// the measurement.
+    pub fn moving_error(
         &mut self,
         pose_at: impl Fn(f64) -> Pose<Cam, Target>,
         shot: &Shot,
-    ) -> Result<(Vector3<f64>, f64), NoPose> {
+    ) -> Result<(Vector6<f64>, f64, Measurement), NoPose> {
         let picture = self.expose_rows(&pose_at, shot.psf_sigma_px);
         let frame_time_s = self.time_s(0);
         let found = self.develop(&picture, shot)?;
         let time_s = frame_time_s + f64::from(found.delay_ns) * 1e-9;
-        Ok((found.cam_from_target.translation_mm - pose_at(time_s).translation_mm, time_s))
+        Ok((pose_at(time_s).increment_to(&found.cam_from_target), time_s, found))
     }
 
     /// Adds noise, rounds, and measures.

@@ -1,5 +1,7 @@
 //! What is measured, the result, and why there may be none.
 
+use core::array;
+
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::fit::edge::Appearance;
@@ -14,6 +16,11 @@ use crate::model::target::TargetGeometry;
 /// Fewest corners of a pose: six points give twelve equations for six unknowns.
 pub(super) const CORNERS_MIN: usize = 6;
 
+/// How a standing person's trunk moves, one standard deviation of each component of an increment
+/// of [`Pose::moved_by`] per second: along each axis 12 mm/s, the speed of a brisk sway, and about
+/// each as a body does that sways so about its ankles, a metre below.
+const VELOCITY_SD_PER_S: [f64; 6] = [0.012, 0.012, 0.012, 12.0, 12.0, 12.0];
+
 /// A target's pose in one frame, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
@@ -21,7 +28,8 @@ pub struct Measurement {
     pub cam_from_target: Pose<Cam, Target>,
     /// How much later than the frame's time that was; 0 with a global shutter.
     pub delay_ns: u32,
-    /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`].
+    /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`]: what the pixels'
+    /// noise leaves uncertain and, with a rolling shutter, a velocity that is not known yet.
     pub covariance: Matrix6<f64>,
     /// The reprojection error: root mean square distance, in raw pixels, between the corners used,
     /// as given by the edges that meet there, and where the pose puts them.
@@ -101,11 +109,38 @@ impl Rolling<'_> {
         cam_from_target: &Pose<Cam, Target>,
     ) -> Option<Drift> {
         let middle_row_px = middle_row_px(lens, target, cam_from_target)?;
+        let velocity_per_s = self.velocity_per_s(cam_from_target, middle_row_px);
+        let per_row = velocity_per_s.unwrap_or_default() * self.shutter.row_s();
+        Some(Drift { per_row, middle_row_px })
+    }
+
+    /// The velocity of a target that has reached this pose; `None` where it is not known.
+    fn velocity_per_s(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        middle_row_px: f64,
+    ) -> Option<Vector6<f64>> {
         let time_ns = self.time_ns.saturating_add(self.shutter.delay_ns(middle_row_px).into());
-        let velocity_per_s = self.motion.map_or(Vector6::zeros(), |motion| {
-            motion.continued(*cam_from_target, time_ns).velocity_per_s()
-        });
-        Some(Drift { per_row: velocity_per_s * self.shutter.row_s(), middle_row_px })
+        self.motion?.continued(*cam_from_target, time_ns).velocity_per_s()
+    }
+
+    /// Where the velocity of a target at this pose is not known: one drift for each of its
+    /// components, of one standard deviation.
+    fn unknown_drifts(
+        &self,
+        lens: &LensTable,
+        target: &TargetGeometry,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> Option<[Drift; 6]> {
+        let middle_row_px = middle_row_px(lens, target, cam_from_target)?;
+        let is_known = self.velocity_per_s(cam_from_target, middle_row_px).is_some();
+        (!is_known).then(|| {
+            array::from_fn(|component| {
+                let mut per_row = Vector6::zeros();
+                per_row[component] = VELOCITY_SD_PER_S[component] * self.shutter.row_s();
+                Drift { per_row, middle_row_px }
+            })
+        })
     }
 }
 
@@ -121,6 +156,12 @@ impl<P> View<'_, P> {
     /// How the target moves while its rows are read; `None` for a global shutter.
     pub(super) fn drift(&self, cam_from_target: &Pose<Cam, Target>) -> Option<Drift> {
         self.rolling.and_then(|rolling| rolling.drift(self.lens, self.target, cam_from_target))
+    }
+
+    /// How the target may move without that being known, one independent drift each; `None` where
+    /// its velocity is known, and for a global shutter.
+    pub(super) fn unknown_drifts(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[Drift; 6]> {
+        self.rolling?.unknown_drifts(self.lens, self.target, cam_from_target)
     }
 
     /// How much later than the frame's time the target is exposed.

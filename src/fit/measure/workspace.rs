@@ -241,7 +241,33 @@ impl Workspace {
             let start = pass.solution.cam_from_target;
             pass = self.pass(view, &start, pass.appearance.with_growth_of(before), doubt)?;
         }
-        self.judge(view, &pass)
+        let mut fitted = self.judge(view, &pass)?;
+        self.allow_for_unknown_velocity(view, &pass.solution, &mut fitted.measurement)?;
+        Ok(fitted)
+    }
+
+    /// Adds to the covariance what a velocity that is not known may have done to the pose: how far
+    /// the pose moves when each of the independent drifts deforms the grid, squared.
+    ///
+    /// Never inlined: it would stay on the stack during a pass.
+    #[inline(never)]
+    fn allow_for_unknown_velocity<P: Pixel>(
+        &mut self,
+        view: &View<'_, P>,
+        solution: &Solution,
+        measurement: &mut Measurement,
+    ) -> Result<(), MeasureFailure> {
+        let pose = &solution.cam_from_target;
+        let Some(drifts) = view.unknown_drifts(pose) else { return Ok(()) };
+        for drift in &drifts {
+            self.nodes.deform(view.target, pose, drift);
+            let moved = pose.increment_to(&self.solved_from(solution)?.cam_from_target);
+            measurement.covariance += moved * moved.transpose();
+        }
+        if let Some(drift) = view.drift(pose) {
+            self.nodes.deform(view.target, pose, &drift);
+        }
+        Ok(())
     }
 
     /// Fits every edge once, and the pose to the edges.
