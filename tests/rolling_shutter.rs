@@ -110,7 +110,7 @@ const TRIALS: usize = 120;
 #[test]
 fn a_first_pose_says_how_much_an_unknown_velocity_may_move_it() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    let still = pose_at(&[0.0; 6], 0.0);
+    let middle = pose_at(&[0.0; 6], 0.0);
     let [mut depth_squares_mm2, mut depth_squares, mut squares] = [0.0; 3];
     for trial in 0..TRIALS {
         let readout_ns = if trial % 2 == 0 { READOUT_NS } else { -READOUT_NS };
@@ -118,7 +118,10 @@ fn a_first_pose_says_how_much_an_unknown_velocity_may_move_it() {
         // The deviation of even numbers from -1 to 1 is the root of a third.
         let velocity_per_s = Vector6::from(SWAY_SD_PER_S)
             .map(|sd| sd * 3.0_f64.sqrt() * random.random_range(-1.0..1.0));
-        let pose_at = |time_s: f64| still.moved_by(&(velocity_per_s * time_s));
+        // Elsewhere in each trial, so that the noise of the same pixels is another one.
+        let off = Vector6::new(0.0, 0.0, 0.0, 5.0, 5.0, 5.0)
+            .map(|reach_mm| reach_mm * random.random_range(-1.0..1.0));
+        let pose_at = |time_s: f64| middle.moved_by(&(off + velocity_per_s * time_s));
         let moving = booth.moving_error(pose_at, &Shot::STANDARD);
         let (error, _, found) = moving.expect("a whole target");
         let depth_square_mm2 = error[5] * error[5];

@@ -17,9 +17,11 @@
 //! than half of the observations may be wrong.
 //!
 //! *Covariance* is the inverse of the weighted normal equations, times the observed variance of the
-//! residuals where that is more than predicted: errors that the observations do not account for (a
-//! bent target, a poor calibration) make the result less certain, and luck never makes it more
-//! certain.
+//! residuals where that differs from the predicted one by more than chance explains: errors that the
+//! observations do not account for (a bent target, a poor calibration) make the result less certain,
+//! and where neighbouring pixels scatter in opposite directions (after a lossy compression), so that
+//! a line through them is better than each of them promises, it is more certain. Residuals can only
+//! show errors that differ from one observation to the next, so that the second is bounded.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
@@ -65,6 +67,10 @@ const STEP_SQUARE_MIN: f64 = 1e-8;
 /// before it give the covariance after it: a tenth of a standard deviation changes the lines of
 /// sight, and so the derivatives, by some millionths.
 const SHORT_STEP_SQUARE: f64 = 1e-2;
+
+/// Smallest observed variance, relative to the predicted one, that is believed. JPEG of quality 85
+/// leaves 0.6.
+const MISFIT_MIN: f64 = 0.5;
 
 /// Everything that was seen of the target: observations of two numbers each, which depend on its
 /// pose.
@@ -343,10 +349,10 @@ impl Descent {
         // divisor could fall below that of the fewest observations.
         let degrees_of_freedom = (2.0 * weights - 6.0).max(1.0);
         let observed_variance = weighted_squares / degrees_of_freedom;
-        // Without the standard deviation that it has by chance: good observations would otherwise
-        // seem less certain on average than they are.
+        // The value nearest to 1 within the standard deviation that it has by chance.
         let by_chance = libm::sqrt(2.0 / degrees_of_freedom);
-        let misfit = (observed_variance - by_chance).max(1.0);
+        let [least, most] = [observed_variance - by_chance, observed_variance + by_chance];
+        let misfit = 1.0_f64.max(least).min(most).max(MISFIT_MIN);
         let covariance = covariance.ok_or(SolveFailure::Degenerate)? * misfit;
         let finite =
             (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
