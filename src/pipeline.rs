@@ -110,8 +110,7 @@ impl Track {
     fn next_state(&self, camera: &Camera<'_>) -> State {
         match &self.outcome {
             Ok(found) => {
-                let time_ns = camera.time_ns.saturating_add(found.delay_ns.into());
-                self.state.next(Some(found.cam_from_target), time_ns)
+                self.state.next(Some(found.cam_from_target), found.own_time_ns(camera.time_ns))
             }
             Err(_) => self.state.next(None, self.expected_time_ns(camera)),
         }

@@ -6,7 +6,8 @@ use plumbline::pose::{Cam, Pose, Target};
 /// One board in one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Sighting {
-    /// When the frame was taken.
+    /// When the board was exposed: with a rolling shutter, two boards of one frame at different
+    /// times.
     pub time_s: f64,
     /// The pose.
     pub cam_from_board: Pose<Cam, Target>,

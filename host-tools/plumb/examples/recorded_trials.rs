@@ -103,7 +103,7 @@ fn table(trial: &Trial) -> String {
         if let Some(point) = &frame.lower {
             let [ap, ml, si] = point.position_mm;
             // Writing to a String does not fail.
-            let _ = writeln!(text, "{},{ap},{ml},{si}", frame.time_s - zero_s);
+            let _ = writeln!(text, "{},{ap},{ml},{si}", point.time_s - zero_s);
         }
     }
     text

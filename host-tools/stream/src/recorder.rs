@@ -116,8 +116,8 @@ impl<W: Write> Recorder<W> {
             self.put(&columns)?;
         }
         for target in &packet.targets {
-            let delay_ns = target.pose.as_ref().map_or(0, |pose| pose.delay_ns);
-            let own_ns = packet.capture_time_ns.saturating_add(delay_ns.into());
+            let frame_ns = packet.capture_time_ns;
+            let own_ns = target.pose.as_ref().map_or(frame_ns, |pose| pose.own_time_ns(frame_ns));
             let time_s = self.clock.time_s(own_ns);
             let mut row = row(packet.sequence, time_s, target, names);
             let trunk = match target.role {

@@ -16,8 +16,8 @@ use crate::reading::{self, FRAMES_MAX, Sessions};
 pub struct Poses {
     /// What the box was told: its lens and its targets.
     pub config: Config,
-    /// Time since the trial's first frame in seconds, and what the box sent of it; in the order of
-    /// the times.
+    /// The time of each frame since the trial's first in seconds, and what the box sent of it; in
+    /// the order of the times. Each pose is later than its frame by its `delay_ns`.
     pub frames: Vec<(f64, PosePacket)>,
 }
 

@@ -340,9 +340,10 @@ impl Builder {
         let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
         let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
             let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
-            let delay_ns = pose.map_or(0, |pose| pose.delay_ns);
+            let frame_ns = packet.capture_time_ns;
+            let own_ns = pose.map_or(frame_ns, |pose| pose.own_time_ns(frame_ns));
             Some(Point {
-                time_s: clock.time_s(packet.capture_time_ns.saturating_add(delay_ns.into())),
+                time_s: clock.time_s(own_ns),
                 position_mm: [ap_mm, ml_mm, si_mm].map(f64::from),
                 covariance_mm2: self
                     .scene

@@ -41,6 +41,12 @@ pub struct Measurement {
 }
 
 impl Measurement {
+    /// When the middle of the target's grid was exposed, in a frame of this time.
+    #[must_use]
+    pub fn own_time_ns(&self, frame_time_ns: u64) -> u64 {
+        frame_time_ns.saturating_add(self.delay_ns.into())
+    }
+
     /// Standard deviations of x, y, z of the target's origin in the camera frame.
     #[must_use]
     pub fn sd_mm(&self) -> Vector3<f64> {

@@ -89,6 +89,12 @@ pub struct MeasuredPose {
 }
 
 impl MeasuredPose {
+    /// When the target was exposed, in a frame of this capture time.
+    #[must_use]
+    pub fn own_time_ns(&self, capture_time_ns: u64) -> u64 {
+        capture_time_ns.saturating_add(self.delay_ns.into())
+    }
+
     /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the increments of
     /// [`crate::model::pose::Pose::moved_by`].
     #[must_use]

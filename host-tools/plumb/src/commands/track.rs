@@ -183,7 +183,7 @@ fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item
             }
         };
         let covariance_mm2 = measured.covariance.fixed_view::<3, 3>(3, 3).into_owned();
-        let time_s = seconds(report.capture_time_ns.saturating_add(measured.delay_ns.into()));
+        let time_s = seconds(measured.own_time_ns(report.capture_time_ns));
         let row = PoseRow::without_pose(frame, time_s, &target.name, state)
             .with_pose(&measured.cam_from_target)
             .with_quality(&covariance_mm2, measured.rms_px, u32::from(measured.corners));

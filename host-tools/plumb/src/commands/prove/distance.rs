@@ -2,7 +2,9 @@
 
 use maud::{Markup, html};
 use nalgebra::Vector3;
-use plumbline_evidence::distance::{Against, Distance, POSITIONS_MIN, Pair, Position, distance};
+use plumbline_evidence::distance::{
+    Against, Distance, POSITIONS_MIN, Pair, Position, distance, pairs,
+};
 use plumbline_evidence::uncertainty::{Estimate, Verdict};
 use plumbline_evidence::volume::{Coverage, Direction, Volume};
 use plumbline_files::BadInput;
@@ -168,11 +170,7 @@ fn volume(recording: &Recording, arguments: &Arguments, ends_mm: &[[Vector3<f64>
 /// The frames in which both boards are seen.
 fn pairs_of([first, second]: &[&Board; 2]) -> Vec<Pair> {
     let points_mm = [first, second].map(|it| it.geometry.corner_mm(0));
-    let both = first.seen.iter().zip(&second.seen);
-    both.filter_map(|(first, second)| {
-        Some(Pair::of([first.as_ref()?, second.as_ref()?], &points_mm))
-    })
-    .collect()
+    pairs([&first.seen, &second.seen], &points_mm)
 }
 
 fn too_few(

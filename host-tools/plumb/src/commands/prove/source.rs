@@ -139,13 +139,13 @@ impl Recording {
         }
     }
 
-    /// One more frame, as a box has sent it.
-    pub fn take(&mut self, time_s: f64, packet: &PosePacket) {
+    /// One more frame, as a box has sent it, and its time.
+    pub fn take(&mut self, frame_time_s: f64, packet: &PosePacket) {
         for board in &mut self.boards {
             let role = board.geometry.role();
             let sent = packet.targets.iter().find(|it| it.role == role);
             let pose = sent.map_or(Err(NoPose::Searching), |it| it.pose);
-            board.take(pose.map(|it| sighting(time_s, &it)));
+            board.take(pose.map(|it| sighting(frame_time_s, &it)));
         }
         self.frames += 1;
     }
@@ -291,10 +291,13 @@ impl Input {
                 Some(search) => tracking::step_alone(&mut pipeline, search, &shapes, &frame),
                 None => tracking::step(&mut pipeline, &frame),
             };
-            let time_s = 1e-9 * report.capture_time_ns as f64;
+            // Photographs do not follow each other: nothing moved between their rows.
+            let frame_ns = report.capture_time_ns;
+            let is_alone = self.independent;
             for (board, found) in recording.boards.iter_mut().zip(&report.targets) {
                 board.take(found.measurement.map(|it| Sighting {
-                    time_s,
+                    time_s: 1e-9
+                        * if is_alone { frame_ns } else { it.own_time_ns(frame_ns) } as f64,
                     cam_from_board: it.cam_from_target,
                     covariance: it.covariance,
                 }));
@@ -311,17 +314,17 @@ impl Input {
 fn of_trial(folder: &Path) -> Result<Recording, BadInput> {
     let trial = poses::read(folder)?;
     let mut recording = Recording::new(folder.display(), &trial.config);
-    for (time_s, packet) in &trial.frames {
-        recording.take(*time_s, packet);
+    for (frame_time_s, packet) in &trial.frames {
+        recording.take(*frame_time_s, packet);
     }
     Ok(recording)
 }
 
-fn sighting(time_s: f64, pose: &MeasuredPose) -> Sighting {
+fn sighting(frame_time_s: f64, pose: &MeasuredPose) -> Sighting {
     let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
     let [x, y, z] = pose.translation_mm.map(f64::from);
     Sighting {
-        time_s,
+        time_s: frame_time_s + 1e-9 * f64::from(pose.delay_ns),
         cam_from_board: Pose::from_theta([theta1, theta2, theta3, x, y, z]),
         covariance: pose.covariance(),
     }
