@@ -7,7 +7,7 @@ use plumbline_analysis::series::{Axis, Series};
 use plumbline_analysis::sway::figure::{Absent, ByAxis, Figure, Figures};
 use plumbline_analysis::sway::noise::{Noise, NoiseError};
 use plumbline_analysis::sway::{
-    PathNoises, Settings, Sway, SwayError, SwayFigures, analyze, lengths, path_noise,
+    PathNoises, Settings, Sway, SwayError, SwayFigures, analyze, lengths, path_errors,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -185,7 +185,7 @@ fn lengths_alone_are_those_among_all_figures() {
     let settings = Settings { span_s: Some(1.0..5.0), ..Default::default() };
     let all = analyze(&series, Some(&noise), &settings).unwrap();
     let (alone, copies) = lengths(&series, Some(&noise), &settings).unwrap();
-    let effect = path_noise(&series, &noise, &settings).unwrap();
+    let effect = path_errors(&series, &noise, &settings).unwrap().noise;
     assert_eq!((&alone.path, &alone.extent), (&all.figures.path, &all.figures.extent));
     assert_eq!(alone.ellipse, all.figures.ellipse);
     let noises = all.noise.unwrap();

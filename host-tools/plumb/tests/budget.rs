@@ -272,6 +272,9 @@ fn what_a_budget_cannot_be_made_of_is_named() {
     std::fs::write(path("old.toml"), camera(&config, Vec::new())).unwrap();
     let other = believed(1.0, 0.0);
     std::fs::write(path("other.toml"), camera(&other, correlations(&other))).unwrap();
+    let rolling =
+        camera(&config, correlations(&config)).replace("model =", "readout_ms = 12\nmodel =");
+    std::fs::write(path("rolling.toml"), rolling).unwrap();
     std::fs::write(path("negative.toml"), "[print]\nu_mm = -0.1\n").unwrap();
     let cases = [
         ("budget p01", "--camera <FILE>"),
@@ -281,6 +284,7 @@ fn what_a_budget_cannot_be_made_of_is_named() {
         ("budget nowhere --camera camera.toml", "not the folder of a trial"),
         ("budget p01 --camera old.toml", "calibration.correlations"),
         ("budget p01 --camera other.toml", "not the lens with which p01 was measured"),
+        ("budget p01 --camera rolling.toml", "readout_ms: 12 ms, where p01 was measured with 0 ms"),
         ("budget p01 --camera camera.toml --budget negative.toml", "print.u_mm: -0.1"),
         ("budget p01 --camera camera.toml --span 50-60", "fewer than two samples in the span"),
         ("report p01 --camera old.toml", "calibrate again"),

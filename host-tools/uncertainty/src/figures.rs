@@ -3,8 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::sway::figure::{ByAxis, ByDirection, Figure};
-use plumbline_analysis::sway::noise::PathNoise;
-use plumbline_analysis::sway::{Lengths, Settings};
+use plumbline_analysis::sway::{Lengths, PathErrors, Settings};
 use serde::Serialize;
 
 use crate::measured::Body;
@@ -93,8 +92,9 @@ fn by_direction(quantity: Quantity, all: &ByDirection<Figure>) -> Vec<Listed> {
 
 /// What moves each path away from its true length: what noise adds, and what the steps between
 /// samples leave out. In the order of [`listed`]; other figures have neither.
-pub(crate) fn corrections(lengths: &Lengths, noise: &PathNoise) -> Vec<Correction> {
-    let all = [&noise.inflation_mm, &lengths.shortfall.length_mm, &lengths.shortfall.u_mm];
+pub(crate) fn corrections(lengths: &Lengths, errors: &PathErrors) -> Vec<Correction> {
+    let PathErrors { noise, shortfall } = errors;
+    let all = [&noise.inflation_mm, &shortfall.length_mm, &shortfall.u_mm];
     let all = all.map(|it| by_direction(Quantity::Path, it));
     let of_path = |direction: &str| {
         let value = |listed: &Vec<Listed>| {

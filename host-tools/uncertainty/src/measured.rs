@@ -1,6 +1,6 @@
 //! What a budget needs of a trial: positions, poses, and what each term does to them.
 
-use nalgebra::{Matrix3, Matrix3x6, SMatrix, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use plumbline::config::Config;
 use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Target};
@@ -17,6 +17,9 @@ use rayon::prelude::*;
 
 use crate::lens::LensUncertainty;
 use crate::response::{NUMBERS, response};
+
+/// The most samples of a point: they take two gigabytes.
+pub const SAMPLES_MAX: usize = 1_000_000;
 
 /// A trial and the camera that it was measured with.
 #[derive(Debug, Clone)]
@@ -70,6 +73,23 @@ impl Measured {
             let remedy = "give the camera.toml that the box had; `plumb show` and the trial's \
                           config.plb tell its numbers";
             return Err(BadInput::whole(place, found, remedy));
+        }
+        if config.readout_ns != camera.readout_ns {
+            let [own_ms, other_ms] =
+                [camera.readout_ns, config.readout_ns].map(|it| 1e-6 * f64::from(it));
+            let found = format!("{own_ms} ms, where {folder} was measured with {other_ms} ms");
+            let remedy = "give the camera.toml that the box had; `plumb show` and the trial's \
+                          config.plb tell its readout";
+            return Err(BadInput::new(place, "readout_ms", found, remedy));
+        }
+        let longest = points.points.iter().map(|it| it.series.samples()).max();
+        if let Some(samples) = longest.filter(|it| *it > SAMPLES_MAX) {
+            let found = format!(
+                "{samples} frames, and a budget takes {SAMPLES_MAX}, four and a half hours at 60 Hz: \
+                 more might not fit into the memory"
+            );
+            let remedy = "record the time of interest as a trial of its own";
+            return Err(BadInput::whole(folder, found, remedy));
         }
         let lens = LensUncertainty::of(camera, place)?;
         let bodies = points.points.iter().filter_map(|point| {
@@ -146,10 +166,7 @@ impl Body {
         };
         let body_from_cam = scene.anatomical_from_cam();
         let by_numbers = |pose: &Pose<Cam, Target>| {
-            let mut by_pose = Matrix3x6::zeros();
-            let turned = -body_from_cam * pose.rotation * lever_mm.cross_matrix();
-            by_pose.fixed_columns_mut::<3>(0).copy_from(&turned);
-            by_pose.fixed_columns_mut::<3>(3).copy_from(&body_from_cam);
+            let by_pose = body_from_cam * pose.point_by_increment(&lever_mm);
             let by_numbers = by_pose * response(lens, target, pose)?;
             Some(by_numbers.map(|it| it as f32))
         };

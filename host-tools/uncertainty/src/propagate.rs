@@ -4,8 +4,8 @@ use std::f64::consts::FRAC_2_PI;
 
 use nalgebra::{Matrix3, SVector, Vector3};
 use plumbline_analysis::series::{Axis, Series};
-use plumbline_analysis::sway::noise::{Noise, PathNoise};
-use plumbline_analysis::sway::{Lengths, Settings, lengths, path_noise};
+use plumbline_analysis::sway::noise::Noise;
+use plumbline_analysis::sway::{Lengths, PathErrors, Settings, lengths, path_errors};
 use plumbline_files::BadInput;
 use rayon::prelude::*;
 
@@ -39,6 +39,18 @@ pub(crate) struct Propagated {
     pub copies: usize,
 }
 
+/// The figures of a point with what its random errors do to them.
+struct Random {
+    /// With the noise of the poses as their uncertainty.
+    noisy: Lengths,
+    /// With the jitter of the time stamps as their uncertainty.
+    jittered: Lengths,
+    /// What moves its path.
+    path: PathErrors,
+    /// The number of noisy copies.
+    copies: usize,
+}
+
 /// What displaces all positions of a trial together.
 enum Cause {
     /// The scale of the print, as a part.
@@ -56,33 +68,14 @@ impl Propagation<'_> {
     /// When the settings do not suit the trial.
     pub fn run(&self) -> Result<Propagated, BadInput> {
         let bodies = &self.measured.bodies;
-        let noises: Vec<Noise> = bodies
-            .iter()
-            .map(|body| self.noise(body, &body.covariance_mm2))
-            .collect::<Result<_, _>>()?;
-        let with_noise = bodies.par_iter().zip(&noises);
-        let noisy: Vec<(Lengths, usize)> = with_noise
-            .clone()
-            .map(|(body, noise)| self.noisy(body, noise))
-            .collect::<Result<_, _>>()?;
-        let path_noises: Vec<PathNoise> = with_noise
-            .map(|(body, noise)| path_noise(&body.series, noise, self.settings))
-            .collect::<Result<_, _>>()
-            .map_err(|error| self.refuse(error))?;
-        let jittered: Vec<(Lengths, usize)> = bodies
-            .par_iter()
-            .map(|body| {
-                let jitter_mm2 = jitter_mm2(body, self.inputs.timing.jitter_u_s);
-                self.noisy(body, &self.noise(body, &jitter_mm2)?)
-            })
-            .collect::<Result<_, _>>()?;
+        let random: Vec<Random> =
+            bodies.par_iter().map(|body| self.random(body)).collect::<Result<_, _>>()?;
         let series: Vec<&Series> = bodies.iter().map(|body| &body.series).collect();
-        let figures = self.listed(noisy.iter().map(|it| &it.0), &series, self.settings);
-        let jitter = self.listed(jittered.iter().map(|it| &it.0), &series, self.settings);
-        let corrections: Vec<Correction> = noisy
+        let figures = self.listed(random.iter().map(|it| &it.noisy), &series, self.settings);
+        let jitter = self.listed(random.iter().map(|it| &it.jittered), &series, self.settings);
+        let corrections: Vec<Correction> = random
             .iter()
-            .zip(&path_noises)
-            .flat_map(|((lengths, _), noise)| corrections(lengths, noise))
+            .flat_map(|it| corrections(&it.noisy, &it.path))
             .chain([Correction::default()])
             .take(figures.len())
             .collect();
@@ -109,8 +102,20 @@ impl Propagation<'_> {
             _ => 0.0,
         });
         contributions.push((TermName::Clock, of_clock.collect()));
-        let copies = noisy.iter().map(|it| it.1).min().unwrap_or_default();
+        let copies = random.iter().map(|it| it.copies).min().unwrap_or_default();
         Ok(Propagated { figures, corrections, contributions, copies })
+    }
+
+    /// The random causes, one after the other: their noises are as large as the trial.
+    fn random(&self, body: &Body) -> Result<Random, BadInput> {
+        let noise = self.noise(body, &body.covariance_mm2)?;
+        let (noisy, copies) = self.noisy(body, &noise)?;
+        let path = path_errors(&body.series, &noise, self.settings);
+        let path = path.map_err(|error| self.refuse(error))?;
+        drop(noise);
+        let jitter_mm2 = jitter_mm2(body, self.inputs.timing.jitter_u_s);
+        let (jittered, _) = self.noisy(body, &self.noise(body, &jitter_mm2)?)?;
+        Ok(Random { noisy, jittered, path, copies })
     }
 
     /// The contributions of the causes that displace all positions together.
@@ -179,7 +184,8 @@ impl Propagation<'_> {
     /// An error `d` much smaller than the time `h` between two samples usually changes nothing, and
     /// with the probability `|d| / h` it exchanges a sample at each end: as a mean square, a shift by
     /// `|d| h`. Larger errors have their own square, and `h^2 / 6` because samples are whole. The
-    /// change is taken over at least two samples to either side, and scaled.
+    /// change is taken over at least two samples to either side, or to one side at an end of the
+    /// trial, and scaled.
     fn of_zero(&self, figures: usize) -> Result<Vec<f64>, BadInput> {
         let nothing = vec![0.0; figures];
         let (Some(span_s), Some(u_s)) = (&self.settings.span_s, self.measured.zero_u_s) else {
@@ -194,16 +200,21 @@ impl Propagation<'_> {
         let whole_samples_s2 = f64::min(mean_error_s * period_s, period_s * period_s / 6.0);
         let effective_s = (u_s * u_s + whole_samples_s2).sqrt();
         let shift_s = f64::max(u_s, 2.0 * period_s);
-        let [later, earlier] = [shift_s, -shift_s].map(|shift_s| {
+        // A span at an end of the trial can be shifted one way only.
+        let mut shifted = [shift_s, -shift_s, 0.0].into_iter().filter_map(|shift_s| {
             let span_s = Some(span_s.start + shift_s..span_s.end + shift_s);
-            self.figures(&series, &Settings { span_s, ..self.settings.clone() })
+            let figures = self.figures(&series, &Settings { span_s, ..self.settings.clone() });
+            Some((shift_s, figures.ok()?))
         });
-        let per_shift = effective_s / (2.0 * shift_s);
-        let change = |(later, earlier): (&Listed, &Listed)| {
-            let values = later.value.zip(earlier.value);
-            values.map_or(0.0, |(later, earlier)| (later - earlier).abs() * per_shift)
+        let (Some((one_s, one)), Some((other_s, other))) = (shifted.next(), shifted.next()) else {
+            return Err(self.lost(shift_s));
         };
-        Ok(later?.iter().zip(&earlier?).map(change).collect())
+        let per_shift = effective_s / (one_s - other_s).abs();
+        let change = |(one, other): (&Listed, &Listed)| {
+            let values = one.value.zip(other.value);
+            values.map_or(0.0, |(one, other)| (one - other).abs() * per_shift)
+        };
+        Ok(one.iter().zip(&other).map(change).collect())
     }
 
     fn figures(&self, series: &[&Series], settings: &Settings) -> Result<Vec<Listed>, BadInput> {
@@ -240,6 +251,15 @@ impl Propagation<'_> {
     /// the number of noisy copies that it comes from.
     fn noisy(&self, body: &Body, noise: &Noise) -> Result<(Lengths, usize), BadInput> {
         lengths(&body.series, Some(noise), self.settings).map_err(|error| self.refuse(error))
+    }
+
+    /// The error for a span that is lost in the uncertainty of t = 0.
+    fn lost(&self, shift_s: f64) -> BadInput {
+        let found = format!(
+            "t = 0 is not known well enough: {shift_s:.3} s earlier or later there are fewer than \
+             two samples in the span"
+        );
+        BadInput::whole(self.place, found, "give a longer --span that lies within the trial")
     }
 
     fn refuse(&self, error: impl std::fmt::Display) -> BadInput {

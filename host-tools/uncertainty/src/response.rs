@@ -105,22 +105,13 @@ impl Projected {
         let point_cam_mm = cam_from_target.transform(&point_mm);
         let ray = ray_of(&point_cam_mm)?;
         let (distorted, by_ray) = lens.distortion.distort_with_jacobian(&ray);
-        let by_distorted = lens.pixel_by_ray();
-        let by_point = by_distorted * by_ray * ray_by_point(&point_cam_mm, &ray);
+        let by_point = lens.pixel_by_ray() * by_ray * ray_by_point(&point_cam_mm, &ray);
         let [x, y] = [0, 1].map(|axis| {
             let by_point = by_point.row(axis).transpose();
             Vector6::from(by_increment(&by_point, &cam_from_target.rotation, &point_mm))
         });
         let mut by_numbers = SMatrix::<f64, 2, NUMBERS>::zeros();
-        let pinhole =
-            [[distorted.x, 0.0], [0.0, distorted.y], [1.0, 0.0], [0.0, 1.0], [distorted.y, 0.0]];
-        let coefficients = lens
-            .distortion
-            .by_coefficients(&ray)
-            .map(|by_coefficient| by_distorted * by_coefficient);
-        for (place, column) in
-            pinhole.map(Vector2::from).into_iter().chain(coefficients).enumerate()
-        {
+        for (place, column) in lens.pixel_by_numbers(&ray, &distorted).enumerate() {
             by_numbers.set_column(place, &column);
         }
         let by_shape = by_point * cam_from_target.rotation;

@@ -2,4 +2,5 @@
 
 mod coverage;
 mod monte_carlo;
+mod spans;
 mod world;

@@ -2,7 +2,7 @@
 //! they are believed to be. Every pose is found again by least squares through the believed lens:
 //! nothing here is linearised, and only the projection and the ways of bending are the budget's.
 
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Scene, Target};
@@ -20,7 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 pub const RATE_HZ: f64 = 30.0;
-const DURATION_S: f64 = 12.0;
+pub const DURATION_S: f64 = 12.0;
 pub const FILTER_S: f64 = 0.5;
 /// Samples of the true movement for each frame.
 const FINER: usize = 4;
@@ -293,11 +293,7 @@ fn seen(
 
 /// The covariance of a point, as the box's packets give it.
 fn covariance_mm2(trunk: Trunk, pose: &Pose<Cam, Target>, scene: &SceneFrame) -> Matrix3<f64> {
-    let axes = scene.anatomical_from_cam();
-    let mut by_pose = Matrix3x6::zeros();
-    let turned = -axes * pose.rotation * lever_mm(trunk).cross_matrix();
-    by_pose.fixed_columns_mut::<3>(0).copy_from(&turned);
-    by_pose.fixed_columns_mut::<3>(3).copy_from(&axes);
+    let by_pose = scene.anatomical_from_cam() * pose.point_by_increment(&lever_mm(trunk));
     let covariance = by_pose
         * Matrix6::from_diagonal(&Vector6::from(POSE_SD.map(|sd| sd * sd)))
         * by_pose.transpose();

@@ -194,8 +194,6 @@ impl Figures for SwayFigures {
 pub struct Lengths {
     /// The total path.
     pub path: Path,
-    /// How far its steps fall short of the curve between the samples.
-    pub shortfall: Shortfall,
     /// RMS and range.
     pub extent: Extent,
     /// 95 % prediction ellipses.
@@ -278,20 +276,32 @@ pub fn lengths(
     Ok((lengths, copies))
 }
 
-/// Computes only what noise does to the total path: [`PathNoises::total`].
+/// What moves the length of the total path away from its true one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathErrors {
+    /// What noise adds: [`PathNoises::total`].
+    pub noise: PathNoise,
+    /// How far its steps fall short of the curve between the samples.
+    pub shortfall: Shortfall,
+}
+
+/// Computes only what moves the length of the total path away from its true one.
 ///
 /// # Errors
 /// As [`analyze`].
-pub fn path_noise(
+pub fn path_errors(
     series: &Series,
     noise: &Noise,
     settings: &Settings,
-) -> Result<PathNoise, SwayError> {
-    let Prepared { smooth, filter, noise, spans, .. } =
+) -> Result<PathErrors, SwayError> {
+    let Prepared { smooth, filter, noise, spans, span, .. } =
         Prepared::of(series, Some(noise), settings)?;
     let noise = noise.expect("noise was given");
     let steps = noise::step_factors(&noise, &smooth, filter.as_ref());
-    Ok(noise::path_noise(&smooth, &spans.total, &steps))
+    Ok(PathErrors {
+        noise: noise::path_noise(&smooth, &spans.total, &steps),
+        shortfall: path::shortfall(&span),
+    })
 }
 
 /// A series as its figures need it.
@@ -341,7 +351,6 @@ impl Lengths {
         let span = settings.cut(smooth)?;
         Some(Self {
             path: path::path(smooth, &spans.total),
-            shortfall: path::shortfall(&span),
             extent: extent::extent(&span),
             ellipse: ellipse::ellipses(&span),
         })

@@ -198,7 +198,7 @@ pub(super) fn path_noise(series: &Series, span: &Span, step_factors: &[Matrix3<f
         }),
         inflation_mm: ByDirection::of(|first, second| {
             let measured = steps(series, span, first, second);
-            measured.map(|measured| draws.inflation(&measured, first, second)).into()
+            measured.map(|it| draws.inflation(&it.collect::<Vec<_>>(), first, second)).into()
         }),
     }
 }
@@ -257,7 +257,7 @@ impl Draws {
 
     /// The path of the measured steps minus that of the shortened ones.
     fn inflation(&self, measured: &[[f64; 2]], first: Axis, second: Option<Axis>) -> f64 {
-        let measured_mm = length(measured);
+        let measured_mm = length(measured.iter().copied());
         // The mean path of the steps times `factor` with noise, and its derivative with respect to
         // `factor`.
         let path = |factor: f64| -> (f64, f64) {

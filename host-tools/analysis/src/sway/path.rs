@@ -86,25 +86,28 @@ pub(super) fn along(series: &Series, axis: Axis) -> Result<&[f64], Absent> {
 }
 
 /// The steps of a span along an axis and, if given, a second one.
-pub(super) fn steps(
-    series: &Series,
-    span: &Span,
+pub(super) fn steps<'a>(
+    series: &'a Series,
+    span: &'a Span,
     first: Axis,
     second: Option<Axis>,
-) -> Result<Vec<[f64; 2]>, Absent> {
+) -> Result<impl Iterator<Item = [f64; 2]> + 'a, Absent> {
     let first = along(series, first)?;
     let second = second.map(|second| along(series, second)).transpose()?;
     if span.steps.is_empty() {
         return Err(Absent::NothingMeasured);
     }
     let step = |positions_mm: &[f64], at: usize| positions_mm[at + 1] - positions_mm[at];
-    let both = |at: &usize| [step(first, *at), second.map_or(0.0, |second| step(second, *at))];
-    Ok(span.steps.iter().map(both).collect())
+    Ok(span
+        .steps
+        .iter()
+        .map(move |at| [step(first, *at), second.map_or(0.0, |second| step(second, *at))]))
 }
 
 /// The sum of the lengths of the steps.
-pub(super) fn length(steps: &[[f64; 2]]) -> f64 {
-    steps.iter().map(|[first, second]| (first * first + second * second).sqrt()).sum()
+pub(super) fn length(steps: impl IntoIterator<Item = [f64; 2]>) -> f64 {
+    let lengths = steps.into_iter().map(|[first, second]| (first * first + second * second).sqrt());
+    lengths.sum()
 }
 
 /// How far the steps of a series fall short of the smooth curve through its samples.
@@ -131,13 +134,13 @@ pub struct Shortfall {
 pub(super) fn shortfall(series: &Series) -> Shortfall {
     let whole = Span::whole(series);
     let parts_mm = |first: Axis, second: Option<Axis>| -> Result<Vec<f64>, Absent> {
-        let steps = steps(series, &whole, first, second)?;
+        let steps: Vec<[f64; 2]> = steps(series, &whole, first, second)?.collect();
         let pairs = steps.windows(2).zip(whole.steps.windows(2));
         // Steps on both sides of a gap are no pair.
         let pairs = pairs.filter(|(_, at)| at[1] == at[0] + 1).map(|(pair, _)| pair);
         let part_mm = |pair: &[[f64; 2]]| {
             let [a, b] = [pair[0], pair[1]];
-            (length(pair) - length(&[[a[0] + b[0], a[1] + b[1]]])) / 6.0
+            (length([a, b]) - length([[a[0] + b[0], a[1] + b[1]]])) / 6.0
         };
         Ok(pairs.map(part_mm).collect())
     };
@@ -151,9 +154,8 @@ pub(super) fn shortfall(series: &Series) -> Shortfall {
 }
 
 pub(super) fn path(series: &Series, span: &Span) -> Path {
-    let length_mm = ByDirection::of(|first, second| {
-        steps(series, span, first, second).map(|steps| length(&steps)).into()
-    });
+    let length_mm =
+        ByDirection::of(|first, second| steps(series, span, first, second).map(length).into());
     let duration_s = span.samples.len() as f64 * series.period_s();
     let mut mean_velocity_mm_s = length_mm.clone();
     mean_velocity_mm_s.each(&mut |figure| {

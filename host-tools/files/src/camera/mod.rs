@@ -31,6 +31,7 @@
 
 use std::path::Path;
 
+use plumbline::config::READOUT_NS_MAX;
 use plumbline::lens::{Distortion, Lens, LensError};
 use plumbline::lens_table::LensTable;
 use serde::{Deserialize, Serialize};
@@ -45,8 +46,7 @@ const REMEDY: &str = "a camera file has width_px, height_px, fx_px, fy_px, cx_px
 
 const NS_PER_MS: f64 = 1e6;
 
-/// Longest readout, as in [`Config::check`](plumbline::config::Config::check).
-const READOUT_MS_MAX: f64 = 1000.0;
+const READOUT_MS_MAX: f64 = READOUT_NS_MAX as f64 / NS_PER_MS;
 
 /// Where a calibration came from; all of it may be unknown.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -278,6 +278,9 @@ fn check_details(details: &Details, coefficients: usize, place: &str) -> Result<
     if let Some(sd) = all.clone().find(|sd| !sd.is_finite() || **sd < 0.0) {
         return bad("calibration.sd", format!("{sd}, which is not a standard deviation"));
     }
+    if details.freedom == Some(0) {
+        return bad("calibration.freedom", "0, with which no sd is known".to_owned());
+    }
     let (rows, numbers) = (&details.correlations, all.count());
     if rows.is_empty() {
         return Ok(());
@@ -310,6 +313,10 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
     })?;
     if let Some(details) = &fields.calibration {
         check_details(details, fields.distortion.len(), place)?;
+    }
+    if let Some(sd_ms) = fields.readout_sd_ms.filter(|it| !it.is_finite() || *it < 0.0) {
+        let remedy = "`plumb calibrate --readout` writes it: measure again, or leave it out";
+        return Err(BadInput::new(place, "readout_sd_ms", sd_ms, remedy));
     }
     Ok(Camera {
         lens: Lens {

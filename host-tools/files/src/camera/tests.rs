@@ -93,6 +93,9 @@ fn an_uncertainty_that_is_none_is_named() {
         assert_eq!(error.field, field, "{error}");
         assert!(error.found.contains(found), "{error}");
     }
+    let none = calibrated("freedom = 0", "[1e-3, 2e-3]");
+    assert_eq!(parse(&none, "c.toml").unwrap_err().field, "calibration.freedom");
+    assert!(parse(&none.replace("freedom = 0", "freedom = 1"), "c.toml").is_ok());
 }
 
 #[test]
@@ -108,6 +111,8 @@ fn each_wrong_field_of_a_camera_toml_is_named() {
         ("cx_px = 727.5", "cx_px = -99999", "cx_px, cy_px", "-99999"),
         ("[-0.1, 0.02]", "[-0.1, 0.02]\nreadout_ms = 1000.1", "readout_ms", "1000.1"),
         ("[-0.1, 0.02]", "[-0.1, 0.02]\nreadout_ms = nan", "readout_ms", "NaN"),
+        ("[-0.1, 0.02]", "[-0.1, 0.02]\nreadout_sd_ms = -0.1", "readout_sd_ms", "-0.1"),
+        ("[-0.1, 0.02]", "[-0.1, 0.02]\nreadout_sd_ms = nan", "readout_sd_ms", "NaN"),
         ("[-0.1, 0.02]", "[-0.1]", "distortion", "1 coefficient"),
         ("[-0.1, 0.02]", "[-0.9, 0.0]", "distortion", "-0.9"),
         ("[-0.1, 0.02]", "[inf, 0.0]", "distortion", "inf"),

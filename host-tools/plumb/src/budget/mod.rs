@@ -56,32 +56,50 @@ impl Conditions {
         self.camera.as_ref().map(|_| "--camera")
     }
 
-    /// The budget of a trial's figures; `None` where no camera is given.
+    /// A trial and how well its conditions are known; `None` where no camera is given.
     ///
     /// # Errors
     /// When a file cannot be used, or does not belong to the trial.
-    pub fn budget(
+    pub fn of(
         &self,
         trial: &Trial,
         points: &Points,
         zero: Zero,
-        settings: &Settings,
-    ) -> Result<Option<TrialBudget>, BadInput> {
+    ) -> Result<Option<Conditioned>, BadInput> {
         let Some(path) = &self.camera else { return Ok(None) };
         let camera = camera::read(path)?;
         let inputs = self.budget.as_deref().map(inputs::read).transpose()?.unwrap_or_default();
-        let place = path.display().to_string();
-        let measured = Measured::of(trial, points, zero, &camera, &place)?;
-        let budget = Budget::of(&measured, &inputs, settings, &points.place)?;
-        Ok(Some(TrialBudget {
+        let measured = Measured::of(trial, points, zero, &camera, &path.display().to_string())?;
+        let (source, zero) = (points.place.clone(), points.zero.clone());
+        Ok(Some(Conditioned { source, zero, inputs, measured }))
+    }
+}
+
+/// A trial under known conditions.
+pub struct Conditioned {
+    source: String,
+    zero: String,
+    inputs: Inputs,
+    measured: Measured,
+}
+
+impl Conditioned {
+    /// The budget of the trial's figures.
+    ///
+    /// # Errors
+    /// When the settings do not suit the trial.
+    pub fn budget(self, settings: &Settings) -> Result<TrialBudget, BadInput> {
+        let Self { source, zero, inputs, measured } = self;
+        let budget = Budget::of(&measured, &inputs, settings, &source)?;
+        Ok(TrialBudget {
             program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
-            source: points.place.clone(),
-            zero: points.zero.clone(),
+            source,
+            zero,
             filter_s: settings.filter_s,
             span_s: settings.span_s.as_ref().map(|it| [it.start, it.end]),
             inputs,
             coverage_factor: COVERAGE_FACTOR,
             budget,
-        }))
+        })
     }
 }

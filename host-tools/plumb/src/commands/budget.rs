@@ -79,10 +79,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let trial = Trial::open(folder)?;
     let zero = arguments.zero.unwrap_or(trial.manifest.zero);
     let points = Points::of(&trial, zero)?;
-    let settings = arguments.window.settings();
-    let budget = arguments.conditions.budget(&trial, &points, zero, &settings)?;
-    let Some(budget) = budget else { unreachable!("a trial requires --camera") };
-    for warning in points.warnings.iter().chain(&budget.budget.warnings) {
+    let conditioned = arguments.conditions.of(&trial, &points, zero)?;
+    let Some(conditioned) = conditioned else { unreachable!("a trial requires --camera") };
+    // A long trial is large, and all that is needed of it has been taken.
+    let Points { warnings, points, .. } = points;
+    drop((trial, points));
+    let budget = conditioned.budget(&arguments.window.settings())?;
+    for warning in warnings.iter().chain(&budget.budget.warnings) {
         eprintln!("warning: {warning}");
     }
     if let Some(path) = &arguments.json {

@@ -30,6 +30,7 @@ pub mod sensor;
 pub mod sway;
 
 use nalgebra::{Vector2, Vector3};
+use plumbline::config::READOUT_NS_MAX;
 use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::Anatomical;
@@ -410,7 +411,8 @@ impl SimulationSettings {
         within("black", self.black, 0.0, 255.0)?;
         within("white", self.white, 0.0, 255.0)?;
         within("gradient", self.gradient, -1.0, 1.0)?;
-        within("readout-ms", self.readout_ms, -1000.0, 1000.0)?;
+        let readout_ms_max = 1e-6 * f64::from(READOUT_NS_MAX);
+        within("readout-ms", self.readout_ms, -readout_ms_max, readout_ms_max)?;
         for speed_mm_s in self.drift_mm_s {
             within("drift-mm-s", speed_mm_s, -1e4, 1e4)?;
         }

@@ -102,7 +102,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let validation = arguments.against.validate(&points)?;
         points.warnings.extend(validation.iter().flat_map(|it| it.warnings.clone()));
         let settings = arguments.method.settings();
-        let budget = arguments.conditions.budget(&trial, &points, zero, &settings)?;
+        let conditioned = arguments.conditions.of(&trial, &points, zero)?;
+        let budget = conditioned.map(|it| it.budget(&settings)).transpose()?;
         points.warnings.extend(budget.iter().flat_map(|it| it.budget.warnings.clone()));
         let beside = [
             budget.as_ref().map(budget::section),
