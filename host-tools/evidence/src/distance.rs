@@ -110,6 +110,12 @@ impl Pair {
         }
     }
 
+    /// How far apart the points are.
+    #[must_use]
+    pub fn distance_mm(&self) -> f64 {
+        self.distance_mm
+    }
+
     fn middle_mm(&self) -> Vector3<f64> {
         0.5 * (self.ends_mm[0] + self.ends_mm[1])
     }

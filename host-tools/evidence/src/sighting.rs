@@ -1,6 +1,6 @@
 //! A board in a frame, a board at rest, and the points on it.
 
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Rotation3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3};
 use plumbline::pose::{Cam, Pose, Target};
 
 /// One board in one frame.
@@ -26,13 +26,10 @@ pub struct Point {
 }
 
 impl Sighting {
-    /// A point that is fixed to the board: its covariance is J C J' with J = [-R \[point\]x, I].
+    /// A point that is fixed to the board.
     #[must_use]
     pub fn point(&self, board_mm: &Vector3<f64>) -> Point {
-        let mut jacobian = Matrix3x6::zeros();
-        let turned = -self.cam_from_board.rotation * board_mm.cross_matrix();
-        jacobian.fixed_columns_mut::<3>(0).copy_from(&turned);
-        jacobian.fixed_columns_mut::<3>(3).copy_from(&Matrix3::identity());
+        let jacobian = self.cam_from_board.point_by_increment(board_mm);
         Point {
             position_mm: self.cam_from_board.transform(board_mm),
             covariance_mm2: jacobian * self.covariance * jacobian.transpose(),

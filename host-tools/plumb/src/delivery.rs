@@ -73,9 +73,22 @@ pub fn warn_of_others(link: &mut BoxLink) -> Result<(), BadInput> {
     Ok(())
 }
 
+/// Waits for a box that runs with a configuration, and says which one it is.
+///
+/// # Errors
+/// When no box is heard, or it does not answer.
+pub fn greet(link: &mut BoxLink) -> Result<Hello, BadInput> {
+    let hello = {
+        let _waiting = Waiting::new(format!("listening at {}", link.place()));
+        link.hello()?
+    };
+    eprintln!("{}: {}", link.place(), who(&hello));
+    Ok(hello)
+}
+
 /// A box in a line.
 #[must_use]
-pub fn who(hello: &Hello) -> String {
+fn who(hello: &Hello) -> String {
     format!("{}, {}, configuration {:08x}", others::name(hello), hello.firmware, hello.config_crc)
 }
 

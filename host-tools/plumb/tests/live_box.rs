@@ -112,7 +112,7 @@ fn recording() -> Vec<u8> {
 }
 
 /// The box's program, if it is built.
-fn board() -> Option<PathBuf> {
+pub fn board() -> Option<PathBuf> {
     board_beside(env!("CARGO_BIN_EXE_plumb"))
 }
 
@@ -122,13 +122,13 @@ fn free_port() -> SocketAddr {
 }
 
 /// A directory with the files of a box, and the address at which it is heard.
-struct Bench {
-    folder: TempDir,
-    udp: SocketAddr,
+pub struct Bench {
+    pub folder: TempDir,
+    pub udp: SocketAddr,
 }
 
 impl Bench {
-    fn new(targets: &str) -> Self {
+    pub fn new(targets: &str) -> Self {
         let bench = Self { folder: tempfile::tempdir().unwrap(), udp: free_port() };
         bench.write("camera.toml", CAMERA);
         bench.write("targets.toml", targets);
@@ -144,11 +144,11 @@ impl Bench {
         )
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    fn write(&self, name: &str, text: &str) {
+    pub fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path(name), text).unwrap();
     }
 
@@ -157,7 +157,7 @@ impl Bench {
     }
 
     /// `plumb`, from the files of this directory; UDP stands for the address.
-    fn plumb(&self, arguments: &str) -> Said {
+    pub fn plumb(&self, arguments: &str) -> Said {
         let udp = self.udp.to_string();
         let output = command(env!("CARGO_BIN_EXE_plumb"))
             .args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }))
@@ -167,7 +167,7 @@ impl Bench {
         Said::of(arguments, &output)
     }
 
-    fn provision(&self, more: &str) -> Said {
+    pub fn provision(&self, more: &str) -> Said {
         self.plumb(&format!("provision --camera camera.toml --targets targets.toml {more}"))
     }
 
@@ -180,27 +180,27 @@ impl Bench {
 }
 
 /// How a program ended and what it said.
-struct Said {
+pub struct Said {
     arguments: String,
     code: Option<i32>,
     text: String,
 }
 
 impl Said {
-    fn of(arguments: &str, output: &Output) -> Self {
+    pub fn of(arguments: &str, output: &Output) -> Self {
         let text = [&output.stdout[..], &output.stderr].concat();
         let text = String::from_utf8(text).unwrap();
         Self { arguments: arguments.to_owned(), code: output.status.code(), text }
     }
 
     #[track_caller]
-    fn exits(self, code: i32) -> Self {
+    pub fn exits(self, code: i32) -> Self {
         assert_eq!(self.code, Some(code), "{}: {}", self.arguments, self.text);
         self
     }
 
     #[track_caller]
-    fn says(self, parts: &[&str]) -> Self {
+    pub fn says(self, parts: &[&str]) -> Self {
         for part in parts {
             assert!(self.text.contains(part), "no {part:?} in {}: {}", self.arguments, self.text);
         }
@@ -209,13 +209,13 @@ impl Said {
 }
 
 /// The box's program; started again whenever it ends, until this is dropped.
-struct Running {
+pub struct Running {
     stop: Arc<AtomicBool>,
     supervisor: Option<JoinHandle<()>>,
 }
 
 impl Running {
-    fn start(board: &Path, directory: &Path, is_supervised: bool) -> Self {
+    pub fn start(board: &Path, directory: &Path, is_supervised: bool) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let mut command: Command = command(board);
         command
@@ -474,28 +474,4 @@ fn a_box_that_refuses_its_configuration_is_quoted_and_takes_another() {
             .says(&["a box that tracks nothing; it says: ", WHY])
             .says(&["stored, checksum", "the box has restarted with it"]);
     });
-}
-
-#[test]
-fn a_live_box_proves_what_it_sees_and_says_what_to_do() {
-    let Some(board) = board() else { return };
-    let bench = Bench::new(PAIR);
-    let _running = bench.start(&board, true);
-    let still = bench.plumb("prove repeatability --udp UDP --seconds 8").exits(0);
-    still.says(&[
-        "ward 3 (PL-0001)",
-        "s left: keep away from board and camera",
-        "Drift per minute",
-    ]);
-    let page = std::fs::read_to_string(bench.path("repeatability.html")).unwrap();
-    assert!(page.contains("ward 3 (PL-0001)"));
-    bench.plumb("prove distance --udp UDP --seconds 3").exits(2).says(&[
-        "s left: bring the plate to another place",
-        "the plate was at 1 position",
-        "at least 10 are needed",
-    ]);
-    bench.plumb("prove step --udp UDP --seconds 5").exits(2).says(&[
-        "put the board down with the block, and let it rest (1 of 6)",
-        "rested at 1 place",
-    ]);
 }

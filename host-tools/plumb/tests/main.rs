@@ -12,6 +12,7 @@ mod figures;
 mod live_box;
 mod physiology;
 mod prove;
+mod prove_live;
 mod recording;
 mod report_in_browser;
 mod validate;

@@ -27,17 +27,17 @@ use crate::report_in_browser::{assert_shown, native_browser};
 
 const SIZE: [usize; 2] = [800, 600];
 const RATE_HZ: usize = 30;
-const CAMERA: &str = "width_px = 800\nheight_px = 600\nfx_px = 1000.0\nfy_px = 1000.0\n\
+pub const CAMERA: &str = "width_px = 800\nheight_px = 600\nfx_px = 1000.0\nfy_px = 1000.0\n\
     cx_px = 399.5\ncy_px = 299.5\nmodel = \"radial2\"\ndistortion = [-0.10, 0.0]\n";
-const TARGETS: &str = "\
+pub const TARGETS: &str = "\
     [[target]]\nname = \"lumbar\"\nrole = \"lower\"\ncolumns = 6\nrows = 5\npitch_mm = 12.0\n\
     [[target]]\nname = \"shoulder\"\nrole = \"upper\"\ncolumns = 5\nrows = 4\npitch_mm = 12.0\n";
 
 /// The distance between the first inner corners of both boards on the sheet of `plumb target
 /// --standard`, mm.
-const LENGTH_MM: f64 = 109.0;
+pub const LENGTH_MM: f64 = 109.0;
 
-fn lens() -> Lens {
+pub fn lens() -> Lens {
     let [width_px, height_px] = SIZE.map(|side| side as u16);
     Lens {
         width_px,
@@ -52,7 +52,7 @@ fn lens() -> Lens {
 }
 
 /// The sheet of the standard pair, printed so many times as large as it should be.
-struct Plate {
+pub struct Plate {
     scale: f64,
     /// Whether the shoulder board is on it too.
     is_whole: bool,
@@ -60,7 +60,7 @@ struct Plate {
 
 impl Plate {
     /// The boards, with their places on the plate.
-    fn boards(&self) -> Vec<(Board, Pose<Target, Target>)> {
+    pub fn boards(&self) -> Vec<(Board, Pose<Target, Target>)> {
         let board = |columns, rows, first_corner_y_mm: f64| {
             let origin = Origin::FirstCorner;
             let pitch_mm = 12.0 * self.scale;
@@ -89,10 +89,10 @@ impl Plate {
     }
 }
 
-const GOOD: Plate = Plate { scale: 1.0, is_whole: true };
+pub const GOOD: Plate = Plate { scale: 1.0, is_whole: true };
 
 /// A recording of a plate that is held at these poses, for a number of frames each.
-fn record(path: &Path, plate: &Plate, poses: &[Pose<Cam, Target>], frames: usize) {
+pub fn record(path: &Path, plate: &Plate, poses: &[Pose<Cam, Target>], frames: usize) {
     let mut bytes = Vec::new();
     let mut encoder = y4m::encode(SIZE[0], SIZE[1], y4m::Ratio::new(RATE_HZ, 1))
         .with_colorspace(y4m::Colorspace::Cmono)
@@ -124,7 +124,7 @@ fn prove(folder: &Path, arguments: &str) -> Finished {
     plumb(folder, &[&["prove", words[0]], &files[..], &words[1..]].concat())
 }
 
-fn figures(folder: &Path, name: &str) -> Value {
+pub fn figures(folder: &Path, name: &str) -> Value {
     let text = std::fs::read_to_string(folder.join(name)).unwrap();
     serde_json::from_str::<Value>(&text).unwrap()["figures"].clone()
 }
@@ -139,7 +139,7 @@ fn estimate(value: &Value) -> (f64, f64) {
 }
 
 #[track_caller]
-fn assert_covers(value: &Value, truth: f64) {
+pub fn assert_covers(value: &Value, truth: f64) {
     let (found, expanded) = estimate(value);
     assert!((found - truth).abs() <= expanded, "{found} +- {expanded}, and not {truth}");
 }
@@ -153,7 +153,7 @@ fn assert_refused(done: &Finished, parts: &[&str]) {
 }
 
 /// A plate upright in front of the camera, this far away.
-fn upright(z_mm: f64) -> Pose<Cam, Target> {
+pub fn upright(z_mm: f64) -> Pose<Cam, Target> {
     Pose::from_theta([0.02, 0.25, -0.2, -30.0, -55.0, z_mm])
 }
 
@@ -291,7 +291,7 @@ fn a_length_that_is_no_proof_is_refused() {
 }
 
 /// Lifted along its normal, and each time a little beside the last place.
-fn rests(thickness_mm: f64, places: usize) -> Vec<Pose<Cam, Target>> {
+pub fn rests(thickness_mm: f64, places: usize) -> Vec<Pose<Cam, Target>> {
     let place = |at: usize| {
         let height_mm = if at % 2 == 1 { thickness_mm } else { 0.0 };
         let aside_mm = 0.3 * (7.0 * at as f64).sin();

@@ -87,11 +87,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// The configuration of a live box.
 fn read_back(link: &mut BoxLink) -> Result<Config, BadInput> {
-    let hello = {
-        let _waiting = Waiting::new(format!("listening at {}", link.place()));
-        link.hello()?
-    };
-    eprintln!("{}: {}", link.place(), delivery::who(&hello));
+    delivery::greet(link)?;
     let config = {
         let _waiting = Waiting::new("reading its configuration back");
         link.config()?

@@ -33,6 +33,13 @@ impl Missing {
         }
     }
 
+    /// What to tell someone before the camera.
+    #[must_use]
+    pub fn advice(self, name: &str) -> String {
+        let remedy = self.remedy().unwrap_or("bring it into the picture");
+        format!("{name} is not seen ({}): {remedy}", self.words())
+    }
+
     /// What to do; `None` while nothing is wrong yet.
     #[must_use]
     pub fn remedy(self) -> Option<&'static str> {

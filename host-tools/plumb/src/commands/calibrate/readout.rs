@@ -215,11 +215,14 @@ fn flicker_refusal(
     }
 }
 
-/// The camera with its readout; a shutter that agrees with a global one is one.
+/// The camera with its readout. A shutter that agrees with a global one is taken for one; what was
+/// measured then belongs to the deviation, as the error that 0 has if the shutter is none.
 fn camera_with(camera: Camera, readout: &Readout) -> Camera {
-    let readout_s = if readout.is_global() { 0.0 } else { readout.readout_s };
+    let Readout { readout_s, sd_s, .. } = *readout;
+    let (readout_s, sd_s) =
+        if readout.is_global() { (0.0, sd_s.hypot(readout_s)) } else { (readout_s, sd_s) };
     let mut measured = Camera { readout_ns: (readout_s * 1e9).round() as i32, ..camera };
-    measured.provenance.readout_sd_ms = Some(rounded(readout.sd_s * 1e3));
+    measured.provenance.readout_sd_ms = Some(rounded(sd_s * 1e3));
     measured
 }
 
@@ -247,4 +250,31 @@ fn print(readout: &Readout) {
         (false, false) => "global shutter: no, the bottom row is read first",
     };
     eprintln!("readout {readout_ms:.decimals$} +- {sd_ms:.decimals$} ms; {shutter}");
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline_files::camera::{Provenance, parse};
+
+    use super::*;
+
+    const CAMERA: &str = "width_px = 800\nheight_px = 600\nfx_px = 1000\nfy_px = 1000\n\
+        cx_px = 400\ncy_px = 300\nmodel = \"radial2\"\ndistortion = [0, 0]\n";
+
+    /// The readout in nanoseconds and its deviation in milliseconds, as the file has them.
+    fn written(readout_s: f64, sd_s: f64) -> (i32, Option<f64>) {
+        let readout = Readout { readout_s, sd_s, frames: 60, irregular: 0, speed_px_s: None };
+        let Camera { readout_ns, provenance: Provenance { readout_sd_ms, .. }, .. } =
+            camera_with(parse(CAMERA, "camera.toml").unwrap(), &readout);
+        (readout_ns, readout_sd_ms)
+    }
+
+    #[test]
+    fn what_is_taken_for_a_global_shutter_says_how_wrong_that_may_be() {
+        assert_eq!(written(16e-3, 2e-5), (16_000_000, Some(0.02)));
+        assert_eq!(written(0.0, 2e-5), (0, Some(0.02)));
+        // At the largest deviation that is accepted, 1.2 ms may be none.
+        assert_eq!(written(-1.2e-3, 5e-4), (0, Some(1.3)));
+        assert_eq!(written(-1.6e-3, 5e-4), (-1_600_000, Some(0.5)));
+    }
 }

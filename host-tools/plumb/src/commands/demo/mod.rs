@@ -19,7 +19,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Matrix6;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{CameraState, Message, PosePacket};
-use plumbline::pose::Pose;
 use plumbline::report::Measurement;
 use plumbline::report::{Report, TargetReport};
 
@@ -254,17 +253,13 @@ fn write_picture(
 /// The part of a report that a packet carries and a picture needs.
 fn report(packet: &PosePacket, config: &Config) -> Report {
     let targets = packet.targets.iter().zip(&config.targets).map(|(target, known)| {
-        let measurement = target.pose.map(|pose| {
-            let [x, y, z] = pose.translation_mm.map(f64::from);
-            let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
-            Measurement {
-                cam_from_target: Pose::from_theta([theta1, theta2, theta3, x, y, z]),
-                delay_ns: pose.delay_ns,
-                covariance: Matrix6::zeros(),
-                rms_px: f64::from(pose.rms_px),
-                corners: pose.corners,
-                corners_total: known.geometry.corner_count() as u8,
-            }
+        let measurement = target.pose.map(|pose| Measurement {
+            cam_from_target: pose.cam_from_target(),
+            delay_ns: pose.delay_ns,
+            covariance: Matrix6::zeros(),
+            rms_px: f64::from(pose.rms_px),
+            corners: pose.corners,
+            corners_total: known.geometry.corner_count() as u8,
         });
         TargetReport { role: target.role, state: target.state, measurement }
     });

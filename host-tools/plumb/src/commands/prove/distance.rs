@@ -6,7 +6,7 @@ use plumbline_evidence::distance::{
     Against, Distance, POSITIONS_MIN, Pair, Position, distance, pairs,
 };
 use plumbline_evidence::uncertainty::{Estimate, Verdict};
-use plumbline_evidence::volume::{Coverage, Direction, Volume};
+use plumbline_evidence::volume::{Coverage, Direction, Next, PER_DIRECTION, Volume};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use serde::Serialize;
@@ -112,7 +112,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         .map(|(length_mm, off_mm)| Estimate::of_reading(length_mm, off_mm));
     let found = distance(&pairs, length_mm)
         .map_err(|positions| too_few(first, &names, &pairs, positions))?;
-    check_length(&found)?;
+    if let Some(against) = &found.against {
+        check_length(against.length_mm.value, found.mean_mm.value)?;
+    }
 
     let ends_mm = ends(&found.positions);
     let volume = volume(first, arguments, &ends_mm);
@@ -141,22 +143,39 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
 }
 
 /// Where to go while the box is watched.
-fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
-    let boards = match recording.pair(arguments.boards.as_ref()) {
-        Err(why) if recording.frames > 0 => return Advice::Do(why.remedy),
-        Err(_) => return Advice::Do(SHOW_BOTH.to_owned()),
-        Ok(boards) => boards,
-    };
-    let Ok(found) = distance(&pairs_of(&boards), None) else {
-        return Advice::Do(
-            "bring the plate to another place, and hold it still for a moment".into(),
-        );
-    };
-    let ends_mm = ends(&found.positions);
-    match volume(recording, arguments, &ends_mm).coverage(&ends_mm).next() {
-        Some(next) => Advice::Do(next.words()),
-        None => Advice::Enough,
+///
+/// # Errors
+/// When there are no two such boards, or the length that was given cannot be theirs.
+fn advice(recording: &Recording, arguments: &Arguments) -> Result<Advice, BadInput> {
+    let boards = recording.chosen_pair(arguments.boards.as_ref())?;
+    for board in boards {
+        if let Some(missing) = recording.gone(board) {
+            let words = format!("{} is not seen ({}): {SHOW_BOTH}", board.name, missing.words());
+            return Ok(Advice::Do(words));
+        }
     }
+    let pairs = pairs_of(&boards);
+    if let Some(length_mm) = arguments.length_mm.filter(|_| !pairs.is_empty()) {
+        let sum_mm: f64 = pairs.iter().map(Pair::distance_mm).sum();
+        check_length(length_mm, sum_mm / pairs.len() as f64)?;
+    }
+    let words = match distance(&pairs, None) {
+        Err(positions) => format!(
+            "bring the plate to another place, and hold it still for a moment ({positions} of \
+             {POSITIONS_MIN})"
+        ),
+        Ok(found) => {
+            let ends_mm = ends(&found.positions);
+            let coverage = volume(recording, arguments, &ends_mm).coverage(&ends_mm);
+            let Some(next) = coverage.next() else { return Ok(Advice::Enough) };
+            let [visited, of] = match next {
+                Next::Turn(direction) => [coverage.directions[direction as usize], PER_DIRECTION],
+                Next::Visit(..) => [coverage.visited(), Coverage::ZONES],
+            };
+            format!("{} ({visited} of {of})", next.words())
+        }
+    };
+    Ok(Advice::Do(words))
 }
 
 /// The volume that is to be visited.
@@ -202,15 +221,13 @@ fn too_few(
 }
 
 /// A length that is off by more than a tenth is no error of measurement.
-fn check_length(found: &Distance) -> Result<(), BadInput> {
-    let Some(against) = &found.against else { return Ok(()) };
-    let (given, mean) = (against.length_mm.value, found.mean_mm.value);
-    if (mean / given - 1.0).abs() <= 0.1 {
+fn check_length(given_mm: f64, mean_mm: f64) -> Result<(), BadInput> {
+    if (mean_mm / given_mm - 1.0).abs() <= 0.1 {
         return Ok(());
     }
     Err(BadInput::whole(
         "--length-mm",
-        format!("{given} mm, where the boards' first inner corners are {mean:.1} mm apart"),
+        format!("{given_mm} mm, where the boards' first inner corners are {mean_mm:.1} mm apart"),
         "measure, with the arrows up, from the lower right corner of one board's upper left black \
          square to the same corner of the other board; and check pitch_mm in the targets file",
     ))

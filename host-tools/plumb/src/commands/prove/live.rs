@@ -15,7 +15,6 @@ use crate::arguments::LinkArguments;
 use crate::delivery;
 use crate::setup;
 use crate::ui::stop::stop_on_signals;
-use crate::ui::waiting::Waiting;
 
 /// Time from one piece of advice to the next.
 const ADVICE_EVERY: Duration = Duration::from_secs(1);
@@ -29,21 +28,24 @@ pub enum Advice {
     Enough,
 }
 
+/// A box that sends nothing for longer is not well: a camera has ten frames a second or more.
+const SILENCE_MAX: Duration = Duration::from_secs(3);
+
+const SILENT: &str =
+    "no frame comes from the box: check its power, its cable and its camera with `plumb doctor`";
+
 /// Watches a box for some time, until Ctrl-C or until it is enough.
 ///
 /// # Errors
-/// When no box is heard, its camera is not calibrated, or no frame comes.
+/// When no box is heard, its camera is not calibrated, no frame comes, or `advise` says that nothing
+/// can come of it.
 pub fn watch(
     link: &LinkArguments,
     duration: Duration,
-    advise: impl FnMut(&Recording) -> Advice,
+    advise: impl FnMut(&Recording) -> Result<Advice, BadInput>,
 ) -> Result<Recording, BadInput> {
     let mut link = link.open()?;
-    let hello = {
-        let _waiting = Waiting::new(format!("listening at {}", link.place()));
-        link.hello()?
-    };
-    eprintln!("{}: {}", link.place(), delivery::who(&hello));
+    let hello = delivery::greet(&mut link)?;
     let config = link.config()?;
     if camera::is_stand_in(&config.lens) {
         return Err(setup::not_calibrated(link.place()));
@@ -62,25 +64,30 @@ fn listen(
     link: &mut BoxLink,
     recording: &mut Recording,
     duration: Duration,
-    mut advise: impl FnMut(&Recording) -> Advice,
+    mut advise: impl FnMut(&Recording) -> Result<Advice, BadInput>,
 ) -> Result<(), BadInput> {
     let stop = stop_on_signals()?;
     let begun = Instant::now();
     let until = begun + duration;
     let mut arrivals = Arrivals::default();
-    let mut said = String::new();
+    let (mut said, mut heard_at) = (String::new(), begun);
     while Instant::now() < until && !stop.load(Ordering::Relaxed) {
-        match advise(recording) {
-            Advice::Enough => break,
-            Advice::Do(words) if words != said => {
-                let left_s = until.saturating_duration_since(Instant::now()).as_secs();
-                eprintln!("{left_s:3} s left: {words}");
-                said = words;
+        let words = match advise(recording)? {
+            Advice::Enough => {
+                eprintln!("that is enough");
+                break;
             }
-            Advice::Do(_) => {}
+            Advice::Do(_) if heard_at.elapsed() > SILENCE_MAX => SILENT.to_owned(),
+            Advice::Do(words) => words,
+        };
+        if words != said {
+            let left_s = until.saturating_duration_since(Instant::now()).as_secs_f64().round();
+            eprintln!("{left_s:3} s left: {words}");
+            said = words;
         }
         link.messages(until.min(Instant::now() + ADVICE_EVERY), |message| -> Option<()> {
             if let Message::Pose(packet) = message {
+                heard_at = Instant::now();
                 let arrival_ns = begun.elapsed().as_nanos() as u64;
                 if let Some(time_s) = arrivals.time_s(packet, arrival_ns) {
                     recording.take(time_s, packet);

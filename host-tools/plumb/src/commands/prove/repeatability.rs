@@ -76,10 +76,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     };
     let board = recording.board(arguments.board.as_deref())?;
-    let within = arguments.from..=arguments.to;
-    let mut sightings = board.sightings();
-    sightings.retain(|it| within.contains(&it.time_s));
-    check_still(&recording.place, &sightings)?;
+    let sightings = arguments.used(board);
+    arguments.check_still(&recording.place, &sightings)?;
     let Some(found) = repeatability(&sightings) else {
         return Err(BadInput::whole(
             &recording.place,
@@ -105,38 +103,54 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// What to do while the box is watched.
-fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
-    let quiet = "keep away from board and camera, and leave the room quiet";
-    match recording.board(arguments.board.as_deref()) {
-        // At first no frame has come yet.
-        Err(why) if recording.frames > 0 => Advice::Do(why.remedy),
-        _ => Advice::Do(quiet.to_owned()),
-    }
+///
+/// # Errors
+/// As soon as the board has moved.
+fn advice(recording: &Recording, arguments: &Arguments) -> Result<Advice, BadInput> {
+    let board = recording.chosen(arguments.board.as_deref())?;
+    arguments.check_still(&recording.place, &arguments.used(board))?;
+    let words = recording.gone(board).map(|it| it.advice(&board.name));
+    Ok(Advice::Do(
+        words.unwrap_or_else(|| {
+            "keep away from board and camera, and leave the room quiet".to_owned()
+        }),
+    ))
 }
 
-/// Says when the board moved, if it did.
-fn check_still(place: &str, sightings: &[Sighting]) -> Result<(), BadInput> {
-    let found: Stillness = stillness(sightings);
-    let Some(first) = found.movements.first() else { return Ok(()) };
-    let others = match found.movements.len() - 1 {
-        0 => String::new(),
-        others => format!(", and {} later", counted(others, "time")),
-    };
-    let still = found.longest().filter(|part| part.len() >= FRAMES_MIN);
-    let part = still.map_or_else(String::new, |part| {
-        let [from_s, to_s] = [part.start, part.end - 1].map(|at| sightings[at].time_s);
-        // Rounded inwards, so that the movement stays outside.
-        let [from_s, to_s] = [(from_s * 10.0).ceil() / 10.0, (to_s * 10.0).floor() / 10.0];
-        format!(", or use its longest part without a movement: --from {from_s:.1} --to {to_s:.1}")
-    });
-    Err(BadInput::whole(
-        place,
-        format!(
-            "the board moved at {:.1} s, by {:.2} mm and {:.2} degrees within a second{others}",
-            first.time_s, first.by_mm, first.by_deg
-        ),
-        format!("fix board and camera, keep away from both, and record again{part}"),
-    ))
+impl Arguments {
+    /// The sightings of a board between --from and --to.
+    fn used(&self, board: &Board) -> Vec<Sighting> {
+        let mut sightings = board.sightings();
+        sightings.retain(|it| (self.from..=self.to).contains(&it.time_s));
+        sightings
+    }
+
+    /// Says when the board moved, if it did.
+    fn check_still(&self, place: &str, sightings: &[Sighting]) -> Result<(), BadInput> {
+        let found: Stillness = stillness(sightings);
+        let Some(first) = found.movements.first() else { return Ok(()) };
+        let others = match found.movements.len() - 1 {
+            0 => String::new(),
+            others => format!(", and {} later", counted(others, "time")),
+        };
+        let still = found.longest().filter(|it| it.len() >= FRAMES_MIN && !self.input.is_live());
+        let part = still.map_or_else(String::new, |part| {
+            let [from_s, to_s] = [part.start, part.end - 1].map(|at| sightings[at].time_s);
+            // Rounded inwards, so that the movement stays outside.
+            let [from_s, to_s] = [(from_s * 10.0).ceil() / 10.0, (to_s * 10.0).floor() / 10.0];
+            format!(
+                ", or use its longest part without a movement: --from {from_s:.1} --to {to_s:.1}"
+            )
+        });
+        Err(BadInput::whole(
+            place,
+            format!(
+                "the board moved at {:.1} s, by {:.2} mm and {:.2} degrees within a second{others}",
+                first.time_s, first.by_mm, first.by_deg
+            ),
+            format!("fix board and camera, keep away from both, and record again{part}"),
+        ))
+    }
 }
 
 fn judged(

@@ -8,7 +8,6 @@ use std::time::Duration;
 use plumbline::config::Config;
 use plumbline::lens::Lens;
 use plumbline::packet::{MeasuredPose, PosePacket};
-use plumbline::pose::Pose;
 use plumbline::report::NoPose;
 use plumbline::target::TargetGeometry;
 use plumbline_calibration::Search;
@@ -24,6 +23,9 @@ use crate::setup::Descriptions;
 use crate::tracking;
 use crate::ui::missing::{self, Missing};
 use crate::ui::progress::Progress;
+
+/// A board that is covered for a shorter time is being handled.
+const GONE_S: f64 = 2.0;
 
 /// What a proof is made from.
 #[derive(Debug, clap::Args)]
@@ -68,6 +70,8 @@ pub struct Recording {
     pub frames: usize,
     /// The boards that were looked for.
     pub boards: Vec<Board>,
+    /// The time of the last frame.
+    until_s: f64,
 }
 
 /// A board in a recording.
@@ -80,6 +84,8 @@ pub struct Board {
     pub seen: Vec<Option<Sighting>>,
     /// Frames without a pose, by the reason.
     without: Vec<(NoPose, usize)>,
+    /// Why it has not been seen since it was seen last.
+    lately: Option<NoPose>,
 }
 
 impl Board {
@@ -89,6 +95,7 @@ impl Board {
             geometry: geometry.clone(),
             seen: Vec::new(),
             without: Vec::new(),
+            lately: None,
         }
     }
 
@@ -99,7 +106,17 @@ impl Board {
                 None => self.without.push((why, 1)),
             }
         }
+        match found {
+            Ok(_) => self.lately = None,
+            Err(NoPose::Searching) => {}
+            Err(why) => self.lately = Some(why),
+        }
         self.seen.push(found.ok());
+    }
+
+    /// When it was seen last; the time of the first frame where it never was.
+    fn last_seen_s(&self) -> f64 {
+        self.seen.iter().rev().flatten().next().map_or(0.0, |it| it.time_s)
     }
 
     /// The frames in which it was seen.
@@ -136,6 +153,7 @@ impl Recording {
             lens: config.lens,
             frames: 0,
             boards: config.targets.iter().map(|it| Board::new(&it.name, &it.geometry)).collect(),
+            until_s: 0.0,
         }
     }
 
@@ -147,26 +165,23 @@ impl Recording {
             let pose = sent.map_or(Err(NoPose::Searching), |it| it.pose);
             board.take(pose.map(|it| sighting(frame_time_s, &it)));
         }
+        self.until_s = frame_time_s;
         self.frames += 1;
     }
 
     /// The board of this name or, if none is given, the one that was seen most often.
     ///
     /// # Errors
-    /// When there is none of this name, or it was never seen.
-    pub fn board(&self, name: Option<&str>) -> Result<&Board, BadInput> {
-        let board = match name {
-            Some(name) => self.named(name)?,
-            None => self.by_sightings()[0],
-        };
-        if board.count() == 0 { Err(self.not_seen(board)) } else { Ok(board) }
+    /// When there is none of this name.
+    pub fn chosen(&self, name: Option<&str>) -> Result<&Board, BadInput> {
+        name.map_or_else(|| Ok(self.by_sightings()[0]), |name| self.named(name))
     }
 
     /// The two boards of these names or, if none are given, those that were seen most often.
     ///
     /// # Errors
-    /// When there are no two, or one of them was never seen.
-    pub fn pair(&self, names: Option<&[String; 2]>) -> Result<[&Board; 2], BadInput> {
+    /// When there are no two.
+    pub fn chosen_pair(&self, names: Option<&[String; 2]>) -> Result<[&Board; 2], BadInput> {
         let boards = match names {
             Some(names) => names.iter().map(|it| self.named(it)).collect::<Result<Vec<_>, _>>()?,
             None => self.by_sightings(),
@@ -179,12 +194,37 @@ impl Recording {
                  prints two, and writes it",
             ));
         };
-        for board in [first, second] {
-            if board.count() == 0 {
-                return Err(self.not_seen(board));
-            }
-        }
         Ok([first, second])
+    }
+
+    /// As [`chosen`](Self::chosen).
+    ///
+    /// # Errors
+    /// Also when it was never seen.
+    pub fn board(&self, name: Option<&str>) -> Result<&Board, BadInput> {
+        self.seen(self.chosen(name)?)
+    }
+
+    /// As [`chosen_pair`](Self::chosen_pair).
+    ///
+    /// # Errors
+    /// Also when one of them was never seen.
+    pub fn pair(&self, names: Option<&[String; 2]>) -> Result<[&Board; 2], BadInput> {
+        let [first, second] = self.chosen_pair(names)?;
+        Ok([self.seen(first)?, self.seen(second)?])
+    }
+
+    fn seen<'b>(&self, board: &'b Board) -> Result<&'b Board, BadInput> {
+        if board.count() == 0 { Err(self.not_seen(board)) } else { Ok(board) }
+    }
+
+    /// Why a board has not been seen for a while; `None` if it was.
+    #[must_use]
+    pub fn gone(&self, board: &Board) -> Option<Missing> {
+        let is_gone = |it: &Board| self.until_s - it.last_seen_s() > GONE_S;
+        let is_other_seen = self.boards.iter().any(|it| it.name != board.name && !is_gone(it));
+        let why = board.lately.unwrap_or(NoPose::Searching);
+        is_gone(board).then(|| Missing::new(why, is_other_seen))
     }
 
     fn named(&self, name: &str) -> Result<&Board, BadInput> {
@@ -227,16 +267,23 @@ impl Input {
         self.inputs.iter().chain(&self.camera).chain(&self.targets)
     }
 
+    /// Whether a box is watched, and nothing is left of what it showed.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        self.inputs.is_empty()
+    }
+
     /// Reads all recordings; or makes one of a box that is watched now, during which `advise` is
     /// asked every second for what the user is to do next.
     ///
     /// # Errors
-    /// When one cannot be read or holds no frames, or their cameras differ.
+    /// When one cannot be read or holds no frames, their cameras differ, or `advise` says that
+    /// nothing can come of it.
     pub fn read(
         &self,
-        advise: impl FnMut(&Recording) -> Advice,
+        advise: impl FnMut(&Recording) -> Result<Advice, BadInput>,
     ) -> Result<Vec<Recording>, BadInput> {
-        if self.inputs.is_empty() {
+        if self.is_live() {
             return Ok(vec![live::watch(&self.link, self.seconds, advise)?]);
         }
         let mut recordings = Vec::new();
@@ -321,11 +368,51 @@ fn of_trial(folder: &Path) -> Result<Recording, BadInput> {
 }
 
 fn sighting(frame_time_s: f64, pose: &MeasuredPose) -> Sighting {
-    let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
-    let [x, y, z] = pose.translation_mm.map(f64::from);
     Sighting {
         time_s: frame_time_s + 1e-9 * f64::from(pose.delay_ns),
-        cam_from_board: Pose::from_theta([theta1, theta2, theta3, x, y, z]),
+        cam_from_board: pose.cam_from_target(),
         covariance: pose.covariance(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::report::GridRejection;
+    use plumbline_stream::fixture::{config, pose_packet};
+
+    use super::*;
+
+    #[test]
+    fn each_board_is_seen_at_its_own_time() {
+        let mut recording = Recording::new("box", &config());
+        let mut packet = pose_packet(0);
+        for (target, delay_ns) in packet.targets.iter_mut().zip([2_000_000, 9_000_000]) {
+            target.pose.as_mut().unwrap().delay_ns = delay_ns;
+        }
+        recording.take(5.0, &packet);
+        for (target, time_s) in packet.targets.iter().zip([5.002, 5.009]) {
+            let board = recording.boards.iter().find(|it| it.geometry.role() == target.role);
+            let seen_s = board.unwrap().sightings()[0].time_s;
+            assert!((seen_s - time_s).abs() < 1e-12, "{seen_s}");
+        }
+    }
+
+    #[test]
+    fn a_board_is_gone_when_it_has_not_been_seen_for_a_while() {
+        const CUT: NoPose = NoPose::NotFound(GridRejection::Cut);
+        let mut recording = Recording::new("box", &config());
+        let mut packet = pose_packet(0);
+        recording.take(0.0, &packet);
+        for (why, time_s) in [(CUT, 1.0), (NoPose::Searching, 1.9), (NoPose::Searching, 2.1)] {
+            let [seen, cut] = [0, 1].map(|at| &recording.boards[at]);
+            assert!(recording.gone(seen).is_none() && recording.gone(cut).is_none(), "{time_s}");
+            let role = recording.boards[1].geometry.role();
+            let target = packet.targets.iter_mut().find(|it| it.role == role);
+            target.unwrap().pose = Err(why);
+            recording.take(time_s, &packet);
+        }
+        assert_eq!(recording.gone(&recording.boards[0]), None);
+        // A search that goes on is no reason where there was one.
+        assert_eq!(recording.gone(&recording.boards[1]), Some(Missing::Because(CUT)));
     }
 }

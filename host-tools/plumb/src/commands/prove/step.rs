@@ -120,13 +120,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
 }
 
 /// What to do while the box is watched.
-fn advice(recording: &Recording, arguments: &Arguments) -> Advice {
-    let board = match recording.board(arguments.board.as_deref()) {
-        Err(why) if recording.frames > 0 => return Advice::Do(why.remedy),
-        Err(_) => return Advice::Do("let the board rest without the block".to_owned()),
-        Ok(board) => board,
-    };
-    where_to_rest(&board.sightings())
+///
+/// # Errors
+/// When there is no board of that name.
+fn advice(recording: &Recording, arguments: &Arguments) -> Result<Advice, BadInput> {
+    let board = recording.chosen(arguments.board.as_deref())?;
+    let missing = recording.gone(board).map(|it| Advice::Do(it.advice(&board.name)));
+    Ok(missing.unwrap_or_else(|| where_to_rest(&board.sightings())))
 }
 
 /// Where to put the board down next. A rest that was cut short does not count.

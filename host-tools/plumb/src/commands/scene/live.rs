@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Hello, MeasuredPose, Message, PosePacket};
+use plumbline::packet::{Hello, Message, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::NoPose;
 use plumbline::target::Role;
@@ -72,7 +72,7 @@ impl Heard {
         self.is_other_measured |=
             packet.targets.iter().any(|it| it.role != Role::Scene && it.pose.is_ok());
         match &board.pose {
-            Ok(pose) => self.poses.push(cam_from_target(pose)),
+            Ok(pose) => self.poses.push(pose.cam_from_target()),
             Err(why) => match self.without.iter_mut().find(|(known, _)| known == why) {
                 Some((_, frames)) => *frames += 1,
                 None => self.without.push((*why, 1)),
@@ -96,15 +96,9 @@ impl Heard {
     }
 }
 
-fn cam_from_target(pose: &MeasuredPose) -> Pose<Cam, Target> {
-    let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
-    let [x, y, z] = pose.translation_mm.map(f64::from);
-    Pose::from_theta([theta1, theta2, theta3, x, y, z])
-}
-
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::{MarkedInstant, ResetReason, TargetInfo, TargetPacket};
+    use plumbline::packet::{MarkedInstant, MeasuredPose, ResetReason, TargetInfo, TargetPacket};
     use plumbline::report::GridRejection;
     use plumbline::report::TargetState;
 

@@ -11,7 +11,6 @@ use plumbline::pose::{Cam, Pose, Target};
 use crate::arguments::{LinkArguments, seconds};
 use crate::delivery::{self, Before};
 use crate::setup::{self, Descriptions};
-use crate::ui::waiting::Waiting;
 use plumbline_calibration::scene::{Mean, lean_deg};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
@@ -136,11 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// As [`run`], with the poses of a live box.
 fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
     let mut link = arguments.link.open()?;
-    let hello = {
-        let _waiting = Waiting::new(format!("listening at {}", link.place()));
-        link.hello()?
-    };
-    eprintln!("{}: {}", link.place(), delivery::who(&hello));
+    let hello = delivery::greet(&mut link)?;
     live::check_board(link.place(), &hello)?;
     let old = if arguments.store { link.config_to_change()? } else { link.config()? };
     if camera::is_stand_in(&old.lens) {
