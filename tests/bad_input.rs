@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 
 use common::binary;
+use common::photographer::y4m;
 use tempfile::TempDir;
 
 const WIDTH: usize = 320;
@@ -54,12 +55,7 @@ impl Setting {
 
 /// Grey frames as Y4M.
 fn video(frames: usize) -> Vec<u8> {
-    let mut bytes = format!("YUV4MPEG2 W{WIDTH} H{HEIGHT} F60:1 Cmono\n").into_bytes();
-    for _ in 0..frames {
-        bytes.extend(b"FRAME\n");
-        bytes.extend([100; WIDTH * HEIGHT]);
-    }
-    bytes
+    y4m(&vec![vec![100; WIDTH * HEIGHT]; frames], [WIDTH as u16, HEIGHT as u16], 60)
 }
 
 /// Exit code 2, and one `error:` line with all of `parts`.

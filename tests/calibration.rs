@@ -3,7 +3,7 @@
 use std::process::Output;
 
 use common::binary;
-use common::photographer::{photographs, posed, save};
+use common::photographer::{LENS, PITCH_MM, board, photographs, posed, save};
 use nalgebra::DVector;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::pose::{Cam, Pose, Target};
@@ -12,29 +12,13 @@ use plumbline_calibration::{Calibration, Choice, Picture, calibrate};
 use plumbline_test_support::data;
 use rayon::prelude::*;
 
-const PITCH_MM: f64 = 20.0;
-
-fn board() -> TargetGeometry {
-    TargetGeometry::checker(9, 7, PITCH_MM, Origin::Center, Role::Scene, [0.0; 3]).unwrap()
-}
-
 /// A usual lens, a wide one, and one whose pixels are no rectangles.
 fn lenses() -> [Lens; 3] {
-    let mild = Lens {
-        width_px: 800,
-        height_px: 600,
-        fx_px: 1000.0,
-        fy_px: 1002.0,
-        cx_px: 408.0,
-        cy_px: 293.0,
-        skew_px: 0.0,
-        distortion: Distortion::Radial2([-0.12, 0.08]),
-    };
     let wide = Distortion::Radial2([-0.28, 0.09]);
     [
-        mild,
-        Lens { fx_px: 520.0, fy_px: 521.0, distortion: wide, ..mild },
-        Lens { fy_px: 990.0, skew_px: 3.0, ..mild },
+        LENS,
+        Lens { fx_px: 520.0, fy_px: 521.0, distortion: wide, ..LENS },
+        Lens { fy_px: 990.0, skew_px: 3.0, ..LENS },
     ]
 }
 
@@ -83,7 +67,7 @@ fn errors_are_as_large_as_they_are_said_to_be() {
 
 #[test]
 fn a_flat_board_is_not_said_to_be_bent() {
-    let lens = lenses()[0];
+    let lens = LENS;
     let flat = calibrated(&lens, &photographs(&lens, &board(), 12, 5));
     let (shape, sd) = flat.shape.expect("a shape");
     for (value, sd) in shape.bend_per_mm.iter().chain([&shape.stretch]).zip(&sd) {
@@ -133,7 +117,7 @@ const BOARD: [&str; 2] = ["--board", "9x7"];
 
 #[test]
 fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
-    let truth = lenses()[0];
+    let truth = LENS;
     let session = Session::new(&photographs(&truth, &board(), 12, 21));
     let output = session.calibrate(&["--board", "9x7", "--plot", "residuals.svg"]);
     let text = binary::messages(&output);
@@ -165,7 +149,7 @@ fn the_camera_file_says_how_well_it_is_known_and_is_read_back() {
 
 #[test]
 fn what_cannot_be_a_calibration_is_refused_with_the_reason() {
-    let lens = lenses()[0];
+    let lens = LENS;
     let good = photographs(&lens, &board(), 4, 2);
 
     let session = Session::new(&good);
@@ -195,7 +179,7 @@ fn what_cannot_be_a_calibration_is_refused_with_the_reason() {
 
 #[test]
 fn boards_that_are_not_tilted_make_no_camera_or_are_warned_of() {
-    let lens = lenses()[0];
+    let lens = LENS;
     let face_on: Vec<Pose<Cam, Target>> = (0..6)
         .map(|place| {
             let side = f64::from(place % 3 - 1) * 60.0;
@@ -209,7 +193,7 @@ fn boards_that_are_not_tilted_make_no_camera_or_are_warned_of() {
 
 #[test]
 fn a_photograph_that_does_not_fit_and_a_stretched_print_are_named() {
-    let lens = lenses()[0];
+    let lens = LENS;
     let mut all = photographs(&lens, &board(), 10, 31);
     // One photograph of a print that is 1.5 % larger in one direction.
     let stretched = {
@@ -230,7 +214,7 @@ fn a_photograph_that_does_not_fit_and_a_stretched_print_are_named() {
 
 #[test]
 fn few_photographs_and_a_frame_that_was_not_looked_at_are_warned_of() {
-    let lens = lenses()[0];
+    let lens = LENS;
     let session = Session::new(&photographs(&lens, &board(), 5, 4));
     let text = binary::messages(&session.calibrate(&BOARD));
     assert!(text.contains("only 5 photographs show the board; take 10 to 20"), "{text}");
@@ -262,7 +246,7 @@ fn a_corner_of_the_frame_that_no_board_reached_is_named() {
         })
         .collect();
     let verdict = |poses: &[Pose<Cam, Target>]| {
-        let session = Session::new(&posed(&lenses()[0], &board(), poses, 9));
+        let session = Session::new(&posed(&LENS, &board(), poses, 9));
         binary::messages(&session.calibrate(&BOARD))
     };
     let text = verdict(&everywhere);
@@ -275,7 +259,7 @@ fn a_corner_of_the_frame_that_no_board_reached_is_named() {
 
 #[test]
 fn photographs_of_two_sizes_are_refused_in_words_of_this_command() {
-    let lens = lenses()[0];
+    let lens = LENS;
     let smaller = Lens { width_px: 720, height_px: 540, cx_px: 367.0, cy_px: 264.0, ..lens };
     let mut both = photographs(&lens, &board(), 1, 6);
     both.extend(photographs(&smaller, &board(), 1, 6));
@@ -287,7 +271,7 @@ fn photographs_of_two_sizes_are_refused_in_words_of_this_command() {
 
 #[test]
 fn more_photographs_than_there_is_room_for_are_refused() {
-    let session = Session::new(&photographs(&lenses()[0], &board(), 1, 5));
+    let session = Session::new(&photographs(&LENS, &board(), 1, 5));
     let output = binary::plumb()
         .args(["calibrate", "--pitch-mm", "20", "--out", "camera.toml", "--board", "9x7"])
         .args(std::iter::repeat_n("photograph-0.png", 201))
@@ -380,7 +364,7 @@ fn lenses_of_three_models() -> [Lens; 3] {
         Distortion::Brown5([-0.2, 0.06, 0.004, -0.003, 0.02]),
         Distortion::Fisheye4([-0.03, 0.02, -0.02, 0.01]),
     ]
-    .map(|distortion| Lens { fx_px: 600.0, fy_px: 601.0, distortion, ..lenses()[0] })
+    .map(|distortion| Lens { fx_px: 600.0, fy_px: 601.0, distortion, ..LENS })
 }
 
 #[test]

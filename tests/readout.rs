@@ -4,31 +4,14 @@ use std::f64::consts::TAU;
 use std::path::Path;
 
 use common::binary::{plumb_in, plumb_judges_in};
-use common::photographer::{Video, save_video};
-use plumbline::lens::{Distortion, Lens};
+use common::photographer::{LENS, Video, board, save_video};
 use plumbline::pose::{Cam, Pose, Target};
-use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_files::camera::{self, Camera, Provenance};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-const LENS: Lens = Lens {
-    width_px: 800,
-    height_px: 600,
-    fx_px: 1000.0,
-    fy_px: 1002.0,
-    cx_px: 408.0,
-    cy_px: 293.0,
-    skew_px: 0.0,
-    distortion: Distortion::Radial2([-0.12, 0.08]),
-};
-
 const SIZE_PX: [u16; 2] = [LENS.width_px, LENS.height_px];
-
-fn board() -> TargetGeometry {
-    TargetGeometry::checker(9, 7, 20.0, Origin::Center, Role::Scene, [0.0; 3]).unwrap()
-}
 
 /// A board waved by hand: by a hand's breadth, once a second.
 fn waved(time_s: f64) -> Pose<Cam, Target> {

@@ -8,7 +8,7 @@
 use core::marker::PhantomData;
 use core::ops::Mul;
 
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix3x6, Vector3, Vector6};
 
 /// The camera's frame: x right, y down, z forward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,6 +99,16 @@ impl<To, From> Pose<To, From> {
         let turn_rad = vector_from_rotation(&(self.rotation.transpose() * other.rotation));
         let moved_mm = other.translation_mm - self.translation_mm;
         Vector6::from_iterator(turn_rad.iter().chain(moved_mm.iter()).copied())
+    }
+
+    /// How a point that is fixed to `From` moves in `To` with such an increment: `[-R [p]x, I]`.
+    #[must_use]
+    pub fn point_by_increment(&self, point_mm: &Vector3<f64>) -> Matrix3x6<f64> {
+        let mut by_increment = Matrix3x6::zeros();
+        let by_turn = -self.rotation * point_mm.cross_matrix();
+        by_increment.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+        by_increment.fixed_columns_mut::<3>(3).copy_from(&Matrix3::identity());
+        by_increment
     }
 }
 
@@ -214,6 +224,24 @@ mod tests {
         let angles = EulerAngles { theta1_rad: 0.4, theta2_rad: pole, theta3_rad: 0.1 };
         let back = EulerAngles::from_rotation(&angles.rotation());
         assert!((back.rotation() - angles.rotation()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_points_derivatives_are_central_differences() {
+        const STEP: f64 = 1e-4;
+        let pose = Pose::<Cam, Target>::from_theta([0.4, -0.3, 0.2, 10.0, -20.0, 900.0]);
+        let point_mm = Vector3::new(40.0, -30.0, 100.0);
+        let by_increment = pose.point_by_increment(&point_mm);
+        for axis in 0..6 {
+            let moved = |step: f64| {
+                let mut increment = nalgebra::Vector6::zeros();
+                increment[axis] = step;
+                pose.moved_by(&increment).transform(&point_mm)
+            };
+            let difference = (moved(STEP) - moved(-STEP)) / (2.0 * STEP);
+            // Of a turn by 1e-4 at 100 mm a sixth of the cube is 2e-7 mm per radian.
+            assert!((difference - by_increment.column(axis)).norm() < 1e-6, "{axis}");
+        }
     }
 
     #[test]

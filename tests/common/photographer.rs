@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use plumbline::lens::Lens;
+use plumbline::lens::{Distortion, Lens};
 use plumbline::parts::points_mm;
 use plumbline::pose::{Cam, Pose, Target};
-use plumbline::target::TargetGeometry;
+use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_calibration::Picture;
 use plumbline_render::simulate::render::{
     Board, Ink, Picture as Rendered, PlacedBoard, render_targets, render_targets_by_row,
@@ -14,6 +14,27 @@ use plumbline_render::simulate::render::{
 use plumbline_render::simulate::sensor::Sensor;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+/// A usual lens.
+pub const LENS: Lens = Lens {
+    width_px: 800,
+    height_px: 600,
+    fx_px: 1000.0,
+    fy_px: 1002.0,
+    cx_px: 408.0,
+    cy_px: 293.0,
+    skew_px: 0.0,
+    distortion: Distortion::Radial2([-0.12, 0.08]),
+};
+
+/// The pitch of [`board`].
+pub const PITCH_MM: f64 = 20.0;
+
+/// The calibration board.
+pub fn board() -> TargetGeometry {
+    TargetGeometry::checker(9, 7, PITCH_MM, Origin::Center, Role::Scene, [0.0; 3])
+        .expect("a usual board")
+}
 
 /// A pose that shows all of the board.
 fn random_pose(lens: &Lens, board: &TargetGeometry, random: &mut ChaCha8Rng) -> Pose<Cam, Target> {
@@ -99,14 +120,19 @@ impl Video<'_> {
     }
 }
 
-/// As Y4M.
-pub fn save_video(frames: &[Vec<u8>], [width, height]: [u16; 2], rate_hz: u32, path: &Path) {
+/// Grey frames as Y4M.
+pub fn y4m(frames: &[Vec<u8>], [width, height]: [u16; 2], rate_hz: u32) -> Vec<u8> {
     let mut file = format!("YUV4MPEG2 W{width} H{height} F{rate_hz}:1 Cmono\n").into_bytes();
     for frame in frames {
         file.extend_from_slice(b"FRAME\n");
         file.extend_from_slice(frame);
     }
-    std::fs::write(path, file).expect("a file in a temporary directory");
+    file
+}
+
+/// As Y4M.
+pub fn save_video(frames: &[Vec<u8>], size_px: [u16; 2], rate_hz: u32, path: &Path) {
+    std::fs::write(path, y4m(frames, size_px, rate_hz)).expect("a file in a temporary directory");
 }
 
 fn printed(geometry: &TargetGeometry) -> Board {

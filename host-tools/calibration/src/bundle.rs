@@ -292,20 +292,13 @@ impl Bundle {
         let point_cam_mm = cam_from_board.transform(&point_mm);
         let ray = ray_of(&point_cam_mm)?;
         let (distorted, by_ray) = self.lens.distortion.distort_with_jacobian(&ray);
-        let by_distorted = self.lens.pixel_by_ray();
-        let raw_by_point = by_distorted * by_ray * ray_by_point(&point_cam_mm, &ray);
+        let raw_by_point = self.lens.pixel_by_ray() * by_ray * ray_by_point(&point_cam_mm, &ray);
         let mut by_shared = DMatrix::zeros(2, self.shared());
-        let pinhole =
-            [[distorted.x, 0.0], [0.0, distorted.y], [1.0, 0.0], [0.0, 1.0], [distorted.y, 0.0]];
-        for (place, column) in pinhole.into_iter().enumerate() {
-            by_shared.set_column(place, &Vector2::from(column));
-        }
-        let coefficients: Vec<_> = self.lens.distortion.by_coefficients(&ray).collect();
-        for (place, column) in coefficients.iter().enumerate() {
-            by_shared.set_column(PINHOLE + place, &(by_distorted * column));
+        for (place, column) in self.lens.pixel_by_numbers(&ray, &distorted).enumerate() {
+            by_shared.set_column(place, &column);
         }
         if self.has_shape {
-            let at = PINHOLE + coefficients.len();
+            let at = self.shared() - SHAPE;
             let by_point = raw_by_point * cam_from_board.rotation;
             let (x, y) = (flat_mm.x, flat_mm.y);
             for (place, height) in [x * x, x * y, y * y].into_iter().enumerate() {

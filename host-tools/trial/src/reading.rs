@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Matrix3, Matrix3x6, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use plumbline::config::Config;
 use plumbline::packet::{
     AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError,
@@ -436,15 +436,10 @@ fn scene_of(config: &Config) -> Option<(SceneFrame, Vector3<f64>)> {
 }
 
 /// The covariance along AP, ML and SI of a point that is fixed to a target, `lever_mm` from its
-/// origin: J C J', with J = A [-R \[lever\]x, I] and A from the camera frame to the body's axes.
+/// origin.
 fn covariance_mm2(scene: &SceneFrame, pose: &MeasuredPose, lever_mm: Vector3<f64>) -> Matrix3<f64> {
-    let [theta1, theta2, theta3] = pose.theta_rad.map(f64::from);
-    let cam_from_target = Pose::<Cam, Target>::from_theta([theta1, theta2, theta3, 0.0, 0.0, 0.0]);
-    let turned = -cam_from_target.rotation * lever_mm.cross_matrix();
-    let body_from_cam = scene.anatomical_from_cam();
-    let mut jacobian = Matrix3x6::zeros();
-    jacobian.fixed_columns_mut::<3>(0).copy_from(&(body_from_cam * turned));
-    jacobian.fixed_columns_mut::<3>(3).copy_from(&body_from_cam);
+    let by_increment = pose.cam_from_target().point_by_increment(&lever_mm);
+    let jacobian = scene.anatomical_from_cam() * by_increment;
     let covariance = jacobian * pose.covariance() * jacobian.transpose();
     let covariance = 0.5 * (covariance + covariance.transpose());
     if covariance.cholesky().is_some() {

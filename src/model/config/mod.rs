@@ -52,7 +52,7 @@ const MAGIC: [u8; 4] = *b"PLMB";
 const HEADER_BYTES: usize = 10;
 
 /// Longest readout, from the first row to the last: no slower camera is of use.
-const READOUT_NS_MAX: i32 = 1_000_000_000;
+pub const READOUT_NS_MAX: i32 = 1_000_000_000;
 
 /// Longest readout as a share of the frame's interval. A sensor cannot take longer, but both are
 /// rounded or measured.

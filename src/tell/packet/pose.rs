@@ -7,6 +7,7 @@ use postcard_schema::schema::NamedType;
 use serde::{Deserialize, Serialize};
 
 use crate::limits::TARGETS_MAX;
+use crate::model::pose::{Cam, Pose, Target};
 use crate::model::target::Role;
 use crate::tell::report::{NoPose, TargetState};
 
@@ -93,6 +94,14 @@ impl MeasuredPose {
     #[must_use]
     pub fn own_time_ns(&self, capture_time_ns: u64) -> u64 {
         capture_time_ns.saturating_add(self.delay_ns.into())
+    }
+
+    /// The pose.
+    #[must_use]
+    pub fn cam_from_target(&self) -> Pose<Cam, Target> {
+        let [theta1, theta2, theta3] = self.theta_rad.map(f64::from);
+        let [x, y, z] = self.translation_mm.map(f64::from);
+        Pose::from_theta([theta1, theta2, theta3, x, y, z])
     }
 
     /// Covariance of `[omega_rad (target axes), delta_mm (camera axes)]`, the increments of
