@@ -20,7 +20,7 @@
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::fit::solve::{Observations, by_increment};
+use crate::fit::solve::{Observations, by_motion};
 use crate::model::lens::{ray_by_point, ray_of};
 use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
@@ -136,12 +136,12 @@ impl Observations for [SeenCorner] {
         mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
     ) -> Option<()> {
         for (place, seen) in self.iter().enumerate() {
-            let point_cam_mm = cam_from_target.transform(&seen.point_target_mm);
+            let arm_cam_mm = cam_from_target.rotation * seen.point_target_mm;
+            let point_cam_mm = arm_cam_mm + cam_from_target.translation_mm;
             let ray = ray_of(&point_cam_mm)?;
             let by_point = seen.raw_by_ray / seen.sigma_px * ray_by_point(&point_cam_mm, &ray);
             let rows = [0, 1].map(|row| {
-                let by_point = by_point.row(row).transpose();
-                by_increment(&by_point, &cam_from_target.rotation, &seen.point_target_mm)
+                by_motion(&by_point.row(row).transpose(), &arm_cam_mm)
             });
             visit(place, &seen.residual(&ray), &rows);
         }

@@ -3,10 +3,10 @@
 use core::array;
 
 use heapless::Vec;
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use crate::fit::nodes::{Edge, Node, Nodes};
-use crate::fit::solve::{Observations, by_increment};
+use crate::fit::solve::{Observations, by_motion};
 use crate::limits::TARGET_NODES_MAX;
 use crate::model::lens::ray_of;
 use crate::model::pose::{Cam, Pose, Target};
@@ -119,13 +119,12 @@ impl SeenEdge {
         [first - self.seen[0], turn_by_turn * turn - self.seen[1]]
     }
 
-    /// The residual's derivatives with respect to an increment.
+    /// The residual's gradients, as [`by_motion`] gives them.
     #[inline]
-    fn rows(&self, rotation: &Matrix3<f64>, ends: [(&Node, &Sight); 2]) -> [[f64; 6]; 2] {
+    fn rows(&self, sights: [&Sight; 2]) -> [[f64; 6]; 2] {
         let [start, end] = [0, 1].map(|end| {
-            let (node, sight) = ends[end];
-            let by_point = sight.by_point(&self.ends[end].distance_by_ray);
-            by_increment(&by_point, rotation, &node.point_target_mm)
+            let by_point = sights[end].by_point(&self.ends[end].distance_by_ray);
+            by_motion(&by_point, &sights[end].arm_cam_mm)
         });
         let [shift_by_shift, shift_by_turn, turn_by_turn] = self.whitener;
         let by_start = 0.5 * shift_by_shift - shift_by_turn;
@@ -152,6 +151,8 @@ pub struct SeenEdges<'a> {
 struct Sight {
     ray: Vector2<f64>,
     per_depth: f64,
+    /// From the target's origin.
+    arm_cam_mm: Vector3<f64>,
 }
 
 impl Sight {
@@ -180,18 +181,18 @@ impl<'a> SeenEdges<'a> {
         self.edges.iter().step_by(self.stride)
     }
 
-    /// The sights of all nodes; `None` when one lies behind the camera.
+    /// Visits the sight of each node in order; `None` when one lies behind the camera.
     #[inline]
-    fn sights(
+    fn each_sight(
         &self,
         cam_from_target: &Pose<Cam, Target>,
-        sights: &mut Vec<Sight, TARGET_NODES_MAX>,
+        mut visit: impl FnMut(Sight),
     ) -> Option<()> {
         for node in self.nodes.as_slice() {
-            let point_cam_mm = cam_from_target.transform(&node.point_target_mm);
-            let sight = Sight { ray: ray_of(&point_cam_mm)?, per_depth: 1.0 / point_cam_mm.z };
-            // There are no more than there is room for.
-            let _ = sights.push(sight);
+            let arm_cam_mm = cam_from_target.rotation * node.point_target_mm;
+            let point_cam_mm = arm_cam_mm + cam_from_target.translation_mm;
+            let ray = ray_of(&point_cam_mm)?;
+            visit(Sight { ray, per_depth: 1.0 / point_cam_mm.z, arm_cam_mm });
         }
         Some(())
     }
@@ -212,10 +213,11 @@ impl Observations for SeenEdges<'_> {
         cam_from_target: &Pose<Cam, Target>,
         mut visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()> {
-        let mut sights = Vec::new();
-        self.sights(cam_from_target, &mut sights)?;
+        let mut rays = Vec::<_, TARGET_NODES_MAX>::new();
+        // There are no more than there is room for.
+        self.each_sight(cam_from_target, |sight| rays.extend([sight.ray]))?;
         for (place, seen) in self.used().enumerate() {
-            visit(place, seen.residual(seen.edge.nodes.map(|node| &sights[usize::from(node)].ray)));
+            visit(place, seen.residual(seen.edge.nodes.map(|node| &rays[usize::from(node)])));
         }
         Some(())
     }
@@ -225,13 +227,11 @@ impl Observations for SeenEdges<'_> {
         cam_from_target: &Pose<Cam, Target>,
         mut visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
     ) -> Option<()> {
-        let mut sights = Vec::new();
-        self.sights(cam_from_target, &mut sights)?;
+        let mut sights = Vec::<_, TARGET_NODES_MAX>::new();
+        self.each_sight(cam_from_target, |sight| sights.extend([sight]))?;
         for (place, seen) in self.used().enumerate() {
-            let ends = seen.edge.nodes.map(usize::from);
-            let ends = ends.map(|node| (&self.nodes.as_slice()[node], &sights[node]));
-            let residual = seen.residual(ends.map(|(_, sight)| &sight.ray));
-            visit(place, &residual, &seen.rows(&cam_from_target.rotation, ends));
+            let ends = seen.edge.nodes.map(|node| &sights[usize::from(node)]);
+            visit(place, &seen.residual(ends.map(|sight| &sight.ray)), &seen.rows(ends));
         }
         Some(())
     }

@@ -365,8 +365,14 @@ fn jacobian_error(spoiled: Option<usize>) -> f64 {
     let mut worst = 0.0_f64;
     for axis in 0..6 {
         let step = if axis < 3 { 1e-5 } else { 1e-2 };
+        // A motion along the camera's axes, as an increment about the target's.
         let mut increment = Vector6::zeros();
-        increment[axis] = step;
+        if axis < 3 {
+            increment.fixed_rows_mut::<3>(0).tr_copy_from(&pose.rotation.row(axis));
+        } else {
+            increment[axis] = 1.0;
+        }
+        increment *= step;
         let here = residuals(&pose);
         let ahead = residuals(&pose.moved_by(&increment));
         let behind = residuals(&pose.moved_by(&-increment));

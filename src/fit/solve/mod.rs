@@ -91,8 +91,7 @@ pub trait Observations {
         visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()>;
 
-    /// Visits each residual, and the derivatives of its numbers with respect to an increment of
-    /// [`Pose::moved_by`].
+    /// Visits each residual, and the gradients of its numbers as [`by_motion`] gives them.
     fn residuals_with_jacobian(
         &self,
         cam_from_target: &Pose<Cam, Target>,
@@ -100,18 +99,26 @@ pub trait Observations {
     ) -> Option<()>;
 }
 
-/// The gradient, with respect to an increment, of a quantity whose gradient with respect to the
-/// point in the camera frame is known.
+/// The gradient, with respect to a turn about the target's origin and a displacement, both along the
+/// camera's axes, of a quantity whose gradient with respect to the point in the camera frame is known.
+/// `arm_cam_mm` leads from the target's origin to the point.
 #[inline]
+pub(crate) fn by_motion(by_point: &Vector3<f64>, arm_cam_mm: &Vector3<f64>) -> [f64; 6] {
+    // a . (omega x r) = omega . (r x a).
+    let turned = arm_cam_mm.cross(by_point);
+    [turned.x, turned.y, turned.z, by_point.x, by_point.y, by_point.z]
+}
+
+/// The same with respect to an increment of [`Pose::moved_by`], which turns about the target's axes.
 #[must_use]
 pub fn by_increment(
     by_point: &Vector3<f64>,
     rotation: &Matrix3<f64>,
     point_target_mm: &Vector3<f64>,
 ) -> [f64; 6] {
-    // d (R exp(omega) p) = R (omega x p), and a . R (omega x p) = omega . (p x R^T a).
-    let turned = point_target_mm.cross(&rotation.tr_mul(by_point));
-    [turned.x, turned.y, turned.z, by_point.x, by_point.y, by_point.z]
+    let [x, y, z, by_delta @ ..] = by_motion(by_point, &(rotation * point_target_mm));
+    let turned = rotation.tr_mul(&Vector3::new(x, y, z));
+    [turned.x, turned.y, turned.z, by_delta[0], by_delta[1], by_delta[2]]
 }
 
 /// Why there is no pose.
@@ -426,11 +433,10 @@ impl Squares {
     }
 }
 
-/// Weighted normal equations `matrix * step = -gradient`.
+/// Weighted normal equations `matrix * step = -gradient`, for an increment of [`Pose::moved_by`].
 struct NormalEquations {
-    /// Upper triangle, and some of the elements below it.
-    matrix: [[f64; 6]; 6],
-    gradient: [f64; 6],
+    matrix: Matrix6<f64>,
+    gradient: Vector6<f64>,
 }
 
 impl NormalEquations {
@@ -441,15 +447,58 @@ impl NormalEquations {
         variance: f64,
     ) -> Self {
         let per_variance = 1.0 / variance;
-        let mut normal = Self { matrix: [[0.0; 6]; 6], gradient: [0.0; 6] };
+        let mut sums = Sums { matrix: [[0.0; 6]; 6], gradient: [0.0; 6] };
         let seen = observations.residuals_with_jacobian(pose, |_, residual, rows| {
-            normal.add(residual, rows, weight(square(residual) * per_variance));
+            sums.add(residual, rows, weight(square(residual) * per_variance));
         });
         debug_assert!(seen.is_some(), "a point lies behind the camera");
-        normal
+        sums.about_target_axes(&pose.rotation)
     }
 
-    #[inline]
+    /// The step under Marquardt's damping, `None` when the system is singular.
+    fn step(&self, damping: f64) -> Option<Vector6<f64>> {
+        let mut matrix = self.matrix;
+        for axis in 0..6 {
+            matrix[(axis, axis)] *= 1.0 + damping;
+        }
+        let step = matrix.cholesky()?.solve(&-self.gradient);
+        step.sum().is_finite().then_some(step)
+    }
+
+    /// The square of a step's length, in standard deviations of the pose, times the variance of
+    /// the residuals.
+    fn square(&self, step: &Vector6<f64>) -> f64 {
+        step.dot(&(self.matrix * step))
+    }
+
+    /// The inverse, `None` when the system is nearly singular. It is first scaled to a diagonal of
+    /// ones, since radians and millimetres have no common scale.
+    fn inverse(&self) -> Option<Matrix6<f64>> {
+        let matrix = &self.matrix;
+        let scale = matrix.diagonal().map(|value| 1.0 / libm::sqrt(value));
+        let scaled = Matrix6::from_fn(|i, j| matrix[(i, j)] * scale[i] * scale[j]);
+        let cholesky = scaled.cholesky()?;
+        // The factor's diagonal holds the square roots of the pivots, which are positive.
+        let pivot = cholesky.l_dirty().diagonal().min();
+        if pivot * pivot < PIVOT_MIN {
+            return None;
+        }
+        let inverse = cholesky.inverse();
+        Some(Matrix6::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j]))
+    }
+}
+
+/// The sums of the normal equations, for motions as in [`by_motion`].
+struct Sums {
+    /// Upper triangle, and some of the elements below it.
+    matrix: [[f64; 6]; 6],
+    gradient: [f64; 6],
+}
+
+impl Sums {
+    /// Never inlined: where a row comes from memory, its elements are processed in pairs, in their
+    /// order; the compiler would otherwise pair them up differently, at twice the cost.
+    #[inline(never)]
     fn add(&mut self, residual: &[f64; 2], rows: &[[f64; 6]; 2], weight: f64) {
         let [first, second] = rows;
         for i in 0..6 {
@@ -462,40 +511,19 @@ impl NormalEquations {
         }
     }
 
-    /// The step under Marquardt's damping, `None` when the system is singular.
-    fn step(&self, damping: f64) -> Option<Vector6<f64>> {
-        let mut matrix = self.symmetric();
-        for axis in 0..6 {
-            matrix[(axis, axis)] *= 1.0 + damping;
-        }
-        let step = matrix.cholesky()?.solve(&-Vector6::from(self.gradient));
-        step.sum().is_finite().then_some(step)
-    }
-
-    /// The square of a step's length, in standard deviations of the pose, times the variance of
-    /// the residuals.
-    fn square(&self, step: &Vector6<f64>) -> f64 {
-        step.dot(&(self.symmetric() * step))
-    }
-
-    /// The inverse, `None` when the system is nearly singular. It is first scaled to a diagonal of
-    /// ones, since radians and millimetres have no common scale.
-    fn inverse(&self) -> Option<Matrix6<f64>> {
-        let matrix = self.symmetric();
-        let scale = matrix.diagonal().map(|value| 1.0 / libm::sqrt(value));
-        let scaled = Matrix6::from_fn(|i, j| matrix[(i, j)] * scale[i] * scale[j]);
-        let cholesky = scaled.cholesky()?;
-        // The factor's diagonal holds the square roots of the pivots, which are positive.
-        let pivot = cholesky.l_dirty().diagonal().min();
-        if pivot * pivot < PIVOT_MIN {
-            return None;
-        }
-        let inverse = cholesky.inverse();
-        Some(Matrix6::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j]))
-    }
-
-    fn symmetric(&self) -> Matrix6<f64> {
-        Matrix6::from_fn(|i, j| if i <= j { self.matrix[i][j] } else { self.matrix[j][i] })
+    /// An increment turns about the target's axes: omega of a motion is `rotation` times that of the
+    /// increment.
+    fn about_target_axes(&self, rotation: &Matrix3<f64>) -> NormalEquations {
+        let sums = &self.matrix;
+        let mut matrix = Matrix6::from_fn(|i, j| if i <= j { sums[i][j] } else { sums[j][i] });
+        let turned = rotation.tr_mul(&matrix.fixed_rows::<3>(0));
+        matrix.fixed_rows_mut::<3>(0).copy_from(&turned);
+        let turned = matrix.fixed_columns::<3>(0) * rotation;
+        matrix.fixed_columns_mut::<3>(0).copy_from(&turned);
+        let mut gradient = Vector6::from(self.gradient);
+        let turned = rotation.tr_mul(&gradient.fixed_rows::<3>(0));
+        gradient.fixed_rows_mut::<3>(0).copy_from(&turned);
+        NormalEquations { matrix, gradient }
     }
 }
 

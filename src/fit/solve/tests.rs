@@ -45,8 +45,14 @@ fn jacobian_error(spoiled: Option<usize>) -> f64 {
         let mut seen = seen[index];
         seen.point_target_mm.z = index as f64 - 12.0;
         let step = if axis < 3 { 1e-5 } else { 1e-2 };
+        // A motion along the camera's axes, as an increment about the target's.
         let mut increment = Vector6::zeros();
-        increment[axis] = step;
+        if axis < 3 {
+            increment.fixed_rows_mut::<3>(0).tr_copy_from(&tilted().rotation.row(axis));
+        } else {
+            increment[axis] = 1.0;
+        }
+        increment *= step;
         let residual = |increment: &Vector6<f64>| {
             let mut at = Vector2::zeros();
             [seen].residuals(&tilted().moved_by(increment), |_, residual| at = residual.into());
