@@ -140,9 +140,7 @@ impl Observations for [SeenCorner] {
             let point_cam_mm = arm_cam_mm + cam_from_target.translation_mm;
             let ray = ray_of(&point_cam_mm)?;
             let by_point = seen.raw_by_ray / seen.sigma_px * ray_by_point(&point_cam_mm, &ray);
-            let rows = [0, 1].map(|row| {
-                by_motion(&by_point.row(row).transpose(), &arm_cam_mm)
-            });
+            let rows = [0, 1].map(|row| by_motion(&by_point.row(row).transpose(), &arm_cam_mm));
             visit(place, &seen.residual(&ray), &rows);
         }
         Some(())

@@ -11,7 +11,7 @@
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::common::statistics::median;
+use crate::common::statistics::{median, order_of_positive};
 use crate::fit::nodes::{Edge, Nodes};
 use crate::limits::{TARGET_NODES_MAX, TARGET_SQUARES_MAX};
 use crate::model::image::{GreyImage, Pixel};
@@ -348,7 +348,7 @@ impl Plane {
                 })
                 .collect();
             // The median of a squared normal is 0.455 of its variance.
-            variance = (median(&mut scatter, f64::total_cmp)? / 0.455).max(of_mean);
+            variance = (median(&mut scatter, order_of_positive)? / 0.455).max(of_mean);
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
             for square in squares {
                 let off = square.level - coefficients.dot(&square.place);

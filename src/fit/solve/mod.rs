@@ -26,7 +26,7 @@
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use crate::common::statistics::median;
+use crate::common::statistics::{median, order_of_positive};
 use crate::limits::OBSERVATIONS_MAX;
 use crate::model::pose::{Cam, Pose, Target};
 
@@ -310,7 +310,7 @@ impl Descent {
             });
             if let Some(next_pose) = lower {
                 *pose = next_pose;
-                core::mem::swap(squares, &mut next_squares);
+                squares.copy_from(&next_squares);
                 has_stepped = true;
                 if step_square >= SHORT_STEP_SQUARE {
                     *normal = None;
@@ -403,6 +403,13 @@ impl Squares {
         Self(Vec::new())
     }
 
+    /// Only as many as there are.
+    fn copy_from(&mut self, other: &Self) {
+        self.0.clear();
+        // The capacity is the same.
+        let _ = self.0.extend_from_slice(&other.0);
+    }
+
     /// Computes them at a pose; `None` when a point lies behind the camera.
     fn measure<O: Observations + ?Sized>(
         &mut self,
@@ -420,10 +427,10 @@ impl Squares {
     /// less than 1. The fit has made the residuals smaller than the noise; dividing by the share of
     /// the degrees of freedom that is left makes up for that.
     fn robust_variance(&self) -> f64 {
-        let mut sorted = self.0.clone();
+        let mut sorted: Vec<f64, OBSERVATIONS_MAX> = self.0.iter().copied().collect();
         let count = sorted.len() as f64;
         // There are more than three: see `OBSERVATIONS_MIN`.
-        let median = median(&mut sorted, f64::total_cmp).unwrap_or(0.0);
+        let median = median(&mut sorted, order_of_positive).unwrap_or(0.0);
         (median / MEDIAN_SQUARE * count / (count - 3.0)).max(1.0)
     }
 

@@ -52,6 +52,9 @@ pub(super) const BATCH: usize = 128;
 /// the next band.
 type Column = [f32; BATCH + LANES];
 
+/// Groups of lanes in a column.
+const CHUNKS: usize = BATCH / LANES + 1;
+
 /// Samples of one edge, each the mean of neighbouring pixels along the edge or a single pixel, band
 /// after band without gaps, so that no lane is idle; a buffer that is kept only because clearing it
 /// would cost as much as using it.
@@ -288,7 +291,6 @@ impl Products {
         let count = batch.count;
         batch.count = 0;
         self.samples += count;
-        let chunks = count.div_ceil(LANES);
         let Batch { grey, across, place, sharpness, pixels, .. } = batch;
         // The last lanes hold no pixels.
         for column in [&mut *grey, &mut *across, &mut *place, &mut *sharpness, &mut *pixels] {
@@ -298,11 +300,11 @@ impl Products {
         let mut sums = self.sums;
         let [o, s, b, p, t, g, ss, sb, sp, st, sg, bb, bp, bt, bg, pp, pt, pg, tt, tg, gg] =
             &mut sums;
-        let places = chunk(across, chunks).iter().zip(chunk(place, chunks));
-        let places = places.zip(chunk(sharpness, chunks));
-        let samples = chunk(grey, chunks).iter().zip(chunk(pixels, chunks));
-        for (((across, place), sharpness), (grey, pixels)) in places.zip(samples) {
+        let columns = [grey, across, place, sharpness, pixels].map(|column| column.as_chunks().0);
+        for chunk in 0..count.div_ceil(LANES).min(CHUNKS) {
             black_box(());
+            let [grey, across, place, sharpness, pixels]: [&Lanes; 5] =
+                columns.map(|column| &column[chunk]);
             let [mut step, mut slope, mut blur, mut turn] = [[0.0; LANES]; 4];
             // Each column times the sample's weight.
             let [mut wo, mut ws, mut wp, mut wb, mut wt, mut wg] = [[0.0; LANES]; 6];
@@ -358,10 +360,6 @@ fn profile<const ARE_CORNERS: bool>(v: f32, w: f32, crossings: &Crossings) -> (f
     let (step, slope) = blurred_step(v);
     let (height, lift, turn) = crossings.at::<ARE_CORNERS>(v, w);
     (height * step + lift + turn * slope, height * slope)
-}
-
-fn chunk(column: &Column, count: usize) -> &[Lanes] {
-    &column.as_chunks().0[..count]
 }
 
 #[inline(always)]

@@ -252,7 +252,7 @@ impl Region {
     pub(super) fn each_band(&self, [width, height]: [usize; 2], mut pixels: impl FnMut(&Band)) {
         let [lines, places] = if self.are_lines_rows { [height, width] } else { [width, height] };
         let [origin_line, origin_place] = self.origin.map(|place| place as i32);
-        let [middle_line, middle_place] = self.middle;
+        let [middle_line, _] = self.middle;
         let first = (floor(middle_line - self.reach_lines) + 1).max(-origin_line);
         let end = (floor(middle_line + self.reach_lines) + 1).min(lines as i32 - origin_line);
         let first_free = (floor(middle_line - self.free_lines) + 1).max(first);
@@ -263,39 +263,77 @@ impl Region {
         let mut line = first;
         while line < end {
             // Four bands take no longer than one.
-            let mut bands = [(0, 0); LANES];
-            for band in &mut bands {
+            let [mut lines, mut counts] = [[0; LANES]; 2];
+            for lane in 0..LANES {
                 let is_free = (first_free..end_free).contains(&line);
                 let count = if is_free { band_lines.min(end_free - line) } else { 1 };
-                *band = (line, count);
+                (lines[lane], counts[lane]) = (line, count);
                 line += count;
             }
-            let middles =
-                bands.map(|(line, count)| line as f32 + 0.5 * (count - 1) as f32 - middle_line);
-            let sharpness = bands.map(|(_, count)| {
-                let added = self.band_spread * (count * count - 1) as f32;
-                // 1 / sqrt(1 + added), to a ten-thousandth.
-                1.0 - added * (0.5 - 0.375 * added)
-            });
-            let [low, high] = self.strips.bounds(&middles);
-            let starts = low.map(|low| -floor(-(low + middle_place)));
-            let ends = high.map(|high| floor(high + middle_place) + 1);
+            let mut four = Extents::default();
+            self.measure(&lines, &counts, -origin_place, places as i32 - origin_place, &mut four);
             for lane in 0..LANES {
-                let (line, count) = bands[lane];
-                let start = starts[lane].max(-origin_place);
-                let after = ends[lane].min(places as i32 - origin_place);
+                let (line, start, after) = (lines[lane], four.starts[lane], four.ends[lane]);
                 if line < end && start < after {
                     pixels(&Band {
                         first_line: (origin_line + line) as usize,
-                        lines: count as usize,
+                        lines: counts[lane] as usize,
                         places: (origin_place + start) as usize..(origin_place + after) as usize,
-                        sharpness: sharpness[lane],
-                        from_middle: [middles[lane], start as f32 - middle_place],
+                        sharpness: four.sharpness[lane],
+                        from_middle: [four.middles[lane], four.starts_from_middle[lane]],
                     });
                 }
             }
         }
     }
+
+    /// The extents of four bands of so many lines from these on; a frame's places end at
+    /// `first_place` and `end_place`.
+    ///
+    /// Never inlined: a compiler vectorises what is read from memory and written to it.
+    #[inline(never)]
+    fn measure(
+        &self,
+        lines: &[i32; LANES],
+        counts: &[i32; LANES],
+        first_place: i32,
+        end_place: i32,
+        extents: &mut Extents,
+    ) {
+        let [middle_line, middle_place] = self.middle;
+        let counts = counts.map(|count| count as f32);
+        for lane in 0..LANES {
+            extents.middles[lane] = lines[lane] as f32 + 0.5 * (counts[lane] - 1.0) - middle_line;
+        }
+        for lane in 0..LANES {
+            let added = self.band_spread * (counts[lane] * counts[lane] - 1.0);
+            // 1 / sqrt(1 + added), to a ten-thousandth.
+            extents.sharpness[lane] = 1.0 - added * (0.5 - 0.375 * added);
+        }
+        let [low, high] = self.strips.bounds(&extents.middles);
+        for lane in 0..LANES {
+            let start = -floor(-(low[lane] + middle_place));
+            extents.starts[lane] = if start > first_place { start } else { first_place };
+        }
+        for lane in 0..LANES {
+            let end = floor(high[lane] + middle_place) + 1;
+            extents.ends[lane] = if end < end_place { end } else { end_place };
+        }
+        for lane in 0..LANES {
+            extents.starts_from_middle[lane] = extents.starts[lane] as f32 - middle_place;
+        }
+    }
+}
+
+/// Of each of four bands: the mean of its lines, from the edge's middle; its places, from the whole
+/// pixel there; the first one, from the exact middle; and the blur of a line over the band's.
+#[derive(Default)]
+struct Extents {
+    middles: Lanes,
+    starts: [i32; LANES],
+    ends: [i32; LANES],
+    starts_from_middle: Lanes,
+    sharpness: Lanes,
 }
 
 /// The number of lines that may be averaged.

@@ -1,9 +1,7 @@
 //! The linear regression of an edge's pixels on its model.
 //!
-//! The columns are ordered so that the last two of the Cholesky factor of their normal equations
-//! are those of shift and turn with the others eliminated: a whitener for [`crate::fit::solve`].
-
-use nalgebra::{Matrix3, SMatrix, SVector};
+//! Its normal equations are solved by elimination. Shift and turn are the last columns, so that what
+//! is then left of them is a whitener for [`crate::fit::solve`].
 
 use crate::fit::edge::light::Levels;
 
@@ -16,19 +14,28 @@ const PIVOT_RATIO_MIN: f64 = 1e-3;
 
 /// Columns of the regression.
 pub(super) const COLUMNS: usize = 5;
+const ONE: usize = 0;
 pub(super) const STEP: usize = 1;
 pub(super) const BLUR: usize = 2;
 pub(super) const SLOPE: usize = 3;
+const TURN: usize = 4;
+/// After the columns.
+const PIXEL: usize = COLUMNS;
 
 /// Weighted inner products of the columns and the pixels, the upper triangle row by row, the
 /// pixels last. The column of ones makes the first row sums of the weights and of the weighted columns.
 pub(super) const PRODUCTS: usize = (COLUMNS + 1) * (COLUMNS + 2) / 2;
-const ONE_ONE: usize = 0;
-const ONE_STEP: usize = 1;
-const ONE_PIXEL: usize = 5;
-const STEP_STEP: usize = 6;
-const STEP_PIXEL: usize = 10;
-const PIXEL_PIXEL: usize = 20;
+const ONE_ONE: usize = place(ONE, ONE);
+const ONE_STEP: usize = place(ONE, STEP);
+const ONE_PIXEL: usize = place(ONE, PIXEL);
+const STEP_STEP: usize = place(STEP, STEP);
+const STEP_PIXEL: usize = place(STEP, PIXEL);
+const PIXEL_PIXEL: usize = place(PIXEL, PIXEL);
+
+/// Where the product of two columns is, the first of which does not come after the second.
+const fn place(row: usize, column: usize) -> usize {
+    row * (2 * COLUMNS + 1 - row) / 2 + column
+}
 
 pub(super) struct Sums {
     /// The number of values that tell about the noise: samples, each the mean of some pixels, and
@@ -79,47 +86,78 @@ impl Regression {
         &Sums { products: ref sums, count, .. }: &Sums,
         blur_precision: f64,
     ) -> Option<Self> {
-        let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
-        let mut right = SVector::<f64, COLUMNS>::zeros();
-        let mut index = 0;
-        for row in 0..COLUMNS {
-            for column in row..COLUMNS {
-                normal[(row, column)] = sums[index];
-                normal[(column, row)] = sums[index];
-                index += 1;
-            }
-            right[row] = sums[index];
-            index += 1;
-        }
-        let squares = sums[index];
         if count < VALUES_MIN {
             return None;
         }
-        let factor = normal.cholesky()?.unpack();
-        for column in 0..COLUMNS {
-            let pivot = factor[(column, column)] * factor[(column, column)];
-            if pivot < PIVOT_RATIO_MIN * normal[(column, column)] {
-                return None;
+        let pivots_min = [ONE, STEP, BLUR, SLOPE, TURN]
+            .map(|column| PIVOT_RATIO_MIN * sums[place(column, column)]);
+        let mut free = Elimination { sums: *sums, pivots_min };
+        free.eliminate::<ONE>()?;
+        free.eliminate::<STEP>()?;
+        let mut known = free;
+        known.sums[place(BLUR, BLUR)] += blur_precision;
+        for blur in [&mut free, &mut known] {
+            blur.eliminate::<BLUR>()?;
+            blur.eliminate::<SLOPE>()?;
+            blur.eliminate::<TURN>()?;
+        }
+        let [slope_root, turn_root] =
+            [SLOPE, TURN].map(|column| libm::sqrt(known.sums[place(column, column)]));
+        Some(Self {
+            coefficients: free.coefficients(),
+            factor: [slope_root, slope_root * known.sums[place(SLOPE, TURN)], turn_root],
+            seen: [
+                slope_root * known.sums[place(SLOPE, PIXEL)],
+                turn_root * known.sums[place(TURN, PIXEL)],
+            ],
+            blur_pivot: free.sums[place(BLUR, BLUR)],
+            noise_variance: free.sums[PIXEL_PIXEL].max(0.0) / (count - COLUMNS as f64),
+        })
+    }
+}
+
+/// The normal equations while one column after the other is eliminated.
+///
+/// In the rows of those that have been, there are the factors of N = U^T D U: the pivot D in the
+/// diagonal, and beside it U, what the others contain of the column.
+#[derive(Clone, Copy)]
+struct Elimination {
+    sums: [f64; PRODUCTS],
+    /// Smallest usable pivot of each column.
+    pivots_min: [f64; COLUMNS],
+}
+
+impl Elimination {
+    /// Eliminates the next column; `None` when the pixels do not distinguish it from those before
+    /// it. The column is a constant, so that the compiler unrolls the loops.
+    #[inline(always)]
+    fn eliminate<const COLUMN: usize>(&mut self) -> Option<()> {
+        let pivot = self.sums[place(COLUMN, COLUMN)];
+        // A column of zeros is not usable, nor one with a NaN.
+        let is_usable = pivot > 0.0 && pivot >= self.pivots_min[COLUMN];
+        if !is_usable {
+            return None;
+        }
+        let per_pivot = 1.0 / pivot;
+        for row in COLUMN + 1..PIXEL + 1 {
+            let share = self.sums[place(COLUMN, row)] * per_pivot;
+            for column in row..PIXEL + 1 {
+                self.sums[place(row, column)] -= share * self.sums[place(COLUMN, column)];
+            }
+            self.sums[place(COLUMN, row)] = share;
+        }
+        Some(())
+    }
+
+    /// How much of each column the pixels contain, after all have been eliminated.
+    fn coefficients(&self) -> [f64; COLUMNS] {
+        let mut coefficients = [0.0; COLUMNS];
+        for row in (0..COLUMNS).rev() {
+            coefficients[row] = self.sums[place(row, PIXEL)];
+            for column in row + 1..COLUMNS {
+                coefficients[row] -= self.sums[place(row, column)] * coefficients[column];
             }
         }
-        let whitened = factor.solve_lower_triangular(&right)?;
-        let coefficients = factor.tr_solve_lower_triangular(&whitened)?;
-        let residual = (squares - whitened.norm_squared()).max(0.0);
-        let last = |matrix: &SMatrix<f64, COLUMNS, COLUMNS>| {
-            Matrix3::from_fn(|row, column| matrix[(BLUR + row, BLUR + column)])
-        };
-        let last_factor = last(&factor).lower_triangle();
-        let mut known = last_factor * last_factor.transpose();
-        known[(0, 0)] += blur_precision;
-        let known_factor = known.cholesky()?.unpack();
-        let seen =
-            known_factor.solve_lower_triangular(&(last_factor * whitened.fixed_rows::<3>(BLUR)))?;
-        Some(Self {
-            coefficients: coefficients.into(),
-            factor: [known_factor[(1, 1)], known_factor[(2, 1)], known_factor[(2, 2)]],
-            seen: [seen[1], seen[2]],
-            blur_pivot: factor[(BLUR, BLUR)] * factor[(BLUR, BLUR)],
-            noise_variance: residual / (count - COLUMNS as f64),
-        })
+        coefficients
     }
 }
