@@ -63,7 +63,7 @@ pub struct Light {
     origin_px: Vector2<f64>,
     light: Plane,
     dark: Plane,
-    noise: Noise,
+    certainty: Certainty,
     /// Whether the squares confirm the slopes of both planes.
     is_even: bool,
     /// The squares, by their nodes, that agree with their colour's plane.
@@ -166,23 +166,16 @@ impl Columns {
 
     /// The sums over the first columns.
     fn total(&self, side: usize) -> [f64; 2] {
-        [&self.values, &self.squares]
-            .map(|columns| columns[..side].iter().map(|&sum| f64::from(sum)).sum())
+        [&self.values, &self.squares].map(|columns| f64::from(columns[..side].iter().sum::<f32>()))
     }
 }
 
-/// What is known beforehand about the levels at an edge.
+/// How certain the levels are, at all edges alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Levels {
-    pub(super) light: f64,
-    pub(super) dark: f64,
+pub(super) struct Certainty {
     /// Weight of each level, in pixels.
     pub(super) light_weight: f64,
     pub(super) dark_weight: f64,
-    /// Slope of their mean in the picture, per px.
-    pub(super) mean_per_px: Vector2<f64>,
-    /// Slope of their difference, relative to the difference, per px.
-    pub(super) contrast_per_px: Vector2<f64>,
     /// How much more a pixel at the light level scatters than one halfway between both, as a share
     /// of the latter's variance.
     pub(super) noise_contrast: f64,
@@ -190,12 +183,24 @@ pub(super) struct Levels {
     noise_variance: f64,
 }
 
+/// What is known beforehand about the levels at an edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Levels {
+    pub(super) light: f64,
+    pub(super) dark: f64,
+    /// Slope of their mean in the picture, per px.
+    pub(super) mean_per_px: Vector2<f64>,
+    /// Slope of their difference, relative to the difference, per px.
+    pub(super) contrast_per_px: Vector2<f64>,
+    pub(super) certainty: Certainty,
+}
+
 impl Levels {
     /// The inverse square of half the contrast, in units of the noise: what the precision of a
     /// number in blurs is to be multiplied with to be that of a coefficient of the pixels.
     pub(super) fn noise_per_contrast(&self) -> f64 {
         let half_contrast = 0.5 * (self.light - self.dark);
-        self.noise_variance / (half_contrast * half_contrast)
+        self.certainty.noise_variance / (half_contrast * half_contrast)
     }
 }
 
@@ -275,7 +280,12 @@ impl Light {
             origin_px,
             light,
             dark,
-            noise,
+            certainty: Certainty {
+                light_weight: noise.middle() / light.variance,
+                dark_weight: noise.middle() / dark.variance,
+                noise_contrast: noise.contrast(),
+                noise_variance: noise.middle(),
+            },
             is_even: light.is_borne_out(noise.light) && dark.is_borne_out(noise.dark),
             agree,
         })
@@ -306,16 +316,7 @@ impl Light {
         } else {
             (Vector2::zeros(), Vector2::zeros())
         };
-        Levels {
-            light,
-            dark,
-            light_weight: self.noise.middle() / self.light.variance,
-            dark_weight: self.noise.middle() / self.dark.variance,
-            mean_per_px,
-            contrast_per_px,
-            noise_contrast: self.noise.contrast(),
-            noise_variance: self.noise.middle(),
-        }
+        Levels { light, dark, mean_per_px, contrast_per_px, certainty: self.certainty }
     }
 }
 
@@ -471,8 +472,9 @@ mod tests {
             )
             .collect();
         let levels = measured(&scene, &shaded).unwrap().at(&Vector2::new(100.0, 80.0));
-        assert!(open.light_weight > 20.0 && open.dark_weight > 20.0, "{open:?}");
-        assert!(levels.light_weight < 3.0, "{levels:?}");
+        let Certainty { light_weight, dark_weight, .. } = open.certainty;
+        assert!(light_weight > 20.0 && dark_weight > 20.0, "{open:?}");
+        assert!(levels.certainty.light_weight < 3.0, "{levels:?}");
         // Nor are its slopes, which are not those of the light.
         assert_eq!(
             (levels.mean_per_px, levels.contrast_per_px),

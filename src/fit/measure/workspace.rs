@@ -371,8 +371,8 @@ impl Workspace {
         let mut kept = 0;
         for place in 0..self.edges.len() {
             if self.pixels[place].noise_variance <= variance_max {
-                self.edges.swap(kept, place);
-                self.pixels.swap(kept, place);
+                self.edges[kept] = self.edges[place];
+                self.pixels[kept] = self.pixels[place];
                 self.edges[kept].scale_uncertainty(noise);
                 kept += 1;
             }

@@ -64,9 +64,10 @@ const PIVOT_MIN: f64 = 1e-11;
 const STEP_SQUARE_MIN: f64 = 1e-8;
 
 /// Squared length, in standard deviations of the pose, of a step so short that the normal equations
-/// before it give the covariance after it: a tenth of a standard deviation changes the lines of
-/// sight, and so the derivatives, by some millionths.
-const SHORT_STEP_SQUARE: f64 = 1e-2;
+/// before it give the covariance after it: one standard deviation changes the lines of sight, and so
+/// the derivatives, by some hundred-thousandths, and an edge's residual by a small part of its own
+/// standard deviation, and so its robust weight by little.
+const SHORT_STEP_SQUARE: f64 = 1.0;
 
 /// Smallest observed variance, relative to the predicted one, that is believed. JPEG of quality 85
 /// leaves 0.6.

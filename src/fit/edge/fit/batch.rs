@@ -113,7 +113,8 @@ impl Batch {
             Some(levels) => (0.5 * (levels.light + levels.dark)) as f32,
             None => image.row(origin_y)[origin_x].into(),
         };
-        let noise_by_step = levels.map_or(0.0, |levels| (sign * levels.noise_contrast) as f32);
+        let noise_by_step =
+            levels.map_or(0.0, |levels| (sign * levels.certainty.noise_contrast) as f32);
         let mut products = Products::new(noise_by_step);
         self.count = 0;
         let [right_line, right_place] = region.right;

@@ -52,8 +52,8 @@ impl Sums {
     /// weight, they count as two pixels in the estimate of the noise.
     pub(super) fn add_levels(&mut self, levels: &Levels, sign: f64) {
         self.count += 2.0;
-        let light = (levels.light - self.base, levels.light_weight, sign);
-        let dark = (levels.dark - self.base, levels.dark_weight, -sign);
+        let light = (levels.light - self.base, levels.certainty.light_weight, sign);
+        let dark = (levels.dark - self.base, levels.certainty.dark_weight, -sign);
         for (level, weight, step) in [light, dark] {
             self.products[ONE_ONE] += weight;
             self.products[ONE_STEP] += weight * step;
