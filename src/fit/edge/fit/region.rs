@@ -302,26 +302,17 @@ impl Region {
     ) {
         let [middle_line, middle_place] = self.middle;
         let counts = counts.map(|count| count as f32);
-        for lane in 0..LANES {
-            extents.middles[lane] = lines[lane] as f32 + 0.5 * (counts[lane] - 1.0) - middle_line;
-        }
-        for lane in 0..LANES {
-            let added = self.band_spread * (counts[lane] * counts[lane] - 1.0);
+        extents.middles =
+            array::from_fn(|lane| lines[lane] as f32 + 0.5 * (counts[lane] - 1.0) - middle_line);
+        extents.sharpness = counts.map(|count| {
+            let added = self.band_spread * (count * count - 1.0);
             // 1 / sqrt(1 + added), to a ten-thousandth.
-            extents.sharpness[lane] = 1.0 - added * (0.5 - 0.375 * added);
-        }
+            1.0 - added * (0.5 - 0.375 * added)
+        });
         let [low, high] = self.strips.bounds(&extents.middles);
-        for lane in 0..LANES {
-            let start = -floor(-(low[lane] + middle_place));
-            extents.starts[lane] = if start > first_place { start } else { first_place };
-        }
-        for lane in 0..LANES {
-            let end = floor(high[lane] + middle_place) + 1;
-            extents.ends[lane] = if end < end_place { end } else { end_place };
-        }
-        for lane in 0..LANES {
-            extents.starts_from_middle[lane] = extents.starts[lane] as f32 - middle_place;
-        }
+        extents.starts = low.map(|low| (-floor(-(low + middle_place))).max(first_place));
+        extents.ends = high.map(|high| (floor(high + middle_place) + 1).min(end_place));
+        extents.starts_from_middle = extents.starts.map(|start| start as f32 - middle_place);
     }
 }
 
