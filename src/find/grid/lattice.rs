@@ -95,6 +95,15 @@ impl Bounds {
         (first[1]..=last[1]).flat_map(move |j| (first[0]..=last[0]).map(move |i| [i, j]))
     }
 
+    /// The squares around the corners, each by the place from which it lies along u and v.
+    pub(super) fn squares(&self) -> Self {
+        Self { first: self.first.map(|value| value - 1), last: self.last }
+    }
+
+    pub(super) fn contains(&self, cell: [i32; 2]) -> bool {
+        (0..2).all(|axis| (self.first[axis]..=self.last[axis]).contains(&cell[axis]))
+    }
+
     /// With this many more lines on each side.
     pub(super) fn grown(&self, lines: i32) -> Self {
         Self {

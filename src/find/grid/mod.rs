@@ -31,8 +31,10 @@ mod beyond;
 mod covered;
 mod lattice;
 mod plane;
+mod sides;
 #[cfg(test)]
 mod tests;
+mod view;
 
 use lattice::{Bounds, Lattice, Least};
 
