@@ -205,6 +205,18 @@ impl Nodes {
         &self.nodes
     }
 
+    /// The upper left and the lower right corner of the upright rectangle in the picture that
+    /// contains all nodes, raw pixels.
+    #[must_use]
+    pub(crate) fn extent_px(&self) -> [Vector2<f64>; 2] {
+        let (mut low, mut high) =
+            (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+        for node in &self.nodes {
+            (low, high) = (low.inf(&node.raw_px), high.sup(&node.raw_px));
+        }
+        [low, high]
+    }
+
     /// Index of the corner at a node; `None` for the nodes of the ring around the corners.
     #[must_use]
     pub fn corner(&self, node: u8) -> Option<usize> {
@@ -420,6 +432,17 @@ mod tests {
         assert_eq!(point(29), Vector3::new(24.0, 30.0, 0.0));
         let corners: Vec<_> = (0..30).filter_map(|node| nodes.corner(node)).collect();
         assert_eq!(corners, (0..12).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn the_extent_touches_the_outermost_nodes() {
+        let nodes = projected(&pose());
+        let [low, high] = nodes.extent_px();
+        for axis in 0..2 {
+            let mut along: Vec<_> = nodes.as_slice().iter().map(|node| node.raw_px[axis]).collect();
+            along.sort_by(f64::total_cmp);
+            assert_eq!([along[0], along[29]], [low[axis], high[axis]]);
+        }
     }
 
     #[test]

@@ -4,7 +4,16 @@
 //! borrowed for the duration of one step. Construction checks the sizes once; afterwards every row
 //! has `width` pixels.
 
+use core::hint::black_box;
+
 use crate::limits::{FRAME_SIDE_PX_MAX, FRAME_SIDE_PX_MIN};
+
+/// What a processor loads from memory at once; where it is more or less, only speed differs.
+const CACHE_LINE_BYTES: usize = 64;
+
+/// Largest rectangle that [`GreyImage::fetch`] loads: a target 300 px wide and high, with 8-bit
+/// pixels, which a cache of the second level holds.
+const FETCHED_BYTES_MAX: usize = 128 * 1024;
 
 /// A grey sample: 8 bits, or up to 16 bits in a 16-bit word.
 pub trait Pixel: Copy + Into<f32> + Into<u32> + Send + Sync + 'static {}
@@ -149,6 +158,32 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
         self.pixels[y * self.stride + x]
     }
 
+    /// Has a rectangle, as far as it is inside the frame, loaded into the processor's cache, by
+    /// reading a pixel of each cache line. A frame that a camera has just written is in memory, and
+    /// is read pixel by pixel between calculations, each of which waits for the one before. These
+    /// reads do not wait for each other, so that memory answers many of them at once.
+    ///
+    /// Nothing is done for a rectangle larger than [`FETCHED_BYTES_MAX`]: the work is bounded, and
+    /// the cache too.
+    pub(crate) fn fetch(&self, [left_px, top_px]: [f64; 2], [right_px, bottom_px]: [f64; 2]) {
+        let line = CACHE_LINE_BYTES / size_of::<P>();
+        // One more line, because the first may begin before the rectangle.
+        let columns = left_px as usize..(right_px as usize).saturating_add(line).min(self.width);
+        let rows = top_px as usize..(bottom_px as usize).saturating_add(1).min(self.height);
+        if columns.len() * rows.len() * size_of::<P>() > FETCHED_BYTES_MAX {
+            return;
+        }
+        let mut all = 0;
+        for row in rows {
+            let pixels = self.row(row).get(columns.clone()).unwrap_or_default();
+            for &pixel in pixels.iter().step_by(line) {
+                all |= Into::<u32>::into(pixel);
+            }
+        }
+        // Otherwise the compiler would leave out what nobody uses.
+        black_box(all);
+    }
+
     /// The integer centre pixel of a square window of `radius` around a
     /// sub-pixel position, or `None` when the window is not wholly inside (or
     /// the position is not a number).
@@ -206,6 +241,19 @@ mod tests {
         assert_eq!(image.span(60, 78).map(|span: &[u8; 4]| span[3]), Some(image.pixel(63, 78)));
         assert_eq!(image.span::<4>(61, 0), None);
         assert_eq!(image.span::<1>(0, 80), None);
+    }
+
+    #[test]
+    fn any_rectangle_can_be_fetched() {
+        let pixels = [0_u8; 64 * 80];
+        let image = GreyImage::new(&pixels, 64, 80, 64).unwrap();
+        let places =
+            [f64::NEG_INFINITY, -1.0, 0.0, 63.0, 79.0, 80.0, 1e30, f64::INFINITY, f64::NAN];
+        for first in places {
+            for last in places {
+                image.fetch([first; 2], [last; 2]);
+            }
+        }
     }
 
     #[test]
