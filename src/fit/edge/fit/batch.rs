@@ -226,11 +226,11 @@ fn sums_of_columns<P: Pixel>(
     const { assert!(BAND_LINES_MAX == 5) };
     let column = band.first_line;
     match band.lines {
-        5 => sums_of::<5, P>(image, column, places),
-        4 => sums_of::<4, P>(image, column, places),
-        3 => sums_of::<3, P>(image, column, places),
-        2 => sums_of::<2, P>(image, column, places),
-        _ => sums_of::<1, P>(image, column, places),
+        5 => sums_of::<5, P>(image, column, places.start),
+        4 => sums_of::<4, P>(image, column, places.start),
+        3 => sums_of::<3, P>(image, column, places.start),
+        2 => sums_of::<2, P>(image, column, places.start),
+        _ => sums_of::<1, P>(image, column, places.start),
     }
 }
 
@@ -239,14 +239,13 @@ fn sums_of_columns<P: Pixel>(
 fn sums_of<const COUNT: usize, P: Pixel>(
     image: &GreyImage<'_, P>,
     column: usize,
-    rows: Range<usize>,
+    first_row: usize,
 ) -> [i32; LANES] {
-    let mut sums = [0; LANES];
-    for (sum, row) in sums.iter_mut().zip(rows) {
-        let pixels = image.span::<COUNT>(column, row);
-        *sum = pixels.map_or(0, |pixels| pixels.iter().map(|&pixel| whole(pixel)).sum());
-    }
-    sums
+    // Also of rows beyond the band's end, because a branch that is taken now and then costs more.
+    array::from_fn(|lane| {
+        let pixels = image.span::<COUNT>(column, first_row + lane);
+        pixels.map_or(0, |pixels| pixels.iter().map(|&pixel| whole(pixel)).sum())
+    })
 }
 
 #[inline(always)]
