@@ -2,7 +2,6 @@
 
 use core::array;
 use core::hint::black_box;
-use core::ops::Range;
 
 use super::crossing::Crossings;
 use super::lanes::{LANES, Lanes};
@@ -168,11 +167,14 @@ impl Batch {
         done: usize,
         field: &Field,
     ) {
-        let places = band.places.start + done..band.places.end;
-        let sums = if are_lines_rows {
-            sums_of_rows(image, band, places)
-        } else {
-            sums_of_columns(image, band, places)
+        const { assert!(BAND_LINES_MAX == 5) };
+        let first_place = band.places.start + done;
+        let sums = match band.lines {
+            5 => sums_of::<5, P>(image, are_lines_rows, band, first_place),
+            4 => sums_of::<4, P>(image, are_lines_rows, band, first_place),
+            3 => sums_of::<3, P>(image, are_lines_rows, band, first_place),
+            2 => sums_of::<2, P>(image, are_lines_rows, band, first_place),
+            _ => sums_of::<1, P>(image, are_lines_rows, band, first_place),
         };
         let [line, place] = band.from_middle;
         // Through 32 bits: a conversion from 64 takes several instructions.
@@ -196,54 +198,52 @@ fn write(column: &mut Column, place: usize, values: &Lanes) {
     *room.expect("a batch has room for its last lanes") = *values;
 }
 
-/// For each of the first places, the sum of a band's pixels there, where its lines are rows.
+/// For each of the first places, the sum of a band's pixels there.
 #[inline(always)]
-fn sums_of_rows<P: Pixel>(
+fn sums_of<const LINES: usize, P: Pixel>(
     image: &GreyImage<'_, P>,
+    are_lines_rows: bool,
     band: &Band,
-    places: Range<usize>,
+    first_place: usize,
+) -> [i32; LANES] {
+    if are_lines_rows {
+        sums_of_rows::<LINES, P>(image, band.first_line, first_place)
+    } else {
+        sums_of_columns::<LINES, P>(image, band.first_line, first_place)
+    }
+}
+
+/// Where lines are rows.
+#[inline(always)]
+fn sums_of_rows<const LINES: usize, P: Pixel>(
+    image: &GreyImage<'_, P>,
+    first_row: usize,
+    column: usize,
 ) -> [i32; LANES] {
     let mut sums = [0; LANES];
-    for row in band.first_line..band.first_line + band.lines {
-        if let Some(pixels) = image.span::<LANES>(places.start, row) {
+    for line in 0..LINES {
+        let row = first_row + line;
+        if let Some(pixels) = image.span::<LANES>(column, row) {
             sums = array::from_fn(|place| sums[place] + whole(pixels[place]));
         } else {
             // At the frame's right border.
-            let pixels = &image.row(row)[places.start..];
+            let pixels = &image.row(row)[column..];
             sums.iter_mut().zip(pixels).for_each(|(sum, &pixel)| *sum += whole(pixel));
         }
     }
     sums
 }
 
-/// The same where its lines are columns.
+/// Where lines are columns; also over rows beyond the band's end, because a branch that is taken
+/// now and then costs more.
 #[inline(always)]
-fn sums_of_columns<P: Pixel>(
-    image: &GreyImage<'_, P>,
-    band: &Band,
-    places: Range<usize>,
-) -> [i32; LANES] {
-    const { assert!(BAND_LINES_MAX == 5) };
-    let column = band.first_line;
-    match band.lines {
-        5 => sums_of::<5, P>(image, column, places.start),
-        4 => sums_of::<4, P>(image, column, places.start),
-        3 => sums_of::<3, P>(image, column, places.start),
-        2 => sums_of::<2, P>(image, column, places.start),
-        _ => sums_of::<1, P>(image, column, places.start),
-    }
-}
-
-/// For each of the first rows, the sum of some pixels from a column on.
-#[inline(always)]
-fn sums_of<const COUNT: usize, P: Pixel>(
+fn sums_of_columns<const LINES: usize, P: Pixel>(
     image: &GreyImage<'_, P>,
     column: usize,
     first_row: usize,
 ) -> [i32; LANES] {
-    // Also of rows beyond the band's end, because a branch that is taken now and then costs more.
     array::from_fn(|lane| {
-        let pixels = image.span::<COUNT>(column, first_row + lane);
+        let pixels = image.span::<LINES>(column, first_row + lane);
         pixels.map_or(0, |pixels| pixels.iter().map(|&pixel| whole(pixel)).sum())
     })
 }
