@@ -83,15 +83,15 @@ impl Batch {
     }
 
     /// Inner products over all pixels of a region inside the frame, each weighted by its expected
-    /// noise, with the slope of the light removed from them; `None` where the region's middle is
-    /// outside. `sign` is 1 where the right side is light, otherwise -1.
+    /// noise, with the slope of the light removed from them; there are none where the region's
+    /// middle is outside. `sign` is 1 where the right side is light, otherwise -1.
     pub(super) fn sums<P: Pixel>(
         &mut self,
         image: &GreyImage<'_, P>,
         region: &Region,
         levels: Option<&Levels>,
         sign: f64,
-    ) -> Option<Sums> {
+    ) -> Sums {
         let by_lines = |[x, y]: [f32; 2]| if region.are_lines_rows { [y, x] } else { [x, y] };
         let [origin_line, origin_place] = region.origin;
         let [origin_x, origin_y] = if region.are_lines_rows {
@@ -100,7 +100,7 @@ impl Batch {
             [origin_line, origin_place]
         };
         if origin_x >= image.width() || origin_y >= image.height() {
-            return None;
+            return Sums::default();
         }
         let [mean, gain] = levels.map_or([[0.0; 2]; 2], |levels| {
             // To first order: the square is neglected, 0.1 % of the contrast in the farthest pixels
@@ -134,7 +134,7 @@ impl Batch {
             self.push(image, region.are_lines_rows, band, &field);
         });
         products.add(self, bend, &region.crossings);
-        Some(products.total(base.into()))
+        products.total(base.into())
     }
 
     /// Appends a band's samples; there must be room for them. No band has more than [`BATCH`].

@@ -37,6 +37,7 @@ const fn place(row: usize, column: usize) -> usize {
     row * (2 * COLUMNS + 1 - row) / 2 + column
 }
 
+#[derive(Default)]
 pub(super) struct Sums {
     /// The number of values that tell about the noise: samples, each the mean of some pixels, and
     /// levels known beforehand.
