@@ -158,13 +158,15 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
         self.pixels[y * self.stride + x]
     }
 
-    /// Has a rectangle, as far as it is inside the frame, loaded into the processor's cache, by
-    /// reading a pixel of each cache line. A frame that a camera has just written is in memory, and
-    /// is read pixel by pixel between calculations, each of which waits for the one before. These
-    /// reads do not wait for each other, so that memory answers many of them at once.
+    /// Loads a rectangle, as far as it is inside the frame, into the processor's cache, by reading
+    /// one pixel of each cache line.
     ///
-    /// Nothing is done for a rectangle larger than [`FETCHED_BYTES_MAX`]: the work is bounded, and
-    /// the cache too.
+    /// A frame that has just been captured is in memory. Calculations read it a few pixels at a
+    /// time, and so wait for memory again and again; these reads do not depend on each other, so
+    /// that memory answers many of them at once.
+    ///
+    /// A rectangle larger than [`FETCHED_BYTES_MAX`] is not loaded: the work is bounded, and so is
+    /// the cache.
     pub(crate) fn fetch(&self, [left_px, top_px]: [f64; 2], [right_px, bottom_px]: [f64; 2]) {
         let line = CACHE_LINE_BYTES / size_of::<P>();
         // One more line, because the first may begin before the rectangle.
@@ -180,7 +182,7 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
                 all |= Into::<u32>::into(pixel);
             }
         }
-        // Otherwise the compiler would leave out what nobody uses.
+        // Without a use of the pixels, the compiler would leave out the reads.
         black_box(all);
     }
 

@@ -29,6 +29,9 @@ const REACH_PX_MAX: usize = 6;
 /// the contrast are left.
 const CLEAR_OF_EDGES: f64 = 3.0;
 
+/// How far beyond the border's nodes an edge's pixels lie, as a rule.
+const BEYOND_BORDER_PX: f64 = 4.0;
+
 /// Fewest squares of one colour to which a plane is fitted.
 const SQUARES_MIN: usize = 5;
 
@@ -223,6 +226,10 @@ impl Light {
         blur_px: f64,
     ) -> Option<Self> {
         let origin_px = nodes.as_slice().get(nodes.as_slice().len() / 2)?.raw_px;
+        // These are the first of the target's pixels to be read; those beside the edges follow.
+        let [low_px, high_px] = nodes.extent_px();
+        let beyond_px = Vector2::repeat(BEYOND_BORDER_PX);
+        image.fetch((low_px - beyond_px).into(), (high_px + beyond_px).into());
         let mut squares: [Vec<Square, TARGET_SQUARES_MAX>; 2] = [Vec::new(), Vec::new()];
         let mut scatters = [Scatter::default(); 2];
         let mut pixels_per_square = 0.0;

@@ -1,7 +1,6 @@
 //! One target in one frame: from an expected pose, or a found grid, to an accepted pose.
 
 use heapless::Vec;
-use nalgebra::Vector2;
 
 use super::corners::{Crossing, EDGES_OF_CORNER_MIN};
 use super::margin::pattern_goes_on;
@@ -86,9 +85,6 @@ const BORDER_OFF_PX_MAX: f64 = 0.01;
 /// What chance explains, in standard deviations of the border's mean. That of the inner edges'
 /// size is about as large.
 const BORDER_OFF_SD_MAX: f64 = 4.0;
-
-/// How far beyond the border's nodes pixels are read, as a rule.
-const BEYOND_BORDER_PX: f64 = 4.0;
 
 /// An edge whose pixels have a variance of more than this many times that of the median edge is
 /// covered by something, or is not an edge.
@@ -345,9 +341,6 @@ impl Workspace {
         if !self.project(view, cam_from_target) {
             return Err(MeasureFailure::PoorFit);
         }
-        let [low_px, high_px] = self.nodes.extent_px();
-        let beyond_px = Vector2::repeat(BEYOND_BORDER_PX);
-        view.image.fetch((low_px - beyond_px).into(), (high_px + beyond_px).into());
         let blur_px = appearance.x_blur_px.max(appearance.y_blur_px);
         let light = Light::measure(view.image, &self.nodes, view.first_square_dark, blur_px);
         for edge in self.nodes.edges(view.first_square_dark) {
