@@ -34,8 +34,8 @@ const SEEN_SHARE_MIN: (usize, usize) = (2, 5);
 /// Smallest squares: what is seen at the sides is sampled with 3 x 3 pixels.
 const STEP_PX_MIN: f32 = 7.0;
 /// The area of paper, in squares, that may be seen where hidden squares should be: by chance, a cover
-/// is here and there as bright as paper.
-const PAPER_MAX: f32 = 0.5;
+/// is here and there as bright as paper. Of half a square, blur leaves a third.
+const PAPER_MAX: f32 = 0.3;
 /// Most border lines of clutter that are removed.
 const CLUTTER_LINES_MAX: usize = 4;
 
@@ -120,6 +120,26 @@ fn is_clear<P: Pixel>(image: &GreyImage<'_, P>, plane: &Plane, cell: [i32; 2]) -
     let is_large = |[dx, dy]: [f32; 2]| libm::hypotf(dx, dy) >= STEP_PX_MIN;
     plane.at(cell).is_some_and(|place| is_detectable(image, place))
         && plane.steps(cell).is_some_and(|steps| steps.into_iter().all(is_large))
+}
+
+/// Whether a lattice that looks whole goes on behind something that covers its next lines: corners
+/// or squares are seen beyond.
+pub(super) fn goes_on_beyond<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    lattice: &Lattice,
+    corners: &[Corner],
+    bounds: Bounds,
+) -> bool {
+    let Some(view) = View::new(image, lattice, corners, bounds) else { return false };
+    let least = BEYOND_SCORE_MIN * median_score(lattice, corners, bounds);
+    let beyond = bounds.grown(GAP_MAX).cells().filter(|&cell| {
+        !bounds.contains(cell)
+            && lattice
+                .corner_on_plane(corners, &view.plane, cell)
+                .is_some_and(|index| corners[usize::from(index)].score >= least)
+    });
+    // One may be clutter.
+    beyond.take(2).count() == 2 || sides::with_squares_beyond(&view, bounds) != bounds
 }
 
 /// What the sides of a whole lattice of a wanted shape say.

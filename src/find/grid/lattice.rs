@@ -309,32 +309,42 @@ impl Lattice {
             if !on_map || self.corner(cell).is_some() || self.count == CORNERS_MAX {
                 continue;
             }
-            let at = cell.map(|value| value as f32);
-            let Some(expected) = plane.at(at) else { continue };
-            let Some(steps) = plane.steps(at) else { continue };
-            let lengths = steps.map(length);
-            let tolerance = PLANE_ERROR_MAX * lengths[0].min(lengths[1]);
-            let edge_along_u = self.edge_along_u(cell);
-            let mut nearest: Option<(f32, u16)> = None;
-            for (index, corner) in corners.iter().enumerate() {
-                let [x, y] = corner.position_px;
-                let error = length([x - expected[0], y - expected[1]]);
-                if error > tolerance || nearest.is_some_and(|(least, _)| error >= least) {
-                    continue;
-                }
-                let edges = self.edges[index];
-                let agrees = |edge: usize, axis: usize| {
-                    cross(edges[edge], steps[axis]).abs() < EDGE_SINE_MAX * lengths[axis]
-                };
-                if !self.used[index] && agrees(edge_along_u, 0) && agrees(1 - edge_along_u, 1) {
-                    nearest = Some((error, index as u16));
-                }
-            }
-            if let Some((_, index)) = nearest {
+            if let Some(index) = self.corner_on_plane(corners, plane, cell) {
                 self.place(cell, index);
             }
         }
         self.count - before
+    }
+
+    /// The unused corner nearest to where a plane predicts that of a place.
+    pub(super) fn corner_on_plane(
+        &self,
+        corners: &[Corner],
+        plane: &Plane,
+        cell: [i32; 2],
+    ) -> Option<u16> {
+        let at = cell.map(|value| value as f32);
+        let expected = plane.at(at)?;
+        let steps = plane.steps(at)?;
+        let lengths = steps.map(length);
+        let tolerance = PLANE_ERROR_MAX * lengths[0].min(lengths[1]);
+        let edge_along_u = self.edge_along_u(cell);
+        let mut nearest: Option<(f32, u16)> = None;
+        for (index, corner) in corners.iter().enumerate() {
+            let [x, y] = corner.position_px;
+            let error = length([x - expected[0], y - expected[1]]);
+            if error > tolerance || nearest.is_some_and(|(least, _)| error >= least) {
+                continue;
+            }
+            let edges = self.edges[index];
+            let agrees = |edge: usize, axis: usize| {
+                cross(edges[edge], steps[axis]).abs() < EDGE_SINE_MAX * lengths[axis]
+            };
+            if !self.used[index] && agrees(edge_along_u, 0) && agrees(1 - edge_along_u, 1) {
+                nearest = Some((error, index as u16));
+            }
+        }
+        nearest.map(|(_, index)| index)
     }
 
     fn place(&mut self, cell: [i32; 2], index: u16) {

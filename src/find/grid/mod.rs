@@ -417,6 +417,9 @@ fn judge<P: Pixel>(
     if seen < corners_min(grid.corners.len()) {
         return Err(GridRejection::Incomplete);
     }
+    if covered::goes_on_beyond(image, lattice, corners, bounds) {
+        return Err(GridRejection::GoesOn);
+    }
     Ok(Judged { grid, bounds, cut })
 }
 

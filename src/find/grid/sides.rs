@@ -150,12 +150,12 @@ pub(super) fn votes<P: Pixel>(view: &View<'_, P>, line: &Line) -> Votes {
     // Each square between two corners of the line, and those before and after them.
     for number in -1..line.length() as i32 {
         votes.possible += 1;
-        let square = Square { line, number, gap: 0 };
+        let square = Square::new(line, number, 0);
         let place = |out: f32| square.place(out);
         let level = |out: f32| view.level(place(out));
         let (Some(inside), Some(outside)) = (level(INSIDE), level(OUTSIDE)) else { continue };
-        let Some(error) = end_error(view, place(1.0), line) else { continue };
-        let outside_dark = view.is_dark(square.cell());
+        let Some(error) = end_error(view, &square) else { continue };
+        let outside_dark = view.is_dark(square.cell);
         let (light, dark) = if outside_dark { (inside, outside) } else { (outside, inside) };
         if light - dark < SEEN_SHARE * view.contrast {
             continue;
@@ -199,25 +199,34 @@ pub(super) fn with_squares_beyond<P: Pixel>(view: &View<'_, P>, bounds: Bounds) 
 }
 
 /// Whether a line of squares is seen this many steps outwards of those just outside of a border
-/// line: at least two dark ones end where they should, and, unlike at the edge of a cover, fewer
-/// light ones.
+/// line: at least two sides of dark ones end where they should, and, unlike at the edge of a cover,
+/// fewer of light ones. The first and the last square, at the board's corners, end at two sides.
 fn squares_end<P: Pixel>(view: &View<'_, P>, line: &Line, gap: i32) -> bool {
     let mut ends = [0; 2];
-    for number in -1..line.length() as i32 {
-        let square = Square { line, number, gap };
-        ends[usize::from(view.is_dark(square.cell()))] += i32::from(is_end_seen(view, &square));
+    let last = line.length() as i32 - 1;
+    for number in -1..=last {
+        let square = Square::new(line, number, gap);
+        let [before, after] = [(-1, -1), (last, 1)].map(|(at_corner, sign)| {
+            let outwards = line.step.map(|step| sign * step);
+            (number == at_corner).then_some(Square { outwards, ..square })
+        });
+        let seen = [Some(square), before, after]
+            .iter()
+            .flatten()
+            .filter(|square| is_end_seen(view, square))
+            .count();
+        ends[usize::from(view.is_dark(square.cell))] += seen;
     }
     ends[1] >= 2 && ends[1] > ends[0]
 }
 
 /// Whether something dark is seen to end where a square should, with paper behind.
-fn is_end_seen<P: Pixel>(view: &View<'_, P>, square: &Square<'_>) -> bool {
+fn is_end_seen<P: Pixel>(view: &View<'_, P>, square: &Square) -> bool {
     if !view.is_paper_beside_edge(square.place(FARTHER)) {
         return false;
     }
-    let end = square.place(1.0);
-    let Some(error) = end_error(view, end, square.line) else { return false };
-    let middle = view.paper_level(end) - 0.5 * view.contrast;
+    let Some(error) = end_error(view, square) else { return false };
+    let middle = view.paper_level(square.place(1.0)) - 0.5 * view.contrast;
     // Inwards, because a cover may have left a sliver of the square.
     let level = |inwards: f32| view.level(square.place(2.0 - inwards));
     end_of_square(level, middle, 2.0 - FARTHER).is_some_and(|end| (end - 1.0).abs() < error)
@@ -231,46 +240,50 @@ pub(super) fn paper_within<P: Pixel>(view: &View<'_, P>, bounds: Bounds, smaller
     added.filter(|&cell| view.is_dark(cell)).map(|cell| paper_in_square(view, cell)).sum()
 }
 
-/// The share of a square in which paper is seen: an even area, unlike hair or folds.
+/// The share of a square in which paper is seen, without what is as thin as hair or folds: four
+/// samples beside each other are paper.
 fn paper_in_square<P: Pixel>(view: &View<'_, P>, [u, v]: [i32; 2]) -> f32 {
-    const SAMPLES: [f32; 4] = [0.2, 0.4, 0.6, 0.8];
-    const AREAS: usize = (SAMPLES.len() - 1) * (SAMPLES.len() - 1);
+    const SAMPLES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
+    const LAST: usize = SAMPLES.len() - 1;
     let paper = SAMPLES.map(|dv| SAMPLES.map(|du| view.is_paper([u as f32 + du, v as f32 + dv])));
-    let areas = paper.windows(2).flat_map(|rows| {
-        (1..SAMPLES.len()).map(|column| rows.iter().all(|row| row[column - 1] && row[column]))
-    });
-    areas.filter(|is_even| *is_even).count() as f32 / AREAS as f32
+    let mut even = [[false; SAMPLES.len()]; SAMPLES.len()];
+    for (row, column) in (0..LAST).flat_map(|row| (0..LAST).map(move |column| (row, column))) {
+        let four = || [row, row + 1].into_iter().flat_map(|i| [[i, column], [i, column + 1]]);
+        if four().all(|[i, j]| paper[i][j]) {
+            four().for_each(|[i, j]| even[i][j] = true);
+        }
+    }
+    let count = even.as_flattened().iter().filter(|is_even| **is_even).count();
+    count as f32 / (SAMPLES.len() * SAMPLES.len()) as f32
 }
 
-/// A square this many steps outwards of those just outside of a border line.
-struct Square<'a> {
-    line: &'a Line,
-    /// That of the corner of the line before it.
-    number: i32,
-    gap: i32,
+/// A square of the lattice, seen along one of its directions.
+#[derive(Clone, Copy)]
+struct Square {
+    /// The place from which it lies along u and v.
+    cell: [i32; 2],
+    outwards: [i32; 2],
 }
 
-impl Square<'_> {
-    /// The place from which the square lies along u and v.
-    fn cell(&self) -> [i32; 2] {
-        let corner = self.line.cell(self.number);
-        let outwards = self.line.outwards;
-        [0, 1].map(|axis| corner[axis] + self.gap * outwards[axis] + outwards[axis].min(0))
+impl Square {
+    /// The square after the corner of a border line with this number, as many steps outwards of
+    /// those just outside.
+    fn new(line: &Line, number: i32, gap: i32) -> Self {
+        let (corner, outwards) = (line.cell(number), line.outwards);
+        let cell = [0, 1].map(|axis| corner[axis] + gap * outwards[axis] + outwards[axis].min(0));
+        Self { cell, outwards }
     }
 
-    /// A place in the middle of its sides along the line, in steps outwards from its inner side.
+    /// A place in the middle across its direction, in steps outwards from its inner side.
     fn place(&self, out: f32) -> [f32; 2] {
-        let Line { step, outwards, .. } = self.line;
-        let corner = self.line.cell(self.number);
-        let out = self.gap as f32 + out;
-        [0, 1]
-            .map(|axis| corner[axis] as f32 + 0.5 * step[axis] as f32 + out * outwards[axis] as f32)
+        let from_middle = out - 0.5;
+        [0, 1].map(|axis| self.cell[axis] as f32 + 0.5 + from_middle * self.outwards[axis] as f32)
     }
 }
 
 /// How far from its place a square may end, in steps.
-fn end_error<P: Pixel>(view: &View<'_, P>, end: [f32; 2], line: &Line) -> Option<f32> {
-    Some(END_ERROR + END_ERROR_PX / view.step_px(end, line)?)
+fn end_error<P: Pixel>(view: &View<'_, P>, square: &Square) -> Option<f32> {
+    Some(END_ERROR + END_ERROR_PX / view.step_px(square.place(1.0), square.outwards)?)
 }
 
 /// Where the level crosses `middle` first, in steps, from `first`, within a square, to shortly

@@ -6,7 +6,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::lattice::{Bounds, Lattice, Line};
+use super::lattice::{Bounds, Lattice};
 use super::plane::Plane;
 use crate::find::corner::Corner;
 use crate::model::image::{GreyImage, Pixel};
@@ -87,10 +87,10 @@ impl<'a, P: Pixel> View<'a, P> {
         self.lattice.edge_along_u(cell) == 0
     }
 
-    /// The length of the step outwards of a line at a place, pixels.
-    pub(super) fn step_px(&self, place: [f32; 2], line: &Line) -> Option<f32> {
+    /// The length of a lattice step at a place, pixels.
+    pub(super) fn step_px(&self, place: [f32; 2], step: [i32; 2]) -> Option<f32> {
         let steps = self.plane.steps(place)?;
-        let [dx, dy] = steps[usize::from(line.outwards[0] == 0)];
+        let [dx, dy] = steps[usize::from(step[0] == 0)];
         Some(libm::hypotf(dx, dy))
     }
 
