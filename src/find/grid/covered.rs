@@ -34,7 +34,7 @@ const SEEN_SHARE_MIN: (usize, usize) = (2, 5);
 /// Smallest squares: what is seen at the sides is sampled with 3 x 3 pixels.
 const STEP_PX_MIN: f32 = 7.0;
 /// The area of paper, in squares, that may be seen where hidden squares should be: by chance, a cover
-/// is here and there as bright as paper. Of half a square, blur leaves a third.
+/// is here and there as bright as paper. Less than half a square, of which blur hides the edges.
 const PAPER_MAX: f32 = 0.3;
 /// Most border lines of clutter that are removed.
 const CLUTTER_LINES_MAX: usize = 4;
