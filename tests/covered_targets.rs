@@ -39,7 +39,7 @@ const SEED: u64 = 1;
 const COUNT: u64 = 150;
 
 /// Fewest found of the targets whose place is certain, and certain of the target, percent. Under
-/// 600 covers of two other seeds, 90 % and 91 % were found. The bounds lie two and a half standard
+/// 250 covers of another seed, 91 % and 89 % were found. The bounds lie two and a half standard
 /// deviations of the share of 53 and of 89 covers below. Most of the missed ones are straps that
 /// leave one line of corners on each side, which make no lattice, and covers that look like paper, or
 /// like the end of the board.

@@ -62,9 +62,9 @@ pub(super) fn place<P: Pixel>(
         return None;
     }
     let view = View::new(image, lattice, corners, extent)?;
-    let extent = Some(sides::with_squares_beyond(&view, extent)).filter(is_small)?;
+    let with_squares = Some(sides::with_squares_beyond(&view, extent)).filter(is_small)?;
     let seen = lattice.cells().count();
-    let (index, shape, bounds) = only_place(&view, extent, seen, wanted)?;
+    let (index, shape, bounds) = only_place(&view, [extent, with_squares], seen, wanted)?;
     // With the squares around it: what the frame cuts may be a part of another board.
     if !bounds.grown(1).cells().all(|cell| is_clear(image, &view.plane, cell)) {
         return None;
@@ -73,11 +73,11 @@ pub(super) fn place<P: Pixel>(
     Some((index, numbered(lattice, shape, &numbering, first_square_dark)))
 }
 
-/// The one shape that has exactly one place, its index in `wanted`, and its bounds. `extent` is that
-/// of the squares that are seen, `seen` the number of corners.
+/// The one shape that has exactly one place, its index in `wanted`, and its bounds. The extents are
+/// that of the corners that are seen, `seen` in number, and that of the squares.
 fn only_place<P: Pixel>(
     view: &View<'_, P>,
-    extent: Bounds,
+    [of_corners, extent]: [Bounds; 2],
     seen: usize,
     wanted: &[GridShape],
 ) -> Option<(usize, GridShape, Bounds)> {
@@ -99,7 +99,7 @@ fn only_place<P: Pixel>(
         for &way in ways {
             let Some(bounds) = placed(extent, way, sides) else { continue };
             let is_contradicted =
-                is_paper_evidence && sides::paper_within(view, bounds, extent) > PAPER_MAX;
+                is_paper_evidence && sides::paper_within(view, bounds, of_corners) > PAPER_MAX;
             if !is_contradicted && only.replace((index, *shape, bounds)).is_some() {
                 return None;
             }
