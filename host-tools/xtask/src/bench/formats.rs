@@ -84,7 +84,7 @@ pub fn table(rows: &[Row], targets: &[&str]) -> Result<String> {
             )?;
         }
     }
-    for (name, figures) in rows.iter().filter(|(_, figures)| figures.contains_key("drawings")) {
+    for (_, figures) in rows.iter().filter(|(_, figures)| figures.contains_key("drawings")) {
         let drawn: Result<Vec<_>> = targets
             .iter()
             .map(|target| {
@@ -94,7 +94,7 @@ pub fn table(rows: &[Row], targets: &[&str]) -> Result<String> {
             .collect();
         writeln!(
             text,
-            "\nThe frames {name}, are {} drawings with {} exposures each. What the drawings themselves contribute to the spread of the depth, +-1.96 SD in mm: {}.",
+            "\nMitsuba's frames are {} drawings with {} exposures each. What the drawings themselves contribute to the spread of the depth, +-1.96 SD in mm: {}.",
             get(figures, "drawings")?,
             MITSUBA_EXPOSURES,
             drawn?.join(", "),
