@@ -15,7 +15,7 @@
 //!   comparison, as it is seen elsewhere.
 //!
 //! A board of another size is excluded if each place of the target on its lattice is. The others
-//! look like the target, and half of them are taken for it.
+//! look like the target, and most of them are taken for it.
 //!
 //! `PLUMBLINE_COVERS=SEED,COUNT` runs other and more covers than the usual ones.
 

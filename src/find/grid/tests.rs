@@ -28,7 +28,10 @@ struct Scene {
 
 impl Scene {
     fn new(boards: &[Board], seed: u64) -> Self {
-        let bytes: Vec<u8> = samples(&render(SIZE, boards, 0.5, 0.008, seed), SIZE[0], 0, 255);
+        Self::of(samples(&render(SIZE, boards, 0.5, 0.008, seed), SIZE[0], 0, 255))
+    }
+
+    fn of(bytes: Vec<u8>) -> Self {
         let corners = detect(&GreyImage::new(&bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap());
         Self { bytes, corners: corners.as_slice().to_vec() }
     }
@@ -95,6 +98,30 @@ fn other_dimensions_are_refused() {
     }
     let nothing = Scene::new(&[], 1);
     assert_eq!(nothing.find(&SHAPES)[0], Err(GridRejection::NoLattice));
+}
+
+#[test]
+fn something_dark_beside_the_margin_is_no_further_column() {
+    let pitch_px = 22.0;
+    let board = Board::new([5, 4], [210.0, 150.0], pitch_px, 0.0, 0.0, 0.0);
+    let Scene { mut bytes, .. } = Scene::new(core::slice::from_ref(&board), 9);
+    let [left, top] = board.corner_px(0, 0);
+    let mut paint = |[u0, u1]: [f64; 2], [v0, v1]: [f64; 2], level: u8| {
+        let along = |start: f64, from: f64, to: f64| {
+            (start + from * pitch_px) as usize..(start + to * pitch_px) as usize
+        };
+        for y in along(top, v0, v1) {
+            bytes[y * SIZE[0]..][along(left, u0, u1)].fill(level);
+        }
+    };
+    // Behind the margin, half a square wide, something as bright as paper; and before that, where
+    // the dark squares of a further column would end, something dark.
+    paint([5.5, 8.0], [-2.0, 5.0], 191);
+    for row in [-1.0, 1.0, 3.0] {
+        paint([5.5, 6.0], [row, row + 1.0], 64);
+    }
+    let found = &Scene::of(bytes).find(&[GridShape { columns: 6, rows: 4 }])[0];
+    assert!(found.is_err(), "{found:?}");
 }
 
 #[test]
