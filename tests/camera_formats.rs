@@ -98,10 +98,10 @@ fn a_mosaic_and_a_compressed_frame_are_measured_where_grey_is() {
         assert!(mean_mm.xy().abs().max() < 0.0003, "{name}: {mean_mm}");
         // The poses know how uncertain they are.
         assert!(normalised.min() > 0.8 && normalised.max() < 1.25, "{name}: {normalised}");
-        // In the same frames in grey chance is the same. What is left: compression makes the poses too
-        // cautious. Its errors run along an edge, so that they do not average out over the lines from
-        // whose means the noise is estimated; but across the edge they are finer than its profile, and
-        // only two thirds of their variance move it.
+        // The same frames in grey have the same noise. What is left is the format: compression makes
+        // the stated deviations too large. Its errors extend along an edge, so that they do not average
+        // out over the lines from whose means the noise is estimated; but across the edge they are finer
+        // than its profile, and only two thirds of their variance displace it.
         let cautious = normalised.component_div(&grey_normalised).min();
         assert!(cautious > 0.8, "{name}: {normalised}, of grey {grey_normalised}");
     }

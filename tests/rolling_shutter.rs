@@ -115,10 +115,10 @@ fn a_first_pose_says_how_much_an_unknown_velocity_may_move_it() {
     for trial in 0..TRIALS {
         let readout_ns = if trial % 2 == 0 { READOUT_NS } else { -READOUT_NS };
         let mut booth = Booth::rolling(6, 5, RATE_HZ, readout_ns);
-        // The deviation of even numbers from -1 to 1 is the root of a third.
+        // Numbers uniform from -1 to 1 have a standard deviation of 1 / sqrt(3).
         let velocity_per_s = Vector6::from(SWAY_SD_PER_S)
             .map(|sd| sd * 3.0_f64.sqrt() * random.random_range(-1.0..1.0));
-        // Elsewhere in each trial, so that the noise of the same pixels is another one.
+        // At another place in each trial, so that the same noise meets other parts of the target.
         let off = Vector6::new(0.0, 0.0, 0.0, 5.0, 5.0, 5.0)
             .map(|reach_mm| reach_mm * random.random_range(-1.0..1.0));
         let pose_at = |time_s: f64| middle.moved_by(&(off + velocity_per_s * time_s));
@@ -136,7 +136,7 @@ fn a_first_pose_says_how_much_an_unknown_velocity_may_move_it() {
     // A vertical velocity alone moves the depth by 0.012 mm per mm/s, ten times the noise; the other
     // components add less than as much again.
     assert!((0.144..0.2).contains(&depth_mm), "{depth_mm} mm");
-    // So many trials tell the first to 4 %, and the second to 3 %.
+    // The trials determine the first to 4 %, and the second to 3 %.
     assert!((depth_in_sd - 1.0).abs() < 0.15, "{depth_in_sd}");
     assert!((in_sd - 1.0).abs() < 0.1, "{in_sd}");
 }

@@ -69,8 +69,9 @@ fn after_a_jump_a_target_is_where_it_is_or_missed() {
                         Ok((error_mm, measurement)) => {
                             let off = error_mm.component_div(&measurement.sd_mm()).abs().max();
                             let what = format!("{columns} x {rows}, {side:?}, frame {frame}");
-                            // Of 10,000 correct numbers one is farther off than five deviations in
-                            // 170 runs; a blur that is not known yet adds a little to the first ones.
+                            // Only in one run of 170 is one of 10,000 correct numbers off by more
+                            // than five deviations; a blur that is not known yet adds a little to
+                            // the first ones.
                             assert!(off < 6.0, "{what}: {error_mm:?}, {off} deviations");
                         }
                         Err(_) => missed += 1,

@@ -17,8 +17,8 @@ pub(crate) fn median<T: Copy>(
     Some(*values.select_nth_unstable_by(middle, order).1)
 }
 
-/// The order of numbers that are not negative: that of their bits, which are compared faster than
-/// by [`f64::total_cmp`]. A NaN is larger than all of them.
+/// The order of numbers that are neither negative nor -0.0: that of their bits, which are compared
+/// faster than by [`f64::total_cmp`]. A NaN is larger than all of them.
 pub(crate) fn order_of_positive(one: &f64, other: &f64) -> Ordering {
     one.to_bits().cmp(&other.to_bits())
 }

@@ -161,12 +161,12 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
     /// Loads a rectangle, as far as it is inside the frame, into the processor's cache, by reading
     /// one pixel of each cache line.
     ///
-    /// A frame that has just been captured is in memory. Calculations read it a few pixels at a
-    /// time, and so wait for memory again and again; these reads do not depend on each other, so
-    /// that memory answers many of them at once.
+    /// A frame that has just been captured is in main memory, not in the cache. Calculations read it
+    /// a few pixels at a time, and so wait for memory again and again; these reads do not depend on
+    /// each other, so that memory answers many of them at once. Nothing but speed depends on them.
     ///
-    /// A rectangle larger than [`FETCHED_BYTES_MAX`] is not loaded: the work is bounded, and so is
-    /// the cache.
+    /// A rectangle larger than [`FETCHED_BYTES_MAX`] is not loaded: its first pixels might leave the
+    /// cache before they are used.
     pub(crate) fn fetch(&self, [left_px, top_px]: [f64; 2], [right_px, bottom_px]: [f64; 2]) {
         let line = CACHE_LINE_BYTES / size_of::<P>();
         // One more line, because the first may begin before the rectangle.

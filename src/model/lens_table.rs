@@ -10,7 +10,7 @@
 //!     ◀────────────       ◀────────
 //! ```
 //!
-//! Each of the two tables is a [`Map`], a grid of cells with a polynomial in each. For most lenses
+//! Each of the two tables is a `Map`, a grid of cells with a polynomial in each. For most lenses
 //! the plane is that of the rays (x/z, y/z) themselves: their models are polynomials or nearly so,
 //! and nothing needs to be projected. But a ray grows without bound towards the side of the camera.
 //! Where the table is more precise over the stereographic projection p = 2 tan(theta/2) of the ray
@@ -38,8 +38,8 @@ use projection::{Projection, stereographic_from_ray};
 mod map;
 mod projection;
 
-/// Largest error of either map anywhere in the frame, in raw pixels: a third of the error with
-/// which noise leaves a single corner.
+/// Largest error of either map anywhere in the frame, in raw pixels: a third of the error that
+/// noise causes in a single corner.
 pub const ERROR_PX_MAX: f64 = 0.002;
 
 /// A table is refused when its error at any of the pixels checked is more than this; nowhere between

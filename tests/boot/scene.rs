@@ -125,8 +125,8 @@ impl Grey {
 /// Per target and frame: where the core sees it, on the way back from the last frame to the first.
 ///
 /// On the way there its estimates of the blur and of the print's growth settle, as those of a box
-/// have that has been running for a second or two. `rate_hz` is that of the camera: from the last
-/// motion follows where the core looks first, and a target that is lost and found anew is measured
+/// have that has been running for a second or two. `rate_hz` is that of the camera: the times of the
+/// frames decide where the core expects a target, and one that is lost and found again is measured
 /// without its border, with another error.
 pub fn track(simulation: &Simulation, frames: &[Grey], rate_hz: f64) -> [Vec<Position>; 2] {
     let mut pipeline = Box::new(Pipeline::new());

@@ -29,7 +29,8 @@ const REACH_PX_MAX: usize = 6;
 /// the contrast are left.
 const CLEAR_OF_EDGES: f64 = 3.0;
 
-/// How far beyond the border's nodes an edge's pixels lie, as a rule.
+/// How far beyond the border's nodes the pixels of their edges usually reach. Those farther out are
+/// only read more slowly.
 const BEYOND_BORDER_PX: f64 = 4.0;
 
 /// Fewest squares of one colour to which a plane is fitted.
@@ -173,7 +174,7 @@ impl Columns {
     }
 }
 
-/// How certain the levels are, at all edges alike.
+/// How certain the levels are: the same at all edges, and so computed once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Certainty {
     /// Weight of each level, in pixels.
@@ -226,7 +227,8 @@ impl Light {
         blur_px: f64,
     ) -> Option<Self> {
         let origin_px = nodes.as_slice().get(nodes.as_slice().len() / 2)?.raw_px;
-        // These are the first of the target's pixels to be read; those beside the edges follow.
+        // While a target is tracked, these are the first of its pixels to be read; those beside the
+        // edges follow.
         let [low_px, high_px] = nodes.extent_px();
         let beyond_px = Vector2::repeat(BEYOND_BORDER_PX);
         image.fetch((low_px - beyond_px).into(), (high_px + beyond_px).into());

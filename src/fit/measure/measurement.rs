@@ -164,7 +164,7 @@ impl<P> View<'_, P> {
         self.rolling.and_then(|rolling| rolling.drift(self.lens, self.target, cam_from_target))
     }
 
-    /// How the target may move without that being known, one independent drift each; `None` where
+    /// The drifts that a target of unknown velocity may have, independent of each other; `None` where
     /// its velocity is known, and for a global shutter.
     pub(super) fn unknown_drifts(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[Drift; 6]> {
         self.rolling?.unknown_drifts(self.lens, self.target, cam_from_target)

@@ -16,12 +16,13 @@
 //! accepted step, so that a distant start, which makes all residuals large, rejects nothing. Fewer
 //! than half of the observations may be wrong.
 //!
-//! *Covariance* is the inverse of the weighted normal equations, times the observed variance of the
-//! residuals where that differs from the predicted one by more than chance explains: errors that the
-//! observations do not account for (a bent target, a poor calibration) make the result less certain,
-//! and where neighbouring pixels scatter in opposite directions (after a lossy compression), so that
-//! a line through them is better than each of them promises, it is more certain. Residuals can only
-//! show errors that differ from one observation to the next, so that the second is bounded.
+//! *Covariance* is the inverse of the weighted normal equations, times a factor where the observed
+//! variance of the residuals differs from the predicted one by more than chance explains. A larger
+//! variance shows errors that the observations do not account for (a bent target, a poor
+//! calibration), and the result is less certain. A smaller one shows observations that are better
+//! than they promise: after lossy compression the errors of neighbouring pixels have opposite signs
+//! and partly cancel. The result is then more certain, but only up to a bound, because residuals
+//! cannot show an error that is common to all observations.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
@@ -69,8 +70,9 @@ const STEP_SQUARE_MIN: f64 = 1e-8;
 /// standard deviation, and so its robust weight by little.
 const SHORT_STEP_SQUARE: f64 = 1.0;
 
-/// Smallest observed variance, relative to the predicted one, that is believed. JPEG of quality 85
-/// leaves 0.6.
+/// Smallest observed variance, relative to the predicted one, that is believed: a little less than
+/// the 0.6 of frames compressed as JPEG of quality 85. Errors common to all observations do not show
+/// in it, and small residuals do not prove that there are none.
 const MISFIT_MIN: f64 = 0.5;
 
 /// Everything that was seen of the target: observations of two numbers each, which depend on its
@@ -92,7 +94,8 @@ pub trait Observations {
         visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()>;
 
-    /// Visits each residual, and the gradients of its numbers as [`by_motion`] gives them.
+    /// Visits each residual, and the gradients of its numbers with respect to a motion of the target:
+    /// a turn about its origin and a displacement, both along the camera's axes.
     fn residuals_with_jacobian(
         &self,
         cam_from_target: &Pose<Cam, Target>,
@@ -100,9 +103,10 @@ pub trait Observations {
     ) -> Option<()>;
 }
 
-/// The gradient, with respect to a turn about the target's origin and a displacement, both along the
-/// camera's axes, of a quantity whose gradient with respect to the point in the camera frame is known.
-/// `arm_cam_mm` leads from the target's origin to the point.
+/// The gradient of a quantity with respect to a motion of the target: a turn about the target's
+/// origin and a displacement, both along the camera's axes. `by_point` is the quantity's gradient
+/// with respect to a point in the camera frame, and `arm_cam_mm` leads from the target's origin to
+/// that point.
 #[inline]
 pub(crate) fn by_motion(by_point: &Vector3<f64>, arm_cam_mm: &Vector3<f64>) -> [f64; 6] {
     // a . (omega x r) = omega . (r x a).
@@ -110,7 +114,9 @@ pub(crate) fn by_motion(by_point: &Vector3<f64>, arm_cam_mm: &Vector3<f64>) -> [
     [turned.x, turned.y, turned.z, by_point.x, by_point.y, by_point.z]
 }
 
-/// The same with respect to an increment of [`Pose::moved_by`], which turns about the target's axes.
+/// The gradient of a quantity with respect to an increment of [`Pose::moved_by`], which turns about
+/// the target's axes. `by_point` is the quantity's gradient with respect to the point in the camera
+/// frame.
 #[must_use]
 pub fn by_increment(
     by_point: &Vector3<f64>,
@@ -404,7 +410,7 @@ impl Squares {
         Self(Vec::new())
     }
 
-    /// Only as many as there are.
+    /// Copies only the numbers in use; a swap would move the whole capacity.
     fn copy_from(&mut self, other: &Self) {
         self.0.clear();
         // The capacity is the same.
@@ -496,7 +502,7 @@ impl NormalEquations {
     }
 }
 
-/// The sums of the normal equations, for motions as in [`by_motion`].
+/// The sums of the normal equations, with respect to the motions of [`by_motion`].
 struct Sums {
     /// Upper triangle, and some of the elements below it.
     matrix: [[f64; 6]; 6],
@@ -519,8 +525,8 @@ impl Sums {
         }
     }
 
-    /// An increment turns about the target's axes: omega of a motion is `rotation` times that of the
-    /// increment.
+    /// The normal equations for an increment, which turns about the target's axes: omega of a motion
+    /// is `rotation` times that of the increment.
     fn about_target_axes(&self, rotation: &Matrix3<f64>) -> NormalEquations {
         let sums = &self.matrix;
         let mut matrix = Matrix6::from_fn(|i, j| if i <= j { sums[i][j] } else { sums[j][i] });

@@ -79,6 +79,42 @@ fn the_jacobian_matches_differences_and_a_wrong_one_does_not() {
 }
 
 #[test]
+fn the_normal_equations_are_those_of_an_increment() {
+    let mut random = Random::new(9);
+    let seen = observe(&bedside_lens(), &tilted(), LUMBAR, 0.5, &mut random);
+    let numbers = |pose: &Pose<Cam, Target>| {
+        let mut numbers = Vec::<f64, OBSERVATIONS_MAX>::new();
+        seen[..].residuals(pose, |_, residual| numbers.extend(residual)).unwrap();
+        numbers
+    };
+    let here = numbers(&tilted());
+    // With so large a variance, each weight is 1.
+    let normal = NormalEquations::new(&tilted(), &seen[..], 100.0);
+    for _ in 0..20 {
+        let step = Vector6::new(1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2).map(|sd| sd * random.normal());
+        let [ahead, behind] = [step, -step].map(|step| numbers(&tilted().moved_by(&step)));
+        let [mut square, mut slope] = [0.0; 2];
+        for ((here, ahead), behind) in here.iter().zip(&ahead).zip(&behind) {
+            let change = 0.5 * (ahead - behind);
+            square += change * change;
+            slope += here * change;
+        }
+        // Third derivatives times the squared step, and rounding over the step: 1e-9.
+        assert!((normal.square(&step) / square - 1.0).abs() < 1e-7);
+        assert!((normal.gradient.dot(&step) - slope).abs() < 1e-7 * libm::sqrt(square));
+    }
+}
+
+#[test]
+fn the_gradient_by_an_increment_is_that_of_the_points_motion() {
+    let by_point = Vector3::new(0.7, -1.1, 0.4);
+    let point_target_mm = Vector3::new(60.0, -40.0, 12.0);
+    let by_pose = tilted().point_by_increment(&point_target_mm).tr_mul(&by_point);
+    let found = Vector6::from(by_increment(&by_point, &tilted().rotation, &point_target_mm));
+    assert!((found - by_pose).norm() < 1e-12 * by_pose.norm(), "{found} {by_pose}");
+}
+
+#[test]
 fn weight_is_the_slope_of_the_robust_square() {
     for square in [0.0, 3.0, 5.9, 6.1, 12.0, 24.9, 25.1, 900.0] {
         const STEP: f64 = 1e-6;
@@ -175,7 +211,8 @@ fn sigmas_that_promise_too_much_are_not_believed() {
     assert!((6.0..15.0).contains(&boasting.scale), "{}", boasting.scale);
 }
 
-/// Twenty degrees of freedom would have to be unlikely lucky for 0.5, and none is believed below.
+/// Chance alone hardly takes the observed variance to half of the predicted one; less is not
+/// believed.
 #[test]
 fn sigmas_that_promise_too_little_are_corrected_to_a_bound() {
     let mut random = Random::new(8);

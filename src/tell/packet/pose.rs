@@ -96,7 +96,7 @@ impl MeasuredPose {
         capture_time_ns.saturating_add(self.delay_ns.into())
     }
 
-    /// The pose.
+    /// The pose as the core's type, from single precision.
     #[must_use]
     pub fn cam_from_target(&self) -> Pose<Cam, Target> {
         let [theta1, theta2, theta3] = self.theta_rad.map(f64::from);

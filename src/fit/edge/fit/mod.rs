@@ -83,7 +83,7 @@ pub fn fit_edge<P: Pixel>(
     let levels = light.and_then(|light| light.beside(nodes, edge, &middle_px));
     let width = if levels.is_some() { Width::KNOWN_LEVELS } else { Width::UNKNOWN_LEVELS };
     let region = Region::new(&chord, [blur_px, crossing_blur_px], ends, sign, &width);
-    // Borrowed from its option, out of which it would be copied.
+    // By reference: taking the region out of its option would copy it.
     let mut sums = batch.sums(image, region.as_ref()?, levels.as_ref(), sign);
     if let Some(levels) = levels {
         sums.add_levels(&levels, sign);

@@ -287,10 +287,11 @@ impl Region {
         }
     }
 
-    /// The extents of four bands of so many lines from these on; a frame's places end at
-    /// `first_place` and `end_place`.
+    /// Computes the extents of four bands, which begin at `lines` and have `counts` lines each. Lines
+    /// and places are counted from the whole pixel at the middle; those inside the frame are the
+    /// places from `first_place` to before `end_place`.
     ///
-    /// Never inlined: a compiler vectorises what is read from memory and written to it.
+    /// Never inlined: the compiler vectorises what is read from memory and written to it.
     #[inline(never)]
     fn measure(
         &self,
@@ -316,14 +317,17 @@ impl Region {
     }
 }
 
-/// Of each of four bands: the mean of its lines, from the edge's middle; its places, from the whole
-/// pixel there; the first one, from the exact middle; and the blur of a line over the band's.
+/// The extents of four bands, one lane each.
 #[derive(Default)]
 struct Extents {
+    /// The mean of the band's lines, from the edge's exact middle.
     middles: Lanes,
+    /// The first of its places and the one after the last, from the whole pixel at the middle.
     starts: [i32; LANES],
     ends: [i32; LANES],
+    /// The first of its places, from the exact middle.
     starts_from_middle: Lanes,
+    /// Blur of a single line over the band's.
     sharpness: Lanes,
 }
 

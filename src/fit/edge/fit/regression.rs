@@ -1,7 +1,8 @@
 //! The linear regression of an edge's pixels on its model.
 //!
-//! Its normal equations are solved by elimination. Shift and turn are the last columns, so that what
-//! is then left of them is a whitener for [`crate::fit::solve`].
+//! Its normal equations are solved by elimination. The columns of shift ([`SLOPE`]) and turn come
+//! last, so that what the elimination of the others leaves of them is a whitener for
+//! [`crate::fit::solve`].
 
 use crate::fit::edge::light::Levels;
 
@@ -32,7 +33,7 @@ const STEP_STEP: usize = place(STEP, STEP);
 const STEP_PIXEL: usize = place(STEP, PIXEL);
 const PIXEL_PIXEL: usize = place(PIXEL, PIXEL);
 
-/// Where the product of two columns is, the first of which does not come after the second.
+/// Index of the product of two columns among the products; `row` is at most `column`.
 const fn place(row: usize, column: usize) -> usize {
     row * (2 * COLUMNS + 1 - row) / 2 + column
 }
@@ -73,7 +74,7 @@ pub(super) struct Regression {
     pub(super) factor: [f64; 3],
     /// That factor times their coefficients.
     pub(super) seen: [f64; 2],
-    /// Square of the blur's pivot.
+    /// The blur's pivot: what the pixels alone tell of it, beyond offset and contrast.
     pub(super) blur_pivot: f64,
     pub(super) noise_variance: f64,
 }
@@ -119,8 +120,9 @@ impl Regression {
 
 /// The normal equations while one column after the other is eliminated.
 ///
-/// In the rows of those that have been, there are the factors of N = U^T D U: the pivot D in the
-/// diagonal, and beside it U, what the others contain of the column.
+/// The rows of the columns that have been eliminated hold the factors of N = U^T D U: the pivot, which
+/// is an element of D, and beside it a row of U, which says how much of the column the later ones
+/// contain.
 #[derive(Clone, Copy)]
 struct Elimination {
     sums: [f64; PRODUCTS],
