@@ -72,8 +72,9 @@ pub fn pairs(boards: [&[Option<Sighting>]; 2], points_mm: &[Vector3<f64>; 2]) ->
 }
 
 /// Where a board's point was at a time within a frame: the polynomial through the point in this
-/// frame and in those beside it that show the board. Its noise is that of the point in the frame, to
-/// a tenth, as long as the time is less than a quarter of a frame away.
+/// frame and in those beside it that show the board. If both do, and the time is less than a quarter
+/// of a frame away, its noise is that of the point in the frame, to a tenth; if only one does, to three
+/// tenths.
 fn position_at(
     board: &[Option<Sighting>],
     frame: usize,
@@ -319,16 +320,9 @@ mod tests {
     /// Where a plate is held: anywhere in the volume, turned by up to 30 degrees.
     fn held(random: &mut Random) -> Pose<Cam, Target> {
         let mut within = |half: f64| half * (random.normal()).clamp(-1.0, 1.0);
-        let turn_rad = [within(3.0), within(0.5), within(0.5)];
-        let place_mm = [within(200.0), within(150.0), 900.0 + within(250.0)];
-        Pose::from_theta([
-            turn_rad[0],
-            turn_rad[1],
-            turn_rad[2],
-            place_mm[0],
-            place_mm[1],
-            place_mm[2],
-        ])
+        let [turn_1, turn_2, turn_3] = [within(3.0), within(0.5), within(0.5)];
+        let [x_mm, y_mm, z_mm] = [within(200.0), within(150.0), 900.0 + within(250.0)];
+        Pose::from_theta([turn_1, turn_2, turn_3, x_mm, y_mm, z_mm])
     }
 
     /// A plate in the hands: it trembles by some tenths of a millimetre. The errors of the length

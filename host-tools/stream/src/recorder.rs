@@ -4,7 +4,8 @@
 //! `frame` is the box's sequence number and `time_s` the target's own time since the
 //! first frame's capture time; without a pose it is the frame's. When the box starts
 //! anew both begin at another point: then `session` is one higher (or more, if a start
-//! in between brought no frame), and `time_s` goes on from where the host's clock says that the new session began.
+//! in between brought no frame), and `time_s` goes on from where the host's clock says
+//! that the new session began.
 //! Within a session times are the box's, exact to the nanosecond; between sessions
 //! they are only as good as the arrival of the packets.
 

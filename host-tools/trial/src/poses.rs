@@ -41,7 +41,7 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
     while let Some(entry) = reader.next_entry()? {
         let Content::Raw(raw) = entry.content else { continue };
         let Ok(message) = raw.decode(&mut deframer) else { continue };
-        if !sessions.is_new(&message, entry.host_ns) {
+        if !sessions.take(&message, entry.host_ns) {
             continue;
         }
         if let Message::Pose(packet) = message {

@@ -236,7 +236,7 @@ pub(crate) struct Sessions {
 
 impl Sessions {
     /// Takes note of a message; false for a pose that was there before.
-    pub fn is_new(&mut self, message: &Message, host_ns: u64) -> bool {
+    pub fn take(&mut self, message: &Message, host_ns: u64) -> bool {
         match message {
             Message::Hello(hello) => {
                 self.accounting.hello(hello.boot_id);
@@ -300,7 +300,7 @@ impl Builder {
     }
 
     fn message(&mut self, message: Message, host_ns: u64) {
-        if !self.sessions.is_new(&message, host_ns) {
+        if !self.sessions.take(&message, host_ns) {
             return;
         }
         match message {
@@ -486,7 +486,7 @@ mod tests {
         let mut sessions = Sessions::default();
         // After its restart the box numbers and times its frames as before.
         let messages = [log(900_000), pose(), pose(), log(1_000), pose()];
-        let found = messages.map(|message| sessions.is_new(&message, 0));
+        let found = messages.map(|message| sessions.take(&message, 0));
         assert_eq!(found, [true, true, false, true, true]);
         assert_eq!(sessions.accounting.counts().sessions, 2);
     }

@@ -10,8 +10,7 @@
 //! the readout time with its standard deviation. If the board moves mostly one way, an error of the
 //! lens can pass for a skew; to and fro it cancels, and what remains is in the deviation. Frames
 //! that were dropped or repeated break the motion into runs; a video whose rate varies is refused.
-//! For a fast board the deviation is somewhat too small: at 500 px/s errors of two to three
-//! deviations occur, which is 0.02 ms of 12; at 960 px/s, 0.2 ms of 30.
+//! For a fast board the deviation may be too small, by a factor of two or three.
 //! A second of video takes about 0.1 s.
 
 use nalgebra::Vector2;

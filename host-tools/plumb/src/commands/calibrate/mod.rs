@@ -37,8 +37,7 @@ mod readout;
 /// up and down and slightly tilted, without leaving the frame. Good light and a short exposure keep
 /// it sharp. The frame rate must be constant; of a video in slow motion, --fps gives the true one.
 /// The readout and its standard deviation are added to what the camera's file says. For a fast board
-/// the deviation is somewhat too small: errors of two to three times as much occur, of 0.2 % at 500
-/// px/s and a readout of 12 ms, and of 0.7 % at 960 px/s and 30 ms. The speed is printed.
+/// the deviation may be too small, by a factor of two or three. The speed is printed.
 ///
 /// With --flicker-hz as well, the readout comes from a video of a bright, plain wall in the light of
 /// a lamp that flickers at this frequency: 100 or 120, twice that of the mains. At an exposure

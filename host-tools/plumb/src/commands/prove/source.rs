@@ -338,15 +338,16 @@ impl Input {
                 Some(search) => tracking::step_alone(&mut pipeline, search, &shapes, &frame),
                 None => tracking::step(&mut pipeline, &frame),
             };
-            // Photographs do not follow each other: nothing moved between their rows.
             let frame_ns = report.capture_time_ns;
-            let is_alone = self.independent;
             for (board, found) in recording.boards.iter_mut().zip(&report.targets) {
-                board.take(found.measurement.map(|it| Sighting {
-                    time_s: 1e-9
-                        * if is_alone { frame_ns } else { it.own_time_ns(frame_ns) } as f64,
-                    cam_from_board: it.cam_from_target,
-                    covariance: it.covariance,
+                board.take(found.measurement.map(|it| {
+                    // Photographs do not follow each other: nothing moved between their rows.
+                    let own_ns = if self.independent { frame_ns } else { it.own_time_ns(frame_ns) };
+                    Sighting {
+                        time_s: 1e-9 * own_ns as f64,
+                        cam_from_board: it.cam_from_target,
+                        covariance: it.covariance,
+                    }
                 }));
             }
             recording.frames += 1;

@@ -34,8 +34,8 @@ pub fn with_u(estimate: &Estimate) -> String {
     format!("{:.decimals$} ± {:.decimals$}", estimate.value, estimate.expanded())
 }
 
-/// "0.0213 (0.0207–0.0219)": a standard deviation and its 95 % interval, whose last digit counts less
-/// than half of what is not known.
+/// "0.0213 (0.0207–0.0219)": a standard deviation and its 95 % interval. One unit of the last digit is
+/// at most a quarter of the interval's width.
 pub fn spread(spread: &Spread) -> String {
     let [low, high] = spread.interval_95;
     let decimals = decimals(0.25 * (high - low)).saturating_sub(1).max(decimals(spread.sd));
