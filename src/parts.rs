@@ -14,7 +14,7 @@ pub use crate::fit::measure::{Fitted, MeasureFailure, Rolling, View, Workspace, 
 pub use crate::fit::nodes::{Chord, Direction, Drift, Edge, Node, Nodes, Square, points_mm};
 pub use crate::fit::planar::SeenCorner;
 pub use crate::fit::solve::{
-    Inliers, Observations, Solution, SolveFailure, by_increment, robust_cost_after_step, solve,
+    Inliers, Observations, Solution, SolveFailure, robust_cost_after_step, solve,
 };
 pub use crate::model::motion::Motion;
 pub use crate::model::shutter::Shutter;

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Lens, ray_by_point, ray_of};
 use plumbline::pose::{Cam, Pose, Target};
 
-use super::model::{Photograph, Residual, Seen, Shape, raw_by_pose};
+use super::model::{Photograph, Residual, Seen, Shape};
 
 /// The number of parameters of a shape.
 const SHAPE: usize = 4;
@@ -309,7 +309,7 @@ impl Bundle {
         Some(Projected {
             raw_px: self.lens.pixel_from_ray(&distorted),
             by_shared,
-            by_own: raw_by_pose(&raw_by_point, cam_from_board, &point_mm),
+            by_own: raw_by_point * cam_from_board.point_by_increment(&point_mm),
         })
     }
 }

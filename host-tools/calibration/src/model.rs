@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix2x3, Matrix2x6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2x3, Vector2, Vector3};
 use plumbline::lens::{Lens, ray_by_point, ray_of};
-use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Target};
 
 /// One quantity measured in a photograph: a position across an edge, or a coordinate of a corner.
@@ -64,20 +63,6 @@ pub fn raw_by_point(lens: &Lens, point_cam_mm: &Vector3<f64>) -> Option<Matrix2x
     let ray = ray_of(point_cam_mm)?;
     let (_, by_ray) = lens.distortion.distort_with_jacobian(&ray);
     Some(lens.pixel_by_ray() * by_ray * ray_by_point(point_cam_mm, &ray))
-}
-
-/// The derivative of a board point's raw pixel with respect to the increment of the pose, from
-/// [`raw_by_point`].
-pub fn raw_by_pose(
-    raw_by_point: &Matrix2x3<f64>,
-    cam_from_board: &Pose<Cam, Target>,
-    point_mm: &Vector3<f64>,
-) -> Matrix2x6<f64> {
-    let [x, y] = [0, 1].map(|axis| {
-        let by_point = raw_by_point.row(axis).transpose();
-        Vector6::from(by_increment(&by_point, &cam_from_board.rotation, point_mm)).transpose()
-    });
-    Matrix2x6::from_rows(&[x, y])
 }
 
 /// The midpoint of an edge and its residual, raw pixels.

@@ -11,9 +11,8 @@
 //! the edge at its middle, as in the tracker, whose edges are all weighted alike here. First order
 //! in `d`. One pose of a target of 30 corners costs about ten microseconds.
 
-use nalgebra::{Matrix2x6, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2x6, Matrix6, SMatrix, Vector2, Vector3};
 use plumbline::lens::{Lens, ray_by_point, ray_of};
-use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::TargetGeometry;
 
@@ -106,10 +105,6 @@ impl Projected {
         let ray = ray_of(&point_cam_mm)?;
         let (distorted, by_ray) = lens.distortion.distort_with_jacobian(&ray);
         let by_point = lens.pixel_by_ray() * by_ray * ray_by_point(&point_cam_mm, &ray);
-        let [x, y] = [0, 1].map(|axis| {
-            let by_point = by_point.row(axis).transpose();
-            Vector6::from(by_increment(&by_point, &cam_from_target.rotation, &point_mm))
-        });
         let mut by_numbers = SMatrix::<f64, 2, NUMBERS>::zeros();
         for (place, column) in lens.pixel_by_numbers(&ray, &distorted).enumerate() {
             by_numbers.set_column(place, &column);
@@ -120,7 +115,7 @@ impl Projected {
         }
         Some(Self {
             raw_px: lens.pixel_from_ray(&distorted),
-            by_pose: Matrix2x6::from_rows(&[x.transpose(), y.transpose()]),
+            by_pose: by_point * cam_from_target.point_by_increment(&point_mm),
             by_numbers,
         })
     }

@@ -4,7 +4,6 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
-use plumbline::parts::by_increment;
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::SceneFrame;
 use plumbline::target::{Origin, Role, TargetGeometry};
@@ -279,12 +278,9 @@ fn seen(
             let ray = ray_of(&point_cam_mm).unwrap();
             let (believed_px, by_ray) = LENS.raw_from_ray_with_jacobian(&ray);
             let by_point = by_ray * ray_by_point(&point_cam_mm, &ray);
-            for axis in 0..2 {
-                let by_point = by_point.row(axis).transpose();
-                let row = Vector6::from(by_increment(&by_point, &pose.rotation, point_mm));
-                normal += row * row.transpose();
-                right += row * (raw_px[axis] - believed_px[axis]);
-            }
+            let by_pose = by_point * pose.point_by_increment(point_mm);
+            normal += by_pose.tr_mul(&by_pose);
+            right += by_pose.tr_mul(&(raw_px - believed_px));
         }
         pose = pose.moved_by(&normal.cholesky().unwrap().solve(&right));
     }

@@ -114,20 +114,6 @@ pub(crate) fn by_motion(by_point: &Vector3<f64>, arm_cam_mm: &Vector3<f64>) -> [
     [turned.x, turned.y, turned.z, by_point.x, by_point.y, by_point.z]
 }
 
-/// The gradient of a quantity with respect to an increment of [`Pose::moved_by`], which turns about
-/// the target's axes. `by_point` is the quantity's gradient with respect to the point in the camera
-/// frame.
-#[must_use]
-pub fn by_increment(
-    by_point: &Vector3<f64>,
-    rotation: &Matrix3<f64>,
-    point_target_mm: &Vector3<f64>,
-) -> [f64; 6] {
-    let [x, y, z, by_delta @ ..] = by_motion(by_point, &(rotation * point_target_mm));
-    let turned = rotation.tr_mul(&Vector3::new(x, y, z));
-    [turned.x, turned.y, turned.z, by_delta[0], by_delta[1], by_delta[2]]
-}
-
 /// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolveFailure {

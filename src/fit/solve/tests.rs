@@ -106,15 +106,6 @@ fn the_normal_equations_are_those_of_an_increment() {
 }
 
 #[test]
-fn the_gradient_by_an_increment_is_that_of_the_points_motion() {
-    let by_point = Vector3::new(0.7, -1.1, 0.4);
-    let point_target_mm = Vector3::new(60.0, -40.0, 12.0);
-    let by_pose = tilted().point_by_increment(&point_target_mm).tr_mul(&by_point);
-    let found = Vector6::from(by_increment(&by_point, &tilted().rotation, &point_target_mm));
-    assert!((found - by_pose).norm() < 1e-12 * by_pose.norm(), "{found} {by_pose}");
-}
-
-#[test]
 fn weight_is_the_slope_of_the_robust_square() {
     for square in [0.0, 3.0, 5.9, 6.1, 12.0, 24.9, 25.1, 900.0] {
         const STEP: f64 = 1e-6;

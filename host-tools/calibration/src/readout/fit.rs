@@ -19,7 +19,7 @@ use super::banded::Banded;
 use super::motion::{Motion, WINDOW};
 use super::sandwich::variance_of_sum;
 use crate::bundle::tau_px;
-use crate::model::{Photograph, Seen, raw_by_point, raw_by_pose};
+use crate::model::{Photograph, Seen, raw_by_point};
 
 /// The number of parameters of the poses that a residual depends on.
 const POSES: usize = 6 * WINDOW;
@@ -247,7 +247,7 @@ impl<'a> Fit<'a> {
         let instant = motion.at(frames);
         let point_cam_mm = instant.cam_from_board.transform(point_mm);
         let raw_by_point = raw_by_point(self.lens, &point_cam_mm)?;
-        let by_pose = raw_by_pose(&raw_by_point, &instant.cam_from_board, point_mm);
+        let by_pose = raw_by_point * instant.cam_from_board.point_by_increment(point_mm);
         let by_turn: Matrix2x3<f64> = by_pose.fixed_columns::<3>(0).into();
         let by_shift: Matrix2x3<f64> = by_pose.fixed_columns::<3>(3).into();
         // Per frame, as are the times below.
