@@ -11,7 +11,7 @@ pub use crate::fit::edge::{
     Appearance, Batch, Light, PixelFit, SeenEdge, SeenEdges, fit_edge, locate_edge,
 };
 pub use crate::fit::measure::{Fitted, MeasureFailure, Rolling, View, Workspace, mirror_image};
-pub use crate::fit::nodes::{Chord, Direction, Drift, Edge, Node, Nodes, Square, points_mm};
+pub use crate::fit::nodes::{Chord, Direction, Edge, Node, Nodes, Square, points_mm};
 pub use crate::fit::planar::SeenCorner;
 pub use crate::fit::solve::{
     Inliers, Observations, Solution, SolveFailure, robust_cost_after_step, solve,

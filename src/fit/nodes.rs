@@ -29,11 +29,11 @@ use crate::model::target::TargetGeometry;
 /// seen, explains the picture; the nodes are those of that grid. The motion counts to first order:
 /// in the 2 ms that a target of 140 rows takes, an acceleration of 1 m/s2 adds 0.0005 mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drift {
+pub(crate) struct Drift {
     /// The motion from one row to the next below: an increment of [`Pose::moved_by`].
-    pub per_row: Vector6<f64>,
+    pub(crate) per_row: Vector6<f64>,
     /// The row in which the target's middle is seen.
-    pub middle_row_px: f64,
+    pub(crate) middle_row_px: f64,
 }
 
 /// A target moves at most by this share of a row while a row is read; no body is so fast.
@@ -75,7 +75,8 @@ impl Drift {
 /// One node, and how its raw pixel changes with its ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Node {
-    /// In the target frame; see [`Drift`].
+    /// In the target frame: where the grid has it or, of a grid that a moving target deforms, where
+    /// it is when its row is read.
     pub point_target_mm: Vector3<f64>,
     /// Its ray at the expected pose, at z = 1.
     pub ray: Vector2<f64>,
@@ -145,10 +146,21 @@ impl Nodes {
         Self { columns: 0, rows: 0, nodes: Vec::new() }
     }
 
-    /// Projects every node at a pose; a [`Drift`] deforms the grid. Returns whether that is possible:
-    /// no node lies behind the camera, and the target's front is seen.
+    /// Projects every node at a pose. Returns whether that is possible: no node lies behind the
+    /// camera, and the target's front is seen.
     #[must_use]
     pub fn project(
+        &mut self,
+        lens: &LensTable,
+        target: &TargetGeometry,
+        cam_from_target: &Pose<Cam, Target>,
+    ) -> bool {
+        self.project_drifting(lens, target, cam_from_target, None)
+    }
+
+    /// The same of a grid that a [`Drift`] deforms.
+    #[must_use]
+    pub(crate) fn project_drifting(
         &mut self,
         lens: &LensTable,
         target: &TargetGeometry,
@@ -413,7 +425,7 @@ mod tests {
 
     fn projected(pose: &Pose<Cam, Target>) -> Nodes {
         let mut nodes = Nodes::new();
-        assert!(nodes.project(&table(&bedside_lens()), &target(), pose, None));
+        assert!(nodes.project(&table(&bedside_lens()), &target(), pose));
         nodes
     }
 
@@ -485,13 +497,13 @@ mod tests {
         let (lens, target) = (table(&bedside_lens()), target());
         let mut nodes = Nodes::new();
         let turned = Pose::from_theta([0.0, core::f64::consts::PI, 0.0, 0.0, 0.0, 900.0]);
-        assert!(!nodes.project(&lens, &target, &turned, None));
+        assert!(!nodes.project(&lens, &target, &turned));
         let behind = Pose::from_theta([0.0, 0.0, 0.0, 0.0, 0.0, -900.0]);
-        assert!(!nodes.project(&lens, &target, &behind, None));
+        assert!(!nodes.project(&lens, &target, &behind));
         let through = Pose::from_theta([0.0, 1.5, 0.0, 0.0, 0.0, 15.0]);
-        assert!(!nodes.project(&lens, &target, &through, None));
+        assert!(!nodes.project(&lens, &target, &through));
         assert_eq!(nodes.edges(true).count(), 0);
-        assert!(nodes.project(&lens, &target, &pose(), None));
+        assert!(nodes.project(&lens, &target, &pose()));
     }
 
     #[test]
@@ -536,7 +548,7 @@ mod tests {
                 let middle_row_px = middle_row_px(&lens, &pose());
                 let drift = Drift { per_row: per_s * row_s, middle_row_px };
                 let mut nodes = Nodes::new();
-                assert!(nodes.project(&lens, &target(), &pose(), Some(&drift)));
+                assert!(nodes.project_drifting(&lens, &target(), &pose(), Some(&drift)));
                 let (mut off_px, mut deformed_px) = (0.0_f64, 0.0_f64);
                 for (node, point_mm) in nodes.as_slice().iter().zip(points_mm(&target())) {
                     // The instant at which the point is in the row that is being read, by bisection.
@@ -570,8 +582,8 @@ mod tests {
         let late = drift_at(&pose(), [0.0, 0.0, 0.2, 150.0, 180.0, -30.0]);
         let now = drift_at(&solved, [0.1, 0.0, 0.3, 170.0, 200.0, -50.0]);
         let (mut deformed, mut drawn) = (Nodes::new(), Nodes::new());
-        assert!(deformed.project(&lens, &target(), &pose(), Some(&late)));
-        assert!(drawn.project(&lens, &target(), &solved, Some(&now)));
+        assert!(deformed.project_drifting(&lens, &target(), &pose(), Some(&late)));
+        assert!(drawn.project_drifting(&lens, &target(), &solved, Some(&now)));
         deformed.deform(&target(), &solved, &now);
         for (deformed, drawn) in deformed.as_slice().iter().zip(drawn.as_slice()) {
             let off_mm = (deformed.point_target_mm - drawn.point_target_mm).norm();

@@ -167,7 +167,7 @@ impl Tracker {
         let target = &bench.config.targets[target].geometry;
         let Self { nodes, batch } = self;
         let start = Instant::now();
-        if !nodes.project(lens, target, expected, None) {
+        if !nodes.project(lens, target, expected) {
             return None;
         }
         let blur_px = known.appearance.x_blur_px.max(known.appearance.y_blur_px);
@@ -194,7 +194,7 @@ impl Tracker {
         parts.solve += start.elapsed();
 
         let start = Instant::now();
-        if !nodes.project(lens, target, expected, None) {
+        if !nodes.project(lens, target, expected) {
             return None;
         }
         let located: Vec<SeenEdge> = nodes

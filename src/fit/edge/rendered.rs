@@ -123,7 +123,7 @@ impl Scene {
 
     pub(super) fn nodes(&self, expected_cam_from_target: &Pose<Cam, Target>) -> Nodes {
         let mut nodes = Nodes::new();
-        assert!(nodes.project(&table(&self.lens), &self.target, expected_cam_from_target, None));
+        assert!(nodes.project(&table(&self.lens), &self.target, expected_cam_from_target));
         nodes
     }
 
