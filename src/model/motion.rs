@@ -47,8 +47,8 @@ struct Velocity {
     per_s: Vector6<f64>,
     /// The time over which it is the mean.
     interval_s: f64,
-    /// The change since the interval before, per second; zero where there was none.
-    change_per_s2: Vector6<f64>,
+    /// The change since the interval before, per second, where there was one.
+    change_per_s2: Option<Vector6<f64>>,
 }
 
 impl Velocity {
@@ -58,12 +58,13 @@ impl Velocity {
         let is_next = gap_s < 1.5 * self.interval_s;
         let between_middles_s = 0.5 * (self.interval_s + gap_s);
         let change = if is_next { ACCELERATION_SHARE * between_middles_s } else { 0.0 };
-        (self.per_s + self.change_per_s2 * change) * gap_s
+        (self.per_s + self.change_per_s2.unwrap_or_default() * change) * gap_s
     }
 
     /// Judged across the line of sight: along it the noise is far larger.
     fn is_of_a_person(&self) -> bool {
-        self.change_per_s2.fixed_rows::<2>(3).norm() < CHANGE_MM_PER_S2_MAX
+        self.change_per_s2
+            .is_none_or(|change| change.fixed_rows::<2>(3).norm() < CHANGE_MM_PER_S2_MAX)
     }
 }
 
@@ -92,11 +93,21 @@ impl Motion {
     }
 
     /// The velocity at the last measurement, as increments of [`Pose::moved_by`] per second; `None`
-    /// where it is not known. Exact for a steady acceleration.
+    /// where it is not known. Exact for a steady acceleration, if there were three measurements.
     #[must_use]
     pub fn velocity_per_s(&self) -> Option<Vector6<f64>> {
         let velocity = self.velocity.as_ref()?;
-        Some(velocity.per_s + velocity.change_per_s2 * (0.5 * velocity.interval_s))
+        let change = velocity.change_per_s2.unwrap_or_default();
+        Some(velocity.per_s + change * (0.5 * velocity.interval_s))
+    }
+
+    /// How long ago the target had the velocity that is known: two measurements tell it for the
+    /// middle of the time between them, three for the last one. `None` where it is not known.
+    #[must_use]
+    pub(crate) fn velocity_age_s(&self) -> Option<f64> {
+        let velocity = self.velocity.as_ref()?;
+        let is_latest = velocity.change_per_s2.is_some();
+        Some(if is_latest { 0.0 } else { 0.5 * velocity.interval_s })
     }
 
     /// True when a pose found at a time can only be the target's own: a part of the target is then
@@ -130,9 +141,9 @@ impl Motion {
         let velocity = (gap_ns > 0 && gap_ns <= VELOCITY_NS_MAX).then(|| {
             let interval_s = gap_ns as f64 * 1e-9;
             let per_s = self.cam_from_target.increment_to(&cam_from_target) / interval_s;
-            let change_per_s2 = self.velocity.map_or(Vector6::zeros(), |before| {
-                (per_s - before.per_s) / (0.5 * (before.interval_s + interval_s))
-            });
+            let change_per_s2 = self
+                .velocity
+                .map(|before| (per_s - before.per_s) / (0.5 * (before.interval_s + interval_s)));
             Velocity { per_s, interval_s, change_per_s2 }
         });
         let velocity = velocity.filter(Velocity::is_of_a_person);
@@ -178,6 +189,22 @@ mod tests {
         // After a missed frame only the velocity counts: 1.5 a frame.
         let after_gap = moving.predict(4 * FRAME_NS).translation_mm.x;
         assert!((after_gap - 5.0).abs() < 1e-6, "{after_gap}");
+    }
+
+    #[test]
+    fn three_measurements_tell_a_velocity_two_a_former_one() {
+        let first = motion(0);
+        assert_eq!((first.velocity_per_s(), first.velocity_age_s()), (None, None));
+        // x = t^2 / 2 in frames: 0, 0.5, 2; after the first, 0.5 a frame was the velocity half a frame
+        // before.
+        let second = first.continued(pose(0.5), FRAME_NS);
+        let third = second.continued(pose(2.0), 2 * FRAME_NS);
+        let frame_s = FRAME_NS as f64 * 1e-9;
+        for (motion, per_frame, age_frames) in [(&second, 0.5, 0.5), (&third, 2.0, 0.0)] {
+            let per_s = motion.velocity_per_s().unwrap();
+            assert!((per_s[3] * frame_s - per_frame).abs() < 1e-9, "{per_s}");
+            assert_eq!(motion.velocity_age_s(), Some(age_frames * frame_s));
+        }
     }
 
     #[test]

@@ -60,6 +60,7 @@ pub struct Booth {
     frame: u64,
     rate_hz: f64,
     shutter: Shutter,
+    noise_seed: u64,
 }
 
 impl Booth {
@@ -122,7 +123,12 @@ impl Booth {
         let mut pipeline = Box::new(Pipeline::new());
         pipeline.configure(&config).expect("a usual camera");
         let shutter = Shutter::new(readout_ns, HEIGHT);
-        Self { lens, board, pipeline, frame: 0, rate_hz, shutter }
+        Self { lens, board, pipeline, frame: 0, rate_hz, shutter, noise_seed: 17 }
+    }
+
+    /// The same with other noise.
+    pub fn with_noise(self, noise_seed: u64) -> Self {
+        Self { noise_seed, ..self }
     }
 
     /// Before noise and rounding.
@@ -183,7 +189,7 @@ impl Booth {
     fn sampled(&self, picture: &Picture, shot: &Shot) -> Vec<u8> {
         let mut samples = vec![0; picture.grey.len()];
         let sensor = Sensor { noise_levels: shot.noise_levels as f32, bits: 8 };
-        sensor.expose(picture, 17, self.frame, &mut samples);
+        sensor.expose(picture, self.noise_seed, self.frame, &mut samples);
         samples
     }
 

@@ -2,7 +2,7 @@
 
 use core::array;
 
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix6, Vector3};
 
 use crate::fit::edge::Appearance;
 use crate::fit::nodes::Drift;
@@ -21,6 +21,10 @@ pub(super) const CORNERS_MIN: usize = 6;
 /// each as a body does that sways so about its ankles, a metre below.
 const VELOCITY_SD_PER_S: [f64; 6] = [0.012, 0.012, 0.012, 12.0, 12.0, 12.0];
 
+/// The standard deviation of its acceleration, over that of its velocity: a brisk sway goes to and fro
+/// once a second.
+const SWAY_RAD_PER_S: f64 = core::f64::consts::TAU;
+
 /// A target's pose in one frame, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
@@ -29,7 +33,8 @@ pub struct Measurement {
     /// How much later than the frame's time that was; 0 with a global shutter.
     pub delay_ns: u32,
     /// Covariance of `[omega_rad, delta_mm]`, the increments of [`Pose::moved_by`]: what the pixels'
-    /// noise leaves uncertain and, with a rolling shutter, a velocity that is not known yet.
+    /// noise leaves uncertain and, with a rolling shutter, a velocity that is not known yet: in the
+    /// first two frames.
     pub covariance: Matrix6<f64>,
     /// The reprojection error: root mean square distance, in raw pixels, between the corners used,
     /// as given by the edges that meet there, and where the pose puts them.
@@ -115,36 +120,36 @@ impl Rolling<'_> {
         cam_from_target: &Pose<Cam, Target>,
     ) -> Option<Drift> {
         let middle_row_px = middle_row_px(lens, target, cam_from_target)?;
-        let velocity_per_s = self.velocity_per_s(cam_from_target, middle_row_px);
+        let motion = self.continued(cam_from_target, middle_row_px);
+        let velocity_per_s = motion.and_then(|motion| motion.velocity_per_s());
         let per_row = velocity_per_s.unwrap_or_default() * self.shutter.row_s();
         Some(Drift { per_row, middle_row_px })
     }
 
-    /// The velocity of a target that has reached this pose; `None` where it is not known.
-    fn velocity_per_s(
-        &self,
-        cam_from_target: &Pose<Cam, Target>,
-        middle_row_px: f64,
-    ) -> Option<Vector6<f64>> {
+    /// The motion of a target that has reached this pose.
+    fn continued(&self, cam_from_target: &Pose<Cam, Target>, middle_row_px: f64) -> Option<Motion> {
         let time_ns = self.time_ns.saturating_add(self.shutter.delay_ns(middle_row_px).into());
-        self.motion?.continued(*cam_from_target, time_ns).velocity_per_s()
+        Some(self.motion?.continued(*cam_from_target, time_ns))
     }
 
-    /// Where the velocity of a target at this pose is not known: one drift for each of its
-    /// components, of one standard deviation.
+    /// Where the velocity of a target at this pose is not known, or only a former one: for each of its
+    /// components the drift if that differs from what is known by one standard deviation.
     fn unknown_drifts(
         &self,
         lens: &LensTable,
         target: &TargetGeometry,
         cam_from_target: &Pose<Cam, Target>,
     ) -> Option<[Drift; 6]> {
-        let middle_row_px = middle_row_px(lens, target, cam_from_target)?;
-        let is_known = self.velocity_per_s(cam_from_target, middle_row_px).is_some();
-        (!is_known).then(|| {
+        let known = self.drift(lens, target, cam_from_target)?;
+        let motion = self.continued(cam_from_target, known.middle_row_px);
+        let age_s = motion.and_then(|motion| motion.velocity_age_s());
+        let missing = age_s.map_or(1.0, |age_s| (SWAY_RAD_PER_S * age_s).min(1.0));
+        (missing > 0.0).then(|| {
+            let missing_s = missing * self.shutter.row_s();
             array::from_fn(|component| {
-                let mut per_row = Vector6::zeros();
-                per_row[component] = VELOCITY_SD_PER_S[component] * self.shutter.row_s();
-                Drift { per_row, middle_row_px }
+                let mut drift = known;
+                drift.per_row[component] += VELOCITY_SD_PER_S[component] * missing_s;
+                drift
             })
         })
     }
@@ -164,8 +169,8 @@ impl<P> View<'_, P> {
         self.rolling.and_then(|rolling| rolling.drift(self.lens, self.target, cam_from_target))
     }
 
-    /// The drifts that a target of unknown velocity may have, independent of each other; `None` where
-    /// its velocity is known, and for a global shutter.
+    /// The drifts that a target may have instead of the known one, which differ from it independently
+    /// of each other; `None` where its velocity is known, and for a global shutter.
     pub(super) fn unknown_drifts(&self, cam_from_target: &Pose<Cam, Target>) -> Option<[Drift; 6]> {
         self.rolling?.unknown_drifts(self.lens, self.target, cam_from_target)
     }
