@@ -6,6 +6,12 @@
 //! *position* here is whatever frames have the plate at nearly the same place and in nearly the
 //! same direction. The plate need not stand still, so that it can be held in the hands.
 //!
+//! The largest error must not be that of a single false detection. Of a recording only positions
+//! count at which [`FRAMES_MIN`] frames or more have the plate; a lone frame of a position whose
+//! distance is none that noise explains, where all others agree, is not used. Both are listed with
+//! the reason. An error that shows in two frames of a position repeats itself, and counts. Of
+//! photographs that stand for themselves, each may be a position: there is nothing to confirm it.
+//!
 //! The error of a position has the standard uncertainty of the noise of its mean, combined with
 //! that of the known length. Without a known length only the scatter of the positions is known: an
 //! error that is the same everywhere, as of a print that is not true to scale, cannot be seen.
@@ -21,11 +27,21 @@ use plumbline_analysis::agreement::effective::effective_samples;
 use serde::Serialize;
 
 use crate::sighting::{Point, Sighting};
-use crate::uncertainty::{Estimate, Spread, mean};
+use crate::uncertainty::{Estimate, Spread, mean, median};
 use crate::volume::Direction;
 
 /// Fewer positions say nothing about a volume.
 pub const POSITIONS_MIN: usize = 10;
+
+/// Fewer frames of a recording are no position: of two that differ, either may be the false one.
+pub const FRAMES_MIN: usize = 3;
+
+/// A frame whose distance is this many standard deviations from the median of its position is none
+/// that noise explains: of normal noise one in half a billion.
+const OFF_SD_MAX: f64 = 6.0;
+
+/// The standard deviation of normal values, over the median of their sizes.
+const SD_OF_MEDIAN: f64 = 1.4826;
 
 /// Frames belong to one position as long as the plate is within this share of its distance from
 /// the camera: a thirtieth of a wide picture.
@@ -144,6 +160,29 @@ pub struct Position {
     pub error_mm: Option<Estimate>,
 }
 
+/// Frames that do not count, because no others confirm them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Unconfirmed {
+    /// Where the plate's middle was seen, in the camera's frame.
+    pub middle_mm: [f64; 3],
+    /// How many there are.
+    pub frames: usize,
+    /// The distance that they show: their mean.
+    pub distance_mm: f64,
+    /// Why they do not count.
+    pub reason: Reason,
+}
+
+/// Why frames do not count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// Fewer than [`FRAMES_MIN`] frames have the plate there.
+    FewFrames,
+    /// It is the only one of its position that is so far off.
+    Outlier,
+}
+
 /// What a plate that was moved through the volume shows.
 #[derive(Debug, Clone, Serialize)]
 pub struct Distance {
@@ -151,6 +190,8 @@ pub struct Distance {
     pub frames: usize,
     /// The positions, in the order in which they were first visited.
     pub positions: Vec<Position>,
+    /// What does not count.
+    pub unconfirmed: Vec<Unconfirmed>,
     /// The noise of the distance in one frame: standard deviation.
     pub noise_sd_mm: f64,
     /// The mean of the positions' distances.
@@ -178,12 +219,17 @@ pub struct Against {
     pub largest_at: usize,
 }
 
-/// Measures the errors of a length.
+/// Measures the errors of a length, at positions that at least `frames_min` frames show: 1 for
+/// photographs that stand for themselves, [`FRAMES_MIN`] otherwise.
 ///
 /// # Errors
 /// With fewer than [`POSITIONS_MIN`] positions; gives their number.
-pub fn distance(pairs: &[Pair], length_mm: Option<Estimate>) -> Result<Distance, usize> {
-    let groups = groups(pairs);
+pub fn distance(
+    pairs: &[Pair],
+    length_mm: Option<Estimate>,
+    frames_min: usize,
+) -> Result<Distance, usize> {
+    let (groups, unconfirmed) = confirmed(groups(pairs), frames_min);
     if groups.len() < POSITIONS_MIN {
         return Err(groups.len());
     }
@@ -201,6 +247,7 @@ pub fn distance(pairs: &[Pair], length_mm: Option<Estimate>) -> Result<Distance,
         range_mm: ends(f64::NEG_INFINITY, f64::max) - ends(f64::INFINITY, f64::min),
         against: length_mm.map(|length_mm| against(length_mm, mean_mm, &positions)),
         positions,
+        unconfirmed,
     })
 }
 
@@ -230,6 +277,54 @@ fn groups(pairs: &[Pair]) -> Vec<Vec<&Pair>> {
         }
     }
     groups
+}
+
+/// The positions that count, and the frames that do not.
+fn confirmed(groups: Vec<Vec<&Pair>>, frames_min: usize) -> (Vec<Vec<&Pair>>, Vec<Unconfirmed>) {
+    let (mut groups, few): (Vec<_>, Vec<_>) =
+        groups.into_iter().partition(|group| group.len() >= frames_min);
+    let few = few.iter().map(|group| Unconfirmed::of(group, Reason::FewFrames));
+    let mut unconfirmed: Vec<Unconfirmed> = few.collect();
+    let off_sd: Vec<Vec<f64>> = groups.iter().map(|group| off_sd(group)).collect();
+    // What the tracker says of a frame leaves out how a hand and a lens add to the scatter.
+    let sizes = off_sd.iter().filter(|off| off.len() >= FRAMES_MIN).flatten();
+    let mut sizes: Vec<f64> = sizes.map(|off| off.abs()).collect();
+    if sizes.is_empty() {
+        return (groups, unconfirmed);
+    }
+    let off_sd_max = OFF_SD_MAX * (SD_OF_MEDIAN * median(&mut sizes)).max(1.0);
+    for (group, off_sd) in groups.iter_mut().zip(&off_sd) {
+        let mut outliers = (0..group.len()).filter(|&at| off_sd[at].abs() > off_sd_max);
+        if let (Some(lone), None) = (outliers.next(), outliers.next())
+            && group.len() >= FRAMES_MIN
+        {
+            let outlier = group.remove(lone);
+            unconfirmed.push(Unconfirmed::of(&[outlier], Reason::Outlier));
+        }
+    }
+    (groups, unconfirmed)
+}
+
+/// How far each frame's distance is from the median of the position, in standard deviations as the
+/// tracker says. A false detection says little of its own; the position's median frame does.
+fn off_sd(group: &[&Pair]) -> Vec<f64> {
+    let middle_mm = median(&mut distances(group));
+    let variance_mm2 = median(&mut group.iter().map(|it| it.variance_mm2).collect::<Vec<_>>());
+    let sd_mm = variance_mm2.max(f64::MIN_POSITIVE).sqrt();
+    group.iter().map(|it| (it.distance_mm - middle_mm) / sd_mm).collect()
+}
+
+impl Unconfirmed {
+    fn of(group: &[&Pair], reason: Reason) -> Self {
+        let count = group.len() as f64;
+        let middle_mm = group.iter().map(|it| it.middle_mm()).sum::<Vector3<f64>>() / count;
+        Self {
+            middle_mm: middle_mm.into(),
+            frames: group.len(),
+            distance_mm: mean(&distances(group)),
+            reason,
+        }
+    }
 }
 
 /// The noise of the distance in one frame.
@@ -357,7 +452,7 @@ mod tests {
             let errors_mm = errors_mm(&mut random);
             let pairs = session(&mut random, &errors_mm);
             let read = Estimate::new(LENGTH_MM + READING_MM * random.normal(), READING_MM);
-            let found = distance(&pairs, Some(read)).unwrap();
+            let found = distance(&pairs, Some(read), FRAMES_MIN).unwrap();
             let against = found.against.unwrap();
             let error_mm = |at: usize| found.positions[at].error_mm.unwrap();
             let facts = [
@@ -395,7 +490,7 @@ mod tests {
                     pair.distance_mm = LENGTH_MM + 0.1 * error;
                 }
             }
-            let found = distance(&pairs, None).unwrap();
+            let found = distance(&pairs, None, FRAMES_MIN).unwrap();
             covered += usize::from(found.positions[0].distance_mm.covers(LENGTH_MM));
         }
         assert!(covered >= 893, "{covered}");
@@ -454,16 +549,77 @@ mod tests {
         let mut errors_mm = [0.1; POSITIONS];
         errors_mm[7] = -0.5;
         let pairs = session(&mut random, &errors_mm);
-        let against = distance(&pairs, Some(Estimate::new(LENGTH_MM, 1e-3))).unwrap().against;
-        let largest_mm = against.unwrap().largest_error_mm;
+        let known = Some(Estimate::new(LENGTH_MM, 1e-3));
+        let found = distance(&pairs, known, FRAMES_MIN).unwrap();
+        let largest_mm = found.against.unwrap().largest_error_mm;
         assert!(largest_mm.covers(-0.5) && !largest_mm.covers(-0.4), "{largest_mm:?}");
+    }
+
+    /// A session at ten places that are surely apart.
+    fn apart(random: &mut Random) -> Vec<Pair> {
+        let mut pairs = session(random, &[0.0; POSITIONS_MIN]);
+        for (at, frames) in pairs.chunks_mut(FRAMES).enumerate() {
+            for pair in frames {
+                pair.ends_mm.iter_mut().for_each(|end_mm| end_mm.z += 200.0 * at as f64);
+            }
+        }
+        pairs
+    }
+
+    const KNOWN: Option<Estimate> = Some(Estimate::new(LENGTH_MM, 1e-3));
+
+    #[test]
+    fn a_single_false_frame_is_not_the_largest_error() {
+        let mut random = Random::new(9);
+        // Somewhere else, as a grid that was numbered wrongly is; and where the plate is.
+        for (aside_mm, reason) in [(500.0, Reason::FewFrames), (0.0, Reason::Outlier)] {
+            let mut pairs = apart(&mut random);
+            let mut falsely = pairs[3 * FRAMES + 7];
+            falsely.distance_mm += 3.0;
+            falsely.ends_mm.iter_mut().for_each(|end_mm| end_mm.x += aside_mm);
+            pairs.insert(3 * FRAMES + 7, falsely);
+            let found = distance(&pairs, KNOWN, FRAMES_MIN).unwrap();
+            assert!(found.against.unwrap().largest_error_mm.value.abs() < 0.05, "{found:?}");
+            assert_eq!(found.positions.len(), POSITIONS_MIN);
+            let [unconfirmed] = found.unconfirmed[..] else { panic!("{found:?}") };
+            assert_eq!((unconfirmed.frames, unconfirmed.reason), (1, reason));
+            assert!((unconfirmed.distance_mm - falsely.distance_mm).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn an_error_that_repeats_itself_counts() {
+        let mut random = Random::new(10);
+        for aside_mm in [500.0, 0.0] {
+            let mut pairs = apart(&mut random);
+            // Three frames somewhere else; of a position, two of fifteen: a mean of a fifth of a
+            // millimetre each.
+            let repeated = if aside_mm == 0.0 { 2 } else { FRAMES_MIN };
+            for pair in &mut pairs[3 * FRAMES..][..repeated] {
+                pair.distance_mm += 3.0;
+                pair.ends_mm.iter_mut().for_each(|end_mm| end_mm.x += aside_mm);
+            }
+            let found = distance(&pairs, KNOWN, FRAMES_MIN).unwrap();
+            let largest_mm = found.against.unwrap().largest_error_mm.value;
+            assert!(largest_mm > 0.35, "{found:?}");
+            assert_eq!(found.unconfirmed, []);
+        }
+    }
+
+    #[test]
+    fn without_false_frames_all_count() {
+        let mut random = Random::new(11);
+        for _ in 0..100 {
+            let found = distance(&apart(&mut random), None, FRAMES_MIN).unwrap();
+            assert_eq!(found.unconfirmed, []);
+        }
     }
 
     #[test]
     fn a_plate_that_trembles_is_at_one_position() {
         let mut random = Random::new(2);
         let pairs = session(&mut random, &[0.0; POSITIONS]);
-        let found = distance(&pairs, None).unwrap();
+        let found = distance(&pairs, None, FRAMES_MIN).unwrap();
         assert_eq!(found.frames, POSITIONS * FRAMES);
         let frames: usize = found.positions.iter().map(|it| it.frames).sum();
         assert_eq!(frames, POSITIONS * FRAMES);
@@ -493,7 +649,7 @@ mod tests {
 
         let photographs: Vec<Pair> =
             session(&mut random, &[0.0; POSITIONS]).into_iter().step_by(FRAMES).collect();
-        let found = distance(&photographs, None).unwrap();
+        let found = distance(&photographs, None, 1).unwrap();
         let variance_mm2 = photographs.iter().map(|it| it.variance_mm2).sum::<f64>();
         assert!((found.noise_sd_mm.powi(2) - variance_mm2 / POSITIONS as f64).abs() < 1e-12);
     }
@@ -502,7 +658,7 @@ mod tests {
     fn too_few_positions_are_counted() {
         let mut random = Random::new(4);
         let pairs = session(&mut random, &[0.0; 3]);
-        assert_eq!(distance(&pairs, None).unwrap_err(), 3);
-        assert_eq!(distance(&[], None).unwrap_err(), 0);
+        assert_eq!(distance(&pairs, None, FRAMES_MIN).unwrap_err(), 3);
+        assert_eq!(distance(&[], None, 1).unwrap_err(), 0);
     }
 }

@@ -3,7 +3,8 @@
 use maud::{Markup, html};
 use nalgebra::Vector3;
 use plumbline_evidence::distance::{
-    Against, Distance, POSITIONS_MIN, Pair, Position, distance, pairs,
+    Against, Distance, FRAMES_MIN, POSITIONS_MIN, Pair, Position, Reason, Unconfirmed, distance,
+    pairs,
 };
 use plumbline_evidence::uncertainty::{Estimate, Verdict};
 use plumbline_evidence::volume::{Coverage, Direction, Next, PER_DIRECTION, Volume};
@@ -36,6 +37,9 @@ const SCALE_PERCENT: f64 = 0.2;
 /// is known, and no error that is the same everywhere.
 ///
 /// Errors are judged after the idea of VDI/VDE 2634 part 1: the largest one of all positions counts.
+/// Of a recording, a position counts if three frames show it, and a single frame that differs from all
+/// others of its position does not; the page lists what was left out. An error that repeats itself
+/// counts.
 /// The page shows which parts of the volume were visited, and where to go next.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -64,6 +68,13 @@ pub struct Arguments {
     depth_mm: Option<[f64; 2]>,
     #[command(flatten)]
     output: Output,
+}
+
+impl Arguments {
+    /// How many frames make a position.
+    fn frames_min(&self) -> usize {
+        if self.input.is_independent() { 1 } else { FRAMES_MIN }
+    }
 }
 
 /// The figures as they are written.
@@ -110,7 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         .length_mm
         .zip(arguments.length_max_error_mm)
         .map(|(length_mm, off_mm)| Estimate::of_reading(length_mm, off_mm));
-    let found = distance(&pairs, length_mm)
+    let found = distance(&pairs, length_mm, arguments.frames_min())
         .map_err(|positions| too_few(first, &names, &pairs, positions))?;
     if let Some(against) = &found.against {
         check_length(against.length_mm.value, found.mean_mm.value)?;
@@ -159,7 +170,7 @@ fn advice(recording: &Recording, arguments: &Arguments) -> Result<Advice, BadInp
         let sum_mm: f64 = pairs.iter().map(Pair::distance_mm).sum();
         check_length(length_mm, sum_mm / pairs.len() as f64)?;
     }
-    let words = match distance(&pairs, None) {
+    let words = match distance(&pairs, None, arguments.frames_min()) {
         Err(positions) => format!(
             "bring the plate to another place, and hold it still for a moment ({positions} of \
              {POSITIONS_MIN})"
@@ -262,6 +273,13 @@ fn findings(found: &Distance, coverage: &Coverage, judged: Option<(Verdict, f64)
         rounded(found.range_mm)
     ));
     findings.push(format!("Noise of the length in one frame: {} mm.", rounded(found.noise_sd_mm)));
+    if !found.unconfirmed.is_empty() {
+        let frames: usize = found.unconfirmed.iter().map(|it| it.frames).sum();
+        findings.push(format!(
+            "Left out: {} that no others confirm; the page lists them.",
+            counted(frames, "frame")
+        ));
+    }
     findings.push(format!(
         "Visited: {} of {} parts of the volume.",
         coverage.visited(),
@@ -278,6 +296,13 @@ fn warnings(found: &Distance, coverage: &Coverage) -> Vec<String> {
              not true to scale, cannot be seen; measure it and give --length-mm"
                 .to_owned(),
         );
+    }
+    if let Some(against) = found.against.filter(|it| found.positions[it.largest_at].frames == 1) {
+        warnings.push(format!(
+            "the largest error, at position {}, is that of a single frame: photograph the plate there \
+             once more; a false detection does not repeat itself",
+            against.largest_at + 1
+        ));
     }
     if coverage.next().is_some() {
         warnings.push(format!(
@@ -365,6 +390,7 @@ fn body(
         ["position", "x (mm)", "y (mm)", "depth (mm)", "direction", "frames", "length (mm)", axis];
     let rows: Vec<Vec<String>> =
         found.positions.iter().zip(&shown).enumerate().map(|(at, it)| row(at, it)).collect();
+    let left_out: Vec<Vec<String>> = found.unconfirmed.iter().map(left_out).collect();
     Ok(html! {
         section {
             h2 { "Where the plate was" }
@@ -381,13 +407,20 @@ fn body(
                 (figure(&by_radius, "The same over the plate's angle to the optical axis: a curve shows a wrong distortion"))
             }
             (table("All positions, with U (k = 2)", &header.map(str::to_owned), &rows))
+            @if !found.unconfirmed.is_empty() {
+                (table("Frames that were left out", &LEFT_OUT.map(str::to_owned), &left_out))
+            }
         }
         section {
             h2 { "Method" }
             p.method {
                 "After the idea of VDI/VDE 2634 part 1, with one length at many positions. A position "
                 "is all frames in which the plate is within 3 % of its distance from the camera and 8 "
-                "degrees of the same pose. Noise: the scatter of single frames about their "
+                "degrees of the same pose. Of a recording, a position counts if three frames or more "
+                "show it. A lone frame that is farther from the median of its position than six "
+                "standard deviations is left out, because the largest error would otherwise be that of "
+                "a single false detection; of two, neither is, because an error that repeats itself "
+                "counts. Noise: the scatter of single frames about their "
                 "position's mean, all positions together; the standard uncertainty of a mean goes by "
                 "the effective number of frames (Bartlett 1946, Geyer 1992). Errors combine it with "
                 "that of the known length, whose largest error is taken as a rectangular "
@@ -440,6 +473,19 @@ fn row(at: usize, (position, shown): (&Position, &Estimate)) -> Vec<String> {
         with_u(&position.distance_mm),
         signed(shown),
     ]
+}
+
+/// The header of what was left out.
+const LEFT_OUT: [&str; 6] = ["x (mm)", "y (mm)", "depth (mm)", "frames", "length (mm)", "why"];
+
+fn left_out(unconfirmed: &Unconfirmed) -> Vec<String> {
+    let Unconfirmed { middle_mm, frames, distance_mm, reason } = unconfirmed;
+    let why = match reason {
+        Reason::FewFrames => format!("fewer than {FRAMES_MIN} frames show the plate there"),
+        Reason::Outlier => "all other frames of the position agree on another length".to_owned(),
+    };
+    let place = middle_mm.iter().map(|it| format!("{it:.0}"));
+    place.chain([frames.to_string(), format!("{distance_mm:.3}"), why]).collect()
 }
 
 #[cfg(test)]

@@ -262,6 +262,11 @@ impl Recording {
 }
 
 impl Input {
+    /// Whether each frame stands for itself.
+    pub fn is_independent(&self) -> bool {
+        self.independent
+    }
+
     /// The files that are read, for outputs that must not overwrite them.
     pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
         self.inputs.iter().chain(&self.camera).chain(&self.targets)
