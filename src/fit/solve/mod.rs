@@ -70,9 +70,9 @@ const STEP_SQUARE_MIN: f64 = 1e-8;
 /// standard deviation, and so its robust weight by little.
 const SHORT_STEP_SQUARE: f64 = 1.0;
 
-/// Smallest observed variance, relative to the predicted one, that is believed: a little less than
-/// the 0.6 of frames compressed as JPEG of quality 85. Errors common to all observations do not show
-/// in it, and small residuals do not prove that there are none.
+/// Smallest observed variance, relative to the predicted one, that is believed. Lossy compression
+/// makes residuals smaller; but errors common to all observations do not show in them, and small
+/// residuals do not prove that there are none.
 const MISFIT_MIN: f64 = 0.5;
 
 /// Everything that was seen of the target: observations of two numbers each, which depend on its
