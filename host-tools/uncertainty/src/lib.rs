@@ -42,9 +42,8 @@
 //! a quarter period later, which changes a path by a part of 1e-5 at most. That all times are late by
 //! up to `d` matters to no figure.
 //!
-//! Cost: about fifty times the computation of the figures. An hour of two points at 60 Hz takes some
-//! six seconds of processor time, shared by all cores, and 400 MB; longer than [`SAMPLES_MAX`] is
-//! refused.
+//! Cost: the figures are computed twice for each systematic cause and once for each noisy copy, shared
+//! by all cores. The memory grows with the trial; longer than [`SAMPLES_MAX`] is refused.
 
 mod budget;
 mod figures;

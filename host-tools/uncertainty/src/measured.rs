@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use crate::lens::LensUncertainty;
 use crate::response::{NUMBERS, response};
 
-/// The most samples of a point: they take two gigabytes.
+/// The most samples of a point: four and a half hours at 60 Hz.
 pub const SAMPLES_MAX: usize = 1_000_000;
 
 /// A trial and the camera that it was measured with.
@@ -44,7 +44,7 @@ pub struct Body {
     /// How each position moves if the target is larger than believed, mm per unit of scale.
     pub by_scale_mm: Vec<Vector3<f64>>,
     /// How each position moves with the numbers of the lens and of the target's shape. Single
-    /// precision: an hour of them takes 54 MB.
+    /// precision, because they are the largest part of what a trial takes.
     pub by_numbers: Vec<SMatrix<f32, 3, NUMBERS>>,
 }
 
@@ -82,14 +82,8 @@ impl Measured {
                           config.plb tell its readout";
             return Err(BadInput::new(place, "readout_ms", found, remedy));
         }
-        let longest = points.points.iter().map(|it| it.series.samples()).max();
-        if let Some(samples) = longest.filter(|it| *it > SAMPLES_MAX) {
-            let found = format!(
-                "{samples} frames, and a budget takes {SAMPLES_MAX}, four and a half hours at 60 Hz: \
-                 more might not fit into the memory"
-            );
-            let remedy = "record the time of interest as a trial of its own";
-            return Err(BadInput::whole(folder, found, remedy));
+        for point in &points.points {
+            check_samples(point.series.samples(), &folder)?;
         }
         let lens = LensUncertainty::of(camera, place)?;
         let bodies = points.points.iter().filter_map(|point| {
@@ -99,6 +93,17 @@ impl Measured {
         let bodies: Vec<Body> = bodies.collect::<Result<_, _>>()?;
         Ok(Self { bodies, lens, zero_u_s: zero_u_s(trial, zero) })
     }
+}
+
+fn check_samples(samples: usize, folder: &impl std::fmt::Display) -> Result<(), BadInput> {
+    if samples <= SAMPLES_MAX {
+        return Ok(());
+    }
+    let found = format!(
+        "{samples} frames, and a budget takes {SAMPLES_MAX}, four and a half hours at 60 Hz: more \
+         might not fit into the memory"
+    );
+    Err(BadInput::whole(folder, found, "record the time of interest as a trial of its own"))
 }
 
 /// Standard uncertainty of t = 0: a bound of the error is taken to be a rectangle's half width.
@@ -173,5 +178,19 @@ impl Body {
         let by_numbers = poses.par_iter().map(by_numbers).collect::<Option<Vec<_>>>()?;
         let by_scale_mm = poses.iter().map(|pose| body_from_cam * pose.translation_mm).collect();
         Some(Self { trunk, series, covariance_mm2, by_scale_mm, by_numbers })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trial_that_is_too_long_is_refused_with_what_to_do() {
+        assert!(check_samples(1_000_000, &"trial").is_ok());
+        let refused = check_samples(1_000_001, &"trial").unwrap_err().to_string();
+        for part in ["trial: 1000001 frames", "takes 1000000", "record the time of interest"] {
+            assert!(refused.contains(part), "{refused}");
+        }
     }
 }
