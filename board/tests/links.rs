@@ -25,7 +25,7 @@ fn receiver() -> (UdpSocket, String) {
 fn receive(socket: &UdpSocket) -> (Message, std::net::SocketAddr) {
     let mut datagram = [0; PACKET_BYTES_MAX];
     let (length, from) = socket.recv_from(&mut datagram).expect("a packet in time");
-    (decode_datagram(&datagram[..length]).expect("an intact packet"), from)
+    (decode_datagram(&datagram[..length]).expect("an intact packet").message, from)
 }
 
 fn is_last(message: &Message) -> bool {
@@ -249,7 +249,8 @@ fn commands_are_answered_on_the_link_they_came_on() {
     let mut buffer = [0; PACKET_BYTES_MAX];
     let mut reply_to = |id, action| {
         let command = Message::Command(Command { id, action });
-        socket.send_to(encode_datagram(&command, &mut buffer).unwrap(), box_address).unwrap();
+        let datagram = encode_datagram(None, &command, &mut buffer).unwrap();
+        socket.send_to(datagram, box_address).unwrap();
         loop {
             if let (Message::Reply(reply), _) = receive(&socket) {
                 assert_eq!(reply.id, id);

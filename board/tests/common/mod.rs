@@ -1,4 +1,5 @@
 //! The real program, its inputs, and bounded waits.
+use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -8,7 +9,7 @@ use plumbline::config::{
     Capture, CaptureDriver, Config, Links, Machine, PixelFormat, TargetConfig,
 };
 use plumbline::lens::{Distortion, Lens};
-use plumbline::packet::{Deframer, Message, PosePacket};
+use plumbline::packet::{Deframer, Message, Packet, PosePacket};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_test_support::command;
 use tempfile::TempDir;
@@ -149,11 +150,17 @@ impl Drop for Board {
     }
 }
 
-/// All messages in a stream of frames, every one intact.
+/// All messages in a stream of frames, every one intact and of the same start.
 pub fn messages(bytes: &[u8]) -> Vec<Message> {
     let mut messages = Vec::new();
     let mut deframer: Deframer = Deframer::new();
-    deframer.push(bytes, |outcome| messages.push(outcome.expect("an intact frame")));
+    let mut starts = BTreeSet::new();
+    deframer.push(bytes, |outcome| {
+        let Packet { start, message } = outcome.expect("an intact frame");
+        starts.insert(start.expect("a box says which start this is"));
+        messages.push(message);
+    });
+    assert!(starts.len() <= 1, "{starts:?}");
     messages
 }
 
