@@ -141,7 +141,9 @@ fn a_file_is_appended_to() {
         ["--replay", trial.to_str().unwrap(), "--unpaced", "--record", file.to_str().unwrap()];
     for runs in 1..=2 {
         assert!(Board::start(&config, &arguments).wait().status.success());
-        assert_eq!(poses(&messages(&std::fs::read(&file).unwrap())).len(), 5 * runs);
+        let bytes = std::fs::read(&file).unwrap();
+        assert_eq!(poses(&messages(&bytes)).len(), 5 * runs);
+        assert_eq!(starts(&bytes).len(), runs, "each run is another start");
     }
 }
 

@@ -9,7 +9,7 @@ use plumbline::config::{
     Capture, CaptureDriver, Config, Links, Machine, PixelFormat, TargetConfig,
 };
 use plumbline::lens::{Distortion, Lens};
-use plumbline::packet::{Deframer, Message, Packet, PosePacket};
+use plumbline::packet::{Deframer, Message, Packet, PosePacket, Start};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_test_support::command;
 use tempfile::TempDir;
@@ -150,18 +150,21 @@ impl Drop for Board {
     }
 }
 
-/// All messages in a stream of frames, every one intact and of the same start.
+/// All messages in a stream of frames, every one intact and of a start of a box.
 pub fn messages(bytes: &[u8]) -> Vec<Message> {
-    let mut messages = Vec::new();
+    packets(bytes).into_iter().map(|packet| packet.message).collect()
+}
+
+/// The starts in a stream of frames.
+pub fn starts(bytes: &[u8]) -> BTreeSet<Start> {
+    packets(bytes).into_iter().filter_map(|packet| packet.start).collect()
+}
+
+fn packets(bytes: &[u8]) -> Vec<Packet> {
+    let mut packets = Vec::new();
     let mut deframer: Deframer = Deframer::new();
-    let mut starts = BTreeSet::new();
-    deframer.push(bytes, |outcome| {
-        let Packet { start, message } = outcome.expect("an intact frame");
-        starts.insert(start.expect("a box says which start this is"));
-        messages.push(message);
-    });
-    assert!(starts.len() <= 1, "{starts:?}");
-    messages
+    deframer.push(bytes, |outcome| packets.push(outcome.expect("an intact frame")));
+    packets
 }
 
 pub fn poses(messages: &[Message]) -> Vec<&PosePacket> {
