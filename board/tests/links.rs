@@ -5,8 +5,8 @@ use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
 use crate::common::{
-    Board, PATIENCE, assert_whole, config, folder, messages, poses, recording, write_config,
-    write_recording,
+    Board, PATIENCE, assert_whole, config, folder, messages, poses, recording, starts,
+    write_config, write_recording,
 };
 use plumbline::packet::{
     Action, CameraState, Command, MarkedInstant, Message, PACKET_BYTES_MAX, ReplyOutcome,

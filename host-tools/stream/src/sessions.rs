@@ -40,6 +40,10 @@ const OVERLAP_NS: u64 = 3_000_000_000;
 /// A box that has been silent for this long while another one sends has been exchanged for it.
 pub const EXCHANGED_NS: u64 = 3_000_000_000;
 
+/// The first frame of a session is later than the last of the one before by at least this: more
+/// than one and a half periods of the slowest camera, which every analysis takes for a gap.
+const BORDER_S: f64 = 1.6;
+
 /// Sessions whose late packets are still known as theirs.
 const SESSIONS_MAX: usize = 8;
 
@@ -65,7 +69,7 @@ pub struct LeftOut {
 /// frame of all.
 ///
 /// Within a session times are the box's, exact to the nanosecond; between sessions they are only
-/// as good as the arrival of the packets.
+/// as good as the arrival of the packets, and there is always a gap.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SessionClock {
     /// The capture time of the session's first frame.
@@ -392,7 +396,9 @@ impl Sessions {
     }
 
     fn pose(&mut self, index: usize, packet: PosePacket, now_ns: u64) {
-        let end_s = index.checked_sub(1).map_or(0.0, |before| self.sessions[before].last_s);
+        let before = index.checked_sub(1).map(|before| &self.sessions[before]);
+        // The very first packet may have been late: sessions follow one another all the same.
+        let from_s = before.map_or(0.0, |it| it.last_s + BORDER_S);
         let session = &mut self.sessions[index];
         let arrival = session.frames.pose(packet.sequence, packet.capture_time_ns, now_ns);
         if !arrival.is_frame() {
@@ -401,8 +407,7 @@ impl Sessions {
         let clock = *session.clock.get_or_insert_with(|| {
             let first_ns = *self.first_arrival_ns.get_or_insert(now_ns);
             let since_s = now_ns.saturating_sub(first_ns) as f64 / 1e9;
-            // The very first packet may have been late: sessions follow one another all the same.
-            SessionClock { first_ns: packet.capture_time_ns, first_s: since_s.max(end_s) }
+            SessionClock { first_ns: packet.capture_time_ns, first_s: since_s.max(from_s) }
         });
         session.last_s = session.last_s.max(clock.time_s(packet.capture_time_ns));
         self.judged.push_back(Judged::Frame(Frame {
