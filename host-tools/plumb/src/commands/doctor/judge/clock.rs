@@ -133,7 +133,7 @@ mod tests {
         let mut findings = healthy();
         let mut back = pose_packet(300);
         back.capture_time_ns = 5;
-        findings.take(&Event::Message(Message::Pose(back)), 0);
+        findings.take(&event(Message::Pose(back)), 0);
         let failure = check(&findings, "capture times");
         assert_says(&failure, Verdict::Fail, &["1 of 301", "driver"]);
         findings.frames.clear();

@@ -208,7 +208,7 @@ mod tests {
         let mut restarted = healthy();
         let mut again = hello(restarted.config().unwrap());
         again.boot_id = 8;
-        restarted.take(&Event::Message(Message::Hello(again)), 0);
+        restarted.take(&event(Message::Hello(again)), 0);
         assert_says(
             &check(&restarted, "start"),
             Verdict::Fail,
@@ -239,7 +239,7 @@ mod tests {
             let mut findings = Findings { power: PowerSeen::default(), ..healthy() };
             for (undervoltage, throttled) in powers.iter().copied() {
                 let health = Health { undervoltage, throttled, ..health() };
-                findings.take(&Event::Message(Message::Health(health)), 0);
+                findings.take(&event(Message::Health(health)), 0);
             }
             check(&findings, "power")
         };
@@ -278,7 +278,7 @@ mod tests {
             let text = text.try_into().unwrap();
             let target = heapless::String::new();
             let log = Log { uptime_ms: 1, level, target, text, cut: 0 };
-            findings.take(&Event::Message(Message::Log(log)), 0);
+            findings.take(&event(Message::Log(log)), 0);
             check(&findings, "log")
         };
         let dull = say(LogLevel::Info, "nothing");
