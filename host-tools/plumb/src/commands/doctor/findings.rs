@@ -270,7 +270,7 @@ impl Findings {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixture::{healthy, pose_packet};
+    use super::super::fixture::{event, healthy, pose_packet};
     use super::*;
 
     #[test]

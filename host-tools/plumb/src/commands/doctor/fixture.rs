@@ -4,7 +4,6 @@ use plumbline::packet::{Health, Message};
 use plumbline_stream::clock::Exchange;
 
 pub use plumbline_stream::fixture::*;
-use plumbline_stream::transport::Event;
 
 use super::check::Check;
 use super::findings::Findings;

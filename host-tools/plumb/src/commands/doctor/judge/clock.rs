@@ -87,9 +87,8 @@ fn capture_times(findings: &Findings) -> Check {
 mod tests {
     use plumbline::packet::Message;
 
-    use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
+    use super::super::super::fixture::{assert_says, check, event, healthy, pose_packet};
     use super::*;
-    use plumbline_stream::transport::Event;
 
     #[test]
     fn questions_without_or_with_late_answers() {

@@ -125,7 +125,7 @@ fn damage_remedy(findings: &Findings) -> &'static str {
 mod tests {
     use plumbline::packet::{Message, PacketError};
 
-    use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
+    use super::super::super::fixture::{assert_says, check, event, healthy, packet, pose_packet};
     use super::*;
     use plumbline_stream::transport::Event;
 

@@ -185,9 +185,10 @@ fn log(findings: &Findings) -> Check {
 mod tests {
     use plumbline::packet::{Log, Message};
 
-    use super::super::super::fixture::{assert_says, check, health, healthy, hello, with_health};
+    use super::super::super::fixture::{
+        assert_says, check, event, health, healthy, hello, with_health,
+    };
     use super::*;
-    use plumbline_stream::transport::Event;
 
     fn with_hello(change: impl FnOnce(&mut Hello)) -> Findings {
         let mut findings = healthy();
