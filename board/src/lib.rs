@@ -40,6 +40,7 @@ pub mod machine;
 pub mod provisioning;
 pub mod session;
 pub mod source;
+mod start;
 pub mod status;
 
 #[cfg(test)]

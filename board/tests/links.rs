@@ -5,8 +5,8 @@ use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
 use crate::common::{
-    Board, PATIENCE, assert_whole, config, folder, messages, poses, recording, write_config,
-    write_recording,
+    Board, PATIENCE, assert_whole, config, folder, messages, poses, recording, starts,
+    write_config, write_recording,
 };
 use plumbline::packet::{
     Action, CameraState, Command, MarkedInstant, Message, PACKET_BYTES_MAX, ReplyOutcome,
@@ -25,7 +25,7 @@ fn receiver() -> (UdpSocket, String) {
 fn receive(socket: &UdpSocket) -> (Message, std::net::SocketAddr) {
     let mut datagram = [0; PACKET_BYTES_MAX];
     let (length, from) = socket.recv_from(&mut datagram).expect("a packet in time");
-    (decode_datagram(&datagram[..length]).expect("an intact packet"), from)
+    (decode_datagram(&datagram[..length]).expect("an intact packet").message, from)
 }
 
 fn is_last(message: &Message) -> bool {
@@ -141,7 +141,9 @@ fn a_file_is_appended_to() {
         ["--replay", trial.to_str().unwrap(), "--unpaced", "--record", file.to_str().unwrap()];
     for runs in 1..=2 {
         assert!(Board::start(&config, &arguments).wait().status.success());
-        assert_eq!(poses(&messages(&std::fs::read(&file).unwrap())).len(), 5 * runs);
+        let bytes = std::fs::read(&file).unwrap();
+        assert_eq!(poses(&messages(&bytes)).len(), 5 * runs);
+        assert_eq!(starts(&bytes).len(), runs, "each run is another start");
     }
 }
 
@@ -249,7 +251,8 @@ fn commands_are_answered_on_the_link_they_came_on() {
     let mut buffer = [0; PACKET_BYTES_MAX];
     let mut reply_to = |id, action| {
         let command = Message::Command(Command { id, action });
-        socket.send_to(encode_datagram(&command, &mut buffer).unwrap(), box_address).unwrap();
+        let datagram = encode_datagram(None, &command, &mut buffer).unwrap();
+        socket.send_to(datagram, box_address).unwrap();
         loop {
             if let (Message::Reply(reply), _) = receive(&socket) {
                 assert_eq!(reply.id, id);

@@ -41,7 +41,8 @@ impl Bench {
 
     fn send(&self, message: &Message) {
         let mut buffer = [0; PACKET_BYTES_MAX];
-        self.socket.send_to(encode_datagram(message, &mut buffer).unwrap(), self.to).unwrap();
+        let datagram = encode_datagram(None, message, &mut buffer).unwrap();
+        self.socket.send_to(datagram, self.to).unwrap();
     }
 
     fn wait_for<T>(&self, find: impl Fn(&Message) -> Option<T>) -> T {
@@ -50,7 +51,7 @@ impl Bench {
         loop {
             assert!(Instant::now() < give_up, "it never came");
             let length = self.socket.recv(&mut datagram).expect("a packet in time");
-            let message = decode_datagram(&datagram[..length]).expect("an intact packet");
+            let message = decode_datagram(&datagram[..length]).expect("an intact packet").message;
             if let Some(found) = find(&message) {
                 return found;
             }

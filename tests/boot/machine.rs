@@ -244,8 +244,8 @@ fn watch_udp(socket: UdpSocket, seen: &Arc<Mutex<Seen>>) {
             let Some(seen) = seen.upgrade() else { return };
             let Ok(mut seen) = seen.lock() else { return };
             if let Ok(count) = received {
-                let message = decode_datagram(&datagram[..count]).expect("an intact datagram");
-                seen.udp.push(message);
+                let packet = decode_datagram(&datagram[..count]).expect("an intact datagram");
+                seen.udp.push(packet.message);
             }
         }
     });
@@ -265,7 +265,7 @@ pub fn watch_serial(
             hand_on(&bytes[..count]);
             let Ok(mut seen) = seen.lock() else { return };
             deframer.push(&bytes[..count], |outcome| match outcome {
-                Ok(message) => seen.serial.push(message),
+                Ok(packet) => seen.serial.push(packet.message),
                 Err(_) => seen.serial_damaged += 1,
             });
         }

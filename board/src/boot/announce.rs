@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::Links;
 use plumbline::packet::{
-    FRAME_BYTES_MAX, Log, LogLevel, Message, PACKET_BYTES_MAX, Reply, decode_datagram,
-    encode_datagram, encode_frame,
+    FRAME_BYTES_MAX, Log, LogLevel, Message, PACKET_BYTES_MAX, Packet, Reply, Start,
+    decode_datagram, encode_datagram, encode_frame,
 };
 
 use crate::link::udp::socket_for;
@@ -29,6 +29,7 @@ const SERIAL_PATIENCE: Duration = Duration::from_secs(1);
 /// The links to the hosts.
 pub struct Announcer {
     started: Instant,
+    start: Start,
     to: SocketAddr,
     socket: Option<UdpSocket>,
     line: Option<SerialLink>,
@@ -41,6 +42,7 @@ impl Announcer {
         let line = links.serial.as_ref();
         Self {
             started: Instant::now(),
+            start: crate::start::draw(),
             to,
             socket: open_udp(to).ok(),
             line: line.and_then(|line| SerialLink::absent(&line.path, line.baud).ok()),
@@ -76,8 +78,9 @@ impl Announcer {
                 break;
             };
             if is_broadcast(self.to.ip()) || from.ip() == self.to.ip() {
-                let message = decode_datagram(&datagram[..length]).ok();
-                if let Some(reply) = message.and_then(|message| answer(&message)) {
+                if let Ok(Packet { start: None, message }) = decode_datagram(&datagram[..length])
+                    && let Some(reply) = answer(&message)
+                {
                     self.send_udp(&Message::Reply(reply), from);
                 }
             }
@@ -99,7 +102,7 @@ impl Announcer {
 
     fn send_udp(&self, message: &Message, to: SocketAddr) {
         if let (Some(socket), Ok(datagram)) =
-            (&self.socket, encode_datagram(message, &mut [0; PACKET_BYTES_MAX]))
+            (&self.socket, encode_datagram(Some(self.start), message, &mut [0; PACKET_BYTES_MAX]))
         {
             // Until the network is up this fails; the next attempt may succeed.
             let _ = socket.send_to(datagram, to);
@@ -108,7 +111,7 @@ impl Announcer {
 
     fn send_serial(&mut self, message: &Message) {
         if let (Some(line), Ok(frame)) =
-            (&mut self.line, encode_frame(message, &mut [0; FRAME_BYTES_MAX]))
+            (&mut self.line, encode_frame(Some(self.start), message, &mut [0; FRAME_BYTES_MAX]))
         {
             line.send(frame);
             line.finish(SERIAL_PATIENCE);

@@ -11,7 +11,8 @@ pub mod udp;
 use std::time::Duration;
 
 use plumbline::packet::{
-    FRAME_BYTES_MAX, LINKS_MAX, LinkKind, Message, PACKET_BYTES_MAX, encode_datagram, encode_frame,
+    FRAME_BYTES_MAX, LINKS_MAX, LinkKind, Message, PACKET_BYTES_MAX, Start, encode_datagram,
+    encode_frame,
 };
 
 pub use file::FileLink;
@@ -44,11 +45,14 @@ struct Encoded<'a> {
 /// The links in use, one of each kind at most.
 pub type Links = heapless::Vec<Link, LINKS_MAX>;
 
-/// Sends one message over each of the links.
-pub fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, message: &Message) {
+/// Sends one message of this start over each of the links.
+pub fn send<'a>(links: impl IntoIterator<Item = &'a mut Link>, start: Start, message: &Message) {
     let mut datagram = [0; PACKET_BYTES_MAX];
     let mut frame = [0; FRAME_BYTES_MAX];
-    let encoded = (encode_datagram(message, &mut datagram), encode_frame(message, &mut frame));
+    let encoded = (
+        encode_datagram(Some(start), message, &mut datagram),
+        encode_frame(Some(start), message, &mut frame),
+    );
     let (Ok(datagram), Ok(frame)) = encoded else {
         // The buffers hold every message: the packet module computes them so.
         unreachable!("a message larger than the largest");
@@ -105,7 +109,7 @@ impl Link {
         }
     }
 
-    /// Passes on the messages received since the last call.
+    /// Passes on the messages from hosts received since the last call.
     pub fn receive(&mut self, take: impl FnMut(Message)) {
         match self {
             Self::Udp(link) => link.receive(take),

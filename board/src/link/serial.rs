@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use plumbline::packet::{Deframer, FRAME_BYTES_MAX, Message};
+use plumbline::packet::{Deframer, FRAME_BYTES_MAX, Message, Packet};
 use serialport::TTYPort;
 
 use super::Counts;
@@ -155,7 +155,7 @@ impl SerialLink {
         for _ in 0..super::RECEIVED_PER_TURN_MAX {
             match line.device.read(&mut bytes) {
                 Ok(count) if count > 0 => self.incoming.push(&bytes[..count], |outcome| {
-                    if let Ok(message) = outcome {
+                    if let Ok(Packet { start: None, message }) = outcome {
                         take(message);
                     }
                 }),

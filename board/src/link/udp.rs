@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, bail};
-use plumbline::packet::{Message, PACKET_BYTES_MAX, decode_datagram};
+use plumbline::packet::{Message, PACKET_BYTES_MAX, Packet, decode_datagram};
 
 use super::Counts;
 
@@ -119,7 +119,9 @@ impl UdpLink {
         for _ in 0..super::RECEIVED_PER_TURN_MAX {
             match self.socket.recv(&mut datagram) {
                 Ok(length) => {
-                    if let Ok(message) = decode_datagram(&datagram[..length]) {
+                    if let Ok(Packet { start: None, message }) =
+                        decode_datagram(&datagram[..length])
+                    {
                         take(message);
                     }
                 }

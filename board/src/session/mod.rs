@@ -13,14 +13,13 @@ mod outgoing;
 mod picture;
 mod summary;
 
-use std::hash::BuildHasher;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use plumbline::config::{BLOB_BYTES_MAX, Capture, Config};
 use plumbline::packet::{
     CameraState, Command, Document, Hello, LINKS_MAX, LinkKind, Message, PosePacket, ResetReason,
-    TargetInfo, View,
+    Start, TargetInfo, View,
 };
 use plumbline::pipeline::Pipeline;
 
@@ -82,6 +81,8 @@ pub fn run(
 
 struct Session {
     started: Instant,
+    /// The number of this start, in each of its packets.
+    start: Start,
     hello: Hello,
     /// The configuration in use, encoded for hosts.
     blob: heapless::Vec<u8, BLOB_BYTES_MAX>,
@@ -112,9 +113,11 @@ impl Session {
         let _ = blob.resize(BLOB_BYTES_MAX, 0);
         let bytes = config.encode(&mut blob).map_or(0, <[u8]>::len);
         blob.truncate(bytes);
+        let start = crate::start::draw();
         Self {
             started,
-            hello: hello(config, &setup),
+            start,
+            hello: hello(config, &setup, start),
             blob,
             next_crc: config.crc(),
             capture: config.capture.clone(),
@@ -229,11 +232,11 @@ impl Session {
             let view = View { sequence, exposure_us, gain, frame: whole, targets };
             let wanted = std::mem::take(&mut self.views_wanted);
             let links = self.links.iter_mut().zip(wanted).filter(|(_, wanted)| *wanted);
-            send(links.map(|(link, _)| link), &Message::View(view));
+            send(links.map(|(link, _)| link), self.start, &Message::View(view));
         }
         if let Some((link, picture)) = self.aim.take(frame, sequence) {
             self.counters.forget_allocations();
-            send(self.links.get_mut(link), &Message::Picture(picture));
+            send(self.links.get_mut(link), self.start, &Message::Picture(picture));
         }
     }
 
@@ -247,7 +250,7 @@ impl Session {
             let is_needed = self.outgoing.is_busy(*index) && self.aim.is_on(*index);
             is_due || !is_needed || link.kind() != LinkKind::Serial
         });
-        send(links.map(|(_, link)| link), &Message::Pose(packet));
+        send(links.map(|(_, link)| link), self.start, &Message::Pose(packet));
     }
 
     fn send_hello(&mut self) {
@@ -281,19 +284,19 @@ impl Session {
             let received_ns = clock::monotonic_ns();
             for command in commands {
                 let reply = self.carry_out(command, index, received_ns, source);
-                send(self.links.get_mut(index), &Message::Reply(reply));
+                send(self.links.get_mut(index), self.start, &Message::Reply(reply));
             }
             let file = |document| match document {
                 Document::Config => Some(&self.blob[..]),
                 Document::Picture(number) => self.aim.file(number),
             };
-            self.outgoing.serve(index, &mut self.links[index], file);
+            self.outgoing.serve(index, &mut self.links[index], self.start, file);
             self.links[index].service();
         }
     }
 
     fn send(&mut self, message: &Message) {
-        send(&mut self.links, message);
+        send(&mut self.links, self.start, message);
     }
 
     /// Tells the hosts that the session ends, and sends waiting packets. Returns the figures,
@@ -321,7 +324,7 @@ impl Session {
     }
 }
 
-fn hello(config: &Config, setup: &Setup) -> Hello {
+fn hello(config: &Config, setup: &Setup, start: Start) -> Hello {
     let targets = config.targets.iter().map(|target| TargetInfo {
         name: target.name.clone(),
         role: target.geometry.role(),
@@ -333,17 +336,11 @@ fn hello(config: &Config, setup: &Setup) -> Hello {
         serial_number: config.serial_number.clone(),
         firmware: concat!("plumbline ", env!("CARGO_PKG_VERSION")).try_into().unwrap_or_default(),
         config_crc: config.crc(),
-        boot_id: boot_id(),
+        boot_id: start.get(),
         boot_count: setup.boot_count,
         reset_reason: setup.reset_reason,
         width_px: config.lens.width_px,
         height_px: config.lens.height_px,
         targets: targets.collect(),
     }
-}
-
-/// A number that very probably differs from that of every earlier start.
-fn boot_id() -> u32 {
-    // The keys of the standard hasher are drawn at random by the operating system.
-    std::collections::hash_map::RandomState::new().hash_one(0_u8) as u32
 }

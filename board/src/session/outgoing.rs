@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use plumbline::packet::{Document, LINKS_MAX, Message, PART_BYTES_MAX, Part};
+use plumbline::packet::{Document, LINKS_MAX, Message, PART_BYTES_MAX, Part, Start};
 
 use crate::link::{Link, send};
 
@@ -34,6 +34,7 @@ impl Outgoing {
         &mut self,
         index: usize,
         link: &mut Link,
+        start: Start,
         file: impl Fn(Document) -> Option<&'a [u8]>,
     ) {
         let Some((document, range)) = &mut self.transfers[index] else { return };
@@ -52,7 +53,7 @@ impl Outgoing {
                 offset: range.start as u32,
                 bytes: bytes.iter().copied().collect(),
             };
-            send([&mut *link], &Message::Part(part));
+            send([&mut *link], start, &Message::Part(part));
             range.start = end;
         }
     }

@@ -1,4 +1,5 @@
 //! The real program, its inputs, and bounded waits.
+use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -8,7 +9,7 @@ use plumbline::config::{
     Capture, CaptureDriver, Config, Links, Machine, PixelFormat, TargetConfig,
 };
 use plumbline::lens::{Distortion, Lens};
-use plumbline::packet::{Deframer, Message, PosePacket};
+use plumbline::packet::{Deframer, Message, Packet, PosePacket, Start};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_test_support::command;
 use tempfile::TempDir;
@@ -149,12 +150,21 @@ impl Drop for Board {
     }
 }
 
-/// All messages in a stream of frames, every one intact.
+/// All messages in a stream of frames, every one intact and of a start of a box.
 pub fn messages(bytes: &[u8]) -> Vec<Message> {
-    let mut messages = Vec::new();
+    packets(bytes).into_iter().map(|packet| packet.message).collect()
+}
+
+/// The starts in a stream of frames.
+pub fn starts(bytes: &[u8]) -> BTreeSet<Start> {
+    packets(bytes).into_iter().filter_map(|packet| packet.start).collect()
+}
+
+fn packets(bytes: &[u8]) -> Vec<Packet> {
+    let mut packets = Vec::new();
     let mut deframer: Deframer = Deframer::new();
-    deframer.push(bytes, |outcome| messages.push(outcome.expect("an intact frame")));
-    messages
+    deframer.push(bytes, |outcome| packets.push(outcome.expect("an intact frame")));
+    packets
 }
 
 pub fn poses(messages: &[Message]) -> Vec<&PosePacket> {

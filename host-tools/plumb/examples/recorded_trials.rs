@@ -21,7 +21,7 @@ use nalgebra::{Matrix6, Vector6};
 use plumbline::config::BLOB_BYTES_MAX;
 use plumbline::packet::{
     Hello, MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, Reply, ReplyOutcome, ResetReason,
-    TargetInfo, encode_datagram,
+    Start, TargetInfo, encode_datagram,
 };
 use plumbline::report::Measurement;
 use plumbline::report::{Report, TargetReport, TargetState};
@@ -57,6 +57,9 @@ const WAY_NS: u64 = 300_000;
 /// Standard deviations of a tracked pose at 1 m, as the box gives them: small turns about the
 /// target's axes (rad), then x, y and z in the camera frame (mm).
 const POSE_SD: [f64; 6] = [1.2e-4, 1.1e-4, 3e-5, 0.001, 0.003, 0.013];
+
+/// The start of the box.
+const START: Start = Start::MIN;
 
 /// The day on which they are said to be recorded.
 const STARTED: &str = "2026-01-01T00:00:00Z";
@@ -136,7 +139,8 @@ fn write(folder: &Path, manifest: &Manifest, seconds: u64, seed: u64) -> Result<
 }
 
 fn entry(host_ns: u64, message: &Message) -> Result<Entry> {
-    let datagram = encode_datagram(message, &mut [0; PACKET_BYTES_MAX])?.to_vec();
+    let mut buffer = [0; PACKET_BYTES_MAX];
+    let datagram = encode_datagram(Some(START), message, &mut buffer)?.to_vec();
     Ok(Entry { host_ns, content: Content::Raw(Raw::Datagram(datagram)) })
 }
 
@@ -157,7 +161,7 @@ fn hello(simulation: &Simulation) -> Message {
         serial_number: config.serial_number.clone(),
         firmware: heapless::String::new(),
         config_crc: config.crc(),
-        boot_id: 7,
+        boot_id: START.get(),
         boot_count: None,
         reset_reason: ResetReason::PowerOn,
         width_px: config.lens.width_px,

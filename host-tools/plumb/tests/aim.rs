@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::finished::{Finished, plumb};
 use image::Rgb;
-use plumbline::packet::{Message, decode_datagram};
+use plumbline::packet::{Message, Packet, decode_datagram};
 use plumbline_files::{camera, poses};
 
 const FRAMES: usize = 6;
@@ -90,7 +90,9 @@ impl TheBox {
         while left_s.len() < 3 && !left_s.contains(&0) {
             assert!(Instant::now() < give_up, "no health in time");
             let length = socket.recv(&mut datagram).expect("a packet in time");
-            if let Ok(Message::Health(health)) = decode_datagram(&datagram[..length]) {
+            if let Ok(Packet { message: Message::Health(health), .. }) =
+                decode_datagram(&datagram[..length])
+            {
                 left_s.push(health.aiming_s);
             }
         }

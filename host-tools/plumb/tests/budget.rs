@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::image::GreyImage;
-use plumbline::packet::{MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, encode_datagram};
+use plumbline::packet::{MarkedInstant, Message, PosePacket};
 use plumbline::pipeline::Pipeline;
 use plumbline::scene::Anatomical;
 use plumbline::target::{Origin, Role, TargetGeometry};
@@ -13,8 +13,9 @@ use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::{Settings, lengths};
 use plumbline_files::camera::{Camera, Details, Deviations, Provenance, to_toml};
 use plumbline_render::simulate::{Simulation, SimulationSettings};
-use plumbline_stream::transport::Raw;
-use plumbline_trial::journal::{Content, Entry, Writer};
+use plumbline_stream::fixture::adversity::hello_of;
+use plumbline_stream::fixture::{START, packet};
+use plumbline_trial::journal::{Entry, Writer};
 use plumbline_trial::manifest::{Manifest, Zero};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -78,6 +79,8 @@ fn record(folder: &Path, config: &Config) {
     let mut blob = [0; BLOB_BYTES_MAX];
     std::fs::write(folder.join("config.plb"), config.encode(&mut blob).unwrap()).unwrap();
     let mut journal = Writer::create(&folder.join("packets.bin")).unwrap();
+    let hello = trial::content(&hello_of("ward 3", START));
+    journal.write(&Entry { host_ns: 0, content: hello }).unwrap();
     let mut pipeline = Box::new(Pipeline::new());
     pipeline.configure(config).unwrap();
     for step in 0..BEFORE + FRAMES {
@@ -89,10 +92,8 @@ fn record(folder: &Path, config: &Config) {
             continue;
         }
         assert!(report.targets.iter().all(|it| it.measurement.is_ok()), "frame {frame}");
-        let packet = PosePacket::from_report(&report, MarkedInstant::Recording, 4000);
-        let mut buffer = [0; PACKET_BYTES_MAX];
-        let datagram = encode_datagram(&Message::Pose(packet), &mut buffer).unwrap().to_vec();
-        let content = Content::Raw(Raw::Datagram(datagram));
+        let pose = PosePacket::from_report(&report, MarkedInstant::Recording, 4000);
+        let content = trial::content(&packet(START, Message::Pose(pose)));
         journal.write(&Entry { host_ns: time_ns, content }).unwrap();
     }
     journal.sync().unwrap();

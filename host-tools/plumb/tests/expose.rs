@@ -12,7 +12,7 @@ use plumbline::config::{
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{
     Action, CameraState, Command, Document, Health, Hello, Message, PACKET_BYTES_MAX,
-    PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome, ResetReason, View, decode_datagram,
+    PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome, ResetReason, Start, View, decode_datagram,
     encode_datagram,
 };
 use plumbline::target::{Origin, Role, TargetGeometry};
@@ -84,8 +84,8 @@ impl PlayedBox {
                 match self.socket.recv(&mut datagram) {
                     Ok(length) => {
                         (self.is_asked, quiet) = (true, 0);
-                        let message = decode_datagram(&datagram[..length]).expect("ours");
-                        self.take(message);
+                        let packet = decode_datagram(&datagram[..length]).expect("ours");
+                        self.take(packet.message);
                     }
                     Err(_) => {
                         quiet += 1;
@@ -100,7 +100,7 @@ impl PlayedBox {
 
     fn send(&self, message: &Message) {
         let mut buffer = [0; PACKET_BYTES_MAX];
-        let datagram = encode_datagram(message, &mut buffer).unwrap();
+        let datagram = encode_datagram(Start::new(self.boot_id), message, &mut buffer).unwrap();
         // Nobody may be there yet.
         let _ = self.socket.send_to(datagram, &self.host);
     }

@@ -14,7 +14,7 @@ use plumbline::config::Config;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{
     Action, Command as Question, Document, Hello, Log, LogLevel, Message, PACKET_BYTES_MAX,
-    Refusal, Reply, ReplyOutcome, ResetReason, decode_datagram, encode_datagram,
+    Refusal, Reply, ReplyOutcome, ResetReason, Start, decode_datagram, encode_datagram,
 };
 use plumbline::pose::Pose;
 use plumbline::target::{Origin, Role, TargetGeometry};
@@ -385,7 +385,8 @@ fn refusing_box(host: SocketAddr, stop: &AtomicBool) {
     let send = |message: &Message| {
         let mut buffer = [0; PACKET_BYTES_MAX];
         // Nobody may listen yet.
-        let _ = socket.send_to(encode_datagram(message, &mut buffer).unwrap(), host);
+        let datagram = encode_datagram(Some(Start::MIN), message, &mut buffer).unwrap();
+        let _ = socket.send_to(datagram, host);
     };
     let mut blob = Vec::new();
     let (mut restarted_with, mut say_at) = (None, Instant::now());
@@ -408,8 +409,8 @@ fn refusing_box(host: SocketAddr, stop: &AtomicBool) {
         }
         let mut datagram = [0; PACKET_BYTES_MAX];
         let Ok(length) = socket.recv(&mut datagram) else { continue };
-        let Ok(message) = decode_datagram(&datagram[..length]) else { continue };
-        match message {
+        let Ok(packet) = decode_datagram(&datagram[..length]) else { continue };
+        match packet.message {
             Message::Part(part) if part.document == Document::Config => {
                 blob.truncate(part.offset as usize);
                 blob.extend_from_slice(&part.bytes);

@@ -5,17 +5,15 @@ use std::path::Path;
 
 use nalgebra::{Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens};
-use plumbline::packet::{
-    MarkedInstant, MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, TargetPacket,
-    encode_datagram,
-};
+use plumbline::packet::{MarkedInstant, MeasuredPose, Message, PosePacket, TargetPacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::TargetState;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
 use plumbline_render::simulate::sensor::Sensor;
-use plumbline_stream::transport::Raw;
-use plumbline_trial::journal::{Content, Entry, Writer};
+use plumbline_stream::fixture::adversity::hello_of;
+use plumbline_stream::fixture::{START, packet};
+use plumbline_trial::journal::{Entry, Writer};
 use plumbline_trial::manifest::{Manifest, Zero};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -23,6 +21,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde_json::Value;
 
 use crate::common::finished::{Finished, plumb};
+use crate::common::trial;
 use crate::report_in_browser::{assert_shown, native_browser};
 
 const SIZE: [usize; 2] = [800, 600];
@@ -379,6 +378,8 @@ fn write_trial(folder: &Path) {
     let manifest = Manifest::begin("2026-01-01T00:00:00Z".into(), None, None, None, Zero::Mark);
     manifest.write(&folder.join("still")).unwrap();
     let mut journal = Writer::create(&folder.join("still/packets.bin")).unwrap();
+    let hello = trial::content(&hello_of("ward 3", START));
+    journal.write(&Entry { host_ns: 0, content: hello }).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut noise = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut random);
     for frame in 0..FRAMES {
@@ -406,10 +407,9 @@ fn write_trial(folder: &Path) {
             upper_trunk: None,
             lower_trunk: None,
         });
-        let datagram = encode_datagram(&message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
         // Each comes twice, as over a bad link.
         for _ in 0..2 {
-            let content = Content::Raw(Raw::Datagram(datagram.clone()));
+            let content = trial::content(&packet(START, message.clone()));
             journal.write(&Entry { host_ns: time_ns, content }).unwrap();
         }
     }

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Deframer, Message, decode_datagram};
+use plumbline::packet::{Deframer, Message, Packet, decode_datagram};
 use plumbline_files::poses;
 use plumbline_stream::transport::Raw;
 use plumbline_trial::journal::{Content, Entry, Reader};
@@ -98,7 +98,7 @@ impl Bench {
     fn sent(&self, name: &str) -> usize {
         let mut poses = 0;
         Deframer::<256>::new().push(&std::fs::read(self.path(name)).unwrap(), |outcome| {
-            poses += usize::from(matches!(outcome, Ok(Message::Pose(_))));
+            poses += usize::from(matches!(outcome, Ok(packet) if is_pose(&packet)));
         });
         poses
     }
@@ -152,13 +152,17 @@ fn entries(folder: &Path) -> Vec<Entry> {
     entries
 }
 
+fn is_pose(packet: &Packet) -> bool {
+    matches!(packet.message, Message::Pose(_))
+}
+
 /// The pose packets of a trial, byte by byte.
 fn poses_of(folder: &Path) -> Vec<Vec<u8>> {
     let datagrams = entries(folder).into_iter().filter_map(|entry| match entry.content {
         Content::Raw(Raw::Datagram(bytes)) => Some(bytes),
         _ => None,
     });
-    datagrams.filter(|bytes| matches!(decode_datagram(bytes), Ok(Message::Pose(_)))).collect()
+    datagrams.filter(|bytes| decode_datagram(bytes).is_ok_and(|packet| is_pose(&packet))).collect()
 }
 
 /// The number of pose packets of a trial so far: 0 while there is no journal, or one without its

@@ -1,69 +1,140 @@
-//! What the sequence numbers say: which packets were lost, came twice or came
-//! late, and when the box restarted.
+//! What the sequence numbers of one start of a box say: which frames were lost, came twice or came
+//! late, and which packets cannot be true.
 //!
 //! ```text
-//! sequence      0 1 2   4 3   5 5   8      0 1
-//! arrival       n n n   n l   n r   n      S n       n new, l late, r repeated, S new session
-//! missing               1 0         2      0
+//! sequence      2 3 4   6 5   5 6   9   1
+//! arrival       f n n   n l   r r   n   e       f first, n new, l late, r repeated, e early
+//! missing               1 0         2   2
 //! ```
+//!
+//! Numbers rise by one with each frame and capture times rise with them, in one start for certain:
+//! another start has another number in its packets. So a packet is as late as it likes and is
+//! still late, and a jump is judged by what a camera can do in the time that has passed.
 
-use std::collections::VecDeque;
+use std::collections::BTreeMap;
 
-/// The number of frames by which a packet may be late. More than a second at 60 Hz: what is
-/// older is not late, but the sequence of a box that restarted.
-const WINDOW: usize = 128;
+/// The shortest period of a camera: the configuration allows 1 to 1,000 Hz.
+const PERIOD_NS_MIN: u64 = 1_000_000;
 
-/// The number of packets that may have overtaken the first ones of a session.
-const START_REORDER_MAX: u32 = 4;
+/// Frames that may follow one another faster than the period: where the time is that of the
+/// frame's arrival at the box, a few come at once after a computer was busy.
+const BURST_MAX: u64 = 8;
 
-/// Packets may be older than the one before by this much without meaning a restart:
-/// they overtake each other, and a Log waits while a camera is being opened.
-const UPTIME_SLACK_MS: u64 = 3000;
+/// A frame's packet is no longer under way than this. If the box's clock goes on by more between
+/// two packets than this computer's does, one of the two times is not true.
+const DELAY_NS_MAX: u64 = 10_000_000_000;
+
+/// Two quartz clocks differ by less.
+const CLOCKS_PPM: u64 = 1000;
+
+/// This number of packets in a row, each plausible after the one before, are believed although
+/// the time between the clocks jumped: this computer slept, and its clock stood still.
+const CONFIRMED_BY: u32 = 8;
+
+/// Most gaps that are remembered: a frame of an older one would count as repeated.
+const GAPS_MAX: usize = 4096;
+
+/// The number of packets that may have overtaken the first one.
+const START_REORDER_MAX: i64 = 4;
 
 /// What a pose packet is, judged by its number and its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
+    /// The first one of this start.
+    First,
     /// The next one, or a later one: those skipped are missing until now.
     New {
         /// Packets skipped between the last one and this one.
-        skipped: u32,
+        skipped: u64,
     },
     /// One that was missing; it was overtaken on the way.
     Late,
+    /// One from before the first: what lies between may have come before anybody listened, so that
+    /// it is no part of what is received.
+    Early,
     /// One that had already come.
     Repeated,
-    /// The first one since a start of the box.
-    NewSession,
+    /// One whose number or time cannot be true: more frames than a camera can take in the time
+    /// since the one before, or a time that does not rise with the number. It changes nothing.
+    Implausible,
 }
 
-/// Counters of all sessions together.
+impl Arrival {
+    /// Whether the packet holds a frame that was not there before.
+    #[must_use]
+    pub fn is_frame(self) -> bool {
+        matches!(self, Self::First | Self::New { .. } | Self::Late)
+    }
+}
+
+/// Pose packets, by what became of them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Different pose packets that came.
+    /// Different frames that came.
     pub received: u64,
-    /// Pose packets that never came.
+    /// Frames that never came.
     pub lost: u64,
-    /// Pose packets that came again.
+    /// Packets that came again.
     pub repeated: u64,
-    /// Pose packets that came after a later one.
-    pub reordered: u64,
-    /// The number of starts that the packets show, with frames or without.
-    pub sessions: u32,
+    /// Packets that came after a later one.
+    pub late: u64,
+    /// Packets whose number or time cannot be true.
+    pub implausible: u64,
 }
 
-/// The account of one stream of packets.
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        let Self { received, lost, repeated, late, implausible } = other;
+        self.received += received;
+        self.lost += lost;
+        self.repeated += repeated;
+        self.late += late;
+        self.implausible += implausible;
+    }
+}
+
+/// A frame: its number, which does not wrap, and its capture time.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    number: i64,
+    capture_ns: u64,
+}
+
+impl Place {
+    /// Whether a camera can have taken `self` after `before`.
+    fn may_follow(self, before: Self) -> bool {
+        let Some(passed_ns) = self.capture_ns.checked_sub(before.capture_ns) else { return false };
+        let frames = self.number.abs_diff(before.number);
+        passed_ns > 0 && frames <= passed_ns / PERIOD_NS_MIN + BURST_MAX
+    }
+}
+
+/// Frames that are missing: up to this number, and captured between these times.
+#[derive(Debug, Clone, Copy)]
+struct Gap {
+    last: i64,
+    after_ns: u64,
+    before_ns: u64,
+}
+
+/// The highest number that came, and when.
+#[derive(Debug, Clone, Copy)]
+struct Highest {
+    place: Place,
+    arrival_ns: u64,
+}
+
+/// The account of the frames of one start.
 #[derive(Debug, Default)]
 pub struct Accounting {
     counts: Counts,
-    boot_id: Option<u32>,
-    uptime_ms: Option<u64>,
-    /// The session has been counted: one of its packets came.
-    counted: bool,
-    /// The highest sequence number of this session; `None` when the next packet
-    /// begins a session.
-    highest: Option<u32>,
-    /// Number and capture time of the latest packets, by number.
-    recent: VecDeque<(u32, u64)>,
+    first: Option<Place>,
+    highest: Option<Highest>,
+    /// What is missing, by the first number of each gap.
+    gaps: BTreeMap<i64, Gap>,
+    /// The latest packet that came too far ahead of this computer's clock, and how many before it
+    /// agree with it.
+    ahead: Option<(Highest, u32)>,
 }
 
 impl Accounting {
@@ -73,323 +144,283 @@ impl Accounting {
         self.counts
     }
 
-    /// True when the next pose packet begins a session, whatever its number.
-    #[must_use]
-    pub fn awaits_session(&self) -> bool {
-        self.highest.is_none()
-    }
-
-    /// Takes note of a Hello; true when it comes from a box that restarted.
-    pub fn hello(&mut self, boot_id: u32) -> bool {
-        let known = self.boot_id.replace(boot_id);
-        let anew = known.is_some_and(|known| known != boot_id);
-        if anew {
-            self.highest = None;
-            self.uptime_ms = None;
-            self.counted = false;
-        }
-        self.count_session();
-        anew
-    }
-
-    /// Takes note of the time since the box's start, which Health and Log
-    /// packets carry; true when the box restarted.
-    pub fn uptime(&mut self, uptime_ms: u64) -> bool {
-        let known = self.uptime_ms.replace(uptime_ms);
-        let anew = known.is_some_and(|known| uptime_ms.saturating_add(UPTIME_SLACK_MS) < known);
-        if anew {
-            self.highest = None;
-            self.boot_id = None;
-            self.counted = false;
-        }
-        self.count_session();
-        anew
-    }
-
-    /// Counts a session once, with the first of its packets of any kind.
-    fn count_session(&mut self) {
-        self.counts.sessions += u32::from(!self.counted);
-        self.counted = true;
-    }
-
-    /// Takes note of a pose packet.
-    pub fn pose(&mut self, sequence: u32, capture_time_ns: u64) -> Arrival {
-        let arrival = self.arrival(sequence, capture_time_ns);
+    /// Takes note of a pose packet that came at `arrival_ns` by this computer's monotonic clock,
+    /// whose zero does not matter.
+    pub fn pose(&mut self, sequence: u32, capture_ns: u64, arrival_ns: u64) -> Arrival {
+        let arrival = self.judge(sequence, capture_ns, arrival_ns);
         match arrival {
-            Arrival::New { skipped } => {
-                self.counts.lost += u64::from(skipped);
-                self.highest = Some(sequence);
-            }
+            Arrival::First => {}
+            Arrival::New { skipped } => self.counts.lost += skipped,
             Arrival::Late => {
-                match self.recent.front() {
-                    // Older than the session's first packet: those in between are missing now.
-                    Some(&(first, _)) if sequence.wrapping_sub(first).cast_signed() < 0 => {
-                        self.counts.lost += u64::from(first.wrapping_sub(sequence)) - 1;
-                    }
-                    _ => self.counts.lost -= 1,
-                }
-                self.counts.reordered += 1;
+                self.counts.lost -= 1;
+                self.counts.late += 1;
             }
-            Arrival::Repeated => {
-                self.counts.repeated += 1;
-                return arrival;
-            }
-            Arrival::NewSession => {
-                if self.highest.is_some() {
-                    // Found by the number alone: what was known of the run
-                    // before must not end this one a second time.
-                    self.boot_id = None;
-                    self.uptime_ms = None;
-                    self.counted = false;
-                }
-                self.count_session();
-                self.highest = Some(sequence);
-                self.recent.clear();
-            }
+            Arrival::Early => self.counts.late += 1,
+            Arrival::Repeated => self.counts.repeated += 1,
+            Arrival::Implausible => self.counts.implausible += 1,
         }
-        self.counts.received += 1;
-        self.remember(sequence, capture_time_ns);
+        self.counts.received += u64::from(arrival.is_frame());
         arrival
     }
 
-    fn arrival(&self, sequence: u32, capture_time_ns: u64) -> Arrival {
-        let Some(highest) = self.highest else {
-            return Arrival::NewSession;
+    fn judge(&mut self, sequence: u32, capture_ns: u64, arrival_ns: u64) -> Arrival {
+        let (Some(first), Some(highest)) = (self.first, self.highest) else {
+            let place = Place { number: sequence.into(), capture_ns };
+            self.first = Some(place);
+            self.highest = Some(Highest { place, arrival_ns });
+            return Arrival::First;
         };
         // Numbers wrap after two years at 60 Hz; their difference is right all the same.
-        let ahead = sequence.wrapping_sub(highest).cast_signed();
+        let ahead = sequence.wrapping_sub(highest.place.number as u32).cast_signed();
+        let place = Place { number: highest.place.number + i64::from(ahead), capture_ns };
         if ahead > 0 {
-            let time = self.recent.back().map_or(0, |&(_, time)| time);
-            // A clock that went back although the number went on: another run.
-            if capture_time_ns <= time {
-                return Arrival::NewSession;
-            }
-            return Arrival::New { skipped: ahead.unsigned_abs() - 1 };
+            return self.beyond(highest, Highest { place, arrival_ns });
         }
-        let behind = |entry: u32| entry.wrapping_sub(sequence).cast_signed();
-        let first = self.recent.partition_point(|&(entry, _)| behind(entry) < 0);
-        match self.recent.get(first) {
-            Some(&(entry, time)) if entry == sequence => {
-                if time == capture_time_ns {
-                    Arrival::Repeated
-                } else {
-                    Arrival::NewSession
-                }
-            }
-            // Late, if it was missed in this session and its time fits in between.
-            Some(&(_, after)) if first > 0 => {
-                let (_, before) = self.recent[first - 1];
-                if before < capture_time_ns && capture_time_ns < after {
-                    Arrival::Late
-                } else {
-                    Arrival::NewSession
-                }
-            }
-            Some(&(entry, after))
-                if self.recent.len() <= START_REORDER_MAX as usize
-                    && behind(entry) <= START_REORDER_MAX.cast_signed()
-                    && capture_time_ns < after =>
-            {
-                Arrival::Late
-            }
-            _ => Arrival::NewSession,
+        if place.number < first.number {
+            return self.before(first, place);
         }
+        self.within(place)
     }
 
-    fn remember(&mut self, sequence: u32, capture_time_ns: u64) {
-        let at = self
-            .recent
-            .partition_point(|&(entry, _)| entry.wrapping_sub(sequence).cast_signed() < 0);
-        self.recent.insert(at, (sequence, capture_time_ns));
-        if self.recent.len() > WINDOW {
-            self.recent.pop_front();
+    /// A number higher than all before.
+    fn beyond(&mut self, highest: Highest, now: Highest) -> Arrival {
+        if !now.place.may_follow(highest.place) {
+            return Arrival::Implausible;
         }
+        if !now.is_in_time(highest) {
+            let agreeing = match self.ahead {
+                Some((last, agreeing))
+                    if now.place.may_follow(last.place) && now.is_in_time(last) =>
+                {
+                    agreeing + 1
+                }
+                _ => 1,
+            };
+            if agreeing < CONFIRMED_BY {
+                self.ahead = Some((now, agreeing));
+                return Arrival::Implausible;
+            }
+        }
+        self.ahead = None;
+        self.highest = Some(now);
+        let skipped = now.place.number.abs_diff(highest.place.number) - 1;
+        if skipped > 0 {
+            self.miss(highest.place, now.place);
+        }
+        Arrival::New { skipped }
+    }
+
+    /// A number below the first that came.
+    fn before(&mut self, first: Place, place: Place) -> Arrival {
+        if !first.may_follow(place) {
+            return Arrival::Implausible;
+        }
+        let is_overtaken = self.counts.received <= START_REORDER_MAX.unsigned_abs()
+            && first.number - place.number <= START_REORDER_MAX;
+        if !is_overtaken {
+            return Arrival::Early;
+        }
+        self.first = Some(place);
+        // Those in between are missing now, and this one, until it is counted.
+        self.counts.lost += place.number.abs_diff(first.number);
+        if first.number - place.number > 1 {
+            self.miss(place, first);
+        }
+        Arrival::Late
+    }
+
+    /// A number between the first and the highest: missing until now, or there before.
+    fn within(&mut self, place: Place) -> Arrival {
+        let gap = self.gaps.range(..=place.number).next_back().map(|(first, gap)| (*first, *gap));
+        let Some((first, gap)) = gap.filter(|(_, gap)| place.number <= gap.last) else {
+            return Arrival::Repeated;
+        };
+        if !(gap.after_ns < place.capture_ns && place.capture_ns < gap.before_ns) {
+            return Arrival::Implausible;
+        }
+        self.gaps.remove(&first);
+        if first < place.number {
+            let before = Gap { last: place.number - 1, before_ns: place.capture_ns, ..gap };
+            self.gaps.insert(first, before);
+        }
+        if place.number < gap.last {
+            self.gaps.insert(place.number + 1, Gap { after_ns: place.capture_ns, ..gap });
+        }
+        Arrival::Late
+    }
+
+    /// What lies between two frames is missing.
+    fn miss(&mut self, from: Place, to: Place) {
+        let gap = Gap { last: to.number - 1, after_ns: from.capture_ns, before_ns: to.capture_ns };
+        self.gaps.insert(from.number + 1, gap);
+        if self.gaps.len() > GAPS_MAX {
+            self.gaps.pop_first();
+        }
+    }
+}
+
+impl Highest {
+    /// Whether the box's clock has gone on by no more than this computer's and the longest delay.
+    fn is_in_time(self, before: Self) -> bool {
+        let box_ns = self.place.capture_ns.saturating_sub(before.place.capture_ns);
+        let host_ns = self.arrival_ns.saturating_sub(before.arrival_ns);
+        box_ns <= host_ns.saturating_add(host_ns / 1_000_000 * CLOCKS_PPM) + DELAY_NS_MAX
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::Arrival::{Early, First, Implausible, Late, Repeated};
     use super::*;
 
-    enum Event {
-        /// Sequence number, capture time in frames, and what it must be.
-        Pose(u32, u64, Arrival),
-        Hello(u32, bool),
-        Uptime(u64, bool),
-    }
-    use Arrival::{Late, NewSession, Repeated};
-    use Event::{Hello, Pose, Uptime};
-
     const NEXT: Arrival = Arrival::New { skipped: 0 };
+    const FRAME_NS: u64 = 16_666_667;
 
-    fn after(skipped: u32) -> Arrival {
+    fn after(skipped: u64) -> Arrival {
         Arrival::New { skipped }
     }
 
-    fn run(name: &str, events: &[Event]) -> Counts {
+    /// Sequence number, capture time in frames, and what it must be; all arrive at once.
+    fn run(name: &str, packets: &[(u32, u64, Arrival)]) -> Counts {
         let mut accounting = Accounting::default();
-        for (index, event) in events.iter().enumerate() {
-            match *event {
-                Pose(sequence, time, wanted) => {
-                    assert_eq!(accounting.pose(sequence, time), wanted, "{name}, event {index}");
-                }
-                Hello(boot, wanted) => {
-                    assert_eq!(accounting.hello(boot), wanted, "{name}, event {index}");
-                }
-                Uptime(time, wanted) => {
-                    assert_eq!(accounting.uptime(time), wanted, "{name}, event {index}");
-                }
-            }
+        for (index, &(sequence, time, wanted)) in packets.iter().enumerate() {
+            let arrival = accounting.pose(sequence, time * FRAME_NS, 0);
+            assert_eq!(arrival, wanted, "{name}, packet {index}");
         }
         accounting.counts()
     }
 
     #[test]
     fn every_order_of_arrival_is_told_from_the_others() {
-        let table: [(&str, &[Event], [u64; 5]); 16] = [
-            // received, lost, repeated, reordered, sessions
-            ("in order", &[Pose(7, 7, NewSession), Pose(8, 8, NEXT)], [2, 0, 0, 0, 1]),
-            ("lost", &[Pose(0, 0, NewSession), Pose(4, 4, after(3))], [2, 3, 0, 0, 1]),
+        let table: [(&str, &[(u32, u64, Arrival)], [u64; 5]); 9] = [
+            // received, lost, repeated, late, implausible
+            ("in order", &[(7, 7, First), (8, 8, NEXT)], [2, 0, 0, 0, 0]),
+            ("lost", &[(0, 0, First), (4, 4, after(3))], [2, 3, 0, 0, 0]),
             (
                 "reordered, then repeated",
                 &[
-                    Pose(0, 0, NewSession),
-                    Pose(2, 2, after(1)),
-                    Pose(1, 1, Late),
-                    Pose(1, 1, Repeated),
-                    Pose(2, 2, Repeated),
-                    Pose(0, 0, Repeated),
-                    Pose(3, 3, NEXT),
+                    (0, 0, First),
+                    (2, 2, after(1)),
+                    (1, 1, Late),
+                    (1, 1, Repeated),
+                    (2, 2, Repeated),
+                    (0, 0, Repeated),
+                    (3, 3, NEXT),
                 ],
-                [4, 0, 3, 1, 1],
+                [4, 0, 3, 1, 0],
+            ),
+            (
+                "a gap filled from its middle",
+                &[
+                    (0, 0, First),
+                    (6, 6, after(5)),
+                    (3, 3, Late),
+                    (3, 3, Repeated),
+                    (5, 5, Late),
+                    (1, 1, Late),
+                    // Their times are those of frames that came.
+                    (2, 3, Implausible),
+                    (4, 5, Implausible),
+                    (4, 4, Late),
+                ],
+                [6, 1, 1, 4, 2],
             ),
             (
                 "wraps",
-                &[
-                    Pose(u32::MAX - 1, 1, NewSession),
-                    Pose(0, 3, after(1)),
-                    Pose(u32::MAX, 2, Late),
-                    Pose(1, 4, NEXT),
-                ],
-                [4, 0, 0, 1, 1],
-            ),
-            (
-                "restart seen by Hello, though numbers and times go on",
-                &[
-                    Hello(4, false),
-                    Pose(0, 0, NewSession),
-                    Hello(4, false),
-                    Pose(1, 1, NEXT),
-                    Hello(5, true),
-                    Pose(2, 2, NewSession),
-                ],
-                [3, 0, 0, 0, 2],
-            ),
-            (
-                "restart seen by the uptime",
-                &[
-                    Uptime(9000, false),
-                    Pose(0, 0, NewSession),
-                    Uptime(6100, false),
-                    Uptime(10, true),
-                    Pose(0, 0, NewSession),
-                    Uptime(20, false),
-                ],
-                [2, 0, 0, 0, 2],
-            ),
-            (
-                "restart seen by the uptime, then by Hello: one restart",
-                &[
-                    Hello(1, false),
-                    Uptime(9000, false),
-                    Pose(0, 0, NewSession),
-                    Uptime(10, true),
-                    Pose(0, 0, NewSession),
-                    Hello(2, false),
-                    Pose(1, 1, NEXT),
-                ],
-                [3, 0, 0, 0, 2],
-            ),
-            (
-                "restart seen by the number, then by the others: one restart",
-                &[
-                    Hello(1, false),
-                    Uptime(9000, false),
-                    Pose(500, 500, NewSession),
-                    Pose(0, 0, NewSession),
-                    Uptime(10, false),
-                    Hello(2, false),
-                    Pose(1, 1, NEXT),
-                ],
-                [3, 0, 0, 0, 2],
-            ),
-            (
-                "restart without a frame",
-                &[Hello(1, false), Uptime(900, false), Pose(0, 0, NewSession), Hello(2, true)],
-                [1, 0, 0, 0, 2],
-            ),
-            (
-                "no frame in the first of two",
-                &[Uptime(9000, false), Uptime(10, true), Hello(2, false), Pose(0, 0, NewSession)],
-                [1, 0, 0, 0, 2],
+                &[(u32::MAX - 1, 1, First), (0, 3, after(1)), (u32::MAX, 2, Late), (1, 4, NEXT)],
+                [4, 0, 0, 1, 0],
             ),
             (
                 "the first ones reordered",
-                &[Pose(3, 3, NewSession), Pose(0, 0, Late), Pose(1, 1, Late), Pose(4, 4, NEXT)],
-                [4, 1, 0, 2, 1],
+                &[(3, 3, First), (0, 0, Late), (1, 1, Late), (0, 0, Repeated), (4, 4, NEXT)],
+                [4, 1, 1, 2, 0],
             ),
             (
-                "restart far on, on a clock that goes on",
-                &[Pose(1000, 1000, NewSession), Pose(0, 1100, NewSession), Pose(1, 1101, NEXT)],
-                [3, 0, 0, 0, 2],
+                "from before anybody listened",
+                &[(100, 100, First), (50, 50, Early), (99, 101, Implausible), (101, 101, NEXT)],
+                [2, 0, 0, 1, 1],
             ),
             (
-                "restart within the window, on a clock that goes on",
-                &[
-                    Pose(0, 0, NewSession),
-                    Pose(1, 1, NEXT),
-                    Pose(2, 2, NEXT),
-                    Pose(0, 50, NewSession),
-                ],
-                [4, 0, 0, 0, 2],
-            ),
-            (
-                "restart into a gap, on a clock that restarted",
-                &[
-                    Pose(0, 1000, NewSession),
-                    Pose(1, 1001, NEXT),
-                    Pose(5, 1005, after(3)),
-                    // 3 is missing, but not with this time.
-                    Pose(3, 30, NewSession),
-                ],
-                [4, 3, 0, 0, 2],
-            ),
-            (
-                "restart below the first number that came",
-                &[Pose(10, 10, NewSession), Pose(3, 3, NewSession)],
+                "times that do not rise with the number",
+                &[(5, 50, First), (6, 50, Implausible), (7, 20, Implausible), (6, 51, NEXT)],
                 [2, 0, 0, 0, 2],
             ),
             (
-                "restart that was missed until its number was higher",
-                &[Pose(10, 1_000_000, NewSession), Pose(40, 40, NewSession)],
-                [2, 0, 0, 0, 2],
+                "more frames than a camera takes in that time",
+                &[
+                    (0, 0, First),
+                    (0x7FFF_FFF5, 1, Implausible),
+                    (1000, 1, Implausible),
+                    (1, 1, NEXT),
+                    // 24 periods of 1 ms, within which a few frames come at once.
+                    (25, 2, after(23)),
+                    (67, 3, Implausible),
+                ],
+                [3, 23, 0, 0, 3],
             ),
         ];
-        for (name, events, [received, lost, repeated, reordered, sessions]) in table {
-            let sessions = u32::try_from(sessions).unwrap();
-            let counts = Counts { received, lost, repeated, reordered, sessions };
-            assert_eq!(run(name, events), counts, "{name}");
+        for (name, packets, [received, lost, repeated, late, implausible]) in table {
+            let counts = Counts { received, lost, repeated, late, implausible };
+            assert_eq!(run(name, packets), counts, "{name}");
         }
     }
 
     #[test]
-    fn a_packet_later_than_the_window_is_another_session() {
-        let mut accounting = Accounting::default();
-        let window = u32::try_from(WINDOW).unwrap();
-        for sequence in (0..2 * window).filter(|sequence| *sequence != 1) {
-            accounting.pose(sequence, u64::from(sequence));
+    fn a_late_frame_of_any_age_is_late() {
+        for rate_hz in [60, 200, 1000_u32] {
+            let period_ns = 1_000_000_000 / u64::from(rate_hz);
+            let late: Vec<u32> = (0..8).map(|index| rate_hz * index / 2 + 1).collect();
+            // 2.5 s late, and a minute.
+            for delay in [5 * rate_hz / 2, 60 * rate_hz] {
+                let mut accounting = Accounting::default();
+                for now in 0..70 * rate_hz {
+                    let at_ns = u64::from(now) * period_ns;
+                    let mut arrive =
+                        |number: u32| accounting.pose(number, u64::from(number) * period_ns, at_ns);
+                    if !late.contains(&now) {
+                        assert!(arrive(now).is_frame());
+                    }
+                    if let Some(before) = now.checked_sub(delay).filter(|it| late.contains(it)) {
+                        assert_eq!(arrive(before), Late, "{before} at {rate_hz} Hz");
+                    }
+                }
+                let received = u64::from(70 * rate_hz);
+                let counts = Counts { received, late: 8, ..Counts::default() };
+                assert_eq!(accounting.counts(), counts, "{rate_hz} Hz");
+            }
         }
-        assert_eq!(accounting.pose(1, 1), NewSession);
-        assert_eq!(accounting.recent.len(), 1);
+    }
+
+    /// The capture time of a frame runs ahead of this computer's clock by an hour.
+    #[test]
+    fn one_time_that_jumps_ahead_is_not_believed_and_a_computer_that_slept_goes_on() {
+        const HOUR_NS: u64 = 3_600_000_000_000;
+        let mut accounting = Accounting::default();
+        let mut pose = |number: u32, ahead_ns: u64| {
+            let at_ns = u64::from(number) * FRAME_NS;
+            accounting.pose(number, at_ns + ahead_ns, at_ns)
+        };
+        assert_eq!((pose(0, 0), pose(1, 0)), (First, NEXT));
+        assert_eq!((pose(1000, HOUR_NS), pose(2, 0)), (Implausible, NEXT));
+        let asleep = u32::try_from(HOUR_NS / FRAME_NS).unwrap();
+        for number in asleep..asleep + CONFIRMED_BY - 1 {
+            assert_eq!(pose(number, HOUR_NS), Implausible);
+        }
+        let last = asleep + CONFIRMED_BY - 1;
+        assert_eq!(pose(last, HOUR_NS), after(u64::from(last) - 3));
+        assert_eq!(pose(last + 1, HOUR_NS), NEXT);
+        // The computer was awake, but busy for as long as a packet may be under way.
+        assert_eq!(pose(last + 500, HOUR_NS + 9_000_000_000), after(498));
+    }
+
+    #[test]
+    fn the_memory_of_gaps_is_bounded() {
+        let mut accounting = Accounting::default();
+        for number in (0..20_000).step_by(2) {
+            accounting.pose(number, u64::from(number) * FRAME_NS, 0);
+        }
+        assert_eq!(accounting.gaps.len(), GAPS_MAX);
+        assert_eq!(accounting.pose(1, FRAME_NS, 0), Repeated);
+        assert_eq!(accounting.counts().lost, 9_999);
     }
 }

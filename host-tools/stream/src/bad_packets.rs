@@ -15,8 +15,8 @@ pub struct BadPackets {
     pub other_schema: u64,
     /// Intact, of this schema, but not a message.
     pub malformed: u64,
-    /// Of another box.
-    pub other_sender: u64,
+    /// Messages with a number that no measurement in a room gives.
+    pub numbers: u64,
 }
 
 impl BadPackets {
@@ -31,6 +31,7 @@ impl BadPackets {
             PacketError::OtherVersion { .. } => &mut self.other_version,
             PacketError::OtherSchema { .. } => &mut self.other_schema,
             PacketError::Body => &mut self.malformed,
+            PacketError::Number => &mut self.numbers,
         };
         *counter += 1;
         *counter

@@ -6,14 +6,16 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{Capture, CaptureDriver, Config, PixelFormat};
 use plumbline::packet::{
-    CameraState, Health, Hello, LinkHealth, LinkKind, MarkedInstant, MeasuredPose, Message,
-    PosePacket, ResetReason, TargetInfo, TargetPacket, View,
+    CameraState, Health, Hello, LinkHealth, LinkKind, MarkedInstant, MeasuredPose, Message, Packet,
+    PosePacket, ResetReason, Start, TargetInfo, TargetPacket, View,
 };
 use plumbline::report::TargetState;
 use plumbline::target::Role;
 use plumbline::view::FrameView;
 use plumbline::view::TargetView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
+
+pub mod adversity;
 
 use crate::receiver::Receiver;
 use crate::transport::Event;
@@ -23,6 +25,20 @@ const PERIOD_NS: u64 = 16_666_667;
 
 /// Five seconds of frames.
 pub const FRAMES: u32 = 300;
+
+/// The start that sends what is here.
+pub const START: u32 = 7;
+
+/// A message of a start of a box.
+pub fn packet(start: u32, message: Message) -> Packet {
+    Packet { start: Start::new(start), message }
+}
+
+/// What comes when the box sends this.
+pub fn event(message: Message) -> Event {
+    let start = if let Message::Hello(hello) = &message { hello.boot_id } else { START };
+    Event::Packet(packet(start, message))
+}
 
 /// A pose of the shoulder.
 pub fn pose() -> MeasuredPose {
@@ -86,7 +102,7 @@ pub fn hello(config: &Config) -> Hello {
         serial_number: "PL-0001".try_into().unwrap(),
         firmware: concat!("plumbline ", env!("CARGO_PKG_VERSION")).try_into().unwrap(),
         config_crc: config.crc(),
-        boot_id: 7,
+        boot_id: START,
         boot_count: Some(3),
         reset_reason: ResetReason::PowerOn,
         width_px: 1456,
@@ -143,7 +159,7 @@ pub fn take<W: Write>(receiver: &mut Receiver<W>, start: Instant, messages: &[Me
     let mut now = start;
     for (index, message) in (0..).zip(messages) {
         now = start + Duration::from_millis(100) * index;
-        receiver.handle(Event::Message(message.clone()), now).expect("it is recorded");
+        receiver.handle(event(message.clone()), now).expect("it is recorded");
     }
     now
 }

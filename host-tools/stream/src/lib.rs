@@ -1,8 +1,9 @@
 //! A box's packets on this computer.
 //!
 //! ```text
-//! socket, serial line ─▶ transport ─▶ accounting: new, late, repeated, lost, a new start
-//!                            │     └▶ receiver: what is known of the box now ─▶ recorder: rows
+//! socket, serial line ─▶ transport ─▶ sessions: which start of which box; what is left out
+//!                            │            ├▶ accounting: new, late, repeated, lost, implausible
+//!                            │            └▶ receiver: what is known of the box now ─▶ recorder: rows
 //!                            ▼
 //!                          link: questions, answers, documents in parts
 //! ```
@@ -24,4 +25,5 @@ pub mod questions;
 pub mod receiver;
 pub mod reception;
 pub mod recorder;
+pub mod sessions;
 pub mod transport;

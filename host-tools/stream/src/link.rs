@@ -121,9 +121,11 @@ impl BoxLink {
         while found.is_none() && Instant::now() < until {
             transport.poll(&mut |event| {
                 match &event {
-                    Event::Message(message) if is_of_box(message) => *heard = Some(Instant::now()),
-                    Event::OtherSender { from, hello } => {
-                        let _ = others.take(*from, hello.as_ref());
+                    Event::Packet(packet) if is_of_box(&packet.message) => {
+                        *heard = Some(Instant::now());
+                    }
+                    Event::OtherSender { from, packet } => {
+                        let _ = others.take(*from, &packet.message);
                     }
                     _ => {}
                 }
@@ -145,7 +147,7 @@ impl BoxLink {
         mut take: impl FnMut(&Message) -> Option<T>,
     ) -> Result<Option<T>, BadInput> {
         self.listen(until, |event| match event {
-            Event::Message(message) => take(message),
+            Event::Packet(packet) => take(&packet.message),
             _ => None,
         })
     }
@@ -317,8 +319,8 @@ impl BoxLink {
             }
             let mut taken = Ok(());
             self.transport.poll(&mut |event| {
-                if let (Event::Message(message), Ok(())) = (event, &taken) {
-                    taken = download.take(&message, Instant::now());
+                if let (Event::Packet(packet), Ok(())) = (event, &taken) {
+                    taken = download.take(&packet.message, Instant::now());
                 }
             })?;
             taken.map_err(|stopped| self.stopped(&stopped))?;

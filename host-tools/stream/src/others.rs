@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 
-use plumbline::packet::Hello;
+use plumbline::packet::{Hello, Message};
 
 /// Whether two Hellos have the same name and serial number.
 #[must_use]
@@ -25,8 +25,11 @@ pub struct Others(Vec<(SocketAddr, Option<String>)>);
 
 impl Others {
     /// Takes note of a packet; returns what is new about its sender, for people.
-    pub fn take(&mut self, from: SocketAddr, hello: Option<&Hello>) -> Option<String> {
-        let name = hello.map(name);
+    pub fn take(&mut self, from: SocketAddr, message: &Message) -> Option<String> {
+        let name = match message {
+            Message::Hello(hello) => Some(name(hello)),
+            _ => None,
+        };
         if let Some((_, known)) = self.0.iter_mut().find(|(address, _)| *address == from) {
             let name = name.filter(|name| known.as_ref() != Some(name))?;
             let news = format!("{name} is the box at {from}");

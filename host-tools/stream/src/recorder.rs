@@ -5,18 +5,17 @@
 //! first frame's capture time; without a pose it is the frame's. When the box starts
 //! anew both begin at another point: then `session` is one higher (or more, if a start
 //! in between brought no frame), and `time_s` goes on from where the host's clock says
-//! that the new session began.
-//! Within a session times are the box's, exact to the nanosecond; between sessions
-//! they are only as good as the arrival of the packets.
+//! that the new session began: see [`SessionClock`](crate::sessions::SessionClock).
 
 use std::io::Write;
-use std::time::{Duration, Instant};
 
-use plumbline::packet::{AnatomicalPoint, Hello, PosePacket, TargetPacket};
+use plumbline::packet::{AnatomicalPoint, Hello, TargetPacket};
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::poses::{COLUMNS, PoseRow};
 use serde::Serialize;
+
+use crate::sessions::Frame;
 
 /// The word for a role, where a target's name is not known.
 #[must_use]
@@ -47,42 +46,10 @@ impl Names {
     }
 }
 
-/// One clock for all sessions.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SessionClock {
-    /// When the first packet of all came, by the host's clock.
-    first_arrival_ns: Option<u64>,
-    /// Capture time and `time_s` of the first packet of the current session.
-    session_start: Option<(u64, f64)>,
-}
-
-impl SessionClock {
-    /// The packet of this capture time is the first of a session. It came at this time of the
-    /// host's clock, whose zero does not matter.
-    pub fn start_session(&mut self, capture_time_ns: u64, arrival_ns: u64) {
-        let first_ns = *self.first_arrival_ns.get_or_insert(arrival_ns);
-        let since_s = Duration::from_nanos(arrival_ns.saturating_sub(first_ns)).as_secs_f64();
-        self.session_start = Some((capture_time_ns, since_s));
-    }
-
-    /// Seconds since the first packet of all.
-    pub fn time_s(&self, capture_time_ns: u64) -> f64 {
-        let (start_ns, start_s) = self.session_start.unwrap_or((capture_time_ns, 0.0));
-        // A packet that was overtaken can be older than the session's first.
-        let since_ns = i128::from(capture_time_ns) - i128::from(start_ns);
-        start_s + since_ns as f64 / 1e9
-    }
-}
-
 /// Writes the rows of each packet and passes them on at once.
 pub struct Recorder<W: Write> {
     rows: csv::Writer<W>,
     place: String,
-    /// When the first session began: the zero of the clock's arrivals.
-    begun: Option<Instant>,
-    clock: SessionClock,
-    /// The number of the current session, from 1.
-    session: u32,
     has_header: bool,
 }
 
@@ -93,33 +60,24 @@ impl<W: Write> Recorder<W> {
         Self {
             rows: csv::WriterBuilder::new().has_headers(false).from_writer(sink),
             place: place.into(),
-            begun: None,
-            clock: SessionClock::default(),
-            session: 0,
             has_header: false,
         }
-    }
-
-    /// The next packet is the first one of this session.
-    pub fn start_session(&mut self, session: u32, capture_time_ns: u64, arrival: Instant) {
-        self.session = session;
-        let since = arrival.saturating_duration_since(*self.begun.get_or_insert(arrival));
-        self.clock.start_session(capture_time_ns, since.as_nanos() as u64);
     }
 
     /// Writes one row per target.
     ///
     /// # Errors
     /// When the sink refuses; what was written before stays.
-    pub fn write(&mut self, packet: &PosePacket, names: &Names) -> Result<(), BadInput> {
+    pub fn write(&mut self, frame: &Frame, names: &Names) -> Result<(), BadInput> {
         if !std::mem::replace(&mut self.has_header, true) {
             let columns: Vec<&str> = COLUMNS.into_iter().chain(["session"]).collect();
             self.put(&columns)?;
         }
+        let Frame { session, clock, packet, .. } = frame;
         for target in &packet.targets {
             let frame_ns = packet.capture_time_ns;
             let own_ns = target.pose.as_ref().map_or(frame_ns, |pose| pose.own_time_ns(frame_ns));
-            let time_s = self.clock.time_s(own_ns);
+            let time_s = clock.time_s(own_ns);
             let mut row = row(packet.sequence, time_s, target, names);
             let trunk = match target.role {
                 Role::Upper => packet.upper_trunk,
@@ -131,7 +89,7 @@ impl<W: Write> Recorder<W> {
                 row.ml_mm = Some(shortest(ml_mm));
                 row.si_mm = Some(shortest(si_mm));
             }
-            self.put(&(row, self.session))?;
+            self.put(&(row, session))?;
         }
         self.flush()
     }

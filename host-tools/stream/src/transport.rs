@@ -6,7 +6,7 @@ use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{
-    DELIMITER, Deframer, FRAME_BYTES_MAX, Hello, Message, PACKET_BYTES_MAX, PacketError,
+    DELIMITER, Deframer, FRAME_BYTES_MAX, Hello, Message, PACKET_BYTES_MAX, Packet, PacketError,
     decode_datagram, encode_datagram, encode_frame,
 };
 use plumbline_files::BadInput;
@@ -37,11 +37,11 @@ pub enum Raw {
 }
 
 impl Raw {
-    /// The message in it. The deframer has to see all frames of the line, in their order.
+    /// The packet in it. The deframer has to see all frames of the line, in their order.
     ///
     /// # Errors
     /// When there is none.
-    pub fn decode(&self, deframer: &mut Deframer) -> Result<Message, PacketError> {
+    pub fn decode(&self, deframer: &mut Deframer) -> Result<Packet, PacketError> {
         match self {
             Self::Datagram(bytes) => decode_datagram(bytes),
             Self::Frame(bytes) => {
@@ -57,16 +57,17 @@ impl Raw {
 pub enum Event {
     /// The bytes as they came; the next event says what they hold.
     Raw(Raw),
-    /// A message.
-    Message(Message),
-    /// Bytes that are no message, and why.
+    /// A packet.
+    Packet(Packet),
+    /// Bytes that are no packet, and why.
     Bad(PacketError),
-    /// A datagram of another box, while the first one is sending.
+    /// A packet from another address, while the first one is sending: of another box, or of the
+    /// same one after another start.
     OtherSender {
         /// Where it comes from.
         from: SocketAddr,
-        /// Its Hello, if this is one.
-        hello: Option<Hello>,
+        /// What came.
+        packet: Packet,
     },
     /// The serial line is lost, and is waited for.
     LineLost(String),
@@ -77,9 +78,9 @@ pub enum Event {
 impl Event {
     /// The event for decoded bytes.
     #[must_use]
-    pub fn of(outcome: Result<Message, PacketError>) -> Self {
+    pub fn of(outcome: Result<Packet, PacketError>) -> Self {
         match outcome {
-            Ok(message) => Self::Message(message),
+            Ok(packet) => Self::Packet(packet),
             Err(error) => Self::Bad(error),
         }
     }
@@ -236,25 +237,21 @@ impl Transport for Udp {
         };
         let outcome = decode_datagram(&self.buffer[..length]);
         // Only a box may claim the port: a stray datagram must not lock it out.
-        let is_box = outcome.is_ok();
+        let is_box = outcome.as_ref().is_ok_and(|packet| packet.start.is_some());
         let is_known = self.sender.as_ref().is_some_and(|sender| sender.address == from);
-        let message = outcome.as_ref().ok();
-        if (is_box || is_known) && !self.accepts(from, message, Instant::now()) {
-            let hello = match outcome {
-                Ok(Message::Hello(hello)) => Some(hello),
-                _ => None,
-            };
-            take(Event::OtherSender { from, hello });
-            return Ok(());
-        }
+        let message = outcome.as_ref().ok().map(|packet| &packet.message);
+        let is_followed = !(is_box || is_known) || self.accepts(from, message, Instant::now());
         take(Event::Raw(Raw::Datagram(self.buffer[..length].to_vec())));
-        take(Event::of(outcome));
+        take(match outcome {
+            Ok(packet) if !is_followed => Event::OtherSender { from, packet },
+            outcome => Event::of(outcome),
+        });
         Ok(())
     }
 
     fn send(&mut self, message: &Message) {
         if let Some(sender) = &self.sender
-            && let Ok(datagram) = encode_datagram(message, &mut [0; PACKET_BYTES_MAX])
+            && let Ok(datagram) = encode_datagram(None, message, &mut [0; PACKET_BYTES_MAX])
         {
             let _ = self.socket.send_to(datagram, sender.address);
         }
@@ -376,7 +373,7 @@ impl Transport for Serial {
 
     fn send(&mut self, message: &Message) {
         if let Some(line) = &mut self.line
-            && let Ok(frame) = encode_frame(message, &mut [0; FRAME_BYTES_MAX])
+            && let Ok(frame) = encode_frame(None, message, &mut [0; FRAME_BYTES_MAX])
         {
             let _ = line.write_all(frame);
         }

@@ -1,7 +1,7 @@
 //! `packets.bin`: everything that came from the box, as it came and when, and the marks.
 //!
 //! ```text
-//! "PLUMBLINE JOURNAL 1\n"
+//! "PLUMBLINE JOURNAL 2\n"
 //! entry: kind (1 byte), time (8), length (2), that number of bytes, CRC-32 of all of these (4)
 //! ```
 //!
@@ -23,7 +23,10 @@ use plumbline_stream::transport::Raw;
 
 use super::mark::Mark;
 
-const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 1\n";
+/// What every version begins with.
+const NAME: &[u8] = b"PLUMBLINE JOURNAL ";
+
+const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 2\n";
 
 const HEAD_BYTES: usize = 11;
 const CRC_BYTES: usize = 4;
@@ -194,6 +197,13 @@ impl<R: Read> Reader<R> {
         let buffer = Vec::new();
         let mut reader = Self { source, place, buffer, at: 0, is_over: false, damaged_bytes: 0 };
         reader.fill()?;
+        if reader.buffer.starts_with(NAME) && !reader.buffer.starts_with(MAGIC) {
+            return Err(BadInput::whole(
+                reader.place,
+                "it is a journal of another version of Plumbline",
+                "use the program that wrote it, or record again",
+            ));
+        }
         if !reader.buffer.starts_with(MAGIC) {
             return Err(BadInput::whole(
                 reader.place,
@@ -325,5 +335,8 @@ mod tests {
             let error = Reader::new(bytes, "packets.bin".into()).err().unwrap().to_string();
             assert!(error.contains("packets.bin") && error.contains("plumb receive"), "{error}");
         }
+        let older = Reader::new(&b"PLUMBLINE JOURNAL 1\n\x01"[..], "packets.bin".into());
+        let error = older.err().unwrap().to_string();
+        assert!(error.contains("another version of Plumbline"), "{error}");
     }
 }

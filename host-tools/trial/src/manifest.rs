@@ -4,6 +4,7 @@ use std::path::Path;
 
 use plumbline::packet::MarkedInstant;
 use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 use plumbline_files::{from_toml, read_text};
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +16,7 @@ const HEADING: &str = "# Made of packets.bin. What a person has said may be corr
                        # note, and zero (mark, start or onset); events and the rest are made anew.\n\n";
 
 /// The format that this program writes.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// A trial as a whole. What only the end of a recording tells is absent while it is recorded, and
 /// after one that was cut off.
@@ -57,6 +58,12 @@ pub struct Manifest {
     /// What happened.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<EventSeen>,
+}
+
+/// The one field that every format has.
+#[derive(Deserialize)]
+struct Format {
+    format: u32,
 }
 
 /// How far a recording came.
@@ -105,10 +112,53 @@ pub struct Packets {
     pub frames: u64,
     /// Frames that never arrived.
     pub lost: u64,
+    /// Frames that arrived after a later one; those from before the first are no part of the trial.
+    pub late: u64,
+    /// Packets that arrived again.
+    pub repeated: u64,
     /// Packets that arrived damaged.
     pub corrupt: u64,
+    /// Packets that no box sends: of a number or a time that cannot be true, or with a position that
+    /// no room holds.
+    pub implausible: u64,
+    /// Packets of another box than this one.
+    pub other_box: u64,
+    /// Packets of a second box that says it is this one, while this one sent.
+    pub conflicting: u64,
+    /// Pose packets of a start of a box that never said which box it is.
+    pub unknown_start: u64,
     /// How often the box started.
     pub sessions: u32,
+}
+
+impl Packets {
+    /// What a user should know of them.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.sessions > 1 {
+            warnings.push(format!(
+                "the box has started {} times: between its runs times are only as good as the \
+                 arrival of its packets, and nothing is measured across them",
+                self.sessions
+            ));
+        }
+        for (count, what) in [
+            (self.other_box, "of another box that sent here too; each needs a port of its own"),
+            (
+                self.conflicting,
+                "of a second box that called itself this one while this one sent; check which was \
+                 recorded",
+            ),
+            (self.unknown_start, "of a sender that never said which box it is"),
+            (self.implausible, "of a number, time or position that cannot be true"),
+        ] {
+            if count > 0 {
+                warnings.push(format!("left out: {} {what}", counted(count, "packet")));
+            }
+        }
+        warnings
+    }
 }
 
 /// The relation of the box's clock and this computer's during one run of the box.
@@ -199,16 +249,18 @@ impl Manifest {
         let path = folder.join(names::MANIFEST);
         let place = path.display().to_string();
         let remedy = "`plumb receive --out` writes it; correct what is named";
-        let manifest: Self = from_toml(&read_text(&path)?, &place, remedy)?;
-        if manifest.format != FORMAT {
+        let text = read_text(&path)?;
+        // Another format may have other fields.
+        let Format { format } = from_toml(&text, &place, remedy)?;
+        if format != FORMAT {
             return Err(BadInput::new(
                 place,
                 "format",
-                format!("{}, and this program knows {FORMAT}", manifest.format),
+                format!("{format}, and this program knows {FORMAT}"),
                 "use the program that wrote it, or update this one",
             ));
         }
-        Ok(manifest)
+        from_toml(&text, &place, remedy)
     }
 
     /// Writes it into a trial's folder, in place of the one that is there.

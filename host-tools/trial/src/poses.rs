@@ -4,12 +4,13 @@
 use std::path::Path;
 
 use plumbline::config::Config;
-use plumbline::packet::{Deframer, Message, PosePacket};
+use plumbline::packet::{Deframer, PosePacket};
 use plumbline_files::BadInput;
+use plumbline_stream::sessions::{Judged, Sessions};
 
 use crate::journal::{Content, Reader};
 use crate::names;
-use crate::reading::{self, FRAMES_MAX, Sessions};
+use crate::reading::{self, FRAMES_MAX};
 
 /// The poses of a recording.
 #[derive(Debug, Clone)]
@@ -40,17 +41,24 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
     let mut frames = Vec::new();
     while let Some(entry) = reader.next_entry()? {
         let Content::Raw(raw) = entry.content else { continue };
-        let Ok(message) = raw.decode(&mut deframer) else { continue };
-        if !sessions.take(&message, entry.host_ns) {
-            continue;
-        }
-        if let Message::Pose(packet) = message {
-            frames.push((sessions.clock.time_s(packet.capture_time_ns), packet));
+        if let Ok(packet) = raw.decode(&mut deframer) {
+            sessions.take(packet, entry.host_ns);
+            take_frames(&mut sessions, &mut frames);
         }
         if frames.len() > FRAMES_MAX {
             return Err(reading::too_long(folder));
         }
     }
+    sessions.finish();
+    take_frames(&mut sessions, &mut frames);
     frames.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(Poses { config, frames })
+}
+
+fn take_frames(sessions: &mut Sessions, frames: &mut Vec<(f64, PosePacket)>) {
+    while let Some(judged) = sessions.next() {
+        if let Judged::Frame(frame) = judged {
+            frames.push((frame.clock.time_s(frame.packet.capture_time_ns), frame.packet));
+        }
+    }
 }

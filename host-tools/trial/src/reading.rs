@@ -7,21 +7,20 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Matrix3, Vector3};
 use plumbline::config::Config;
 use plumbline::packet::{
-    AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError,
-    PosePacket, Reply, ReplyOutcome,
+    AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply,
+    ReplyOutcome,
 };
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_files::BadInput;
-use plumbline_stream::accounting::{Accounting, Arrival};
 use plumbline_stream::clock::Exchange;
 use plumbline_stream::power::PowerSeen;
-use plumbline_stream::recorder::SessionClock;
+use plumbline_stream::sessions::{self, Judged, Sessions};
 use serde::{Deserialize, Serialize};
 
 use super::journal::{Content, Entry, Reader};
-use super::manifest::{BoxSeen, Manifest, NoiseSeen, Packets, State};
+use super::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets, State};
 use super::mark::Mark;
 use super::names;
 use super::run::Run;
@@ -217,49 +216,16 @@ struct Builder {
     scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
     frames: Vec<Frame>,
-    marks: Vec<(u64, u32, Mark)>,
+    marks: Vec<(u64, Mark)>,
     hello: Option<Hello>,
     other_configs: bool,
     config_crc: Option<u32>,
     corrupt: u64,
+    /// Packets with a number that no measurement gives.
+    beyond: u64,
     power: PowerSeen,
     instant: Option<MarkedInstant>,
     deframer: Deframer,
-}
-
-/// What tells a box's sessions apart, and their common time.
-#[derive(Default)]
-pub(crate) struct Sessions {
-    accounting: Accounting,
-    pub clock: SessionClock,
-}
-
-impl Sessions {
-    /// Takes note of a message; false for a pose that was there before.
-    pub fn take(&mut self, message: &Message, host_ns: u64) -> bool {
-        match message {
-            Message::Hello(hello) => {
-                self.accounting.hello(hello.boot_id);
-            }
-            Message::Health(health) => {
-                self.accounting.uptime(health.uptime_ms);
-            }
-            Message::Log(log) => {
-                self.accounting.uptime(log.uptime_ms);
-            }
-            Message::Pose(packet) => {
-                match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
-                    Arrival::Repeated => return false,
-                    Arrival::NewSession => {
-                        self.clock.start_session(packet.capture_time_ns, host_ns);
-                    }
-                    Arrival::New { .. } | Arrival::Late => {}
-                }
-            }
-            _ => {}
-        }
-        true
-    }
 }
 
 impl Builder {
@@ -274,69 +240,75 @@ impl Builder {
             other_configs: false,
             config_crc: config.map(Config::crc),
             corrupt: 0,
+            beyond: 0,
             power: PowerSeen::default(),
             instant: None,
             deframer: Deframer::new(),
         }
     }
 
-    fn session(&self) -> u32 {
-        self.sessions.accounting.counts().sessions.max(1)
-    }
-
     fn take(&mut self, entry: Entry) {
         let outcome = match entry.content {
             Content::Mark(mark) => {
-                self.marks.push((entry.host_ns, self.session(), mark));
+                self.marks.push((entry.host_ns, mark));
                 return;
             }
             Content::Raw(raw) => raw.decode(&mut self.deframer),
         };
         match outcome {
-            Ok(message) => self.message(message, entry.host_ns),
+            Ok(packet) => {
+                self.sessions.take(packet, entry.host_ns);
+                self.take_judged(entry.host_ns);
+            }
             Err(PacketError::Fragment) => {}
+            Err(PacketError::Number) => self.beyond += 1,
             Err(_) => self.corrupt += 1,
         }
     }
 
-    fn message(&mut self, message: Message, host_ns: u64) {
-        if !self.sessions.take(&message, host_ns) {
-            return;
-        }
-        match message {
-            Message::Pose(packet) => self.pose(&packet, host_ns),
-            Message::Hello(hello) => {
-                self.other_configs |=
-                    self.config_crc.is_some_and(|config_crc| config_crc != hello.config_crc);
-                self.hello = Some(hello);
+    fn take_judged(&mut self, host_ns: u64) {
+        while let Some(judged) = self.sessions.next() {
+            match judged {
+                Judged::Begins { hello, .. } => {
+                    self.other_configs |=
+                        self.config_crc.is_some_and(|config_crc| config_crc != hello.config_crc);
+                    self.hello = Some(hello);
+                }
+                Judged::Frame(frame) => self.frame(&frame),
+                Judged::Message(message) => self.message(&message, host_ns),
+                Judged::Unnamed(_) | Judged::OtherBox(_) | Judged::Conflict(_) => {}
             }
+        }
+    }
+
+    fn message(&mut self, message: &Message, host_ns: u64) {
+        match message {
             Message::Health(health) => {
-                self.power.take(&health);
+                self.power.take(health);
             }
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
                 ..
             }) => {
                 let exchange = Exchange {
-                    host_sent_ns,
-                    box_received_ns,
-                    box_sent_ns,
+                    host_sent_ns: *host_sent_ns,
+                    box_received_ns: *box_received_ns,
+                    box_sent_ns: *box_sent_ns,
                     host_received_ns: host_ns,
                 };
                 // An answer before its question was given to another recording.
-                if host_sent_ns <= host_ns {
-                    let session = self.session();
-                    self.runs.entry(session).or_default().answer(exchange);
+                if *host_sent_ns <= host_ns {
+                    self.runs.entry(self.sessions.count()).or_default().answer(exchange);
                 }
             }
             _ => {}
         }
     }
 
-    fn pose(&mut self, packet: &PosePacket, host_ns: u64) {
+    fn frame(&mut self, frame: &sessions::Frame) {
+        let sessions::Frame { session, clock, packet, .. } = frame;
         self.instant = Some(packet.instant);
-        let (session, clock) = (self.session(), self.sessions.clock);
-        self.runs.entry(session).or_default().frame(host_ns, packet, clock);
+        self.runs.entry(*session).or_default().frame(frame);
         let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
         let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
             let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
@@ -353,7 +325,7 @@ impl Builder {
         };
         let lever_mm = self.scene.map(|(_, lever_mm)| lever_mm).unwrap_or_default();
         self.frames.push(Frame {
-            session,
+            session: *session,
             sequence: packet.sequence,
             time_s: clock.time_s(packet.capture_time_ns),
             upper: point(packet.upper_trunk, upper, Vector3::zeros()),
@@ -366,6 +338,14 @@ impl Builder {
         });
     }
 
+    /// An event of the run that was under way or, before the first frame, of the first.
+    fn event(&self, host_ns: u64, mark: &Mark) -> Option<EventSeen> {
+        let has_begun = |run: &&Run| run.begun_ns().is_some_and(|begun_ns| begun_ns <= host_ns);
+        let of_its_run = self.runs.values().rev().find(has_begun);
+        let first = self.runs.values().find(|run| run.begun_ns().is_some());
+        of_its_run.or(first)?.event(host_ns, mark)
+    }
+
     fn finish(
         mut self,
         folder: &Path,
@@ -373,6 +353,8 @@ impl Builder {
         config: Option<Config>,
         mut warnings: Vec<String>,
     ) -> Trial {
+        self.sessions.finish();
+        self.take_judged(u64::MAX);
         // The network may reorder packets.
         self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         if self.other_configs {
@@ -382,14 +364,20 @@ impl Builder {
                     .to_owned(),
             );
         }
-        let counts = self.sessions.accounting.counts();
-        if counts.sessions > 1 {
-            warnings.push(format!(
-                "the box has started {} times: between its runs times are only as good as the \
-                 arrival of its packets",
-                counts.sessions
-            ));
-        }
+        let (counts, left_out) = (self.sessions.counts(), self.sessions.left_out());
+        let packets = Packets {
+            frames: counts.received,
+            lost: counts.lost,
+            late: counts.late,
+            repeated: counts.repeated,
+            corrupt: self.corrupt,
+            implausible: counts.implausible + self.beyond,
+            other_box: left_out.other_box,
+            conflicting: left_out.conflicting,
+            unknown_start: left_out.unknown_start,
+            sessions: self.sessions.count(),
+        };
+        warnings.extend(packets.warnings());
         warnings.extend(self.power.warnings().into_iter().map(str::to_owned));
         manifest.the_box = self.hello.as_ref().map(|hello| BoxSeen {
             device: hello.device.to_string(),
@@ -398,25 +386,13 @@ impl Builder {
             config_crc: format!("{:08x}", hello.config_crc),
         });
         manifest.instant = self.instant;
-        manifest.packets = Some(Packets {
-            frames: counts.received,
-            lost: counts.lost,
-            corrupt: self.corrupt,
-            sessions: counts.sessions,
-        });
+        manifest.packets = Some(packets);
         manifest.clocks =
             self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
         manifest.noise =
             Trunk::ALL.into_iter().filter_map(|trunk| noise(&self.frames, trunk)).collect();
-        manifest.events = self
-            .marks
-            .iter()
-            .filter_map(|(host_ns, session, mark)| {
-                // A mark between two runs belongs to the one before or, at the start, to the first.
-                let of_its_run = self.runs.get(session).and_then(|it| it.event(*host_ns, mark));
-                of_its_run.or_else(|| self.runs.values().find_map(|it| it.event(*host_ns, mark)))
-            })
-            .collect();
+        manifest.events =
+            self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark)).collect();
         let first_frame_utc_s = manifest.started.parse::<jiff::Timestamp>().ok().and_then(|it| {
             let first_s = self.runs.values().find_map(Run::first_capture_s)?;
             Some(1e-9 * it.as_nanosecond() as f64 + first_s)
@@ -469,26 +445,129 @@ fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::{Health, Log, LogLevel};
+    use std::time::{Duration, Instant};
+
+    use plumbline::packet::{Health, PACKET_BYTES_MAX, Packet, encode_datagram};
+    use plumbline_analysis::series::Series;
+    use plumbline_stream::fixture::adversity::{self, Adversity};
+    use plumbline_stream::fixture::health;
+    use plumbline_stream::receiver::Receiver;
+    use plumbline_stream::transport::{Event, Raw};
 
     use super::super::manifest::Zero;
     use super::*;
-    use plumbline_stream::fixture::{health, pose_packet};
+
+    fn finished(builder: Builder) -> Trial {
+        let manifest =
+            Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
+        builder.finish(Path::new("trial"), manifest, None, Vec::new())
+    }
+
+    /// The trial in what a recording has kept of these packets.
+    fn trial(packets: &[(u64, Packet)]) -> Trial {
+        let mut builder = Builder::new(None);
+        for (host_ns, Packet { start, message }) in packets {
+            let mut buffer = [0; PACKET_BYTES_MAX];
+            let datagram = encode_datagram(*start, message, &mut buffer).unwrap().to_vec();
+            let content = Content::Raw(Raw::Datagram(datagram));
+            builder.take(Entry { host_ns: *host_ns, content });
+        }
+        finished(builder)
+    }
+
+    /// Receives packets at their times, while time is seen to pass.
+    fn received(packets: &[(u64, Packet)]) -> Receiver<Vec<u8>> {
+        let mut receiver = Receiver::new(None);
+        // Half a second after the recording began.
+        let begun = Instant::now() + Duration::from_millis(500);
+        let mut passed_ns = 0;
+        for (host_ns, packet) in packets {
+            for now_ns in (passed_ns..*host_ns).step_by(100_000_000) {
+                receiver.tick(begun + Duration::from_nanos(now_ns)).unwrap();
+            }
+            passed_ns = *host_ns;
+            let now = begun + Duration::from_nanos(*host_ns);
+            receiver.handle(Event::Packet(packet.clone()), now).unwrap();
+        }
+        receiver.finish(begun).unwrap();
+        receiver
+    }
 
     #[test]
-    fn a_restart_that_only_the_log_tells_begins_a_session() {
-        let log = |uptime_ms: u64| {
-            let [target, text] = ["board", "started"];
-            let (target, text) = (target.try_into().unwrap(), text.try_into().unwrap());
-            Message::Log(Log { uptime_ms, level: LogLevel::Info, target, text, cut: 0 })
+    fn a_recording_says_of_its_packets_what_was_said_when_they_came() {
+        for Adversity { name, packets, sessions, counts, left_out, boxes } in adversity::all() {
+            let receiver = received(&packets);
+            assert_eq!((receiver.counts(), receiver.left_out()), (counts, left_out), "{name}");
+            assert_eq!(receiver.sessions(), sessions, "{name}");
+            let error = receiver.exchanged().map(|error| error.to_string()).unwrap_or_default();
+            assert_eq!(boxes.1.is_some(), error.contains("another box sends now: "), "{error}");
+            assert!(boxes.1.is_none_or(|other| error.contains(other)), "{name}: {error}");
+
+            let trial = trial(&packets);
+            let expected = Packets {
+                frames: counts.received,
+                lost: counts.lost,
+                late: counts.late,
+                repeated: counts.repeated,
+                corrupt: 0,
+                implausible: counts.implausible,
+                other_box: left_out.other_box,
+                conflicting: left_out.conflicting,
+                unknown_start: left_out.unknown_start,
+                sessions,
+            };
+            assert_eq!(trial.manifest.packets, Some(expected), "{name}");
+            assert_eq!(trial.manifest.the_box.unwrap().device, boxes.0, "{name}");
+            // Late frames are in their places.
+            let numbers = trial.frames.iter().map(|frame| (frame.session, frame.sequence));
+            assert!(numbers.is_sorted(), "{name}");
+            assert!(trial.frames.iter().map(|it| it.time_s).is_sorted(), "{name}");
+            let is_worth_a_warning = left_out != Default::default() || counts.implausible > 0;
+            let warned = trial.warnings.iter().any(|it| it.starts_with("left out: "));
+            assert_eq!(warned, is_worth_a_warning, "{name}: {:?}", trial.warnings);
+        }
+    }
+
+    #[test]
+    fn a_border_between_sessions_is_a_gap() {
+        // The next start's frames are 100 mm away, and come as soon as the last one's have ended.
+        let frames = |start: u32, away_mm: f32| {
+            (0..300).map(move |number| {
+                let mut packet = adversity::frame_of(start, number, 60);
+                if let Message::Pose(pose) = &mut packet.message {
+                    let point = AnatomicalPoint { ap_mm: away_mm, ml_mm: 0.0, si_mm: 1400.0 };
+                    pose.upper_trunk = Some(point);
+                }
+                (u64::from(number) * 16_666_667, packet)
+            })
         };
-        let pose = || Message::Pose(pose_packet(3));
-        let mut sessions = Sessions::default();
-        // After its restart the box numbers and times its frames as before.
-        let messages = [log(900_000), pose(), pose(), log(1_000), pose()];
-        let found = messages.map(|message| sessions.take(&message, 0));
-        assert_eq!(found, [true, true, false, true, true]);
-        assert_eq!(sessions.accounting.counts().sessions, 2);
+        let mut packets = vec![(0, adversity::hello_of("ward 3", 1))];
+        packets.extend(frames(1, 0.0));
+        let next_ns = 300 * 16_666_667;
+        packets.push((next_ns, adversity::hello_of("ward 3", 2)));
+        packets.extend(frames(2, 100.0).map(|(at_ns, packet)| (next_ns + at_ns, packet)));
+        let trial = trial(&packets);
+        assert_eq!(trial.manifest.packets.unwrap().sessions, 2);
+        let points: Vec<Point> = trial.frames.iter().filter_map(|frame| frame.upper).collect();
+        assert_eq!(points.len(), 600);
+        let along = |axis: usize| points.iter().map(|it| it.position_mm[axis]).collect();
+        let time_s = points.iter().map(|it| it.time_s).collect();
+        let series = Series::new(time_s, [along(0), along(1), along(2)]).unwrap();
+        let segments: Vec<_> = series.segments().collect();
+        assert_eq!(segments, [0..300, 300..600], "no step leads from one session to the next");
+    }
+
+    #[test]
+    fn positions_that_no_room_holds_are_no_part_of_a_trial() {
+        let mut packets: Vec<_> =
+            (0..60).map(|number| (u64::from(number), adversity::frame_of(1, number, 60))).collect();
+        if let Message::Pose(pose) = &mut packets[30].1.message {
+            let point = AnatomicalPoint { ap_mm: 1e30, ml_mm: 0.0, si_mm: 1400.0 };
+            pose.upper_trunk = Some(point);
+        }
+        packets.insert(0, (0, adversity::hello_of("ward 3", 1)));
+        let found = trial(&packets).manifest.packets.unwrap();
+        assert_eq!((found.frames, found.lost, found.implausible), (59, 1, 1));
     }
 
     #[test]
@@ -496,11 +575,9 @@ mod tests {
         let trial = |undervoltages: &[bool]| {
             let mut builder = Builder::new(None);
             for undervoltage in undervoltages.iter().copied().map(Some) {
-                builder.message(Message::Health(Health { undervoltage, ..health() }), 0);
+                builder.message(&Message::Health(Health { undervoltage, ..health() }), 0);
             }
-            let manifest =
-                Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
-            builder.finish(Path::new("trial"), manifest, None, Vec::new())
+            finished(builder)
         };
         assert_eq!(trial(&[false, false]).warnings, [""; 0]);
         let warnings = trial(&[false, true, true, false]).warnings;

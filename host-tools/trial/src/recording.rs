@@ -189,7 +189,7 @@ impl Tap for Recording {
     fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
         match event {
             Event::Raw(raw) => self.write(now, Content::Raw(raw.clone())),
-            Event::Message(message) => self.message(message, now),
+            Event::Packet(packet) => self.message(&packet.message, now),
             _ => Ok(()),
         }
     }

@@ -1,9 +1,9 @@
 //! One run of the box, and the times of events in it by the box's clock. This computer's clock is
 //! related to it by the answers to pings or, without any, by the arrival of frames.
 
-use plumbline::packet::{MarkedInstant, PosePacket};
+use plumbline::packet::MarkedInstant;
 use plumbline_stream::clock::{Exchange, Relation};
-use plumbline_stream::recorder::SessionClock;
+use plumbline_stream::sessions::{Frame, SessionClock};
 
 use super::manifest::{ClockSeen, EventSeen};
 use super::mark::Mark;
@@ -44,11 +44,17 @@ const UNKNOWN_DELAY_S: f64 = 0.1;
 const NEAR_NS: u64 = 2_000_000_000;
 
 impl Run {
-    /// A frame has come; `clock` is the trial's as it stands in this run.
-    pub fn frame(&mut self, host_ns: u64, packet: &PosePacket, clock: SessionClock) {
-        self.arrivals.push(Arrival { host_ns, capture_ns: packet.capture_time_ns });
+    /// A frame has come.
+    pub fn frame(&mut self, frame: &Frame) {
+        let Frame { arrival_ns, packet, clock, .. } = frame;
+        self.arrivals.push(Arrival { host_ns: *arrival_ns, capture_ns: packet.capture_time_ns });
         self.is_replay |= packet.instant == MarkedInstant::Recording;
-        self.clock = clock;
+        self.clock = *clock;
+    }
+
+    /// When its first frame came, by this computer's clock since the recording began.
+    pub fn begun_ns(&self) -> Option<u64> {
+        Some(self.arrivals.first()?.host_ns)
     }
 
     /// The box has answered.
@@ -127,6 +133,10 @@ impl Run {
 
 #[cfg(test)]
 mod tests {
+    use plumbline::packet::Message;
+    use plumbline_stream::fixture::adversity::{frame_of, hello_of};
+    use plumbline_stream::sessions::{Judged, Sessions};
+
     use super::*;
     use crate::mark::Source;
 
@@ -136,23 +146,22 @@ mod tests {
     /// hour.
     fn run(way_ms: impl Fn(u64) -> u64) -> Run {
         let mut run = Run::default();
-        let mut clock = SessionClock::default();
-        for frame in 0..500 {
-            let capture_ns = 5 * SECOND_NS + frame * 20_000_000;
-            let host_ns = 3600 * SECOND_NS + capture_ns + way_ms(frame) * 1_000_000;
-            if frame == 0 {
-                clock.start_session(capture_ns, host_ns);
+        let mut sessions = Sessions::default();
+        sessions.take(hello_of("ward 3", 1), 0);
+        for number in 0..500 {
+            let mut packet = frame_of(1, number, 50);
+            if let Message::Pose(pose) = &mut packet.message {
+                pose.capture_time_ns += 4 * SECOND_NS;
+                pose.instant = MarkedInstant::Recording;
+                let way_ns = way_ms(number.into()) * 1_000_000;
+                let host_ns = 3600 * SECOND_NS + pose.capture_time_ns + way_ns;
+                sessions.take(packet, host_ns);
             }
-            let packet = PosePacket {
-                sequence: frame as u32,
-                capture_time_ns: capture_ns,
-                instant: MarkedInstant::Recording,
-                latency_us: 0,
-                targets: [].into_iter().collect(),
-                upper_trunk: None,
-                lower_trunk: None,
-            };
-            run.frame(host_ns, &packet, clock);
+        }
+        while let Some(judged) = sessions.next() {
+            if let Judged::Frame(frame) = judged {
+                run.frame(&frame);
+            }
         }
         run
     }

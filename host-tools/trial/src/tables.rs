@@ -52,7 +52,7 @@ fn csv_of(folder: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
         receiver.handle(Event::of(raw.decode(&mut deframer)), now)?;
         receiver.take_notices();
     }
-    receiver.finish()
+    receiver.finish(begun)
 }
 
 /// The columns of one group of rows. A value that a row lacks is null.

@@ -1,11 +1,11 @@
 //! Packets and frames: checksum, versions, COBS, and resynchronisation in a stream that was cut or
 //! garbled.
 
-use super::{Message, PROTOCOL_VERSION, SCHEMA_HASH};
+use super::{Message, PROTOCOL_VERSION, Packet, SCHEMA_HASH, Start};
 use crate::common::checksum::{CRC_BYTES, CRC32, checked};
 
-/// Version and schema hash.
-const HEADER_BYTES: usize = 5;
+/// Version, schema hash and start.
+const HEADER_BYTES: usize = 9;
 
 /// Longest packet, checksum included: the longest that COBS lengthens by one byte only.
 pub const PACKET_BYTES_MAX: usize = 254;
@@ -54,6 +54,8 @@ pub enum PacketError {
     },
     /// An intact packet of this schema whose body is not a message: the sender is broken.
     Body,
+    /// A message with a number that no measurement in a room gives: the sender is broken.
+    Number,
 }
 
 impl core::fmt::Display for PacketError {
@@ -72,24 +74,27 @@ impl core::fmt::Display for PacketError {
                 write!(formatter, "schema {hash:08x}, this program knows {SCHEMA_HASH:08x}")
             }
             Self::Body => formatter.write_str("an intact packet that holds no message"),
+            Self::Number => formatter.write_str("a number that no measurement in a room gives"),
         }
     }
 }
 
 impl core::error::Error for PacketError {}
 
-/// Writes a message as one packet, to be sent as one datagram.
-/// A buffer of [`PACKET_BYTES_MAX`] holds every message.
+/// Writes a message as one packet, to be sent as one datagram. A box gives its start, a host
+/// `None`. A buffer of [`PACKET_BYTES_MAX`] holds every message.
 ///
 /// # Errors
 /// [`EncodeError`] when the buffer is too small.
 pub fn encode_datagram<'a>(
+    start: Option<Start>,
     message: &Message,
     buffer: &'a mut [u8],
 ) -> Result<&'a [u8], EncodeError> {
     let (header, rest) = buffer.split_first_chunk_mut::<HEADER_BYTES>().ok_or(EncodeError)?;
     header[0] = PROTOCOL_VERSION;
-    header[1..].copy_from_slice(&SCHEMA_HASH.to_le_bytes());
+    header[1..5].copy_from_slice(&SCHEMA_HASH.to_le_bytes());
+    header[5..].copy_from_slice(&start.map_or(0, Start::get).to_le_bytes());
     let body_bytes = postcard::to_slice(message, rest).map_err(|_| EncodeError)?.len();
     let covered = HEADER_BYTES + body_bytes;
     let packet = buffer.get_mut(..covered + CRC_BYTES).ok_or(EncodeError)?;
@@ -98,14 +103,18 @@ pub fn encode_datagram<'a>(
     Ok(packet)
 }
 
-/// Writes a message as one frame of a serial line, delimiter included.
+/// Writes a message as one frame of a serial line, delimiter included; see [`encode_datagram`].
 /// A buffer of [`FRAME_BYTES_MAX`] holds every message.
 ///
 /// # Errors
 /// [`EncodeError`] when the buffer is too small.
-pub fn encode_frame<'a>(message: &Message, buffer: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
+pub fn encode_frame<'a>(
+    start: Option<Start>,
+    message: &Message,
+    buffer: &'a mut [u8],
+) -> Result<&'a [u8], EncodeError> {
     let mut packet = [0; PACKET_BYTES_MAX];
-    let packet = encode_datagram(message, &mut packet)?;
+    let packet = encode_datagram(start, message, &mut packet)?;
     // COBS costs one byte up to 254. The room is checked here, because the crate does not
     // notice that a final zero needs a byte more than there is.
     let frame = buffer.get_mut(..packet.len() + 2).ok_or(EncodeError)?;
@@ -119,7 +128,7 @@ pub fn encode_frame<'a>(message: &Message, buffer: &'a mut [u8]) -> Result<&'a [
 ///
 /// # Errors
 /// Any [`PacketError`] but those of the serial line.
-pub fn decode_datagram(packet: &[u8]) -> Result<Message, PacketError> {
+pub fn decode_datagram(packet: &[u8]) -> Result<Packet, PacketError> {
     // The checksum comes first: a wrong version number in a damaged packet is
     // damage, not another version.
     let (covered, intact) = checked(packet).ok_or(PacketError::Short)?;
@@ -127,21 +136,34 @@ pub fn decode_datagram(packet: &[u8]) -> Result<Message, PacketError> {
     if !intact {
         return Err(PacketError::Checksum);
     }
-    let [version, hash @ ..] = *header;
+    let [version, h0, h1, h2, h3, start @ ..] = *header;
     if version != PROTOCOL_VERSION {
         return Err(PacketError::OtherVersion { version });
     }
-    let hash = u32::from_le_bytes(hash);
+    let hash = u32::from_le_bytes([h0, h1, h2, h3]);
     if hash != SCHEMA_HASH {
         return Err(PacketError::OtherSchema { hash });
     }
-    match postcard::take_from_bytes(body) {
-        Ok((message, [])) => Ok(message),
+    let start = Start::new(u32::from_le_bytes(start));
+    match postcard::take_from_bytes::<Message>(body) {
+        Ok((message, [])) if !is_sent_by(&message, start) => Err(PacketError::Body),
+        Ok((message, [])) if !message.is_measurable() => Err(PacketError::Number),
+        Ok((message, [])) => Ok(Packet { start, message }),
         _ => Err(PacketError::Body),
     }
 }
 
-/// Takes a serial line's bytes as they come and returns the messages in them.
+/// Hosts send commands and parts, boxes everything but commands; a Hello names its own start.
+fn is_sent_by(message: &Message, start: Option<Start>) -> bool {
+    match message {
+        Message::Command(_) => start.is_none(),
+        Message::Part(_) => true,
+        Message::Hello(hello) => start.is_some_and(|start| start.get() == hello.boot_id),
+        _ => start.is_some(),
+    }
+}
+
+/// Takes a serial line's bytes as they come and returns the packets in them.
 ///
 /// `N` is the longest frame without its delimiter; [`FRAME_BYTES_MAX`] is enough for every frame of
 /// this version. After damage it resumes at the next delimiter, so that only the damaged frames are
@@ -175,7 +197,7 @@ impl<const N: usize> Deframer<N> {
 
     /// Takes one byte; returns an outcome when the byte ends a frame. Consecutive delimiters are an
     /// idle line, not frames.
-    pub fn feed(&mut self, byte: u8) -> Option<Result<Message, PacketError>> {
+    pub fn feed(&mut self, byte: u8) -> Option<Result<Packet, PacketError>> {
         if byte != DELIMITER {
             self.overflow |= self.frame.push(byte).is_err();
             return None;
@@ -208,7 +230,7 @@ impl<const N: usize> Deframer<N> {
     }
 
     /// Takes many bytes and hands each outcome to `receive`.
-    pub fn push(&mut self, bytes: &[u8], mut receive: impl FnMut(Result<Message, PacketError>)) {
+    pub fn push(&mut self, bytes: &[u8], mut receive: impl FnMut(Result<Packet, PacketError>)) {
         for &byte in bytes {
             if let Some(outcome) = self.feed(byte) {
                 receive(outcome);

@@ -57,7 +57,7 @@ pub struct Hello {
     pub firmware: String<DEVICE_TEXT_BYTES_MAX>,
     /// [`Config::crc`](crate::model::config::Config::crc) of the configuration in use.
     pub config_crc: u32,
-    /// Drawn at random at each start; a new number is a new session.
+    /// The [`Start`](super::Start) that this Hello is of: the same as in its packet.
     pub boot_id: u32,
     /// How often the program has started, where that is recorded.
     pub boot_count: Option<u32>,

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | 1 | [`PROTOCOL_VERSION`] |
 //! | 4 | [`SCHEMA_HASH`], little endian |
+//! | 4 | the [`Start`] of the box that sends this, little endian; 0 in what a host sends |
 //! | n | the [`Message`], postcard |
 //! | 4 | CRC-32 (ISO-HDLC) of all of the above, little endian |
 //!
@@ -14,6 +15,12 @@
 //! and the checksum keep their place in every version, so that a receiver can
 //! tell a newer box ([`PacketError::OtherVersion`],
 //! [`PacketError::OtherSchema`]) from a broken line ([`PacketError::Checksum`]).
+//!
+//! # Which start of which box
+//!
+//! A box draws a number at random at each start, and puts it into each of its packets. Sequence
+//! numbers and capture times are comparable within one start only, and a receiver never has to
+//! guess from them whether a box has restarted. The [`Hello`] of a start says which box it is of.
 //!
 //! # What the schema hash covers
 //!
@@ -24,12 +31,13 @@
 //!
 //! # Size
 //!
-//! A pose packet of two targets is at most 178 bytes on a serial line, of three targets at most
-//! 239; both hold for every value, and a test computes them. At 60 Hz two targets take 10,680 of
-//! the 11,520 bytes per second of 115,200 baud; three take 14,340 and need 230,400 baud. A third
+//! A pose packet of two targets is at most 182 bytes on a serial line, of three targets at most
+//! 243; both hold for every value, and a test computes them. At 60 Hz two targets take 10,920 of
+//! the 11,520 bytes per second of 115,200 baud; three take 14,580 and need 230,400 baud. A third
 //! of it is the covariance.
 //!
-//! Decoding never panics, whatever bytes come from outside.
+//! Decoding never panics, whatever bytes come from outside, and refuses numbers that no room can
+//! hold ([`PacketError::Number`]): what has been decoded can be measured with.
 
 mod document;
 mod framing;
@@ -37,6 +45,8 @@ mod from_report;
 mod message;
 mod pose;
 mod view;
+
+use core::num::NonZeroU32;
 
 use postcard_schema::Schema;
 use postcard_schema::key::Key;
@@ -53,15 +63,15 @@ pub use message::{
     ReplyOutcome, ResetReason, TargetInfo,
 };
 pub use pose::{
-    AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, PosePacket, RMS_STEP_PX,
-    SD_STEP_MM, TargetPacket,
+    AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, POSITION_MM_MAX, PosePacket,
+    RMS_STEP_PX, SD_STEP_MM, TargetPacket,
 };
 pub use view::View;
 
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
 
 /// Changes when a field's meaning changes, or the layout of the packet itself.
-pub const PROTOCOL_VERSION: u8 = 2;
+pub const PROTOCOL_VERSION: u8 = 3;
 
 /// Changes automatically when the shape of any message changes.
 pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
@@ -78,6 +88,18 @@ pub const SCHEMA_HASH: u32 = schema_hash::<Message>(&[
     REASON_BYTES_MAX as u64,
     PART_BYTES_MAX as u64,
 ]);
+
+/// One start of one box: a number drawn at random at each start.
+pub type Start = NonZeroU32;
+
+/// One message, and who sent it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Packet {
+    /// The start of the box that sent it; `None` for a host.
+    pub start: Option<Start>,
+    /// What it says.
+    pub message: Message,
+}
 
 /// One message, in either direction.
 #[expect(clippy::large_enum_variant, reason = "there is no heap on which to put the pose")]
@@ -101,6 +123,17 @@ pub enum Message {
     Picture(Picture),
     /// A piece of a document, in either direction.
     Part(Part),
+}
+
+impl Message {
+    /// Whether each number in it can be that of a measurement.
+    fn is_measurable(&self) -> bool {
+        match self {
+            Self::Pose(packet) => packet.is_measurable(),
+            Self::View(view) => view.is_finite(),
+            _ => true,
+        }
+    }
 }
 
 /// FNV-1a (64 bits) over the schema of `T` and some numbers, folded to 32 bits.

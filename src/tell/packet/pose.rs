@@ -20,6 +20,13 @@ pub(super) const SD_STEPS_PER_RAD: f32 = 1e6;
 /// Steps of a correlation on the wire.
 pub(super) const CORRELATION_STEPS: i8 = 127;
 
+/// No room is larger: a position further from the camera, or from the scene's origin, along any
+/// axis is no measurement.
+pub const POSITION_MM_MAX: f32 = 100_000.0;
+
+/// The largest angle that is sent: pi, and its rounding to single precision.
+const ANGLE_RAD_MAX: f32 = core::f32::consts::PI + 1e-6;
+
 /// Correlations between six numbers.
 pub const CORRELATIONS: usize = 15;
 
@@ -65,7 +72,7 @@ pub struct AnatomicalPoint {
 ///
 /// f32 is fine enough: at 1,000 mm its step is 0.00006 mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "MeasuredPoseWire", into = "MeasuredPoseWire")]
+#[serde(from = "MeasuredPoseWire", into = "MeasuredPoseWire")]
 pub struct MeasuredPose {
     /// How much later than the frame's capture time the target was exposed: the middle row of its
     /// picture. The pose, and the trunk point that follows from it, are of that instant.
@@ -139,7 +146,7 @@ pub struct TargetPacket {
 
 /// One frame's result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "PosePacketWire", into = "PosePacketWire")]
+#[serde(from = "PosePacketWire", into = "PosePacketWire")]
 pub struct PosePacket {
     /// Counts the frames since the box's start, including those whose packets were lost.
     pub sequence: u32,
@@ -164,6 +171,20 @@ impl PosePacket {
     #[must_use]
     pub fn pose(&self, role: Role) -> Option<&MeasuredPose> {
         self.targets.iter().find(|target| target.role == role)?.pose.as_ref().ok()
+    }
+
+    /// Whether each number can be that of a measurement in a room. The deviations can: their fixed
+    /// point is neither negative nor infinite.
+    pub(super) fn is_measurable(&self) -> bool {
+        let mut poses = self.targets.iter().filter_map(|target| target.pose.as_ref().ok());
+        let mut trunk = [self.upper_trunk, self.lower_trunk].into_iter().flatten();
+        let are_measurable = |pose: &MeasuredPose| {
+            pose.theta_rad.iter().all(|angle| angle.abs() <= ANGLE_RAD_MAX)
+                && pose.translation_mm.into_iter().all(is_in_a_room)
+        };
+        let is_near =
+            |it: AnatomicalPoint| [it.ap_mm, it.ml_mm, it.si_mm].into_iter().all(is_in_a_room);
+        poses.all(are_measurable) && trunk.all(is_near)
     }
 }
 
@@ -201,14 +222,9 @@ impl Schema for PosePacket {
     const SCHEMA: &'static NamedType = PosePacketWire::SCHEMA;
 }
 
-/// A number that no measurement yields: the sender is broken.
-#[derive(Debug)]
-struct NotFinite;
-
-impl core::fmt::Display for NotFinite {
-    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        formatter.write_str("a number is not finite")
-    }
+/// False for what is not finite, too.
+fn is_in_a_room(coordinate_mm: f32) -> bool {
+    coordinate_mm.abs() <= POSITION_MM_MAX
 }
 
 /// Fixed point, rounded; a value that is too large, or NaN, becomes the largest.
@@ -242,14 +258,9 @@ impl From<MeasuredPose> for MeasuredPoseWire {
     }
 }
 
-impl TryFrom<MeasuredPoseWire> for MeasuredPose {
-    type Error = NotFinite;
-
-    fn try_from(wire: MeasuredPoseWire) -> Result<Self, NotFinite> {
-        if !wire.theta_rad.iter().chain(&wire.translation_mm).all(|value| value.is_finite()) {
-            return Err(NotFinite);
-        }
-        Ok(Self {
+impl From<MeasuredPoseWire> for MeasuredPose {
+    fn from(wire: MeasuredPoseWire) -> Self {
+        Self {
             delay_ns: u32::from_le_bytes(wire.delay_ns),
             theta_rad: wire.theta_rad,
             translation_mm: wire.translation_mm,
@@ -260,7 +271,7 @@ impl TryFrom<MeasuredPoseWire> for MeasuredPose {
                 .map(|steps| f32::from(steps) / f32::from(CORRELATION_STEPS)),
             rms_px: from_steps(wire.rms_steps, RMS_STEPS_PER_PX.into()),
             corners: wire.corners,
-        })
+        }
     }
 }
 
@@ -278,19 +289,9 @@ impl From<PosePacket> for PosePacketWire {
     }
 }
 
-impl TryFrom<PosePacketWire> for PosePacket {
-    type Error = NotFinite;
-
-    fn try_from(wire: PosePacketWire) -> Result<Self, NotFinite> {
-        let finite = |point: &Option<AnatomicalPoint>| {
-            point.is_none_or(|point| {
-                [point.ap_mm, point.ml_mm, point.si_mm].iter().all(|value| value.is_finite())
-            })
-        };
-        if !finite(&wire.upper_trunk) || !finite(&wire.lower_trunk) {
-            return Err(NotFinite);
-        }
-        Ok(Self {
+impl From<PosePacketWire> for PosePacket {
+    fn from(wire: PosePacketWire) -> Self {
+        Self {
             sequence: u32::from_le_bytes(wire.sequence),
             capture_time_ns: u64::from_le_bytes(wire.capture_time_ns),
             instant: wire.instant,
@@ -298,6 +299,6 @@ impl TryFrom<PosePacketWire> for PosePacket {
             targets: wire.targets,
             upper_trunk: wire.upper_trunk,
             lower_trunk: wire.lower_trunk,
-        })
+        }
     }
 }

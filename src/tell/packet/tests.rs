@@ -28,8 +28,14 @@ const POSE: MeasuredPose = MeasuredPose {
 /// How many kinds of messages there are.
 const KINDS: usize = 9;
 
-/// Where the body of a datagram begins: after the version and the schema's hash.
-const BODY_AT: usize = 5;
+/// The kind that hosts send, which is the first byte of its body.
+const COMMAND: u8 = 4;
+
+/// Where the body of a datagram begins: after the version, the schema's hash and the start.
+const BODY_AT: usize = 9;
+
+/// Of the box that sends what follows.
+const START: Start = Start::MAX;
 
 fn full<const N: usize>() -> String<N> {
     let mut text = String::new();
@@ -171,15 +177,24 @@ fn longest_messages() -> StdVec<Message> {
     messages
 }
 
+/// Who sends a message of this kind.
+fn sender(message: &Message) -> Option<Start> {
+    (!matches!(message, Message::Command(_))).then_some(START)
+}
+
 fn datagram(message: &Message) -> StdVec<u8> {
-    encode_datagram(message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec()
+    encode_datagram(sender(message), message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec()
 }
 
 fn frame(message: &Message) -> StdVec<u8> {
-    encode_frame(message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
+    encode_frame(sender(message), message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
 }
 
-fn received(bytes: &[u8]) -> StdVec<Result<Message, PacketError>> {
+fn packet(message: Message) -> Packet {
+    Packet { start: sender(&message), message }
+}
+
+fn received(bytes: &[u8]) -> StdVec<Result<Packet, PacketError>> {
     let mut deframer = Deframer::<FRAME_BYTES_MAX>::new();
     let mut outcomes = StdVec::new();
     deframer.push(bytes, |outcome| outcomes.push(outcome));
@@ -187,9 +202,10 @@ fn received(bytes: &[u8]) -> StdVec<Result<Message, PacketError>> {
 }
 
 /// A body with its header and a correct checksum.
-fn sealed(version: u8, hash: u32, body: &[u8]) -> StdVec<u8> {
+fn sealed(version: u8, hash: u32, start: u32, body: &[u8]) -> StdVec<u8> {
     let mut packet = std::vec![version];
     packet.extend(hash.to_le_bytes());
+    packet.extend(start.to_le_bytes());
     packet.extend(body);
     packet.extend(CRC32.checksum(&packet).to_le_bytes());
     packet
@@ -215,8 +231,8 @@ impl Random {
 #[test]
 fn every_message_comes_back_through_datagram_and_frame() {
     for message in longest_messages() {
-        assert_eq!(decode_datagram(&datagram(&message)), Ok(message.clone()));
-        assert_eq!(received(&frame(&message)), [Ok(message)]);
+        assert_eq!(decode_datagram(&datagram(&message)), Ok(packet(message.clone())));
+        assert_eq!(received(&frame(&message)), [Ok(packet(message))]);
     }
 }
 
@@ -227,11 +243,11 @@ fn a_packet_that_ends_in_zero_needs_its_room_too() {
         let message = Message::Command(Command { id, action: Action::SendHello });
         let mut packet = [0; PACKET_BYTES_MAX];
         ends_in_zero +=
-            usize::from(encode_datagram(&message, &mut packet).unwrap().last() == Some(&0));
+            usize::from(encode_datagram(None, &message, &mut packet).unwrap().last() == Some(&0));
         let mut buffer = [0; FRAME_BYTES_MAX];
-        let length = encode_frame(&message, &mut buffer).unwrap().len();
+        let length = encode_frame(None, &message, &mut buffer).unwrap().len();
         for short in 0..length {
-            assert_eq!(encode_frame(&message, &mut buffer[..short]), Err(EncodeError), "{id}");
+            assert_eq!(encode_frame(None, &message, &mut buffer[..short]), Err(EncodeError), "{id}");
         }
     }
     // One checksum in 256 does.
@@ -242,24 +258,26 @@ fn a_packet_that_ends_in_zero_needs_its_room_too() {
 fn the_longest_packets_keep_their_bounds() {
     // Every field of a pose packet has a fixed width once it is there, so that
     // the packet with everything there is the longest.
-    assert_eq!(frame(&Message::Pose(pose(2))).len(), 178);
-    assert_eq!(frame(&Message::Pose(pose(3))).len(), 239);
+    assert_eq!(frame(&Message::Pose(pose(2))).len(), 182);
+    assert_eq!(frame(&Message::Pose(pose(3))).len(), 243);
     let lengths: StdVec<_> = longest_messages().iter().map(|m| frame(m).len()).collect();
     assert_eq!(
         lengths,
         [
-            239, 168, 109, 189, 26, 16, 16, 16, 16, 30, 26, 19, 17, 27, 16, 46, 31, 21, 16, 224,
-            109, 117, 31, 247
+            243, 172, 113, 193, 30, 20, 20, 20, 20, 34, 30, 23, 21, 31, 20, 50, 35, 25, 20, 228,
+            113, 121, 35, 251
         ]
     );
     // Shorter buffers are refused, and nothing is written past them.
     for message in longest_messages() {
         let length = frame(&message).len();
         for short in 0..length {
-            assert_eq!(encode_frame(&message, &mut [0; 256][..short]), Err(EncodeError));
+            let mut buffer = [0; 256];
+            assert_eq!(encode_frame(None, &message, &mut buffer[..short]), Err(EncodeError));
         }
         for short in 0..length - 2 {
-            assert_eq!(encode_datagram(&message, &mut [0; 256][..short]), Err(EncodeError));
+            let mut buffer = [0; 256];
+            assert_eq!(encode_datagram(None, &message, &mut buffer[..short]), Err(EncodeError));
         }
     }
 }
@@ -332,7 +350,7 @@ fn the_schema_hash_is_this_one_and_follows_the_shape() {
 fn the_schema_describes_the_bytes() {
     for message in longest_messages() {
         let packet = datagram(&message);
-        let body = &packet[5..packet.len() - 4];
+        let body = &packet[BODY_AT..packet.len() - 4];
         let mut rest = body;
         walk(Message::SCHEMA.ty, &mut rest);
         assert!(rest.is_empty(), "{} bytes are not in the schema", rest.len());
@@ -387,27 +405,29 @@ fn walk(ty: &postcard_schema::schema::DataModelType, bytes: &mut &[u8]) {
 fn each_fault_has_its_own_name() {
     let message = Message::Pose(pose(2));
     let good = datagram(&message);
-    let body = &good[5..good.len() - 4];
-    assert_eq!(sealed(PROTOCOL_VERSION, SCHEMA_HASH, body), good);
+    let body = &good[BODY_AT..good.len() - 4];
+    let start = START.get();
+    assert_eq!(sealed(PROTOCOL_VERSION, SCHEMA_HASH, start, body), good);
 
     assert_eq!(decode_datagram(&[]), Err(PacketError::Short));
     assert_eq!(decode_datagram(&good[..8]), Err(PacketError::Short));
     assert_eq!(decode_datagram(&good[..good.len() - 1]), Err(PacketError::Checksum));
-    let newer = sealed(PROTOCOL_VERSION + 1, 77, &[1, 2, 3]);
+    let newer = sealed(PROTOCOL_VERSION + 1, 77, start, &[1, 2, 3]);
     let version = PROTOCOL_VERSION + 1;
     assert_eq!(decode_datagram(&newer), Err(PacketError::OtherVersion { version }));
-    let other = sealed(PROTOCOL_VERSION, 77, body);
+    let other = sealed(PROTOCOL_VERSION, 77, start, body);
     assert_eq!(decode_datagram(&other), Err(PacketError::OtherSchema { hash: 77 }));
     let longer = [body, &[0]].concat();
-    let longer = sealed(PROTOCOL_VERSION, SCHEMA_HASH, &longer);
+    let longer = sealed(PROTOCOL_VERSION, SCHEMA_HASH, start, &longer);
     assert_eq!(decode_datagram(&longer), Err(PacketError::Body));
-    let unknown = sealed(PROTOCOL_VERSION, SCHEMA_HASH, &[99]);
+    let unknown = sealed(PROTOCOL_VERSION, SCHEMA_HASH, start, &[99]);
     assert_eq!(decode_datagram(&unknown), Err(PacketError::Body));
 
     // A line joined in the middle of a frame, then one whole frame.
     let whole = frame(&message);
     let joined = [&whole[60..], &whole].concat();
-    assert_eq!(received(&joined), [Err(PacketError::Fragment), Ok(message.clone())]);
+    let arrived = Ok(self::packet(message));
+    assert_eq!(received(&joined), [Err(PacketError::Fragment), arrived.clone()]);
     // Each fault costs its own frame, and the next one is good.
     let mut torn = whole[..60].to_vec();
     torn.push(0);
@@ -421,21 +441,68 @@ fn each_fault_has_its_own_name() {
         (&wrong, PacketError::Checksum),
     ] {
         let stream = [&[0, 0], bytes.as_slice(), &whole].concat();
-        assert_eq!(received(&stream), [Err(fault), Ok(message.clone())]);
+        assert_eq!(received(&stream), [Err(fault), arrived.clone()]);
     }
 }
 
 #[test]
-fn numbers_that_are_none_do_not_arrive() {
-    for bad in [f32::NAN, f32::INFINITY] {
-        let mut packet = pose(2);
-        packet.targets[1].pose = Ok(MeasuredPose { translation_mm: [0.0, bad, 0.0], ..POSE });
-        let bytes = datagram(&Message::Pose(packet));
-        assert_eq!(decode_datagram(&bytes), Err(PacketError::Body));
-        let mut packet = pose(2);
-        packet.lower_trunk = Some(AnatomicalPoint { si_mm: bad, ..POINT });
-        let bytes = datagram(&Message::Pose(packet));
-        assert_eq!(decode_datagram(&bytes), Err(PacketError::Body));
+fn numbers_that_no_room_holds_do_not_arrive() {
+    use core::f32::consts::PI;
+    const FAR_MM: f32 = 1.01 * POSITION_MM_MAX;
+    let with_pose = |pose: MeasuredPose| {
+        let mut packet = self::pose(2);
+        packet.targets[1].pose = Ok(pose);
+        Message::Pose(packet)
+    };
+    let with_trunk = |lower_trunk: AnatomicalPoint| {
+        Message::Pose(PosePacket { lower_trunk: Some(lower_trunk), ..self::pose(2) })
+    };
+    let outcome = |message: &Message| decode_datagram(&datagram(message)).map(|it| it.message);
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, FAR_MM, -FAR_MM] {
+        for message in [
+            with_pose(MeasuredPose { translation_mm: [0.0, bad, 0.0], ..POSE }),
+            with_pose(MeasuredPose { theta_rad: [0.0, 0.0, bad], ..POSE }),
+            with_trunk(AnatomicalPoint { si_mm: bad, ..POINT }),
+        ] {
+            assert_eq!(outcome(&message), Err(PacketError::Number), "{bad}");
+        }
+    }
+    for bad in [PI + 1e-5, -PI - 1e-5] {
+        let message = with_pose(MeasuredPose { theta_rad: [bad, 0.0, 0.0], ..POSE });
+        assert_eq!(outcome(&message), Err(PacketError::Number), "{bad}");
+    }
+    // What is at the bound can be measured.
+    for edge in [POSITION_MM_MAX, -POSITION_MM_MAX] {
+        let turned = MeasuredPose { theta_rad: [PI, -PI, 0.0], translation_mm: [edge; 3], ..POSE };
+        for message in [with_pose(turned), with_trunk(AnatomicalPoint { ap_mm: edge, ..POINT })] {
+            assert_eq!(outcome(&message), Ok(message.clone()));
+        }
+    }
+    let mut view = longest_messages().into_iter().find(|it| matches!(it, Message::View(_)));
+    if let Some(Message::View(view)) = &mut view {
+        view.targets[0].pitch_px = f32::NAN;
+    }
+    assert_eq!(outcome(&view.expect("there is one of each kind")), Err(PacketError::Number));
+}
+
+#[test]
+fn a_packet_says_which_start_of_a_box_it_is_of() {
+    let packet_of = |start: u32, message: &Message| {
+        let sent = datagram(message);
+        let body = &sent[BODY_AT..sent.len() - 4];
+        decode_datagram(&sealed(PROTOCOL_VERSION, SCHEMA_HASH, start, body))
+    };
+    for message in longest_messages() {
+        let by_box = packet_of(7, &message).map(|packet| packet.start);
+        let by_host = packet_of(0, &message).map(|packet| packet.start);
+        let (as_box, as_host) = match &message {
+            Message::Command(_) => (Err(PacketError::Body), Ok(None)),
+            Message::Part(_) => (Ok(Start::new(7)), Ok(None)),
+            // It names another start than that of its packet.
+            Message::Hello(_) => (Err(PacketError::Body), Err(PacketError::Body)),
+            _ => (Ok(Start::new(7)), Err(PacketError::Body)),
+        };
+        assert_eq!((by_box, by_host), (as_box, as_host), "{message:?}");
     }
 }
 
@@ -444,7 +511,9 @@ fn standard_deviations_are_rounded_and_saturate() {
     let sent_mm = [0.01234, 6.5535, 7.0];
     let mut packet = pose(1);
     packet.targets[0].pose = Ok(MeasuredPose { sd_mm: sent_mm, rms_px: f32::NAN, ..POSE });
-    let Ok(Message::Pose(back)) = decode_datagram(&datagram(&Message::Pose(packet))) else {
+    let Ok(Packet { message: Message::Pose(back), .. }) =
+        decode_datagram(&datagram(&Message::Pose(packet)))
+    else {
         panic!("a pose packet was sent");
     };
     let back = back.targets[0].pose.unwrap();
@@ -470,7 +539,9 @@ fn a_covariance_comes_back_to_its_steps() {
     };
     let mut packet = pose(1);
     packet.targets[0].pose = Ok((&measurement).into());
-    let Ok(Message::Pose(back)) = decode_datagram(&datagram(&Message::Pose(packet))) else {
+    let Ok(Packet { message: Message::Pose(back), .. }) =
+        decode_datagram(&datagram(&Message::Pose(packet)))
+    else {
         panic!("a pose packet was sent");
     };
     let back = back.targets[0].pose.unwrap().covariance();
@@ -504,7 +575,7 @@ fn every_single_wrong_bit_is_found() {
             let stream = [before.as_slice(), &wrong, &before, &before].concat();
             let outcomes = received(&stream);
             let passed: StdVec<_> = outcomes.iter().flatten().collect();
-            assert!(passed.iter().all(|&passed| *passed == good), "bit {bit}");
+            assert!(passed.iter().all(|&passed| passed.message == good), "bit {bit}");
             let delimiter = bit / 8 == framed.len() - 1;
             assert_eq!(passed.len(), if delimiter { 2 } else { 3 }, "bit {bit}");
             assert!(outcomes.iter().any(Result::is_err), "bit {bit}");
@@ -515,10 +586,12 @@ fn every_single_wrong_bit_is_found() {
 }
 
 /// What decodes must be a message that can be sent again and is then the same.
-fn is_sound(outcome: Result<Message, PacketError>) -> bool {
+fn is_sound(outcome: Result<Packet, PacketError>) -> bool {
     match outcome {
-        Ok(message) => {
-            assert_eq!(decode_datagram(&datagram(&message)), Ok(message));
+        Ok(packet) => {
+            let mut buffer = [0; PACKET_BYTES_MAX];
+            let again = encode_datagram(packet.start, &packet.message, &mut buffer).unwrap();
+            assert_eq!(decode_datagram(again), Ok(packet));
             true
         }
         Err(_) => false,
@@ -555,10 +628,11 @@ fn no_bytes_panic() {
                 }
             }
         }
-        let outcome = decode_datagram(&sealed(PROTOCOL_VERSION, SCHEMA_HASH, &body));
-        if is_sound(outcome.clone()) {
-            let message = outcome.expect("it is sound");
-            decoded[usize::from(datagram(&message)[BODY_AT])] += 1;
+        let from_host = body.first() == Some(&COMMAND);
+        let start = if from_host { 0 } else { START.get() };
+        let sealed = sealed(PROTOCOL_VERSION, SCHEMA_HASH, start, &body);
+        if is_sound(decode_datagram(&sealed)) {
+            decoded[usize::from(body[0])] += 1;
         }
     }
     // Many changes hit a number and give another good message: postcard was reached, for each kind.

@@ -21,3 +21,16 @@ pub struct View {
     /// Each target that was measured in it.
     pub targets: Vec<TargetView, TARGETS_MAX>,
 }
+
+impl View {
+    pub(super) fn is_finite(&self) -> bool {
+        let FrameView { level, saturated, blur_px } = self.frame;
+        let frame = [Some(level), Some(saturated), blur_px, self.gain];
+        let of_target = |target: &TargetView| {
+            let TargetView { light, dark, saturated, blur_px: [along_x, along_y], pitch_px, .. } =
+                *target;
+            [light, dark, saturated, along_x, along_y, pitch_px].iter().all(|it| it.is_finite())
+        };
+        frame.into_iter().flatten().all(f32::is_finite) && self.targets.iter().all(of_target)
+    }
+}

@@ -54,11 +54,11 @@ pub extern "C" fn plumbline_bare_step(time_ns: u64) -> usize {
         measured += measured_in(&pipeline.step(&frame, time_ns));
     }
     let mut answered = 0;
-    Deframer::<FRAME_BYTES_MAX>::new().push(bytes, |message| {
+    Deframer::<FRAME_BYTES_MAX>::new().push(bytes, |packet| {
         let mut buffer = [0; FRAME_BYTES_MAX];
-        answered += message
+        answered += packet
             .ok()
-            .and_then(|message| Some(encode_frame(&message, &mut buffer).ok()?.len()))
+            .and_then(|it| Some(encode_frame(it.start, &it.message, &mut buffer).ok()?.len()))
             .unwrap_or(0);
     });
     black_box(measured + answered)

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, encode_datagram};
+use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, Packet, encode_datagram};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::transport::Raw;
@@ -121,14 +121,16 @@ fn send(arguments: &Arguments, to: SocketAddr, stop: &AtomicBool) -> Result<u64,
 /// were given to whoever asked, by a clock that is not theirs who hear it now.
 fn forward(socket: &UdpSocket, to: SocketAddr, raw: &Raw, deframer: &mut Deframer) -> bool {
     let mut buffer = [0; PACKET_BYTES_MAX];
-    let message = raw.decode(deframer);
-    let datagram = match (raw, &message) {
-        (_, Ok(Message::Reply(_))) => return false,
+    let packet = raw.decode(deframer);
+    let datagram = match (raw, &packet) {
+        (_, Ok(Packet { message: Message::Reply(_), .. })) => return false,
         (Raw::Datagram(bytes), _) => &bytes[..],
-        (Raw::Frame(_), Ok(message)) => match encode_datagram(message, &mut buffer) {
-            Ok(datagram) => datagram,
-            Err(_) => return false,
-        },
+        (Raw::Frame(_), Ok(packet)) => {
+            match encode_datagram(packet.start, &packet.message, &mut buffer) {
+                Ok(datagram) => datagram,
+                Err(_) => return false,
+            }
+        }
         (Raw::Frame(_), Err(_)) => return false,
     };
     // Nobody may be listening yet; the box does not know either.

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use plumbline::packet::{
-    AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, PosePacket, encode_datagram,
+    AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, Packet, PosePacket, encode_datagram,
 };
+use plumbline_stream::fixture::adversity::hello_of;
+use plumbline_stream::fixture::{START, packet};
 use plumbline_stream::transport::Raw;
 use plumbline_trial::journal::{Content, Entry, Writer};
 use plumbline_trial::manifest::{Manifest, Zero};
@@ -42,6 +44,8 @@ pub fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
         content: Content::Mark(Mark::new(Source::Key, label)),
     }));
     entries.sort_by_key(|entry| entry.host_ns);
+    let hello = content(&hello_of("ward 3", START));
+    journal.write(&Entry { host_ns: 0, content: hello }).unwrap();
     for entry in &entries {
         journal.write(entry).unwrap();
     }
@@ -61,11 +65,17 @@ fn entry(frame: &Frame) -> Entry {
         upper_trunk: point(frame.upper_mm),
         lower_trunk: point(frame.lower_mm),
     });
-    let datagram = encode_datagram(&message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
     Entry {
         host_ns: nanoseconds(frame.time_s) + DELAY_NS,
-        content: Content::Raw(Raw::Datagram(datagram)),
+        content: content(&packet(START, message)),
     }
+}
+
+/// What a recording keeps of a packet.
+pub fn content(packet: &Packet) -> Content {
+    let mut buffer = [0; PACKET_BYTES_MAX];
+    let datagram = encode_datagram(packet.start, &packet.message, &mut buffer).unwrap();
+    Content::Raw(Raw::Datagram(datagram.to_vec()))
 }
 
 fn nanoseconds(time_s: f64) -> u64 {

@@ -20,7 +20,7 @@ struct Played {
 impl Transport for Played {
     fn poll(&mut self, take: &mut dyn FnMut(Event)) -> Result<(), BadInput> {
         for message in self.answers.drain(..) {
-            take(Event::Message(message));
+            take(fixture::event(message));
         }
         Ok(())
     }

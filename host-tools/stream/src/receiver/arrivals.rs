@@ -34,6 +34,10 @@ impl Arrivals {
         self.recent.clear();
     }
 
+    pub(super) fn has_message(&self) -> bool {
+        self.heard.is_some()
+    }
+
     /// The time since the box's latest message.
     pub(super) fn since_message(&self, now: Instant) -> Option<Duration> {
         self.heard.map(|came| now.saturating_duration_since(came))

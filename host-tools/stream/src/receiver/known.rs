@@ -67,8 +67,8 @@ impl Known {
         faults.map(|record| record.text.as_str()).collect::<Vec<_>>().join(" ")
     }
 
-    pub(super) fn take_pose(&mut self, packet: &PosePacket) {
-        self.latest = Some(packet.clone());
+    pub(super) fn take_pose(&mut self, packet: PosePacket) {
+        self.latest = Some(packet);
     }
 
     /// Takes note of a Health; what the user should hear of it.

@@ -6,27 +6,31 @@ mod rows;
 
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Action, Health, Hello, Message, PacketError, PosePacket, ResetReason};
+use plumbline::packet::{
+    Action, Health, Hello, Message, Packet, PacketError, PosePacket, ResetReason,
+};
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 
 use self::arrivals::Arrivals;
 use self::known::Known;
-use self::rows::{Begin, Rows};
-use crate::accounting::{Accounting, Arrival, Counts};
+use self::rows::Rows;
+use crate::accounting::Counts;
 use crate::bad_packets::BadPackets;
-use crate::others::{self, Others, is_same_box};
+use crate::others;
 use crate::power::PowerSeen;
 use crate::questions::Questions;
 use crate::recorder::{Names, Recorder};
+use crate::sessions::{EXCHANGED_NS, Judged, LeftOut, Sessions};
 use crate::transport::Event;
 
 pub use self::known::Camera;
 pub use self::rows::Share;
 
-/// A box that has not told its targets' names is asked again after this time.
+/// A box that has not said who it is is asked again after this time.
 const REQUEST_EVERY: Duration = Duration::from_millis(200);
 
 /// A pose is the latest for no longer than this; the slowest camera gives one a second.
@@ -44,8 +48,8 @@ pub struct Run {
     pub frames: u64,
 }
 
-/// The request for the targets' names.
-struct NamesRequest {
+/// The request for a Hello.
+struct HelloRequest {
     questions: Questions,
     /// When it was last put.
     asked: Option<Instant>,
@@ -54,10 +58,11 @@ struct NamesRequest {
 /// The state of a reception. Its only input or output is the recording.
 pub struct Receiver<W: Write> {
     rows: Rows<W>,
-    accounting: Accounting,
+    sessions: Sessions,
+    /// The zero of the sessions' times.
+    begun: Option<Instant>,
     bad: BadPackets,
     line_losses: u64,
-    others: Others,
     /// The last one is under way.
     runs: Vec<Run>,
     /// Of the run that is under way.
@@ -65,7 +70,7 @@ pub struct Receiver<W: Write> {
     /// In all runs.
     power: PowerSeen,
     arrivals: Arrivals,
-    names_request: NamesRequest,
+    hello_request: HelloRequest,
     notices: Vec<String>,
 }
 
@@ -75,15 +80,15 @@ impl<W: Write> Receiver<W> {
     pub fn new(recorder: Option<Recorder<W>>) -> Self {
         Self {
             rows: Rows::new(recorder),
-            accounting: Accounting::default(),
+            sessions: Sessions::default(),
+            begun: None,
             bad: BadPackets::default(),
             line_losses: 0,
-            others: Others::default(),
             runs: vec![Run::default()],
             known: Known::default(),
             power: PowerSeen::default(),
             arrivals: Arrivals::default(),
-            names_request: NamesRequest { questions: Questions::of_link(), asked: None },
+            hello_request: HelloRequest { questions: Questions::of_link(), asked: None },
             notices: Vec::new(),
         }
     }
@@ -91,7 +96,25 @@ impl<W: Write> Receiver<W> {
     /// Pose packets by what became of them.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        self.accounting.counts()
+        self.sessions.counts()
+    }
+
+    /// Packets that are of another box or start.
+    #[must_use]
+    pub fn left_out(&self) -> LeftOut {
+        self.sessions.left_out()
+    }
+
+    /// How often the box started, with frames or without.
+    #[must_use]
+    pub fn sessions(&self) -> u32 {
+        self.sessions.count()
+    }
+
+    /// Whether anything has come from a box.
+    #[must_use]
+    pub fn is_heard(&self) -> bool {
+        self.arrivals.has_message()
     }
 
     /// Packets that could not be used.
@@ -106,7 +129,7 @@ impl<W: Write> Receiver<W> {
         self.rows.shares()
     }
 
-    /// The runs of the box, or of the boxes one after the other; never none.
+    /// The runs of the box; never none.
     #[must_use]
     pub fn runs(&self) -> &[Run] {
         &self.runs
@@ -187,16 +210,28 @@ impl<W: Write> Receiver<W> {
         std::mem::take(&mut self.notices)
     }
 
-    /// A message that the box should get: the request for the targets' names while rows wait
-    /// for them.
+    /// A message that the box should get: the request for its Hello while poses wait for it.
     pub fn request(&mut self, now: Instant) -> Option<Message> {
-        let since = self.rows.held_since()?;
-        let NamesRequest { questions, asked } = &mut self.names_request;
-        if asked.is_some_and(|asked| asked >= since && now - asked < REQUEST_EVERY) {
+        let HelloRequest { questions, asked } = &mut self.hello_request;
+        if !self.sessions.awaits_hello() || asked.is_some_and(|asked| now - asked < REQUEST_EVERY) {
             return None;
         }
         *asked = Some(now);
         Some(questions.ask(Action::SendHello).1)
+    }
+
+    /// Why the reception cannot go on: the box has been exchanged for another one.
+    #[must_use]
+    pub fn exchanged(&self) -> Option<BadInput> {
+        let exchanged = self.sessions.exchanged()?;
+        let [from, to] = [&exchanged.from, &exchanged.to].map(others::name);
+        let silence = Duration::from_nanos(EXCHANGED_NS).as_secs();
+        Some(BadInput::whole(
+            from,
+            format!("it has been silent for {silence} s, and another box sends now: {to}"),
+            "a recording is of one box: what came until then is kept; check which boxes are on, \
+             and record again",
+        ))
     }
 
     /// Takes note of what came in.
@@ -205,16 +240,9 @@ impl<W: Write> Receiver<W> {
     /// When the recording cannot go on.
     pub fn handle(&mut self, event: Event, now: Instant) -> Result<(), BadInput> {
         match event {
-            Event::Message(message) => self.message(message, now)?,
+            Event::Packet(packet) => return self.packet(packet, None, now),
+            Event::OtherSender { from, packet } => return self.packet(packet, Some(from), now),
             Event::Bad(error) => self.bad_packet(error),
-            Event::OtherSender { from, hello } => {
-                self.bad.other_sender += 1;
-                if let Some(news) = self.others.take(from, hello.as_ref()) {
-                    self.notices.push(format!(
-                        "{news}; only the first box is recorded: give each box a port of its own"
-                    ));
-                }
-            }
             Event::LineLost(why) => {
                 self.line_losses += 1;
                 self.notices.push(format!("the serial line is lost ({why}); waiting for it"));
@@ -226,126 +254,120 @@ impl<W: Write> Receiver<W> {
         Ok(())
     }
 
-    /// Lets time pass: rows do not wait for the targets' names for ever.
+    /// Lets time pass: poses do not wait for a Hello for ever.
     ///
     /// # Errors
     /// When the recording cannot go on.
     pub fn tick(&mut self, now: Instant) -> Result<(), BadInput> {
-        if self.rows.is_overdue(now) {
-            self.notices.push(
-                "the box has not told its targets' names: the recording uses those known so far"
-                    .to_owned(),
-            );
-            return self.rows.settle();
+        let now_ns = self.since_begun_ns(now);
+        self.sessions.pass(now_ns);
+        self.take_judged(None, now)
+    }
+
+    /// Nothing more comes: what waits is judged by what is known.
+    ///
+    /// # Errors
+    /// When the recording cannot go on.
+    pub fn finish(&mut self, now: Instant) -> Result<(), BadInput> {
+        self.sessions.finish();
+        self.take_judged(None, now)
+    }
+
+    fn since_begun_ns(&mut self, now: Instant) -> u64 {
+        now.saturating_duration_since(*self.begun.get_or_insert(now)).as_nanos() as u64
+    }
+
+    fn packet(
+        &mut self,
+        packet: Packet,
+        from: Option<SocketAddr>,
+        now: Instant,
+    ) -> Result<(), BadInput> {
+        let now_ns = self.since_begun_ns(now);
+        self.sessions.take(packet, now_ns);
+        self.take_judged(from, now)
+    }
+
+    /// Takes what has been judged; a packet `from` an address that is not the box's was the last.
+    fn take_judged(&mut self, from: Option<SocketAddr>, now: Instant) -> Result<(), BadInput> {
+        while let Some(judged) = self.sessions.next() {
+            match judged {
+                Judged::Begins { session, hello } => self.begin(session, hello),
+                Judged::Frame(frame) => {
+                    self.arrivals.message(now);
+                    self.arrivals.pose(now);
+                    self.rows.push(&frame)?;
+                    if let Some(run) = self.runs.get_mut(frame.session as usize - 1) {
+                        run.frames += 1;
+                    }
+                    if !frame.is_late && frame.session == self.sessions.count() {
+                        self.known.take_pose(frame.packet);
+                    }
+                }
+                Judged::Message(message) => self.message(message, now),
+                // Until a box has said who it is, this is all that is known of it; later, only
+                // what it says to people is of use.
+                Judged::Unnamed(message) => {
+                    if self.sessions.count() == 0 || matches!(message, Message::Log(_)) {
+                        self.message(message, now);
+                    }
+                }
+                Judged::OtherBox(hello) => self.warn_of(
+                    &format!("another box sends here too: {}", others::name(&hello)),
+                    "give each box a port of its own",
+                    from,
+                ),
+                Judged::Conflict(hello) => self.warn_of(
+                    &format!("two boxes send at once as {}", others::name(&hello)),
+                    "switch one off, and give each a name and a serial number of its own",
+                    from,
+                ),
+            }
         }
         Ok(())
     }
 
-    /// Writes what is still held.
-    ///
-    /// # Errors
-    /// When the recording cannot go on.
-    pub fn finish(&mut self) -> Result<(), BadInput> {
-        self.rows.finish()
+    fn warn_of(&mut self, what: &str, remedy: &str, from: Option<SocketAddr>) {
+        let at = from.map(|from| format!(", at {from}")).unwrap_or_default();
+        self.notices.push(format!("warning: {what}{at}; only the first is recorded: {remedy}"));
     }
 
-    fn message(&mut self, message: Message, now: Instant) -> Result<(), BadInput> {
+    fn message(&mut self, message: Message, now: Instant) {
         self.arrivals.message(now);
         match message {
-            Message::Pose(packet) => return self.pose(packet, now),
-            Message::Hello(hello) => return self.take_hello(hello),
             Message::Health(health) => {
-                self.uptime(health.uptime_ms)?;
                 let warnings = self.power.take(&health);
                 let news = self.known.take_health(health, now);
                 self.notices.extend(news.map(str::to_owned));
                 self.notices.extend(warnings.iter().map(|text| format!("warning: {text}")));
             }
-            Message::Log(log) => {
-                self.uptime(log.uptime_ms)?;
-                self.notices.extend(self.known.take_log(&log));
-            }
-            // Ours, or for another program on this computer.
-            Message::Command(_)
-            | Message::Reply(_)
-            | Message::View(_)
-            | Message::Picture(_)
-            | Message::Part(_) => (),
+            Message::Log(log) => self.notices.extend(self.known.take_log(&log)),
+            // Known from the session's first, or for those who asked.
+            _ => {}
         }
-        Ok(())
     }
 
-    fn uptime(&mut self, uptime_ms: u64) -> Result<(), BadInput> {
-        if self.accounting.uptime(uptime_ms) { self.start_run() } else { Ok(()) }
-    }
-
-    /// The box has restarted: what was known of the run before no longer holds.
-    fn start_run(&mut self) -> Result<(), BadInput> {
-        self.rows.start_run()?;
-        self.runs.push(Run::default());
-        self.known = Known::default();
-        self.arrivals.start_run();
-        Ok(())
-    }
-
-    fn take_hello(&mut self, hello: Hello) -> Result<(), BadInput> {
-        if self.accounting.hello(hello.boot_id) {
-            let known = self.runs.iter().rev().find_map(|run| run.hello.as_ref());
-            let is_another = known.is_some_and(|known| !is_same_box(known, &hello));
-            self.notices.push(if is_another {
-                format!("another box is heard now: {}", others::name(&hello))
-            } else {
-                format!("the box has restarted ({})", start_of(&hello))
-            });
-            self.start_run()?;
-        }
-        if self.runs.last().is_none_or(|run| run.hello.is_none())
-            && hello.targets.iter().all(|target| target.role == Role::Scene)
-        {
+    /// A session begins: what was known of the run before no longer holds.
+    fn begin(&mut self, session: u32, hello: Hello) {
+        if session > 1 {
+            self.notices.push(format!(
+                "the box has restarted ({}): session {session} begins",
+                start_of(&hello)
+            ));
+            self.runs.push(Run::default());
+            self.known = Known::default();
+            self.arrivals.start_run();
+        } else if hello.targets.iter().all(|target| target.role == Role::Scene) {
             self.notices.push(
                 "warning: this box looks for the scene board alone: its camera may not be \
                  calibrated, and nobody is measured with it; `plumb doctor` says what is missing"
                     .to_owned(),
             );
         }
-        self.rows.hear(Names::of(&hello));
+        self.rows.begin(session, Names::of(&hello));
         if let Some(run) = self.runs.last_mut() {
             run.hello = Some(hello);
         }
-        if !self.rows.has_names() || self.accounting.awaits_session() {
-            self.rows.settle()?;
-        }
-        Ok(())
-    }
-
-    fn pose(&mut self, packet: PosePacket, now: Instant) -> Result<(), BadInput> {
-        let by_number = !self.accounting.awaits_session();
-        let arrival = self.accounting.pose(packet.sequence, packet.capture_time_ns);
-        let begins = match arrival {
-            Arrival::Repeated => return Ok(()),
-            Arrival::New { .. } | Arrival::Late => None,
-            Arrival::NewSession => {
-                let session = self.counts().sessions;
-                if session > 1 {
-                    self.notices.push(format!(
-                        "session {session} begins: the box's frames begin again at {}",
-                        packet.sequence
-                    ));
-                }
-                if by_number {
-                    self.start_run()?;
-                }
-                Some(Begin { session, arrival: now })
-            }
-        };
-        if let Some(run) = self.runs.last_mut() {
-            run.frames += 1;
-        }
-        self.arrivals.pose(now);
-        if arrival != Arrival::Late {
-            self.known.take_pose(&packet);
-        }
-        self.rows.push(packet, begins, now)
     }
 
     fn bad_packet(&mut self, error: PacketError) {
@@ -357,7 +379,7 @@ impl<W: Write> Receiver<W> {
             PacketError::OtherSchema { .. } => {
                 "the box's messages are another program's: update the older of the two"
             }
-            PacketError::Body => {
+            PacketError::Body | PacketError::Number => {
                 "the box sends intact packets without a sensible message: report it"
             }
             _ => return,

@@ -49,8 +49,8 @@ impl Tap for () {
 /// every packet, and ten times a second when none comes. `tap` sees everything first.
 ///
 /// # Errors
-/// When the transport or the recording cannot go on. What was received before
-/// is in the recording.
+/// When the transport or the recording cannot go on, or the box has been exchanged for another one.
+/// What was received before is in the recording.
 pub fn receive<W: std::io::Write>(
     transport: &mut dyn Transport,
     receiver: &mut Receiver<W>,
@@ -77,6 +77,7 @@ pub fn receive<W: std::io::Write>(
             }
         });
         let result = handled.and(polled).and_then(|()| receiver.tick(Instant::now()));
+        let result = result.and_then(|()| receiver.exchanged().map_or(Ok(()), Err));
         let question = match result.and_then(|()| tap.turn(Instant::now())) {
             Ok(question) => question,
             Err(error) => break Err(error),
@@ -86,8 +87,8 @@ pub fn receive<W: std::io::Write>(
         }
         show(receiver);
     };
-    // Rows that still wait for the targets' names.
-    result.and(receiver.finish())
+    // Poses that still wait for a Hello.
+    result.and(receiver.finish(Instant::now()))
 }
 
 #[cfg(test)]

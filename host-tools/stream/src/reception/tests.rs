@@ -8,14 +8,14 @@ use std::thread;
 
 use plumbline::packet::{
     AnatomicalPoint, CameraState, FRAME_BYTES_MAX, Health, Hello, MarkedInstant, MeasuredPose,
-    Message, PACKET_BYTES_MAX, PosePacket, ResetReason, TargetInfo, TargetPacket, encode_datagram,
-    encode_frame,
+    Message, PACKET_BYTES_MAX, Packet, PosePacket, ResetReason, TargetInfo, TargetPacket,
+    encode_datagram, encode_frame,
 };
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 
 use super::*;
-use crate::fixture::take;
+use crate::fixture::{START, event, packet, take};
 use crate::recorder::Recorder;
 use crate::transport::{Serial, Udp};
 use plumbline_files::poses;
@@ -76,12 +76,24 @@ fn hello_of(device: &str, boot_id: u32) -> Message {
     })
 }
 
+/// The packet of this message: a Hello's own start, else that of the fixture's box.
+fn sent(message: &Message) -> Packet {
+    let start = if let Message::Hello(hello) = message { hello.boot_id } else { START };
+    packet(start, message.clone())
+}
+
+fn datagram_of(packet: &Packet) -> Vec<u8> {
+    let mut buffer = [0; PACKET_BYTES_MAX];
+    encode_datagram(packet.start, &packet.message, &mut buffer).unwrap().to_vec()
+}
+
 fn datagram(message: &Message) -> Vec<u8> {
-    encode_datagram(message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec()
+    datagram_of(&sent(message))
 }
 
 fn frame(message: &Message) -> Vec<u8> {
-    encode_frame(message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
+    let Packet { start, message } = sent(message);
+    encode_frame(start, &message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
 }
 
 /// A recording into memory that can be read while it is written, as a file can.
@@ -134,7 +146,7 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
     let sender = thread::spawn(move || {
         let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
         let send = |bytes: &[u8]| socket.send_to(bytes, to).unwrap();
-        send(&datagram(&hello(1)));
+        send(&datagram(&hello(START)));
         // 3 is lost, 5 and 6 change places, 6 comes twice.
         for sequence in [0, 1, 2, 4, 6, 5, 6] {
             send(&datagram(&pose(sequence)));
@@ -152,7 +164,7 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
 
     let counts = receiver.counts();
     assert_eq!((counts.received, counts.lost), (7, 2));
-    assert_eq!((counts.repeated, counts.reordered, counts.sessions), (1, 1, 1));
+    assert_eq!((counts.repeated, counts.late, receiver.sessions()), (1, 1, 1));
     assert_eq!(receiver.bad().corrupt, 2);
     let csv = csv.text();
     let lines: Vec<_> = csv.lines().collect();
@@ -181,7 +193,7 @@ fn names_are_asked_for_and_rows_wait_for_them() {
         socket.send_to(&datagram(&pose(0)), to).unwrap();
         let mut buffer = [0; 300];
         let length = socket.recv(&mut buffer).unwrap();
-        let asked = plumbline::packet::decode_datagram(&buffer[..length]).unwrap();
+        let asked = plumbline::packet::decode_datagram(&buffer[..length]).unwrap().message;
         assert!(
             matches!(
                 asked,
@@ -192,7 +204,7 @@ fn names_are_asked_for_and_rows_wait_for_them() {
             ),
             "{asked:?}"
         );
-        socket.send_to(&datagram(&hello(1)), to).unwrap();
+        socket.send_to(&datagram(&hello(START)), to).unwrap();
         socket.send_to(&datagram(&pose(1)), to).unwrap();
     });
     let (mut receiver, csv) = receiver();
@@ -203,47 +215,37 @@ fn names_are_asked_for_and_rows_wait_for_them() {
     assert_eq!(targets, ["shoulder", "lumbar", "shoulder", "lumbar"]);
 }
 
-#[test]
-fn rows_wait_less_than_a_second_and_then_bear_the_role() {
-    let (mut receiver, csv) = receiver();
-    let start = Instant::now();
-    receiver.handle(Event::Message(pose(0)), start).unwrap();
-    receiver.tick(start + Duration::from_millis(800)).unwrap();
-    assert_eq!(rows(&csv.text()), []);
-    receiver.tick(start + Duration::from_millis(1000)).unwrap();
-    // A Hello that comes now does not change a name within the session.
-    receiver.handle(Event::Message(hello(1)), start).unwrap();
-    receiver.handle(Event::Message(pose(1)), start).unwrap();
-    let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
-    assert_eq!(targets, ["upper", "lower", "upper", "lower"]);
+/// Hands over packets, each at its own second.
+fn hear(receiver: &mut Receiver<Shared>, start: Instant, packets: &[(f64, Packet)]) {
+    for (at_s, packet) in packets {
+        let now = start + Duration::from_secs_f64(*at_s);
+        receiver.tick(now).unwrap();
+        receiver.handle(Event::Packet(packet.clone()), now).unwrap();
+    }
 }
 
 #[test]
 fn a_restart_begins_a_session_and_times_go_on() {
     let (mut receiver, csv) = receiver();
     let start = Instant::now();
-    let mut at = |seconds: f64, message: Message| {
-        let now = start + Duration::from_secs_f64(seconds);
-        receiver.handle(Event::Message(message), now).unwrap();
-        receiver.tick(now).unwrap();
+    let box_of = |start, at: &[(f64, u32)]| -> Vec<(f64, Packet)> {
+        at.iter().map(|(at_s, sequence)| (*at_s, packet(start, pose(*sequence)))).collect()
     };
-    at(0.0, hello(1));
-    at(0.0, pose(100));
-    at(0.02, pose(101));
-    // The box restarts, with the same capture times.
-    at(9.9, hello(2));
-    at(10.0, pose(0));
-    at(10.02, pose(1));
-    // And once more, its Hello lost.
-    at(20.0, pose(0));
-    at(20.02, pose(0));
-    assert_eq!(receiver.counts().sessions, 2, "an equal packet is a repeat");
-    receiver.finish().unwrap();
+    let first = [vec![(0.0, sent(&hello(5)))], box_of(5, &[(0.0, 100), (0.02, 101)])].concat();
+    // The box restarts, with the same capture times; its Hello comes after some of its poses.
+    let second = [box_of(6, &[(10.0, 0), (10.02, 1)]), vec![(10.5, sent(&hello(6)))]].concat();
+    hear(&mut receiver, start, &first);
+    hear(&mut receiver, start, &second);
+    hear(&mut receiver, start, &box_of(6, &[(10.52, 26)]));
+    assert_eq!(receiver.sessions(), 2);
+    receiver.finish(start + Duration::from_secs(11)).unwrap();
     let rows: Vec<_> = poses::parse(csv.text().as_bytes(), "poses.csv").unwrap();
     let times: Vec<_> = rows.iter().step_by(2).map(|row| (row.frame, row.time_s)).collect();
-    assert_eq!(times, [(100, 0.0), (101, 0.02), (0, 10.0), (1, 10.02)]);
+    assert_eq!(times, [(100, 0.0), (101, 0.02), (0, 10.0), (1, 10.02), (26, 10.52)]);
     let sessions: Vec<_> = self::rows(&csv.text()).iter().step_by(2).map(|row| row.2).collect();
-    assert_eq!(sessions, [1, 1, 2, 2]);
+    assert_eq!(sessions, [1, 1, 2, 2, 2]);
+    let notices = receiver.take_notices().join("; ");
+    assert!(notices.contains("the box has restarted"), "{notices}");
 }
 
 fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
@@ -287,7 +289,7 @@ fn set_up_mode_is_said_when_it_begins_and_when_it_is_over() {
 fn a_box_that_fell_silent_is_not_said_to_run() {
     let (mut receiver, _) = receiver();
     let running = health(CameraState::Running, 5000, 2);
-    let now = take(&mut receiver, Instant::now(), &[hello(1), pose(0), running]);
+    let now = take(&mut receiver, Instant::now(), &[hello(START), pose(0), running]);
     let later = now + Duration::from_secs(7);
     assert_eq!(receiver.unheard(later), Some(Duration::from_secs(7)));
     // One whose recording is over has said so.
@@ -296,20 +298,19 @@ fn a_box_that_fell_silent_is_not_said_to_run() {
 }
 
 #[test]
-fn frames_belong_to_the_box_that_sent_them() {
+fn frames_belong_to_the_start_that_sent_them() {
     let (mut receiver, csv) = receiver();
     let start = Instant::now();
-    let mut other = hello(2);
-    let Message::Hello(identity) = &mut other else { unreachable!() };
-    identity.device = "ward 4".try_into().unwrap();
-    let now = take(&mut receiver, start, &[hello(1), pose(0), pose(1), other]);
-    // It has restarted, without a camera: what the one before has measured is over.
-    let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
-    assert!(receiver.latest(now).is_none());
-    assert_eq!(receiver.counts().sessions, 2);
-    // The same box once more, with frames.
-    take(&mut receiver, now, &[hello(3), pose(0)]);
-    assert_eq!(receiver.counts().sessions, 3);
+    let lost = health(CameraState::Lost, 3000, 0);
+    hear(&mut receiver, start, &[(0.0, sent(&hello(1))), (0.1, packet(1, pose(0)))]);
+    hear(&mut receiver, start, &[(0.2, packet(1, pose(1)))]);
+    // It restarts without a camera: what the start before has measured is over.
+    hear(&mut receiver, start, &[(5.0, sent(&hello(2))), (5.1, packet(2, lost))]);
+    assert!(receiver.latest(start + Duration::from_secs_f64(5.1)).is_none());
+    assert_eq!(receiver.sessions(), 2);
+    // And once more, with frames.
+    hear(&mut receiver, start, &[(9.0, sent(&hello(3))), (9.1, packet(3, pose(0)))]);
+    assert_eq!(receiver.sessions(), 3);
     let frames: Vec<u64> = receiver.runs().iter().map(|run| run.frames).collect();
     assert_eq!(frames, [2, 0, 1]);
     let sessions: Vec<_> = rows(&csv.text()).iter().step_by(2).map(|row| row.2).collect();
@@ -321,9 +322,10 @@ fn the_rate_is_that_of_the_periods() {
     let start = Instant::now();
     for (rate_hz, sequences) in [(60.0, 600), (24.0, 240), (60.0, 7)] {
         let (mut receiver, _) = receiver();
+        receiver.handle(event(hello(START)), start).unwrap();
         let at = |sequence: u32| start + Duration::from_secs_f64(f64::from(sequence) / rate_hz);
         for sequence in 0..sequences {
-            receiver.handle(Event::Message(pose(sequence)), at(sequence)).unwrap();
+            receiver.handle(event(pose(sequence)), at(sequence)).unwrap();
         }
         // Whenever between two packets it is looked at.
         for after_ms in [0, 5, 15] {
@@ -345,6 +347,7 @@ fn other_programs_packets_are_counted_apart() {
         PacketError::OtherVersion { version },
         PacketError::OtherSchema { hash: 1 },
         PacketError::Body,
+        PacketError::Number,
         PacketError::Checksum,
         PacketError::Cobs,
         PacketError::Oversize,
@@ -359,11 +362,11 @@ fn other_programs_packets_are_counted_apart() {
         other_version: 2,
         other_schema: 1,
         malformed: 1,
-        other_sender: 0,
+        numbers: 1,
     };
     assert_eq!(receiver.bad(), wanted);
     let notices = receiver.take_notices();
-    assert_eq!(notices.len(), 3, "once for each kind: {notices:?}");
+    assert_eq!(notices.len(), 4, "once for each kind: {notices:?}");
 }
 
 #[test]
@@ -375,17 +378,17 @@ fn a_recording_of_nothing_is_no_file() {
         let file = plumbline_files::Late::new(&path, true).unwrap();
         let mut receiver = Receiver::new(Some(Recorder::new(file, "poses.csv")));
         for message in messages {
-            receiver.handle(Event::Message(message.clone()), Instant::now()).unwrap();
+            receiver.handle(event(message.clone()), Instant::now()).unwrap();
         }
-        receiver.finish().unwrap();
+        receiver.finish(Instant::now()).unwrap();
     };
     hear(&[]);
-    hear(&[hello(1)]);
+    hear(&[hello(START)]);
     assert_eq!(read(), None);
     std::fs::write(&path, "precious").unwrap();
-    hear(&[hello(1)]);
+    hear(&[hello(START)]);
     assert_eq!(read().as_deref(), Some("precious"));
-    hear(&[hello(1), pose(0)]);
+    hear(&[hello(START), pose(0)]);
     let csv = read().unwrap();
     assert!(csv.starts_with(HEADER) && rows(&csv).len() == 2, "{csv}");
 
@@ -428,8 +431,8 @@ impl Write for Full {
 #[test]
 fn a_full_disk_ends_the_recording_with_a_reason() {
     let mut receiver = Receiver::new(Some(Recorder::new(Full, "poses.csv")));
-    let mut hear = |message| receiver.handle(Event::Message(message), Instant::now());
-    hear(hello(1)).unwrap();
+    let mut hear = |message| receiver.handle(event(message), Instant::now());
+    hear(hello(START)).unwrap();
     let error = hear(pose(0)).unwrap_err();
     assert_eq!(error.remedy, "make room on the disk");
 }

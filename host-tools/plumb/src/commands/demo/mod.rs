@@ -18,7 +18,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Matrix6;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
-use plumbline::packet::{CameraState, Message, PosePacket};
+use plumbline::packet::{CameraState, Message, Packet, PosePacket};
 use plumbline::report::Measurement;
 use plumbline::report::{Report, TargetReport};
 
@@ -162,7 +162,7 @@ fn receive(
         let mut handled = Ok(());
         transport.poll(&mut |event| {
             heard = Instant::now();
-            if let Event::Message(Message::Pose(pose)) = &event {
+            if let Event::Packet(Packet { message: Message::Pose(pose), .. }) = &event {
                 bar.set_position(u64::from(pose.sequence) + 1);
                 if pose.sequence.is_multiple_of(16) {
                     bar.set_message(summary(pose));
@@ -190,10 +190,11 @@ fn receive(
             );
         }
     }
-    receiver.finish()?;
+    receiver.finish(Instant::now())?;
     received.repeated = receiver.counts().repeated;
     let bad = receiver.bad();
-    received.corrupt = bad.corrupt + bad.malformed + bad.other_version + bad.other_schema;
+    received.corrupt =
+        bad.corrupt + bad.malformed + bad.numbers + bad.other_version + bad.other_schema;
     received.heap_allocations = receiver.health().and_then(|health| health.heap_allocations);
     Ok(received)
 }

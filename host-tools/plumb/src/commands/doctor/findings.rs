@@ -1,15 +1,17 @@
 //! What is seen of a box while it is watched: figures, not opinions.
 
+use std::collections::BTreeMap;
+
 use plumbline::config::Config;
 use plumbline::packet::{
-    Health, Hello, Log, LogLevel, MarkedInstant, MeasuredPose, Message, PosePacket, Reply,
-    ReplyOutcome, View,
+    Health, Hello, Log, LogLevel, MarkedInstant, MeasuredPose, Message, Packet, PosePacket, Reply,
+    ReplyOutcome, Start, View,
 };
 use plumbline::report::NoPose;
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::camera;
-use plumbline_stream::accounting::{Accounting, Counts};
+use plumbline_stream::accounting::{Accounting, Arrival, Counts};
 use plumbline_stream::bad_packets::BadPackets;
 use plumbline_stream::clock::Exchange;
 use plumbline_stream::complaints::text_of;
@@ -97,8 +99,10 @@ pub struct Findings {
     pub pings: usize,
     /// Those that were answered.
     pub exchanges: Vec<Exchange>,
-    /// Pose packets, by number.
-    pub accounting: Accounting,
+    /// Pose packets of each start, by number.
+    pub accounts: BTreeMap<Option<Start>, Accounting>,
+    /// Packets from an address that is not the box's.
+    pub other_sender: u64,
     /// Frames, in the order in which they came, without repetitions.
     pub frames: Vec<FrameSeen>,
     /// How often a capture time was not after the one before.
@@ -117,7 +121,10 @@ impl Findings {
     /// Pose packets by what became of them.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        self.accounting.counts()
+        self.accounts.values().fold(Counts::default(), |mut sum, account| {
+            sum += account.counts();
+            sum
+        })
     }
 
     /// The configuration, where it could be read back.
@@ -165,9 +172,9 @@ impl Findings {
     /// Takes note of what came at this time of this computer's clock.
     pub fn take(&mut self, event: &Event, now_ns: u64) {
         self.hear(event);
-        if let Event::Message(message) = event {
+        if let Event::Packet(packet) = event {
             self.heard_ns = now_ns;
-            self.message(message, now_ns);
+            self.packet(packet, now_ns);
         }
     }
 
@@ -175,19 +182,19 @@ impl Findings {
     /// and must not count as lost.
     pub fn hear(&mut self, event: &Event) {
         match event {
-            Event::Message(_) => self.packets += 1,
+            Event::Packet(_) => self.packets += 1,
             Event::Bad(error) => {
                 self.bad.count(*error);
             }
-            Event::OtherSender { .. } => self.bad.other_sender += 1,
+            Event::OtherSender { .. } => self.other_sender += 1,
             Event::LineLost(_) => self.line_losses += 1,
             Event::LineBack | Event::Raw(_) => (),
         }
     }
 
-    fn message(&mut self, message: &Message, now_ns: u64) {
+    fn packet(&mut self, Packet { start, message }: &Packet, now_ns: u64) {
         match message {
-            Message::Pose(packet) => self.pose(packet),
+            Message::Pose(packet) => self.pose(*start, packet, now_ns),
             Message::Hello(hello) => {
                 let before = self.hello.replace(hello.clone());
                 if before.is_some_and(|before| before.boot_id != hello.boot_id) {
@@ -225,10 +232,9 @@ impl Findings {
         }
     }
 
-    fn pose(&mut self, packet: &PosePacket) {
-        let repeated = self.accounting.counts().repeated;
-        self.accounting.pose(packet.sequence, packet.capture_time_ns);
-        if self.accounting.counts().repeated > repeated {
+    fn pose(&mut self, start: Option<Start>, packet: &PosePacket, now_ns: u64) {
+        let account = self.accounts.entry(start).or_default();
+        if account.pose(packet.sequence, packet.capture_time_ns, now_ns) == Arrival::Repeated {
             return;
         }
         if let Some(last) = self.frames.last() {
@@ -264,7 +270,7 @@ impl Findings {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixture::{healthy, pose_packet};
+    use super::super::fixture::{event, healthy, pose_packet};
     use super::*;
 
     #[test]
@@ -272,7 +278,7 @@ mod tests {
         let mut findings = Findings::default();
         assert_eq!(findings.rate_hz(), None);
         for sequence in [0, 1, 2, 5, 6, 6, 9] {
-            findings.take(&Event::Message(Message::Pose(pose_packet(sequence))), 0);
+            findings.take(&event(Message::Pose(pose_packet(sequence))), 0);
         }
         assert!((findings.rate_hz().unwrap() - 60.0).abs() < 0.1);
         let counts = findings.counts();
@@ -280,7 +286,7 @@ mod tests {
         assert_eq!(findings.backward_times, 0);
         let mut back = pose_packet(10);
         back.capture_time_ns = 0;
-        findings.take(&Event::Message(Message::Pose(back)), 0);
+        findings.take(&event(Message::Pose(back)), 0);
         assert_eq!(findings.backward_times, 1);
     }
 
@@ -288,10 +294,10 @@ mod tests {
     fn a_new_start_is_noticed_and_its_counters_are_its_own() {
         let mut findings = healthy();
         let mut hello = findings.hello.clone().unwrap();
-        findings.take(&Event::Message(Message::Hello(hello.clone())), 0);
+        findings.take(&event(Message::Hello(hello.clone())), 0);
         assert_eq!((findings.starts, findings.healths.is_some()), (0, true));
         hello.boot_id += 1;
-        findings.take(&Event::Message(Message::Hello(hello)), 0);
+        findings.take(&event(Message::Hello(hello)), 0);
         assert_eq!((findings.starts, findings.healths.is_some()), (1, false));
     }
 }

@@ -4,7 +4,6 @@ use plumbline::packet::{Health, Message};
 use plumbline_stream::clock::Exchange;
 
 pub use plumbline_stream::fixture::*;
-use plumbline_stream::transport::Event;
 
 use super::check::Check;
 use super::findings::Findings;
@@ -14,7 +13,7 @@ use super::judge;
 pub fn healthy() -> Findings {
     let config = config();
     let mut findings = Findings { place: "UDP 0.0.0.0:4210".into(), ..Findings::default() };
-    let mut take = |message| findings.take(&Event::Message(message), 0);
+    let mut take = |message| findings.take(&event(message), 0);
     take(Message::Hello(hello(&config)));
     take(Message::Health(health()));
     for sequence in 0..FRAMES {

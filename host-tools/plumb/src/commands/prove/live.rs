@@ -3,12 +3,12 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Message, PosePacket};
+use plumbline::packet::PosePacket;
 use plumbline_files::BadInput;
 use plumbline_files::camera;
-use plumbline_stream::accounting::{Accounting, Arrival};
 use plumbline_stream::link::BoxLink;
-use plumbline_stream::recorder::SessionClock;
+use plumbline_stream::sessions::{Judged, Sessions};
+use plumbline_stream::transport::Event;
 
 use super::source::Recording;
 use crate::arguments::LinkArguments;
@@ -69,7 +69,7 @@ fn listen(
     let stop = stop_on_signals()?;
     let begun = Instant::now();
     let until = begun + duration;
-    let mut arrivals = Arrivals::default();
+    let mut sessions = Sessions::default();
     let (mut said, mut heard_at) = (String::new(), begun);
     while Instant::now() < until && !stop.load(Ordering::Relaxed) {
         let words = match advise(recording)? {
@@ -85,13 +85,13 @@ fn listen(
             eprintln!("{left_s:3} s left: {words}");
             said = words;
         }
-        link.messages(until.min(Instant::now() + ADVICE_EVERY), |message| -> Option<()> {
-            if let Message::Pose(packet) = message {
+        link.listen(until.min(Instant::now() + ADVICE_EVERY), |event| -> Option<()> {
+            if let Event::Packet(packet) = event {
+                sessions.take(packet.clone(), begun.elapsed().as_nanos() as u64);
+            }
+            for (time_s, packet) in in_order(&mut sessions) {
                 heard_at = Instant::now();
-                let arrival_ns = begun.elapsed().as_nanos() as u64;
-                if let Some(time_s) = arrivals.time_s(packet, arrival_ns) {
-                    recording.take(time_s, packet);
-                }
+                recording.take(time_s, &packet);
             }
             None
         })?;
@@ -99,55 +99,37 @@ fn listen(
     Ok(())
 }
 
-/// Which packets are new, and when their frames were taken.
-#[derive(Default)]
-struct Arrivals {
-    accounting: Accounting,
-    clock: SessionClock,
-}
-
-impl Arrivals {
-    /// When the frame was taken, since the first of all. `None` for a packet that came before or
-    /// was overtaken: it would be out of order.
-    fn time_s(&mut self, packet: &PosePacket, arrival_ns: u64) -> Option<f64> {
-        match self.accounting.pose(packet.sequence, packet.capture_time_ns) {
-            Arrival::Repeated | Arrival::Late => return None,
-            Arrival::NewSession => {
-                self.clock.start_session(packet.capture_time_ns, arrival_ns);
-            }
-            Arrival::New { .. } => {}
+/// The frames that have come, and when each was taken, since the first of all. One that was
+/// overtaken is left out: it would be out of order.
+fn in_order(sessions: &mut Sessions) -> impl Iterator<Item = (f64, PosePacket)> {
+    std::iter::from_fn(|| sessions.next()).filter_map(|judged| match judged {
+        Judged::Frame(frame) if !frame.is_late => {
+            Some((frame.clock.time_s(frame.packet.capture_time_ns), frame.packet))
         }
-        Some(self.clock.time_s(packet.capture_time_ns))
-    }
+        _ => None,
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::MarkedInstant;
+    use plumbline::packet::Packet;
+    use plumbline_stream::fixture::adversity::{frame_of, hello_of};
 
     use super::*;
 
-    /// By number, capture time in frames and arrival in seconds.
     #[test]
     fn each_frame_is_taken_once_in_order_and_after_a_restart_of_the_box_too() {
-        const FRAME_NS: u64 = 100_000_000;
-        let mut arrivals = Arrivals::default();
-        let mut time_s = |sequence: u32, frames: u64, arrival_s: u64| {
-            let packet = PosePacket {
-                sequence,
-                capture_time_ns: frames * FRAME_NS,
-                instant: MarkedInstant::Recording,
-                latency_us: 0,
-                targets: [].into_iter().collect(),
-                upper_trunk: None,
-                lower_trunk: None,
-            };
-            arrivals.time_s(&packet, 1_000_000_000 * arrival_s)
+        let mut sessions = Sessions::default();
+        let mut come = |packets: &[Packet], arrival_s: u64| -> Vec<f64> {
+            for packet in packets {
+                sessions.take(packet.clone(), 1_000_000_000 * arrival_s);
+            }
+            in_order(&mut sessions).map(|(time_s, _)| time_s).collect()
         };
-        assert_eq!(time_s(7, 100, 3), Some(0.0));
-        assert_eq!(time_s(9, 102, 3), Some(0.2));
-        assert_eq!((time_s(9, 102, 3), time_s(8, 101, 3)), (None, None));
+        let frame = |start: u32, number: u32| frame_of(start, number, 10);
+        assert_eq!(come(&[hello_of("ward 3", 1), frame(1, 7), frame(1, 9)], 3), [0.0, 0.2]);
+        assert_eq!(come(&[frame(1, 9), frame(1, 8)], 3), [0.0; 0]);
         // Restarted: its clock begins anew.
-        assert_eq!((time_s(0, 1, 13), time_s(1, 2, 13)), (Some(10.0), Some(10.1)));
+        assert_eq!(come(&[hello_of("ward 3", 2), frame(2, 0), frame(2, 1)], 13), [10.0, 10.1]);
     }
 }

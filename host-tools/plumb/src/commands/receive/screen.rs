@@ -125,13 +125,13 @@ fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Insta
     if is_heard(receiver) {
         return format!("{place}: the box is heard, no pose yet{camera}");
     }
-    let unusable = bad.corrupt + bad.other_version + bad.other_schema + bad.malformed;
+    let unusable = bad.corrupt + bad.other_version + bad.other_schema + bad.malformed + bad.numbers;
     format!("{place}: no pose yet, {}", counted(unusable, "unusable packet"))
 }
 
 /// Whether anything has come from a box.
 fn is_heard<W: Write>(receiver: &Receiver<W>) -> bool {
-    receiver.counts().sessions > 0
+    receiver.is_heard()
 }
 
 /// The state of the box's camera, and since when.
@@ -185,7 +185,7 @@ pub(super) fn no_pose<W: Write>(receiver: &Receiver<W>, place: String, now: Inst
 /// The table at the end.
 pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     let counts = receiver.counts();
-    let bad = receiver.bad();
+    let (bad, left_out) = (receiver.bad(), receiver.left_out());
     let mut table = Table::new();
     table.load_style(presets::UTF8_BORDERS_ONLY);
     for (what, value) in boxes(receiver) {
@@ -197,16 +197,19 @@ pub(super) fn summary<W: Write>(receiver: &Receiver<W>) -> String {
     table.add_row(["lost".to_owned(), format!("{} ({lost:.2} %)", counts.lost)]);
     let mut rows = vec![
         ("repeated", counts.repeated),
-        ("reordered", counts.reordered),
+        ("late", counts.late),
         ("corrupt", bad.corrupt),
         ("of another version", bad.other_version),
         ("of another schema", bad.other_schema),
-        ("sessions", u64::from(counts.sessions)),
+        ("starts of the box", u64::from(receiver.sessions())),
     ];
     // These are rare enough to be named only when they are there.
     for row in [
         ("malformed", bad.malformed),
-        ("of another box", bad.other_sender),
+        ("implausible", counts.implausible + bad.numbers),
+        ("of another box", left_out.other_box),
+        ("of a second box of this name", left_out.conflicting),
+        ("of a start without a name", left_out.unknown_start),
         ("cut at the start", bad.fragments),
         ("serial line lost", receiver.line_losses()),
     ] {

@@ -3,40 +3,37 @@
 use std::thread;
 
 use super::*;
+use crate::sessions::LeftOut;
 
 #[test]
 fn a_second_box_is_not_mixed_in() {
     let mut udp = Udp::bind("0.0.0.0:0".parse().unwrap()).unwrap();
     let port = udp.local_address().unwrap().port();
     let sender = |from: &str| std::net::UdpSocket::bind((from, 0)).unwrap();
-    let send = |from: &std::net::UdpSocket, message: &Message| {
-        from.send_to(&datagram(message), ("127.0.0.1", port)).unwrap();
+    let send = |from: &std::net::UdpSocket, packet: &Packet| {
+        from.send_to(&datagram_of(packet), ("127.0.0.1", port)).unwrap();
     };
     // Linux has all of 127/8. The last is another program of the first one's computer.
     let boxes = ["127.0.0.1", "127.0.0.2", "127.0.0.1"].map(sender);
-    send(&boxes[0], &hello(1));
-    send(&boxes[0], &pose(0));
-    for other in &boxes[1..] {
-        send(other, &pose(500));
-        send(other, &hello_of("ward 4", 2));
-        send(other, &hello_of("ward 4", 2));
+    send(&boxes[0], &sent(&hello(START)));
+    send(&boxes[0], &sent(&pose(0)));
+    for (start, other) in (20..).zip(&boxes[1..]) {
+        send(other, &packet(start, pose(500)));
+        send(other, &packet(start, hello_of("ward 4", start)));
+        send(other, &packet(start, hello_of("ward 4", start)));
     }
-    send(&boxes[0], &pose(1));
+    send(&boxes[0], &sent(&pose(1)));
     let (mut receiver, csv) = receiver();
     receive(&mut udp, &mut receiver, &mut (), until_frames(2), &AtomicBool::new(false), |_| ())
         .unwrap();
-    assert_eq!(receiver.bad().other_sender, 6);
+    assert_eq!(receiver.left_out(), LeftOut { other_box: 6, ..LeftOut::default() });
     assert_eq!(rows(&csv.text()).len(), 4);
     let notices = receiver.take_notices();
     for other in &boxes[1..] {
         let address = other.local_addr().unwrap();
-        for text in [
-            format!("{address} sends here too; only"),
-            format!("ward 4 (PL-0001) is the box at {address}"),
-        ] {
-            let said = notices.iter().filter(|notice| notice.contains(&text)).count();
-            assert_eq!(said, 1, "{text:?} in {notices:?}");
-        }
+        let text = format!("another box sends here too: ward 4 (PL-0001), at {address}");
+        let said = notices.iter().filter(|notice| notice.contains(&text)).count();
+        assert_eq!(said, 1, "{text:?} in {notices:?}");
     }
 }
 
@@ -58,7 +55,10 @@ impl Senders {
         from.send_to(&datagram(message), ("127.0.0.1", self.port)).unwrap();
         let mut heard = None;
         while heard.is_none() {
-            let mut take = |event| heard = Some(matches!(event, Event::Message(_)));
+            let mut take = |event| match event {
+                Event::Raw(_) => {}
+                event => heard = Some(matches!(event, Event::Packet(_))),
+            };
             self.udp.poll(&mut take).unwrap();
         }
         heard.unwrap()
@@ -100,16 +100,4 @@ fn a_silent_box_leaves_its_place_to_another_unless_it_is_held() {
     senders.udp.hold(false);
     assert!(senders.heard(&second, &hello_of("ward 4", 2)));
     assert!(!senders.heard(&first, &hello(1)));
-}
-
-#[test]
-fn another_box_on_the_same_port_is_not_said_to_be_the_same_anew() {
-    let (mut receiver, _) = receiver();
-    for message in [hello(1), hello(2), hello_of("ward 4", 3)] {
-        receiver.handle(Event::Message(message), Instant::now()).unwrap();
-    }
-    let notices = receiver.take_notices();
-    let [anew, another] = &notices[..] else { panic!("{notices:?}") };
-    assert!(anew.starts_with("the box has restarted"), "{anew}");
-    assert_eq!(another, "another box is heard now: ward 4 (PL-0001)");
 }

@@ -12,11 +12,16 @@ fn a_weak_supply_and_a_slow_processor_are_warned_of_once_each() {
         Message::Health(Health { undervoltage, throttled, ..before })
     };
     let (yes, no) = (Some(true), Some(false));
-    let now = take(&mut receiver, Instant::now(), &[power(8000, None, None), power(8100, no, no)]);
+    let messages = [hello(START), power(8000, None, None), power(8100, no, no)];
+    let now = take(&mut receiver, Instant::now(), &messages);
     assert_eq!(receiver.take_notices(), [""; 0]);
     // It restarts in between.
-    let messages = [power(8200, yes, no), power(8300, no, yes), hello(2), power(10, yes, yes)];
-    take(&mut receiver, now, &messages);
+    let now = take(&mut receiver, now, &[power(8200, yes, no), power(8300, no, yes)]);
+    let later = now + Duration::from_secs(5);
+    for message in [hello(2), power(10, yes, yes)] {
+        receiver.handle(Event::Packet(packet(2, message)), later).unwrap();
+    }
+    assert_eq!(receiver.sessions(), 2);
     let notices = receiver.take_notices().join("\n");
     for part in
         ["warning: the voltage of the box's power supply was", "warning: the box's processor"]

@@ -26,7 +26,7 @@ fn frames_come_through_a_serial_line() {
     let sender = thread::spawn(move || {
         let whole = frame(&pose(0));
         boxside.write_all(&whole[50..]).unwrap();
-        boxside.write_all(&frame(&hello(1))).unwrap();
+        boxside.write_all(&frame(&hello(START))).unwrap();
         for sequence in 1..50 {
             let mut bytes = frame(&pose(sequence));
             if sequence == 20 {
@@ -89,7 +89,7 @@ fn what_is_kept_of_a_damaged_line_reads_as_it_came() {
     // A run that is longer than any frame, and delimited.
     let mut run = vec![7; 600];
     run.push(0);
-    let reads = [frame(&hello(1)), frame(&pose(0)), run, frame(&pose(1)), frame(&pose(2))];
+    let reads = [frame(&hello(START)), frame(&pose(0)), run, frame(&pose(1)), frame(&pose(2))];
     let script = Mutex::new(Some(Script(reads.map(Ok).into())));
     let opener: transport::Opener = Box::new(move || match script.lock().unwrap().take() {
         Some(script) => Ok(Box::new(script)),
@@ -104,8 +104,8 @@ fn what_is_kept_of_a_damaged_line_reads_as_it_came() {
     let mut deframer = Deframer::new();
     let read: Vec<_> = kept.0.iter().map(|raw| raw.decode(&mut deframer)).collect();
     let expected =
-        [Ok(hello(1)), Ok(pose(0)), Err(PacketError::Oversize), Ok(pose(1)), Ok(pose(2))];
-    assert_eq!(read, expected);
+        [Ok(hello(START)), Ok(pose(0)), Err(PacketError::Oversize), Ok(pose(1)), Ok(pose(2))];
+    assert_eq!(read, expected.map(|message| message.map(|message| sent(&message))));
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn a_line_that_vanishes_is_waited_for() {
     let gone = || Err(std::io::Error::other("unplugged"));
     let half = frame(&pose(1))[..60].to_vec();
     let openings: VecDeque<std::io::Result<Vec<_>>> = [
-        Ok(vec![Ok(frame(&hello(1))), Ok(frame(&pose(0))), Ok(half), gone()]),
+        Ok(vec![Ok(frame(&hello(START))), Ok(frame(&pose(0))), Ok(half), gone()]),
         Err(std::io::Error::other("unplugged")),
         Ok(vec![Ok(frame(&pose(2))), Ok(frame(&pose(3)))]),
     ]

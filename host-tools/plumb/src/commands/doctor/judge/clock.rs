@@ -87,9 +87,8 @@ fn capture_times(findings: &Findings) -> Check {
 mod tests {
     use plumbline::packet::Message;
 
-    use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
+    use super::super::super::fixture::{assert_says, check, event, healthy, pose_packet};
     use super::*;
-    use plumbline_stream::transport::Event;
 
     #[test]
     fn questions_without_or_with_late_answers() {
@@ -133,7 +132,7 @@ mod tests {
         let mut findings = healthy();
         let mut back = pose_packet(300);
         back.capture_time_ns = 5;
-        findings.take(&Event::Message(Message::Pose(back)), 0);
+        findings.take(&event(Message::Pose(back)), 0);
         let failure = check(&findings, "capture times");
         assert_says(&failure, Verdict::Fail, &["1 of 301", "driver"]);
         findings.frames.clear();

@@ -35,14 +35,15 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
 fn heard(findings: &Findings) -> Check {
     const SUBJECT: &str = "link";
     let (bad, place) = (findings.bad, &findings.place);
+    let malformed = bad.malformed + bad.numbers;
     let other = bad.other_version + bad.other_schema;
     if findings.packets == 0 {
         return if other > 0 {
             let seen =
                 format!("{place}: {} of another version of the protocol", counted(other, "packet"));
             Check::fail(SUBJECT, seen, UPDATE)
-        } else if bad.malformed > 0 {
-            let seen = format!("{place}: {} without a message", counted(bad.malformed, "packet"));
+        } else if malformed > 0 {
+            let seen = format!("{place}: {} without a message", counted(malformed, "packet"));
             Check::fail(SUBJECT, seen, UPDATE)
         } else if bad.corrupt + bad.fragments > 0 {
             let count = counted(bad.corrupt + bad.fragments, "damaged packet");
@@ -58,14 +59,14 @@ fn heard(findings: &Findings) -> Check {
         let seen = format!("{place}: {count}, and none in the last {silence_s:.0} s");
         return Check::fail(SUBJECT, seen, NOT_HEARD_REMEDY);
     }
-    if bad.other_sender > 0 {
-        let seen = format!("{place}: {count}, and {} of another box", bad.other_sender);
+    if findings.other_sender > 0 {
+        let seen = format!("{place}: {count}, and {} of another box", findings.other_sender);
         return Check::warn(SUBJECT, seen, "give each box a port of its own");
     }
-    if other + bad.malformed > 0 {
+    if other + malformed > 0 {
         let seen = format!(
             "{place}: {count}, and {} that this program does not understand",
-            other + bad.malformed
+            other + malformed
         );
         return Check::warn(SUBJECT, seen, UPDATE);
     }
@@ -124,7 +125,7 @@ fn damage_remedy(findings: &Findings) -> &'static str {
 mod tests {
     use plumbline::packet::{Message, PacketError};
 
-    use super::super::super::fixture::{assert_says, check, healthy, pose_packet};
+    use super::super::super::fixture::{assert_says, check, event, healthy, packet, pose_packet};
     use super::*;
     use plumbline_stream::transport::Event;
 
@@ -165,18 +166,21 @@ mod tests {
         bad(&mut findings, PacketError::Body, 1);
         assert_says(&check(&findings, "link"), Verdict::Warn, &["and 1 that", "update"]);
         let from = ([10, 0, 0, 7], 4000).into();
-        findings.take(&Event::OtherSender { from, hello: None }, 0);
+        findings.take(
+            &Event::OtherSender { from, packet: packet(9, Message::Pose(pose_packet(0))) },
+            0,
+        );
         assert_says(&check(&findings, "link"), Verdict::Warn, &["1 of another box", "port"]);
     }
 
     #[test]
     fn losses_and_damage_are_judged_by_their_share() {
         let mut findings = healthy();
-        findings.take(&Event::Message(Message::Pose(pose_packet(301))), 0);
+        findings.take(&event(Message::Pose(pose_packet(301))), 0);
         let warning = check(&findings, "losses");
         assert_says(&warning, Verdict::Warn, &["1 of 302", "at most 0.1 %", "wireless"]);
         findings.is_serial = true;
-        findings.take(&Event::Message(Message::Pose(pose_packet(320))), 0);
+        findings.take(&event(Message::Pose(pose_packet(320))), 0);
         let failure = check(&findings, "losses");
         assert_says(&failure, Verdict::Fail, &["19 of 321 frames lost (5.9 %", "baud"]);
         bad(&mut findings, PacketError::Checksum, 1);

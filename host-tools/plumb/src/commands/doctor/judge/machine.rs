@@ -185,9 +185,10 @@ fn log(findings: &Findings) -> Check {
 mod tests {
     use plumbline::packet::{Log, Message};
 
-    use super::super::super::fixture::{assert_says, check, health, healthy, hello, with_health};
+    use super::super::super::fixture::{
+        assert_says, check, event, health, healthy, hello, with_health,
+    };
     use super::*;
-    use plumbline_stream::transport::Event;
 
     fn with_hello(change: impl FnOnce(&mut Hello)) -> Findings {
         let mut findings = healthy();
@@ -208,7 +209,7 @@ mod tests {
         let mut restarted = healthy();
         let mut again = hello(restarted.config().unwrap());
         again.boot_id = 8;
-        restarted.take(&Event::Message(Message::Hello(again)), 0);
+        restarted.take(&event(Message::Hello(again)), 0);
         assert_says(
             &check(&restarted, "start"),
             Verdict::Fail,
@@ -239,7 +240,7 @@ mod tests {
             let mut findings = Findings { power: PowerSeen::default(), ..healthy() };
             for (undervoltage, throttled) in powers.iter().copied() {
                 let health = Health { undervoltage, throttled, ..health() };
-                findings.take(&Event::Message(Message::Health(health)), 0);
+                findings.take(&event(Message::Health(health)), 0);
             }
             check(&findings, "power")
         };
@@ -278,7 +279,7 @@ mod tests {
             let text = text.try_into().unwrap();
             let target = heapless::String::new();
             let log = Log { uptime_ms: 1, level, target, text, cut: 0 };
-            findings.take(&Event::Message(Message::Log(log)), 0);
+            findings.take(&event(Message::Log(log)), 0);
             check(&findings, "log")
         };
         let dull = say(LogLevel::Info, "nothing");
