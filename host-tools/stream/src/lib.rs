@@ -24,4 +24,5 @@ pub mod questions;
 pub mod receiver;
 pub mod reception;
 pub mod recorder;
+mod text;
 pub mod transport;

@@ -5,7 +5,6 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
 use plumbline::config::Config;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::GridRejection;
@@ -98,8 +97,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let mut rows = poses_writer(arguments)?;
     if let Some(directory) = &arguments.draw {
-        std::fs::create_dir_all(directory)
-            .map_err(|error| BadInput::io(directory.display(), &error))?;
+        plumbline_files::make_directory(directory)?;
     }
     let mut summary = Summary::new(&config);
     // Rows on the same terminal would tear the bar apart.
@@ -161,9 +159,7 @@ fn track(
         rows.flush()?;
         if let Some(directory) = &arguments.draw {
             let path = directory.join(format!("frame_{:06}.png", frame.index));
-            draw::annotated(&frame, config, &report)
-                .save(&path)
-                .with_context(|| format!("{}: cannot write the drawing", path.display()))?;
+            draw::write(&path, &draw::annotated(&frame, config, &report))?;
         }
     }
     Ok(())
