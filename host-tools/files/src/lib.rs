@@ -9,7 +9,6 @@ use std::io::Read;
 use std::path::Path;
 
 use flate2::read::MultiGzDecoder;
-use serde::de::DeserializeOwned;
 
 pub mod camera;
 pub mod columns;
@@ -21,12 +20,14 @@ pub mod poses;
 pub mod scene;
 pub mod targets;
 pub mod text;
+mod toml_text;
 
 pub use error::BadInput;
 pub use output::{
     Late, Made, create, directory_of, make_directory, refuse_overwriting, replace, replace_with,
     sync_directory, write_all, write_text,
 };
+pub use toml_text::from_toml;
 
 /// Descriptions are far smaller; a device or a video that is given by mistake is larger.
 const TEXT_BYTES_MAX: u64 = 1 << 20;
@@ -88,44 +89,5 @@ pub fn read_text(path: &Path) -> Result<String, BadInput> {
             "not a text file (its bytes are not UTF-8)",
             "a small text file is expected here: check that the right file is given",
         )
-    })
-}
-
-/// Parses a TOML text; errors name the field and its line.
-///
-/// `remedy` says what a correct file looks like.
-///
-/// # Errors
-/// When it is not TOML, or not of this type.
-pub fn from_toml<T: DeserializeOwned>(
-    text: &str,
-    place: &str,
-    remedy: &str,
-) -> Result<T, BadInput> {
-    toml::from_str(text).map_err(|error| {
-        let message = error.message().trim();
-        let line_of = |offset: usize| text[..offset].matches('\n').count();
-        let line = error.span().map(|span| line_of(span.start.min(text.len())));
-        // serde names the field in its own words; otherwise it is the key on the line.
-        let key_on_line = || {
-            let (key, _) = text.lines().nth(line?)?.split_once('=')?;
-            Some(key.trim().to_owned())
-        };
-        let in_backticks =
-            || Some(message.split('`').nth(1).filter(|name| !name.is_empty())?.to_owned());
-        let named = ["missing field", "unknown field", "duplicate key", "duplicate field"];
-        let field = if named.iter().any(|start| message.starts_with(start)) {
-            in_backticks().or_else(key_on_line)
-        } else {
-            key_on_line()
-        };
-        let mut place_in_file = field.unwrap_or_default();
-        // A missing field has no line: its table may be the whole file.
-        if let Some(line) = line.filter(|_| !message.starts_with("missing field")) {
-            let separator = if place_in_file.is_empty() { "" } else { " " };
-            place_in_file = format!("{place_in_file}{separator}(line {})", line + 1);
-        }
-        let found = message.lines().next().unwrap_or("it is not TOML");
-        BadInput::new(place, place_in_file, found, remedy)
     })
 }

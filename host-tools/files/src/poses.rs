@@ -328,7 +328,8 @@ mod tests {
             text.lines().next().unwrap(),
             "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm"
         );
-        let end = "3,0.05,shoulder,acquiring: no grid,,,,,,,,,,,,,,\n4,-0.05,'=1+1,'-,,,,,,,,,,,,,,\n";
+        let end =
+            "3,0.05,shoulder,acquiring: no grid,,,,,,,,,,,,,,\n4,-0.05,'=1+1,'-,,,,,,,,,,,,,,\n";
         assert!(text.ends_with(end), "{text}");
         let rows = parse(text.as_bytes(), "poses.csv").unwrap();
         assert_eq!(rows, [with_pose, without, formula]);

@@ -4,9 +4,9 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
+use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_trial::Trial;
-use plumbline_files::BadInput;
 use plumbline_trial::export::{Format, Recording, export};
 use plumbline_trial::manifest::Zero;
 
@@ -75,7 +75,8 @@ pub struct Arguments {
 /// # Errors
 /// When the trial cannot be used, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let of_data_sets = [("--session", arguments.session.is_some()), ("--run", arguments.run.is_some())];
+    let of_data_sets =
+        [("--session", arguments.session.is_some()), ("--run", arguments.run.is_some())];
     let unheard = of_data_sets.iter().find(|(_, is_given)| *is_given);
     if let Some((option, _)) = unheard.filter(|_| arguments.format != Format::Bids) {
         let found = "only a data set has sessions and runs";

@@ -47,8 +47,7 @@ pub fn write_with(
     );
     manifest.write(folder).unwrap();
     let mut journal = Writer::create(&folder.join("packets.bin")).unwrap();
-    let mut entries: Vec<Entry> =
-        frames.iter().map(|frame| entry(frame, targets(frame))).collect();
+    let mut entries: Vec<Entry> = frames.iter().map(|frame| entry(frame, targets(frame))).collect();
     entries.extend(marks.iter().map(|(time_s, label)| Entry {
         host_ns: nanoseconds(*time_s) + DELAY_NS,
         content: Content::Mark(Mark::new(Source::Key, label)),

@@ -67,11 +67,8 @@ fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
             let cam_from_target =
                 Pose::<Cam, Target>::new(cam_from_scene.rotation * turned, Vector3::z() * 1e3);
             let [a, b, c, x, y, z] = cam_from_target.theta().map(|it| it as f32);
-            let pose = MeasuredPose {
-                theta_rad: [a, b, c],
-                translation_mm: [x, y, z],
-                ..fixture::pose()
-            };
+            let pose =
+                MeasuredPose { theta_rad: [a, b, c], translation_mm: [x, y, z], ..fixture::pose() };
             TargetPacket { role, state: TargetState::Tracking, pose: Ok(pose) }
         };
         let [lower_rad, upper_rad] = angle_rad(frame.sequence as usize);
@@ -360,7 +357,8 @@ fn a_study_becomes_one_data_set() {
     // Somebody adds a column, and a word.
     let participants = "participant_id\tage\nsub-P01\t34\n";
     std::fs::write(path("participants.tsv"), participants).unwrap();
-    std::fs::write(path("README"), "Our study of sway, with details that a reader needs.\n").unwrap();
+    std::fs::write(path("README"), "Our study of sway, with details that a reader needs.\n")
+        .unwrap();
     added("b", &[]);
     added("c", &["--run", "4"]);
     added("d", &["--session", "pre"]);
@@ -414,7 +412,11 @@ fn a_study_becomes_one_data_set() {
     )
     .unwrap();
     let nobody = bids(folder, "d", &[]);
-    assert!(nobody.stderr.contains("d/trial.toml: participant: it is not known"), "{}", nobody.stderr);
+    assert!(
+        nobody.stderr.contains("d/trial.toml: participant: it is not known"),
+        "{}",
+        nobody.stderr
+    );
     assert_eq!(names_below(&set), before);
 
     // And with --force the same run is written again.
@@ -422,7 +424,11 @@ fn a_study_becomes_one_data_set() {
     assert_eq!(names_below(&set), before);
     assert_eq!(text("sub-P01/sub-P01_scans.tsv"), scans);
     let table = plumb(folder, &["export", "a", "--format", "csv", "--out", "a.csv", "--run", "2"]);
-    assert!(table.stderr.contains("--run: only a data set has sessions and runs"), "{}", table.stderr);
+    assert!(
+        table.stderr.contains("--run: only a data set has sessions and runs"),
+        "{}",
+        table.stderr
+    );
 }
 
 #[test]
@@ -455,7 +461,11 @@ fn nothing_is_overwritten_unasked() {
     let taken = ["export", "trial", "--format", "bids", "--out", "trial", "--force"];
     let refused = plumb(folder.path(), &taken);
     assert_eq!(refused.code, Some(2));
-    assert!(refused.stderr.contains("it is no BIDS data set: it has no dataset"), "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("it is no BIDS data set: it has no dataset"),
+        "{}",
+        refused.stderr
+    );
     let absent = plumb(folder.path(), &["export", "no", "--format", "csv", "--out", "no.csv"]);
     assert_eq!(absent.code, Some(2));
     assert!(absent.stderr.contains("not the folder of a trial"), "{}", absent.stderr);

@@ -36,8 +36,8 @@ pub fn bytes(rows: &Rows, events: &[Event]) -> (Vec<u8>, Vec<String>) {
         (beyond, "for which the format has no room"),
     ];
     let left_out = reasons.into_iter().filter(|(count, _)| *count > 0);
-    let warnings = left_out
-        .map(|(count, why)| format!("not in the file: {} {why}", counted(count, "event")));
+    let warnings =
+        left_out.map(|(count, why)| format!("not in the file: {} {why}", counted(count, "event")));
     (file(rows, &within), warnings.collect())
 }
 
@@ -97,9 +97,8 @@ fn put_events(parameters: &mut Parameters, events: &[&Event]) {
         let minutes = (event.time_s / 60.0).floor();
         [minutes as f32, (event.time_s - 60.0 * minutes) as f32]
     };
-    let texts = |text: fn(&Event) -> String| {
-        Value::Texts(events.iter().map(|event| text(event)).collect())
-    };
+    let texts =
+        |text: fn(&Event) -> String| Value::Texts(events.iter().map(|event| text(event)).collect());
     parameters.set("EVENT", "USED", Value::Integers(vec![events.len() as u16]));
     if events.is_empty() {
         return;

@@ -54,17 +54,14 @@ pub fn of(trial: &Trial, points: &Points) -> Vec<Vec<Option<Orientation>>> {
 }
 
 /// X is the scene's z, Y its -x, Z its -y.
-const BODY_FROM_SCENE: Matrix3<f64> =
-    Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+const BODY_FROM_SCENE: Matrix3<f64> = Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
 
 fn quaternion(rotation: &Matrix3<f64>) -> Orientation {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation))
 }
 
 /// Each with the sign that is nearer to the one before.
-fn continuous(
-    turned: impl Iterator<Item = Option<Orientation>>,
-) -> Vec<Option<Orientation>> {
+fn continuous(turned: impl Iterator<Item = Option<Orientation>>) -> Vec<Option<Orientation>> {
     let mut before = Orientation::identity();
     let signed = turned.map(|orientation| {
         let orientation = orientation?;

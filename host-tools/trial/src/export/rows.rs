@@ -80,8 +80,7 @@ impl Rows {
         let moved_s = delays().map(|of_point_s| (of_point_s - delay_s).abs()).fold(0.0, f64::max);
         let turned = turned.iter().map(Vec::as_slice).chain(std::iter::repeat(&[][..]));
         let tracks = points.points.iter().zip(turned);
-        let tracks =
-            tracks.map(|(point, turned)| track(point, turned, &time_s, delay_s)).collect();
+        let tracks = tracks.map(|(point, turned)| track(point, turned, &time_s, delay_s)).collect();
         time_s.iter_mut().for_each(|time_s| *time_s += delay_s);
         let length_s = time_s.last().zip(time_s.first()).map_or(0.0, |(last, first)| last - first);
         Ok(Self { rate_hz: (time_s.len() - 1) as f64 / length_s, time_s, moved_s, points: tracks })
@@ -125,12 +124,7 @@ fn delays_s(point: &Point) -> impl Iterator<Item = f64> {
 }
 
 /// A point in the rows of these frames, each `delay_s` after its frame.
-fn track(
-    point: &Point,
-    turned: &[Option<Orientation>],
-    frames_s: &[f64],
-    delay_s: f64,
-) -> Track {
+fn track(point: &Point, turned: &[Option<Orientation>], frames_s: &[f64], delay_s: f64) -> Track {
     let series = &point.series;
     let segments = series.segments();
     let samples = segments.flat_map(|segment| segment.clone().map(move |at| (at, segment.clone())));

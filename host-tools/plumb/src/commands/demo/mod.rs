@@ -25,7 +25,6 @@ use plumbline::report::{Report, TargetReport};
 use self::figures::Figures;
 use self::the_box::TheBox;
 use crate::ui::draw;
-use plumbline_files::BadInput;
 use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::poses::Writer;
 use plumbline_render::simulate::recorded::truth_rows;

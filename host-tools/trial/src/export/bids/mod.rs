@@ -274,9 +274,8 @@ fn channels_json() -> Value {
 
 /// Times count from the first sample, as the standard requires.
 fn events_table(events: &[Event]) -> String {
-    let row = |event: &Event| {
-        format!("{}\t0\t{}\n", csv::seconds(event.time_s), word(&event.label))
-    };
+    let row =
+        |event: &Event| format!("{}\t0\t{}\n", csv::seconds(event.time_s), word(&event.label));
     format!("onset\tduration\ttrial_type\n{}", events.iter().map(row).collect::<String>())
 }
 
