@@ -54,10 +54,23 @@ fn open_new(path: &Path, force: bool) -> std::io::Result<File> {
 
 /// One that was there keeps its mode when it is opened. Devices and pipes belong to others.
 fn owner_only(file: &File) -> std::io::Result<()> {
-    if file.metadata()?.is_file() {
-        file.set_permissions(Permissions::from_mode(FILE_MODE))?;
+    if !file.metadata()?.is_file() {
+        return Ok(());
     }
-    Ok(())
+    or_without_owners(file.set_permissions(Permissions::from_mode(FILE_MODE)))
+}
+
+/// On file systems without owners, such as those of cards and some networks, nothing can be kept
+/// from anybody: that is no reason to write nothing.
+fn or_without_owners(outcome: std::io::Result<()>) -> std::io::Result<()> {
+    match outcome {
+        Err(error)
+            if matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::Unsupported) =>
+        {
+            Ok(())
+        }
+        outcome => outcome,
+    }
 }
 
 fn exists_already(path: &Path, remedy: &str) -> BadInput {
@@ -231,7 +244,8 @@ impl Made {
                 Err(error) => return Err(error),
                 Ok(()) => {
                     // The umask may have taken from the owner as well.
-                    std::fs::set_permissions(directory, Permissions::from_mode(DIRECTORY_MODE))?;
+                    let mode = Permissions::from_mode(DIRECTORY_MODE);
+                    or_without_owners(std::fs::set_permissions(directory, mode))?;
                     self.directories.push(directory.to_owned());
                 }
             }

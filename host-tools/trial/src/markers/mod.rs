@@ -14,6 +14,9 @@ mod trc;
 /// No recording has more values: an hour of 200 markers at 200 Hz.
 const VALUES_MAX: usize = 3 * 200 * 200 * 3600;
 
+/// What is farther away than this is in no room: its unit is another one, or it is damaged.
+const POSITION_MM_MAX: f64 = 1e5;
+
 /// The number of markers that a message names.
 const NAMED_MAX: usize = 100;
 
@@ -89,6 +92,18 @@ impl Markers {
             for (axis, column) in columns.iter_mut().enumerate() {
                 let sum: f64 = seen.iter().map(|it| it[axis]).sum();
                 column.push(sum / seen.len() as f64 * unit.mm());
+            }
+            if let Some(far_mm) = columns
+                .iter()
+                .filter_map(|column| column.last())
+                .find(|it| !(-POSITION_MM_MAX..=POSITION_MM_MAX).contains(*it))
+            {
+                return Err(BadInput::new(
+                    &self.place,
+                    format!("frame {frame}"),
+                    format!("a position of {far_mm:e} mm, which is beyond any room"),
+                    "check the file's unit, and correct or remove that value",
+                ));
             }
         }
         let found = time_s.len();
@@ -169,6 +184,28 @@ mod tests {
 
     use super::*;
     use crate::c3d::{Header, Parameters, Value, encode};
+
+    /// A number of 1e160 would make every figure infinite.
+    #[test]
+    fn what_is_beyond_any_room_is_refused() {
+        let axes = Axes::parse("ap=X").unwrap();
+        let series = |x: f64, unit| {
+            let position = vec![Some([1.0, 2.0, 3.0]), Some([x, 2.0, 3.0])];
+            let marker = Marker { name: "A".to_owned(), position };
+            let markers = Markers {
+                place: "a.trc".to_owned(),
+                rate_hz: 100.0,
+                first_s: 0.0,
+                unit: Some(unit),
+                markers: vec![marker],
+            };
+            markers.series(&[], None, &axes).map(|_| ()).map_err(|error| error.to_string())
+        };
+        let error = series(-1e160, Unit::Mm).unwrap_err();
+        assert!(error.starts_with("a.trc: frame 1: a position of -1e160 mm"), "{error}");
+        assert!(series(101.0, Unit::M).is_err());
+        assert_eq!(series(99.0, Unit::M), Ok(()));
+    }
 
     /// What is read has one position for each marker and frame, and gives a series or an error.
     fn check(name: &str, good: &[u8]) {
