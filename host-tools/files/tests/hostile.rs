@@ -11,7 +11,7 @@ use plumbline_files::{camera, poses, scene, targets};
 use plumbline_test_support::mutations;
 
 /// Versions of each good file.
-const VERSIONS: usize = 1500;
+const VERSIONS: usize = 600;
 
 const CAMERA_TOML: &str = "width_px = 1456\nheight_px = 1088\nfx_px = 1740.0\nfy_px = 1741.5\n\
     cx_px = 727.5\ncy_px = 543.5\nskew_px = 0.0\nmodel = \"brown5\"\n\
@@ -119,7 +119,7 @@ fn pictures_and_videos() {
     // In headers is where it hurts.
     let heads = good.iter().map(|bytes| (bytes, bytes.len().min(120)));
     for (bytes, head) in heads {
-        for mutated in mutations(&bytes[..head], 300) {
+        for mutated in mutations(&bytes[..head], 200) {
             let file = [&mutated[..], &bytes[head..]].concat();
             std::fs::write(&path, file).unwrap();
             let Ok(mut source) = FrameSource::open(&[PathBuf::from(&path)], None) else { continue };

@@ -239,15 +239,14 @@ impl<R: Read> Reader<R> {
     /// When the disk cannot be read.
     pub fn next_entry(&mut self) -> Result<Option<Entry>, BadInput> {
         loop {
-            let before = self.read;
             let is_bordered = self.next_border().map_err(|it| BadInput::io(&self.place, &it))?;
-            if self.read == before {
+            let length = self.stuffed.len() as u64;
+            if length == 0 {
                 return Ok(None);
             }
-            if !is_bordered || self.stuffed.is_empty() {
+            if !is_bordered {
                 continue;
             }
-            let length = self.stuffed.len() as u64;
             #[cfg(test)]
             {
                 self.decoded += length;
@@ -266,9 +265,10 @@ impl<R: Read> Reader<R> {
         self.read.saturating_sub(self.entries)
     }
 
-    /// Reads up to the next delimiter or, without one, to the end. False when what lies before it
-    /// cannot be an entry.
+    /// Reads what lies before the next delimiter or, without one, before the end; nothing at the
+    /// end. False when it cannot be an entry.
     fn next_border(&mut self) -> io::Result<bool> {
+        self.skip_delimiters()?;
         self.stuffed.clear();
         let mut limited = (&mut self.source).take(STUFFED_BYTES_MAX as u64 + 1);
         self.read += limited.read_until(DELIMITER, &mut self.stuffed)? as u64;
@@ -277,6 +277,20 @@ impl<R: Read> Reader<R> {
             self.read += self.source.skip_until(DELIMITER)? as u64;
         }
         Ok(is_bordered)
+    }
+
+    /// A disk that has lost power may have left millions of zeros.
+    fn skip_delimiters(&mut self) -> io::Result<()> {
+        loop {
+            let buffer = self.source.fill_buf()?;
+            let delimiters = buffer.iter().take_while(|byte| **byte == DELIMITER).count();
+            let is_over = delimiters == 0 || delimiters < buffer.len();
+            self.source.consume(delimiters);
+            self.read += delimiters as u64;
+            if is_over {
+                return Ok(());
+            }
+        }
     }
 }
 
