@@ -394,8 +394,9 @@ fn what_cannot_be_printed_is_refused() {
     }
     let output = desk.run("target --standard --out pair.png");
     assert_refused(&output, &["--out: pair.png ends neither in .pdf nor in .svg; "]);
-    let output = desk.run("target --standard --out missing/pair.pdf");
-    assert_refused(&output, &["missing/pair.pdf: there is no such directory; "]);
+    std::fs::write(desk.path("taken"), "").unwrap();
+    let output = desk.run("target --standard --out taken/pair.pdf");
+    assert_refused(&output, &["taken", "a file is in its place"]);
 }
 
 #[test]

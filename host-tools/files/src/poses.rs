@@ -7,7 +7,7 @@
 //! paper's. Without a pose the numbers are empty and `state` says why. `ap_mm,
 //! ml_mm, si_mm` is the trunk point that the target carries (upper or lower), along the
 //! anatomical axes; empty without a scene. Numbers are written in full: reading
-//! them back gives the same value.
+//! them back gives the same value. No text begins a formula: see [`cell`](crate::text::cell).
 //!
 //! The reader takes any file that has `frame, time_s, target` and the six columns of
 //! a pose, in any order: also the simulator's `truth.csv`.
@@ -65,9 +65,10 @@ pub struct PoseRow {
     /// When the target was exposed; without a pose, the frame's time.
     pub time_s: f64,
     /// The target's name.
+    #[serde(with = "crate::text::as_cell")]
     pub target: String,
     /// `tracking` and the like; without a pose, the reason.
-    #[serde(default)]
+    #[serde(default, with = "crate::text::as_cell")]
     pub state: String,
     /// Euler angle about z.
     pub theta1_rad: Option<f64>,
@@ -199,8 +200,7 @@ impl Writer<File> {
     /// When the operating system refuses.
     pub fn create(path: &Path) -> Result<Self, BadInput> {
         let place = path.display().to_string();
-        let file = File::create(path).map_err(|error| BadInput::io(&place, &error))?;
-        Ok(Self::new(file, place))
+        Ok(Self::new(crate::create(path, true)?, place))
     }
 }
 
@@ -321,14 +321,18 @@ mod tests {
             .with_quality(&Matrix3::from_diagonal_element(0.01), 0.1, 28)
             .with_trunk(&Anatomical { ap_mm: 1.0, ml_mm: -2.0, si_mm: 0.3 });
         let without = PoseRow::without_pose(3, 0.05, "shoulder", "acquiring: no grid");
-        let text = written(&[with_pose.clone(), without.clone()]);
+        // A spreadsheet would compute it.
+        let formula = PoseRow::without_pose(4, -0.05, "=1+1", "-");
+        let text = written(&[with_pose.clone(), without.clone(), formula.clone()]);
         assert_eq!(
             text.lines().next().unwrap(),
             "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,sd_x_mm,sd_y_mm,sd_z_mm,rms_px,points,ap_mm,ml_mm,si_mm"
         );
-        assert!(text.ends_with("3,0.05,shoulder,acquiring: no grid,,,,,,,,,,,,,,\n"), "{text}");
+        let end =
+            "3,0.05,shoulder,acquiring: no grid,,,,,,,,,,,,,,\n4,-0.05,'=1+1,'-,,,,,,,,,,,,,,\n";
+        assert!(text.ends_with(end), "{text}");
         let rows = parse(text.as_bytes(), "poses.csv").unwrap();
-        assert_eq!(rows, [with_pose, without]);
+        assert_eq!(rows, [with_pose, without, formula]);
         assert_eq!(rows[1].cam_from_target(), None);
         let back = rows[0].cam_from_target().unwrap();
         assert_eq!(back.translation_mm, pose.translation_mm);

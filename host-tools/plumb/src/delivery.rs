@@ -191,6 +191,25 @@ pub fn refuse_losing(link: &BoxLink, before: &Before, config: &Config) -> Result
     }
 }
 
+/// Refuses a camera file of another size than the box's frames: the box would not start with it.
+///
+/// # Errors
+/// When the sizes differ.
+pub fn refuse_other_size(place: &str, hello: &Hello, config: &Config) -> Result<(), BadInput> {
+    let [is, new] =
+        [(hello.width_px, hello.height_px), (config.lens.width_px, config.lens.height_px)]
+            .map(|(width, height)| format!("{width} x {height} px"));
+    if is == new {
+        return Ok(());
+    }
+    Err(BadInput::whole(
+        place,
+        format!("it is for frames of {new}, and the frames of this box are {is}"),
+        "give the camera file of this box, or calibrate it with photographs of that size (`plumb \
+         aim --stills` takes them); give --force if its camera is to give frames of another size",
+    ))
+}
+
 /// Whether a box that is heard over a link of this kind will be heard there again.
 fn stays(kind: LinkKind, old: &Links, new: &Links) -> bool {
     match kind {
@@ -267,6 +286,19 @@ mod tests {
         old.cam_from_scene_theta = None;
         old.capture = None;
         assert_eq!(warnings(&old, &new), [""; 0]);
+    }
+
+    #[test]
+    fn a_camera_of_another_size_than_the_frames_is_refused() {
+        let config = plumbline_stream::fixture::config();
+        let mut hello = plumbline_stream::fixture::hello(&config);
+        assert_eq!(refuse_other_size("camera.toml", &hello, &config), Ok(()));
+        hello.width_px = 640;
+        let error = refuse_other_size("camera.toml", &hello, &config).unwrap_err().to_string();
+        let (width, height) = (config.lens.width_px, config.lens.height_px);
+        assert!(error.starts_with("camera.toml: it is for frames of "), "{error}");
+        let sizes = [format!("of {width} x {height} px"), format!("are 640 x {height} px")];
+        assert!(sizes.iter().all(|it| error.contains(it)) && error.contains("--force"), "{error}");
     }
 
     #[test]

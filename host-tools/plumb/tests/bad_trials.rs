@@ -84,7 +84,10 @@ fn settings_that_suit_no_trial_are_refused() {
         ("report t1 --out there.json", &["there.json", "--force"]),
         ("report t1 --span 100-200 --out new.html", &["span"]),
         ("export t1 --format c3d --out there.json", &["there.json", "--force"]),
-        ("export t1 --format csv --out nowhere/new.csv", &["nowhere"]),
+        (
+            "export t1 --format csv --out there.json/new.csv",
+            &["there.json", "file is in its place"],
+        ),
         ("replay t1 --to 127.0.0.1:9 --speed 0", &["--speed", "0.01"]),
         ("replay t1 --to nowhere", &["numeric address"]),
         ("receive --udp 127.0.0.1:0 --out t1 --frames 1", &["t1: exists already"]),

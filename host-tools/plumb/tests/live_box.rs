@@ -265,6 +265,15 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     let other = "--box other.toml --send --via-udp UDP";
     bench.provision(other).exits(2).says(&[&met, "(PL-0001), and", "(PL-0002)", "--force"]);
     bench.provision("--send --via-udp UDP").exits(2).says(&["\"plumbline\" (0)", "--force"]);
+    // The calibration of another camera.
+    bench.write("small.toml", &CAMERA.replace("640", "320").replace("480", "240"));
+    bench
+        .plumb(
+            "provision --camera small.toml --targets targets.toml --box box.toml --send \
+             --via-udp UDP",
+        )
+        .exits(2)
+        .says(&["small.toml: it is for frames of 320 x 240 px", "are 640 x 480 px", "--force"]);
     assert_eq!(format!("{:08x}", bench.config("box.plb").crc()), crc, "nothing was sent");
 
     let said = bench.provision(&format!("{other} --force --out sent.plb")).exits(0);
@@ -294,6 +303,12 @@ fn a_program_that_nobody_starts_again_is_not_restarted() {
         .provision("--box box.toml --send --via-udp UDP")
         .exits(0)
         .says(&["stored, checksum", "takes effect at its next start"]);
+    // Started with this file, the box has stored another configuration in it.
+    bench.write("next.toml", &bench.settings("PL-0002", bench.udp));
+    bench.provision("--box next.toml --send --via-udp UDP --force").exits(0);
+    let stored = format!("box.plb is {:08x}", bench.config("box.plb").crc());
+    let doctor = bench.plumb("doctor --udp UDP --config box.plb --seconds 1").exits(1);
+    doctor.says(&["it runs with", "has stored", &stored, "restart the box"]);
     bench.plumb("scene --udp UDP --store").exits(2).says(&[
         "looks for lumbar, shoulder, and for no target of the role \"scene\"",
         "provision it again",

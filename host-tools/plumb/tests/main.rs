@@ -11,6 +11,7 @@ mod expose;
 mod figures;
 mod live_box;
 mod physiology;
+mod pictures;
 mod prove;
 mod prove_live;
 mod recording;

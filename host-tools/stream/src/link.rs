@@ -358,7 +358,10 @@ impl BoxLink {
 
     /// The configuration that the box runs with, and the checksum of the one that it will start
     /// with next.
-    fn config_and_next(&mut self) -> Result<(Config, u32), BadInput> {
+    ///
+    /// # Errors
+    /// As [`config`](Self::config).
+    pub fn config_and_next(&mut self) -> Result<(Config, u32), BadInput> {
         let (crc, bytes, next_crc) = match self.ask(Action::QueryConfig)? {
             ReplyOutcome::Config { crc, bytes, next_crc } => (crc, bytes, next_crc),
             ReplyOutcome::Refused { refusal, reason } => {

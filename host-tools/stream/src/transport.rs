@@ -12,6 +12,7 @@ use plumbline::packet::{
 use plumbline_files::BadInput;
 
 use crate::others::is_same_box;
+use crate::text;
 
 /// The longest wait for bytes, so that Ctrl-C is noticed.
 pub const WAIT: Duration = Duration::from_millis(100);
@@ -42,13 +43,14 @@ impl Raw {
     /// # Errors
     /// When there is none.
     pub fn decode(&self, deframer: &mut Deframer) -> Result<Packet, PacketError> {
-        match self {
+        let outcome = match self {
             Self::Datagram(bytes) => decode_datagram(bytes),
             Self::Frame(bytes) => {
                 let outcome = bytes.iter().filter_map(|byte| deframer.feed(*byte)).last();
                 outcome.unwrap_or(Err(PacketError::Fragment))
             }
-        }
+        };
+        outcome.map(text::printable)
     }
 }
 
@@ -235,7 +237,7 @@ impl Transport for Udp {
             }
             Err(error) => return Err(BadInput::io("UDP", &error)),
         };
-        let outcome = decode_datagram(&self.buffer[..length]);
+        let outcome = decode_datagram(&self.buffer[..length]).map(text::printable);
         // Only a box may claim the port: a stray datagram must not lock it out.
         let is_box = outcome.as_ref().is_ok_and(|packet| packet.start.is_some());
         let is_known = self.sender.as_ref().is_some_and(|sender| sender.address == from);
@@ -348,7 +350,7 @@ impl Transport for Serial {
                         // An idle line carries only delimiters.
                         if let Some(outcome) = outcome {
                             take(Event::Raw(Raw::Frame(raw)));
-                            take(Event::of(outcome));
+                            take(Event::of(outcome.map(text::printable)));
                         }
                     }
                 }

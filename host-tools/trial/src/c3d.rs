@@ -62,6 +62,8 @@ pub enum Value {
     Integers(Vec<u16>),
     /// Single precision.
     Floats(Vec<f32>),
+    /// The same in two rows; each of these is a column.
+    Pairs(Vec<[f32; 2]>),
 }
 
 impl Value {
@@ -81,6 +83,10 @@ impl Value {
             }
             Self::Floats(values) => {
                 (4, vec![values.len()], values.iter().flat_map(|it| it.to_le_bytes()).collect())
+            }
+            Self::Pairs(values) => {
+                let numbers = values.as_flattened().iter();
+                (4, vec![2, values.len()], numbers.flat_map(|it| it.to_le_bytes()).collect())
             }
         };
         let mut bytes = vec![kind.cast_unsigned(), dimensions.len() as u8];
@@ -111,7 +117,12 @@ impl Value {
                 data.as_chunks().0.iter().map(|it| u16::from_le_bytes(*it)).collect(),
             ),
             (4, _) => {
-                Self::Floats(data.as_chunks().0.iter().map(|it| f32::from_le_bytes(*it)).collect())
+                let numbers = data.as_chunks().0.iter().map(|it| f32::from_le_bytes(*it));
+                let numbers: Vec<f32> = numbers.collect();
+                match dimensions {
+                    [2, _] => Self::Pairs(numbers.as_chunks().0.to_vec()),
+                    _ => Self::Floats(numbers),
+                }
             }
             _ => return None,
         }))
@@ -138,7 +149,7 @@ impl Parameters {
         match self.get(group, name)? {
             Value::Integers(values) => values.first().map(|it| f32::from(*it)),
             Value::Floats(values) => values.first().copied(),
-            Value::Text(_) | Value::Texts(_) => None,
+            Value::Text(_) | Value::Texts(_) | Value::Pairs(_) => None,
         }
     }
 
@@ -300,6 +311,7 @@ mod tests {
         parameters.set("POINT", "UNITS", Value::Text("mm".to_owned()));
         parameters.set("POINT", "RATE", Value::Floats(vec![100.0]));
         parameters.set("TRIAL", "ACTUAL_END_FIELD", Value::Integers(vec![10, 0]));
+        parameters.set("EVENT", "TIMES", Value::Pairs(vec![[0.0, 1.5], [2.0, 0.25]]));
         (header, parameters, (0..=255).cycle().take(700).collect())
     }
 

@@ -2,16 +2,19 @@
 //!
 //! ```text
 //! "PLUMBLINE JOURNAL 2\n"
-//! entry: kind (1 byte), time (8), length (2), that number of bytes, CRC-32 of all of these (4)
+//! entry: 0, COBS of [kind (1 byte), time (8), content, CRC-32 of all of these (4)], 0
 //! ```
 //!
 //! Numbers are little endian; the time is in nanoseconds since the recording began, by this
-//! computer's monotonic clock. An entry that a crash has cut off, or that a disk has damaged, is
-//! left out, and reading goes on at the next one whose checksum agrees.
+//! computer's monotonic clock. Consistent overhead byte stuffing (COBS; Cheshire and Baker, 1999)
+//! leaves no zero in an entry, so that a zero is always a border. An entry that a crash has cut off,
+//! or that a disk has damaged, is left out, and reading goes on at the next border: a damaged byte
+//! costs the entry that it is in and no other, wherever it is. Each byte is looked at four times at
+//! most, whatever the file holds: twice for a border, once to unstuff it, once for its checksum.
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
@@ -23,16 +26,22 @@ use plumbline_stream::transport::Raw;
 
 use super::mark::Mark;
 
-/// What every version begins with.
-const NAME: &[u8] = b"PLUMBLINE JOURNAL ";
-
 const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 2\n";
 
-const HEAD_BYTES: usize = 11;
+/// The beginning of files of every version.
+const ANY_MAGIC: &[u8] = b"PLUMBLINE JOURNAL ";
+
+const DELIMITER: u8 = 0;
+
+const HEAD_BYTES: usize = 9;
 const CRC_BYTES: usize = 4;
 
 /// No entry is longer: longer datagrams are cut, and are none of our packets.
 const CONTENT_BYTES_MAX: usize = 2048;
+
+/// The longest entry without its two delimiters.
+const STUFFED_BYTES_MAX: usize =
+    cobs::max_encoding_length(HEAD_BYTES + CONTENT_BYTES_MAX + CRC_BYTES);
 
 /// The journal is brought to the disk at least this often. A loss of power may cost one second;
 /// this is half of it.
@@ -66,32 +75,27 @@ impl Entry {
         let content = &content[..content.len().min(CONTENT_BYTES_MAX)];
         let mut entry = vec![kind];
         entry.extend(self.host_ns.to_le_bytes());
-        entry.extend((content.len() as u16).to_le_bytes());
         entry.extend(content);
         entry.extend(document_crc(&entry).to_le_bytes());
-        entry
+        let stuffed = cobs::encode_vec(&entry);
+        [&[DELIMITER], &stuffed[..], &[DELIMITER]].concat()
     }
 
-    /// The entry at the beginning of these bytes, and its length.
-    fn decode(bytes: &[u8]) -> Option<(Self, usize)> {
-        let (head, rest) = bytes.split_first_chunk::<HEAD_BYTES>()?;
-        let [kind, time @ .., low, high] = head;
-        let length = usize::from(u16::from_le_bytes([*low, *high]));
-        let crc = rest.get(length..length + CRC_BYTES)?;
-        let covered = HEAD_BYTES + length;
-        // The cheap test comes first: it fails at most places where no entry begins.
-        if length > CONTENT_BYTES_MAX || document_crc(&bytes[..covered]).to_le_bytes() != crc {
+    /// The entry between two delimiters.
+    fn decode(stuffed: &mut [u8]) -> Option<Self> {
+        let length = cobs::decode_in_place(stuffed).ok()?;
+        let (covered, crc) = stuffed[..length].split_last_chunk::<CRC_BYTES>()?;
+        let (&[kind, ref time @ ..], content) = covered.split_first_chunk::<HEAD_BYTES>()?;
+        if document_crc(covered).to_le_bytes() != *crc {
             return None;
         }
-        let content = &rest[..length];
         let content = match kind {
             1 => Content::Raw(Raw::Datagram(content.to_vec())),
             2 => Content::Raw(Raw::Frame(content.to_vec())),
             3 => Content::Mark(Mark::read(std::str::from_utf8(content).ok()?)?),
             _ => return None,
         };
-        let host_ns = u64::from_le_bytes(*time);
-        Some((Self { host_ns, content }, covered + CRC_BYTES))
+        Some(Self { host_ns: u64::from_le_bytes(*time), content })
     }
 }
 
@@ -110,7 +114,7 @@ impl Writer {
     pub fn create(path: &Path) -> Result<Self, BadInput> {
         let place = path.display().to_string();
         let failed = |error| BadInput::io(&place, &error);
-        let mut file = File::create_new(path).map_err(failed)?;
+        let mut file = plumbline_files::create(path, false)?;
         file.write_all(MAGIC).map_err(failed)?;
         let keeper = file.try_clone().and_then(Keeper::start).map_err(failed)?;
         Ok(Self { file, place, keeper })
@@ -166,14 +170,17 @@ impl Keeper {
 
 /// Reads a journal, entry by entry, in little memory.
 pub struct Reader<R: Read> {
-    source: R,
+    source: BufReader<R>,
     place: String,
-    /// What was read; the part from `at` on is not used yet.
-    buffer: Vec<u8>,
-    at: usize,
-    is_over: bool,
-    /// Bytes that belong to no entry.
-    damaged_bytes: u64,
+    /// What lies between two delimiters.
+    stuffed: Vec<u8>,
+    /// Bytes that were read.
+    read: u64,
+    /// Those of them that belong to an entry.
+    entries: u64,
+    /// Bytes that were decoded, of which an entry may have come.
+    #[cfg(test)]
+    decoded: u64,
 }
 
 impl Reader<File> {
@@ -194,25 +201,36 @@ impl<R: Read> Reader<R> {
     /// # Errors
     /// When it cannot be read, or does not begin as a journal.
     pub fn new(source: R, place: String) -> Result<Self, BadInput> {
-        let buffer = Vec::new();
-        let mut reader = Self { source, place, buffer, at: 0, is_over: false, damaged_bytes: 0 };
-        reader.fill()?;
-        if reader.buffer.starts_with(NAME) && !reader.buffer.starts_with(MAGIC) {
-            return Err(BadInput::whole(
-                reader.place,
-                "it is a journal of another version of Plumbline",
-                "use the program that wrote it, or record again",
-            ));
+        let mut source = BufReader::with_capacity(1 << 16, source);
+        let mut magic = Vec::new();
+        (&mut source)
+            .take(MAGIC.len() as u64)
+            .read_to_end(&mut magic)
+            .map_err(|error| BadInput::io(&place, &error))?;
+        if magic != MAGIC {
+            let is_other = magic.starts_with(ANY_MAGIC);
+            let (found, remedy) = if is_other {
+                (
+                    "it is a journal of another version of this program",
+                    "read it with the version that wrote it",
+                )
+            } else {
+                (
+                    "it is not a Plumbline journal",
+                    "give the folder that `plumb receive --out` has made",
+                )
+            };
+            return Err(BadInput::whole(place, found, remedy));
         }
-        if !reader.buffer.starts_with(MAGIC) {
-            return Err(BadInput::whole(
-                reader.place,
-                "it is not a Plumbline journal",
-                "give the folder that `plumb receive --out` has made",
-            ));
-        }
-        reader.at = MAGIC.len();
-        Ok(reader)
+        Ok(Self {
+            source,
+            place,
+            stuffed: Vec::new(),
+            read: 0,
+            entries: 0,
+            #[cfg(test)]
+            decoded: 0,
+        })
     }
 
     /// The next entry; `None` at the end.
@@ -221,43 +239,65 @@ impl<R: Read> Reader<R> {
     /// When the disk cannot be read.
     pub fn next_entry(&mut self) -> Result<Option<Entry>, BadInput> {
         loop {
-            self.fill()?;
-            if self.at == self.buffer.len() {
+            let is_bordered = self.next_border().map_err(|it| BadInput::io(&self.place, &it))?;
+            let length = self.stuffed.len() as u64;
+            if length == 0 {
                 return Ok(None);
             }
-            if let Some((entry, length)) = Entry::decode(&self.buffer[self.at..]) {
-                self.at += length;
+            if !is_bordered {
+                continue;
+            }
+            #[cfg(test)]
+            {
+                self.decoded += length;
+            }
+            if let Some(entry) = Entry::decode(&mut self.stuffed) {
+                self.entries += length + 2;
                 return Ok(Some(entry));
             }
-            self.at += 1;
-            self.damaged_bytes += 1;
         }
     }
 
-    /// The number of bytes that belong to no entry, such as those of a last one that was cut off.
+    /// The number of bytes read so far that belong to no entry, such as those of a last one that was
+    /// cut off.
     #[must_use]
     pub fn damaged_bytes(&self) -> u64 {
-        self.damaged_bytes
+        self.read.saturating_sub(self.entries)
     }
 
-    /// Fills the buffer, so that it holds the longest entry if the source has that much.
-    fn fill(&mut self) -> Result<(), BadInput> {
-        const ENTRY_BYTES_MAX: usize = HEAD_BYTES + CONTENT_BYTES_MAX + CRC_BYTES;
-        if self.is_over || self.buffer.len() - self.at >= ENTRY_BYTES_MAX {
-            return Ok(());
+    /// Reads what lies before the next delimiter or, without one, before the end; nothing at the
+    /// end. False when it cannot be an entry.
+    fn next_border(&mut self) -> io::Result<bool> {
+        self.skip_delimiters()?;
+        self.stuffed.clear();
+        let mut limited = (&mut self.source).take(STUFFED_BYTES_MAX as u64 + 1);
+        self.read += limited.read_until(DELIMITER, &mut self.stuffed)? as u64;
+        let is_bordered = self.stuffed.pop_if(|byte| *byte == DELIMITER).is_some();
+        if !is_bordered {
+            self.read += self.source.skip_until(DELIMITER)? as u64;
         }
-        self.buffer.drain(..self.at);
-        self.at = 0;
-        let wanted = 64 * ENTRY_BYTES_MAX - self.buffer.len();
-        let read = (&mut self.source).take(wanted as u64).read_to_end(&mut self.buffer);
-        let read = read.map_err(|error| BadInput::io(&self.place, &error))?;
-        self.is_over = read < wanted;
-        Ok(())
+        Ok(is_bordered)
+    }
+
+    /// A disk that has lost power may have left millions of zeros.
+    fn skip_delimiters(&mut self) -> io::Result<()> {
+        loop {
+            let buffer = self.source.fill_buf()?;
+            let delimiters = buffer.iter().take_while(|byte| **byte == DELIMITER).count();
+            let is_over = delimiters == 0 || delimiters < buffer.len();
+            self.source.consume(delimiters);
+            self.read += delimiters as u64;
+            if is_over {
+                return Ok(());
+            }
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use plumbline_test_support::mutations;
+
     use super::*;
     use crate::mark::Source;
 
@@ -301,6 +341,22 @@ mod tests {
     }
 
     #[test]
+    fn entries_of_every_length_come_back() {
+        for fill in [0, 1, 0xff] {
+            for length in 0..=CONTENT_BYTES_MAX {
+                let host_ns = u64::from_le_bytes([fill; 8]);
+                let content = Content::Raw(Raw::Datagram(vec![fill; length]));
+                let entry = Entry { host_ns, content };
+                let bytes = entry.encode();
+                let (_, stuffed) = bytes.split_first().unwrap();
+                assert_eq!(stuffed.iter().position(|it| *it == DELIMITER), Some(stuffed.len() - 1));
+                assert!(stuffed.len() <= STUFFED_BYTES_MAX + 1, "{length}");
+                assert_eq!(read(&[MAGIC, &bytes].concat()), (vec![entry], 0), "{length}");
+            }
+        }
+    }
+
+    #[test]
     fn a_cut_costs_the_entry_that_it_hits_and_no_other() {
         let (entries, whole) = (entries(), bytes(&entries()));
         let (mut start, mut at) = (MAGIC.len(), 0);
@@ -329,8 +385,62 @@ mod tests {
         }
     }
 
+    fn entry_of(content: Vec<u8>) -> Vec<u8> {
+        Entry { host_ns: 7, content: Content::Raw(Raw::Datagram(content)) }.encode()
+    }
+
+    /// No file costs more than its bytes, and what follows the worst damage is found.
+    #[test]
+    fn damage_is_skipped_in_time_linear_in_its_length() {
+        const DAMAGED: usize = 1 << 20;
+        let last = entry_of(vec![0; 300]);
+        // Each byte a length, a delimiter, or the beginning of an entry that nearly agrees.
+        let spoiled = {
+            let mut entry = entry_of(vec![1; CONTENT_BYTES_MAX]);
+            let middle = entry.len() / 2;
+            entry[middle] ^= 2;
+            entry
+        };
+        let worst: [(&str, Vec<u8>); 6] = [
+            ("zeros", vec![0; DAMAGED]),
+            ("ones", vec![1; DAMAGED]),
+            ("the longest runs", vec![0xff; DAMAGED]),
+            ("runs as long as an entry", [vec![1; STUFFED_BYTES_MAX], vec![0]].concat()),
+            ("heads", b"\x01\x00\x00\x00\x00\x00\x00\x00\x08".to_vec()),
+            ("entries with a flipped bit", spoiled),
+        ];
+        for (name, pattern) in worst {
+            let damage: Vec<u8> = pattern.iter().copied().cycle().take(DAMAGED).collect();
+            let file = [MAGIC, &damage, &last].concat();
+            let mut reader = Reader::new(&file[..], "packets.bin".into()).unwrap();
+            let found = reader.next_entry().unwrap();
+            // A last run without a border of its own takes the entry's first one.
+            assert!(found.is_some_and(|entry| entry.encode() == last), "{name}");
+            assert_eq!(reader.next_entry().unwrap(), None, "{name}");
+            assert_eq!(reader.damaged_bytes(), DAMAGED as u64, "{name}");
+            // Decoding looks at each byte three times, and reading once.
+            let examined = reader.read + 3 * reader.decoded;
+            assert!(examined <= 4 * file.len() as u64, "{name}: {examined}");
+        }
+    }
+
+    #[test]
+    fn no_bytes_make_the_reader_panic() {
+        let whole = bytes(&entries()[..20]);
+        for mutated in mutations(&whole[MAGIC.len()..], 3_000) {
+            let (entries, damaged) = read(&[MAGIC, &mutated].concat());
+            let there: usize = entries.iter().map(|entry| entry.encode().len()).sum();
+            // Where one of two delimiters is missing, both entries count the other.
+            let counted = there as u64 + damaged - mutated.len() as u64;
+            assert!(counted <= entries.len() as u64, "{counted}");
+        }
+    }
+
     #[test]
     fn what_is_no_journal_is_refused() {
+        let old = Reader::new(&b"PLUMBLINE JOURNAL 1\n\x01"[..], "packets.bin".into());
+        let error = old.err().unwrap().to_string();
+        assert!(error.contains("another version") && error.contains("version that"), "{error}");
         for bytes in [&b""[..], b"PLUMBLINE", b"frame,time_s\n0,0.0\n"] {
             let error = Reader::new(bytes, "packets.bin".into()).err().unwrap().to_string();
             assert!(error.contains("packets.bin") && error.contains("plumb receive"), "{error}");

@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
+use plumbline_files::text::printable;
+
 /// Where a mark comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -49,8 +51,7 @@ impl Mark {
     /// A mark whose label is made from whatever a person or a device has sent.
     #[must_use]
     pub fn new(source: Source, label: &str) -> Self {
-        let label: String =
-            label.trim().chars().filter(|it| !it.is_control()).take(LABEL_LETTERS_MAX).collect();
+        let label: String = printable(label).trim().chars().take(LABEL_LETTERS_MAX).collect();
         Self { source, label: if label.is_empty() { UNNAMED.to_owned() } else { label } }
     }
 
@@ -143,7 +144,8 @@ mod tests {
     fn a_label_is_what_can_be_read_of_it() {
         let label = |text: &str| Mark::new(Source::Udp, text).label;
         assert_eq!(label("  stands up\r\n"), "stands up");
-        assert_eq!(label("\u{7}\n"), "mark");
+        assert_eq!(label("\n \t"), "mark");
+        assert_eq!(label("\u{1b}[2J\u{202e}up\u{200b}\n"), "?[2J?up?");
         assert_eq!(label(&"x".repeat(200)).len(), LABEL_LETTERS_MAX);
         for source in Source::ALL {
             let mark = Mark::new(source, "eyes closed");

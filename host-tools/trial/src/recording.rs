@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::BLOB_BYTES_MAX;
 use plumbline::packet::{Action, Document, Message, Reply, ReplyOutcome};
-use plumbline_files::BadInput;
+use plumbline_files::{BadInput, Made};
 use plumbline_stream::link::Download;
 use plumbline_stream::questions::Questions;
 use plumbline_stream::reception::Tap;
@@ -39,6 +39,8 @@ pub type Heard = Box<dyn FnMut(&Mark, f64)>;
 /// A trial that is being recorded.
 pub struct Recording {
     folder: PathBuf,
+    /// The folder and those above it that were made for it.
+    made: Made,
     journal: Writer,
     begun: Instant,
     marks: Marks,
@@ -60,24 +62,20 @@ impl Recording {
         now: Instant,
         heard: Heard,
     ) -> Result<Self, BadInput> {
-        std::fs::create_dir(folder).map_err(|error| match error.kind() {
-            std::io::ErrorKind::AlreadyExists => BadInput::whole(
+        if folder.exists() {
+            return Err(BadInput::whole(
                 folder.display(),
                 "exists already",
                 "give another --out: nothing that was recorded is overwritten",
-            ),
-            std::io::ErrorKind::NotFound => BadInput::whole(
-                folder.display(),
-                "there is no such directory to make it in",
-                "make the directory first, or give another name",
-            ),
-            _ => BadInput::io(folder.display(), &error),
-        })?;
+            ));
+        }
+        let made = Made::directories(folder)?;
         let journal = Writer::create(&folder.join(names::JOURNAL))?;
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
         Ok(Self {
             folder: folder.to_owned(),
+            made,
             journal,
             begun: now,
             marks,
@@ -117,11 +115,12 @@ impl Recording {
             return Ok(None);
         }
         self.journal.sync()?;
+        self.made.keep();
         make(&self.folder, Some(State::Finished)).map(Some)
     }
 
     fn discard(self) -> Result<(), BadInput> {
-        let Self { folder, journal, .. } = self;
+        let Self { folder, made, journal, .. } = self;
         drop(journal);
         // Only the files that were made here: somebody may have put others beside them.
         for name in [names::JOURNAL, names::MANIFEST, names::CONFIG] {
@@ -131,7 +130,8 @@ impl Recording {
                     .map_err(|error| BadInput::io(path.display(), &error))?;
             }
         }
-        std::fs::remove_dir(&folder).map_err(|error| BadInput::io(folder.display(), &error))
+        drop(made);
+        Ok(())
     }
 
     fn write(&mut self, at: Instant, content: Content) -> Result<(), BadInput> {

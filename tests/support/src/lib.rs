@@ -6,6 +6,7 @@
 //! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, in an
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
+//! - [`mutations`]: files as nobody means to write them.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
 //!
@@ -17,6 +18,7 @@
 //! | [`PROGRAMS`] | where this project's programs are built |
 //! | [`RECORDINGS`] | where the rendered recordings are |
 
+mod mutations;
 mod recordings;
 mod skips;
 
@@ -25,6 +27,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+pub use mutations::mutations;
 pub use recordings::{
     CONFIG_FILE, FRAMES_FILE, PROGRAMS, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
 };

@@ -318,6 +318,10 @@ fn parse_toml(text: &str, place: &str) -> Result<Camera, BadInput> {
         let remedy = "`plumb calibrate --readout` writes it: measure again, or leave it out";
         return Err(BadInput::new(place, "readout_sd_ms", sd_ms, remedy));
     }
+    if let Some(rms_px) = fields.rms_px.filter(|it| !it.is_finite() || *it < 0.0) {
+        let remedy = "`plumb calibrate` writes it: calibrate again, or leave it out";
+        return Err(BadInput::new(place, "rms_px", rms_px, remedy));
+    }
     Ok(Camera {
         lens: Lens {
             width_px: fields.width_px,

@@ -90,7 +90,7 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Camera, BadInput> {
         readout_ns: 0,
         provenance: Provenance {
             readout_sd_ms: None,
-            rms_px: fields.avg_reprojection_error,
+            rms_px: fields.avg_reprojection_error.filter(|it| it.is_finite() && *it >= 0.0),
             images: fields.nr_of_frames,
             date: fields.calibration_time,
             source: Some(match fields.camera_name {

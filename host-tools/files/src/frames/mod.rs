@@ -77,6 +77,8 @@ pub struct FrameSource {
     height: usize,
     index: u64,
     count_hint: Option<u64>,
+    /// The number of inputs that were images.
+    pictures: usize,
     samples: Samples,
     white_level: u16,
 }
@@ -115,6 +117,7 @@ impl FrameSource {
             height: 0,
             index: 0,
             count_hint: None,
+            pictures: 0,
             samples: Samples::Grey8(Vec::new()),
             white_level: 255,
         };
@@ -155,6 +158,12 @@ impl FrameSource {
     #[must_use]
     pub fn has_rate(&self) -> bool {
         self.given_rate_hz.is_some() || matches!(self.open, Some(Open::Video(_)))
+    }
+
+    /// The number of images among the inputs so far.
+    #[must_use]
+    pub fn pictures(&self) -> usize {
+        self.pictures
     }
 
     /// Number of frames, as far as it can be known beforehand.
@@ -247,6 +256,7 @@ impl FrameSource {
                 "give recordings of one rate at a time; `plumb track`, `plumb prove` and `plumb calibrate --readout` take --fps for all of them",
             ));
         }
+        self.pictures += usize::from(matches!(open, Open::Picture(_)));
         self.open = Some(open);
         Ok(true)
     }

@@ -74,8 +74,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         return Ok(());
     };
-    std::fs::create_dir_all(directory)
-        .map_err(|error| BadInput::io(directory.display(), &error))?;
     let outputs: Vec<_> =
         files.into_iter().map(|(name, text)| (directory.join(name), text.into_bytes())).collect();
     plumbline_files::write_all(&outputs, arguments.force)?;

@@ -177,13 +177,12 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
         refuse_existing(wanted)?;
     }
     let simulation = prepared(&settings)?;
-    std::fs::create_dir_all(directory)
-        .map_err(|error| BadInput::io(directory.display(), &error))?;
+    plumbline_files::make_directory(directory)?;
     describe(&simulation, &camera, &targets, &scene)?;
     let mut truth = Writer::create(&truth)?;
     let mut outside = vec![0_u64; simulation.targets().len()];
     let place = frames.display().to_string();
-    let file = File::create(&frames).map_err(|error| BadInput::io(&place, &error))?;
+    let file = plumbline_files::create(&frames, true)?;
     write_frames(&simulation, form, arguments.frames, file, &place, |frame, samples| {
         for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
             truth.write(row)?;

@@ -5,7 +5,6 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
 use plumbline::config::Config;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::GridRejection;
@@ -98,8 +97,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let mut rows = poses_writer(arguments)?;
     if let Some(directory) = &arguments.draw {
-        std::fs::create_dir_all(directory)
-            .map_err(|error| BadInput::io(directory.display(), &error))?;
+        plumbline_files::make_directory(directory)?;
     }
     let mut summary = Summary::new(&config);
     // Rows on the same terminal would tear the bar apart.
@@ -119,6 +117,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let other_dimensions = summary.other_dimensions(&config, &places.targets);
     summary.print(&source, arguments.timing);
+    if !arguments.independent && source.pictures() > 1 && summary.is_often_lost() {
+        eprintln!(
+            "warning: the pictures are taken as a recording, in which each follows the one before, \
+             and targets are missing in many; if they are photographs that do not follow each \
+             other, give --independent"
+        );
+    }
     outcome?;
     match other_dimensions {
         Some(error) => Err(error.into()),
@@ -161,9 +166,7 @@ fn track(
         rows.flush()?;
         if let Some(directory) = &arguments.draw {
             let path = directory.join(format!("frame_{:06}.png", frame.index));
-            draw::annotated(&frame, config, &report)
-                .save(&path)
-                .with_context(|| format!("{}: cannot write the drawing", path.display()))?;
+            draw::write(&path, &draw::annotated(&frame, config, &report))?;
         }
     }
     Ok(())
@@ -202,6 +205,10 @@ fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item
 /// Why there is no pose when a target's columns or rows are wrong.
 const OTHER_DIMENSIONS: NoPose = NoPose::NotFound(GridRejection::OtherDimensions);
 
+/// In a recording, a target is found in more than this part of the frames: it is lost for some
+/// where it is covered, and searched for in some at the beginning.
+const FOUND_USUALLY: f64 = 0.9;
+
 /// The summary at the end.
 struct Summary {
     frames: u64,
@@ -235,6 +242,12 @@ impl Summary {
                 Err(reason) => *target.missing.entry(reason.words()).or_default() += 1,
             }
         }
+    }
+
+    /// Whether a target is missing so often that the frames may not follow each other.
+    fn is_often_lost(&self) -> bool {
+        let found = |target: &TargetSummary| target.rms_px.len() as f64 / self.frames.max(1) as f64;
+        self.targets.iter().any(|target| found(target) < FOUND_USUALLY)
     }
 
     /// The error for a target that no frame shows although checkerboards of other sizes are

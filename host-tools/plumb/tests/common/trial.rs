@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use plumbline::packet::{
-    AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, Packet, PosePacket, encode_datagram,
+    AnatomicalPoint, MarkedInstant, Message, PACKET_BYTES_MAX, Packet, PosePacket, TargetPacket,
+    encode_datagram,
 };
 use plumbline_stream::fixture::adversity::hello_of;
 use plumbline_stream::fixture::{START, packet};
@@ -26,8 +27,18 @@ const DELAY_NS: u64 = 5_000_000;
 
 const FIRST_CAPTURE_NS: u64 = 7_000_000_000;
 
-/// Writes the folder; marks are a time and a label.
+/// Writes the folder; marks are a time and a label. No target's pose is in it.
 pub fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
+    write_with(folder, frames, marks, |_| Vec::new());
+}
+
+/// As [`write`], with what the box tells of its targets in each frame.
+pub fn write_with(
+    folder: &Path,
+    frames: &[Frame],
+    marks: &[(f64, &str)],
+    targets: impl Fn(&Frame) -> Vec<TargetPacket>,
+) {
     std::fs::create_dir(folder).unwrap();
     let manifest = Manifest::begin(
         "2026-01-01T00:00:00Z".to_owned(),
@@ -38,7 +49,7 @@ pub fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
     );
     manifest.write(folder).unwrap();
     let mut journal = Writer::create(&folder.join("packets.bin")).unwrap();
-    let mut entries: Vec<Entry> = frames.iter().map(entry).collect();
+    let mut entries: Vec<Entry> = frames.iter().map(|frame| entry(frame, targets(frame))).collect();
     entries.extend(marks.iter().map(|(time_s, label)| Entry {
         host_ns: nanoseconds(*time_s) + DELAY_NS,
         content: Content::Mark(Mark::new(Source::Key, label)),
@@ -51,7 +62,7 @@ pub fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
     }
 }
 
-fn entry(frame: &Frame) -> Entry {
+fn entry(frame: &Frame, targets: Vec<TargetPacket>) -> Entry {
     let point = |position_mm: Option<[f64; 3]>| {
         let [ap_mm, ml_mm, si_mm] = position_mm?.map(|it| it as f32);
         Some(AnatomicalPoint { ap_mm, ml_mm, si_mm })
@@ -61,7 +72,7 @@ fn entry(frame: &Frame) -> Entry {
         capture_time_ns: FIRST_CAPTURE_NS + nanoseconds(frame.time_s),
         instant: MarkedInstant::Recording,
         latency_us: 4000,
-        targets: [].into_iter().collect(),
+        targets: targets.into_iter().collect(),
         upper_trunk: point(frame.upper_mm),
         lower_trunk: point(frame.lower_mm),
     });

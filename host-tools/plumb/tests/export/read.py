@@ -33,6 +33,7 @@ def parquet(path):
         "names": table.column_names,
         "types": [str(it) for it in table.schema.types],
         "axes": (table.schema.metadata or {})[b"axes"].decode(),
+        "orientations": (table.schema.metadata or {})[b"orientations"].decode(),
         "rows": rows(column.to_pylist() for column in table.columns),
     }
 
@@ -55,7 +56,7 @@ def ezc3d(path):
     import ezc3d
 
     data = ezc3d.c3d(path)
-    point, own = (data["parameters"][group] for group in ("POINT", "PLUMBLINE"))
+    point, own, event = (data["parameters"][group] for group in ("POINT", "PLUMBLINE", "EVENT"))
     found, residuals = data["data"]["points"], data["data"]["meta_points"]["residuals"]
     value = lambda group, name: list(group[name]["value"])
     return {
@@ -66,6 +67,13 @@ def ezc3d(path):
         "frames": value(point, "FRAMES")[0],
         "zero": value(own, "T_ZERO")[0],
         "axes": value(own, "AXES")[0],
+        # Context, label, minutes and seconds.
+        "events": [
+            [context, label, float(minutes), float(seconds)]
+            for context, label, minutes, seconds in zip(
+                value(event, "CONTEXTS"), value(event, "LABELS"), *event["TIMES"]["value"]
+            )
+        ],
         "residuals": residuals[0].T.tolist(),
         "rows": rows(found[axis, at] for at in range(found.shape[1]) for axis in range(3)),
     }

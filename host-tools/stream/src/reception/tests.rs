@@ -397,9 +397,8 @@ fn a_recording_of_nothing_is_no_file() {
     assert!(error.to_string().contains("--force"), "{error}");
     assert_eq!(read().unwrap(), csv);
     plumbline_files::Late::new(directory.path(), true).unwrap_err();
-    let error =
-        plumbline_files::Late::new(&directory.path().join("no/poses.csv"), true).unwrap_err();
-    assert!(error.found.contains("no such directory"), "{error}");
+    let error = plumbline_files::Late::new(&path.join("poses.csv"), true).unwrap_err();
+    assert!(error.remedy.contains("a file is in its place"), "{error}");
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! The Coordinate 3D file of motion capture: see [`crate::c3d`].
 
+use plumbline_files::counting::counted;
+
+use super::events::Event;
 use super::rows::Rows;
 use super::{RIGHT_HANDED, right_handed};
 use crate::c3d::{FRAMES_MAX, Header, Parameters, Value, encode};
@@ -13,8 +16,32 @@ const SCALE: f32 = -1.0;
 /// The fourth number of a point that was not seen: its residual.
 const NOT_SEEN: f32 = -1.0;
 
-/// The file.
-pub fn bytes(rows: &Rows) -> Vec<u8> {
+/// A parameter has room for this number of events; no trial has as many marks.
+const EVENTS_MAX: usize = 255;
+
+/// The longest label; those of marks are shorter unless they are in another alphabet.
+const LABEL_BYTES_MAX: usize = 120;
+
+/// The file, and what a user should know. It has those events that lie within its frames.
+pub fn bytes(rows: &Rows, events: &[Event]) -> (Vec<u8>, Vec<String>) {
+    let end_s = rows.time_s.last().map_or(0.0, |last_s| last_s - rows.first_s());
+    // An event between two frames at the end belongs to the last one.
+    let is_within = |event: &&Event| (0.0..=end_s + 1.0 / rows.rate_hz).contains(&event.time_s);
+    let mut within: Vec<&Event> = events.iter().filter(is_within).collect();
+    let outside = events.len() - within.len();
+    let beyond = within.len().saturating_sub(EVENTS_MAX);
+    within.truncate(EVENTS_MAX);
+    let reasons = [
+        (outside, "before the first or after the last frame"),
+        (beyond, "for which the format has no room"),
+    ];
+    let left_out = reasons.into_iter().filter(|(count, _)| *count > 0);
+    let warnings =
+        left_out.map(|(count, why)| format!("not in the file: {} {why}", counted(count, "event")));
+    (file(rows, &within), warnings.collect())
+}
+
+fn file(rows: &Rows, events: &[&Event]) -> Vec<u8> {
     let header = Header {
         points: rows.points.len() as u16,
         analog: 0,
@@ -23,7 +50,9 @@ pub fn bytes(rows: &Rows) -> Vec<u8> {
         scale: SCALE,
         rate_hz: rows.rate_hz as f32,
     };
-    encode(&header, parameters(&header, rows), &frames(rows))
+    let mut parameters = parameters(&header, rows);
+    put_events(&mut parameters, events);
+    encode(&header, parameters, &frames(rows))
 }
 
 fn parameters(header: &Header, rows: &Rows) -> Parameters {
@@ -62,6 +91,34 @@ fn parameters(header: &Header, rows: &Rows) -> Parameters {
     parameters
 }
 
+/// The group EVENT. Times are minutes and seconds from the first frame.
+fn put_events(parameters: &mut Parameters, events: &[&Event]) {
+    let time = |event: &&Event| {
+        let minutes = (event.time_s / 60.0).floor();
+        [minutes as f32, (event.time_s - 60.0 * minutes) as f32]
+    };
+    let texts =
+        |text: fn(&Event) -> String| Value::Texts(events.iter().map(|event| text(event)).collect());
+    parameters.set("EVENT", "USED", Value::Integers(vec![events.len() as u16]));
+    if events.is_empty() {
+        return;
+    }
+    for (name, value) in [
+        ("CONTEXTS", texts(|_| "General".to_owned())),
+        ("LABELS", texts(|event| event.label[..label_bytes(&event.label)].to_owned())),
+        ("TIMES", Value::Pairs(events.iter().map(time).collect())),
+        ("ICON_IDS", Value::Integers(vec![0; events.len()])),
+    ] {
+        parameters.set("EVENT", name, value);
+    }
+}
+
+/// How much of a label has room, in whole characters.
+fn label_bytes(label: &str) -> usize {
+    let boundaries = label.char_indices().map(|(at, letter)| at + letter.len_utf8());
+    boundaries.take_while(|end| *end <= LABEL_BYTES_MAX).last().unwrap_or_default()
+}
+
 fn frames(rows: &Rows) -> Vec<u8> {
     let mut bytes = Vec::new();
     for row in 0..rows.time_s.len() {
@@ -89,6 +146,7 @@ mod tests {
             position_mm: (0..frames)
                 .map(|frame| (frame != gap).then_some([frame as f64, 0.5, -3.5]))
                 .collect(),
+            orientation: vec![None; frames],
         };
         Rows {
             rate_hz: 60.0,
@@ -98,13 +156,53 @@ mod tests {
         }
     }
 
+    fn event(time_s: f64, label: &str) -> Event {
+        Event { time_s, label: label.to_owned() }
+    }
+
+    #[test]
+    fn events_are_minutes_and_seconds_from_the_first_frame() {
+        // 100 s at 60 Hz.
+        let rows = rows(6001);
+        let long = "\u{e9}".repeat(64);
+        let events = [
+            event(-0.5, "before"),
+            event(0.0, "t_zero"),
+            event(61.25, "turns"),
+            event(100.0, &long),
+            event(101.0, "after"),
+        ];
+        let (bytes, warnings) = bytes(&rows, &events);
+        let wanted = "not in the file: 2 events before the first or after the last frame";
+        assert_eq!(warnings, [wanted]);
+        let (_, parameters, _) = crate::c3d::decode(&bytes).unwrap();
+        let (times, used) = (parameters.get("EVENT", "TIMES"), parameters.number("EVENT", "USED"));
+        assert_eq!(times, Some(&Value::Pairs(vec![[0.0, 0.0], [1.0, 1.25], [1.0, 40.0]])));
+        assert_eq!(used, Some(3.0));
+        // 64 letters of two bytes each; 120 bytes have room.
+        let labels = ["t_zero", "turns", &long[..120]];
+        assert_eq!(parameters.texts("EVENT", "LABELS"), labels);
+        assert_eq!(parameters.texts("EVENT", "CONTEXTS"), ["General"; 3]);
+    }
+
+    /// More marks than a parameter can have are left out, and no file is spoiled.
+    #[test]
+    fn more_events_than_have_room_are_told() {
+        let rows = rows(6001);
+        let events: Vec<Event> = (0..300).map(|at| event(f64::from(at) / 4.0, "mark")).collect();
+        let (bytes, warnings) = bytes(&rows, &events);
+        assert_eq!(warnings, ["not in the file: 45 events for which the format has no room"]);
+        let (_, parameters, _) = crate::c3d::decode(&bytes).unwrap();
+        assert_eq!(parameters.texts("EVENT", "LABELS").len(), 255);
+    }
+
     /// Twenty minutes have more frames than the header can count.
     #[test]
     fn what_is_exported_is_read_back() {
         let folder = tempfile::tempdir().unwrap();
         for frames in [180, 65_534, 65_535, 65_536, 70_000] {
             let path = folder.path().join("trial.c3d");
-            std::fs::write(&path, bytes(&rows(frames))).unwrap();
+            std::fs::write(&path, file(&rows(frames), &[])).unwrap();
             let found = Markers::read(&path).unwrap();
             assert_eq!((found.rate_hz, found.unit), (60.0, Some(Unit::Mm)));
             for (marker, (name, gap)) in

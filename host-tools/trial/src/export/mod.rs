@@ -11,6 +11,8 @@ use crate::points::Points;
 mod bids;
 mod c3d;
 mod csv;
+mod events;
+mod orientation;
 mod parquet;
 mod rows;
 mod trc;
@@ -46,37 +48,59 @@ pub struct Exported {
     pub warnings: Vec<String>,
 }
 
-/// Writes a trial in this format: a file or, for BIDS, the folder of a new data set. A file that
-/// exists is replaced only with `force`, a folder never.
+/// Where an export goes.
+#[derive(Debug, Clone, Copy)]
+pub struct Recording<'a> {
+    /// The session in a data set.
+    pub session: Option<&'a str>,
+    /// The number of the run in a data set; without it the next one.
+    pub run: Option<u32>,
+    /// Replaces what is there: the file or, in a data set, the run.
+    pub force: bool,
+}
+
+/// Writes a trial in this format: a file or, for BIDS, a recording in the data set of a folder.
 ///
 /// # Errors
-/// When the trial has nothing to write, or the output cannot be written.
+/// When the trial has nothing to write, the output is there and may not be replaced, or cannot be
+/// written.
 pub fn export(
     trial: &Trial,
     zero: Zero,
     format: Format,
     out: &Path,
-    force: bool,
+    recording: &Recording<'_>,
 ) -> Result<Exported, BadInput> {
     let points = Points::of(trial, zero)?;
-    let rows = Rows::of(&points)?;
+    let turned = orientation::of(trial, &points);
+    let rows = Rows::of(&points, &turned)?;
+    let events = events::of(&points, &rows);
     let mut warnings = points.warnings.clone();
     warnings.extend(rows.moved());
+    let has_orientations = matches!(format, Format::Csv | Format::Parquet | Format::Bids);
+    if has_orientations && turned.iter().flatten().flatten().next().is_none() {
+        warnings.push(
+            "the orientations are missing: the trial does not tell the pose of the scene's board"
+                .to_owned(),
+        );
+    }
     let bytes = match format {
         Format::Csv => Some(csv::bytes(&rows)),
         Format::Parquet => Some(parquet::bytes(&rows, out)?),
         Format::Trc => Some(trc::bytes(&rows, out)),
         Format::C3d => {
             warnings.extend(rows.unevenness());
-            Some(c3d::bytes(&rows))
+            let (bytes, left_out) = c3d::bytes(&rows, &events);
+            warnings.extend(left_out);
+            Some(bytes)
         }
         Format::Bids => {
-            warnings.extend(bids::write(&rows, trial, &points, out)?);
+            warnings.extend(bids::write(&rows, &events, trial, &points.zero, out, recording)?);
             None
         }
     };
     if let Some(bytes) = bytes {
-        write_all(&[(out.to_owned(), bytes)], force)?;
+        write_all(&[(out.to_owned(), bytes)], recording.force)?;
     }
     Ok(Exported { rows: rows.time_s.len(), rate_hz: rows.rate_hz, zero: points.zero, warnings })
 }

@@ -1,4 +1,4 @@
-//! The table of [`csv`](super::csv) as Parquet: null where there is no position.
+//! The table of [`csv`](super::csv) as Parquet: null where there is no value.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,10 +8,11 @@ use parquet::data_type::DoubleType;
 use parquet::errors::Result as ParquetResult;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use parquet::file::writer::SerializedFileWriter;
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 use plumbline_files::BadInput;
 
+use super::orientation::{QUATERNION, components};
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
 use crate::tables::put;
@@ -35,7 +36,8 @@ fn write(rows: &Rows) -> ParquetResult<Vec<u8>> {
         fields.push(column(&name, Repetition::OPTIONAL)?);
     }
     let schema = Type::group_type_builder("positions").with_fields(fields).build()?;
-    let axes = [KeyValue::new("axes".to_owned(), BODY_AXES.to_owned())];
+    let axes = [("axes", BODY_AXES), ("orientations", QUATERNION)];
+    let axes = axes.map(|(key, about)| KeyValue::new(key.to_owned(), about.to_owned()));
     let times = rows.moved().map(|moved| KeyValue::new("times".to_owned(), moved));
     let about = axes.into_iter().chain(times).collect();
     let properties = WriterProperties::builder()
@@ -47,13 +49,24 @@ fn write(rows: &Rows) -> ParquetResult<Vec<u8>> {
     let mut group = writer.next_row_group()?;
     put::<DoubleType, _>(&mut group, &rows.time_s, None)?;
     for point in &rows.points {
-        let there: Vec<i16> = point.position_mm.iter().map(|it| i16::from(it.is_some())).collect();
-        for axis in 0..3 {
-            let values: Vec<f64> = point.position_mm.iter().flatten().map(|it| it[axis]).collect();
-            put::<DoubleType, _>(&mut group, &values, Some(&there))?;
-        }
+        put_all(&mut group, &point.position_mm)?;
+        let turned = point.orientation.iter().map(|it| it.as_ref().map(components));
+        put_all(&mut group, &turned.collect::<Vec<_>>())?;
     }
     group.close()?;
     writer.close()?;
     Ok(file)
+}
+
+/// A column for each of the numbers; null where a row has none.
+fn put_all<const N: usize>(
+    group: &mut SerializedRowGroupWriter<'_, &mut Vec<u8>>,
+    rows: &[Option<[f64; N]>],
+) -> ParquetResult<()> {
+    let there: Vec<i16> = rows.iter().map(|it| i16::from(it.is_some())).collect();
+    for at in 0..N {
+        let values: Vec<f64> = rows.iter().flatten().map(|it| it[at]).collect();
+        put::<DoubleType, _>(group, &values, Some(&there))?;
+    }
+    Ok(())
 }

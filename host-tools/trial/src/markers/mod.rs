@@ -14,6 +14,9 @@ mod trc;
 /// No recording has more values: an hour of 200 markers at 200 Hz.
 const VALUES_MAX: usize = 3 * 200 * 200 * 3600;
 
+/// What is farther away than this is in no room: its unit is another one, or it is damaged.
+const POSITION_MM_MAX: f64 = 1e5;
+
 /// The number of markers that a message names.
 const NAMED_MAX: usize = 100;
 
@@ -90,6 +93,18 @@ impl Markers {
                 let sum: f64 = seen.iter().map(|it| it[axis]).sum();
                 column.push(sum / seen.len() as f64 * unit.mm());
             }
+            if let Some(far_mm) = columns
+                .iter()
+                .filter_map(|column| column.last())
+                .find(|it| !(-POSITION_MM_MAX..=POSITION_MM_MAX).contains(*it))
+            {
+                return Err(BadInput::new(
+                    &self.place,
+                    format!("frame {frame}"),
+                    format!("a position of {far_mm:e} mm, which is beyond any room"),
+                    "check the file's unit, and correct or remove that value",
+                ));
+            }
         }
         let found = time_s.len();
         Series::new(time_s, axes.apply(columns.each_ref().map(Vec::as_slice))).map_err(|error| {
@@ -160,5 +175,91 @@ fn unit_of(word: &str) -> Option<Unit> {
         "cm" | "centimeters" | "centimetres" => Some(Unit::Cm),
         "m" | "meters" | "metres" => Some(Unit::M),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline_test_support::mutations;
+
+    use super::*;
+    use crate::c3d::{Header, Parameters, Value, encode};
+
+    /// A number of 1e160 would make every figure infinite.
+    #[test]
+    fn what_is_beyond_any_room_is_refused() {
+        let axes = Axes::parse("ap=X").unwrap();
+        let series = |x: f64, unit| {
+            let position = vec![Some([1.0, 2.0, 3.0]), Some([x, 2.0, 3.0])];
+            let marker = Marker { name: "A".to_owned(), position };
+            let markers = Markers {
+                place: "a.trc".to_owned(),
+                rate_hz: 100.0,
+                first_s: 0.0,
+                unit: Some(unit),
+                markers: vec![marker],
+            };
+            markers.series(&[], None, &axes).map(|_| ()).map_err(|error| error.to_string())
+        };
+        let error = series(-1e160, Unit::Mm).unwrap_err();
+        assert!(error.starts_with("a.trc: frame 1: a position of -1e160 mm"), "{error}");
+        assert!(series(101.0, Unit::M).is_err());
+        assert_eq!(series(99.0, Unit::M), Ok(()));
+    }
+
+    /// What is read has one position for each marker and frame, and gives a series or an error.
+    fn check(name: &str, good: &[u8]) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        let axes = Axes::parse("ap=X,ml=-Y,si=Z").unwrap();
+        let mut read = 0;
+        for bytes in mutations(good, 1500) {
+            std::fs::write(&path, bytes).unwrap();
+            let Ok(found) = Markers::read(&path) else { continue };
+            read += 1;
+            let frames = found.markers[0].position.len();
+            for marker in &found.markers {
+                assert_eq!(marker.position.len(), frames);
+                let names = [marker.name.clone()];
+                if let Ok(series) = found.series(&names, None, &axes) {
+                    assert!(series.time_s().iter().all(|it| it.is_finite()));
+                    assert!(series.rate_hz().is_finite());
+                }
+            }
+        }
+        // Otherwise nothing of this has been tried.
+        assert!(read > 100, "{read} of 1500 were read");
+    }
+
+    #[test]
+    fn no_trc_makes_the_reader_panic() {
+        let mut text = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\t\
+            NumMarkers\tUnits\n100\t100\t9\t2\tmm\nFrame#\tTime\tA\t\t\tB\t\t\n\t\tX1\tY1\tZ1\tX2\t\
+            Y2\tZ2\n\n"
+            .to_owned();
+        for frame in 1..=9 {
+            text += &format!("{frame}\t0.0{}\t1\t2\t3.5\t{frame}\tNaN\t6\n", frame - 1);
+        }
+        check("a.trc", text.as_bytes());
+    }
+
+    #[test]
+    fn no_c3d_makes_the_reader_panic() {
+        let header = Header {
+            points: 2,
+            analog: 1,
+            first_frame: 1,
+            last_frame: 9,
+            scale: -1.0,
+            rate_hz: 50.0,
+        };
+        let mut parameters = Parameters::default();
+        let labels = ["A", "B"].map(str::to_owned).to_vec();
+        parameters.set("POINT", "LABELS", Value::Texts(labels));
+        parameters.set("POINT", "UNITS", Value::Text("mm".to_owned()));
+        parameters.set("TRIAL", "ACTUAL_START_FIELD", Value::Integers(vec![1, 0]));
+        parameters.set("TRIAL", "ACTUAL_END_FIELD", Value::Integers(vec![9, 0]));
+        let frames: Vec<u8> = (0..81).flat_map(|it| (it as f32).to_le_bytes()).collect();
+        check("a.c3d", &encode(&header, parameters, &frames));
     }
 }

@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use image::{ImageFormat, RgbImage};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_files::BadInput;
 
@@ -11,6 +10,7 @@ use super::session::{Progress, Session, Taken};
 use super::stills::Stills;
 use super::terminal::resized;
 use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
+use crate::ui::draw;
 
 /// The numbers come this often.
 const LINES_EVERY: Duration = Duration::from_secs(1);
@@ -172,7 +172,7 @@ impl<'a> Plain<'a> {
         if let Some(png) = &mut self.png {
             let picture = decoded(taken, self.session)?;
             let size_px = picture.dimensions().into();
-            write(png.path, &annotated(resized(&picture, size_px), taken, self.session))?;
+            draw::write(png.path, &annotated(resized(&picture, size_px), taken, self.session))?;
             png.is_written = true;
         }
         Ok(())
@@ -251,14 +251,6 @@ impl Output {
         self.bar.end();
         say(&format!("{:6.1} s  {text}", self.start.elapsed().as_secs_f64()))
     }
-}
-
-fn write(path: &Path, picture: &RgbImage) -> Result<(), BadInput> {
-    let mut file = std::io::Cursor::new(Vec::new());
-    picture
-        .write_to(&mut file, ImageFormat::Png)
-        .map_err(|error| BadInput::whole(path.display(), error, "give another --reduction"))?;
-    plumbline_files::replace(path, file.get_ref())
 }
 
 /// How far a still has come, on standard error where that is a terminal.

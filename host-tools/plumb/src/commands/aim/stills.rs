@@ -69,8 +69,7 @@ impl Stills {
             let found = format!("{} is not a directory", directory.display());
             return Err(BadInput::whole("--stills", found, "give another name"));
         }
-        std::fs::create_dir_all(&directory)
-            .map_err(|error| BadInput::io(directory.display(), &error))?;
+        plumbline_files::make_directory(&directory)?;
         let count = arguments.count;
         let every = arguments.every;
         let due = Instant::now();

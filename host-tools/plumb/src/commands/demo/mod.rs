@@ -24,8 +24,7 @@ use plumbline::report::{Report, TargetReport};
 
 use self::figures::Figures;
 use self::the_box::TheBox;
-use crate::ui::draw::annotated;
-use plumbline_files::BadInput;
+use crate::ui::draw;
 use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::poses::Writer;
 use plumbline_render::simulate::recorded::truth_rows;
@@ -73,8 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let program = the_box::program()?;
     let settings = SimulationSettings { seed: arguments.seed, ..SimulationSettings::default() };
     let simulation = Simulation::new(&settings)?;
-    std::fs::create_dir_all(&arguments.out)
-        .map_err(|error| BadInput::io(arguments.out.display(), &error))?;
+    plumbline_files::make_directory(&arguments.out)?;
 
     let config = simulation.config();
     let frames = u64::from(arguments.frames);
@@ -211,8 +209,7 @@ fn summary(pose: &PosePacket) -> String {
 fn write_config(path: &Path, config: &Config) -> Result<()> {
     let mut blob = vec![0; BLOB_BYTES_MAX];
     let blob = config.encode(&mut blob).context("the demo's own configuration is refused")?;
-    std::fs::write(path, blob).map_err(|error| BadInput::io(path.display(), &error))?;
-    Ok(())
+    Ok(plumbline_files::replace(path, blob)?)
 }
 
 fn write_truth(path: &Path, simulation: &Simulation, frames: u64) -> Result<()> {
@@ -246,9 +243,7 @@ fn write_picture(
         white_level: 255,
         pixels: Pixels::Grey8(&pixels),
     };
-    annotated(&frame, config, &report(packet, config))
-        .save(path)
-        .with_context(|| format!("the picture {} cannot be written", path.display()))
+    Ok(draw::write(path, &draw::annotated(&frame, config, &report(packet, config)))?)
 }
 
 /// The part of a report that a packet carries and a picture needs.

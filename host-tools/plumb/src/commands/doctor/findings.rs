@@ -113,6 +113,8 @@ pub struct Findings {
     pub views: Vec<View>,
     /// The box's configuration, or why it cannot be read back.
     pub config: Option<Result<Config, BadInput>>,
+    /// The checksum of the one that it will start with next, if it has told.
+    pub next_crc: Option<u32>,
     /// What the box's configuration should be.
     pub expected: Option<Expected>,
 }

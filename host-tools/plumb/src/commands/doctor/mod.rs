@@ -8,11 +8,12 @@ mod judge;
 mod report;
 mod watch;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use check::Verdict;
 use findings::Expected;
+use plumbline_files::BadInput;
 
 use crate::arguments::{LinkArguments, seconds};
 use crate::setup;
@@ -47,20 +48,43 @@ pub struct Arguments {
     seconds: Duration,
 }
 
+/// The configuration of a file, as it is now.
+fn expected(path: &Path) -> Result<Expected, BadInput> {
+    Ok(Expected { name: path.display().to_string(), crc: setup::read_blob(path)?.crc() })
+}
+
 /// Runs the subcommand; whether nothing failed.
 ///
 /// # Errors
 /// When the link cannot be opened, or the file of --config is no configuration.
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
-    let expected = match &arguments.config {
-        Some(path) => {
-            Some(Expected { name: path.display().to_string(), crc: setup::read_blob(path)?.crc() })
-        }
-        None => None,
-    };
+    let expected = arguments.config.as_deref().map(expected).transpose()?;
     let mut link = arguments.link.open()?;
     let findings = watch::watch(&mut link, arguments.seconds, expected)?;
     let checks = judge::all(&findings);
     report::print(&checks);
     Ok(checks.iter().all(|check| check.verdict != Verdict::Fail))
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::config::BLOB_BYTES_MAX;
+
+    use super::*;
+
+    /// The checksum that `plumb provision` prints and the box tells is that of the file's content,
+    /// at the time when it is read.
+    #[test]
+    fn a_file_is_named_with_the_checksum_of_what_is_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("old.plb");
+        let mut config = fixture::config();
+        for exposure_us in [4000, 5000] {
+            config.capture.as_mut().unwrap().exposure_us = Some(exposure_us);
+            let mut blob = [0; BLOB_BYTES_MAX];
+            std::fs::write(&path, config.encode(&mut blob).unwrap()).unwrap();
+            let found = expected(&path).unwrap();
+            assert_eq!((found.crc, found.crc), (config.crc(), fixture::hello(&config).config_crc));
+        }
+    }
 }

@@ -56,7 +56,11 @@ pub fn watch(
             // It may still tell by itself.
             Err(_) => (),
         }
-        findings.config = Some(link.config());
+        let (config, next_crc) = link.config_and_next().map_or_else(
+            |error| (Err(error), None),
+            |(config, next_crc)| (Ok(config), Some(next_crc)),
+        );
+        (findings.config, findings.next_crc) = (Some(config), next_crc);
     }
     let _waiting = Waiting::new(format!("watching it for {} s", duration.as_secs_f64()));
     look(link, duration, started, &mut findings)?;

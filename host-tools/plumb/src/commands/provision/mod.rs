@@ -130,8 +130,8 @@ pub struct Arguments {
     /// With --send: do not restart the box; it takes effect at its next start.
     #[arg(long, requires = "send")]
     no_restart: bool,
-    /// Replace the file of --out if it exists, and the configuration of a box of another name
-    /// or of one that would no longer be heard here.
+    /// Replace the file of --out if it exists, and the configuration of a box of another name, of
+    /// one whose frames have another size, or of one that would no longer be heard here.
     #[arg(long)]
     force: bool,
 }
@@ -251,6 +251,9 @@ fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), B
         setup::check_for_box(config, places)?;
     }
     if !arguments.force {
+        if let Some(hello) = &before.hello {
+            delivery::refuse_other_size(&places.camera, hello, config)?;
+        }
         delivery::refuse_losing(&link, &before, config)?;
     }
     delivery::deliver(&mut link, &before, config, !arguments.no_restart)

@@ -152,6 +152,17 @@ fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
     delivery::deliver(&mut link, &before, &config, !arguments.no_restart)
 }
 
+/// What to do where the board is seen too seldom.
+fn too_few(poses: usize, frames: usize, remedy: &str) -> String {
+    if poses == frames && frames > 0 {
+        return format!(
+            "{POSES_MIN} are needed, to see that it stands still: give more, as a video or at least \
+             {POSES_MIN} pictures, or watch for longer with --seconds"
+        );
+    }
+    format!("{POSES_MIN} are needed: {remedy}")
+}
+
 /// The scene of what was seen: judged, shown, and written to the file of --out, if any.
 fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
     let Seen { place, poses, remedy, .. } = seen;
@@ -160,7 +171,7 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
         return Err(BadInput::whole(
             place,
             format!("the scene board is seen in {} of {frames}", poses.len()),
-            format!("{POSES_MIN} are needed: {remedy}"),
+            too_few(poses.len(), seen.frames, remedy),
         ));
     }
     let mean = Mean::of(poses);
@@ -219,4 +230,21 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
         eprintln!("written to {}", out.display());
     }
     Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A board that every frame shows has the right columns, and light enough.
+    #[test]
+    fn too_few_frames_and_a_board_that_is_not_seen_have_different_remedies() {
+        let more = too_few(1, 1, "check its columns");
+        assert!(more.contains("10 are needed") && more.contains("give more"), "{more}");
+        assert!(!more.contains("columns"), "{more}");
+        for (poses, frames) in [(0, 0), (0, 1), (3, 40)] {
+            let remedy = too_few(poses, frames, "check its columns");
+            assert_eq!(remedy, "10 are needed: check its columns");
+        }
+    }
 }

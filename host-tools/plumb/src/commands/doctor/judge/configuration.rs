@@ -43,13 +43,32 @@ fn identical(findings: &Findings, config: &Config) -> Check {
         let seen = format!("{crc:08x} is read back, and it says that it runs with {told:08x}");
         return Check::fail(SUBJECT, seen, "restart the box; if that does not help, update it");
     }
+    // One that was sent, and that a box started by hand has perhaps written over the very file.
+    if let Some(next_crc) = findings.next_crc.filter(|next_crc| *next_crc != crc) {
+        const RESTART: &str = "restart the box: switch it off and on, or start its program again";
+        let expected = findings.expected.as_ref();
+        let named = match expected.filter(|it| [crc, next_crc].contains(&it.crc)) {
+            Some(it) => format!(" ({} is {:08x})", it.name, it.crc),
+            None => String::new(),
+        };
+        let seen = format!(
+            "it runs with {crc:08x}, and has stored {next_crc:08x}, which it uses from its next \
+             start on{named}"
+        );
+        // What is asked for runs already, or nothing is asked for.
+        return match expected {
+            Some(it) if it.crc != crc => Check::fail(SUBJECT, seen, RESTART),
+            _ => Check::warn(SUBJECT, seen, RESTART),
+        };
+    }
     let Some(expected) = &findings.expected else {
         return Check::good(SUBJECT, format!("{crc:08x}, whole"));
     };
     if expected.crc == crc {
         return Check::good(SUBJECT, format!("{crc:08x}, that of {}", expected.name));
     }
-    let seen = format!("{crc:08x}, and {} is {:08x}", expected.name, expected.crc);
+    let seen =
+        format!("the box runs with {crc:08x}, and {} is {:08x}", expected.name, expected.crc);
     Check::fail(
         SUBJECT,
         seen,
@@ -146,6 +165,18 @@ mod tests {
         findings.expected = Some(Expected { name: "box.plb".into(), crc: 7 });
         let other = check(&findings, "configuration");
         assert_says(&other, Verdict::Fail, &["box.plb is 00000007", "plumb show"]);
+        // A box that was started with a file, and has stored another configuration in it since.
+        findings.next_crc = Some(7);
+        let stored = check(&findings, "configuration");
+        let told = [&*format!("runs with {crc:08x}"), "stored 00000007", "box.plb is 00000007"];
+        assert_says(&stored, Verdict::Fail, &[&told[..], &["next start", "restart"]].concat());
+        findings.expected = Some(Expected { name: "old.plb".into(), crc });
+        let runs = check(&findings, "configuration");
+        assert_says(&runs, Verdict::Warn, &["stored 00000007", &format!("old.plb is {crc:08x}")]);
+        findings.expected = None;
+        assert_says(&check(&findings, "configuration"), Verdict::Warn, &["stored 00000007"]);
+        findings.next_crc = Some(crc);
+        assert_eq!(check(&findings, "configuration").verdict, Verdict::Good);
         findings.hello.as_mut().unwrap().config_crc = 9;
         let torn = check(&findings, "configuration");
         assert_says(&torn, Verdict::Fail, &["runs with 00000009", "restart"]);

@@ -1,0 +1,393 @@
+//! The one place that writes files.
+//!
+//! What is measured on people is readable by its owner alone, whatever the umask: files have the
+//! mode 0600, also where they replace one that others could read, and directories that are made
+//! have 0700. Directories that exist stay as they are.
+//!
+//! The directories above an output are made. Nothing is overwritten unasked, and an output that
+//! fails leaves nothing behind, neither a part of a file nor an empty directory.
+
+use std::fs::{DirBuilder, File, Permissions};
+use std::io::{ErrorKind, Write};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+
+use crate::BadInput;
+
+const FILE_MODE: u32 = 0o600;
+const DIRECTORY_MODE: u32 = 0o700;
+
+/// Writes a text file, in place of one that exists.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn write_text(path: &Path, text: &str) -> Result<(), BadInput> {
+    write_all(&[(path.to_owned(), text.into())], true)
+}
+
+/// Opens the file of `--out` for writing. One that exists is kept unless `force`.
+///
+/// # Errors
+/// When it exists, or the operating system refuses.
+pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
+    let made = Made::directories(directory_of(path))?;
+    let file = open_new(path, force).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => exists_already(path, "give another --out"),
+        _ => BadInput::io(path.display(), &error),
+    })?;
+    made.keep();
+    Ok(file)
+}
+
+fn open_new(path: &Path, force: bool) -> std::io::Result<File> {
+    let mut options = File::options();
+    options.write(true).mode(FILE_MODE);
+    if force {
+        options.create(true).truncate(true)
+    } else {
+        options.create_new(true)
+    };
+    let file = options.open(path)?;
+    owner_only(&file)?;
+    Ok(file)
+}
+
+/// One that was there keeps its mode when it is opened. Devices and pipes belong to others.
+fn owner_only(file: &File) -> std::io::Result<()> {
+    if !file.metadata()?.is_file() {
+        return Ok(());
+    }
+    or_without_owners(file.set_permissions(Permissions::from_mode(FILE_MODE)))
+}
+
+/// On file systems without owners, such as those of cards and some networks, nothing can be kept
+/// from anybody: that is no reason to write nothing.
+fn or_without_owners(outcome: std::io::Result<()>) -> std::io::Result<()> {
+    match outcome {
+        Err(error)
+            if matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::Unsupported) =>
+        {
+            Ok(())
+        }
+        outcome => outcome,
+    }
+}
+
+fn exists_already(path: &Path, remedy: &str) -> BadInput {
+    let remedy = format!("{remedy}, or --force to replace it");
+    BadInput::whole(path.display(), "exists already", remedy)
+}
+
+/// A file of `--out` that is created when the first byte is written: if nothing is written there is
+/// none, and one from before is unchanged.
+#[derive(Debug)]
+pub struct Late {
+    path: PathBuf,
+    force: bool,
+    file: Option<File>,
+}
+
+impl Late {
+    /// Checks that the file can be created, and leaves nothing behind.
+    ///
+    /// # Errors
+    /// As [`create`].
+    pub fn new(path: &Path, force: bool) -> Result<Self, BadInput> {
+        if !(force && path.exists()) {
+            // Removed again when this goes out of scope.
+            let _made = Made::directories(directory_of(path))?;
+            create(path, false)?;
+            std::fs::remove_file(path).map_err(|error| BadInput::io(path.display(), &error))?;
+        } else if path.is_file() || path.is_dir() {
+            // Only files and directories: opening a device or a pipe can have effects.
+            let opened = File::options().append(true).open(path);
+            opened.map_err(|error| BadInput::io(path.display(), &error))?;
+        }
+        Ok(Self { path: path.to_owned(), force, file: None })
+    }
+
+    fn open(&self) -> std::io::Result<File> {
+        let made = Made::try_directories(directory_of(&self.path))?;
+        let file = open_new(&self.path, self.force)?;
+        made.keep();
+        Ok(file)
+    }
+}
+
+impl Write for Late {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.file.is_none() {
+            self.file = Some(self.open()?);
+        }
+        self.file.as_mut().map_or(Ok(0), |file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.as_mut().map_or(Ok(()), File::flush)
+    }
+}
+
+/// Writes several files: all of them or none. Where one exists and `force` is not given, or the
+/// disk is full, nothing is left behind. Each file is renamed atomically: no other program ever
+/// sees a part of it.
+///
+/// # Errors
+/// When one exists, or the operating system refuses.
+pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadInput> {
+    if let Some((path, _)) = outputs.iter().find(|(path, _)| !force && path.exists()) {
+        return Err(exists_already(path, "give another name"));
+    }
+    let mut made = Made::default();
+    let mut staged = Vec::new();
+    for (path, bytes) in outputs {
+        if path.exists() && !path.is_file() {
+            // A device or a pipe cannot be replaced by a file: it is written to.
+            let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
+            create(path, force)?.write_all(bytes).map_err(failed)?;
+        } else {
+            made.add(directory_of(path)).map_err(|error| BadInput::io(path.display(), &error))?;
+            staged.push((beside(path, |file| write_bytes(file, path, bytes))?, path));
+        }
+    }
+    for (file, path) in staged {
+        file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
+    }
+    made.keep();
+    Ok(())
+}
+
+/// Writes one file as [`write_all`] does, in place of one that exists.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn replace(path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
+    replace_with(path, |file| write_bytes(file, path, bytes))
+}
+
+/// Writes one file as [`replace`] does; `fill` writes its content.
+///
+/// # Errors
+/// When the operating system refuses, and those of `fill`.
+pub fn replace_with(
+    path: &Path,
+    fill: impl FnOnce(&File) -> Result<(), BadInput>,
+) -> Result<(), BadInput> {
+    let made = Made::directories(directory_of(path))?;
+    let file = beside(path, fill)?;
+    file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
+    made.keep();
+    sync_directory(directory_of(path));
+    Ok(())
+}
+
+/// A temporary file beside `path`, to be renamed to it.
+fn beside(
+    path: &Path,
+    fill: impl FnOnce(&File) -> Result<(), BadInput>,
+) -> Result<tempfile::NamedTempFile, BadInput> {
+    let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
+    let file = tempfile::NamedTempFile::new_in(directory_of(path)).map_err(failed)?;
+    owner_only(file.as_file()).map_err(failed)?;
+    fill(file.as_file())?;
+    // Otherwise the name may be on the disk before the content.
+    file.as_file().sync_all().map_err(failed)?;
+    Ok(file)
+}
+
+fn write_bytes(mut file: &File, path: &Path, bytes: &[u8]) -> Result<(), BadInput> {
+    file.write_all(bytes).map_err(|error| BadInput::io(path.display(), &error))
+}
+
+/// Brings the names in a directory to the disk, so that they survive a loss of power. File systems
+/// that cannot do so bring them there in their own time.
+pub fn sync_directory(directory: &Path) {
+    let _ = File::open(directory).and_then(|it| it.sync_all());
+}
+
+/// Makes a directory and those above it, where they are missing.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn make_directory(path: &Path) -> Result<(), BadInput> {
+    Made::directories(path).map(Made::keep)
+}
+
+/// Directories that were made for an output. Unless it succeeds, they are removed again.
+#[derive(Debug, Default)]
+pub struct Made {
+    /// From the outermost to the innermost.
+    directories: Vec<PathBuf>,
+}
+
+impl Made {
+    /// Makes a directory and those above it, where they are missing.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub fn directories(path: &Path) -> Result<Self, BadInput> {
+        Self::try_directories(path).map_err(|error| BadInput::io(path.display(), &error))
+    }
+
+    fn try_directories(path: &Path) -> std::io::Result<Self> {
+        let mut made = Self::default();
+        made.add(path)?;
+        Ok(made)
+    }
+
+    fn add(&mut self, path: &Path) -> std::io::Result<()> {
+        let is_missing = |it: &&Path| !it.as_os_str().is_empty() && !it.exists();
+        let missing: Vec<&Path> = path.ancestors().take_while(is_missing).collect();
+        for directory in missing.into_iter().rev() {
+            match DirBuilder::new().mode(DIRECTORY_MODE).create(directory) {
+                // Another program was faster, or the name has `..` in it.
+                Err(error) if error.kind() == ErrorKind::AlreadyExists && directory.is_dir() => {}
+                Err(error) => return Err(error),
+                Ok(()) => {
+                    // The umask may have taken from the owner as well.
+                    let mode = Permissions::from_mode(DIRECTORY_MODE);
+                    or_without_owners(std::fs::set_permissions(directory, mode))?;
+                    self.directories.push(directory.to_owned());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The output is written: the directories stay.
+    pub fn keep(mut self) {
+        self.directories.clear();
+    }
+}
+
+impl Drop for Made {
+    fn drop(&mut self) {
+        for directory in self.directories.iter().rev() {
+            // One that has something in it by now is not ours alone.
+            let _ = std::fs::remove_dir(directory);
+        }
+    }
+}
+
+/// The directory of a file.
+#[must_use]
+pub fn directory_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Checks that writing `out` destroys none of the files that are read.
+///
+/// # Errors
+/// When `out` exists and is one of `inputs`, under whatever name.
+pub fn refuse_overwriting<'a>(
+    out: &Path,
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), BadInput> {
+    // A file that does not exist yet is not an input.
+    let Ok(existing) = out.canonicalize() else { return Ok(()) };
+    if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|it| it == existing)) {
+        return Err(BadInput::whole(
+            "--out",
+            format!("{} is one of the inputs, and would be overwritten", out.display()),
+            "give another name",
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mode(path: &Path) -> u32 {
+        std::fs::metadata(path).unwrap().permissions().mode() & 0o777
+    }
+
+    fn entries(folder: &Path) -> usize {
+        std::fs::read_dir(folder).unwrap().count()
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("view.png");
+        replace(&path, b"old").unwrap();
+        replace(&path, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!(entries(folder.path()), 1);
+        let taken = folder.path().join("directory");
+        std::fs::create_dir(&taken).unwrap();
+        assert!(replace(&taken, b"new").is_err());
+        assert_eq!(entries(folder.path()), 2);
+    }
+
+    #[test]
+    fn an_old_file_is_kept_unless_forced() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("poses.csv");
+        std::fs::write(&path, "precious").unwrap();
+        let error = create(&path, false).unwrap_err();
+        assert!(error.to_string().contains("--force"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
+        create(&path, true).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
+    }
+
+    #[test]
+    fn directories_above_an_output_are_made_and_are_private() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        create(&at("a/b/poses.csv"), false).unwrap();
+        write_all(&[(at("c/d/p.json"), b"{}".to_vec())], false).unwrap();
+        replace(&at("e/f.png"), b"picture").unwrap();
+        make_directory(&at("g/h")).unwrap();
+        make_directory(&at("g/h")).unwrap();
+        for directory in ["a", "a/b", "c/d", "e", "g/h"] {
+            assert_eq!(mode(&at(directory)), 0o700, "{directory}");
+        }
+        // A file is in the directory's place.
+        let error = create(&at("e/f.png/g/h.csv"), false).unwrap_err().to_string();
+        assert!(error.contains("a file is in its place"), "{error}");
+    }
+
+    #[test]
+    fn an_output_that_fails_leaves_no_directory() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        drop(Late::new(&at("a/b/samples.csv"), false).unwrap());
+        assert_eq!(entries(folder.path()), 0);
+        let fails = |_: &File| Err(BadInput::whole("disk", "full", "make room"));
+        assert!(replace_with(&at("a/b.csv"), fails).is_err());
+        // The second file's directory would lie in the first file.
+        std::fs::write(at("file"), "").unwrap();
+        let outputs = [at("new/a.json"), at("file/b.json")].map(|path| (path, Vec::new()));
+        assert!(write_all(&outputs, true).is_err());
+        assert_eq!(entries(folder.path()), 1);
+        Late::new(&at("a/b/samples.csv"), false).unwrap().write_all(b"row\n").unwrap();
+        assert_eq!(mode(&at("a/b")), 0o700);
+        assert_eq!(mode(&at("a/b/samples.csv")), 0o600);
+    }
+
+    /// The test runs under the usual umask of 022, and some files are there with 0644 before.
+    #[test]
+    fn every_way_to_write_gives_the_file_to_its_owner_alone() {
+        type Way = fn(&Path);
+        let ways: [(&str, Way); 6] = [
+            ("create", |path| drop(create(path, true).unwrap())),
+            ("late", |path| Late::new(path, true).unwrap().write_all(b"row").unwrap()),
+            ("write_all", |path| write_all(&[(path.to_owned(), vec![1])], true).unwrap()),
+            ("replace", |path| replace(path, b"new").unwrap()),
+            ("replace_with", |path| replace_with(path, |_| Ok(())).unwrap()),
+            ("write_text", |path| write_text(path, "new").unwrap()),
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        for (name, way) in ways {
+            let [new, old] = ["new", "old"].map(|it| folder.path().join(format!("{name}-{it}")));
+            std::fs::write(&old, "readable by all").unwrap();
+            std::fs::set_permissions(&old, Permissions::from_mode(0o644)).unwrap();
+            for path in [new, old] {
+                way(&path);
+                assert_eq!(mode(&path), 0o600, "{}", path.display());
+            }
+        }
+    }
+}
