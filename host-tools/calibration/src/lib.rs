@@ -11,7 +11,8 @@
 //! measured as the tracker measures them, through the lens found so far.
 //!
 //! How long a rolling shutter takes to read a frame is measured from videos: of a board that moves
-//! ([`readout`]), or of a wall in flickering light ([`flicker`]).
+//! ([`readout`]), or of a wall in flickering light ([`flicker`]). Whether a camera was moved after
+//! the room's axes had been measured ([`scene`]) is seen by its background ([`background`]).
 
 use std::mem::discriminant;
 
@@ -25,6 +26,7 @@ use plumbline::report::GridRejection;
 use plumbline::target::TargetGeometry;
 use rayon::prelude::*;
 
+pub mod background;
 mod bundle;
 mod closed_form;
 pub mod coverage;

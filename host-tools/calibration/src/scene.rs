@@ -1,4 +1,4 @@
-//! The mean pose of a board at rest, and how far that board is from upright.
+//! The mean pose of a board at rest, how far it is from another, and how far from upright.
 
 use nalgebra::{Matrix3, Vector3};
 use plumbline::pose::{Cam, Pose, Scene, Target};
@@ -24,11 +24,8 @@ impl Mean {
         let rotation = left * right;
         let translation_mm =
             poses.iter().map(|pose| pose.translation_mm).sum::<Vector3<f64>>() / count;
-        let angle = |pose: &Pose<Cam, Target>| {
-            // The chord of an angle a between two rotations is sqrt(8) sin(a / 2).
-            2.0 * ((pose.rotation - rotation).norm() / 8.0_f64.sqrt()).min(1.0).asin()
-        };
-        let squares: f64 = poses.iter().map(|pose| angle(pose).powi(2)).sum();
+        let squares: f64 =
+            poses.iter().map(|pose| angle_rad(&pose.rotation, &rotation).powi(2)).sum();
         let squares_mm2: f64 =
             poses.iter().map(|pose| (pose.translation_mm - translation_mm).norm_squared()).sum();
         Self {
@@ -37,6 +34,18 @@ impl Mean {
             spread_mm: (squares_mm2 / count).sqrt(),
         }
     }
+}
+
+fn angle_rad(one: &Matrix3<f64>, other: &Matrix3<f64>) -> f64 {
+    // The chord of an angle a between two rotations is sqrt(8) sin(a / 2).
+    2.0 * ((one - other).norm() / 8.0_f64.sqrt()).min(1.0).asin()
+}
+
+/// The angle, in degrees, and the distance, in millimetres, from one pose to another.
+#[must_use]
+pub fn between(one: &Pose<Cam, Scene>, other: &Pose<Cam, Scene>) -> (f64, f64) {
+    let distance_mm = (one.translation_mm - other.translation_mm).norm();
+    (angle_rad(&one.rotation, &other.rotation).to_degrees(), distance_mm)
 }
 
 /// The angle between the board's downward axis and where gravity is expected to pull.

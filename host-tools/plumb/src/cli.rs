@@ -45,7 +45,7 @@ enum Command {
 /// Exit code for input that cannot be used, the same as clap's for a wrong command line.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code when a check of `plumb doctor` failed, or an error is not shown to be within the limit
+/// Exit code when a check of `plumb doctor` or `plumb receive` failed, or an error is not shown to be within the limit
 /// that `plumb prove` was given.
 const EXIT_FAILED: u8 = 1;
 
@@ -68,6 +68,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
     match command {
         Command::Doctor(arguments) => return doctor::run(arguments),
         Command::Prove(arguments) => return prove::run(arguments),
+        Command::Receive(arguments) => return receive::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
@@ -76,7 +77,6 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Provision(arguments) => provision::run(arguments),
         Command::Aim(arguments) => aim::run(arguments),
         Command::Show(arguments) => show::run(arguments),
-        Command::Receive(arguments) => receive::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Analyze(arguments) => analyze::run(arguments),
         Command::Budget(arguments) => budget::run(arguments),

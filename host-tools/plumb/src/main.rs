@@ -5,6 +5,7 @@
 
 mod agreement;
 mod arguments;
+mod background;
 mod bounds;
 mod box_settings;
 mod budget;
@@ -12,6 +13,7 @@ mod cli;
 mod commands;
 mod delivery;
 mod setup;
+mod snapshot;
 mod tracking;
 mod ui;
 

@@ -5,6 +5,7 @@ use plumbline::image::{GreyImage, Pixel};
 use plumbline::pipeline::{FoundTarget, Pipeline};
 use plumbline::report::Report;
 use plumbline::target::GridShape;
+use plumbline_calibration::background::Picture;
 use plumbline_calibration::{Found, Search};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera};
@@ -76,6 +77,14 @@ fn found_and_measured<P: Pixel>(
         })
         .collect();
     pipeline.step_found(image, time_ns, &found)
+}
+
+/// A frame as a small picture.
+pub fn reduced(frame: &Frame<'_>, reduction: u8) -> Picture {
+    match view(frame) {
+        View::Grey8(image) => Picture::reduced(&image, reduction.into()),
+        View::Grey16(image) => Picture::reduced(&image, reduction.into()),
+    }
 }
 
 enum View<'a> {

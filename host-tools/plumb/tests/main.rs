@@ -10,6 +10,7 @@ mod export;
 mod expose;
 mod figures;
 mod live_box;
+mod moved_camera;
 mod physiology;
 mod pictures;
 mod prove;

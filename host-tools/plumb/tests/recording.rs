@@ -78,9 +78,10 @@ impl Bench {
         text
     }
 
-    /// Starts `plumb receive`, and returns once it listens.
+    /// Starts `plumb receive`, and returns once it listens. The replay is over before it could be
+    /// checked, and is wanted from its first frame on.
     fn receive(&self, arguments: &str) -> Running {
-        let mut command = self.command(&format!("receive --udp UDP {arguments}"));
+        let mut command = self.command(&format!("receive --udp UDP --anyway {arguments}"));
         let running = Running::start(command.stdout(Stdio::null()).stderr(Stdio::null()));
         // The port is free for as long as nobody listens at it.
         wait_for(|| UdpSocket::bind(self.udp).is_err());
@@ -279,7 +280,7 @@ fn a_recording_that_is_killed_loses_at_most_its_last_second() {
 fn a_full_disk_ends_a_recording_with_what_is_there() {
     let Some(bench) = Bench::new() else { return };
     // A file may have 24 KiB: the error is another one than that of a full disk, its way the same.
-    let receive = format!("receive --udp {} --out full --frames {}", bench.udp, FRAMES);
+    let receive = format!("receive --udp {} --anyway --out full --frames {FRAMES}", bench.udp);
     let script =
         format!("ulimit -f 48; trap '' XFSZ; exec {} {receive}", env!("CARGO_BIN_EXE_plumb"));
     let mut shell = Command::new("sh");
@@ -299,7 +300,7 @@ fn a_full_disk_ends_a_recording_with_what_is_there() {
 #[test]
 fn without_a_box_there_is_no_folder() {
     let Some(bench) = Bench::new() else { return };
-    let output = bench.plumb("receive --udp UDP --out none/deeper --duration 0.3");
+    let output = bench.plumb("receive --udp UDP --anyway --out none/deeper --duration 0.3");
     let said = text(&output);
     assert_eq!(output.status.code(), Some(2));
     assert!(said.contains("none/deeper was not written"), "{said}");
@@ -307,7 +308,7 @@ fn without_a_box_there_is_no_folder() {
     for (arguments, part) in [
         ("analyze none", "not the folder of a trial"),
         ("replay person --tables", "trial.toml"),
-        ("receive --out person/truth.csv/b --frames 1", "a file is in its place"),
+        ("receive --udp UDP --anyway --out person/truth.csv/b --frames 1", "a file is in its place"),
     ] {
         let output = bench.plumb(arguments);
         let said = text(&output);

@@ -101,6 +101,12 @@ impl BoxLink {
         &self.place
     }
 
+    /// Its transport, for a reception of the same box.
+    #[must_use]
+    pub fn into_transport(self) -> Box<dyn Transport> {
+        self.transport
+    }
+
     /// The kind of its transport.
     #[must_use]
     pub fn kind(&self) -> LinkKind {
@@ -306,7 +312,7 @@ impl BoxLink {
     ///
     /// # Errors
     /// When the box refuses, or parts are missing.
-    fn fetch(&mut self, document: Document, bytes: usize) -> Result<Vec<u8>, BadInput> {
+    pub fn fetch(&mut self, document: Document, bytes: usize) -> Result<Vec<u8>, BadInput> {
         let mut download = Download::new(document, bytes);
         loop {
             if let Some(file) = download.file() {

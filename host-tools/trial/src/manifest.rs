@@ -55,6 +55,9 @@ pub struct Manifest {
     /// Noise of each trunk point: see [`NoiseSeen`].
     #[serde(default, rename = "noise", skip_serializing_if = "Vec::is_empty")]
     pub noise: Vec<NoiseSeen>,
+    /// What was amiss of the box when the recording began.
+    #[serde(default, rename = "check", skip_serializing_if = "Vec::is_empty")]
+    pub checks: Vec<CheckSeen>,
     /// What happened.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<EventSeen>,
@@ -192,6 +195,28 @@ pub struct NoiseSeen {
     pub si_mm: f64,
 }
 
+/// A check of the box that was not passed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckSeen {
+    /// What was looked at, as `plumb doctor` calls it.
+    pub subject: String,
+    /// How bad it is.
+    pub verdict: CheckVerdict,
+    /// What was seen, with figure and bound.
+    pub seen: String,
+}
+
+/// How bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CheckVerdict {
+    /// It measures, and could measure better.
+    Warn,
+    /// It does not measure, or what it measures is not to be used.
+    Fail,
+}
+
 /// An event on the trial's clock.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -230,6 +255,7 @@ impl Manifest {
             packets: None,
             clocks: Vec::new(),
             noise: Vec::new(),
+            checks: Vec::new(),
             events: Vec::new(),
         }
     }

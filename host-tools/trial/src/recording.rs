@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use plumbline::config::BLOB_BYTES_MAX;
+use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{Action, Document, Message, Reply, ReplyOutcome};
 use plumbline_files::{BadInput, Made};
 use plumbline_stream::link::Download;
@@ -14,7 +14,7 @@ use plumbline_stream::reception::Tap;
 use plumbline_stream::transport::Event;
 
 use super::journal::{Content, Entry, Writer};
-use super::manifest::{Manifest, State};
+use super::manifest::{CheckSeen, Manifest, State};
 use super::mark::{Mark, Marks};
 use super::{Trial, names, tables};
 
@@ -63,11 +63,7 @@ impl Recording {
         heard: Heard,
     ) -> Result<Self, BadInput> {
         if folder.exists() {
-            return Err(BadInput::whole(
-                folder.display(),
-                "exists already",
-                "give another --out: nothing that was recorded is overwritten",
-            ));
+            return Err(exists_already(folder));
         }
         let made = Made::directories(folder)?;
         let journal = Writer::create(&folder.join(names::JOURNAL))?;
@@ -84,6 +80,27 @@ impl Recording {
             ping_at: now,
             fetch: Fetch::Ask(now),
         })
+    }
+
+    /// Writes down what was found amiss of the box, in place of what was written before.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub fn note(&self, checks: Vec<CheckSeen>) -> Result<(), BadInput> {
+        let mut manifest = Manifest::read(&self.folder)?;
+        manifest.checks = checks;
+        manifest.write(&self.folder)
+    }
+
+    /// A question to the box; its number is none of those that wait for an answer here.
+    pub fn ask(&mut self, action: Action) -> Message {
+        self.questions.ask(action).1
+    }
+
+    /// The box's configuration, once it has come.
+    #[must_use]
+    pub fn config(&self) -> Option<Config> {
+        Config::decode(&std::fs::read(self.folder.join(names::CONFIG)).ok()?).ok()
     }
 
     /// The trial's folder.
@@ -164,6 +181,16 @@ impl Recording {
         }
         Ok(())
     }
+}
+
+/// A folder that exists is not recorded into.
+#[must_use]
+pub fn exists_already(folder: &Path) -> BadInput {
+    BadInput::whole(
+        folder.display(),
+        "exists already",
+        "give another --out: nothing that was recorded is overwritten",
+    )
 }
 
 /// Makes everything that is derived from a trial's packets once more: the tables, and what the

@@ -67,16 +67,19 @@ pub fn is_emulated() -> bool {
     env::var_os(RUNNER).is_some()
 }
 
-/// A command that starts `program` on any processor; the caller adds its arguments.
+/// A command that starts `program` on any processor; the caller adds its arguments. What it keeps
+/// among its user's data does not reach the data of the user who runs the tests.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
-    match env::var_os(RUNNER) {
+    let mut command = match env::var_os(RUNNER) {
         Some(runner) => {
             let mut command = Command::new(runner);
             command.arg(program);
             command
         }
         None => Command::new(program),
-    }
+    };
+    command.env("XDG_DATA_HOME", env::temp_dir().join("plumbline-tests"));
+    command
 }
 
 /// Whether a serial line can be opened; where it cannot, the test is recorded as skipped. The

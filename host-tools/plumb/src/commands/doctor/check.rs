@@ -1,16 +1,16 @@
 //! A check of the box: its subject, its verdict, and what to do.
 
-/// The verdict of a check.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The verdict of a check, the worst last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
+    /// There is nothing to look at.
+    Skipped,
     /// As it should be.
     Good,
     /// It measures, and could measure better or more safely.
     Warn,
     /// It does not measure, or what it measures is not to be used.
     Fail,
-    /// Another check that failed leaves nothing to look at.
-    Skipped,
 }
 
 /// One line of the doctor's report.

@@ -9,6 +9,7 @@ use plumbline::packet::{
 };
 use plumbline::report::NoPose;
 use plumbline::target::Role;
+use plumbline_calibration::background::{Motion, Unclear};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_stream::accounting::{Accounting, Arrival, Counts};
@@ -64,6 +65,17 @@ pub struct FrameSeen {
     pub latency_us: u32,
     /// Which instant its time marks.
     pub instant: MarkedInstant,
+    /// When it came, on this program's clock.
+    pub arrived_ns: u64,
+}
+
+/// What the background says of the camera since its scene was measured.
+#[derive(Debug)]
+pub enum Background {
+    /// It was not looked at, and why.
+    NotCompared(String),
+    /// How it moved in the picture.
+    Compared(Result<Motion, Unclear>),
 }
 
 /// Everything that was seen.
@@ -117,6 +129,8 @@ pub struct Findings {
     pub next_crc: Option<u32>,
     /// What the box's configuration should be.
     pub expected: Option<Expected>,
+    /// The background, where there is a scene.
+    pub background: Option<Background>,
 }
 
 impl Findings {
@@ -151,6 +165,27 @@ impl Findings {
     #[must_use]
     pub fn health(&self) -> Option<&Health> {
         self.healths.as_ref().map(|(_, last)| last)
+    }
+
+    /// Whether the box is heard over a serial line, and answers nothing: a line may have one wire.
+    #[must_use]
+    pub fn is_one_way(&self) -> bool {
+        let is_answered = !self.exchanges.is_empty() || !self.views.is_empty();
+        self.is_serial && self.packets > 0 && !is_answered && self.config().is_none()
+    }
+
+    /// Whether a recording is replayed in place of a camera.
+    #[must_use]
+    pub fn is_replay(&self) -> bool {
+        self.frames.last().is_some_and(|frame| frame.instant == MarkedInstant::Recording)
+    }
+
+    /// Frames per second as they came here.
+    #[must_use]
+    pub fn arrivals_hz(&self) -> Option<f64> {
+        let (first, last) = (self.frames.first()?, self.frames.last()?);
+        let time_ns = last.arrived_ns.checked_sub(first.arrived_ns)?;
+        (time_ns > 0).then(|| 1e9 * (self.frames.len() - 1) as f64 / time_ns as f64)
     }
 
     /// Frames per second, by their numbers and times: what was lost on the way is no slower
@@ -250,6 +285,7 @@ impl Findings {
             capture_time_ns: packet.capture_time_ns,
             latency_us: packet.latency_us,
             instant: packet.instant,
+            arrived_ns: now_ns,
         });
         for target in &packet.targets {
             let known = self.targets.iter().position(|known| known.role == target.role);

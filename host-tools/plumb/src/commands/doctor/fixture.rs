@@ -1,12 +1,15 @@
 //! The findings of a healthy box, for tests that change them.
 
-use plumbline::packet::{Health, Message};
+use plumbline::config::Config;
+use plumbline::packet::{Health, Message, PosePacket};
+use plumbline::target::Role;
+use plumbline_calibration::background::Motion;
 use plumbline_stream::clock::Exchange;
 
 pub use plumbline_stream::fixture::*;
 
 use super::check::Check;
-use super::findings::Findings;
+use super::findings::{Background, Findings};
 use super::judge;
 
 /// Five seconds of a healthy box.
@@ -17,10 +20,17 @@ pub fn healthy() -> Findings {
     take(Message::Hello(hello(&config)));
     take(Message::Health(health()));
     for sequence in 0..FRAMES {
-        take(Message::Pose(pose_packet(sequence)));
+        take(Message::Pose(standing(sequence)));
     }
     take(Message::View(view()));
     findings.config = Some(Ok(config));
+    findings.background = Some(Background::Compared(Ok(Motion {
+        shift_px: [0.02, -0.01],
+        roll_rad: 0.0,
+        scale: 1.0,
+        blocks: 120,
+        agreeing: 70,
+    })));
     findings.pings = 50;
     findings.exchanges = (0..50)
         .map(|index| {
@@ -36,10 +46,28 @@ pub fn healthy() -> Findings {
     findings
 }
 
+/// A frame of a person who stands before a level camera: the lower target is the lower one.
+fn standing(sequence: u32) -> PosePacket {
+    let mut packet = pose_packet(sequence);
+    for target in packet.targets.iter_mut().filter(|target| target.role == Role::Lower) {
+        target.pose.as_mut().expect("it is measured").translation_mm[1] += 300.0;
+    }
+    packet
+}
+
 /// The same with another Health.
 pub fn with_health(change: impl FnOnce(&mut Health)) -> Findings {
     let mut findings = healthy();
     change(&mut findings.healths.as_mut().expect("it has one").1);
+    findings
+}
+
+/// The same with another configuration, which the box says that it runs with.
+pub fn with_config(change: impl FnOnce(&mut Config)) -> Findings {
+    let mut findings = healthy();
+    let config = findings.config.as_mut().expect("asked").as_mut().expect("told");
+    change(config);
+    findings.hello.as_mut().expect("it has one").config_crc = config.crc();
     findings
 }
 

@@ -11,9 +11,14 @@ mod watch;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use check::Verdict;
 use findings::Expected;
 use plumbline_files::BadInput;
+use plumbline_stream::link::BoxLink;
+
+pub(super) use check::{Check, Verdict};
+pub(super) use findings::Findings;
+pub(super) use judge::all as judged;
+pub(super) use report::print_amiss;
 
 use crate::arguments::{LinkArguments, seconds};
 use crate::setup;
@@ -21,16 +26,35 @@ use crate::setup;
 /// Check a running box: its link, its program, clock, camera, configuration, targets and light.
 ///
 /// The box that this computer hears is watched for a few seconds while the targets are in
-/// sight. Each check is a line: `ok`, `warn` (it measures, but could do better), `FAIL`, or
-/// `skip` (nothing to look at); what was seen, with the bound in brackets; and what to do.
+/// sight. Each check is a line: `ok`, `warn` (it measures, but could do better), `FAIL` (what it
+/// measures is not to be used), or `skip` (nothing to look at); what was seen, with the bound in
+/// brackets; and what to do.
+///
+/// What is checked:
+///   link           heard, losses, damaged packets, answers
+///   box            its program, start, temperature, power, memory, set-up mode, log
+///   clock          its time, and the times of the frames
+///   camera         running, frames of the calibrated size, rate (as configured, and at least
+///                  50 Hz), missing frames, latency
+///   configuration  the intended one, calibration, exposure, watchdog, both targets
+///   scene          measured; a scene board in sight is where it was; the background does not show
+///                  that the camera was turned
+///   targets        how often and how well each is found, its depth, fit, size, light, white and
+///                  focus; the upper one is above the lower
+///
+/// For the background the box is in set-up mode for a moment at the end: one small picture leaves
+/// it, is compared with the one that `plumb scene` has kept on this computer, and is discarded.
 ///
 /// Exit code 0: nothing failed; 1: something did; 2: a wrong command line, or this computer
 /// cannot listen there.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:
+#[command(
+    verbatim_doc_comment,
+    after_help = "Examples:
   plumb doctor                           # the box that sends to this computer
   plumb doctor --config config.plb       # and it runs with this configuration
-  plumb doctor --serial /dev/ttyUSB0 --seconds 20")]
+  plumb doctor --serial /dev/ttyUSB0 --seconds 20"
+)]
 pub struct Arguments {
     /// Where the box is heard.
     #[command(flatten)]
@@ -53,6 +77,14 @@ fn expected(path: &Path) -> Result<Expected, BadInput> {
     Ok(Expected { name: path.display().to_string(), crc: setup::read_blob(path)?.crc() })
 }
 
+/// Watches a box for this time, and judges what was seen.
+///
+/// # Errors
+/// When the link cannot be used any more.
+pub(super) fn examine(link: &mut BoxLink, duration: Duration) -> Result<Vec<Check>, BadInput> {
+    Ok(judged(&watch::watch(link, duration, None)?))
+}
+
 /// Runs the subcommand; whether nothing failed.
 ///
 /// # Errors
@@ -61,7 +93,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let expected = arguments.config.as_deref().map(expected).transpose()?;
     let mut link = arguments.link.open()?;
     let findings = watch::watch(&mut link, arguments.seconds, expected)?;
-    let checks = judge::all(&findings);
+    let checks = judged(&findings);
     report::print(&checks);
     Ok(checks.iter().all(|check| check.verdict != Verdict::Fail))
 }

@@ -22,7 +22,22 @@ pub fn print(checks: &[Check]) {
     let _ = anstream::stdout().write_all(text(checks).as_bytes());
 }
 
+/// Prints on standard error what is amiss, if anything is, and how many checks there were.
+pub fn print_amiss(checks: &[Check]) {
+    let _ = anstream::stderr().write_all(amiss(checks).as_bytes());
+}
+
 fn text(checks: &[Check]) -> String {
+    lines(checks) + &counts(checks)
+}
+
+fn amiss(checks: &[Check]) -> String {
+    let is_amiss = |check: &&Check| check.verdict >= Verdict::Warn;
+    let amiss: Vec<_> = checks.iter().filter(is_amiss).cloned().collect();
+    format!("{}the box is checked: {}", lines(&amiss), counts(checks))
+}
+
+fn lines(checks: &[Check]) -> String {
     let width = checks.iter().map(|check| check.subject.chars().count()).max().unwrap_or(0);
     let line = |check: &Check| {
         let (word, style) = look(check.verdict);
@@ -30,16 +45,18 @@ fn text(checks: &[Check]) -> String {
             if check.remedy.is_empty() { String::new() } else { format!("; {}", check.remedy) };
         format!("{style}{word:4}{style:#}  {:width$}  {}{to_do}\n", check.subject, check.seen)
     };
+    checks.iter().map(line).collect()
+}
+
+fn counts(checks: &[Check]) -> String {
     let count = |verdict| checks.iter().filter(|check| check.verdict == verdict).count();
-    let mut text: String = checks.iter().map(line).collect();
-    text += &format!(
+    format!(
         "{} ok, {} warned, {} failed, {} skipped\n",
         count(Verdict::Good),
         count(Verdict::Warn),
         count(Verdict::Fail),
         count(Verdict::Skipped)
-    );
-    text
+    )
 }
 
 #[cfg(test)]
@@ -60,6 +77,12 @@ warn  scene         not measured; run `plumb scene --store`
 FAIL  lumbar depth  +-0.6 mm (at most 0.1); go nearer
 skip  light         no view came
 1 ok, 1 warned, 1 failed, 1 skipped
+";
+        assert_eq!(plain, expected);
+        let plain = anstream::adapter::strip_str(&amiss(&checks)).to_string();
+        let expected = "warn  scene         not measured; run `plumb scene --store`
+FAIL  lumbar depth  +-0.6 mm (at most 0.1); go nearer
+the box is checked: 1 ok, 1 warned, 1 failed, 1 skipped
 ";
         assert_eq!(plain, expected);
         assert!(text(&checks).contains("\u{1b}[1m\u{1b}[31mFAIL\u{1b}[0m"), "{:?}", text(&checks));

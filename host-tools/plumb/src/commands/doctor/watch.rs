@@ -1,4 +1,5 @@
-//! Watching a box: listening to it, and asking for its time, its state and its views.
+//! Watching a box: listening to it, asking for its time, its state and its views, and looking at
+//! its camera's background.
 
 use std::time::{Duration, Instant};
 
@@ -6,8 +7,9 @@ use plumbline::packet::{Action, LinkKind};
 use plumbline_files::BadInput;
 use plumbline_stream::link::{BoxLink, HEARD_WITHIN, Introduction};
 
-use super::findings::{Expected, Findings};
+use super::findings::{Background, Expected, Findings};
 use crate::ui::waiting::Waiting;
+use crate::{background, snapshot};
 
 /// Ten questions for the time a second, out of step with the frames of every usual camera: a
 /// box looks for questions between frames, and the soonest answer counts.
@@ -62,9 +64,34 @@ pub fn watch(
         );
         (findings.config, findings.next_crc) = (Some(config), next_crc);
     }
-    let _waiting = Waiting::new(format!("watching it for {} s", duration.as_secs_f64()));
-    look(link, duration, started, &mut findings)?;
+    {
+        let _waiting = Waiting::new(format!("watching it for {} s", duration.as_secs_f64()));
+        look(link, duration, started, &mut findings)?;
+    }
+    let scene_theta = findings.config().and_then(|config| config.cam_from_scene_theta);
+    findings.background = scene_theta.map(|theta| compare(link, &theta));
     Ok(findings)
+}
+
+/// Compares what stands behind the person with what stood there when the scene was measured.
+fn compare(link: &mut BoxLink, scene_theta: &[f64; 6]) -> Background {
+    let reference = match background::kept(scene_theta) {
+        Ok(Some(reference)) => reference,
+        Ok(None) => {
+            return Background::NotCompared(
+                "this computer has no picture from when the scene was measured (`plumb scene` keeps \
+                 one)"
+                    .into(),
+            );
+        }
+        Err(error) => return Background::NotCompared(error.to_string()),
+    };
+    match snapshot::take(link, background::REDUCTION) {
+        Ok(now) => {
+            Background::Compared(plumbline_calibration::background::motion(&reference, &now))
+        }
+        Err(error) => Background::NotCompared(error.to_string()),
+    }
 }
 
 fn look(

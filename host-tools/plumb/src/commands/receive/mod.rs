@@ -1,4 +1,4 @@
-//! `plumb receive`: listens to a box, checks what it says, shows it and records it.
+//! `plumb receive`: checks a box, listens to it, shows what it says and records it.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::net::SocketAddr;
@@ -9,19 +9,22 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_stream::link::BoxLink;
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::reception::{Limits, Tap, receive};
 use plumbline_stream::recorder::Recorder;
 use plumbline_trial::manifest::{Manifest, Zero};
 use plumbline_trial::mark::Mark;
-use plumbline_trial::recording::Recording;
+use plumbline_trial::recording::{Recording, exists_already};
 
 use crate::arguments::{LinkArguments, seconds};
 use crate::ui::stop::stop_on_signals;
 
+mod checks;
 mod marks;
 mod screen;
 
+use checks::Recorded;
 use screen::Screen;
 
 /// Receive the poses of a box, show them and record them.
@@ -31,14 +34,25 @@ use screen::Screen;
 /// who was measured and how, how the box's clock relates to this computer's, and which events were
 /// marked. However the recording ends, no more than its last second is lost.
 ///
+/// Before it records, it checks the box as `plumb doctor` does, with the targets in sight, and says
+/// what is amiss. If a check fails it records nothing and leaves no folder, unless --anyway is given:
+/// then the recording begins with the first packet, and the checks look at what is recorded. What
+/// failed or was warned of stands in trial.toml. To see whether the camera was moved since `plumb
+/// scene`, it asks for one small picture, in set-up mode. A recording that the box replays needs --anyway if
+/// it is to be recorded from its first frame.
+///
 /// Counts what is lost, repeated, late or corrupt. When the box restarts, the recording
 /// goes on. Press Enter to mark an event; type its name first if it has one. The mark called zero,
 /// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
 /// Ctrl-C, and prints a summary.
+///
+/// Exit code 0: done; 1: a check failed, and nothing was recorded; 2: an input or the link could not
+/// be used, or nothing came.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 #[command(after_help = "Examples:\n  plumb receive --out trials/p01-control\n  \
     plumb receive --out trials/p01-control --participant P01 --condition control --duration 60\n  \
+    plumb receive --out trials/replayed --anyway  # whatever the checks say, from the first packet on\n  \
     plumb receive --serial /dev/ttyUSB0 --out trials/p02 --mark-udp 0.0.0.0:5000\n  \
     echo stands | nc -u -w0 127.0.0.1 5000        # a mark from another program")]
 pub struct Arguments {
@@ -82,20 +96,35 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
 
-    /// Show nothing but errors and the summary
+    /// Record even if a check of the box fails, and from the first packet on
+    #[arg(long, requires = "out")]
+    anyway: bool,
+
+    /// How long the box is checked
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = "3", requires = "out")]
+    check_seconds: Duration,
+
+    /// Show nothing but errors, what the checks find, and the summary
     #[arg(long)]
     quiet: bool,
 }
 
-/// Runs the subcommand.
+/// Runs the subcommand; false if a check failed and nothing was recorded.
 ///
 /// # Errors
 /// When the address, the device or the folder cannot be used, or nothing came.
-pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let (mut transport, place) = arguments.link.transport()?;
-    let mut recording = arguments.out.as_deref().map(|out| begin(arguments, out)).transpose()?;
-    let recorder = match &recording {
-        Some(recording) => {
+pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
+    let mut link = arguments.link.open()?;
+    let place = link.place().to_owned();
+    let mut recorded = None;
+    if let Some(out) = &arguments.out {
+        recorded = begin(arguments, out, &mut link)?;
+        if recorded.is_none() {
+            return Ok(false);
+        }
+    }
+    let recorder = match &recorded {
+        Some(Recorded { recording, .. }) => {
             let csv = recording.csv();
             Some(Recorder::new(plumbline_files::Late::new(&csv, false)?, csv.display().to_string()))
         }
@@ -106,17 +135,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut receiver = Receiver::new(recorder);
     let mut screen = Screen::new(&place, arguments.quiet);
     let limits = Limits { duration: arguments.duration, frames: arguments.frames };
-    let tap: &mut dyn Tap = match &mut recording {
-        Some(recording) => recording,
+    let tap: &mut dyn Tap = match &mut recorded {
+        Some(recorded) => recorded,
         None => &mut (),
     };
+    let mut transport = link.into_transport();
     let result = receive(&mut *transport, &mut receiver, tap, limits, &stop, |receiver| {
         screen.show(receiver);
     });
     screen.end();
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{}", screen::summary(&receiver));
-    let ended = recording.map(|recording| end(recording, receiver.counts().received));
+    let ended = recorded.map(|recorded| end(recorded, receiver.counts().received));
     // The reason for the end matters more than a fault while closing.
     result?;
     ended.transpose()?;
@@ -133,19 +163,44 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if receiver.counts().received == 0 && !stop.load(Ordering::Relaxed) {
         return Err(screen::no_pose(&receiver, place, Instant::now()).into());
     }
-    Ok(())
+    Ok(true)
 }
 
-fn begin(arguments: &Arguments, out: &Path) -> Result<Recording, BadInput> {
+/// Checks the box and begins to record it; `None` if a check failed.
+fn begin(
+    arguments: &Arguments,
+    out: &Path,
+    link: &mut BoxLink,
+) -> Result<Option<Recorded>, BadInput> {
+    // Before anybody waits for the checks.
+    if out.exists() {
+        return Err(exists_already(out));
+    }
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
-    let manifest = &Manifest::begin(
-        jiff::Timestamp::now().to_string(),
-        arguments.participant.clone(),
-        arguments.condition.clone(),
-        arguments.note.clone(),
-        arguments.zero,
-    );
-    Recording::begin(out, manifest, marks, Instant::now(), Box::new(echo))
+    let mut amiss = Vec::new();
+    if !arguments.anyway {
+        let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
+        amiss = found;
+        // What was marked meanwhile belongs to no recording.
+        while marks.next().is_some() {}
+    }
+    let now = Instant::now();
+    let manifest = Manifest {
+        checks: amiss,
+        ..Manifest::begin(
+            jiff::Timestamp::now().to_string(),
+            arguments.participant.clone(),
+            arguments.condition.clone(),
+            arguments.note.clone(),
+            arguments.zero,
+        )
+    };
+    let recording = Recording::begin(out, &manifest, marks, now, Box::new(echo))?;
+    Ok(Some(if arguments.anyway {
+        Recorded::unchecked(recording, link, now, arguments.check_seconds)
+    } else {
+        Recorded::checked(recording)
+    }))
 }
 
 /// A mark is in the recording.
@@ -156,7 +211,9 @@ fn echo(mark: &Mark, since_s: f64) {
 }
 
 /// Ends a recording, and says what is in it.
-fn end(recording: Recording, frames: u64) -> Result<(), BadInput> {
+fn end(mut recorded: Recorded, frames: u64) -> Result<(), BadInput> {
+    recorded.conclude(Instant::now())?;
+    let recording = recorded.recording;
     let folder = recording.folder().display().to_string();
     let dropped = recording.marks_dropped();
     let mut text = format!("no frame came: {folder} was not written");

@@ -10,6 +10,8 @@ use plumbline_files::BadInput;
 use plumbline_stream::link::BoxLink;
 
 use super::Seen;
+use crate::background::REDUCTION;
+use crate::snapshot;
 use crate::ui::missing::{self, Missing};
 use crate::ui::waiting::Waiting;
 
@@ -57,11 +59,16 @@ pub(super) fn listen(
             None
         })?;
     }
+    // The scene is right without it.
+    let background = snapshot::take(link, REDUCTION)
+        .inspect_err(|error| eprintln!("warning: no picture of the background: {error}"))
+        .ok();
     Ok(Seen {
         place: format!("{} ({})", hello.device, hello.serial_number),
         frames: heard.frames,
         remedy: heard.remedy(),
         poses: heard.poses,
+        background,
     })
 }
 

@@ -9,8 +9,10 @@ use std::time::Duration;
 use plumbline::pose::{Cam, Pose, Target};
 
 use crate::arguments::{LinkArguments, seconds};
+use crate::background;
 use crate::delivery::{self, Before};
 use crate::setup::{self, Descriptions};
+use plumbline_calibration::background::Picture;
 use plumbline_calibration::scene::{Mean, lean_deg};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
@@ -29,6 +31,10 @@ use plumbline_files::scene::{self, SceneFile};
 /// --store then puts the scene into the box's own configuration, and restarts it.
 ///
 /// A warning says when the board leans, or when it or the camera moved meanwhile.
+///
+/// A small picture of the background is kept on this computer, so that `plumb doctor` and `plumb
+/// receive` see whether the camera was moved since. To take it, the box is in set-up mode for a
+/// moment.
 #[derive(clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -102,6 +108,8 @@ struct Seen {
     place: String,
     frames: usize,
     poses: Vec<Pose<Cam, Target>>,
+    /// What the camera saw, small; `None` where no picture came.
+    background: Option<Picture>,
     /// What to do where these poses are too few.
     remedy: String,
 }
@@ -228,6 +236,14 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
     }
     if let Some(out) = &arguments.out {
         eprintln!("written to {}", out.display());
+    }
+    if let Some(background) = &seen.background {
+        match background::keep(&file.cam_from_scene_theta, background) {
+            Ok(path) => {
+                eprintln!("a small picture of the background is kept in {}", path.display())
+            }
+            Err(error) => eprintln!("warning: no picture of the background is kept: {error}"),
+        }
     }
     Ok(file)
 }

@@ -7,6 +7,7 @@ use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
 
 use super::Seen;
+use crate::background::REDUCTION;
 use crate::setup::Descriptions;
 use crate::tracking;
 
@@ -30,10 +31,12 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
         place: inputs[0].display().to_string(),
         frames: 0,
         poses: Vec::new(),
+        background: None,
         remedy: "check its columns, rows and light; `plumb track --draw` shows the frames".into(),
     };
     while let Some(frame) = source.next_frame()? {
         seen.frames += 1;
+        seen.background.get_or_insert_with(|| tracking::reduced(&frame, REDUCTION));
         let report = tracking::step(&mut pipeline, &frame);
         seen.poses.extend(report.targets[0].measurement.iter().map(|found| found.cam_from_target));
     }

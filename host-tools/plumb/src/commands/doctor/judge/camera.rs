@@ -1,6 +1,7 @@
 //! The camera, and how its frames are kept up with.
 
-use plumbline::packet::{CameraState, Health, MarkedInstant};
+use plumbline::packet::{CameraState, Health};
+use plumbline::report::NoPose;
 use plumbline_analysis::statistics::describe::median;
 use plumbline_files::counting::counted;
 
@@ -14,6 +15,12 @@ const RATE_WARN: f64 = 0.02;
 
 /// Off by a tenth: the exposure time or the light's flicker determines the rate.
 const RATE_FAIL: f64 = 0.1;
+
+/// The posturography standard's least rate (ISPGR, Scoppa et al. 2013).
+const RATE_STANDARD_HZ: f64 = 50.0;
+
+/// A recording is replayed at its own pace; below this share of it, something holds it up.
+const PACE_MIN: f64 = 0.9;
 
 /// The share of frames that may be missing: with one gap in fifty an analysis fills more than it
 /// should.
@@ -34,6 +41,7 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
         checks.push(Check::skipped("frames", "too few frames came"));
         return checks;
     };
+    checks.extend(frame_size(findings));
     checks.push(rate(findings, rate_hz));
     checks.push(missing(first, last));
     checks.push(latency(findings, rate_hz));
@@ -59,7 +67,7 @@ fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
                     format!("it runs; lost {} since the box's start", counted(losses, "time"));
                 return Check::warn(SUBJECT, seen, PLUG);
             }
-            let seen = if is_replay(findings) { "a recording runs" } else { "it runs" };
+            let seen = if findings.is_replay() { "a recording runs" } else { "it runs" };
             return Check::good(SUBJECT, seen);
         }
     };
@@ -70,28 +78,73 @@ fn state(findings: &Findings, first: &Health, last: &Health) -> Check {
     Check::fail(SUBJECT, seen, remedy)
 }
 
-fn is_replay(findings: &Findings) -> bool {
-    findings.frames.last().is_some_and(|frame| frame.instant == MarkedInstant::Recording)
-}
-
 const PLUG: &str = "check the camera's plug, cable and power, and [capture] of the box file";
 
-fn rate(findings: &Findings, rate_hz: f64) -> Check {
-    let configured = findings.config().and_then(|config| config.capture.as_ref());
-    if is_replay(findings) {
-        return Check::good("rate", format!("{rate_hz:.2} Hz, as recorded"));
+/// A lens is calibrated for one size of frames.
+fn frame_size(findings: &Findings) -> Option<Check> {
+    const SUBJECT: &str = "frame size";
+    const REMEDY: &str = "calibrate the camera with photographs of the frames' size, and send it with \
+                          `plumb provision --send`";
+    let (hello, lens) = (findings.hello.as_ref()?, &findings.config()?.lens);
+    let file = format!("the camera file is for {} x {} px", lens.width_px, lens.height_px);
+    if (hello.width_px, hello.height_px) != (lens.width_px, lens.height_px) {
+        let seen = format!("frames of {} x {} px, and {file}", hello.width_px, hello.height_px);
+        return Some(Check::fail(SUBJECT, seen, REMEDY));
     }
+    let mut reasons = findings.targets.iter().flat_map(|target| &target.without);
+    if reasons.any(|(reason, _)| *reason == NoPose::FrameSize) {
+        let seen = format!("frames of another size come, and {file}");
+        return Some(Check::fail(SUBJECT, seen, REMEDY));
+    }
+    Some(Check::good(SUBJECT, format!("{} x {} px, as calibrated", lens.width_px, lens.height_px)))
+}
+
+fn rate(findings: &Findings, rate_hz: f64) -> Check {
+    if findings.is_replay() {
+        return rate_of_replay(findings, rate_hz);
+    }
+    let configured = findings.config().and_then(|config| config.capture.as_ref());
     let Some(wanted_hz) = configured.map(|capture| f64::from(capture.rate_hz)) else {
-        return Check::good("rate", format!("{rate_hz:.2} Hz; none is configured"));
+        return by_standard(rate_hz, format!("{rate_hz:.2} Hz; none is configured"));
     };
     let off = rate_hz / wanted_hz - 1.0;
+    let seen =
+        format!("{rate_hz:.2} Hz of {wanted_hz:.2} configured (within {})", percent(RATE_WARN));
+    let verdict = Verdict::at_most(off.abs(), RATE_WARN, RATE_FAIL);
+    if verdict == Verdict::Good {
+        return by_standard(rate_hz, seen);
+    }
     let slow = "give exposure_us, no longer than the rate allows; more light; and a USB port that \
                 no other device shares";
     Check::new(
-        Verdict::at_most(off.abs(), RATE_WARN, RATE_FAIL),
+        verdict,
         "rate",
-        format!("{rate_hz:.2} Hz of {wanted_hz:.2} configured (within {})", percent(RATE_WARN)),
+        seen,
         if off < 0.0 { slow } else { "give a rate_hz that the camera has" },
+    )
+}
+
+/// Its rate was decided when it was recorded; what can be wrong now is its pace.
+fn rate_of_replay(findings: &Findings, rate_hz: f64) -> Check {
+    let seen = format!("{rate_hz:.2} Hz, as recorded");
+    match findings.arrivals_hz() {
+        Some(pace_hz) if pace_hz < PACE_MIN * rate_hz => Check::warn(
+            "rate",
+            format!("{seen}, but {pace_hz:.1} frames come in a second: the replay stalls"),
+            "replay from a faster disk, or on a computer that does nothing else",
+        ),
+        _ => by_standard(rate_hz, seen),
+    }
+}
+
+fn by_standard(rate_hz: f64, seen: String) -> Check {
+    // A camera of 50 Hz may run at 49.9.
+    let is_slow = rate_hz < (1.0 - RATE_WARN) * RATE_STANDARD_HZ;
+    Check::new(
+        Verdict::warn_if(is_slow),
+        "rate",
+        if is_slow { format!("{seen}; ISPGR: at least {RATE_STANDARD_HZ:.0} Hz") } else { seen },
+        "give rate_hz = 60 and a camera that has it: the posturography standard asks for 50 Hz",
     )
 }
 
@@ -133,7 +186,9 @@ fn latency(findings: &Findings, rate_hz: f64) -> Check {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixture::{assert_says, check, healthy, with_health};
+    use plumbline::packet::MarkedInstant;
+
+    use super::super::super::fixture::{assert_says, check, healthy, with_config, with_health};
     use super::*;
 
     #[test]
@@ -175,6 +230,57 @@ mod tests {
         assert_says(&check(&replay, "rate"), Verdict::Good, &["as recorded"]);
         replay.frames.truncate(1);
         assert_says(&check(&replay, "frames"), Verdict::Skipped, &["too few"]);
+    }
+
+    #[test]
+    fn a_rate_below_the_standard_is_warned_of_wherever_it_comes_from() {
+        let at = |rate_hz: f64, configured_hz: Option<f32>| {
+            let mut findings = with_config(|config| match configured_hz {
+                Some(hz) => config.capture.as_mut().unwrap().rate_hz = hz,
+                None => config.capture = None,
+            });
+            for frame in &mut findings.frames {
+                frame.capture_time_ns = (f64::from(frame.sequence) * 1e9 / rate_hz) as u64;
+            }
+            findings
+        };
+        for configured_hz in [Some(10.0), None] {
+            let slow = check(&at(10.0, configured_hz), "rate");
+            assert_says(&slow, Verdict::Warn, &["10.00 Hz", "ISPGR: at least 50 Hz", "rate_hz"]);
+        }
+        assert_eq!(check(&at(49.95, Some(50.0)), "rate").verdict, Verdict::Good);
+        // One that is not what was asked for is named first.
+        assert_says(&check(&at(10.0, Some(60.0)), "rate"), Verdict::Fail, &["10.00 Hz of 60.00"]);
+    }
+
+    #[test]
+    fn a_replay_that_stalls_is_warned_of() {
+        let mut replay = healthy();
+        replay.frames.last_mut().unwrap().instant = MarkedInstant::Recording;
+        let pace = |replay: &mut Findings, hz: f64| {
+            for frame in &mut replay.frames {
+                frame.arrived_ns = (f64::from(frame.sequence) * 1e9 / hz) as u64;
+            }
+        };
+        pace(&mut replay, 59.0);
+        assert_says(&check(&replay, "rate"), Verdict::Good, &["60.00 Hz, as recorded"]);
+        pace(&mut replay, 10.0);
+        assert_says(&check(&replay, "rate"), Verdict::Warn, &["10.0 frames come", "stalls"]);
+    }
+
+    #[test]
+    fn a_camera_file_of_another_size_is_a_failure() {
+        let good = check(&healthy(), "frame size");
+        assert_says(&good, Verdict::Good, &["1456 x 1088 px, as calibrated"]);
+        let mut other = healthy();
+        let hello = other.hello.as_mut().unwrap();
+        (hello.width_px, hello.height_px) = (640, 480);
+        let parts = ["frames of 640 x 480", "is for 1456 x 1088", "calibrate"];
+        assert_says(&check(&other, "frame size"), Verdict::Fail, &parts);
+        let mut refused = healthy();
+        refused.targets[0].without = vec![(NoPose::FrameSize, 3)];
+        let parts = ["another size", "is for 1456 x 1088", "plumb provision --send"];
+        assert_says(&check(&refused, "frame size"), Verdict::Fail, &parts);
     }
 
     #[test]

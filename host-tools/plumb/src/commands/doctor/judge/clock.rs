@@ -19,6 +19,12 @@ const UNANSWERED_WARN: f64 = 0.05;
 const DRIFT_WARN_PPM: f64 = 200.0;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
+    if findings.is_one_way() {
+        return vec![Check::skipped("clock", super::ONE_WAY), capture_times(findings)];
+    }
+    if findings.pings == 0 {
+        return vec![Check::skipped("clock", "it was not asked"), capture_times(findings)];
+    }
     let Some(best) = surest(&findings.exchanges) else {
         return vec![
             Check::fail(
@@ -106,6 +112,8 @@ mod tests {
         let none = check(&findings, "clock");
         assert_says(&none, Verdict::Fail, &["none of 40", "firewall"]);
         assert_eq!(check(&findings, "capture times").verdict, Verdict::Good);
+        findings.pings = 0;
+        assert_says(&check(&findings, "clock"), Verdict::Skipped, &["not asked"]);
     }
 
     #[test]

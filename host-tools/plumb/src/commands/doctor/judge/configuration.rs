@@ -6,6 +6,7 @@ use plumbline_files::camera;
 
 use super::super::check::Check;
 use super::super::findings::Findings;
+use super::{ONE_WAY, scene};
 use crate::setup::not_calibrated;
 
 pub fn checks(findings: &Findings) -> Vec<Check> {
@@ -19,14 +20,13 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
             let later = later.map(|subject| Check::skipped(subject, why));
             [identical(findings, config), calibration(config)].into_iter().chain(later).collect()
         }
-        Ok(config) => vec![
-            identical(findings, config),
-            calibration(config),
-            scene(config),
-            exposure(config),
-            watchdog(config),
-            targets(config),
-        ],
+        Ok(config) => {
+            let mut checks = vec![identical(findings, config), calibration(config)];
+            checks.extend(scene::checks(findings, config));
+            checks.extend([exposure(config), watchdog(config), targets(config)]);
+            checks
+        }
+        Err(_) if findings.is_one_way() => vec![Check::skipped("configuration", ONE_WAY)],
         Err(error) => vec![Check::fail(
             "configuration",
             format!("it cannot be read back: {}", error.found),
@@ -84,20 +84,9 @@ fn calibration(config: &Config) -> Check {
     Check::good("calibration", format!("there, fx {:.1} px", config.lens.fx_px))
 }
 
-fn scene(config: &Config) -> Check {
-    if config.cam_from_scene_theta.is_some() {
-        return Check::good("scene", "measured");
-    }
-    Check::warn(
-        "scene",
-        "not measured: there are poses, and no trunk points",
-        "stand the board in front of the camera: `plumb scene --store`",
-    )
-}
-
 fn exposure(config: &Config) -> Check {
     let Some(capture) = &config.capture else {
-        return Check::good("exposure", "no camera is configured");
+        return Check::skipped("exposure", "no camera is configured");
     };
     if let Some(exposure_us) = capture.exposure_us {
         return Check::good("exposure", format!("fixed, {exposure_us} us"));
@@ -111,7 +100,7 @@ fn exposure(config: &Config) -> Check {
 
 fn watchdog(config: &Config) -> Check {
     match (&config.capture, config.machine.watchdog_s) {
-        (None, _) => Check::good("watchdog", "no camera is configured"),
+        (None, _) => Check::skipped("watchdog", "no camera is configured"),
         (Some(_), Some(seconds)) => Check::good("watchdog", format!("after {seconds} s")),
         (Some(_), None) => Check::warn(
             "watchdog",
@@ -143,17 +132,8 @@ fn targets(config: &Config) -> Check {
 mod tests {
     use super::super::super::check::Verdict;
     use super::super::super::findings::Expected;
-    use super::super::super::fixture::{assert_says, check, healthy};
-    use super::*;
+    use super::super::super::fixture::{assert_says, check, healthy, with_config};
     use plumbline_files::BadInput;
-
-    fn with_config(change: impl FnOnce(&mut Config)) -> Findings {
-        let mut findings = healthy();
-        let config = findings.config.as_mut().unwrap().as_mut().unwrap();
-        change(config);
-        findings.hello.as_mut().unwrap().config_crc = config.crc();
-        findings
-    }
 
     #[test]
     fn the_configuration_is_the_one_it_should_be() {
@@ -189,9 +169,6 @@ mod tests {
 
     #[test]
     fn what_is_left_open_is_warned_of() {
-        let no_scene = with_config(|config| config.cam_from_scene_theta = None);
-        let scene = check(&no_scene, "scene");
-        assert_says(&scene, Verdict::Warn, &["no trunk points", "plumb scene --store"]);
         let auto = with_config(|config| config.capture.as_mut().unwrap().exposure_us = None);
         assert_says(&check(&auto, "exposure"), Verdict::Warn, &["the light", "exposure_us"]);
         let unwatched = with_config(|config| config.machine.watchdog_s = None);
@@ -200,8 +177,8 @@ mod tests {
             config.capture = None;
             config.machine.watchdog_s = None;
         });
-        assert_eq!(check(&replay, "watchdog").verdict, Verdict::Good);
-        assert_eq!(check(&replay, "exposure").verdict, Verdict::Good);
+        assert_eq!(check(&replay, "watchdog").verdict, Verdict::Skipped);
+        assert_eq!(check(&replay, "exposure").verdict, Verdict::Skipped);
         let one = with_config(|config| {
             config.targets.pop();
         });

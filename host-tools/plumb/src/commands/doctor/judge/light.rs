@@ -137,6 +137,11 @@ mod tests {
         let soft = with(|target| target.blur_px = [1.5, 1.6]);
         let warning = check(&soft, "lumbar focus");
         assert_says(&warning, Verdict::Warn, &["58 of 100", "1.50 and 1.60", "calibrate"]);
+        // Beyond 3 px it is not to be used.
+        let softer = with(|target| target.blur_px = [2.95, 2.9]);
+        assert_says(&check(&softer, "lumbar focus"), Verdict::Warn, &["2 of 100"]);
+        let softest = with(|target| target.blur_px = [3.05, 2.9]);
+        assert_says(&check(&softest, "lumbar focus"), Verdict::Fail, &["0 of 100", "plumb aim"]);
         let smeared = with(|target| target.blur_px = [0.8, 3.5]);
         let failure = check(&smeared, "lumbar focus");
         assert_says(&failure, Verdict::Fail, &["0 of 100", "smeared", "firmly"]);

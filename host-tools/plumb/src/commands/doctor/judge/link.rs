@@ -29,6 +29,14 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
         checks.push(losses(findings));
         checks.push(corrupt(findings));
     }
+    if findings.is_one_way() {
+        checks.push(Check::warn(
+            "answers",
+            "none: the line has no way to the box, and its clock, configuration and light cannot \
+             be checked",
+            "connect the line's second wire, or check the box with `plumb doctor` over its network",
+        ));
+    }
     checks
 }
 
@@ -124,6 +132,7 @@ fn damage_remedy(findings: &Findings) -> &'static str {
 #[cfg(test)]
 mod tests {
     use plumbline::packet::{Message, PacketError};
+    use plumbline_files::BadInput;
 
     use super::super::super::fixture::{assert_says, check, event, healthy, packet, pose_packet};
     use super::*;
@@ -156,6 +165,26 @@ mod tests {
         let mut serial = Findings { is_serial: true, ..silent() };
         bad(&mut serial, PacketError::Fragment, 1);
         assert_says(&check(&serial, "link"), Verdict::Fail, &["1 damaged", "--baud"]);
+    }
+
+    #[test]
+    fn a_line_without_a_way_back_is_warned_of_and_what_needs_answers_is_skipped() {
+        let mut findings = healthy();
+        findings.is_serial = true;
+        findings.exchanges.clear();
+        findings.views.clear();
+        findings.background = None;
+        findings.config = Some(Err(BadInput::whole("ttyS0", "no answer", "")));
+        assert_says(&check(&findings, "answers"), Verdict::Warn, &["no way to the box", "wire"]);
+        for subject in ["clock", "configuration", "light"] {
+            assert_eq!(check(&findings, subject).verdict, Verdict::Skipped, "{subject}");
+        }
+        let checks = super::super::all(&findings);
+        assert!(checks.iter().all(|check| check.verdict != Verdict::Fail), "{checks:#?}");
+        // A network that carries nothing to the box is broken.
+        findings.is_serial = false;
+        assert_eq!(check(&findings, "clock").verdict, Verdict::Fail);
+        assert_eq!(check(&findings, "configuration").verdict, Verdict::Fail);
     }
 
     #[test]

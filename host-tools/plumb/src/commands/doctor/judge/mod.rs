@@ -7,6 +7,8 @@ mod configuration;
 mod light;
 mod link;
 mod machine;
+mod order;
+mod scene;
 mod target;
 
 use super::check::Check;
@@ -14,6 +16,9 @@ use super::findings::Findings;
 
 /// What is looked at once a box is heard, in this order.
 const AFTER_LINK: [&str; 6] = ["box", "clock", "camera", "configuration", "targets", "light"];
+
+/// Why something is skipped on a line without a way to the box.
+const ONE_WAY: &str = "the box hears no questions";
 
 /// Every check.
 #[must_use]
@@ -33,6 +38,7 @@ pub fn all(findings: &Findings) -> Vec<Check> {
         checks.extend(camera::checks(findings));
         checks.extend(configuration::checks(findings));
         checks.extend(target::checks(findings));
+        checks.extend(order::check(findings));
         checks.extend(light::checks(findings));
     }
     checks

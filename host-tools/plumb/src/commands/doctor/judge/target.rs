@@ -241,6 +241,11 @@ mod tests {
         let far = all(|pose| pose.sd_mm[2] = 0.1);
         let depth = check(&far, "lumbar depth");
         assert_says(&depth, Verdict::Warn, &["+-0.196 mm", "at most 0.1", "nearer"]);
+        // Up to what the published method reaches, 0.52 mm.
+        let farther = all(|pose| pose.sd_mm[2] = 0.26);
+        assert_says(&check(&farther, "lumbar depth"), Verdict::Warn, &["+-0.510 mm"]);
+        let farthest = all(|pose| pose.sd_mm[2] = 0.27);
+        assert_says(&check(&farthest, "lumbar depth"), Verdict::Fail, &["+-0.529 mm", "light"]);
         let too_far = all(|pose| pose.sd_mm[2] = 0.3);
         assert_says(&check(&too_far, "lumbar depth"), Verdict::Fail, &["+-0.588 mm"]);
     }

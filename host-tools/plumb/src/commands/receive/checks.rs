@@ -1,0 +1,173 @@
+//! The doctor's checks of a box that is about to be recorded.
+//!
+//! Usually they come first, and a failure leaves nothing on the disk. With --anyway the recording
+//! does not wait: the checks look at the packets that are being recorded.
+
+use std::io::{IsTerminal as _, Write as _};
+use std::time::{Duration, Instant};
+
+use plumbline::packet::{Action, Command, LinkKind, Message};
+use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
+use plumbline_stream::link::BoxLink;
+use plumbline_stream::reception::Tap;
+use plumbline_stream::transport::Event;
+use plumbline_trial::manifest::{CheckSeen, CheckVerdict};
+use plumbline_trial::recording::Recording;
+
+use crate::commands::doctor::{self, Check, Findings, Verdict};
+
+/// A view costs the box less than a search.
+const VIEW_EVERY: Duration = Duration::from_millis(480);
+
+/// What was asked last is answered by then.
+const LAST_ANSWERS: Duration = Duration::from_millis(300);
+
+/// Checks a box for this time and says what is amiss; `None` if it should not be recorded.
+///
+/// # Errors
+/// When the link cannot be used any more.
+pub(super) fn before(
+    link: &mut BoxLink,
+    duration: Duration,
+) -> Result<Option<Vec<CheckSeen>>, BadInput> {
+    let checks = doctor::examine(link, duration)?;
+    doctor::print_amiss(&checks);
+    let failed = checks.iter().filter(|check| check.verdict == Verdict::Fail).count();
+    if failed > 0 {
+        eprintln!(
+            "not recorded: {} failed. Do what is said there, or give --anyway to record all the same",
+            counted(failed, "check")
+        );
+        return Ok(None);
+    }
+    Ok(Some(amiss(&checks)))
+}
+
+fn amiss(checks: &[Check]) -> Vec<CheckSeen> {
+    let seen = |check: &Check| {
+        let verdict = match check.verdict {
+            Verdict::Warn => CheckVerdict::Warn,
+            Verdict::Fail => CheckVerdict::Fail,
+            Verdict::Good | Verdict::Skipped => return None,
+        };
+        Some(CheckSeen { subject: check.subject.clone(), verdict, seen: check.seen.clone() })
+    };
+    checks.iter().filter_map(seen).collect()
+}
+
+/// A recording, and the checks beside it until they are done.
+pub(super) struct Recorded {
+    pub(super) recording: Recording,
+    beside: Option<Beside>,
+}
+
+impl Recorded {
+    /// A recording of a box that was checked.
+    pub(super) fn checked(recording: Recording) -> Self {
+        Self { recording, beside: None }
+    }
+
+    /// A recording that began at this moment, of a box that is checked meanwhile.
+    pub(super) fn unchecked(
+        recording: Recording,
+        link: &BoxLink,
+        begun: Instant,
+        duration: Duration,
+    ) -> Self {
+        let findings = Findings {
+            place: link.place().to_owned(),
+            is_serial: link.kind() == LinkKind::Serial,
+            ..Findings::default()
+        };
+        let beside = Beside { findings, begun, duration, first: None, view_at: begun };
+        Self { recording, beside: Some(beside) }
+    }
+
+    /// The checks are over: says what is amiss, and writes it down. A recording without a packet
+    /// has nothing to be checked.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub(super) fn conclude(&mut self, now: Instant) -> Result<(), BadInput> {
+        let Some(beside) = self.beside.take() else { return Ok(()) };
+        if beside.first.is_none() {
+            return Ok(());
+        }
+        let mut findings = beside.findings;
+        findings.silence_s = now.saturating_duration_since(beside.begun).as_secs_f64()
+            - findings.heard_ns as f64 * 1e-9;
+        findings.config = self.recording.config().map(Ok);
+        let checks = doctor::judged(&findings);
+        if std::io::stderr().is_terminal() {
+            // Over the status line, which is drawn again below.
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
+        }
+        doctor::print_amiss(&checks);
+        self.recording.note(amiss(&checks))
+    }
+}
+
+impl Tap for Recorded {
+    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
+        if let Some(beside) = &mut self.beside {
+            beside.event(event, now);
+        }
+        self.recording.event(event, now)
+    }
+
+    fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
+        if self.beside.as_ref().is_some_and(|beside| beside.is_over(now)) {
+            self.conclude(now)?;
+        }
+        let question = self.recording.turn(now)?;
+        let Self { recording, beside: Some(beside) } = self else { return Ok(question) };
+        if let Some(Message::Command(Command { action: Action::Ping { .. }, .. })) = question {
+            beside.findings.pings += usize::from(beside.asks(now));
+        }
+        Ok(question.or_else(|| beside.wants_view(now).then(|| recording.ask(Action::SendView))))
+    }
+}
+
+/// What is seen of a box while it is being recorded.
+struct Beside {
+    findings: Findings,
+    /// When the recording began: the zero of its questions for the time.
+    begun: Instant,
+    duration: Duration,
+    /// When the first packet came.
+    first: Option<Instant>,
+    view_at: Instant,
+}
+
+impl Beside {
+    fn event(&mut self, event: &Event, now: Instant) {
+        if matches!(event, Event::Message(_)) {
+            self.first.get_or_insert(now);
+        }
+        let since = now.saturating_duration_since(self.begun);
+        self.findings.take(event, since.as_nanos() as u64);
+    }
+
+    /// How long the box has been heard.
+    fn heard_for(&self, now: Instant) -> Option<Duration> {
+        self.first.map(|first| now.saturating_duration_since(first))
+    }
+
+    fn is_over(&self, now: Instant) -> bool {
+        self.heard_for(now).is_some_and(|heard| heard >= self.duration + LAST_ANSWERS)
+    }
+
+    /// Whether an answer to a question of now is waited for.
+    fn asks(&self, now: Instant) -> bool {
+        self.heard_for(now).is_some_and(|heard| heard < self.duration)
+    }
+
+    fn wants_view(&mut self, now: Instant) -> bool {
+        let is_due = self.asks(now) && now >= self.view_at;
+        if is_due {
+            self.view_at = now + VIEW_EVERY;
+        }
+        is_due
+    }
+}
