@@ -44,7 +44,9 @@ pub fn check<M>(study: &Study, trials: &[TrialValues<M>]) -> Result<(), BadInput
                 .filter(|it| it.participant == participant && it.condition == *condition);
             let own: Vec<&str> = own.map(|it| it.place.as_str()).collect();
             match own[..] {
-                [] => lacking.push(format!("participant {participant} has no trial in {condition}")),
+                [] => {
+                    lacking.push(format!("participant {participant} has no trial in {condition}"))
+                }
                 [_] => {}
                 _ => repeated.push(format!(
                     "participant {participant} has {} trials in {condition}: {}",
@@ -75,10 +77,7 @@ pub fn check<M>(study: &Study, trials: &[TrialValues<M>]) -> Result<(), BadInput
 mod tests {
     use super::*;
 
-    fn check_trials(
-        trials: &[(&str, &str)],
-        change: impl Fn(&mut Study),
-    ) -> Result<(), String> {
+    fn check_trials(trials: &[(&str, &str)], change: impl Fn(&mut Study)) -> Result<(), String> {
         let conditions = ["control", "hypo"].map(str::to_owned).into();
         let mut study = Study { conditions, ..Study::example() };
         change(&mut study);

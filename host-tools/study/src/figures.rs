@@ -207,9 +207,7 @@ impl StudyFigures {
     #[must_use]
     pub fn participants_text(&self) -> String {
         let all = self.participants.len();
-        let is_left_out = |who: &&String| {
-            self.left_out().any(|it| it.participant == **who)
-        };
+        let is_left_out = |who: &&String| self.left_out().any(|it| it.participant == **who);
         let left_out: Vec<&str> =
             self.participants.iter().filter(is_left_out).map(String::as_str).collect();
         let counted = counted(all, "participant");
@@ -218,6 +216,22 @@ impl StudyFigures {
         }
         let complete = all - left_out.len();
         format!("{counted}, {complete} in every response (not: {})", left_out.join(", "))
+    }
+
+    /// What could not be compared, in one line for each reason.
+    #[must_use]
+    pub fn not_compared_lines(&self) -> Vec<String> {
+        let mut by_reason: Vec<(&str, Vec<String>)> = Vec::new();
+        for NotCompared { name, reason } in &self.not_compared {
+            match by_reason.iter_mut().find(|(it, _)| it == reason) {
+                Some((_, names)) => names.push(name.clone()),
+                None => by_reason.push((reason, vec![name.clone()])),
+            }
+        }
+        let by_reason = by_reason.into_iter();
+        by_reason
+            .map(|(reason, names)| format!("Not compared: {}: {reason}", short(&names)))
+            .collect()
     }
 
     /// Everybody who is left out of a response, once for each.
@@ -269,24 +283,13 @@ impl Seen {
         }
     }
 
-    /// One line for each participant and reason, and for each reason why there are no statistics.
+    /// One line for each participant and reason.
     fn warnings(&self) -> impl Iterator<Item = String> {
-        let left_out = self.left_out.iter().map(|(it, names)| {
+        self.left_out.iter().map(|(it, names)| {
             let LeftOut { participant, cell, reason } = it;
             let (names, cell) = (short(names), cell.join(", "));
             format!("{names}: participant {participant} is left out: no value in {cell}: {reason}")
-        });
-        let mut not_compared: Vec<(&str, Vec<String>)> = Vec::new();
-        for NotCompared { name, reason } in &self.not_compared {
-            match not_compared.iter_mut().find(|(it, _)| it == reason) {
-                Some((_, names)) => names.push(name.clone()),
-                None => not_compared.push((reason, vec![name.clone()])),
-            }
-        }
-        let not_compared = not_compared.into_iter();
-        left_out.chain(
-            not_compared.map(|(reason, names)| format!("{}: not compared: {reason}", short(&names))),
-        )
+        })
     }
 
     /// The error when nothing at all was compared.
@@ -296,7 +299,11 @@ impl Seen {
             || "no trial has a figure to compare".to_owned(),
             |it| format!("nothing can be compared; {}: {}", it.name, it.reason),
         );
-        BadInput::whole(place, found, "record what is missing, or change conditions, bins_s or figures")
+        BadInput::whole(
+            place,
+            found,
+            "record what is missing, or change conditions, bins_s or figures",
+        )
     }
 }
 
@@ -334,7 +341,10 @@ fn one_trial(
                 place,
                 what,
                 "neither the trial nor the study gives it",
-                format!("write {what} = \"...\" in its trial.toml, or in a [[trial]] of {}", study.place),
+                format!(
+                    "write {what} = \"...\" in its trial.toml, or in a [[trial]] of {}",
+                    study.place
+                ),
             )
         })
     };
@@ -358,6 +368,8 @@ fn one_trial(
         responses: sway.responses,
     };
     let responses = physiology.responses;
-    let physiology = TrialValues { place: place.clone(), participant, condition, responses };
+    let recordings = entry.physiology.as_ref().map(|it| it.folder.display().to_string());
+    let place = recordings.unwrap_or_else(|| place.clone());
+    let physiology = TrialValues { place, participant, condition, responses };
     Ok(OneTrial { sway, physiology, warnings })
 }

@@ -114,7 +114,6 @@ pub fn comparisons<'a>(pairs: impl IntoIterator<Item = (String, &'a Comparison)>
     let header = [
         "comparison",
         "under",
-        "n",
         "difference",
         "95 % CI",
         "t (df)",
@@ -136,7 +135,6 @@ pub fn comparisons<'a>(pairs: impl IntoIterator<Item = (String, &'a Comparison)>
         rows.push(vec![
             format!("{name}: {from} to {to}"),
             it.under.clone().unwrap_or_default(),
-            notes.stated(t_test.map(|it| it.n.to_string())),
             notes.stated(t_test.map(|it| digits(it.mean_difference))),
             notes.stated(interval),
             notes.stated(t_test.map(|it| format!("{:.2} ({})", it.t, it.df))),
@@ -182,8 +180,7 @@ mod tests {
     #[test]
     fn effects_that_cannot_be_tested_are_listed_with_the_reason() {
         let one = inference(&["a"], |_, at, when| (3 * at + when) as f64);
-        let table =
-            effects([Tested { name: "path".to_owned(), inference: &one, adjusted: &[] }]);
+        let table = effects([Tested { name: "path".to_owned(), inference: &one, adjusted: &[] }]);
         assert_eq!(names(&table), ["path: condition", "path: time", "path: condition:time"]);
         assert!(table.grid.rows.iter().all(|row| row[2..].iter().all(|it| it.starts_with('–'))));
         let reasons = [one.ranks.as_result().err(), one.anova.as_result().err()];
@@ -203,8 +200,8 @@ mod tests {
         assert_eq!(table.grid.rows.len(), 3 + 2 * 3);
         assert_eq!(names(&table)[0], "path: calm to wild");
         assert_eq!(table.grid.rows[3][..2], ["path: T1 to T2", "calm"]);
-        assert!(table.grid.rows.iter().all(|row| row[9] == "3"), "{}", table.text());
+        assert!(table.grid.rows.iter().all(|row| row[8] == "3"), "{}", table.text());
         let test = several.comparisons[0].t_test.known().unwrap();
-        assert_eq!(table.grid.rows[0][5], format!("{:.2} (4)", test.t));
+        assert_eq!(table.grid.rows[0][4], format!("{:.2} (4)", test.t));
     }
 }

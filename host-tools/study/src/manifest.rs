@@ -119,7 +119,10 @@ enum Repeats {
 
 /// One name, such as `all`, or several.
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "figures are \"all\", or a list such as [\"path length\", \"RMS AP\"]")]
+#[serde(
+    untagged,
+    expecting = "figures are \"all\", or a list such as [\"path length\", \"RMS AP\"]"
+)]
 enum FiguresToml {
     One(String),
     Several(Vec<String>),
@@ -133,7 +136,9 @@ impl FiguresToml {
         };
         let remedy = || {
             let known = measures::known();
-            format!("give \"all\", or some of {known}; each may end with AP, ML, SI, APML, APSI or MLSI")
+            format!(
+                "give \"all\", or some of {known}; each may end with AP, ML, SI, APML, APSI or MLSI"
+            )
         };
         let wrong = |found: String| BadInput::new(place, "figures", found, remedy());
         if words.is_empty() {

@@ -44,10 +44,9 @@ pub fn matched(patterns: &[String], base: &Path, place: &str) -> Result<Matched,
         })?;
         let (mut trials, mut others) = (0, Vec::new());
         for path in paths {
-            let path = path.map_err(|error| {
-                BadInput::io(error.path().display(), error.error())
-            })?;
-            let is_trial = [names::MANIFEST, names::JOURNAL].iter().any(|it| path.join(it).exists());
+            let path = path.map_err(|error| BadInput::io(error.path().display(), error.error()))?;
+            let is_trial =
+                [names::MANIFEST, names::JOURNAL].iter().any(|it| path.join(it).exists());
             if is_trial {
                 trials += 1;
                 if !matched.folders.contains(&path) {
@@ -107,7 +106,10 @@ mod tests {
     #[test]
     fn trials_are_found_by_name_and_each_once() {
         let [folders, skipped] = names(&["trials/*"]).unwrap();
-        assert_eq!((folders, skipped), (vec!["a10".into(), "a9".into(), "b".into()], vec!["notes".into()]));
+        assert_eq!(
+            (folders, skipped),
+            (vec!["a10".into(), "a9".into(), "b".into()], vec!["notes".into()])
+        );
         let [folders, skipped] = names(&["trials/b", "trials/?*", "*/b"]).unwrap();
         assert_eq!(folders, ["b", "a10", "a9"]);
         assert_eq!(skipped, ["notes"]);

@@ -156,14 +156,14 @@ pub fn of_trial(
             .iter()
             .map(|it| {
                 let (known, seconds) = (it.known, it.seconds);
-                let short = || {
-                    format!("{place}: {known} of {seconds} s have a value, and half are needed")
-                };
+                let short =
+                    || format!("{place}: {known} of {seconds} s have a value, and half are needed");
                 it.mean.ok_or_else(short)
             })
             .collect();
         for (window, value) in means.iter().zip(&values) {
-            let short = value.as_ref().err().map(|short| format!("{short}: no {name} at {}", window.name));
+            let short =
+                value.as_ref().err().map(|short| format!("{short}: no {name} at {}", window.name));
             trial.found.warnings.extend(short);
         }
         trial.found.responses.push((quantity, values));

@@ -117,9 +117,8 @@ impl StudyFigures {
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
         let physiology = self.physiology.iter();
-        let physiology: Vec<(String, &Response)> = physiology
-            .map(|it| (it.quantity.name_and_unit().0.to_owned(), &it.response))
-            .collect();
+        let physiology: Vec<(String, &Response)> =
+            physiology.map(|it| (it.quantity.name_and_unit().0.to_owned(), &it.response)).collect();
         let part = |title: &str, tables, responses: &[(String, &Response)]| {
             (!responses.is_empty()).then(|| self.part(title, tables, responses))
         };
@@ -262,14 +261,19 @@ impl StudyFigures {
         let times: Vec<String> =
             bins.map(|(at, [from, to])| format!("{}: {from} to {to} s", time_name(at))).collect();
         let Measure { name, unit, .. } = measure;
-        let total = if *name == "path length" { "Total path length".to_owned() } else { titled(name) };
+        let total =
+            if *name == "path length" { "Total path length".to_owned() } else { titled(name) };
         let all = self.sway.iter().filter(|it| it.figure.figure == *name);
         PaperTable {
             title: format!("{total} ({unit})"),
             stub: vec!["direction", "time"],
             groups: self.groups_of_points(),
             sections: sections.collect(),
-            notes: self.sway_notes(all, &format!("Mean ± SEM, {unit}. {}.", times.join("; ")), true),
+            notes: self.sway_notes(
+                all,
+                &format!("Mean ± SEM, {unit}. {}.", times.join("; ")),
+                true,
+            ),
         }
     }
 
@@ -379,8 +383,7 @@ impl StudyFigures {
     /// The points of the body, in the order of the tables.
     #[must_use]
     pub fn points(&self) -> Vec<&str> {
-        let mut points: Vec<&str> =
-            self.sway.iter().map(|it| it.figure.point.as_str()).collect();
+        let mut points: Vec<&str> = self.sway.iter().map(|it| it.figure.point.as_str()).collect();
         points.dedup();
         points
     }
@@ -478,8 +481,8 @@ mod tests {
 
     use super::*;
     use crate::manifest::Study;
-    use crate::physiology::Quantity;
     use crate::measures;
+    use crate::physiology::Quantity;
     use crate::sway::SwayFigure;
     use crate::values::TrialValues;
 
@@ -572,7 +575,8 @@ mod tests {
     fn an_asterisk_is_a_difference_by_ranks() {
         let figures = papers_sway();
         let asterisks = figures.sway.iter().flat_map(|it| {
-            let ranks = it.response.inference.comparisons.iter().filter(|it| it.factor == "condition");
+            let ranks =
+                it.response.inference.comparisons.iter().filter(|it| it.factor == "condition");
             ranks.filter(|it| it.ranks.known().is_some_and(|it| it.p_bonferroni < 0.05))
         });
         let table = &figures.parts()[0].tables[0];

@@ -2,9 +2,7 @@
 
 use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::multiplicity::{benjamini_hochberg, holm};
-use plumbline_analysis::statistics::within::{
-    DesignError, Incomplete, Observation, WithinDesign,
-};
+use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observation, WithinDesign};
 use plumbline_files::BadInput;
 use serde::Serialize;
 
@@ -176,9 +174,10 @@ impl<'a, M: PartialEq> Values<'a, M> {
         for condition in &study.conditions {
             for time in 0..self.times.len().max(1) {
                 for participant in participants(self.trials) {
-                    let own = self.trials.iter().filter(|it| {
-                        it.participant == participant && it.condition == *condition
-                    });
+                    let own = self
+                        .trials
+                        .iter()
+                        .filter(|it| it.participant == participant && it.condition == *condition);
                     let values = own.filter_map(|trial| self.of(trial).get(time)?.as_ref().ok());
                     let (sum, count) = values.fold((0.0, 0.0), |(sum, n), it| (sum + it, n + 1.0));
                     if count > 0.0 {

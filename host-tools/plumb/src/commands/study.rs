@@ -124,6 +124,7 @@ fn of_study(path: &Path) -> anyhow::Result<(String, String)> {
         text += &format!("\n{}", part.comparisons.text());
     }
     text += &format!("\n{}\n", inference::COMPARED);
+    text.extend(figures.not_compared_lines().into_iter().map(|line| line + "\n"));
     Ok((serde_json::to_string_pretty(&figures)?, text))
 }
 

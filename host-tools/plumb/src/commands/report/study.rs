@@ -34,6 +34,7 @@ pub fn report(figures: &StudyFigures) -> Result<String, BadInput> {
                 "Morey 2008); d is the difference of two such means over the root of their mean "
                 "variance."
             }
+            @for line in figures.not_compared_lines() { p.method { (line) } }
         }
         @for plot in &plots { (plot) }
         section {
@@ -77,7 +78,12 @@ fn plots(figures: &StudyFigures) -> Result<Vec<Markup>, BadInput> {
     let mut charts = Vec::new();
     for it in &figures.physiology {
         let (name, unit) = it.quantity.name_and_unit();
-        let svg = plots::means(&it.response.inference, name, &format!("{name} ({unit})"), Scale::OfTheData)?;
+        let svg = plots::means(
+            &it.response.inference,
+            name,
+            &format!("{name} ({unit})"),
+            Scale::OfTheData,
+        )?;
         charts.extend(svg.map(|svg| figure(&svg, &format!("{name}: mean ± SEM"))));
     }
     section("Physiology", charts);
