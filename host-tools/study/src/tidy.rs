@@ -92,10 +92,8 @@ pub fn of_trial(
                 direction: direction.word(),
                 ..of_trunk.clone()
             };
-            segments(measure, direction, &sway, settings)
-                .into_iter()
-                .map(move |it| it.row(of_figure.clone()))
-                .collect::<Vec<_>>()
+            let segments = segments(measure, direction, &sway, settings).into_iter();
+            segments.map(move |it| it.row(of_figure.clone()))
         });
         rows.collect::<Vec<_>>()
     });
