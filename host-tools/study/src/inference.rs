@@ -18,14 +18,25 @@ const NO_RANKS: &str = "all participants have the same ranks";
 /// Why there is no adjusted p.
 const NOT_TESTED: &str = "there is no p to adjust";
 
-/// How p is adjusted for many responses, in words; `tests` of them.
+/// How the p of these effects are adjusted, in words; `None` where none is among others.
 #[must_use]
-pub fn adjusted_text(tests: usize) -> String {
-    format!(
-        "p Holm, p BH: p of the ANOVA-type statistic, adjusted for the {tests} responses in which \
-         this effect is tested: after Holm (1979), for the chance that any of them is found by \
-         chance alone; after Benjamini and Hochberg (1995), for the share of such findings."
-    )
+pub fn adjusted_text<'a>(adjusted: impl IntoIterator<Item = &'a Adjusted>) -> Option<String> {
+    let mut tests: Vec<String> = Vec::new();
+    for it in adjusted.into_iter().filter(|it| it.tests > 1) {
+        let tested = format!("{} in {} responses", it.effect, it.tests);
+        if !tests.contains(&tested) {
+            tests.push(tested);
+        }
+    }
+    (!tests.is_empty()).then(|| {
+        format!(
+            "p Holm, p BH: p of the ANOVA-type statistic, adjusted for the number of responses in \
+             which the same effect is tested ({}): after Holm (1979), for the chance that any is \
+             significant by chance alone; after Benjamini and Hochberg (1995), for the share of \
+             such ones among the significant.",
+            tests.join(", ")
+        )
+    })
 }
 
 /// A response as it stands in a table of effects.

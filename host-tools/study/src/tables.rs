@@ -7,7 +7,7 @@ use plumbline_analysis::statistics::inference::{Inference, SIGNIFICANT};
 use plumbline_trial::points::point_name;
 
 use crate::figures::{StudyFigures, SwayResponse, TimeWindow};
-use crate::grid::{Annotated, Grid};
+use crate::grid::{Annotated, Grid, digits};
 use crate::inference::{Tested, adjusted_text, comparisons, effects};
 use crate::measures::{Direction, MEASURES, Measure};
 use crate::time::time_name;
@@ -158,12 +158,11 @@ impl StudyFigures {
                 .filter(move |it| it.factor == *condition && it.levels[0] == *control)
                 .map(move |it| (name.clone(), it))
         });
-        let tests = all.iter().flat_map(|(_, it)| &it.adjusted).map(|it| it.tests).max();
         Part {
             title: title.to_owned(),
             tables,
             effects: effects(tested),
-            adjusted: tests.filter(|tests| *tests > 1).map(adjusted_text),
+            adjusted: adjusted_text(all.iter().flat_map(|(_, it)| &it.adjusted)),
             comparisons: comparisons(pairs),
         }
     }
@@ -461,18 +460,17 @@ fn mean(
     let levels: Vec<&str> = [condition].into_iter().chain(time).collect();
     let cell = inference.cells.iter().find(|it| it.levels == levels);
     let description = cell.and_then(|it| it.normalised.known());
-    description.map_or_else(
-        || NONE.to_owned(),
-        |it| {
-            let decimals = decimals.unwrap_or_else(|| decimals_of(it.sem));
-            format!("{:.decimals$} ± {:.decimals$}", it.mean, it.sem)
-        },
-    )
+    description.map_or_else(|| NONE.to_owned(), |it| mean_and_error(it.mean, it.sem, decimals))
 }
 
-/// The decimals with which an error has two digits; six at most.
-fn decimals_of(error: f64) -> usize {
-    (0..6).find(|decimals| error * 10_f64.powi(*decimals) >= 9.95).unwrap_or(6) as usize
+fn mean_and_error(mean: f64, error: f64, decimals: Option<usize>) -> String {
+    // The decimals with which an error, rounded, has two digits.
+    let own = || (0_i32..6).find(|it| error * 10_f64.powi(*it) >= 9.95);
+    let own = || own().and_then(|it| usize::try_from(it).ok());
+    match decimals.or_else(own) {
+        Some(decimals) => format!("{mean:.decimals$} ± {error:.decimals$}"),
+        None => format!("{} ± {}", digits(mean), digits(error)),
+    }
 }
 
 #[cfg(test)]
@@ -569,6 +567,19 @@ mod tests {
         for part in ["Lower trunk", "hyperventilation", "AP T1", "T3: 40 to 60 s"] {
             assert!(text.contains(part), "no {part}: {text}");
         }
+    }
+
+    #[test]
+    fn an_error_has_two_digits_or_the_papers_decimals() {
+        let found = |mean, error| mean_and_error(mean, error, None);
+        assert_eq!(found(139.24, 5.26), "139.2 ± 5.3");
+        assert_eq!(found(367.3, 14.9), "367 ± 15");
+        assert_eq!(found(1.8684, 0.0336), "1.868 ± 0.034");
+        // 0.0996 is 0.10: a digit less.
+        assert_eq!(found(2.163, 0.0996), "2.16 ± 0.10");
+        assert_eq!(found(-1.2e-6, 3.1e-6), "-1.2e-6 ± 3.1e-6");
+        assert_eq!(found(5.0, 0.0), "5.000 ± 0");
+        assert_eq!(mean_and_error(1.07, 0.01, DECIMALS), "1.1 ± 0.0");
     }
 
     #[test]
