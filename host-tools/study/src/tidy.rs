@@ -65,15 +65,20 @@ pub struct Row {
     pub reason: String,
 }
 
-/// The rows of a trial, and warnings about it.
+/// What is found in a trial.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// Its rows.
+    pub rows: Vec<Row>,
+    /// Warnings for the user.
+    pub warnings: Vec<String>,
+}
+
+/// The rows of a trial.
 ///
 /// # Errors
 /// When the trial cannot be read, or no trunk has a position in it.
-pub fn of_trial(
-    folder: &Path,
-    zero: Option<Zero>,
-    settings: &Settings,
-) -> Result<(Vec<Row>, Vec<String>), BadInput> {
+pub fn of_trial(folder: &Path, zero: Option<Zero>, settings: &Settings) -> Result<Found, BadInput> {
     let trial = Trial::open(folder)?;
     let points = Points::of(&trial, zero.unwrap_or(trial.manifest.zero))?;
     let of_trial = Row::of(folder, &trial.manifest, settings);
@@ -97,7 +102,7 @@ pub fn of_trial(
         });
         rows.collect::<Vec<_>>()
     });
-    Ok((rows.collect(), points.warnings))
+    Ok(Found { rows: rows.collect(), warnings: points.warnings })
 }
 
 /// The table as text, with a header.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use plumbline_files::counting::counted;
 use plumbline_files::{BadInput, Late, write_all};
-use plumbline_study::tidy::{self, Row};
+use plumbline_study::tidy::{self, Found};
 use plumbline_trial::manifest::Zero;
 use rayon::prelude::*;
 
@@ -60,12 +60,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     refuse_twice(trials)?;
     let settings = method.settings();
     let progress = Progress::of_trials(trials.len());
-    let found: Vec<Result<(Vec<Row>, Vec<String>), BadInput>> = trials
+    let found: Vec<Result<Found, BadInput>> = trials
         .par_iter()
         .map(|folder| {
-            let rows = tidy::of_trial(folder, *zero, &settings);
+            let found = tidy::of_trial(folder, *zero, &settings);
             progress.advance();
-            rows
+            found
         })
         .collect();
     progress.finish();
@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let mut broken = 0;
     for (folder, found) in trials.iter().zip(found) {
         match found {
-            Ok((rows, warnings)) => {
+            Ok(Found { rows, warnings }) => {
                 for warning in warnings {
                     eprintln!("warning: {}: {warning}", folder.display());
                 }
