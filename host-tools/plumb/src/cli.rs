@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, prove, provision, receive, replay,
-    report, scene, show, simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, doctor, export, figures, prove, provision, receive,
+    replay, report, scene, show, simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -34,6 +34,7 @@ enum Command {
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
     Budget(budget::Arguments),
+    Figures(figures::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
     Export(export::Arguments),
@@ -45,8 +46,8 @@ enum Command {
 /// Exit code for input that cannot be used, the same as clap's for a wrong command line.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code when a check of `plumb doctor` or `plumb receive` failed, or an error is not shown to be within the limit
-/// that `plumb prove` was given.
+/// Exit code when a check of `plumb doctor` or `plumb receive` failed, an error is not shown to be
+/// within the limit that `plumb prove` was given, or `plumb figures` could not read one of its trials.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.
@@ -69,6 +70,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Doctor(arguments) => return doctor::run(arguments),
         Command::Prove(arguments) => return prove::run(arguments),
         Command::Receive(arguments) => return receive::run(arguments),
+        Command::Figures(arguments) => return figures::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),

@@ -139,7 +139,7 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
     write(&study(&folder));
     let found = json(&folder, &["study", "study.toml"]);
     assert_eq!(found["participants"].to_string(), r#"["P1","P2","P3"]"#);
-    let measures = found["path_lengths"].as_array().unwrap();
+    let measures = found["sway"].as_array().unwrap();
     // A plate knows no SI.
     let directions: Vec<&str> =
         measures.iter().map(|it| it["direction"].as_str().unwrap()).collect();
@@ -178,12 +178,29 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
         (whole.replacen("participant = \"P1\"\n", "", 1), "participant = \"...\""),
         (whole.replacen("unit = \"mm\"", "unit = \"inch\"", 1), "\"inch\" is not a unit"),
         (whole.replacen("P2-calm.csv", "absent.csv", 1), "absent.csv"),
-        (whole.replacen("participant = \"P2\"", "participant = \"P9\"", 1), "has no value in"),
+        (
+            whole.replacen("participant = \"P2\"", "participant = \"P9\"", 1),
+            "P9 has no trial in wild",
+        ),
+        (
+            whole.replacen("participant = \"P2\"", "participant = \"P1\"", 1),
+            "P1 has 2 trials in calm",
+        ),
+        (
+            format!("figures = [\"paths\"]\n{whole}"),
+            "figures: \"paths\" is not a figure; give \"all\"",
+        ),
+        (format!("figures = 3\n{whole}"), "figures (line 1): figures are \"all\", or a list"),
+        (format!("trials = [\"nowhere/*\"]\n{whole}"), "trials, \"nowhere/*\": it matches nothing"),
+        (format!("repeats = \"first\"\n{whole}"), "expected `mean`"),
         (whole.replacen("[\"calm\", \"wild\"]", "[\"calm\"]", 1), "fewer than two"),
         (whole.replacen("[\"calm\", \"wild\"]", "[\"calm\", \" \"]", 1), "one without a name"),
         (whole.replacen("participant = \"P1\"", "participant = \" \"", 1), "neither the trial"),
         (whole.replacen("title", "titel", 1), "titel"),
-        (whole.replacen("P1-calm.csv", "short.csv", 1), "P1 has no value in calm, T3"),
+        (
+            whole.replacen("P1-calm.csv", "short.csv", 1),
+            "participant P1 has no value in calm, T3: ./short.csv, positions: 25 % of 40 to 60 s was measured, and 90 % are needed",
+        ),
         (format!("bins_s = [[0, 1e12]]\n{whole}"), "bins_s"),
     ];
     for (text_of_study, part) in cases {
@@ -214,5 +231,5 @@ fn a_new_study_explains_itself_and_is_read() {
     assert_eq!(plumb(&folder, &["study", "--new", "study.toml"]).status.code(), Some(0));
     let said = text(&plumb(&folder, &["study", "study.toml"]));
     // All of it was understood but that the trials are not there.
-    assert!(said.contains("trials/p01") && said.contains("not the folder of a trial"), "{said}");
+    assert!(said.contains("trials, \"trials/*\": it matches nothing"), "{said}");
 }

@@ -4,6 +4,7 @@
 mod aim;
 mod bad_trials;
 mod budget;
+mod cohort;
 mod common;
 mod demo;
 mod export;

@@ -328,7 +328,10 @@ fn recordings_that_cannot_be_used_are_named() {
     let said = text(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(said.contains("monitor.csv: not recorded"), "{said}");
-    assert!(said.contains("HR: participant P1 is left out: no value in calm, baseline"), "{said}");
+    let left_out = "participant P1 is left out: no value in calm, baseline: ./P1-calm has none";
+    assert!(said.contains("HR, and 4 other responses: "), "{said}");
+    assert!(said.contains(left_out), "{said}");
+    assert!(said.contains("4 participants, 3 in every response (not: P1)"), "{said}");
     std::fs::write(&monitor, good).unwrap();
     for (from, to, part) in [
         (", transition_s = -4", "", "the baseline is counted from it"),

@@ -1,21 +1,20 @@
 //! All figures of a study.
 
 use plumbline_analysis::physiology::bins::{Event, Window};
-use plumbline_analysis::statistics::inference::Inference;
-use plumbline_analysis::statistics::within::Incomplete;
 use plumbline_analysis::sway::Settings;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_trial::Trial;
-use plumbline_trial::points::Points;
+use plumbline_trial::points::{Points, point_name};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::cohort;
 use crate::manifest::{Entry, Source, Study};
 use crate::physiology::{self, Quantity};
-use crate::sway::{self, Path};
-use crate::time::time_name;
-use crate::values::{self, Response, TrialValues};
+use crate::sway::{self, SwayFigure};
+use crate::time::{time_name, whole};
+use crate::values::{self, LeftOut, Response, TrialValues};
 
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]
@@ -28,14 +27,19 @@ pub struct StudyFigures {
     pub conditions: Vec<String>,
     /// From t = 0, seconds.
     pub bins_s: Vec<[f64; 2]>,
-    /// In the order of their first trials.
+    /// All these times together: what a figure that is not of a path is computed from.
+    pub span_s: [f64; 2],
+    /// Everybody who has a trial, in the order of their first ones; each response says how many of
+    /// them are in it.
     pub participants: Vec<String>,
-    /// Total path length, mm, of each point in each direction: condition by T1, T2, ...
-    pub path_lengths: Vec<PathLength>,
+    /// The chosen figures of each point: condition by T1, T2, ..., or condition alone.
+    pub sway: Vec<SwayResponse>,
     /// The time windows of the physiological values.
     pub windows: Vec<TimeWindow>,
     /// Each quantity of the paper's Table I: condition by time window.
     pub physiology: Vec<Physiological>,
+    /// What was to be compared, and could not be.
+    pub not_compared: Vec<NotCompared>,
     /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
@@ -51,16 +55,15 @@ pub struct TimeWindow {
     pub span_s: [f64; 2],
 }
 
-/// The length of a path.
+/// A figure of sway.
 #[derive(Debug, Clone, Serialize)]
-pub struct PathLength {
-    /// Its point and direction.
+pub struct SwayResponse {
+    /// Which, of which point, in which direction.
     #[serde(flatten)]
-    pub path: Path,
-    /// Condition by time.
-    pub inference: Inference,
-    /// Participants without a value in some cell.
-    pub left_out: Vec<Incomplete>,
+    pub figure: SwayFigure,
+    /// Its statistics.
+    #[serde(flatten)]
+    pub response: Response,
 }
 
 /// A physiological quantity.
@@ -70,18 +73,29 @@ pub struct Physiological {
     pub quantity: Quantity,
     /// Its unit.
     pub unit: &'static str,
-    /// Condition by time.
-    pub inference: Inference,
-    /// Participants without a value in some cell.
-    pub left_out: Vec<Incomplete>,
+    /// Its statistics.
+    #[serde(flatten)]
+    pub response: Response,
+}
+
+/// A response without statistics.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct NotCompared {
+    /// Its name.
+    pub name: String,
+    /// Why there are none.
+    pub reason: String,
 }
 
 /// With fewer participants, the distributions assumed by the tests are only a guess.
 const PARTICIPANTS_MIN: usize = 7;
 
+/// So many names stand in a message; of more, only the number.
+const NAMES_MAX: usize = 3;
+
 /// The values of one trial.
 struct OneTrial {
-    sway: TrialValues<Path>,
+    sway: TrialValues<SwayFigure>,
     physiology: TrialValues<Quantity>,
     warnings: Vec<String>,
 }
@@ -91,7 +105,11 @@ struct OneTrial {
 /// # Errors
 /// When a trial cannot be used, has no participant or condition, or data are missing.
 pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
-    let settings = Settings { bins_s: study.bins_s.clone(), ..Settings::default() };
+    let settings = Settings {
+        bins_s: study.bins_s.clone(),
+        span_s: whole(&study.bins_s),
+        ..Settings::default()
+    };
     let windows = study.physiology.as_ref().map(|it| it.windows(&study.bins_s));
     let windows = windows.unwrap_or_default();
     let trials: Vec<OneTrial> = study
@@ -102,12 +120,17 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
         .into_iter()
         // Of several errors, always the first is reported.
         .collect::<Result<_, _>>()?;
-    let (mut sways, mut physiologies, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
+    let skipped = study.skipped.iter();
+    let mut warnings: Vec<String> = skipped
+        .map(|it| format!("{}: there is no trial in this folder: it is passed over", it.display()))
+        .collect();
+    let (mut sways, mut physiologies) = (Vec::new(), Vec::new());
     for trial in trials {
         sways.push(trial.sway);
         physiologies.push(trial.physiology);
         warnings.extend(trial.warnings);
     }
+    cohort::check(study, &sways)?;
     StudyFigures::of(study, &windows, &sways, &physiologies, warnings)
 }
 
@@ -119,55 +142,53 @@ impl StudyFigures {
     pub fn of(
         study: &Study,
         windows: &[Window],
-        sways: &[TrialValues<Path>],
+        sways: &[TrialValues<SwayFigure>],
         physiologies: &[TrialValues<Quantity>],
         mut warnings: Vec<String>,
     ) -> Result<Self, BadInput> {
-        let mut note = |name: &str, response: &Response| {
-            warnings.extend(response.left_out.iter().map(|it| {
-                let cell = it.cell.join(", ");
-                format!("{name}: participant {} is left out: no value in {cell}", it.subject)
-            }));
-        };
+        let mut seen = Seen::default();
         let times: Vec<String> = (0..study.bins_s.len()).map(time_name).collect();
-        let mut path_lengths = Vec::new();
-        for path in values::responses(sways) {
-            let name = format!("{} trunk, {}", path.point, path.direction);
-            if let Some(response) = values::analyse(study, &times, sways, &path, &name)? {
-                note(&name, &response);
-                let Response { inference, left_out } = response;
-                path_lengths.push(PathLength { path, inference, left_out });
-            }
+        let mut sway = Vec::new();
+        for figure in values::responses(sways) {
+            let name = format!("{}, {}", point_name(&figure.point), figure.name());
+            let times = if figure.is_by_time { &times[..] } else { &[] };
+            let response = seen.compare(study, times, sways, &figure, &name)?;
+            sway.extend(response.map(|response| SwayResponse { figure, response }));
         }
         let times: Vec<String> = windows.iter().map(|it| it.name.clone()).collect();
         let mut physiology = Vec::new();
-        for quantity in Quantity::ALL {
+        let measured = values::responses(physiologies);
+        for quantity in Quantity::ALL.into_iter().filter(|it| measured.contains(it)) {
             let (name, unit) = quantity.name_and_unit();
-            if let Some(response) = values::analyse(study, &times, physiologies, &quantity, name)? {
-                note(name, &response);
-                let Response { inference, left_out } = response;
-                physiology.push(Physiological { quantity, unit, inference, left_out });
-            }
+            let response = seen.compare(study, &times, physiologies, &quantity, name)?;
+            physiology.extend(response.map(|response| Physiological { quantity, unit, response }));
         }
-        let mut participants: Vec<String> = Vec::new();
-        for trial in sways {
-            if !participants.contains(&trial.participant) {
-                participants.push(trial.participant.clone());
-            }
-        }
-        if participants.len() < PARTICIPANTS_MIN {
+        // What the paper's two tables ask are two questions.
+        values::adjust(&mut sway.iter_mut().map(|it| &mut it.response).collect::<Vec<_>>());
+        values::adjust(&mut physiology.iter_mut().map(|it| &mut it.response).collect::<Vec<_>>());
+
+        let all = sway.iter().map(|it| &it.response);
+        let all = all.chain(physiology.iter().map(|it| &it.response));
+        let Some(fewest) = all.map(|it| it.n).min() else {
+            return Err(seen.nothing(&study.place));
+        };
+        warnings.extend(seen.warnings());
+        if fewest < PARTICIPANTS_MIN {
             warnings.push(format!(
                 "{}: with so few, p values mean little, least of all those of rank tests",
-                counted(participants.len(), "participant")
+                counted(fewest, "participant")
             ));
         }
+        let participants = values::participants(sways).into_iter();
+        let span_s = whole(&study.bins_s).unwrap_or(0.0..0.0);
         Ok(Self {
             program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
             title: study.title.clone(),
             conditions: study.conditions.clone(),
             bins_s: study.bins_s.iter().map(|bin| [bin.start, bin.end]).collect(),
-            participants,
-            path_lengths,
+            span_s: [span_s.start, span_s.end],
+            participants: participants.map(str::to_owned).collect(),
+            sway,
             windows: windows
                 .iter()
                 .map(|Window { name, from, span_s }| TimeWindow {
@@ -177,8 +198,122 @@ impl StudyFigures {
                 })
                 .collect(),
             physiology,
+            not_compared: seen.not_compared,
             warnings,
         })
+    }
+
+    /// The number of participants, and of those in every response, in words.
+    #[must_use]
+    pub fn participants_text(&self) -> String {
+        let all = self.participants.len();
+        let is_left_out = |who: &&String| self.left_out().any(|it| it.participant == **who);
+        let left_out: Vec<&str> =
+            self.participants.iter().filter(is_left_out).map(String::as_str).collect();
+        let counted = counted(all, "participant");
+        if left_out.is_empty() {
+            return counted;
+        }
+        let complete = all - left_out.len();
+        format!("{counted}, {complete} in every response (not: {})", left_out.join(", "))
+    }
+
+    /// What could not be compared, in one line for each reason.
+    #[must_use]
+    pub fn not_compared_lines(&self) -> Vec<String> {
+        let mut by_reason: Vec<(&str, Vec<String>)> = Vec::new();
+        for NotCompared { name, reason } in &self.not_compared {
+            match by_reason.iter_mut().find(|(it, _)| it == reason) {
+                Some((_, names)) => names.push(name.clone()),
+                None => by_reason.push((reason, vec![name.clone()])),
+            }
+        }
+        let by_reason = by_reason.into_iter();
+        by_reason
+            .map(|(reason, names)| format!("Not compared: {}: {reason}", short(&names)))
+            .collect()
+    }
+
+    /// Everybody who is left out of a response, once for each.
+    fn left_out(&self) -> impl Iterator<Item = &LeftOut> {
+        let sway = self.sway.iter().map(|it| &it.response);
+        sway.chain(self.physiology.iter().map(|it| &it.response)).flat_map(|it| &it.left_out)
+    }
+}
+
+/// What is seen while a study's responses are compared one by one.
+#[derive(Default)]
+struct Seen {
+    /// With the names of the responses that lack them.
+    left_out: Vec<(LeftOut, Vec<String>)>,
+    not_compared: Vec<NotCompared>,
+}
+
+impl Seen {
+    /// The statistics of a response; `None` where nobody has a value at all or, if the study leaves
+    /// out whoever is incomplete, where too few remain.
+    fn compare<M: PartialEq>(
+        &mut self,
+        study: &Study,
+        times: &[String],
+        trials: &[TrialValues<M>],
+        response: &M,
+        name: &str,
+    ) -> Result<Option<Response>, BadInput> {
+        let name = name.to_owned();
+        if let Some(reason) = values::never_measured(trials, response) {
+            self.not_compared.push(NotCompared { name, reason });
+            return Ok(None);
+        }
+        match values::analyse(study, times, trials, response, &name) {
+            Ok(response) => {
+                for it in &response.left_out {
+                    match self.left_out.iter_mut().find(|(seen, _)| seen == it) {
+                        Some((_, names)) => names.push(name.clone()),
+                        None => self.left_out.push((it.clone(), vec![name.clone()])),
+                    }
+                }
+                Ok(Some(response))
+            }
+            Err(error) if study.drop_incomplete => {
+                self.not_compared.push(NotCompared { name, reason: error.found });
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// One line for each participant and reason.
+    fn warnings(&self) -> impl Iterator<Item = String> {
+        self.left_out.iter().map(|(it, names)| {
+            let LeftOut { participant, cell, reason } = it;
+            let (names, cell) = (short(names), cell.join(", "));
+            format!("{names}: participant {participant} is left out: no value in {cell}: {reason}")
+        })
+    }
+
+    /// The error when nothing at all was compared.
+    fn nothing(self, place: &str) -> BadInput {
+        let first = self.not_compared.into_iter().next();
+        let found = first.map_or_else(
+            || "no trial has a figure to compare".to_owned(),
+            |it| format!("nothing can be compared; {}: {}", it.name, it.reason),
+        );
+        BadInput::whole(
+            place,
+            found,
+            "record what is missing, or change conditions, bins_s or figures",
+        )
+    }
+}
+
+/// Names in a message: the first, and how many others there are.
+fn short(names: &[String]) -> String {
+    match names {
+        [first, others @ ..] if names.len() > NAMES_MAX => {
+            format!("{first}, and {}", counted(others.len(), "other response"))
+        }
+        _ => names.join("; "),
     }
 }
 
@@ -206,23 +341,18 @@ fn one_trial(
                 place,
                 what,
                 "neither the trial nor the study gives it",
-                format!("add {what} = \"...\" to its [[trial]] in {}", study.place),
+                format!(
+                    "write {what} = \"...\" in its trial.toml, or in a [[trial]] of {}",
+                    study.place
+                ),
             )
         })
     };
     let participant = named("participant", [entry.participant.as_ref(), participant.as_ref()])?;
     let condition = named("condition", [entry.condition.as_ref(), condition.as_ref()])?;
-    if !study.conditions.contains(&condition) {
-        return Err(BadInput::new(
-            place,
-            "condition",
-            format!("{condition:?} is not one of {}", study.conditions.join(", ")),
-            format!("correct it, or add it to the conditions in {}", study.place),
-        ));
-    }
     let mut warnings: Vec<String> =
         points.warnings.iter().map(|warning| format!("{place}: {warning}")).collect();
-    let sway = sway::of_trial(&points, settings)?;
+    let sway = sway::of_trial(&points, settings, &study.figures);
     warnings.extend(sway.warnings);
     let physiology = match study.physiology.as_ref().zip(entry.physiology.as_ref()) {
         Some((plan, recordings)) => {
@@ -232,10 +362,14 @@ fn one_trial(
     };
     warnings.extend(physiology.warnings);
     let sway = TrialValues {
+        place: place.clone(),
         participant: participant.clone(),
         condition: condition.clone(),
         responses: sway.responses,
     };
-    let physiology = TrialValues { participant, condition, responses: physiology.responses };
+    let responses = physiology.responses;
+    let recordings = entry.physiology.as_ref().map(|it| it.folder.display().to_string());
+    let place = recordings.unwrap_or_else(|| place.clone());
+    let physiology = TrialValues { place, participant, condition, responses };
     Ok(OneTrial { sway, physiology, warnings })
 }

@@ -2,11 +2,9 @@
 //! response, and which levels differ.
 
 use plumbline_analysis::statistics::inference::{Comparison, Inference};
-use plumbline_trial::points::point_name;
 
-use crate::figures::StudyFigures;
 use crate::grid::{Annotated, Footnotes, Grid, digits};
-use crate::sway::Path;
+use crate::values::Adjusted;
 
 /// Why there is no test of sphericity.
 const TOO_FEW: &str = "too few participants";
@@ -17,57 +15,55 @@ const NO_ERROR: &str = "all participants show the same effect";
 /// Why there is no rank statistic.
 const NO_RANKS: &str = "all participants have the same ranks";
 
-impl StudyFigures {
-    /// The effects on each response.
-    #[must_use]
-    pub fn effects(&self) -> Annotated {
-        effects(self.responses())
-    }
+/// Why there is no adjusted p.
+const NOT_TESTED: &str = "there is no p to adjust";
 
-    /// Each condition compared with the first, at each time.
-    #[must_use]
-    pub fn comparisons(&self) -> Annotated {
-        let control = &self.conditions[0];
-        comparisons(self.responses().flat_map(|(name, inference)| {
-            let condition = &inference.factors[0].name;
-            let of_conditions = inference.comparisons.iter();
-            of_conditions
-                .filter(move |it| it.factor == *condition && it.levels[0] == *control)
-                .map(move |it| (name.clone(), it))
-        }))
+/// How the p of these effects are adjusted, in words; `None` where none is among others.
+#[must_use]
+pub fn adjusted_text<'a>(adjusted: impl IntoIterator<Item = &'a Adjusted>) -> Option<String> {
+    let mut tests: Vec<String> = Vec::new();
+    for it in adjusted.into_iter().filter(|it| it.tests > 1) {
+        let tested = format!("{} in {} responses", it.effect, it.tests);
+        if !tests.contains(&tested) {
+            tests.push(tested);
+        }
     }
-
-    /// Every response with its name.
-    fn responses(&self) -> impl Iterator<Item = (String, &Inference)> {
-        let physiology = self.physiology.iter();
-        let physiology =
-            physiology.map(|it| (it.quantity.name_and_unit().0.to_owned(), &it.inference));
-        let paths = self.path_lengths.iter();
-        physiology.chain(paths.map(|it| {
-            let Path { point, direction } = &it.path;
-            (format!("{}, {direction}", point_name(point)), &it.inference)
-        }))
-    }
+    (!tests.is_empty()).then(|| {
+        format!(
+            "p Holm, p BH: p of the ANOVA-type statistic, adjusted for the number of responses in \
+             which the same effect is tested ({}): after Holm (1979), for the chance that any is \
+             significant by chance alone; after Benjamini and Hochberg (1995), for the share of \
+             such ones among the significant.",
+            tests.join(", ")
+        )
+    })
 }
 
-/// The effects on each named response: the non-parametric analysis of variance, and the parametric
-/// one with tests of its assumptions.
+/// A response as it stands in a table of effects.
+pub struct Tested<'a> {
+    /// Its name.
+    pub name: String,
+    /// Its statistics.
+    pub inference: &'a Inference,
+    /// Its effects among those of other responses; none where it is the only one.
+    pub adjusted: &'a [Adjusted],
+}
+
+/// The effects on each response: the non-parametric analysis of variance, and the parametric one
+/// with tests of its assumptions.
 #[must_use]
-pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>) -> Annotated {
+pub fn effects<'a>(responses: impl IntoIterator<Item = Tested<'a>>) -> Annotated {
+    let responses: Vec<Tested<'_>> = responses.into_iter().collect();
+    let is_adjusted = responses.iter().flat_map(|it| it.adjusted).any(|it| it.tests > 1);
+    let adjusted = if is_adjusted { &["p Holm", "p BH"][..] } else { &[] };
     let header = [
-        "effect",
-        "ANOVA-type statistic",
-        "df",
-        "p",
-        "F",
-        "df",
-        "p (Greenhouse-Geisser)",
-        "Mauchly p",
-        "Shapiro-Wilk p",
+        &["effect", "n", "ANOVA-type statistic", "df", "p"][..],
+        adjusted,
+        &["F", "df", "p (Greenhouse-Geisser)", "Mauchly p", "Shapiro-Wilk p"],
     ];
     let mut notes = Footnotes::default();
     let mut rows = Vec::new();
-    for (name, inference) in responses {
+    for Tested { name, inference, adjusted } in responses {
         let normality = inference.normality_of_residuals.as_result();
         for (at, effect) in effect_names(inference).into_iter().enumerate() {
             let ranks = inference.ranks.as_result();
@@ -83,20 +79,30 @@ pub fn effects<'a>(responses: impl IntoIterator<Item = (String, &'a Inference)>)
                 None => Ok(String::new()),
                 Some(it) => it.mauchly.as_ref().map(|it| p_text(it.p)).ok_or(TOO_FEW),
             });
-            rows.push(vec![
+            let by_ranks = [
                 format!("{name}: {effect}"),
+                inference.subjects.len().to_string(),
                 notes.stated(ranks.map(|it| digits(it.statistic))),
                 notes.stated(ranks.map(|it| format!("{:.2}", it.df))),
                 notes.stated(ranks.map(|it| p_text(it.p))),
+            ];
+            let among = adjusted.iter().find(|it| it.effect == effect).ok_or(NOT_TESTED);
+            let among = among.map(|it| [it.p_holm, it.p_benjamini_hochberg]);
+            let among = (0..if is_adjusted { 2 } else { 0 })
+                .map(|at| notes.stated(among.map(|p| p_text(p[at]))))
+                .collect::<Vec<_>>();
+            let by_variance = [
                 notes.stated(test.map(|it| digits(it.f))),
                 notes.stated(anova.map(|it| format!("{}, {}", it.df, it.error_df))),
                 notes.stated(p),
                 notes.stated(mauchly),
                 notes.stated(normality.map(|it| p_text(it.p))),
-            ]);
+            ];
+            rows.push([&by_ranks[..], &among, &by_variance].concat());
         }
     }
-    notes.below(Grid { header: header.map(str::to_owned).into(), rows })
+    let header = header.concat().into_iter().map(str::to_owned).collect();
+    notes.below(Grid { header, rows })
 }
 
 /// Main effects and the interaction, in the order of both analyses, whether present or not.
@@ -185,9 +191,9 @@ mod tests {
     #[test]
     fn effects_that_cannot_be_tested_are_listed_with_the_reason() {
         let one = inference(&["a"], |_, at, when| (3 * at + when) as f64);
-        let table = effects([("path".to_owned(), &one)]);
+        let table = effects([Tested { name: "path".to_owned(), inference: &one, adjusted: &[] }]);
         assert_eq!(names(&table), ["path: condition", "path: time", "path: condition:time"]);
-        assert!(table.grid.rows.iter().all(|row| row[1..].iter().all(|it| it.starts_with('–'))));
+        assert!(table.grid.rows.iter().all(|row| row[2..].iter().all(|it| it.starts_with('–'))));
         let reasons = [one.ranks.as_result().err(), one.anova.as_result().err()];
         for reason in reasons.map(Option::unwrap) {
             assert!(table.notes.iter().any(|it| it.ends_with(reason)), "{:?}", table.notes);

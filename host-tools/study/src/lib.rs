@@ -3,8 +3,11 @@
 //! ```text
 //! a trial's points ─▶ analysis: the sway figures of one trial
 //!
-//! study.toml ─▶ manifest, protocol ─▶ sway, physiology: each trial's values ─▶ values: averaged
-//!            by participant, condition and time, and compared ─▶ figures ─▶ tables, inference
+//! study.toml ─▶ manifest, patterns, measures, protocol ─▶ sway, physiology: each trial's values
+//!            ─▶ cohort: who has which trials ─▶ values: averaged by participant, condition and
+//!            time, and compared ─▶ figures ─▶ tables, inference
+//!
+//! many trials ─▶ tidy: a table of all their figures
 //!
 //! any long table ─▶ long ─▶ the same comparisons
 //! ```
@@ -12,15 +15,19 @@
 //! Results are plain values that can be serialised; [`grid`] is the form in which they are shown.
 
 pub mod analysis;
+mod cohort;
 pub mod figures;
 pub mod grid;
 pub mod inference;
 pub mod long;
 pub mod manifest;
+pub mod measures;
+mod patterns;
 pub mod physiology;
 pub mod protocol;
 mod signals;
 pub mod sway;
 pub mod tables;
+pub mod tidy;
 mod time;
 pub mod values;

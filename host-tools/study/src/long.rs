@@ -12,7 +12,7 @@ use plumbline_files::counting::counted;
 use serde::Serialize;
 
 use crate::grid::{Annotated, Footnotes, Grid, digits};
-use crate::inference::{COMPARED, comparisons, effects};
+use crate::inference::{COMPARED, Tested, comparisons, effects};
 
 /// The names of the columns.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -79,7 +79,7 @@ impl LongFigures {
             "{response}: {}\n{}{}{}",
             counted(inference.subjects.len(), "subject"),
             self.cells().text(),
-            effects([(response.clone(), inference)]).text(),
+            effects([Tested { name: response.clone(), inference, adjusted: &[] }]).text(),
             comparisons(pairs).text() + COMPARED + "\n",
         )
     }

@@ -1,4 +1,4 @@
-//! `study.toml`: the trials of a study.
+//! `study.toml`: the trials of a study, and what of them is compared.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -8,6 +8,8 @@ use plumbline_files::{from_toml, read_text};
 use plumbline_trial::positions::{Columns, Table, Unit};
 use serde::Deserialize;
 
+use crate::measures::{self, Chosen};
+use crate::patterns::{self, Matched};
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
 
@@ -28,10 +30,17 @@ pub struct Study {
     /// Whether a participant who lacks a value is left out of that response's statistics; otherwise
     /// the study is refused.
     pub drop_incomplete: bool,
+    /// Whether several trials of one participant under one condition are averaged; otherwise they
+    /// are refused.
+    pub average_repeats: bool,
+    /// The figures that are compared, in the order of the tables.
+    pub figures: Vec<Chosen>,
     /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
     pub trials: Vec<Entry>,
+    /// Folders that a pattern matches although there is no trial in them.
+    pub skipped: Vec<PathBuf>,
 }
 
 /// One trial of a study.
@@ -48,6 +57,12 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// A trial that tells everything itself.
+    fn of_folder(folder: PathBuf) -> Self {
+        let source = Source::Trial(folder);
+        Self { source, participant: None, condition: None, physiology: None }
+    }
+
     /// Where its positions are.
     fn path(&self) -> &Path {
         match &self.source {
@@ -86,9 +101,51 @@ struct StudyToml {
     bins_s: Vec<[f64; 2]>,
     #[serde(default)]
     drop_incomplete: bool,
+    repeats: Option<Repeats>,
+    figures: Option<FiguresToml>,
     physiology: Option<PhysiologyToml>,
+    #[serde(default, rename = "trials")]
+    patterns: Vec<String>,
     #[serde(default, rename = "trial")]
-    trials: Vec<EntryToml>,
+    entries: Vec<EntryToml>,
+}
+
+/// What becomes of several trials of one participant under one condition.
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Repeats {
+    Mean,
+}
+
+/// One name, such as `all`, or several.
+#[derive(Deserialize)]
+#[serde(
+    untagged,
+    expecting = "figures are \"all\", or a list such as [\"path length\", \"RMS AP\"]"
+)]
+enum FiguresToml {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl FiguresToml {
+    fn choose(&self, place: &str) -> Result<Vec<Chosen>, BadInput> {
+        let words = match self {
+            Self::One(word) => std::slice::from_ref(word),
+            Self::Several(words) => words,
+        };
+        let remedy = || {
+            let known = measures::known();
+            format!(
+                "give \"all\", or some of {known}; each may end with AP, ML, SI, APML, APSI or MLSI"
+            )
+        };
+        let wrong = |found: String| BadInput::new(place, "figures", found, remedy());
+        if words.is_empty() {
+            return Err(wrong("there is none".to_owned()));
+        }
+        measures::choose(words.iter().map(String::as_str)).map_err(wrong)
+    }
 }
 
 #[derive(Deserialize)]
@@ -143,16 +200,16 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             "give pairs of seconds, [[0, 20], [20, 40]]",
         );
     }
-    if study.trials.is_empty() {
+    if study.entries.is_empty() && study.patterns.is_empty() {
         return wrong(
-            "[[trial]]",
+            "trials",
             "there is none",
-            "list the trials, each in a [[trial]] of its own",
+            "give a pattern, trials = [\"trials/*\"], or list each in a [[trial]] of its own",
         );
     }
     let base = plumbline_files::directory_of(path);
     let physiology = study.physiology.map(|it| it.check(&place)).transpose()?;
-    if let Some(at) = study.trials.iter().position(|it| it.physiology.is_some())
+    if let Some(at) = study.entries.iter().position(|it| it.physiology.is_some())
         && physiology.is_none()
     {
         return Err(BadInput::new(
@@ -162,18 +219,19 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             "add a [physiology] section: `plumb study --new FILE` shows one",
         ));
     }
-    if physiology.is_some() && study.trials.iter().all(|it| it.physiology.is_none()) {
+    if physiology.is_some() && study.entries.iter().all(|it| it.physiology.is_none()) {
         return wrong(
             "physiology",
             "no trial says where its recordings are",
             "add physiology = { folder = \"...\" } to each [[trial]]",
         );
     }
-    let trials = study.trials.into_iter().enumerate();
-    let trials: Vec<Entry> =
-        trials.map(|(at, it)| it.entry(base, &place, at)).collect::<Result<_, _>>()?;
-    for (at, entry) in trials.iter().enumerate() {
-        if let Some(first) = trials[..at].iter().position(|it| it.path() == entry.path()) {
+    let figures = study.figures.map(|it| it.choose(&place)).transpose()?;
+    let entries = study.entries.into_iter().enumerate();
+    let entries: Vec<Entry> =
+        entries.map(|(at, it)| it.entry(base, &place, at)).collect::<Result<_, _>>()?;
+    for (at, entry) in entries.iter().enumerate() {
+        if let Some(first) = entries[..at].iter().position(|it| it.path() == entry.path()) {
             return Err(BadInput::new(
                 &place,
                 format!("[[trial]] {}", at + 1),
@@ -182,15 +240,34 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             ));
         }
     }
+    let Matched { folders, skipped } = patterns::matched(&study.patterns, base, &place)?;
     Ok(Study {
-        trials,
+        trials: with_entries(folders, entries),
+        skipped,
         place,
         title: study.title,
         conditions,
         bins_s: study.bins_s.into_iter().map(|[from, to]| from..to).collect(),
         drop_incomplete: study.drop_incomplete,
+        average_repeats: matches!(study.repeats, Some(Repeats::Mean)),
+        figures: figures.unwrap_or_else(measures::default_choice),
         physiology,
     })
+}
+
+/// The folders that patterns match, and the listed trials: where one is listed as well, its entry
+/// counts.
+fn with_entries(folders: Vec<PathBuf>, mut entries: Vec<Entry>) -> Vec<Entry> {
+    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let mut trials: Vec<Entry> = folders
+        .into_iter()
+        .map(|folder| {
+            let listed = entries.iter().position(|it| real(it.path()) == real(&folder));
+            listed.map_or_else(|| Entry::of_folder(folder), |at| entries.remove(at))
+        })
+        .collect();
+    trials.extend(entries);
+    trials
 }
 
 impl EntryToml {
@@ -235,6 +312,25 @@ impl EntryToml {
 }
 
 #[cfg(test)]
+impl Study {
+    /// A study of nothing yet, for tests.
+    pub fn example() -> Self {
+        Self {
+            place: "study.toml".to_owned(),
+            title: String::new(),
+            conditions: Vec::new(),
+            bins_s: paper_bins().into_iter().map(|[from, to]| from..to).collect(),
+            drop_incomplete: false,
+            average_repeats: false,
+            figures: measures::default_choice(),
+            physiology: None,
+            trials: Vec::new(),
+            skipped: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -246,11 +342,17 @@ mod tests {
             _ => format!("{line}\n"),
         };
         let folder = tempfile::tempdir().unwrap();
+        let trial = folder.path().join("trials/p01-control");
+        std::fs::create_dir_all(&trial).unwrap();
+        std::fs::write(trial.join("trial.toml"), "").unwrap();
         let path = folder.path().join("study.toml");
         std::fs::write(&path, EXAMPLE.lines().map(offered).collect::<String>()).unwrap();
         let study = read(&path).unwrap();
-        assert!(study.drop_incomplete);
-        assert_eq!(study.trials.len(), 3);
+        assert!(study.drop_incomplete && study.average_repeats);
+        let measures: Vec<&str> = study.figures.iter().map(|it| it.measure.name).collect();
+        assert!(measures.contains(&"path length") && measures.contains(&"ellipse area"));
+        // One by the pattern, whose [[trial]] is its entry; and the table.
+        assert_eq!(study.trials.len(), 2);
         let recordings = study.trials[0].physiology.as_ref().unwrap();
         assert_eq!((recordings.zero_s, recordings.transition_s), (Some(132.4), Some(-4.2)));
         let physiology = study.physiology.unwrap();

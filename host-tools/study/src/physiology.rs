@@ -18,6 +18,7 @@ use serde::Serialize;
 use crate::manifest::{Recordings, Study};
 use crate::protocol::{Clock, Kind, Physiology, SignalFile};
 use crate::signals;
+use crate::values::Value;
 
 /// The fraction of a window's seconds that must have a value; otherwise the window has no mean.
 const COVERED_MIN: f64 = 0.5;
@@ -105,7 +106,7 @@ impl Quantity {
 #[derive(Debug, Default)]
 pub struct Found {
     /// Each quantity's mean in each window.
-    pub responses: Vec<(Quantity, Vec<Option<f64>>)>,
+    pub responses: Vec<(Quantity, Vec<Value>)>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
@@ -149,18 +150,23 @@ pub fn of_trial(
         };
         let means = window_means(&seconds, windows, transition_s, COVERED_MIN);
         let (name, _) = quantity.name_and_unit();
-        for window in means.iter().filter(|it| it.mean.is_none()) {
-            trial.found.warnings.push(format!(
-                "{}: {name} at {}: {} of {} s have a value",
-                recordings.folder.display(),
-                window.name,
-                window.known,
-                window.seconds
-            ));
-        }
         trial.plausible(quantity, &course)?;
-        let means = means.into_iter().map(|it| it.mean).collect();
-        trial.found.responses.push((quantity, means));
+        let place = recordings.folder.display();
+        let values: Vec<Value> = means
+            .iter()
+            .map(|it| {
+                let (known, seconds) = (it.known, it.seconds);
+                let short =
+                    || format!("{place}: {known} of {seconds} s have a value, and half are needed");
+                it.mean.ok_or_else(short)
+            })
+            .collect();
+        for (window, value) in means.iter().zip(&values) {
+            let short =
+                value.as_ref().err().map(|short| format!("{short}: no {name} at {}", window.name));
+            trial.found.warnings.extend(short);
+        }
+        trial.found.responses.push((quantity, values));
     }
     Ok(found)
 }

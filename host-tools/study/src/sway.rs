@@ -1,72 +1,121 @@
-//! The sway of a trial: path lengths of each point by direction and time, as in the paper's Table
-//! II.
+//! The sway of a trial: the chosen figures of each point, by time where a figure is of a path, and
+//! of all times together.
 
-use plumbline_analysis::sway::figure::{ByDirection, Figure};
-use plumbline_analysis::sway::{self, Settings};
-use plumbline_files::BadInput;
-use plumbline_trial::points::Points;
+use plumbline_analysis::sway::figure::{Absent, Figure};
+use plumbline_analysis::sway::path::Path;
+use plumbline_analysis::sway::{self, Settings, Sway};
+use plumbline_trial::points::{Points, point_name};
 use serde::Serialize;
 
-/// The directions, as the paper calls them.
-pub const DIRECTIONS: [&str; 6] = ["AP", "ML", "SI", "APML", "APSI", "MLSI"];
+use crate::measures::Chosen;
+use crate::time::COVERED_MIN;
+use crate::values::Value;
 
-/// If less than this fraction of a bin was measured, its path does not represent the bin.
-const COVERED_MIN: f64 = 0.9;
-
-/// A path, given by its point and its direction.
+/// A figure of one point of the body.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Path {
+pub struct SwayFigure {
+    /// Its name.
+    pub figure: &'static str,
+    /// Its unit; empty for a number without one.
+    pub unit: &'static str,
     /// `lower`, `upper`, or `point` of a table.
     pub point: String,
-    /// One of [`DIRECTIONS`].
+    /// `AP`, `ML`, `SI`; `APML`, `APSI`, `MLSI` for the planes.
     pub direction: &'static str,
+    /// Whether it has a value for each time; otherwise it has one for all times together.
+    #[serde(skip)]
+    pub is_by_time: bool,
+}
+
+impl SwayFigure {
+    /// The figure of a point.
+    #[must_use]
+    pub fn new(Chosen { measure, direction }: Chosen, point: &str) -> Self {
+        Self {
+            figure: measure.name,
+            unit: measure.unit,
+            point: point.to_owned(),
+            direction: direction.word(),
+            is_by_time: measure.is_by_time(),
+        }
+    }
+
+    /// Its name in messages, without its point.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("{} {}", self.figure, self.direction)
+    }
 }
 
 /// The values of a trial.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// The length of each path at each time, mm.
-    pub responses: Vec<(Path, Vec<Option<f64>>)>,
+    /// Each figure's value at each time, or the one of all times together.
+    pub responses: Vec<(SwayFigure, Vec<Value>)>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
-/// The path lengths of one trial.
-///
-/// # Errors
-/// When no figures can be computed from its positions.
-pub fn of_trial(points: &Points, settings: &Settings) -> Result<Found, BadInput> {
-    let place = &points.place;
+/// The chosen figures of one trial.
+#[must_use]
+pub fn of_trial(points: &Points, settings: &Settings, chosen: &[Chosen]) -> Found {
     let mut found = Found::default();
     for point in &points.points {
-        let sway = sway::analyze(&point.series, None, settings).map_err(|error| {
-            BadInput::new(place, &point.name, error, "leave this trial out, or record it again")
-        })?;
-        let bins = &sway.figures.bins;
-        let is_whole: Vec<bool> = bins.iter().map(|bin| bin.covered >= COVERED_MIN).collect();
-        for (bin, _) in bins.iter().zip(&is_whole).filter(|(_, is_whole)| !**is_whole) {
-            found.warnings.push(format!(
-                "{place}: {} trunk: only {:.0} % of {} to {} s was measured, so it has no value",
-                point.name,
-                100.0 * bin.covered,
-                bin.from_s,
-                bin.to_s
-            ));
+        let place = format!("{}, {}", points.place, point_name(&point.name).to_lowercase());
+        let sway = sway::analyze(&point.series, None, settings);
+        let sway = sway.map_err(|error| format!("{place}: {error}"));
+        if let Ok(sway) = &sway {
+            let short = sway.figures.bins.iter().filter_map(shortfall);
+            found.warnings.extend(short.map(|short| format!("{place}: {short}: no value")));
         }
-        let lengths: Vec<[Option<f64>; 6]> =
-            bins.iter().map(|bin| lengths_mm(&bin.length_mm)).collect();
-        for (at, direction) in DIRECTIONS.into_iter().enumerate() {
-            let along = lengths.iter().zip(&is_whole);
-            let along = along.map(|(bin, is_whole)| bin[at].filter(|_| *is_whole)).collect();
-            let path = Path { point: point.name.clone(), direction };
-            found.responses.push((path, along));
-        }
+        found.responses.extend(chosen.iter().map(|chosen| {
+            let values = values(&place, sway.as_ref(), settings, *chosen);
+            (SwayFigure::new(*chosen, &point.name), values)
+        }));
     }
-    Ok(found)
+    found
 }
 
-fn lengths_mm(lengths: &ByDirection<Figure>) -> [Option<f64>; 6] {
-    let ByDirection { axes, planes } = lengths;
-    [&axes.ap, &axes.ml, &axes.si, &planes.transverse, &planes.sagittal, &planes.coronal]
-        .map(Figure::value)
+/// The values of one figure; the reasons for absent ones begin with their `place`.
+fn values(
+    place: &str,
+    sway: Result<&Sway, &String>,
+    settings: &Settings,
+    Chosen { measure, direction }: Chosen,
+) -> Vec<Value> {
+    let times = if measure.is_by_time() { settings.bins_s.len() } else { 1 };
+    let sway = match sway {
+        Ok(sway) => sway,
+        Err(reason) => return vec![Err(reason.clone()); times],
+    };
+    // That an axis was not measured at all says more than how much of a time was.
+    let value = |path: &Path, figure: &Figure| match (figure, shortfall(path)) {
+        (Figure::Absent { absent: absent @ Absent::NotMeasured(_) }, _) => {
+            Err(format!("{place}: {absent}"))
+        }
+        (_, Some(short)) => Err(format!("{place}: {short}")),
+        (Figure::Absent { absent }, None) => Err(format!("{place}: {absent}")),
+        (Figure::Known { value, .. }, None) => Ok(*value),
+    };
+    let figures = &sway.figures;
+    let by_time = figures.bins.iter();
+    let by_time = by_time.filter_map(|bin| Some(value(bin, measure.of_path(bin, direction)?)));
+    if measure.is_by_time() {
+        by_time.collect()
+    } else {
+        vec![value(&figures.path, measure.of_span(figures, direction))]
+    }
+}
+
+/// How much of a time was measured, if that is too little.
+fn shortfall(path: &Path) -> Option<String> {
+    let Path { from_s, to_s, covered, .. } = path;
+    (*covered < COVERED_MIN).then(|| {
+        format!(
+            "{:.0} % of {from_s} to {to_s} s was measured, and {:.0} % are needed",
+            // Rounded down, so that it never reads as if it were enough.
+            (100.0 * covered).floor(),
+            100.0 * COVERED_MIN
+        )
+    })
 }

@@ -1,4 +1,4 @@
-//! A study's figures in tables like the paper's.
+//! A study's figures in tables like the paper's, each with the tests behind it.
 
 use std::fmt;
 
@@ -6,10 +6,12 @@ use plumbline_analysis::physiology::bins::Event;
 use plumbline_analysis::statistics::inference::{Inference, SIGNIFICANT};
 use plumbline_trial::points::point_name;
 
-use crate::figures::{PathLength, StudyFigures, TimeWindow};
-use crate::grid::Grid;
-use crate::sway::DIRECTIONS;
+use crate::figures::{StudyFigures, SwayResponse, TimeWindow};
+use crate::grid::{Annotated, Grid, digits};
+use crate::inference::{Tested, adjusted_text, comparisons, effects};
+use crate::measures::{Direction, MEASURES, Measure};
 use crate::time::time_name;
+use crate::values::Response;
 
 #[cfg(test)]
 #[path = "../../analysis/tests/common/table_2.rs"]
@@ -49,7 +51,7 @@ pub struct Group {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
     /// Their common name.
-    pub name: Option<&'static str>,
+    pub name: Option<String>,
     /// The name and cells of each row.
     pub rows: Vec<(String, Vec<Cell>)>,
 }
@@ -84,7 +86,8 @@ impl PaperTable {
         let header = [self.stub.join(", ")].into_iter().chain(columns).collect();
         let rows = self.sections.iter().flat_map(|section| {
             section.rows.iter().map(|(name, cells)| {
-                let name = section.name.map_or_else(|| name.clone(), |it| format!("{it} {name}"));
+                let section = section.name.as_ref();
+                let name = section.map_or_else(|| name.clone(), |it| format!("{it} {name}"));
                 [name].into_iter().chain(cells.iter().map(Cell::to_string)).collect()
             })
         });
@@ -93,7 +96,77 @@ impl PaperTable {
     }
 }
 
+/// Responses that are shown together: their means, and the tests behind them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// What they are.
+    pub title: String,
+    /// Their means.
+    pub tables: Vec<PaperTable>,
+    /// The effects on each.
+    pub effects: Annotated,
+    /// How the p of effects are adjusted, in words; `None` where they are not.
+    pub adjusted: Option<String>,
+    /// Each condition compared with the first, at each time.
+    pub comparisons: Annotated,
+}
+
 impl StudyFigures {
+    /// The study in parts: physiology, each figure that has a value for each time, and all other
+    /// figures.
+    #[must_use]
+    pub fn parts(&self) -> Vec<Part> {
+        let physiology = self.physiology.iter();
+        let physiology: Vec<(String, &Response)> =
+            physiology.map(|it| (it.quantity.name_and_unit().0.to_owned(), &it.response)).collect();
+        let part = |title: &str, tables, responses: &[(String, &Response)]| {
+            (!responses.is_empty()).then(|| self.part(title, tables, responses))
+        };
+        let mut parts: Vec<Part> =
+            part("Physiology", self.physiology_tables(), &physiology).into_iter().collect();
+        for measure in MEASURES.iter().filter(|it| it.is_by_time()) {
+            let own = self.sway.iter().filter(|it| it.figure.figure == measure.name);
+            let own: Vec<(String, &Response)> = own
+                .map(|SwayResponse { figure, response }| {
+                    let name = format!("{}, {}", point_name(&figure.point), figure.direction);
+                    (name, response)
+                })
+                .collect();
+            parts.extend(part(&titled(measure.name), vec![self.time_table(measure)], &own));
+        }
+        let of_span = self.sway.iter().filter(|it| !it.figure.is_by_time);
+        let of_span: Vec<(String, &Response)> = of_span
+            .map(|SwayResponse { figure, response }| {
+                (format!("{}, {}", point_name(&figure.point), figure.name()), response)
+            })
+            .collect();
+        parts.extend(part("All times together", vec![self.span_table()], &of_span));
+        parts
+    }
+
+    fn part(&self, title: &str, tables: Vec<PaperTable>, all: &[(String, &Response)]) -> Part {
+        let control = &self.conditions[0];
+        let tested = all.iter().map(|(name, response)| Tested {
+            name: name.clone(),
+            inference: &response.inference,
+            adjusted: &response.adjusted,
+        });
+        let pairs = all.iter().flat_map(|(name, response)| {
+            let condition = &response.inference.factors[0].name;
+            let of_conditions = response.inference.comparisons.iter();
+            of_conditions
+                .filter(move |it| it.factor == *condition && it.levels[0] == *control)
+                .map(move |it| (name.clone(), it))
+        });
+        Part {
+            title: title.to_owned(),
+            tables,
+            effects: effects(tested),
+            adjusted: adjusted_text(all.iter().flat_map(|(_, it)| &it.adjusted)),
+            comparisons: comparisons(pairs),
+        }
+    }
+
     /// The paper's Table I: physiology by quantity; for each time the conditions side by side.
     /// There are as many tables as needed, each with two times, as in the paper, and none if no
     /// physiology was recorded.
@@ -130,8 +203,8 @@ impl StudyFigures {
             let (name, unit) = it.quantity.name_and_unit();
             let cells = windows.iter().flat_map(|(_, TimeWindow { name: time, .. })| {
                 let of_condition = |condition: &String| Cell {
-                    text: mean(&it.inference, condition, time),
-                    marks: self.physiology_marks(&it.inference, condition, time),
+                    text: mean(&it.response.inference, condition, Some(time), DECIMALS),
+                    marks: self.physiology_marks(&it.response.inference, condition, time),
                 };
                 self.conditions.iter().map(of_condition).collect::<Vec<_>>()
             });
@@ -142,10 +215,16 @@ impl StudyFigures {
 
     fn physiology_notes(&self) -> Vec<String> {
         let control = &self.conditions[0];
+        let responses: Vec<(&str, &Response)> = self
+            .physiology
+            .iter()
+            .map(|it| (it.quantity.name_and_unit().0, &it.response))
+            .collect();
         let from_transition = self.windows.iter().filter(|it| it.from == Event::Transition);
         let from_transition = from_transition
             .map(|it| format!(" (of the {} from when the person begins to rise)", it.name));
         vec![
+            self.participants_note(&responses),
             format!(
                 "Mean ± SEM; seconds from t = 0{}. * differs from {control} at that time; a \
                  letter: differs from that time under the same condition (paired t tests, p < \
@@ -160,33 +239,18 @@ impl StudyFigures {
         ]
     }
 
-    /// The paper's Table II: total path length by direction and time; for each point the conditions
-    /// side by side, with Cohen's d of each against the first.
-    #[must_use]
-    pub fn sway_table(&self) -> PaperTable {
-        let points = self.points();
-        let control = &self.conditions[0];
-        let several = self.conditions.len() > 2;
-        let groups = points.iter().map(|point| {
-            let others = self.conditions[1..].iter().flat_map(|condition| {
-                let d = if several { format!("d ({condition})") } else { "d".to_owned() };
-                [condition.clone(), d]
-            });
-            let columns = [control.clone()].into_iter().chain(others).collect();
-            Group { name: point_name(point).to_owned(), columns }
-        });
-        let sections = DIRECTIONS.into_iter().filter_map(|direction| {
-            let of_point = |point: &&str| {
-                let mut lengths = self.path_lengths.iter();
-                lengths.find(|it| it.path.point == **point && it.path.direction == direction)
-            };
-            let lengths: Vec<Option<&PathLength>> = points.iter().map(of_point).collect();
-            lengths.iter().any(Option::is_some).then(|| Section {
-                name: Some(direction),
+    /// As the paper's Table II, of total path length: a measure by direction and time; for each
+    /// point the conditions side by side, with Cohen's d of each against the first.
+    fn time_table(&self, measure: &Measure) -> PaperTable {
+        let sections = Direction::ALL.into_iter().filter_map(|direction| {
+            let responses = self.of_points(measure.name, direction.word());
+            responses.iter().any(Option::is_some).then(|| Section {
+                name: Some(direction.word().to_owned()),
                 rows: (0..self.bins_s.len())
                     .map(|at| {
                         let time = time_name(at);
-                        let cells = lengths.iter().flat_map(|it| self.sway_cells(*it, &time));
+                        let cells = responses.iter();
+                        let cells = cells.flat_map(|it| self.sway_cells(*it, Some(&time)));
                         (time.clone(), cells.collect())
                     })
                     .collect(),
@@ -195,31 +259,130 @@ impl StudyFigures {
         let bins = self.bins_s.iter().enumerate();
         let times: Vec<String> =
             bins.map(|(at, [from, to])| format!("{}: {from} to {to} s", time_name(at))).collect();
-        let notes = vec![
-            format!("Mean ± SEM, mm. {}.", times.join("; ")),
+        let Measure { name, unit, .. } = measure;
+        let total =
+            if *name == "path length" { "Total path length".to_owned() } else { titled(name) };
+        let all = self.sway.iter().filter(|it| it.figure.figure == *name);
+        PaperTable {
+            title: format!("{total} ({unit})"),
+            stub: vec!["direction", "time"],
+            groups: self.groups_of_points(),
+            sections: sections.collect(),
+            notes: self.sway_notes(
+                all,
+                &format!("Mean ± SEM, {unit}. {}.", times.join("; ")),
+                true,
+            ),
+        }
+    }
+
+    /// All figures that have one value for all times together, by direction.
+    fn span_table(&self) -> PaperTable {
+        let [from_s, to_s] = self.span_s;
+        let sections = MEASURES.iter().filter(|it| !it.is_by_time()).filter_map(|measure| {
+            let of_direction = |direction: &Direction| {
+                let responses = self.of_points(measure.name, direction.word());
+                responses.iter().any(Option::is_some).then(|| {
+                    let cells = responses.iter().flat_map(|it| self.sway_cells(*it, None));
+                    (direction.word().to_owned(), cells.collect::<Vec<_>>())
+                })
+            };
+            let rows: Vec<(String, Vec<Cell>)> =
+                measure.directions().iter().filter_map(of_direction).collect();
+            let name = match measure.unit {
+                "" => measure.name.to_owned(),
+                unit => format!("{} ({unit})", measure.name),
+            };
+            (!rows.is_empty()).then_some(Section { name: Some(name), rows })
+        });
+        let all = self.sway.iter().filter(|it| !it.figure.is_by_time);
+        PaperTable {
+            title: format!("From {from_s} to {to_s} s"),
+            stub: vec!["figure", "direction"],
+            groups: self.groups_of_points(),
+            sections: sections.collect(),
+            notes: self.sway_notes(all, "Mean ± SEM.", false),
+        }
+    }
+
+    /// A figure of each point, in the order of the points.
+    fn of_points(&self, figure: &str, direction: &str) -> Vec<Option<&SwayResponse>> {
+        let of_point = |point: &str| {
+            self.sway.iter().find(|SwayResponse { figure: it, .. }| {
+                it.point == point && it.figure == figure && it.direction == direction
+            })
+        };
+        self.points().into_iter().map(of_point).collect()
+    }
+
+    /// Each point's columns: the conditions, with d of each but the first.
+    fn groups_of_points(&self) -> Vec<Group> {
+        let several = self.conditions.len() > 2;
+        let others = self.conditions[1..].iter().flat_map(|condition| {
+            let d = if several { format!("d ({condition})") } else { "d".to_owned() };
+            [condition.clone(), d]
+        });
+        let columns: Vec<String> = [self.conditions[0].clone()].into_iter().chain(others).collect();
+        let points = self.points().into_iter();
+        points
+            .map(|point| Group { name: point_name(point).to_owned(), columns: columns.clone() })
+            .collect()
+    }
+
+    fn sway_notes<'a>(
+        &self,
+        responses: impl Iterator<Item = &'a SwayResponse>,
+        values: &str,
+        by_time: bool,
+    ) -> Vec<String> {
+        let control = &self.conditions[0];
+        let responses: Vec<(&str, &Response)> =
+            responses.map(|it| (point_name(&it.figure.point), &it.response)).collect();
+        let (at, times) = if by_time { (" at that time", " and times") } else { ("", "") };
+        vec![
+            self.participants_note(&responses),
+            values.to_owned(),
             format!(
-                "d: Cohen's d of the condition against {control}. * differs from {control} at \
-                 that time (by ranks: ANOVA-type statistic, p < {SIGNIFICANT} after Bonferroni's \
-                 correction for all conditions and times)."
+                "d: Cohen's d of the condition against {control}. * differs from {control}{at} (by \
+                 ranks: ANOVA-type statistic, p < {SIGNIFICANT} after Bonferroni's correction for \
+                 all conditions{times} of this figure)."
             ),
             "AP: anterior-posterior; ML: medial-lateral; SI: superior-inferior; APML, APSI, MLSI: \
              in the transverse, sagittal and coronal plane."
                 .to_owned(),
-        ];
-        PaperTable {
-            title: "Total path length (mm)".to_owned(),
-            stub: vec!["direction", "time"],
-            groups: groups.collect(),
-            sections: sections.collect(),
-            notes,
+        ]
+    }
+
+    /// How many participants are in these named responses: one number, or one for each name, or a
+    /// range where a name has several.
+    fn participants_note(&self, responses: &[(&str, &Response)]) -> String {
+        let all = self.participants.len().max(responses.iter().map(|it| it.1.n).max().unwrap_or(0));
+        let range = |responses: &mut dyn Iterator<Item = &(&str, &Response)>| {
+            let counts = responses.map(|it| it.1.n).map(|n| (n, n));
+            let ends = counts.reduce(|(low, high), (n, _)| (low.min(n), high.max(n)));
+            match ends.unwrap_or_default() {
+                (low, high) if low == high => low.to_string(),
+                (low, high) => format!("{low} to {high}"),
+            }
+        };
+        let whole = range(&mut responses.iter());
+        if !whole.contains(' ') {
+            return format!("n = {whole} of {all} participants.");
         }
+        let mut names: Vec<&str> = responses.iter().map(|it| it.0).collect();
+        names.dedup();
+        let each = names.into_iter().map(|name| {
+            let n = range(&mut responses.iter().filter(|it| it.0 == name));
+            format!("{name} {n}")
+        });
+        let each: Vec<String> = each.collect();
+        format!("n, of {all} participants: {} (each in the table of effects).", each.join(", "))
     }
 
     /// The points of the body, in the order of the tables.
     #[must_use]
     pub fn points(&self) -> Vec<&str> {
-        let mut points: Vec<&str> =
-            self.path_lengths.iter().map(|it| it.path.point.as_str()).collect();
+        let mut points: Vec<&str> = self.sway.iter().map(|it| it.figure.point.as_str()).collect();
         points.dedup();
         points
     }
@@ -245,23 +408,34 @@ impl StudyFigures {
         marks
     }
 
-    fn sway_cells(&self, length: Option<&PathLength>, time: &str) -> Vec<Cell> {
+    fn sway_cells(&self, response: Option<&SwayResponse>, time: Option<&str>) -> Vec<Cell> {
         let unmarked = |text: String| Cell { text, marks: String::new() };
-        let Some(PathLength { inference, .. }) = length else {
+        let Some(SwayResponse { figure, response }) = response else {
             return vec![unmarked(NONE.to_owned()); 2 * self.conditions.len() - 1];
         };
+        let inference = &response.inference;
+        // As in the paper. Other figures have scales of their own.
+        let decimals = if figure.figure == "path length" { DECIMALS } else { None };
         let control = &self.conditions[0];
-        let mut cells = vec![unmarked(mean(inference, control, time))];
+        let mut cells = vec![unmarked(mean(inference, control, time, decimals))];
         for condition in &self.conditions[1..] {
-            let comparison = inference.comparison([control, condition], Some(time));
+            let comparison = inference.comparison([control, condition], time);
             let p = comparison.and_then(|it| Some(it.ranks.known()?.p_bonferroni));
             let marks = if p.is_some_and(|p| p < SIGNIFICANT) { "*" } else { "" };
             let d = comparison.and_then(|it| it.d.known());
-            cells.push(Cell { text: mean(inference, condition, time), marks: marks.to_owned() });
+            let text = mean(inference, condition, time, decimals);
+            cells.push(Cell { text, marks: marks.to_owned() });
             cells.push(unmarked(d.map_or_else(|| NONE.to_owned(), |d| format!("{d:.2}"))));
         }
         cells
     }
+}
+
+/// A name with a capital.
+#[must_use]
+pub fn titled(name: &str) -> String {
+    let (first, rest) = name.split_at(name.len().min(1));
+    first.to_uppercase() + rest
 }
 
 /// The letter of a time in Table I: `a` for the first; times after `z` have none.
@@ -273,11 +447,30 @@ fn letter(time: usize) -> char {
         .map_or('?', char::from)
 }
 
-/// The mean and error of a cell, in the paper's format.
-fn mean(inference: &Inference, condition: &str, time: &str) -> String {
-    let cell = inference.cells.iter().find(|it| it.levels == [condition, time]);
+/// The decimals of the paper's means and errors.
+const DECIMALS: Option<usize> = Some(1);
+
+/// The mean and error of a cell, with these decimals or those that give the error two digits.
+fn mean(
+    inference: &Inference,
+    condition: &str,
+    time: Option<&str>,
+    decimals: Option<usize>,
+) -> String {
+    let levels: Vec<&str> = [condition].into_iter().chain(time).collect();
+    let cell = inference.cells.iter().find(|it| it.levels == levels);
     let description = cell.and_then(|it| it.normalised.known());
-    description.map_or_else(|| NONE.to_owned(), |it| format!("{:.1} ± {:.1}", it.mean, it.sem))
+    description.map_or_else(|| NONE.to_owned(), |it| mean_and_error(it.mean, it.sem, decimals))
+}
+
+fn mean_and_error(mean: f64, error: f64, decimals: Option<usize>) -> String {
+    // The decimals with which an error, rounded, has two digits.
+    let own = || (0_i32..6).find(|it| error * 10_f64.powi(*it) >= 9.95);
+    let own = || own().and_then(|it| usize::try_from(it).ok());
+    match decimals.or_else(own) {
+        Some(decimals) => format!("{mean:.decimals$} ± {error:.decimals$}"),
+        None => format!("{} ± {}", digits(mean), digits(error)),
+    }
 }
 
 #[cfg(test)]
@@ -286,31 +479,25 @@ mod tests {
 
     use super::*;
     use crate::manifest::Study;
+    use crate::measures;
     use crate::physiology::Quantity;
-    use crate::sway::Path;
+    use crate::sway::SwayFigure;
     use crate::values::TrialValues;
 
     fn study(conditions: [&str; 2]) -> Study {
-        Study {
-            place: "study.toml".to_owned(),
-            title: "The paper's".to_owned(),
-            conditions: conditions.map(str::to_owned).into(),
-            bins_s: vec![0.0..20.0, 20.0..40.0, 40.0..60.0],
-            drop_incomplete: false,
-            physiology: None,
-            trials: Vec::new(),
-        }
+        Study { conditions: conditions.map(str::to_owned).into(), ..Study::example() }
     }
 
     /// Two trials of each of the paper's participants under each condition, whose path lengths
     /// have the means and errors of its Table II.
     fn papers_sway() -> StudyFigures {
         let rows = paper::rows();
-        let mut trials: Vec<TrialValues<Path>> = Vec::new();
+        let mut trials: Vec<TrialValues<SwayFigure>> = Vec::new();
         for participant in 0..paper::SUBJECTS {
             for condition in paper::CONDITIONS {
                 for _ in 0..2 {
                     trials.push(TrialValues {
+                        place: String::new(),
                         participant: format!("P{}", participant + 1),
                         condition: condition.to_owned(),
                         responses: Vec::new(),
@@ -319,7 +506,8 @@ mod tests {
             }
         }
         for (point, first) in [("lower", 0), ("upper", 5)] {
-            for (at, direction) in DIRECTIONS.into_iter().enumerate() {
+            for (at, chosen) in measures::default_choice().into_iter().enumerate() {
+                let direction = chosen.direction.word();
                 let of_direction = &rows[3 * at..3 * at + 3];
                 assert!(of_direction.iter().all(|row| row.0 == direction));
                 let column =
@@ -333,8 +521,8 @@ mod tests {
                     let more = if trial % 2 == 0 { 3.0 } else { -3.0 };
                     let cells = values.row(participant);
                     let lengths = cells.iter().skip(3 * condition).take(3);
-                    let path = Path { point: point.to_owned(), direction };
-                    it.responses.push((path, lengths.map(|value| Some(value + more)).collect()));
+                    let figure = SwayFigure::new(chosen, point);
+                    it.responses.push((figure, lengths.map(|value| Ok(value + more)).collect()));
                 }
             }
         }
@@ -344,7 +532,7 @@ mod tests {
     #[test]
     fn the_papers_table_2_is_shown_as_the_paper_has_it() {
         let figures = papers_sway();
-        let table = figures.sway_table();
+        let table = &figures.parts()[0].tables[0];
         let headings: Vec<(&str, usize)> =
             table.groups.iter().map(|it| (&*it.name, it.columns.len())).collect();
         assert_eq!(headings, [("Lower trunk", 3), ("Upper trunk", 3)]);
@@ -354,7 +542,7 @@ mod tests {
         for section in &table.sections {
             for (time, cells) in &section.rows {
                 let (direction, numbers) = printed.next().unwrap();
-                assert_eq!(section.name, Some(direction));
+                assert_eq!(section.name.as_deref(), Some(direction));
                 for (point, cells) in cells.chunks(3).enumerate() {
                     let [mean, sem, other_mean, other_sem, d] = numbers[5 * point..][..5] else {
                         panic!("ten numbers");
@@ -382,17 +570,32 @@ mod tests {
     }
 
     #[test]
+    fn an_error_has_two_digits_or_the_papers_decimals() {
+        let found = |mean, error| mean_and_error(mean, error, None);
+        assert_eq!(found(139.24, 5.26), "139.2 ± 5.3");
+        assert_eq!(found(367.3, 14.9), "367 ± 15");
+        assert_eq!(found(1.8684, 0.0336), "1.868 ± 0.034");
+        // 0.0996 is 0.10: a digit less.
+        assert_eq!(found(2.163, 0.0996), "2.16 ± 0.10");
+        assert_eq!(found(-1.2e-6, 3.1e-6), "-1.2e-6 ± 3.1e-6");
+        assert_eq!(found(5.0, 0.0), "5.000 ± 0");
+        assert_eq!(mean_and_error(1.07, 0.01, DECIMALS), "1.1 ± 0.0");
+    }
+
+    #[test]
     fn an_asterisk_is_a_difference_by_ranks() {
         let figures = papers_sway();
-        let asterisks = figures.path_lengths.iter().flat_map(|it| {
-            let ranks = it.inference.comparisons.iter().filter(|it| it.factor == "condition");
+        let asterisks = figures.sway.iter().flat_map(|it| {
+            let ranks =
+                it.response.inference.comparisons.iter().filter(|it| it.factor == "condition");
             ranks.filter(|it| it.ranks.known().is_some_and(|it| it.p_bonferroni < 0.05))
         });
-        let shown = figures.sway_table().text().matches(" *").count();
+        let table = &figures.parts()[0].tables[0];
+        let shown = table.text().matches(" *").count();
         assert_eq!(shown, asterisks.count() + 1, "and one in the note");
         // With these spreads a difference of d = 0.9 among fourteen people is significant, one of
         // 0.1 is not.
-        let cells = &figures.sway_table().sections[0].rows;
+        let cells = &table.sections[0].rows;
         assert_eq!((&*cells[0].1[1].marks, &*cells[2].1[1].marks), ("*", ""));
     }
 
@@ -403,8 +606,9 @@ mod tests {
         let mut trials = Vec::new();
         for (at, condition) in ["control", "hypo"].into_iter().enumerate() {
             for (person, (participant, level)) in people.into_iter().enumerate() {
-                let values = cells[3 * at..3 * at + 3].iter().map(|it| Some(level + it[person]));
+                let values = cells[3 * at..3 * at + 3].iter().map(|it| Ok(level + it[person]));
                 trials.push(TrialValues {
+                    place: String::new(),
                     participant: participant.to_owned(),
                     condition: condition.to_owned(),
                     responses: vec![(Quantity::HeartRate, values.collect())],
@@ -418,7 +622,7 @@ mod tests {
         let figures = StudyFigures::of(&study, &windows, &[], &trials, Vec::new()).unwrap();
         let tables = figures.physiology_tables();
         assert_eq!(tables[0].groups[1].name, "T1, 0 to 10 s (b)");
-        assert_eq!((tables.len(), tables[0].notes.len(), tables[1].notes.len()), (2, 0, 2));
+        assert_eq!((tables.len(), tables[0].notes.len(), tables[1].notes.len()), (2, 0, 3));
         assert_eq!(tables[0].sections[0].rows[0].0, "HR (bpm)");
         tables.iter().flat_map(|it| it.sections[0].rows[0].1.clone()).collect()
     }

@@ -9,6 +9,7 @@
 //!                         └─▶ bland_altman       limits of agreement
 //! any values ───────────────▶ shapiro_wilk
 //! within ───────────────────▶ inference          all of it, of one response
+//! p values of many responses ▶ multiplicity      adjusted for their number
 //! ```
 //!
 //! Sums are taken after centring, so that a large offset costs no precision. A spread no larger
@@ -20,6 +21,7 @@ pub mod bland_altman;
 pub mod describe;
 pub mod distributions;
 pub mod inference;
+pub mod multiplicity;
 pub mod paired;
 pub mod ranks;
 pub mod regression;

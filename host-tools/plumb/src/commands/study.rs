@@ -12,11 +12,18 @@ use plumbline_study::{figures, inference, long, manifest};
 
 /// The statistics of a study: many trials, or any table of measurements within subjects.
 ///
-/// A study.toml lists the trials. Those of one participant under one condition are averaged; the
-/// path lengths of each trunk in each direction are then compared by condition and time: means
-/// and SEM without the differences between participants (Cousineau-Morey), Cohen's d, paired t
-/// tests with Bonferroni, repeated-measures ANOVA with Mauchly's test and Greenhouse-Geisser, and
-/// the non-parametric ANOVA of Brunner, Domhof and Langer.
+/// A study.toml names the trials (trials = ["trials/*"]), which say themselves who was measured
+/// under which condition, and the figures to compare (figures = "all", or some; without it, path
+/// length). Path length and mean velocity are compared by condition and time, all other figures
+/// by condition, for each trunk and direction: means and SEM without the differences between
+/// participants (Cousineau-Morey), Cohen's d, paired t tests with Bonferroni, repeated-measures
+/// ANOVA with Mauchly's test and Greenhouse-Geisser, and the non-parametric ANOVA of Brunner,
+/// Domhof and Langer, whose p is also given adjusted for the number of figures (Holm;
+/// Benjamini-Hochberg).
+///
+/// A value needs 90 % of its time measured. If a participant lacks one, the study says which, why
+/// and where; with drop_incomplete = true it goes on without them in that figure, and each table
+/// says how many participants are in it.
 ///
 /// With a [physiology] section the same is done for what was recorded with the sway: heart rate,
 /// arterial pressure, stroke volume, cardiac output, cerebral blood flow velocity, oxygenation
@@ -81,7 +88,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.new {
         write_all(&[(path.clone(), manifest::EXAMPLE.into())], arguments.force)?;
-        eprintln!("written to {}; list your trials in it", path.display());
+        eprintln!("written to {}; name your trials and conditions in it", path.display());
         return Ok(());
     }
     let (json, text) = match (&arguments.study, &arguments.long) {
@@ -103,15 +110,21 @@ fn of_study(path: &Path) -> anyhow::Result<(String, String)> {
         eprintln!("warning: {warning}");
     }
     let mut text = format!(
-        "{}: {}; means and SEM without the differences between participants\n\n",
+        "{}: {}; means and SEM without the differences between participants\n",
         figures.title,
-        counted(figures.participants.len(), "participant"),
+        figures.participants_text(),
     );
-    for table in figures.physiology_tables().into_iter().chain([figures.sway_table()]) {
-        text += &format!("{}\n", table.text());
+    for part in figures.parts() {
+        text += &format!("\n{}\n\n", part.title.to_uppercase());
+        for table in &part.tables {
+            text += &format!("{}\n", table.text());
+        }
+        text += &part.effects.text();
+        text.extend(part.adjusted.map(|adjusted| adjusted + "\n"));
+        text += &format!("\n{}", part.comparisons.text());
     }
-    text += &figures.effects().text();
-    text += &format!("{}{}\n", figures.comparisons().text(), inference::COMPARED);
+    text += &format!("\n{}\n", inference::COMPARED);
+    text.extend(figures.not_compared_lines().into_iter().map(|line| line + "\n"));
     Ok((serde_json::to_string_pretty(&figures)?, text))
 }
 

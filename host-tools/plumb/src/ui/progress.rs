@@ -1,4 +1,4 @@
-//! A progress bar while frames are tracked.
+//! A progress bar while frames are tracked, or trials analysed.
 
 use std::time::{Duration, Instant};
 
@@ -22,15 +22,26 @@ impl Progress {
             None => ProgressBar::no_length()
                 .with_style(style("tracking {spinner} {pos} frames, {per_sec}")),
         };
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-        let progress = Self { bar, started: Instant::now() };
+        let progress = Self::hidden(bar);
         if !is_shown {
             progress.bar.finish();
         }
         progress
     }
 
-    /// One more frame is done.
+    /// For this number of trials.
+    pub fn of_trials(trials: usize) -> Self {
+        let bar = ProgressBar::new(trials as u64);
+        Self::hidden(bar.with_style(style("analysing {wide_bar} {pos}/{len} trials, {eta} left")))
+    }
+
+    /// A bar that is not shown yet.
+    fn hidden(bar: ProgressBar) -> Self {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+        Self { bar, started: Instant::now() }
+    }
+
+    /// One more frame or trial is done.
     pub fn advance(&self) {
         self.bar.inc(1);
         if self.bar.is_hidden()

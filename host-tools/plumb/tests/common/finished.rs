@@ -3,6 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A run that takes longer has failed; a loaded machine renders slowly.
@@ -25,6 +26,9 @@ pub fn plumb(directory: &Path, arguments: &[&str]) -> Finished {
 /// Runs a command to its end.
 pub fn ended(mut command: Command) -> Finished {
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // Read while it runs: a pipe that is full would hold it up.
+    let output = reading(child.stdout.take().unwrap());
+    let errors = reading(child.stderr.take().unwrap());
     let give_up = Instant::now() + PATIENCE;
     let status = loop {
         if let Some(status) = child.try_wait().unwrap() {
@@ -36,9 +40,16 @@ pub fn ended(mut command: Command) -> Finished {
         }
         std::thread::sleep(Duration::from_millis(20));
     };
-    let (mut stdout, mut stderr) = (String::new(), String::new());
-    child.stdout.take().unwrap().read_to_string(&mut stdout).unwrap();
-    child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+    let (stdout, stderr) = (output.join().unwrap(), errors.join().unwrap());
     assert!(!stderr.contains("panicked"), "{stderr}");
     Finished { code: status.code(), stdout, stderr }
+}
+
+/// Reads a pipe to its end.
+fn reading(mut pipe: impl Read + Send + 'static) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        let mut text = String::new();
+        pipe.read_to_string(&mut text).unwrap();
+        text
+    })
 }

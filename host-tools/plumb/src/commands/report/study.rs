@@ -4,7 +4,9 @@ use maud::{Markup, html};
 use plumbline_files::BadInput;
 use plumbline_study::figures::StudyFigures;
 use plumbline_study::inference::COMPARED;
-use plumbline_study::tables::PaperTable;
+use plumbline_study::measures::MEASURES;
+use plumbline_study::sway::SwayFigure;
+use plumbline_study::tables::{PaperTable, titled};
 use plumbline_trial::points::point_name;
 
 use super::plots::{self, Scale};
@@ -16,29 +18,31 @@ use crate::ui::page::{annotated, facts, figure, page, warnings};
 /// When a plot cannot be drawn.
 pub fn report(figures: &StudyFigures) -> Result<String, BadInput> {
     let known = [
-        ("participants", figures.participants.len().to_string()),
+        ("participants", figures.participants_text()),
         ("conditions", figures.conditions.join(", ")),
     ];
-    let tables = figures.physiology_tables().into_iter().chain([figures.sway_table()]);
-    let tables: Vec<Markup> = tables.map(|it| paper_table(&it)).collect();
+    let parts = figures.parts();
     let plots = plots(figures)?;
-    let (comparisons, effects) = (figures.comparisons(), figures.effects());
     let body = html! {
         (facts(&known))
         (warnings(&figures.warnings))
         section {
             h2 { "By condition and time" }
-            @for table in &tables { (table) }
+            @for table in parts.iter().flat_map(|it| &it.tables) { (paper_table(table)) }
             p.method {
-                "Trials of one participant under one condition are averaged first. Means and SEM "
-                "are without the differences between participants (Cousineau 2005, Morey 2008); d "
-                "is the difference of two such means over the root of their mean variance."
+                "Means and SEM are without the differences between participants (Cousineau 2005, "
+                "Morey 2008); d is the difference of two such means over the root of their mean "
+                "variance."
             }
+            @for line in figures.not_compared_lines() { p.method { (line) } }
         }
         @for plot in &plots { (plot) }
         section {
             h2 { "What acts on it" }
-            (annotated("Effects of condition and time on each response", &effects))
+            @for part in &parts {
+                (annotated(&format!("{}: effects on each response", part.title), &part.effects))
+                @if let Some(adjusted) = &part.adjusted { p.method { (adjusted) } }
+            }
             p.method {
                 "ANOVA-type statistic: Brunner, Domhof and Langer (2002), by ranks, for data that "
                 "are not normal. F: repeated-measures analysis of variance, corrected after "
@@ -48,7 +52,9 @@ pub fn report(figures: &StudyFigures) -> Result<String, BadInput> {
         }
         section {
             h2 { "The conditions at each time" }
-            (annotated("Each condition against the first", &comparisons))
+            @for part in &parts {
+                (annotated(&format!("{}: each condition against the first", part.title), &part.comparisons))
+            }
             p.method { (COMPARED) }
         }
     };
@@ -72,19 +78,28 @@ fn plots(figures: &StudyFigures) -> Result<Vec<Markup>, BadInput> {
     let mut charts = Vec::new();
     for it in &figures.physiology {
         let (name, unit) = it.quantity.name_and_unit();
-        let svg = plots::means(&it.inference, name, &format!("{name} ({unit})"), Scale::OfTheData)?;
+        let svg = plots::means(
+            &it.response.inference,
+            name,
+            &format!("{name} ({unit})"),
+            Scale::OfTheData,
+        )?;
         charts.extend(svg.map(|svg| figure(&svg, &format!("{name}: mean ± SEM"))));
     }
     section("Physiology", charts);
-    for point in figures.points() {
-        let mut charts = Vec::new();
-        for it in figures.path_lengths.iter().filter(|it| it.path.point == point) {
-            let direction = it.path.direction;
-            let svg = plots::means(&it.inference, direction, "path length (mm)", Scale::FromZero)?;
-            let caption = format!("{}, {direction}: path length, mean ± SEM", point_name(point));
-            charts.extend(svg.map(|svg| figure(&svg, &caption)));
+    for measure in MEASURES.iter().filter(|it| it.is_by_time()) {
+        for point in figures.points() {
+            let mut charts = Vec::new();
+            let own = figures.sway.iter().filter(|it| it.figure.point == point);
+            for it in own.filter(|it| it.figure.figure == measure.name) {
+                let SwayFigure { figure: name, unit, direction, .. } = &it.figure;
+                let axis = format!("{name} ({unit})");
+                let svg = plots::means(&it.response.inference, direction, &axis, Scale::FromZero)?;
+                let caption = format!("{}, {direction}: {name}, mean ± SEM", point_name(point));
+                charts.extend(svg.map(|svg| figure(&svg, &caption)));
+            }
+            section(&format!("{}: {}", titled(measure.name), point_name(point)), charts);
         }
-        section(&format!("Path length: {}", point_name(point)), charts);
     }
     Ok(sections)
 }
@@ -113,7 +128,7 @@ fn paper_table(table: &PaperTable) -> Markup {
                     tbody {
                         @for (at, (name, cells)) in section.rows.iter().enumerate() {
                             tr {
-                                @if let Some(section_name) = section.name && at == 0 {
+                                @if let Some(section_name) = &section.name && at == 0 {
                                     th scope="rowgroup" rowspan=(section.rows.len()) { (section_name) }
                                 }
                                 th scope="row" { (name) }

@@ -1,0 +1,281 @@
+//! All figures of trials as a tidy table: one row for each trial, trunk, time, figure and
+//! direction, as statistics programs read it.
+//!
+//! Every trial has the same rows. Where a figure could not be computed, its value is empty and the
+//! reason is given.
+
+use std::path::Path;
+
+use plumbline_analysis::sway::figure::Figure;
+use plumbline_analysis::sway::path::Path as SwayPath;
+use plumbline_analysis::sway::{self, Settings, Sway};
+use plumbline_files::BadInput;
+use plumbline_trial::Trial;
+use plumbline_trial::manifest::{Manifest, Zero};
+use plumbline_trial::points::{Point, Points};
+use plumbline_trial::reading::Trunk;
+use serde::{Serialize, Serializer};
+
+use crate::measures::{Direction, MEASURES, Measure};
+use crate::time::time_name;
+
+/// The name of the segment that is all of the analysed time.
+const WHOLE: &str = "whole";
+
+/// Why a trunk has no figures at all.
+const NOT_SEEN: &str = "fewer than two frames have its position";
+
+/// One row; its fields are the columns.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Who was measured, as trial.toml says.
+    #[serde(serialize_with = "as_cell")]
+    pub participant: String,
+    /// Under which condition, likewise.
+    #[serde(serialize_with = "as_cell")]
+    pub condition: String,
+    /// The trial's folder, as it was given.
+    #[serde(serialize_with = "as_cell")]
+    pub trial: String,
+    /// `lower` or `upper`.
+    pub trunk: &'static str,
+    /// The part of the trial: `T1`, `T2`, ... or `whole`.
+    pub segment: String,
+    /// Its start, seconds from t = 0.
+    pub start_s: Option<f64>,
+    /// Its end, likewise.
+    pub end_s: Option<f64>,
+    /// How much of it the figure is computed from, seconds.
+    pub measured_s: Option<f64>,
+    /// `AP`, `ML`, `SI`, or the plane `APML`, `APSI`, `MLSI`.
+    pub direction: &'static str,
+    /// The figure's name.
+    pub figure: &'static str,
+    /// Its value.
+    pub value: Option<f64>,
+    /// The standard uncertainty due to the noise of the positions, where that is known.
+    pub standard_uncertainty: Option<f64>,
+    /// The unit of both; empty for a number without one.
+    pub unit: &'static str,
+    /// The filter of the positions.
+    pub filter: String,
+    /// Frames per second.
+    pub rate_hz: Option<f64>,
+    /// Why there is no value.
+    pub reason: String,
+}
+
+/// What is found in a trial.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// Its rows.
+    pub rows: Vec<Row>,
+    /// Warnings for the user.
+    pub warnings: Vec<String>,
+}
+
+/// The rows of a trial.
+///
+/// # Errors
+/// When the trial cannot be read, or no trunk has a position in it.
+pub fn of_trial(folder: &Path, zero: Option<Zero>, settings: &Settings) -> Result<Found, BadInput> {
+    let trial = Trial::open(folder)?;
+    let points = Points::of(&trial, zero.unwrap_or(trial.manifest.zero))?;
+    let of_trial = Row::of(folder, &trial.manifest, settings);
+    let rows = Trunk::ALL.into_iter().flat_map(|trunk| {
+        let point = points.points.iter().find(|it| it.name == trunk.word());
+        let rate_hz = point.map(|it| it.series.rate_hz());
+        let of_trunk = Row { trunk: trunk.word(), rate_hz, ..of_trial.clone() };
+        let sway = sway_of(point, settings);
+        let figures = MEASURES.iter().flat_map(|measure| {
+            measure.directions().iter().map(move |direction| (measure, *direction))
+        });
+        let rows = figures.flat_map(|(measure, direction)| {
+            let of_figure = Row {
+                figure: measure.name,
+                unit: measure.unit,
+                direction: direction.word(),
+                ..of_trunk.clone()
+            };
+            let segments = segments(measure, direction, &sway, settings).into_iter();
+            segments.map(move |it| it.row(of_figure.clone()))
+        });
+        rows.collect::<Vec<_>>()
+    });
+    Ok(Found { rows: rows.collect(), warnings: points.warnings })
+}
+
+/// The table as text, with a header.
+///
+/// # Panics
+/// Never: memory takes any number of rows.
+#[must_use]
+pub fn csv(rows: &[Row]) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).expect("a row is flat");
+    }
+    writer.into_inner().expect("memory has no end of writing")
+}
+
+/// A text as a cell. A spreadsheet computes a cell that begins as a formula: such a text, and one
+/// that has the mark already, gets an apostrophe before it.
+fn as_cell<S: Serializer>(text: &str, serializer: S) -> Result<S::Ok, S::Error> {
+    let is_formula =
+        text.trim_start_matches('\'').starts_with(['=', '+', '-', '@', '\t', '\r', '\n']);
+    if is_formula {
+        serializer.serialize_str(&format!("'{text}"))
+    } else {
+        serializer.serialize_str(text)
+    }
+}
+
+impl Row {
+    /// What all rows of a trial have in common.
+    fn of(folder: &Path, manifest: &Manifest, settings: &Settings) -> Self {
+        let text = |text: &Option<String>| text.as_deref().unwrap_or_default().trim().to_owned();
+        Self {
+            participant: text(&manifest.participant),
+            condition: text(&manifest.condition),
+            trial: folder.display().to_string(),
+            trunk: "",
+            segment: String::new(),
+            start_s: None,
+            end_s: None,
+            measured_s: None,
+            direction: "",
+            figure: "",
+            value: None,
+            standard_uncertainty: None,
+            unit: "",
+            filter: settings.filter_s.map_or_else(
+                || "none".to_owned(),
+                |filter_s| format!("Savitzky-Golay {filter_s} s"),
+            ),
+            rate_hz: None,
+            reason: String::new(),
+        }
+    }
+}
+
+/// The figures of a point, or why it has none.
+fn sway_of(point: Option<&Point>, settings: &Settings) -> Result<Sway, String> {
+    let point = point.ok_or(NOT_SEEN)?;
+    sway::analyze(&point.series, point.noise.as_ref(), settings).map_err(|error| error.to_string())
+}
+
+/// A figure in a part of the trial.
+struct Segment<'a> {
+    name: String,
+    span_s: Option<[f64; 2]>,
+    measured_s: Option<f64>,
+    figure: Result<&'a Figure, &'a str>,
+}
+
+/// A measure's figures in one direction: of each time, if it has them, and of the whole.
+fn segments<'a>(
+    measure: &Measure,
+    direction: Direction,
+    sway: &'a Result<Sway, String>,
+    settings: &Settings,
+) -> Vec<Segment<'a>> {
+    let times = if measure.is_by_time() { &settings.bins_s[..] } else { &[] };
+    let times = times.iter().enumerate().map(|(at, bin)| {
+        let path = sway.as_ref().ok().map(|sway| &sway.figures.bins[at]);
+        let figure = path.and_then(|path| measure.of_path(path, direction));
+        Segment {
+            name: time_name(at),
+            span_s: Some([bin.start, bin.end]),
+            measured_s: path.map(measured_s),
+            figure: figure.ok_or_else(|| reason(sway)),
+        }
+    });
+    let figures = sway.as_ref().ok().map(|sway| &sway.figures);
+    let path = figures.map(|it| &it.path);
+    let given_s = settings.span_s.as_ref().map(|it| [it.start, it.end]);
+    let longest_s = figures.map(|it| it.spectrum.to_s - it.spectrum.from_s);
+    let whole = Segment {
+        name: WHOLE.to_owned(),
+        span_s: path.map(|it| [it.from_s, it.to_s]).or(given_s),
+        measured_s: longest_s.filter(|_| measure.is_of_longest_part()).or(path.map(measured_s)),
+        figure: figures.map(|it| measure.of_span(it, direction)).ok_or_else(|| reason(sway)),
+    };
+    times.chain([whole]).collect()
+}
+
+fn measured_s(path: &SwayPath) -> f64 {
+    path.covered * (path.to_s - path.from_s)
+}
+
+fn reason(sway: &Result<Sway, String>) -> &str {
+    sway.as_ref().err().map_or("", String::as_str)
+}
+
+impl Segment<'_> {
+    /// Completes a row.
+    fn row(self, row: Row) -> Row {
+        let figure = self.figure.ok();
+        let reason = match self.figure {
+            Ok(Figure::Absent { absent }) => absent.to_string(),
+            Ok(Figure::Known { .. }) => String::new(),
+            Err(reason) => reason.to_owned(),
+        };
+        Row {
+            segment: self.name,
+            start_s: self.span_s.map(|[start_s, _]| start_s),
+            end_s: self.span_s.map(|[_, end_s]| end_s),
+            measured_s: self.measured_s,
+            value: figure.and_then(Figure::value),
+            standard_uncertainty: figure.and_then(Figure::noise_sd),
+            reason,
+            ..row
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline_analysis::sway::figure::Absent;
+
+    use super::*;
+
+    #[test]
+    fn a_figure_comes_with_its_uncertainty_or_the_reason_why_there_is_none() {
+        let manifest = Manifest::begin(String::new(), None, None, None, Zero::Mark);
+        let row = Row::of(Path::new("t"), &manifest, &Settings::default());
+        let segment =
+            |figure| Segment { name: "T1".to_owned(), span_s: None, measured_s: None, figure };
+        let known = Figure::Known { value: 2.0, noise_sd: Some(0.25) };
+        let found = segment(Ok(&known)).row(row.clone());
+        assert_eq!((found.value, found.standard_uncertainty), (Some(2.0), Some(0.25)));
+        assert_eq!(found.reason, "");
+        let absent = Figure::Absent { absent: Absent::NoMovement };
+        for (figure, reason) in [(Ok(&absent), "all positions are the same"), (Err("gone"), "gone")]
+        {
+            let found = segment(figure).row(row.clone());
+            assert_eq!((found.value, found.standard_uncertainty), (None, None));
+            assert_eq!(found.reason, reason);
+        }
+    }
+
+    #[test]
+    fn no_text_begins_a_formula_and_no_number_is_a_text() {
+        let manifest = Manifest::begin(
+            String::new(),
+            Some("=1+1".to_owned()),
+            Some("a, \"b\"".to_owned()),
+            None,
+            Zero::Mark,
+        );
+        let row = Row::of(Path::new("-t"), &manifest, &Settings::default());
+        let row = Row { value: Some(-1.5e-7), start_s: Some(-5.0), ..row };
+        let text = String::from_utf8(csv(&[row])).unwrap();
+        let (header, row) = text.split_once('\n').unwrap();
+        assert!(
+            header.starts_with("participant,condition,trial,trunk,segment,start_s"),
+            "{header}"
+        );
+        assert!(row.starts_with("'=1+1,\"a, \"\"b\"\"\",'-t,,,-5.0,,,"), "{row}");
+        assert!(row.contains(",-1.5e-7,"), "{row}");
+    }
+}
