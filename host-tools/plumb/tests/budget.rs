@@ -248,7 +248,7 @@ fn the_table_and_the_report_name_every_cause() {
             assert!(text.contains(part), "no {part:?} in {text}");
         }
     }
-    assert!(table.stdout.contains("0.5 to 2.5 s; filter 0.5 s"), "{}", table.stdout);
+    assert!(table.stdout.contains("0.5 to 2.5 s; filter: Savitzky-Golay"), "{}", table.stdout);
     // A ruler that is off is an error, not an uncertainty.
     let off = "[print]\nmeasured_mm = 99.2\n";
     std::fs::write(folder.path().join("budget.toml"), off).unwrap();

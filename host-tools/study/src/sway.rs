@@ -10,9 +10,6 @@ use serde::Serialize;
 /// The directions, as the paper calls them.
 pub const DIRECTIONS: [&str; 6] = ["AP", "ML", "SI", "APML", "APSI", "MLSI"];
 
-/// If less than this fraction of a bin was measured, its path does not represent the bin.
-const COVERED_MIN: f64 = 0.9;
-
 /// A path, given by its point and its direction.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Path {
@@ -43,7 +40,8 @@ pub fn of_trial(points: &Points, settings: &Settings) -> Result<Found, BadInput>
             BadInput::new(place, &point.name, error, "leave this trial out, or record it again")
         })?;
         let bins = &sway.figures.bins;
-        let is_whole: Vec<bool> = bins.iter().map(|bin| bin.covered >= COVERED_MIN).collect();
+        let is_whole: Vec<bool> =
+            bins.iter().map(|bin| bin.covered >= settings.covered_min).collect();
         for (bin, _) in bins.iter().zip(&is_whole).filter(|(_, is_whole)| !**is_whole) {
             found.warnings.push(format!(
                 "{place}: {} trunk: only {:.0} % of {} to {} s was measured, so it has no value",

@@ -15,6 +15,14 @@ use serde::Serialize;
 use super::figure::{Absent, ByDirection, Figure, Figures};
 use crate::series::{Axis, Series};
 
+/// A bin of which less than this fraction was measured has no path: its path is not scaled up for
+/// what is missing, so it would fall short by more than about a tenth, as much as the effects that
+/// studies look for. A trial that starts or ends a second early, or loses that much, still counts.
+pub const COVERED_MIN: f64 = 0.9;
+
+/// Rounding of times and of their sum, as a fraction of a span.
+const ROUNDING: f64 = 1e-9;
+
 /// The path within one span of time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Path {
@@ -50,6 +58,8 @@ pub(super) struct Span {
     /// The first samples of the steps that start in it.
     pub steps: Vec<usize>,
     covered: f64,
+    /// Why its path does not count.
+    lacking: Option<Absent>,
 }
 
 impl Span {
@@ -59,10 +69,37 @@ impl Span {
         Self::of(series, first..last, 0..series.samples())
     }
 
-    /// The span between two times.
+    /// The span between two times; an infinite end is that of the series.
     pub fn between(series: &Series, time_s: &Range<f64>) -> Self {
         let index = |time: f64| series.time_s().partition_point(|at| *at < time);
-        Self::of(series, time_s.clone(), index(time_s.start)..index(time_s.end))
+        let samples = index(time_s.start)..index(time_s.end);
+        let last_s = series.time_s()[series.samples() - 1];
+        let end_s = if time_s.end.is_finite() { time_s.end } else { last_s };
+        Self::of(series, time_s.start..end_s, samples)
+    }
+
+    /// A bin, whose path counts if at least this fraction of it was measured.
+    pub fn bin(series: &Series, time_s: &Range<f64>, covered_min: f64) -> Self {
+        let mut span = Self::between(series, time_s);
+        if span.covered + ROUNDING < covered_min {
+            span.lacking = Some(Absent::TooLittleMeasured {
+                from_s: span.time_s.start,
+                to_s: span.time_s.end,
+                covered: span.covered,
+                needed: covered_min,
+            });
+        }
+        span
+    }
+
+    /// Its start and its end, seconds.
+    pub fn time_s(&self) -> &Range<f64> {
+        &self.time_s
+    }
+
+    /// The time between consecutive samples in it, seconds.
+    pub fn measured_s(&self) -> f64 {
+        self.covered * (self.time_s.end - self.time_s.start)
     }
 
     fn of(series: &Series, time_s: Range<f64>, samples: Range<usize>) -> Self {
@@ -75,8 +112,10 @@ impl Span {
             let start = times_s[segment.start].max(time_s.start);
             covered_s += (times_s[last].min(time_s.end) - start).max(0.0);
         }
-        let covered = covered_s / (time_s.end - time_s.start);
-        Self { time_s, samples, steps, covered }
+        // A span of no length, which ends where the series does, has nothing in it.
+        let length_s = time_s.end - time_s.start;
+        let covered = if length_s > 0.0 { covered_s / length_s } else { 0.0 };
+        Self { time_s, samples, steps, covered, lacking: None }
     }
 }
 
@@ -94,6 +133,9 @@ pub(super) fn steps<'a>(
 ) -> Result<impl Iterator<Item = [f64; 2]> + 'a, Absent> {
     let first = along(series, first)?;
     let second = second.map(|second| along(series, second)).transpose()?;
+    if let Some(absent) = span.lacking {
+        return Err(absent);
+    }
     if span.steps.is_empty() {
         return Err(Absent::NothingMeasured);
     }
