@@ -156,6 +156,8 @@ pub fn over_time(
     let values_range = range(values);
     let middle = 0.5 * (values_range.start + values_range.end);
     let reach = 0.56 * (values_range.end - values_range.start).max(0.02);
+    // Below the positions there is room for the bins' times.
+    let floor_mm = -1.25 * reach;
     let plot_px = (MARGIN_PX + LABELS_PX) as i32..(SERIES_PX.0 - MARGIN_PX) as i32;
     let s_per_px = (last_s - first_s) / f64::from(plot_px.end - plot_px.start);
     let events: Vec<&Event> =
@@ -168,11 +170,11 @@ pub fn over_time(
     let above_px = LANE_PX * labels.iter().flatten().map(|it| it.lane + 1).max().unwrap_or(0);
     svg((SERIES_PX.0, SERIES_PX.1 + above_px as u32), |root| {
         let (_, below) = root.split_vertically(above_px);
-        let ranges = [first_s..last_s, -reach..reach];
+        let ranges = [first_s..last_s, floor_mm..reach];
         let mut chart = chart(&below, "", ranges, ["time (s)", &axis_name(axis)])?;
         for gap in series.gaps_s() {
             let wider_s = 0.5 * (GAP_PX_MIN * s_per_px - (gap.end - gap.start)).max(0.0);
-            let corners = [(gap.start - wider_s, -reach), (gap.end + wider_s, reach)];
+            let corners = [(gap.start - wider_s, floor_mm), (gap.end + wider_s, reach)];
             chart.draw_series([Rectangle::new(corners, GAP.filled())])?;
         }
         for segment in series.segments() {
@@ -189,8 +191,8 @@ pub fn over_time(
             (start_s..end_s, format!("{} to {} s", bin.start, bin.end), colour(at))
         });
         for (band_s, text, colour) in bands.filter(|(band_s, ..)| band_s.start < band_s.end) {
-            let (left, floor) = chart.backend_coord(&(band_s.start, -reach));
-            let (right, _) = chart.backend_coord(&(band_s.end, -reach));
+            let (left, floor) = chart.backend_coord(&(band_s.start, floor_mm));
+            let (right, _) = chart.backend_coord(&(band_s.end, floor_mm));
             let band = [(left, floor - BAND_PX), (right, floor)];
             root.draw(&Rectangle::new(band, colour.filled()))?;
             if labels::width_px(&text) < right - left {
@@ -201,7 +203,7 @@ pub fn over_time(
         }
         let style = (FONT, LETTER_PX).into_font().color(&INK);
         for ((event, (x, text)), label) in events.iter().zip(&marks).zip(&labels) {
-            let (_, floor) = chart.backend_coord(&(event.time_s, -reach));
+            let (_, floor) = chart.backend_coord(&(event.time_s, floor_mm));
             let (_, ceiling) = chart.backend_coord(&(event.time_s, reach));
             let top = label.as_ref().map_or(ceiling, |it| MARGIN_PX as i32 + LANE_PX * it.lane);
             root.draw(&PathElement::new([(*x, top), (*x, floor)], INK.stroke_width(1)))?;
