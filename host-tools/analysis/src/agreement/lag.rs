@@ -250,6 +250,10 @@ mod tests {
         ]
     }
 
+    fn grid(series: &Series) -> Grid {
+        Grid::new(series, 1.0 / 60.0, &Axis::ALL, "recording").unwrap()
+    }
+
     fn series(rate_hz: f64, span_s: std::ops::Range<f64>, delay_s: f64) -> Series {
         let count = ((span_s.end - span_s.start) * rate_hz) as usize;
         let time_s: Vec<f64> = (0..count).map(|at| span_s.start + at as f64 / rate_hz).collect();
@@ -325,7 +329,7 @@ mod tests {
                 let whole = Series::new(time_s, positions_mm).unwrap();
                 whole.only(&[0..gap.start, gap.end..count as usize]).unwrap()
             };
-            let [a, b] = [series(), series()].map(|it| Grid::new(&it, 1.0 / 60.0, &Axis::ALL));
+            let [a, b] = [series(), series()].map(|it| grid(&it));
             let shifts = -(b.samples() as i64)..=a.samples() as i64;
             let found = correlations(&a, &b, shifts.clone(), 20.0);
             assert_eq!(found.len() as i64, shifts.end() - shifts.start() + 1);
@@ -353,7 +357,7 @@ mod tests {
             });
             moving.with_positions(held).unwrap()
         };
-        let [a, b] = [&until(600), &moving].map(|it| Grid::new(it, 1.0 / 60.0, &Axis::ALL));
+        let [a, b] = [&until(600), &moving].map(grid);
         let found = correlations(&a, &b, -1800..=1800, 900.0);
         // Shift 600 is the first to leave only samples from 600 on; at 900 the overlap becomes too
         // short.
