@@ -176,8 +176,8 @@ impl Butterworth {
             add(&squared_steps(from_end)?, shift, variances[shift + from_end]);
         }
         let middle = squared_steps(edge)?;
-        for at in edge..samples - edge {
-            add(&middle[..2 * edge], at - edge, variances[at]);
+        for (first_step, variance) in variances[edge..samples - edge].iter().enumerate() {
+            add(&middle[..2 * edge], first_step, *variance);
         }
         Some(steps)
     }
