@@ -3,7 +3,7 @@
 //! The paper takes the time at which the full weight is on a pressure platform, after the first
 //! overshoot. A camera sees the same from above: the trunk rises and then holds its height.
 
-use crate::filter::SavitzkyGolay;
+use crate::filter::Design;
 use crate::series::{Axis, Series};
 
 /// Rising from a chair lifts a person by more than this; nobody sways this far upwards.
@@ -19,14 +19,11 @@ const SPEED_MM_S: f64 = 50.0;
 /// Long enough that the turning point of an overshoot is not taken for rest.
 const REST_S: f64 = 0.5;
 
-/// The window of the filter applied before the speed is computed, seconds: the paper's.
-const FILTER_S: f64 = 0.5;
-
 /// The time at which the person is standing; `None` if nobody rises, or SI was not measured.
 #[must_use]
 pub fn stand_onset_s(series: &Series) -> Option<f64> {
-    let filter = SavitzkyGolay::lasting(FILTER_S, series.rate_hz())?;
-    let smooth = filter.apply(series)?.series;
+    // Before the speed is computed.
+    let smooth = Design::PAPER.at(series.rate_hz()).ok()?.apply(series)?.series;
     let (time_s, height_mm) = (smooth.time_s(), smooth.along(Axis::Si)?);
     // In the second half of a stand trial the person stands.
     let mut later = height_mm[height_mm.len() / 2..].to_vec();

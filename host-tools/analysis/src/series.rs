@@ -115,6 +115,8 @@ pub enum SeriesError {
     NotFinite(usize),
     /// This sample's time is not later than that of the sample before it.
     TimeNotIncreasing(usize),
+    /// The time from the first sample to the last is not a finite number.
+    TooLong,
 }
 
 impl fmt::Display for SeriesError {
@@ -128,6 +130,7 @@ impl fmt::Display for SeriesError {
             Self::TimeNotIncreasing(index) => {
                 write!(formatter, "the time of sample {index} is not later than the one before")
             }
+            Self::TooLong => write!(formatter, "the times are too far apart"),
         }
     }
 }
@@ -138,7 +141,7 @@ impl Series {
     /// A series of positions in the order AP, ML, SI; an axis that was not measured is empty.
     ///
     /// # Errors
-    /// When times do not increase, a number is not finite, or the lengths differ.
+    /// When times do not increase, a number or the duration is not finite, or the lengths differ.
     pub fn new(time_s: Vec<f64>, position_mm: [Vec<f64>; 3]) -> Result<Self, SeriesError> {
         for (axis, values) in Axis::ALL.into_iter().zip(&position_mm) {
             if !values.is_empty() && values.len() != time_s.len() {
@@ -153,6 +156,10 @@ impl Series {
             return Err(SeriesError::TimeNotIncreasing(at + 1));
         }
         let period_s = usual_period_s(&time_s).ok_or(SeriesError::TooFew)?;
+        // Every difference of two times is then finite, too.
+        if !(time_s[time_s.len() - 1] - time_s[0]).is_finite() {
+            return Err(SeriesError::TooLong);
+        }
         Ok(Self { time_s, position_mm, period_s })
     }
 
@@ -301,6 +308,7 @@ mod tests {
         assert_eq!(series(&[0.0, 0.2, 0.1]), Err(SeriesError::TimeNotIncreasing(2)));
         assert_eq!(series(&[0.0, 0.2, 0.2]), Err(SeriesError::TimeNotIncreasing(2)));
         assert_eq!(series(&[0.0, f64::NAN, 0.2]), Err(SeriesError::NotFinite(1)));
+        assert_eq!(series(&[f64::MIN, f64::MAX]), Err(SeriesError::TooLong));
         let short = Series::new(vec![0.0, 0.1], [vec![1.0, 2.0], vec![1.0], vec![]]);
         assert_eq!(short, Err(SeriesError::Lengths(Axis::Ml)));
     }

@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::Path;
 
 use flate2::read::GzDecoder;
+use plumbline_analysis::filter::Design;
 use plumbline_analysis::series::Series;
 use plumbline_analysis::sway::{Settings, Sway, analyze};
 
@@ -24,7 +25,7 @@ fn sway(folder: &Path, trial: &str) -> Sway {
     };
     let positions = [column("COPx[cm]"), column("COPy[cm]"), Vec::new()];
     let series = Series::new(column("Time[s]"), positions).unwrap();
-    let settings = Settings { filter_s: None, bins_s: Vec::new(), ..Default::default() };
+    let settings = Settings { filter: Design::None, bins_s: Vec::new(), ..Default::default() };
     analyze(&series, None, &settings).unwrap()
 }
 

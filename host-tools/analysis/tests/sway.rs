@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use plumbline_analysis::filter::{Design, Unsuitable};
 use plumbline_analysis::series::{Axis, Series};
 use plumbline_analysis::sway::figure::{Absent, ByAxis, Figure, Figures};
 use plumbline_analysis::sway::noise::{Noise, NoiseError};
@@ -25,7 +26,7 @@ fn series(samples: usize, position_mm: impl Fn(f64) -> [f64; 3]) -> Series {
 }
 
 fn unfiltered() -> Settings {
-    Settings { filter_s: None, ..Default::default() }
+    Settings { filter: Design::None, ..Default::default() }
 }
 
 fn sway(series: &Series) -> Sway {
@@ -34,6 +35,14 @@ fn sway(series: &Series) -> Sway {
 
 fn value(figure: &Figure) -> f64 {
     figure.value().unwrap_or_else(|| panic!("{figure:?}"))
+}
+
+/// Why there is no figure.
+fn reason(figure: &Figure) -> String {
+    match figure {
+        Figure::Absent { absent } => absent.to_string(),
+        Figure::Known { value, .. } => panic!("{value}"),
+    }
 }
 
 /// Asserts that a figure is within a relative bound.
@@ -144,7 +153,7 @@ fn nothing_is_counted_over_a_gap() {
     let frames: Vec<f64> = (0..1000).chain(1200..3601).map(f64::from).collect();
     let time_s: Vec<f64> = frames.iter().map(|frame| frame / RATE_HZ).collect();
     let line = Series::new(time_s, [frames.clone(), frames.clone(), Vec::new()]).unwrap();
-    let sway = sway(&line);
+    let sway = analyze(&line, None, &Settings { covered_min: 0.8, ..unfiltered() }).unwrap();
     assert_eq!((sway.gaps, sway.samples), (1, 3401));
     assert!((sway.gaps_s - 201.0 / RATE_HZ).abs() < 1e-12);
     let [first, second, third] = &sway.figures.bins[..] else { panic!("three bins") };
@@ -160,7 +169,43 @@ fn nothing_is_counted_over_a_gap() {
     // The filter leaves a straight line unchanged, from end to end of each part.
     let smooth = analyze(&line, None, &Settings::default()).unwrap();
     close(&smooth.figures.path.length_mm.axes.ap, 999.0 + 2400.0, 1e-12);
-    assert_eq!(smooth.filter.unwrap().left_out_samples, 0);
+    assert_eq!(smooth.filter.left_out_samples, 0);
+}
+
+#[test]
+fn a_bin_with_too_little_says_how_much_it_has_and_needs() {
+    // A mark came 5.5 s late: the last bin ends with the recording at 55.1 s.
+    let wave = series(3307, |time| [time.sin(), time.cos(), 0.0]);
+    let bins = |covered_min: f64| {
+        analyze(&wave, None, &Settings { covered_min, ..unfiltered() }).unwrap().figures.bins
+    };
+    let [_, second, third] = &bins(0.9)[..] else { panic!("three bins") };
+    assert!(second.length_mm.axes.ap.value().is_some());
+    let expected = "40 to 60 s: 15.1 of 20 s measured (75 %); at least 90 % are needed";
+    for figure in [&third.length_mm.axes.ap, &third.mean_velocity_mm_s.planes.coronal] {
+        assert_eq!(reason(figure), expected);
+    }
+    // The bound itself is enough.
+    let covered = third.covered;
+    assert!(bins(covered)[2].length_mm.axes.ap.value().is_some());
+    assert!(bins(covered + 1e-6)[2].length_mm.axes.ap.value().is_none());
+    // The share is rounded down: it never reads like the bound that it misses.
+    assert!(reason(&bins(0.76)[2].length_mm.axes.ml).contains("(75 %); at least 76 %"));
+    assert_eq!(plumbline_analysis::sway::path::COVERED_MIN, Settings::default().covered_min);
+}
+
+#[test]
+fn a_span_without_an_end_reaches_to_the_last_sample() {
+    let wave = series(MINUTE, |time| [time.sin(), 0.0, time]);
+    let settings = Settings { span_s: Some(10.0..f64::INFINITY), ..unfiltered() };
+    let open = analyze(&wave, None, &settings).unwrap();
+    let last_s = 3599.0 / RATE_HZ;
+    assert_eq!((open.from_s, open.to_s, open.samples), (10.0, last_s, 3000));
+    assert!((open.measured_s - (last_s - 10.0)).abs() < 1e-9, "{}", open.measured_s);
+    close(&open.figures.path.length_mm.axes.si, last_s - 10.0, 1e-12);
+    // Where nothing is left there are no figures.
+    let late = Settings { span_s: Some(last_s..f64::INFINITY), ..settings };
+    assert_eq!(analyze(&wave, None, &late), Err(SwayError::EmptySpan));
 }
 
 #[test]
@@ -191,8 +236,8 @@ fn lengths_alone_are_those_among_all_figures() {
     let noises = all.noise.unwrap();
     assert_eq!((effect, copies), (noises.total, noises.copies));
     assert_eq!(
-        lengths(&series, None, &Settings { filter_s: Some(-1.0), ..settings }).unwrap_err(),
-        SwayError::Setting("filter's window")
+        lengths(&series, None, &Settings { covered_min: -1.0, ..settings }).unwrap_err(),
+        SwayError::Setting("share of a bin")
     );
 }
 
@@ -253,8 +298,8 @@ fn a_point_at_rest_moves_by_its_noise() {
     let noise = independent_noise(&still, sd_mm);
     // The mean length of n independent steps varies by 0.755 / sqrt(n). Unfiltered steps are nearly
     // independent; of filtered ones about every tenth is: 0.0028 and 0.009, times four.
-    for (filter_s, bound) in [(None, 0.011), (Some(0.5), 0.035)] {
-        let settings = Settings { filter_s, bins_s: Vec::new(), ..Default::default() };
+    for (filter, bound) in [(Design::None, 0.011), (Design::PAPER, 0.035)] {
+        let settings = Settings { filter, bins_s: Vec::new(), ..Default::default() };
         let sway = analyze(&still, Some(&noise), &settings).unwrap();
         let path = sway.noise.unwrap().total;
         let measured = &sway.figures.path.length_mm;
@@ -399,7 +444,7 @@ fn samples_that_are_left_out_take_their_noise_with_them() {
     let constant = independent_noise(&series, [0.1; 3]);
     let [each, constant] =
         [each, constant].map(|noise| analyze(&series, Some(&noise), &Settings::default()).unwrap());
-    assert_eq!((each.samples, each.filter.unwrap().left_out_samples), (1000, 20));
+    assert_eq!((each.samples, each.filter.left_out_samples), (1000, 20));
     let alone = |noise: Option<PathNoises>| noise.unwrap().total.alone_mm.planes.transverse;
     close(&alone(each.noise), value(&alone(constant.noise)), 1e-9);
 }
@@ -459,12 +504,10 @@ fn a_short_trial_has_the_figures_that_it_can_have() {
     let figures = &sway.figures;
     assert!(figures.path.length_mm.axes.ap.value().is_some());
     assert!((figures.bins[0].covered - 299.0 / 1200.0).abs() < 1e-12);
-    let nothing = Figure::Absent { absent: Absent::NothingMeasured };
-    assert_eq!((&figures.bins[1].length_mm.axes.ap, figures.bins[1].covered), (&nothing, 0.0));
-    let reason = |figure: &Figure| match figure {
-        Figure::Absent { absent } => absent.to_string(),
-        Figure::Known { .. } => panic!("{figure:?}"),
-    };
+    assert_eq!(
+        reason(&figures.bins[1].length_mm.axes.ap),
+        "20 to 40 s: 0.0 of 20 s measured (0 %); at least 90 % are needed"
+    );
     let part = "the longest part without a gap is 5.0 s, but";
     assert_eq!(reason(&figures.spectrum.axes.ap.mean_hz), format!("{part} 10.0 s are needed"));
     assert_eq!(reason(&figures.density.peak_s), format!("{part} 10.0 s are needed"));
@@ -482,20 +525,25 @@ fn settings_that_make_no_sense_are_refused() {
         change(&mut settings);
         analyze(&wave, None, &settings).unwrap_err()
     };
-    assert_eq!(refused(&|it| it.filter_s = Some(-1.0)), SwayError::Setting("filter's window"));
-    assert_eq!(refused(&|it| it.filter_s = Some(f64::NAN)), SwayError::Setting("filter's window"));
+    for covered_min in [-0.1, 1.1, f64::NAN] {
+        let error = refused(&|it| it.covered_min = covered_min);
+        assert_eq!(error, SwayError::Setting("share of a bin"));
+    }
     assert_eq!(refused(&|it| it.bins_s[1] = 20.0..20.0), SwayError::Setting("bins"));
     assert_eq!(refused(&|it| it.span_s = Some(0.0..f64::NAN)), SwayError::Setting("span"));
     assert_eq!(
         refused(&|it| it.density.radius_mm = 0.0),
         SwayError::Setting("sway density's radius")
     );
-    let window = SwayError::FilterWindow { window_s: 0.05, rate_hz: wave.rate_hz() };
-    assert_eq!(refused(&|it| it.filter_s = Some(0.05)), window);
+    let rate_hz = wave.rate_hz();
+    for window_s in [-1.0, 0.05] {
+        let error = refused(&|it| it.filter = Design::SavitzkyGolay { window_s });
+        assert_eq!(error, SwayError::Filter(Unsuitable::Window { window_s, rate_hz }));
+    }
     assert_eq!(refused(&|it| it.span_s = Some(70.0..80.0)), SwayError::EmptySpan);
     let fragments = series(30, |time| [time, time, time]);
     let error = analyze(&fragments, None, &Settings::default()).unwrap_err();
-    assert_eq!(error, SwayError::OnlyFragments { window: 31 });
+    assert_eq!(error, SwayError::OnlyFragments { needed: 31 });
 }
 
 #[test]
@@ -529,11 +577,12 @@ fn odd_series_give_finite_figures_or_none() {
     let mut known = 0;
     for (index, series) in all.iter().enumerate() {
         let noise = independent_noise(series, [0.1, 0.0, 1e-3]);
-        for filter_s in [None, Some(0.5)] {
-            let settings = Settings { filter_s, ..Default::default() };
+        let butterworth = Design::Butterworth { cutoff_hz: 5.0, order: 2 };
+        for filter in [Design::None, Design::PAPER, butterworth] {
+            let settings = Settings { filter, ..Default::default() };
             let Ok(mut sway) = analyze(series, Some(&noise), &settings) else {
                 // Unsuitable filters; without a filter there is always a result.
-                assert!(filter_s.is_some(), "{index}");
+                assert!(filter != Design::None, "{index}");
                 continue;
             };
             sway.figures.each(&mut |figure| {

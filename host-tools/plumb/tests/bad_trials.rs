@@ -74,9 +74,11 @@ fn settings_that_suit_no_trial_are_refused() {
     for (arguments, parts) in [
         ("analyze t1 --bins 5-3", &["5-3", "0-20"][..]),
         ("analyze t1 --bins a-b", &["a-b"]),
-        ("analyze t1 --filter -1", &["filter", "--filter"]),
-        ("analyze t1 --filter nan", &["filter"]),
-        ("analyze t1 --filter 60", &["filter"]),
+        ("analyze t1 --filter -1", &["--filter", "paper:0.5", "none"]),
+        ("analyze t1 --filter paper:nan", &["--filter"]),
+        ("analyze t1 --filter paper:60", &["filter", "samples"]),
+        ("analyze t1 --filter butterworth:500", &["does not suit a rate of"]),
+        ("analyze t1 --covered-min 120", &["--covered-min", "0 to 100 percent"]),
         ("analyze t1 --span 100-200", &["fewer than two samples in the span"]),
         ("analyze t1 --radius 0", &["radius", "--radius"]),
         ("analyze t1 --zero onset", &["nobody rises", "--zero mark"]),
@@ -108,9 +110,15 @@ fn options_that_would_go_unheard_are_refused() {
     for name in ["study.toml", "marks.trc"] {
         std::fs::write(folder.path().join(name), "").unwrap();
     }
-    for option in
-        ["--bins 0-30", "--filter 1", "--span 0-9", "--radius 3", "--zero mark", "--keep-origins"]
-    {
+    for option in [
+        "--bins 0-30",
+        "--filter paper:1",
+        "--covered-min 80",
+        "--span 0-9",
+        "--radius 3",
+        "--zero mark",
+        "--keep-origins",
+    ] {
         let name = option.split(' ').next().unwrap();
         let field = format!("study.toml: {name}: ");
         let parts = [&*field, "settings in study.toml", "leave it out"];

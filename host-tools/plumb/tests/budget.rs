@@ -249,7 +249,21 @@ fn the_table_and_the_report_name_every_cause() {
             assert!(text.contains(part), "no {part:?} in {text}");
         }
     }
-    assert!(table.stdout.contains("0.5 to 2.5 s; filter 0.5 s"), "{}", table.stdout);
+    assert!(table.stdout.contains("0.5 to 2.5 s; filter: Savitzky-Golay"), "{}", table.stdout);
+    // The ± of the figures themselves says what is in it, and what is not.
+    let figures = plumb(&folder, "analyze p01 --json p01.json");
+    let json = |name: &str| -> Value {
+        serde_json::from_slice(&std::fs::read(folder.path().join(name)).unwrap()).unwrap()
+    };
+    assert_eq!(json("p01.json")["uncertainty_contains"].to_string(), r#"["noise"]"#);
+    for text in [&figures.stdout, &page] {
+        for part in ["path length (mm) ± noise", "the scale of the print", "`plumb budget` adds"] {
+            assert!(text.contains(part), "no {part:?} in {text}");
+        }
+    }
+    plumb(&folder, &format!("budget p01 {with} --json budget.json"));
+    let all = r#"["print","lens","flatness","axes","noise","timing","steps"]"#;
+    assert_eq!(json("budget.json")["uncertainty_contains"].to_string(), all);
     // A ruler that is off is an error, not an uncertainty.
     let off = "[print]\nmeasured_mm = 99.2\n";
     std::fs::write(folder.path().join("budget.toml"), off).unwrap();

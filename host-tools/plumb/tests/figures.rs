@@ -1,7 +1,10 @@
 //! Figures and statistics by the program itself, against results that others have published.
 
 use plumbline_test_support::{command, data};
+use std::f64::consts::TAU;
 use std::process::Output;
+
+use crate::common::trial::{self, Frame};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -223,6 +226,174 @@ fn a_study_of_one_participant_has_its_means_and_no_plot() {
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 0);
     assert!(page.contains("only 1, but 2 are needed"), "{page}");
+}
+
+/// A trial `p01` of a minute at 60 Hz whose mark comes 5.508 s after its start, between two frames:
+/// before, the person moves by 50 mm.
+fn marked_trial(folder: &TempDir) {
+    let frames: Vec<Frame> = (0..3600)
+        .map(|sequence| {
+            let time_s = f64::from(sequence) / 60.0;
+            let size_mm = if time_s < 5.5 { 50.0 } else { 5.0 };
+            let angle = TAU * 0.5 * time_s;
+            let at_mm = [size_mm * angle.cos(), size_mm * angle.sin(), 900.0];
+            Frame { sequence, time_s, lower_mm: Some(at_mm), upper_mm: None }
+        })
+        .collect();
+    trial::write(&folder.path().join("p01"), &frames, &[(5.508, "zero")]);
+}
+
+#[test]
+fn what_was_before_a_mark_is_in_no_figure_unless_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    marked_trial(&folder);
+    let rms_mm =
+        |it: &Value| it["points"][0]["unfiltered"]["rms_mm"]["transverse"]["value"].clone();
+    let after = json(&folder, &["analyze", "p01"]);
+    let lower = &after["points"][0]["filtered"];
+    // 27 and a quarter turns after the mark: less than a percent of a turn is one too many.
+    assert_near(&rms_mm(&after), 5.0, 0.01);
+    assert_eq!((&after["span"], &lower["from_s"]), (&"from t = 0 on".into(), &0.0.into()));
+    // The last frame is at 59.983 s of the recording; the mark's time is good to 0.1 ms.
+    assert_near(&lower["to_s"], 3599.0 / 60.0 - 5.508, 1e-4 / 54.0);
+    assert_near(&lower["measured_s"], 3599.0 / 60.0 - 5.508, 1e-4 / 54.0);
+    assert_eq!(lower["samples"].as_u64().unwrap(), 3600 - 331);
+    let all = json(&folder, &["analyze", "p01", "--span", "all"]);
+    assert!(rms_mm(&all).as_f64().unwrap() > 15.0, "{}", rms_mm(&all));
+    assert_eq!(all["points"][0]["filtered"]["samples"].as_u64().unwrap(), 3600);
+    // Without a mark that counts, nothing was before it.
+    let start = json(&folder, &["analyze", "p01", "--zero", "start"]);
+    assert_eq!(rms_mm(&start), rms_mm(&all));
+    let said = text(&plumb(&folder, &["analyze", "p01"]));
+    for part in ["span: from t = 0 on", "0.00 to 54.48 s", "3269 frames at 60.00 Hz"] {
+        assert!(said.contains(part), "no {part}: {said}");
+    }
+}
+
+#[test]
+fn a_time_bin_with_too_little_says_how_much_it_has_and_needs() {
+    let folder = tempfile::tempdir().unwrap();
+    marked_trial(&folder);
+    let reason = "40 to 60 s: 14.5 of 20 s measured (72 %); at least 90 % are needed";
+    let ap = |it: &Value| it["points"][0]["filtered"]["bins"][2]["length_mm"]["ap"].clone();
+    let found = json(&folder, &["analyze", "p01"]);
+    assert_eq!((&found["covered_min"], &ap(&found)["absent"]), (&0.9.into(), &reason.into()));
+    let said = text(&plumb(&folder, &["analyze", "p01"]));
+    assert!(said.contains(reason) && said.contains("a bin below 90 % has no path"), "{said}");
+    assert_eq!(plumb(&folder, &["report", "p01"]).status.code(), Some(0));
+    let page = std::fs::read_to_string(folder.path().join("p01/report.html")).unwrap();
+    assert!(page.contains(reason) && page.contains("less than 90 % was measured"), "{page}");
+    let enough = json(&folder, &["analyze", "p01", "--covered-min", "72"]);
+    assert!(ap(&enough)["value"].as_f64().is_some(), "{enough}");
+}
+
+#[test]
+fn a_report_begins_with_what_it_is_of() {
+    let folder = tempfile::tempdir().unwrap();
+    marked_trial(&folder);
+    let report = ["report", "p01", "--filter", "butterworth:10", "--out", "p01.html"];
+    assert_eq!(plumb(&folder, &report).status.code(), Some(0));
+    let page = std::fs::read_to_string(folder.path().join("p01.html")).unwrap();
+    let (head, rest) = page.split_once("Lower trunk").unwrap();
+    for part in [
+        "p-01",
+        "control",
+        "60.0 s, 3600 frames at 60.00 Hz",
+        "from t = 0 on: 0.00 to 54.48 s",
+        "Butterworth, 10 Hz, order 2 in each of two passes",
+        "20 to 40 s",
+    ] {
+        assert!(head.contains(part), "no {part}: {head}");
+    }
+    // Around the path seen from above, of which lines are 1 px wide, is the ellipse.
+    let plots: Vec<&str> = rest.split("<figure").collect();
+    let plot = |plane: &str| plots.iter().find(|it| it.contains(plane)).unwrap();
+    let [transverse, sagittal] = ["transverse plane", "sagittal plane"].map(plot);
+    let is_outlined = |plot: &str| plot.contains("stroke-width=\"2\"");
+    assert!(is_outlined(transverse) && transverse.contains("95 % prediction ellipse"));
+    assert!(!is_outlined(sagittal) && !sagittal.contains("ellipse"));
+    // Three bins and what lies before the mark, each in its colour.
+    let strokes: std::collections::BTreeSet<&str> = sagittal
+        .split("<polyline")
+        .filter_map(|it| Some(&it.split_once("stroke=\"")?.1[..7]))
+        .collect();
+    assert!(strokes.len() >= 4, "{strokes:?}");
+}
+
+#[test]
+fn filters_are_chosen_by_name_and_stated() {
+    let Some(data) = data("sway") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = data.join("BDS00001.txt.gz").display().to_string();
+    let columns = "time=Time[s],ap=COPx[cm],ml=COPy[cm]";
+    let table = ["analyze", "--table", &path, "--columns", columns, "--unit", "cm", "--filter"];
+    let of = |filter: &str| json(&folder, &[&table[..], &[filter]].concat());
+    let none = of("none");
+    assert_eq!(none["points"][0]["filtered"], none["points"][0]["unfiltered"]);
+    assert_eq!(none["filter"]["kind"], "none");
+    let length = |it: &Value| {
+        it["points"][0]["filtered"]["path"]["length_mm"]["ap"]["value"].as_f64().unwrap()
+    };
+    let butterworth = of("butterworth:10");
+    let stated = &butterworth["points"][0]["filtered"]["filter"];
+    assert_eq!((&stated["cutoff_hz"], &stated["order"]), (&10.0.into(), &2.into()));
+    // Of a digital filter at a tenth of the rate: `atan(0.8022 tan(pi / 10)) / pi` of it.
+    assert_near(&stated["half_power_hz"], 8.124, 1e-3);
+    // Its cutoff is above that of the paper's filter, which is near 3 Hz.
+    let lengths = [length(&of("paper:0.5")), length(&butterworth), length(&none)];
+    assert!(lengths[0] < lengths[1] && lengths[1] < lengths[2], "{lengths:?}");
+    let said = text(&plumb(&folder, &[&table[..], &["0"]].concat()));
+    assert!(said.contains("paper:0.5 or butterworth:10") && said.contains("none"), "{said}");
+}
+
+#[test]
+fn a_force_plate_s_table_has_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    circle(&folder, "plate.csv", 5.0, 0.2);
+    let table = ["report", "--table", "plate.csv", "--columns", "time=t,ap=x,ml=y", "--unit", "mm"];
+    let done = plumb(&folder, &table);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done));
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    for part in [
+        "plate.csv",
+        "60.0 s, 6001 frames at 100.00 Hz",
+        "all: 0.00 to 60.00 s",
+        "Figures have no ±",
+    ] {
+        assert!(page.contains(part), "no {part}: {page}");
+    }
+    // A plane, two axes and the spectra.
+    assert_eq!(page.matches("<figure").count(), 4);
+    for (option, value) in [("--reference", "plate.csv"), ("--camera", "plate.csv")] {
+        let said = text(&plumb(&folder, &[&table[..], &[option, value]].concat()));
+        assert!(said.contains(&format!("plate.csv: {option}: an option of a trial")), "{said}");
+    }
+    let said = text(&plumb(&folder, &["report", "plate.csv"]));
+    assert!(said.contains("--table, --columns and --unit"), "{said}");
+}
+
+#[test]
+fn what_stabilometry_asks_for_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    marked_trial(&folder);
+    let warned = |arguments: &[&str]| text(&plumb(&folder, arguments));
+    assert!(!warned(&["analyze", "p01"]).contains("Scoppa"));
+    let short = "the figures are of 20.0 s; stabilometry asks for at least 25 s";
+    assert!(warned(&["analyze", "p01", "--span", "0-20"]).contains(short));
+    let frames: Vec<Frame> = (0..900)
+        .map(|sequence| {
+            let time_s = f64::from(sequence) / 30.0;
+            let at_mm = [(TAU * 0.3 * time_s).sin(), (TAU * 0.2 * time_s).cos(), 900.0];
+            Frame { sequence, time_s, lower_mm: Some(at_mm), upper_mm: None }
+        })
+        .collect();
+    trial::write(&folder.path().join("slow"), &frames, &[]);
+    let slow = "the rate is 30.0 Hz; stabilometry asks for at least 50 Hz (Scoppa et al. 2013)";
+    let said = warned(&["analyze", "slow"]);
+    assert!(said.contains(slow) && !said.contains("25 s"), "{said}");
+    assert!(warned(&["report", "slow"]).contains(slow));
+    let page = std::fs::read_to_string(folder.path().join("slow/report.html")).unwrap();
+    assert!(page.contains(slow), "{page}");
 }
 
 #[test]

@@ -225,7 +225,7 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
         assert_eq!(mode(&path), 0o600, "{}", path.display());
     }
 
-    let analysis = bench.done("analyze p01 --bins -1-0,0-1 --filter 0.1 --json p01.json");
+    let analysis = bench.done("analyze p01 --bins -1-0,0-1 --filter paper:0.1 --json p01.json");
     assert!(analysis.contains("t = 0: the mark \"stands\""), "{analysis}");
     // Both trunks have their uncertainties, and a gapless trial gaps of no length.
     let json = std::fs::read_to_string(bench.path("p01.json")).unwrap();
@@ -235,7 +235,7 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
         assert!(length["noise_sd"].as_f64().is_some_and(|sd| sd > 0.0), "{point}");
         assert_eq!(point["filtered"]["gaps_s"].to_string(), "0.0");
     }
-    bench.done("report p01 --bins -1-0,0-1 --filter 0.1 --out p01.html");
+    bench.done("report p01 --bins -1-0,0-1 --filter paper:0.1 --out p01.html");
     let page = std::fs::read_to_string(bench.path("p01.html")).unwrap();
     for part in [
         "P01, control",
@@ -272,7 +272,7 @@ fn a_recording_that_is_killed_loses_at_most_its_last_second() {
     let said = bench.done("replay killed --tables");
     assert!(said.contains("was cut off"), "{said}");
     // The tables do not make it whole: whoever analyses it is told.
-    let analysis = bench.done("analyze killed --bins 0-1 --filter 0.1");
+    let analysis = bench.done("analyze killed --bins 0-1 --filter paper:0.1");
     assert!(analysis.contains("was cut off"), "{analysis}");
 }
 

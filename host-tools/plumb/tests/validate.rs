@@ -415,3 +415,24 @@ fn a_recording_of_motion_capture_is_read() {
     assert_eq!(marker.position[0], Some([713.7804, 1395.9895, 1047.50989]));
     assert_eq!(marker.position[1], Some([713.81598, 1396.00439, 1047.5166]));
 }
+
+#[test]
+fn a_number_beyond_any_room_is_no_panic() {
+    let folder = bench();
+    let path = folder.path().join("p01.trc");
+    let text = std::fs::read_to_string(&path).unwrap();
+    // Fields of the first marker in the hundredth frame.
+    let lines: Vec<&str> = text.lines().collect();
+    for wrong in ["1e160", "1e300", "-1.7e308"] {
+        let mut fields: Vec<&str> = lines[105].split('\t').collect();
+        fields[2] = wrong;
+        let line = fields.join("\t");
+        let mut lines = lines.clone();
+        lines[105] = &line;
+        std::fs::write(&path, lines.join("\n")).unwrap();
+        // `plumb` itself looks for a panic's message.
+        let done = validate(folder.path(), &PAIR);
+        let says_so = done.code == Some(2) || done.stderr.contains("correlation");
+        assert!(says_so, "{:?} {} {}", done.code, done.stdout, done.stderr);
+    }
+}

@@ -1,7 +1,9 @@
 //! The sway figures of one trial.
 
+pub mod standard;
 pub mod tables;
 
+use plumbline_analysis::filter::Design;
 use plumbline_analysis::sway::{self, Settings, Sway};
 use plumbline_files::BadInput;
 use plumbline_trial::manifest::EventSeen;
@@ -18,8 +20,14 @@ pub struct Analysis {
     pub source: String,
     /// The event at t = 0.
     pub zero: String,
-    /// The window of the filter, seconds.
-    pub filter_s: f64,
+    /// The time that was analysed, in words; its start and end are those of each point.
+    pub span: String,
+    /// The filter.
+    pub filter: Design,
+    /// The fraction of a time bin that must have been measured for it to have a path.
+    pub covered_min: f64,
+    /// What the uncertainty of each figure contains: nothing where the noise is not known.
+    pub uncertainty_contains: &'static [&'static str],
     /// The points of the body.
     pub points: Vec<PointFigures>,
     /// The events, on the same clock.
@@ -33,21 +41,18 @@ pub struct Analysis {
 pub struct PointFigures {
     /// `lower`, `upper`, or `point` of a table.
     pub point: String,
-    /// The figures of the filtered positions: the paper's.
+    /// The figures of the filtered positions.
     pub filtered: Sway,
     /// The figures of the positions as measured.
     pub unfiltered: Sway,
 }
 
 impl Analysis {
-    /// The figures of the points of a trial: filtered with a window of `filter_s` seconds, and as
-    /// measured.
+    /// The figures of the points of a trial: filtered, and as measured.
     ///
     /// # Errors
     /// When the settings do not suit the trial.
-    pub fn of(points: &Points, filter_s: f64, settings: &Settings) -> Result<Self, BadInput> {
-        let filtered = Settings { filter_s: Some(filter_s), ..settings.clone() };
-        let unfiltered = Settings { filter_s: None, ..settings.clone() };
+    pub fn of(points: &Points, settings: &Settings) -> Result<Self, BadInput> {
         let figures = |point: &Point| {
             let sway = |settings: &Settings| {
                 sway::analyze(&point.series, point.noise.as_ref(), settings).map_err(|error| {
@@ -59,20 +64,42 @@ impl Analysis {
                     )
                 })
             };
-            Ok(PointFigures {
-                point: point.name.clone(),
-                filtered: sway(&filtered)?,
-                unfiltered: sway(&unfiltered)?,
-            })
+            let filtered = sway(settings)?;
+            let unfiltered = match settings.filter {
+                Design::None => filtered.clone(),
+                _ => sway(&Settings { filter: Design::None, ..settings.clone() })?,
+            };
+            Ok(PointFigures { point: point.name.clone(), filtered, unfiltered })
         };
+        let figures: Vec<PointFigures> =
+            points.points.par_iter().map(figures).collect::<Result<_, BadInput>>()?;
+        let mut warnings = points.warnings.clone();
+        warnings.extend(standard::below(figures.iter().map(|it| &it.filtered)));
         Ok(Self {
             program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
             source: points.place.clone(),
             zero: points.zero.clone(),
-            filter_s,
-            points: points.points.par_iter().map(figures).collect::<Result<_, BadInput>>()?,
+            span: span(settings),
+            filter: settings.filter,
+            covered_min: settings.covered_min,
+            uncertainty_contains: if points.points.iter().any(|it| it.noise.is_some()) {
+                &["noise"]
+            } else {
+                &[]
+            },
+            points: figures,
             events: points.events.clone(),
-            warnings: points.warnings.clone(),
+            warnings,
         })
+    }
+}
+
+/// The time that is analysed, in words.
+fn span(settings: &Settings) -> String {
+    match &settings.span_s {
+        None => "all".to_owned(),
+        Some(span_s) if span_s.end.is_finite() => format!("{} to {} s", span_s.start, span_s.end),
+        Some(span_s) if span_s.start == 0.0 => "from t = 0 on".to_owned(),
+        Some(span_s) => format!("from {} s on", span_s.start),
     }
 }

@@ -8,7 +8,6 @@ use plumbline_trial::points::{Points, point_name};
 use serde::Serialize;
 
 use crate::measures::Chosen;
-use crate::time::COVERED_MIN;
 use crate::values::Value;
 
 /// A figure of one point of the body.
@@ -65,7 +64,7 @@ pub fn of_trial(points: &Points, settings: &Settings, chosen: &[Chosen]) -> Foun
         let sway = sway::analyze(&point.series, None, settings);
         let sway = sway.map_err(|error| format!("{place}: {error}"));
         if let Ok(sway) = &sway {
-            let short = sway.figures.bins.iter().filter_map(shortfall);
+            let short = sway.figures.bins.iter().filter_map(|bin| bin.shortfall(settings.covered_min));
             found.warnings.extend(short.map(|short| format!("{place}: {short}: no value")));
         }
         found.responses.extend(chosen.iter().map(|chosen| {
@@ -89,7 +88,8 @@ fn values(
         Err(reason) => return vec![Err(reason.clone()); times],
     };
     // That an axis was not measured at all says more than how much of a time was.
-    let value = |path: &Path, figure: &Figure| match (figure, shortfall(path)) {
+    let short = |path: &Path| path.shortfall(settings.covered_min);
+    let value = |path: &Path, figure: &Figure| match (figure, short(path)) {
         (Figure::Absent { absent: absent @ Absent::NotMeasured(_) }, _) => {
             Err(format!("{place}: {absent}"))
         }
@@ -105,17 +105,4 @@ fn values(
     } else {
         vec![value(&figures.path, measure.of_span(figures, direction))]
     }
-}
-
-/// How much of a time was measured, if that is too little.
-fn shortfall(path: &Path) -> Option<String> {
-    let Path { from_s, to_s, covered, .. } = path;
-    (*covered < COVERED_MIN).then(|| {
-        format!(
-            "{:.0} % of {from_s} to {to_s} s was measured, and {:.0} % are needed",
-            // Rounded down, so that it never reads as if it were enough.
-            (100.0 * covered).floor(),
-            100.0 * COVERED_MIN
-        )
-    })
 }

@@ -1,12 +1,9 @@
-//! The times of a protocol: their names, and how much of one must be measured.
+//! The times of a protocol, and their names.
 
 use std::ops::Range;
 
 /// One day: the greatest distance from a trial's t = 0.
 pub const SECONDS_MAX: f64 = 86_400.0;
-
-/// If less than this fraction of a time was measured, its figures do not represent it.
-pub const COVERED_MIN: f64 = 0.9;
 
 /// The name of a time, as in the paper's Table II: the first is T1.
 #[must_use]

@@ -1,5 +1,6 @@
 //! What is analysed: points of the body over time, from a trial or a table.
 
+use std::ops::Range;
 use std::path::Path;
 
 use nalgebra::Matrix3;
@@ -47,6 +48,8 @@ pub struct Points {
     pub points: Vec<Point>,
     /// What t = 0 is, in words.
     pub zero: String,
+    /// Whether a mark or the stand onset has set t = 0, which is the first frame otherwise.
+    pub is_zero_set: bool,
     /// The time of day of t = 0, seconds since 1970 by the clock of the computer that recorded
     /// the trial; a table has none.
     pub zero_utc_s: Option<f64>,
@@ -73,6 +76,7 @@ impl Points {
             place: table.path.display().to_string(),
             points: vec![point],
             zero: "as in the table".to_owned(),
+            is_zero_set: false,
             zero_utc_s: None,
             events: Vec::new(),
             warnings: positions.warnings,
@@ -118,7 +122,7 @@ impl Points {
                  (`plumb doctor`); then record again",
             ));
         }
-        let (zero_s, zero) = zero_of(trial, &points, zero, &place)?;
+        let (zero_s, zero, is_zero_set) = zero_of(trial, &points, zero, &place)?;
         let mut shifted = Vec::new();
         for point in points {
             let since_zero =
@@ -134,27 +138,35 @@ impl Points {
         let mut events = trial.manifest.events.clone();
         events.iter_mut().for_each(|event| event.time_s -= zero_s);
         let zero_utc_s = trial.first_frame_utc_s.map(|first_s| first_s + zero_s);
-        Ok(Self { place, points: shifted, zero, zero_utc_s, events, warnings })
+        Ok(Self { place, points: shifted, zero, is_zero_set, zero_utc_s, events, warnings })
+    }
+
+    /// The time that figures are of unless another is asked for, seconds: from t = 0 on where it
+    /// was set, since what comes before is preparation; otherwise all (`None`). An infinite end is
+    /// that of the recording.
+    #[must_use]
+    pub fn usual_span_s(&self) -> Option<Range<f64>> {
+        self.is_zero_set.then_some(0.0..f64::INFINITY)
     }
 }
 
-/// t = 0 on the trial's clock, and in words.
+/// t = 0 on the trial's clock, in words, and whether anything set it.
 fn zero_of(
     trial: &Trial,
     points: &[Point],
     zero: Zero,
     place: &str,
-) -> Result<(f64, String), BadInput> {
+) -> Result<(f64, String, bool), BadInput> {
     match zero {
-        Zero::Start => Ok((0.0, "the first frame".to_owned())),
+        Zero::Start => Ok((0.0, "the first frame".to_owned(), false)),
         Zero::Mark => Ok(match trial.manifest.zero_mark() {
-            Some(event) => (event.time_s, format!("the mark \"{}\"", event.label)),
-            None => (0.0, "the first frame: there is no mark".to_owned()),
+            Some(event) => (event.time_s, format!("the mark \"{}\"", event.label), true),
+            None => (0.0, "the first frame: there is no mark".to_owned(), false),
         }),
         Zero::Onset => {
             let onset = points.iter().rev().find_map(|point| stand_onset_s(&point.series));
             onset
-                .map(|onset_s| (onset_s, "stand onset, by the trunk's height".to_owned()))
+                .map(|onset_s| (onset_s, "stand onset, by the trunk's height".to_owned(), true))
                 .ok_or_else(|| {
                     BadInput::whole(
                         place,

@@ -7,7 +7,7 @@ use plumbline::lens::{Distortion, Lens, ray_by_point, ray_of};
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::SceneFrame;
 use plumbline::target::{Origin, Role, TargetGeometry};
-use plumbline_analysis::filter::SavitzkyGolay;
+use plumbline_analysis::filter::Design;
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::sway::{Lengths, Settings, lengths};
 use plumbline_trial::reading::Trunk;
@@ -20,7 +20,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 pub const RATE_HZ: f64 = 30.0;
 pub const DURATION_S: f64 = 12.0;
-pub const FILTER_S: f64 = 0.5;
+pub const FILTER: Design = Design::PAPER;
 /// Samples of the true movement for each frame.
 const FINER: usize = 4;
 
@@ -54,7 +54,7 @@ const LENS_WAYS: [[f64; 7]; 7] = [
 /// from sample to sample, so that a finer movement does not pass through the same one.
 pub fn inner() -> Settings {
     let span_s = Some(1.0..DURATION_S - 1.0);
-    Settings { filter_s: Some(FILTER_S), span_s, ..Settings::default() }
+    Settings { filter: FILTER, span_s, ..Settings::default() }
 }
 
 /// The same, with borders just before a frame and before the sample of the true movement there.
@@ -306,7 +306,7 @@ fn true_figures(
     settings: &Settings,
     true_mm: impl Fn(f64) -> Vector3<f64>,
 ) -> (Vec<f64>, Vector3<f64>) {
-    let filter = SavitzkyGolay::lasting(FILTER_S, RATE_HZ).unwrap();
+    let filter = FILTER.at(RATE_HZ).unwrap();
     let phases: Vec<Series> = (0..FINER)
         .map(|phase| {
             let late_s = phase as f64 / (FINER as f64 * RATE_HZ);
@@ -323,7 +323,7 @@ fn true_figures(
         }
     }
     let (fine_s, fine_mm): (Vec<f64>, Vec<Vector3<f64>>) = fine.into_iter().unzip();
-    let unfiltered = Settings { filter_s: None, ..settings.clone() };
+    let unfiltered = Settings { filter: Design::None, ..settings.clone() };
     let of = |series: &Series| lengths(series, None, &unfiltered).unwrap().0;
     let (coarse, fine) = (of(&phases[0]), of(&series(fine_s, &fine_mm)));
     let inside_s = settings.span_s.clone().unwrap();

@@ -68,13 +68,8 @@ pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag,
     if spans.iter().any(|[start, end]| (end - start) / period_s > GRID_MAX) {
         return Err(no_overlap);
     }
-    let (a, b) = (Grid::new(measured, period_s, &shared), Grid::new(reference, period_s, &shared));
-    if a.is_constant() {
-        return Err(PairError::Constant("measurement"));
-    }
-    if b.is_constant() {
-        return Err(PairError::Constant("reference"));
-    }
+    let a = Grid::new(measured, period_s, &shared, "measurement")?;
+    let b = Grid::new(reference, period_s, &shared, "reference")?;
     let enough = OVERLAP_MIN * a.filled().min(b.filled()) as f64;
     // Pairing sample i of one with i - shift of the other means a lag of start_s + shift period_s.
     let start_s = spans[0][0] - spans[1][0];
@@ -103,15 +98,25 @@ pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag,
     Ok(Lag { lag_s, correlation, is_at_bound: around.is_none() })
 }
 
+/// Along no axis does a recording leave its mean by more than the rounding of values some metres
+/// from the origin.
+const STILL_MM: f64 = 1e-9;
+
 /// A recording at evenly spaced times: the deviations from its mean along each axis, and where it
-/// has a value at all.
+/// has a value at all. The largest deviation is 1: a correlation has no scale, and squares of
+/// this size neither overflow nor underflow.
 struct Grid {
     is_there: Vec<bool>,
     axes: Vec<Vec<f64>>,
 }
 
 impl Grid {
-    fn new(series: &Series, period_s: f64, axes: &[Axis]) -> Self {
+    fn new(
+        series: &Series,
+        period_s: f64,
+        axes: &[Axis],
+        name: &'static str,
+    ) -> Result<Self, PairError> {
         let time_s = series.time_s();
         let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
         let count = ((last_s - first_s) / period_s) as usize + 1;
@@ -122,10 +127,16 @@ impl Grid {
             let mean = values.iter().sum::<f64>() / values.len() as f64;
             places.iter().map(|place| place.map_or(0.0, |it| it.value(values) - mean)).collect()
         };
-        Self {
-            is_there: places.iter().map(Option::is_some).collect(),
-            axes: axes.iter().map(column).collect(),
+        let mut axes: Vec<Vec<f64>> = axes.iter().map(column).collect();
+        let largest_mm = axes.iter().flatten().fold(0.0, |largest: f64, it| largest.max(it.abs()));
+        if axes.iter().flatten().any(|it| !it.is_finite()) {
+            return Err(PairError::TooLarge(name));
         }
+        if largest_mm < STILL_MM {
+            return Err(PairError::Constant(name));
+        }
+        axes.iter_mut().flatten().for_each(|it| *it /= largest_mm);
+        Ok(Self { is_there: places.iter().map(Option::is_some).collect(), axes })
     }
 
     fn samples(&self) -> usize {
@@ -134,11 +145,6 @@ impl Grid {
 
     fn filled(&self) -> usize {
         self.is_there.iter().filter(|it| **it).count()
-    }
-
-    /// Along all axes, apart from the rounding of values some metres from the origin.
-    fn is_constant(&self) -> bool {
-        self.axes.iter().flatten().all(|it| it.abs() < 1e-9)
     }
 
     /// 1 where there is a value.
@@ -244,6 +250,10 @@ mod tests {
         ]
     }
 
+    fn grid(series: &Series) -> Grid {
+        Grid::new(series, 1.0 / 60.0, &Axis::ALL, "recording").unwrap()
+    }
+
     fn series(rate_hz: f64, span_s: std::ops::Range<f64>, delay_s: f64) -> Series {
         let count = ((span_s.end - span_s.start) * rate_hz) as usize;
         let time_s: Vec<f64> = (0..count).map(|at| span_s.start + at as f64 / rate_hz).collect();
@@ -319,7 +329,7 @@ mod tests {
                 let whole = Series::new(time_s, positions_mm).unwrap();
                 whole.only(&[0..gap.start, gap.end..count as usize]).unwrap()
             };
-            let [a, b] = [series(), series()].map(|it| Grid::new(&it, 1.0 / 60.0, &Axis::ALL));
+            let [a, b] = [series(), series()].map(|it| grid(&it));
             let shifts = -(b.samples() as i64)..=a.samples() as i64;
             let found = correlations(&a, &b, shifts.clone(), 20.0);
             assert_eq!(found.len() as i64, shifts.end() - shifts.start() + 1);
@@ -347,7 +357,7 @@ mod tests {
             });
             moving.with_positions(held).unwrap()
         };
-        let [a, b] = [&until(600), &moving].map(|it| Grid::new(it, 1.0 / 60.0, &Axis::ALL));
+        let [a, b] = [&until(600), &moving].map(grid);
         let found = correlations(&a, &b, -1800..=1800, 900.0);
         // Shift 600 is the first to leave only samples from 600 on; at 900 the overlap becomes too
         // short.

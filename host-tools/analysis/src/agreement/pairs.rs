@@ -51,6 +51,8 @@ pub enum PairError {
     },
     /// The measurement, or the reference, does not move: no lag can be found.
     Constant(&'static str),
+    /// Positions of the measurement, or of the reference, are so large that their mean overflows.
+    TooLarge(&'static str),
 }
 
 impl fmt::Display for PairError {
@@ -63,6 +65,7 @@ impl fmt::Display for PairError {
                  {b:.2} s, the reference from {c:.2} to {d:.2} s"
             ),
             Self::Constant(which) => write!(formatter, "the {which} does not move"),
+            Self::TooLarge(which) => write!(formatter, "positions of the {which} are too large"),
         }
     }
 }

@@ -11,14 +11,15 @@
 
 use serde::Serialize;
 
-use super::butterworth;
 use super::figure::{Absent, Figure, Figures};
 use super::path::along;
 use super::spectrum::{long_enough, longest_segment};
+use crate::filter::Butterworth;
 use crate::series::{Axis, Series};
 
-/// The cut-off frequency of the smoothing, as in the literature.
+/// The cut-off frequency and the order of each pass of the smoothing, as in the literature.
 const CUT_OFF_HZ: f64 = 2.5;
+const ORDER: usize = 4;
 
 /// The rate must be above twice the cut-off.
 const RATE_MIN_HZ: f64 = 2.0 * CUT_OFF_HZ;
@@ -80,7 +81,8 @@ fn means(series: &Series, Settings { radius_mm }: Settings) -> Result<[f64; 3], 
     let positions_mm = positions_mm.map(|axis| &axis[segment.clone()]);
     long_enough(segment.len(), series, SHORTEST_S)?;
     let times_s = times(positions_mm, radius_mm, rate_hz)?;
-    let curve_s = butterworth::low_pass(&times_s, CUT_OFF_HZ, rate_hz)
+    let curve_s = Butterworth::new(CUT_OFF_HZ, ORDER, rate_hz)
+        .and_then(|filter| filter.smooth(&times_s))
         .ok_or(Absent::RateTooLow { rate_hz, needed_hz: RATE_MIN_HZ })?;
     let peaks = peaks(&curve_s);
     let [first, .., last] = peaks[..] else { return Err(Absent::TooFewPeaks(peaks.len())) };

@@ -65,6 +65,17 @@ pub enum Absent {
     NotMeasured(Axis),
     /// No step between consecutive samples starts in this time.
     NothingMeasured,
+    /// Too little of a time bin was measured.
+    TooLittleMeasured {
+        /// The start of the bin.
+        from_s: f64,
+        /// The end of the bin.
+        to_s: f64,
+        /// The share that was measured, 0 to 1.
+        covered: f64,
+        /// The least share needed.
+        needed: f64,
+    },
     /// Too few samples.
     TooFewSamples {
         /// The number found.
@@ -112,6 +123,15 @@ impl fmt::Display for Absent {
         match self {
             Self::NotMeasured(axis) => write!(formatter, "{} was not measured", axis.word()),
             Self::NothingMeasured => write!(formatter, "nothing was measured in this time"),
+            // Rounded down, so that it never reads like the bound.
+            Self::TooLittleMeasured { from_s, to_s, covered, needed } => write!(
+                formatter,
+                "{from_s} to {to_s} s: {:.1} of {} s measured ({} %); at least {} % are needed",
+                covered * (to_s - from_s),
+                to_s - from_s,
+                (100.0 * covered).floor(),
+                100.0 * needed
+            ),
             Self::TooFewSamples { samples, needed } => {
                 write!(formatter, "there are {samples} samples, but {needed} are needed")
             }

@@ -19,10 +19,9 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use crate::filter::SavitzkyGolay;
+use crate::filter::{Design, Filter, Filtered, Unsuitable};
 use crate::series::Series;
 
-mod butterworth;
 pub mod density;
 pub mod diffusion;
 pub mod ellipse;
@@ -44,13 +43,15 @@ use spectrum::Spectrum;
 /// The settings from which figures are computed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// The window of the [filter](crate::filter), seconds; `None` for no filter.
-    pub filter_s: Option<f64>,
-    /// The time that is analysed; `None` for all. Positions outside it are still used by the
-    /// filter.
+    /// The [filter](crate::filter).
+    pub filter: Design,
+    /// The time that is analysed; `None` for all, and up to the last sample where the end is
+    /// infinite. Positions outside it are still used by the filter.
     pub span_s: Option<Range<f64>>,
     /// Intervals with their own path length, each excluding its end.
     pub bins_s: Vec<Range<f64>>,
+    /// The fraction of a bin that must have been measured for its path to count, 0 to 1.
+    pub covered_min: f64,
     /// The settings of the sway density.
     pub density: density::Settings,
 }
@@ -59,9 +60,10 @@ impl Default for Settings {
     /// The paper's settings: half a second, and three bins of 20 s from the start of the stance.
     fn default() -> Self {
         Self {
-            filter_s: Some(0.5),
+            filter: Design::PAPER,
             span_s: None,
             bins_s: vec![0.0..20.0, 20.0..40.0, 40.0..60.0],
+            covered_min: path::COVERED_MIN,
             density: density::Settings::default(),
         }
     }
@@ -72,17 +74,12 @@ impl Default for Settings {
 pub enum SwayError {
     /// This setting is not a positive number, or a range is not in order.
     Setting(&'static str),
-    /// The filter's window would be less than 5 samples, or more than 2001.
-    FilterWindow {
-        /// The window requested.
-        window_s: f64,
-        /// The series' rate.
-        rate_hz: f64,
-    },
-    /// All parts without a gap are shorter than the filter's window.
+    /// The filter does not suit the series' rate.
+    Filter(Unsuitable),
+    /// All parts without a gap are too short for the filter.
     OnlyFragments {
-        /// The window, samples.
-        window: usize,
+        /// The number of samples that it needs.
+        needed: usize,
     },
     /// Fewer than two samples in the span.
     EmptySpan,
@@ -96,14 +93,10 @@ impl fmt::Display for SwayError {
             Self::Setting(name) => {
                 write!(formatter, "the {name} must be positive, and a range must be in order")
             }
-            Self::FilterWindow { window_s, rate_hz } => write!(
+            Self::Filter(unsuitable) => unsuitable.fmt(formatter),
+            Self::OnlyFragments { needed } => write!(
                 formatter,
-                "a filter of {window_s} s has fewer than 5 or more than 2001 samples at \
-                 {rate_hz:.1} Hz"
-            ),
-            Self::OnlyFragments { window } => write!(
-                formatter,
-                "no part without a gap has the {window} samples that the filter needs"
+                "no part without a gap has the {needed} samples that the filter needs"
             ),
             Self::EmptySpan => write!(formatter, "there are fewer than two samples in the span"),
             Self::NoiseLength => {
@@ -120,14 +113,20 @@ impl std::error::Error for SwayError {}
 pub struct Sway {
     /// The number of samples per second.
     pub rate_hz: f64,
+    /// The start of the time that was analysed, the span, seconds.
+    pub from_s: f64,
+    /// Its end, seconds.
+    pub to_s: f64,
+    /// The part of it that lies between consecutive samples, seconds.
+    pub measured_s: f64,
     /// The number of samples in the span, after the filter.
     pub samples: usize,
     /// The number of gaps between them.
     pub gaps: usize,
     /// The total duration of the gaps, seconds.
     pub gaps_s: f64,
-    /// The filter; `None` without one.
-    pub filter: Option<Filter>,
+    /// The filter.
+    pub filter: Filtering,
     /// The given noise; `None` without.
     pub noise: Option<PathNoises>,
     /// The figures.
@@ -137,11 +136,17 @@ pub struct Sway {
 
 /// The filter that was used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Filter {
-    /// Its window, samples.
-    pub window_samples: usize,
+pub struct Filtering {
+    /// The filter.
+    #[serde(flatten)]
+    pub design: Design,
+    /// The number of samples without a gap that it needs: of Savitzky and Golay's, its window.
+    pub samples_min: usize,
+    /// The frequency at which both passes of a Butterworth filter together halve the power (-3 dB).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub half_power_hz: Option<f64>,
     /// The number of samples of the whole series that were left out because the part without a gap
-    /// around them is shorter than the window.
+    /// around them is too short for the filter.
     pub left_out_samples: usize,
 }
 
@@ -223,7 +228,7 @@ pub fn analyze(
     let of = |smooth: &Series| SwayFigures::of(smooth, spans, settings);
     let mut figures = of(smooth).ok_or(SwayError::EmptySpan)?;
     let noise = noise.as_ref().map(|noise| {
-        let steps = noise::step_factors(noise, smooth, filter.as_ref());
+        let steps = noise::step_factors(noise, smooth, filter);
         let path_noise = |span: &Span| noise::path_noise(smooth, span, &steps);
         let (total, bins) = (path_noise(&spans.total), spans.bins.iter().map(path_noise).collect());
         let measured = figures.ellipse.clone();
@@ -232,18 +237,26 @@ pub fn analyze(
             ellipse::turn_towards(&mut figures.ellipse, &measured);
             Some(figures)
         };
-        let copies = noise::uncertainties(&mut figures, noise, smooth, filter.as_ref(), again);
+        let copies = noise::uncertainties(&mut figures, noise, smooth, filter, again);
         PathNoises { total, bins, copies }
     });
     Ok(Sway {
         rate_hz: series.rate_hz(),
+        from_s: spans.total.time_s().start,
+        to_s: spans.total.time_s().end,
+        measured_s: spans.total.measured_s(),
         samples: span.samples(),
         gaps: span.gaps_s().count(),
         gaps_s: span.gaps_s().fold(0.0, |sum, gap| sum + gap.end - gap.start),
-        filter: filter.as_ref().map(|filter| Filter {
-            window_samples: filter.window(),
+        filter: Filtering {
+            design: settings.filter,
+            samples_min: filter.samples_min(),
+            half_power_hz: match filter {
+                Filter::Butterworth(filter) => Some(filter.half_power_hz()),
+                Filter::None | Filter::SavitzkyGolay(_) => None,
+            },
             left_out_samples: prepared.left_out_samples,
-        }),
+        },
         noise,
         figures,
     })
@@ -271,7 +284,7 @@ pub fn lengths(
             ellipse::turn_towards(&mut lengths.ellipse, &measured);
             Some(lengths)
         };
-        noise::uncertainties(&mut lengths, noise, smooth, filter.as_ref(), again)
+        noise::uncertainties(&mut lengths, noise, smooth, filter, again)
     });
     Ok((lengths, copies))
 }
@@ -297,7 +310,7 @@ pub fn path_errors(
     let Prepared { smooth, filter, noise, spans, span, .. } =
         Prepared::of(series, Some(noise), settings)?;
     let noise = noise.expect("noise was given");
-    let steps = noise::step_factors(&noise, &smooth, filter.as_ref());
+    let steps = noise::step_factors(&noise, &smooth, &filter);
     Ok(PathErrors {
         noise: noise::path_noise(&smooth, &spans.total, &steps),
         shortfall: path::shortfall(&span),
@@ -306,8 +319,8 @@ pub fn path_errors(
 
 /// A series as its figures need it.
 struct Prepared {
-    filter: Option<SavitzkyGolay>,
-    /// The filtered positions; without a filter, the positions.
+    filter: Filter,
+    /// The filtered positions.
     smooth: Series,
     left_out_samples: usize,
     /// The noise of the samples that the filter kept.
@@ -323,22 +336,11 @@ impl Prepared {
         if noise.is_some_and(|noise| !noise.fits(series.samples())) {
             return Err(SwayError::NoiseLength);
         }
-        let rate_hz = series.rate_hz();
-        let lasting = |window_s: f64| {
-            SavitzkyGolay::lasting(window_s, rate_hz)
-                .ok_or(SwayError::FilterWindow { window_s, rate_hz })
-        };
-        let filter = settings.filter_s.map(lasting).transpose()?;
-        let (smooth, noise, left_out_samples) = match &filter {
-            None => (series.clone(), noise.cloned(), 0),
-            Some(filter) => {
-                let filtered = filter
-                    .apply(series)
-                    .ok_or(SwayError::OnlyFragments { window: filter.window() })?;
-                let noise = noise.map(|noise| noise.only(&filtered.kept));
-                (filtered.series, noise, filtered.left_out_samples)
-            }
-        };
+        let filter = settings.filter.at(series.rate_hz()).map_err(SwayError::Filter)?;
+        let Filtered { series: smooth, kept, left_out_samples } = filter
+            .apply(series)
+            .ok_or(SwayError::OnlyFragments { needed: filter.samples_min() })?;
+        let noise = noise.map(|noise| noise.only(&kept));
         let spans = Spans::of(&smooth, settings);
         let span = settings.cut(&smooth).ok_or(SwayError::EmptySpan)?;
         Ok(Self { filter, smooth, left_out_samples, noise, spans, span })
@@ -367,7 +369,8 @@ impl Spans {
     fn of(series: &Series, settings: &Settings) -> Self {
         let between = |time_s| Span::between(series, time_s);
         let total = settings.span_s.as_ref().map_or_else(|| Span::whole(series), between);
-        Self { total, bins: settings.bins_s.iter().map(between).collect() }
+        let bin = |time_s| Span::bin(series, time_s, settings.covered_min);
+        Self { total, bins: settings.bins_s.iter().map(bin).collect() }
     }
 }
 
@@ -398,13 +401,12 @@ impl Settings {
 
     fn check(&self) -> Result<(), SwayError> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
-        let ordered = |span: &Range<f64>| {
-            span.start.is_finite() && span.end.is_finite() && span.start < span.end
-        };
+        let ordered = |span: &Range<f64>| span.start.is_finite() && span.start < span.end;
+        let bounded = |span: &Range<f64>| ordered(span) && span.end.is_finite();
         let all = [
-            ("filter's window", self.filter_s.is_none_or(positive)),
             ("span", self.span_s.as_ref().is_none_or(ordered)),
-            ("bins", self.bins_s.iter().all(ordered)),
+            ("bins", self.bins_s.iter().all(bounded)),
+            ("share of a bin", (0.0..=1.0).contains(&self.covered_min)),
             ("sway density's radius", positive(self.density.radius_mm)),
         ];
         match all.into_iter().find(|(_, good)| !good) {

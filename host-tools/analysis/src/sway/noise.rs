@@ -5,7 +5,7 @@
 //! such as those of a calibration, are not included.
 //!
 //! - **The path of noise alone** is how far a point at rest would seem to move. A step has the
-//!   covariance that [the filter makes of it](crate::filter::SavitzkyGolay::step_variances); with
+//!   covariance that [the filter makes of it](crate::filter::Filter::step_variances); with
 //!   standard deviations `a >= b` along its principal axes, its mean length is
 //!   `a sqrt(2/pi) E(1 - b^2/a^2)`, where `E` is the complete elliptic integral of the second kind
 //!   as a function of the parameter m (`E(1) = 1` for one axis). Exact.
@@ -35,7 +35,7 @@ use serde::Serialize;
 
 use super::figure::{ByDirection, Figure, Figures};
 use super::path::{Span, length, steps};
-use crate::filter::SavitzkyGolay;
+use crate::filter::Filter;
 use crate::series::{Axis, Series};
 
 /// Fixed, so that the same trial always gives the same figures.
@@ -159,26 +159,12 @@ pub struct PathNoise {
 
 /// The covariances of the steps of a filtered series, mm²: lower triangular factors, indexed by the
 /// step's first sample. Steps over gaps have none (zero).
-pub(super) fn step_factors(
-    noise: &Noise,
-    series: &Series,
-    filter: Option<&SavitzkyGolay>,
-) -> Vec<Matrix3<f64>> {
+pub(super) fn step_factors(noise: &Noise, series: &Series, filter: &Filter) -> Vec<Matrix3<f64>> {
     let mut factors = vec![Matrix3::zeros(); series.samples()];
-    let through = |variances: &[f64]| match filter {
-        Some(filter) => filter.step_variances(variances).unwrap_or_default(),
-        None => variances.windows(2).map(|pair| pair[0] + pair[1]).collect(),
-    };
     for segment in series.segments() {
         let covariances = noise.factors[segment.clone()].iter().map(|it| it * it.transpose());
         let covariances: Vec<Matrix3<f64>> = covariances.collect();
-        let mut steps = vec![Matrix3::zeros(); segment.len() - 1];
-        for (row, column) in [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)] {
-            let of_samples: Vec<f64> = covariances.iter().map(|it| it[(row, column)]).collect();
-            for (step, covariance) in steps.iter_mut().zip(through(&of_samples)) {
-                (step[(row, column)], step[(column, row)]) = (covariance, covariance);
-            }
-        }
+        let steps = filter.step_variances(&covariances).unwrap_or_default();
         for (to, covariance) in factors[segment.start..].iter_mut().zip(&steps) {
             // A sum of covariances is a covariance, up to rounding that `factor` tolerates.
             *to = factor(covariance).unwrap_or_default();
@@ -315,7 +301,7 @@ pub(super) fn uncertainties<T: Figures>(
     figures: &mut T,
     noise: &Noise,
     series: &Series,
-    filter: Option<&SavitzkyGolay>,
+    filter: &Filter,
     measure: impl Fn(&Series) -> Option<T>,
 ) -> usize {
     let copies = (COPIED_SAMPLES / series.samples()).clamp(COPIES_MIN, COPIES_MAX);
@@ -354,7 +340,7 @@ pub(super) fn uncertainties<T: Figures>(
 fn noisy(
     noise: &Noise,
     series: &Series,
-    filter: Option<&SavitzkyGolay>,
+    filter: &Filter,
     random: &mut ChaCha8Rng,
 ) -> Option<Series> {
     let noises_mm: Vec<Vector3<f64>> =
@@ -365,10 +351,7 @@ fn noisy(
         for segment in series.segments() {
             let part = noises_mm[segment.clone()].iter().map(|it| it[axis as usize]);
             let part: Vec<f64> = part.collect();
-            let part: Vec<f64> = match filter {
-                Some(filter) => filter.smooth(&part)?,
-                None => part,
-            };
+            let part = filter.smooth(&part)?;
             noisy_mm.extend(positions_mm[segment].iter().zip(part).map(|(a, b)| a + b));
         }
         Some(noisy_mm)

@@ -15,6 +15,14 @@ use serde::Serialize;
 use super::figure::{Absent, ByDirection, Figure, Figures};
 use crate::series::{Axis, Series};
 
+/// A bin of which less than this fraction was measured has no path: its path is not scaled up for
+/// what is missing, so it would fall short by more than about a tenth, as much as the effects that
+/// studies look for. A trial that starts or ends a second early, or loses that much, still counts.
+pub const COVERED_MIN: f64 = 0.9;
+
+/// Rounding of times and of their sum, as a fraction of a span.
+const ROUNDING: f64 = 1e-9;
+
 /// The path within one span of time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Path {
@@ -35,6 +43,14 @@ pub struct Path {
     pub mean_velocity_mm_s: ByDirection<Figure>,
 }
 
+impl Path {
+    /// Why it does not represent its time, if less than this fraction of that was measured.
+    #[must_use]
+    pub fn shortfall(&self, covered_min: f64) -> Option<Absent> {
+        too_little(&(self.from_s..self.to_s), self.covered, covered_min)
+    }
+}
+
 impl Figures for Path {
     fn each(&mut self, visit: &mut dyn FnMut(&mut Figure)) {
         self.length_mm.each(visit);
@@ -50,6 +66,8 @@ pub(super) struct Span {
     /// The first samples of the steps that start in it.
     pub steps: Vec<usize>,
     covered: f64,
+    /// Why its path does not count.
+    lacking: Option<Absent>,
 }
 
 impl Span {
@@ -59,10 +77,30 @@ impl Span {
         Self::of(series, first..last, 0..series.samples())
     }
 
-    /// The span between two times.
+    /// The span between two times; an infinite end is that of the series.
     pub fn between(series: &Series, time_s: &Range<f64>) -> Self {
         let index = |time: f64| series.time_s().partition_point(|at| *at < time);
-        Self::of(series, time_s.clone(), index(time_s.start)..index(time_s.end))
+        let samples = index(time_s.start)..index(time_s.end);
+        let last_s = series.time_s()[series.samples() - 1];
+        let end_s = if time_s.end.is_finite() { time_s.end } else { last_s };
+        Self::of(series, time_s.start..end_s, samples)
+    }
+
+    /// A bin, whose path counts if at least this fraction of it was measured.
+    pub fn bin(series: &Series, time_s: &Range<f64>, covered_min: f64) -> Self {
+        let mut span = Self::between(series, time_s);
+        span.lacking = too_little(&span.time_s, span.covered, covered_min);
+        span
+    }
+
+    /// Its start and its end, seconds.
+    pub fn time_s(&self) -> &Range<f64> {
+        &self.time_s
+    }
+
+    /// The time between consecutive samples in it, seconds.
+    pub fn measured_s(&self) -> f64 {
+        self.covered * (self.time_s.end - self.time_s.start)
     }
 
     fn of(series: &Series, time_s: Range<f64>, samples: Range<usize>) -> Self {
@@ -75,9 +113,18 @@ impl Span {
             let start = times_s[segment.start].max(time_s.start);
             covered_s += (times_s[last].min(time_s.end) - start).max(0.0);
         }
-        let covered = covered_s / (time_s.end - time_s.start);
-        Self { time_s, samples, steps, covered }
+        // A span of no length, which ends where the series does, has nothing in it.
+        let length_s = time_s.end - time_s.start;
+        let covered = if length_s > 0.0 { covered_s / length_s } else { 0.0 };
+        Self { time_s, samples, steps, covered, lacking: None }
     }
+}
+
+/// Why figures of this time have no value, if less than the needed fraction of it was measured.
+fn too_little(time_s: &Range<f64>, covered: f64, needed: f64) -> Option<Absent> {
+    let (from_s, to_s) = (time_s.start, time_s.end);
+    (covered + ROUNDING < needed)
+        .then_some(Absent::TooLittleMeasured { from_s, to_s, covered, needed })
 }
 
 /// The positions along an axis.
@@ -94,6 +141,9 @@ pub(super) fn steps<'a>(
 ) -> Result<impl Iterator<Item = [f64; 2]> + 'a, Absent> {
     let first = along(series, first)?;
     let second = second.map(|second| along(series, second)).transpose()?;
+    if let Some(absent) = span.lacking {
+        return Err(absent);
+    }
     if span.steps.is_empty() {
         return Err(Absent::NothingMeasured);
     }

@@ -40,6 +40,13 @@ for window in (5, 15, 31):
     value = signal.savgol_filter(xy[0], window, 2, mode="interp")
     out["savgol"].append({"window": window, "at": at, "value": value[at].tolist(), "path": np.abs(np.diff(value)).sum()})
 
+out["butterworth"] = []
+for order, cutoff in [(1, 3), (2, 10), (2, 0.5), (3, 6), (4, 5), (5, 12.5), (8, 20)]:
+    value = signal.sosfiltfilt(signal.butter(order, cutoff, fs=RATE, output="sos"), xy[0])
+    # A part as short as the filter takes.
+    short = signal.sosfiltfilt(signal.butter(order, cutoff, fs=RATE, output="sos"), xy[0][: 3 * order + 4])
+    out["butterworth"].append({"order": order, "cutoff_hz": cutoff, "at": at, "value": value[at].tolist(), "path": np.abs(np.diff(value)).sum(), "short": short.tolist()})
+
 
 def percentile(f, p, q):
     running = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(f))])

@@ -57,7 +57,7 @@ pub struct Validation {
 }
 
 impl Against {
-    /// The first option that is given.
+    /// The first option that is given but those that a table of any kind has.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
         let Self { reference, how, keep_origins } = self;
@@ -71,7 +71,7 @@ impl Against {
     /// When the reference cannot be used, or is not given and something is said of it.
     pub fn validate(&self, points: &Points) -> Result<Option<Validation>, BadInput> {
         let Some(reference) = self.reference.clone() else {
-            return match self.given() {
+            return match self.given().or(self.how.table.given()) {
                 None => Ok(None),
                 Some(option) => Err(BadInput::new(
                     &points.place,

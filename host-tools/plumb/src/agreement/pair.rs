@@ -12,9 +12,11 @@ use plumbline_files::columns::Delimiter;
 use plumbline_files::{directory_of, from_toml, read_text};
 use plumbline_trial::markers::Markers;
 use plumbline_trial::points::Points;
-use plumbline_trial::positions::{Columns, Table, Unit};
+use plumbline_trial::positions::Unit;
 use plumbline_trial::reading::Trunk;
 use serde::{Deserialize, Serialize};
+
+use crate::arguments::table::TableColumns;
 
 /// A right-handed frame that looks forward along X, with Z up.
 const AXES: &str = "ap=X,ml=-Y,si=Z";
@@ -40,17 +42,9 @@ pub struct How {
     #[arg(long, value_name = "ap=X,ml=-Y,si=Z", conflicts_with = "columns")]
     axes: Option<String>,
 
-    /// The reference's unit, where its file does not say it
-    #[arg(long)]
-    unit: Option<Unit>,
-
-    /// The columns of a reference that is a table: time=NAME,ap=NAME,ml=NAME,si=NAME
-    #[arg(long, requires = "unit")]
-    columns: Option<String>,
-
-    /// What separates them [default: the one with which they are found]
-    #[arg(long, requires = "columns")]
-    delimiter: Option<Delimiter>,
+    /// What the columns of a reference that is a table are.
+    #[command(flatten)]
+    pub table: TableColumns,
 
     /// How the clocks are brought together [default: lag; with --event: events]
     #[arg(long)]
@@ -66,17 +60,14 @@ pub struct How {
 }
 
 impl How {
-    /// The first option that is given.
+    /// The first option that is given but those that a table of any kind has.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
-        let Self { point, markers, axes, unit, columns, delimiter, align, event, lag_max } = self;
+        let Self { point, markers, axes, table: _, align, event, lag_max } = self;
         let options = [
             ("--point", point.is_some()),
             ("--marker", !markers.is_empty()),
             ("--axes", axes.is_some()),
-            ("--unit", unit.is_some()),
-            ("--columns", columns.is_some()),
-            ("--delimiter", delimiter.is_some()),
             ("--align", align.is_some()),
             ("--event", event.is_some()),
             ("--lag-max", lag_max.is_some()),
@@ -104,8 +95,8 @@ impl How {
             let options = [("--marker", !self.markers.is_empty()), ("--axes", self.axes.is_some())];
             (options, "a table has columns, and neither markers nor axes to choose")
         } else {
-            let options =
-                [("--columns", self.columns.is_some()), ("--delimiter", self.delimiter.is_some())];
+            let TableColumns { columns, unit: _, delimiter } = &self.table;
+            let options = [("--columns", columns.is_some()), ("--delimiter", delimiter.is_some())];
             (options, "a TRC or C3D file has markers, and no columns to choose")
         };
         match options.into_iter().find(|(_, is_given)| *is_given) {
@@ -232,9 +223,11 @@ impl Pair {
                     point: entry.point.or(or.point),
                     markers,
                     axes: entry.axes.or(or.axes),
-                    unit: entry.unit.or(or.unit),
-                    columns: entry.columns.or(or.columns),
-                    delimiter: entry.delimiter.or(or.delimiter),
+                    table: TableColumns {
+                        columns: entry.columns.or(or.table.columns),
+                        unit: entry.unit.or(or.table.unit),
+                        delimiter: entry.delimiter.or(or.table.delimiter),
+                    },
                     align: entry.align.or(or.align),
                     event: entry.event.or(or.event),
                     lag_max: entry.lag_max.or(or.lag_max),
@@ -301,16 +294,14 @@ impl Pair {
             how.suits(path, false)?;
             let axes = how.axes.as_deref().unwrap_or(AXES);
             let axes = Axes::parse(axes).map_err(|found| wrong("axes", found))?;
-            return Markers::read(path)?.series(&how.markers, how.unit, &axes);
+            return Markers::read(path)?.series(&how.markers, how.table.unit, &axes);
         }
-        let (Some(columns), Some(unit)) = (&how.columns, how.unit) else {
+        let Some(table) = how.table.of(path)? else {
             let found = "it is neither TRC nor C3D by its name, and a table needs more".to_owned();
             let remedy = "give its columns with --columns, and their --unit";
             return Err(BadInput::whole(path.display(), found, remedy));
         };
         how.suits(path, true)?;
-        let columns = Columns::parse(columns).map_err(|found| wrong("columns", found))?;
-        let table = Table { path: path.clone(), columns, unit, delimiter: how.delimiter };
         let positions = table.read()?;
         let place = path.display();
         warnings.extend(positions.warnings.iter().map(|warning| format!("{place}: {warning}")));
@@ -368,6 +359,7 @@ impl Pair {
     fn unpaired(&self, error: PairError) -> BadInput {
         let remedy = match error {
             PairError::NoAxis => "name the axes that both have with --axes or --columns",
+            PairError::TooLarge(_) => "check the file and its unit",
             PairError::Constant(_) => "check --marker, or give --align events or --align none",
             PairError::Overlap { .. } => {
                 "check that both are of the same trial; --lag-max searches farther, and --align \

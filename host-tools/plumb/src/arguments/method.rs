@@ -3,36 +3,49 @@
 use std::ops::Range;
 
 use clap::Args;
+use plumbline_analysis::filter::Design;
 use plumbline_analysis::sway::{Settings, density};
-
-/// Window of the paper's filter.
-const FILTER_S: f64 = 0.5;
+use plumbline_trial::points::Points;
 
 /// What figures are of. What is not given is as in the paper; clap has no defaults here, so that
 /// a command can refuse options that it has no use for.
 #[derive(Debug, Clone, Default, Args)]
 pub struct Window {
-    /// Window of the filter, seconds [default: 0.5]
-    #[arg(long, value_name = "SECONDS")]
-    filter: Option<f64>,
+    /// The filter: paper[:SECONDS], butterworth:HZ[:ORDER], or none [default: paper:0.5]
+    ///
+    /// paper: Savitzky and Golay, second order, with a window of SECONDS; near an end, the parabola
+    /// of the first or last whole window. butterworth: two passes, forwards and backwards, so that
+    /// nothing is delayed; HZ and ORDER (2 unless given) are those of each pass, as in scipy's
+    /// sosfiltfilt and MATLAB's filtfilt, without a correction: both together halve the amplitude at
+    /// HZ and attenuate like twice the ORDER, and the tables state where they are at -3 dB. Ends are
+    /// extended by 3 (ORDER + 1) samples, rotated about the end point. Each part without a gap is
+    /// filtered alone; samples in parts that are too short are left out and counted.
+    #[arg(long, value_name = "FILTER", value_parser = filter, allow_hyphen_values = true)]
+    filter: Option<Design>,
 
-    /// Analyse this time only, seconds from t = 0 [default: all]
-    #[arg(long, value_name = "FROM-TO", value_parser = span, allow_hyphen_values = true)]
-    span: Option<Range<f64>>,
+    /// Analyse this time only: FROM-TO in seconds from t = 0, or all [default: from t = 0 on where a
+    /// mark or the stand onset sets it, otherwise all]
+    #[arg(long, value_name = "FROM-TO", value_parser = part, allow_hyphen_values = true)]
+    span: Option<Part>,
+}
+
+/// A part of a recording.
+#[derive(Debug, Clone, PartialEq)]
+enum Part {
+    All,
+    Between(Range<f64>),
 }
 
 impl Window {
-    /// Window of the filter, seconds.
+    /// The settings for these points, the others as in the paper.
     #[must_use]
-    pub fn filter_s(&self) -> f64 {
-        self.filter.unwrap_or(FILTER_S)
-    }
-
-    /// The settings of filtered figures, the others as in the paper.
-    #[must_use]
-    pub fn settings(&self) -> Settings {
-        let (filter_s, span_s) = (Some(self.filter_s()), self.span.clone());
-        Settings { filter_s, span_s, ..Settings::default() }
+    pub fn settings(&self, points: &Points) -> Settings {
+        let span_s = match &self.span {
+            None => points.usual_span_s(),
+            Some(Part::All) => None,
+            Some(Part::Between(span_s)) => Some(span_s.clone()),
+        };
+        Settings { filter: self.filter.unwrap_or_default(), span_s, ..Settings::default() }
     }
 }
 
@@ -53,9 +66,61 @@ pub struct Method {
     )]
     bins: Vec<Range<f64>>,
 
+    /// The share of a time bin that must have been measured for it to have a path length, percent
+    /// [default: 90]
+    ///
+    /// A path is not scaled up for what is missing. A bin with less has no value, and its note says
+    /// how much it has.
+    #[arg(long, value_name = "PERCENT", value_parser = percent, allow_hyphen_values = true)]
+    covered_min: Option<f64>,
+
     /// Radius of the sway density, mm [default: 3]
     #[arg(long, value_name = "MM")]
     radius: Option<f64>,
+}
+
+/// A filter, as in `paper:0.5`, `butterworth:10:2` or `none`.
+fn filter(text: &str) -> Result<Design, String> {
+    let positive = |text: &str| text.parse::<f64>().ok().filter(|it| *it > 0.0 && it.is_finite());
+    let parts: Vec<&str> = text.split(':').map(str::trim).collect();
+    let design = match parts[..] {
+        ["none"] => Some(Design::None),
+        ["paper"] => Some(Design::PAPER),
+        ["paper", window_s] => {
+            positive(window_s).map(|window_s| Design::SavitzkyGolay { window_s })
+        }
+        ["butterworth", cutoff_hz] => {
+            positive(cutoff_hz).map(|cutoff_hz| Design::Butterworth { cutoff_hz, order: ORDER })
+        }
+        ["butterworth", cutoff_hz, order] => positive(cutoff_hz)
+            .zip(order.parse().ok())
+            .map(|(cutoff_hz, order)| Design::Butterworth { cutoff_hz, order }),
+        _ => None,
+    };
+    design.ok_or_else(|| {
+        format!(
+            "{text:?} is not a filter: give paper, paper:SECONDS, butterworth:HZ, \
+             butterworth:HZ:ORDER, or none, such as paper:0.5 or butterworth:10"
+        )
+    })
+}
+
+/// The order of each pass of a Butterworth filter; of both together it is the usual four.
+const ORDER: usize = 2;
+
+/// What is analysed: `all`, or a span.
+fn part(text: &str) -> Result<Part, String> {
+    if text.trim() == "all" {
+        return Ok(Part::All);
+    }
+    span(text).map(Part::Between).map_err(|remedy| format!("{remedy}, or all"))
+}
+
+/// A share in percent, as a fraction.
+fn percent(text: &str) -> Result<f64, String> {
+    let number = text.trim().trim_end_matches('%').trim().parse::<f64>().ok();
+    let share = number.filter(|it| (0.0..=100.0).contains(it)).map(|it| it / 100.0);
+    share.ok_or_else(|| format!("{text:?} is not a share: give 0 to 100 percent, such as 90"))
 }
 
 /// A span of time, `FROM-TO`; a start before t = 0 is negative, as in `-5-0`.
@@ -75,35 +140,53 @@ impl Method {
     /// The first option that is given.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
-        let Self { window: Window { filter, span }, bins, radius } = self;
+        let Self { window: Window { filter, span }, bins, covered_min, radius } = self;
         let options = [
             ("--filter", filter.is_some()),
             ("--bins", !bins.is_empty()),
+            ("--covered-min", covered_min.is_some()),
             ("--span", span.is_some()),
             ("--radius", radius.is_some()),
         ];
         options.into_iter().find_map(|(option, is_given)| is_given.then_some(option))
     }
 
-    /// Window of the filter, seconds.
+    /// The settings for these points.
     #[must_use]
-    pub fn filter_s(&self) -> f64 {
-        self.window.filter_s()
-    }
-
-    /// The settings of the filtered figures.
-    #[must_use]
-    pub fn settings(&self) -> Settings {
-        let paper = self.window.settings();
+    pub fn settings(&self, points: &Points) -> Settings {
+        let paper = self.window.settings(points);
         let radius_mm = self.radius.unwrap_or(paper.density.radius_mm);
         let bins_s = if self.bins.is_empty() { paper.bins_s.clone() } else { self.bins.clone() };
-        Settings { bins_s, density: density::Settings { radius_mm }, ..paper }
+        let covered_min = self.covered_min.unwrap_or(paper.covered_min);
+        Settings { bins_s, covered_min, density: density::Settings { radius_mm }, ..paper }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use clap::{CommandFactory as _, Parser};
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        method: Method,
+    }
+
+    fn settings(arguments: &[&str], is_zero_set: bool) -> Settings {
+        let points = Points {
+            place: String::new(),
+            points: Vec::new(),
+            zero: String::new(),
+            is_zero_set,
+            zero_utc_s: None,
+            events: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let command = Command::try_parse_from([&["figures"], arguments].concat());
+        command.unwrap_or_else(|error| panic!("{error}")).method.settings(&points)
+    }
 
     #[test]
     fn a_span_is_two_times_in_order() {
@@ -111,21 +194,58 @@ mod tests {
         assert_eq!(span("-5-0.5"), Ok(-5.0..0.5));
         assert_eq!(span("-5--2"), Ok(-5.0..-2.0));
         for text in ["", "5", "-", "20-0", "0-inf", "a-b", "0-0"] {
-            assert!(span(text).is_err(), "{text}");
+            assert!(span(text).is_err() && part(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn figures_are_of_what_follows_a_zero_that_was_set() {
+        assert_eq!(settings(&[], true).span_s, Some(0.0..f64::INFINITY));
+        assert_eq!(settings(&[], false).span_s, None);
+        for is_zero_set in [true, false] {
+            assert_eq!(settings(&["--span", "all"], is_zero_set).span_s, None);
+            assert_eq!(settings(&["--span", "-5-5"], is_zero_set).span_s, Some(-5.0..5.0));
+        }
+    }
+
+    #[test]
+    fn a_filter_is_named_with_its_numbers() {
+        let of = |text: &str| settings(&["--filter", text], false).filter;
+        let butterworth = |cutoff_hz, order| Design::Butterworth { cutoff_hz, order };
+        assert_eq!((of("none"), of("paper")), (Design::None, Design::PAPER));
+        assert_eq!(of("paper:1.5"), Design::SavitzkyGolay { window_s: 1.5 });
+        assert_eq!(of("butterworth:10"), butterworth(10.0, 2));
+        assert_eq!(of("butterworth:12.5:4"), butterworth(12.5, 4));
+        let wrong = ["", "0", "0.5", "-1", "paper:0", "paper:nan", "paper:1:2", "butterworth"];
+        let more = ["butterworth:-5", "butterworth:5:x", "butterworth:inf", "butterworth:5:-1"];
+        for text in wrong.into_iter().chain(more) {
+            let error = filter(text).unwrap_err();
+            assert!(error.contains("paper:0.5 or butterworth:10"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_share_is_a_percentage() {
+        let of = |text: &str| settings(&["--covered-min", text], false).covered_min;
+        assert_eq!((of("75"), of("0"), of("100 %")), (0.75, 0.0, 1.0));
+        for text in ["101", "-1", "nan", "much"] {
+            assert!(percent(text).is_err(), "{text}");
         }
     }
 
     #[test]
     fn the_help_tells_the_papers_settings() {
         let paper = Settings::default();
-        assert_eq!(Method::default().settings(), paper);
-        let command = clap::Command::new("figures").term_width(0);
-        let help = Method::augment_args(command).render_help().to_string();
+        assert_eq!(settings(&[], false), paper);
+        let help = Command::command().term_width(0).render_help().to_string();
         let bins: Vec<String> =
             paper.bins_s.iter().map(|it| format!("{}-{}", it.start, it.end)).collect();
         let radius_mm = paper.density.radius_mm;
-        for default in [FILTER_S.to_string(), bins.join(","), radius_mm.to_string()] {
+        let covered_min = format!("{:.0}", 100.0 * paper.covered_min);
+        for default in [bins.join(","), radius_mm.to_string(), covered_min] {
             assert!(help.contains(&format!("[default: {default}]")), "no {default}: {help}");
         }
+        let (_, default) = help.split_once("none [default: ").unwrap();
+        assert_eq!(filter(default.split(']').next().unwrap()), Ok(paper.filter));
     }
 }

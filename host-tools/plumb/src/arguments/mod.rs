@@ -1,6 +1,7 @@
 //! Options that several subcommands take, and the values of options.
 
 pub mod method;
+pub mod table;
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use plumbline_analysis::filter::Design;
 use plumbline_analysis::sway::Settings;
 use plumbline_files::{BadInput, camera};
 use plumbline_trial::Trial;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
 use plumbline_uncertainty::inputs::{self, Inputs};
-use plumbline_uncertainty::{Budget, COVERAGE_FACTOR, Measured};
+use plumbline_uncertainty::{Budget, COVERAGE_FACTOR, Group, Measured};
 use serde::Serialize;
 
 pub mod tables;
@@ -36,10 +37,13 @@ pub struct TrialBudget {
     pub source: String,
     /// What t = 0 is.
     pub zero: String,
-    /// The window of the filter, seconds.
-    pub filter_s: Option<f64>,
-    /// The time that the figures are of, seconds from t = 0; absent for the whole trial.
-    pub span_s: Option<[f64; 2]>,
+    /// The filter.
+    pub filter: Design,
+    /// The time that the figures are of, seconds from t = 0; absent for the whole trial, and
+    /// without an end up to the trial's.
+    pub span_s: Option<[Option<f64>; 2]>,
+    /// The groups of causes that are in each uncertainty.
+    pub uncertainty_contains: Vec<&'static str>,
     /// How well the conditions are known.
     pub inputs: Inputs,
     /// From the standard to the expanded uncertainty.
@@ -95,8 +99,15 @@ impl Conditioned {
             program: concat!("plumb ", env!("CARGO_PKG_VERSION")),
             source,
             zero,
-            filter_s: settings.filter_s,
-            span_s: settings.span_s.as_ref().map(|it| [it.start, it.end]),
+            filter: settings.filter,
+            span_s: settings.span_s.as_ref().map(|it| {
+                [it.start, it.end].map(|time_s| Some(time_s).filter(|it| it.is_finite()))
+            }),
+            uncertainty_contains: Group::ALL
+                .into_iter()
+                .filter(|group| budget.terms.iter().any(|term| term.name.group() == *group))
+                .map(Group::word)
+                .collect(),
             inputs,
             coverage_factor: COVERAGE_FACTOR,
             budget,

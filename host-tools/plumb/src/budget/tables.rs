@@ -19,11 +19,13 @@ pub fn text(trial: &TrialBudget) -> String {
     let mut text = format!("{}, t = 0: {}", trial.source, trial.zero);
     // Writing to a String does not fail.
     if let Some([from_s, to_s]) = trial.span_s {
-        let _ = write!(text, "; {from_s} to {to_s} s");
+        let from_s = from_s.unwrap_or_default();
+        let _ = match to_s {
+            Some(to_s) => write!(text, "; {from_s} to {to_s} s"),
+            None => write!(text, "; from {from_s} s on"),
+        };
     }
-    if let Some(filter_s) = trial.filter_s {
-        let _ = write!(text, "; filter {filter_s} s");
-    }
+    let _ = write!(text, "; filter: {}", trial.filter);
     text += "\n\n";
     text += &causes(&trial.budget).text();
     for (caption, grid) in figures(&trial.budget) {

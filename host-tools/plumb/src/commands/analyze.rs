@@ -4,21 +4,26 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
-use plumbline_files::columns::Delimiter;
-use plumbline_files::write_all;
+use plumbline_files::{BadInput, write_all};
 use plumbline_study::analysis::{Analysis, tables};
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
-use plumbline_trial::positions::{Columns, Table, Unit};
 
 use crate::arguments::method::Method;
+use crate::arguments::table::TableColumns;
 
 /// The sway figures of a trial: path length, extent, ellipse, frequencies, and more.
 ///
-/// The positions are filtered as in the paper (Savitzky-Golay, second order, 0.5 s), and again
-/// left as they are: both are in the JSON. Each figure comes with its uncertainty from the
-/// poses' covariance, and each path with the length that the noise alone would give. Nothing is
-/// interpolated over gaps.
+/// Where a mark or the stand onset has set t = 0, the figures are of the time from then on,
+/// otherwise of all; --span chooses another time. The table and the JSON state what was used. The
+/// positions are filtered as in the paper (Savitzky-Golay, second order, 0.5 s) or with another
+/// --filter, and again left as they are: both are in the JSON. Nothing is interpolated over gaps. A
+/// time bin of which less than 90 % was measured has no path length; --covered-min sets another
+/// share.
+///
+/// The ± of a figure is its standard uncertainty from the noise of the poses, from frame to frame,
+/// and nothing else; each path comes with the length that this noise alone would give. Print,
+/// calibration and the other causes are added by `plumb budget`.
 ///
 /// A table of another system, such as a force plate, gets the same figures with --table.
 #[derive(Debug, Args)]
@@ -26,6 +31,7 @@ use crate::arguments::method::Method;
 #[command(group(clap::ArgGroup::new("input").required(true).args(["trial", "table"])))]
 #[command(after_help = "Examples:\n  plumb analyze trials/p01-control\n  \
     plumb analyze trials/p01-control --bins 0-30,30-60 --json p01.json\n  \
+    plumb analyze trials/p01-control --filter butterworth:10 --span all\n  \
     plumb analyze --table plate.txt --columns 'time=Time[s],ap=COPx[cm],ml=COPy[cm]' --unit cm \\\n      \
     --delimiter tab --json plate.json")]
 pub struct Arguments {
@@ -36,17 +42,9 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires_all = ["columns", "unit"])]
     table: Option<PathBuf>,
 
-    /// The table's columns, as its own header names them: time=NAME,ap=NAME,ml=NAME,si=NAME
-    #[arg(long, value_parser = Columns::parse, requires = "table")]
-    columns: Option<Columns>,
-
-    /// The unit of the table's positions
-    #[arg(long, requires = "table")]
-    unit: Option<Unit>,
-
-    /// What separates the table's columns [default: the one with which they are found]
-    #[arg(long, requires = "table")]
-    delimiter: Option<Delimiter>,
+    /// What its columns are.
+    #[command(flatten)]
+    columns: TableColumns,
 
     /// How figures are made.
     #[command(flatten)]
@@ -72,17 +70,22 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let points = match (&arguments.table, &arguments.trial) {
         (Some(path), _) => {
-            let (Some(columns), Some(unit)) = (arguments.columns.clone(), arguments.unit) else {
+            let Some(table) = arguments.columns.of(path)? else {
                 unreachable!("--table requires both");
             };
-            let delimiter = arguments.delimiter;
-            Points::of_table(&Table { path: path.clone(), columns, unit, delimiter })?
+            Points::of_table(&table)?
         }
-        (None, Some(folder)) => Points::of_trial(folder, arguments.zero)?,
+        (None, Some(folder)) => {
+            if let Some(option) = arguments.columns.given() {
+                let found = "an option of a table, but no table is given";
+                let remedy = "name its file with --table, or leave it out";
+                return Err(BadInput::new(folder.display(), option, found, remedy).into());
+            }
+            Points::of_trial(folder, arguments.zero)?
+        }
         (None, None) => unreachable!("one of both is required"),
     };
-    let analysis =
-        Analysis::of(&points, arguments.method.filter_s(), &arguments.method.settings())?;
+    let analysis = Analysis::of(&points, &arguments.method.settings(&points))?;
     for warning in &analysis.warnings {
         eprintln!("warning: {warning}");
     }

@@ -81,10 +81,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let points = Points::of(&trial, zero)?;
     let conditioned = arguments.conditions.of(&trial, &points, zero)?;
     let Some(conditioned) = conditioned else { unreachable!("a trial requires --camera") };
+    let settings = arguments.window.settings(&points);
     // A long trial is large, and all that is needed of it has been taken.
     let Points { warnings, points, .. } = points;
     drop((trial, points));
-    let budget = conditioned.budget(&arguments.window.settings())?;
+    let budget = conditioned.budget(&settings)?;
     for warning in warnings.iter().chain(&budget.budget.warnings) {
         eprintln!("warning: {warning}");
     }

@@ -18,40 +18,74 @@ type OfPlot = fn(&Plot) -> &Figure;
 /// One figure of an ellipse.
 type OfEllipse = fn(&Ellipse) -> &Figure;
 
+/// What the ± of a figure does not contain.
+pub const NOT_IN_NOISE: &str = "the scale of the print, the calibration, the targets' flatness, the \
+                                axes and the timing are not in it; `plumb budget` adds them";
+
 /// All figures of a trial as text for people.
 #[must_use]
 pub fn text(analysis: &Analysis) -> String {
-    let mut text = format!("{}, t = 0: {}\n", analysis.source, analysis.zero);
+    let Analysis { source, zero, span, filter, covered_min, .. } = analysis;
+    let mut text = format!("{source}, t = 0: {zero}\nspan: {span}; filter: {filter}\n");
     for event in &analysis.events {
         // Writing to a String does not fail.
         let _ = writeln!(text, "  {:8.3} s  {}", event.time_s, event.label);
     }
     for point in &analysis.points {
-        let heading = heading(point, analysis.filter_s);
         let (paths, others) = (paths(&point.filtered), others(&point.filtered));
-        let _ = write!(text, "\n{heading}\n{}{}", paths.text(), others.text());
+        let _ = write!(text, "\n{}\n{}{}", heading(point), paths.text(), others.text());
     }
+    let noise = if analysis.uncertainty_contains.is_empty() {
+        "no ±: the noise of these positions is not known".to_owned()
+    } else {
+        format!(
+            "± noise: the standard uncertainty from the noise of the poses, from frame to frame; \
+             {NOT_IN_NOISE}"
+        )
+    };
+    let _ = write!(
+        text,
+        "\n{noise}\ncovered: the share of a time that was measured; a bin below {} % has no path\n",
+        100.0 * covered_min
+    );
     text
 }
 
 /// A description of the data behind a point's figures.
 #[must_use]
-pub fn heading(point: &PointFigures, filter_s: f64) -> String {
+pub fn heading(point: &PointFigures) -> String {
     let sway = &point.filtered;
     let gaps = match sway.gaps {
         0 => "no gap".to_owned(),
         1 => format!("1 gap of {:.2} s", sway.gaps_s),
         count => format!("{count} gaps, {:.2} s in all", sway.gaps_s),
     };
-    let left_out = sway.filter.as_ref().map_or(0, |filter| filter.left_out_samples);
-    let left_out = match left_out {
+    let half_power = sway.filter.half_power_hz;
+    let half_power = half_power.map_or(String::new(), |hz| format!(" (-3 dB at {hz:.2} Hz)"));
+    let left_out = match sway.filter.left_out_samples {
         0 => String::new(),
-        count => format!("; {count} samples left out, between gaps too close for the filter"),
+        count => format!("; {count} frames left out, between gaps too close for the filter"),
     };
     format!(
-        "{} ({} samples at {:.2} Hz, {gaps}; filter {filter_s} s{left_out})",
-        point.point, sway.samples, sway.rate_hz
+        "{}: {}, {:.2} s measured, {} frames at {:.2} Hz, {gaps}; filter: {}{half_power}{left_out}",
+        point.point,
+        analysed(sway),
+        sway.measured_s,
+        sway.samples,
+        sway.rate_hz,
+        sway.filter.design
     )
+}
+
+/// The time that was analysed.
+#[must_use]
+pub fn analysed(sway: &Sway) -> String {
+    format!("{:.2} to {:.2} s", sway.from_s, sway.to_s)
+}
+
+/// A name of a table's figures, with what their uncertainty contains.
+fn with_noise(name: &str, sway: &Sway) -> String {
+    if sway.noise.is_some() { format!("{name} ± noise") } else { name.to_owned() }
 }
 
 fn directions() -> impl Iterator<Item = String> {
@@ -61,7 +95,7 @@ fn directions() -> impl Iterator<Item = String> {
 /// Path lengths: one line for each time, one column for each direction.
 #[must_use]
 pub fn paths(sway: &Sway) -> Annotated {
-    let name = ["path length (mm)".to_owned()].into_iter();
+    let name = [with_noise("path length (mm)", sway)].into_iter();
     let header = name.chain(directions()).chain(["covered".to_owned()]).collect();
     let paths = sway.figures.bins.iter().chain([&sway.figures.path]);
     let noises: Vec<&PathNoise> =
@@ -128,7 +162,8 @@ pub fn others(sway: &Sway) -> Annotated {
         let none = [String::new(), String::new(), String::new()];
         row(&name, none.into_iter().chain([notes.cell(figure)]).collect());
     }
-    let header = ["figure".to_owned()].into_iter().chain(directions()).collect();
+    let name = with_noise(&format!("{}: figure", analysed(sway)), sway);
+    let header = [name].into_iter().chain(directions()).collect();
     notes.below(Grid { header, rows })
 }
 

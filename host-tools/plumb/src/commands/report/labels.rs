@@ -15,6 +15,11 @@ const APART_PX: i32 = 5;
 /// An average letter of 13 px, which a sans serif font seldom exceeds.
 const LETTER_WIDTH_PX: usize = 8;
 
+/// The width of a text.
+pub fn width_px(text: &str) -> i32 {
+    (LETTER_WIDTH_PX * text.chars().count()) as i32
+}
+
 /// Where a label is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
@@ -49,7 +54,7 @@ impl Placed {
 pub fn place(marks: &[(i32, &str)], within_px: Range<i32>) -> Vec<Option<Place>> {
     let mut placed: Vec<Placed> = Vec::new();
     let mut find = |(x_px, text): &(i32, &str)| {
-        let width = (LETTER_WIDTH_PX * text.chars().count()) as i32;
+        let width = width_px(text);
         let lefts = [x_px + APART_PX, x_px - APART_PX - width];
         let candidates = (0..LANES_MAX).flat_map(|lane| lefts.map(|left| (lane, left)));
         let (lane, left_px) = candidates.into_iter().find(|&(lane, left)| {

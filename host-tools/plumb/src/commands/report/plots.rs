@@ -12,10 +12,7 @@ use super::labels::{self, LANE_PX};
 use crate::ui::drawing::{
     self, LABELS_PX, LETTER_PX, MARGIN_PX, chart, chart_of_decades, chart_of_levels, svg,
 };
-use crate::ui::palette::{BLUE, FONT, GAP, GREEN, INK, ORANGE, PINK, SOFT, YELLOW};
-
-/// The colours of the time bins, and of whatever else is side by side.
-const SERIES: [RGBColor; 5] = [BLUE, ORANGE, GREEN, PINK, YELLOW];
+use crate::ui::palette::{FONT, GAP, INK, SERIES, SOFT};
 
 /// What is in no bin.
 pub const OUTSIDE: RGBColor = SOFT;
@@ -33,6 +30,12 @@ const SPECTRUM_PX: (u32, u32) = (540, 340);
 /// A gap is drawn this wide at least: one frame of a minute would not be seen.
 const GAP_PX_MIN: f64 = 2.0;
 
+/// Height of the band of a time bin, px.
+const BAND_PX: i32 = 4;
+
+/// The outline of an ellipse is drawn with this many lines.
+const ELLIPSE_LINES: u32 = 180;
+
 /// A moment that is drawn as a line over the time.
 pub struct Event {
     /// Seconds from t = 0.
@@ -41,13 +44,37 @@ pub struct Event {
     pub label: String,
 }
 
-/// The colour of a bin.
+/// An ellipse in a plane.
+pub struct Outline {
+    /// Its centre along the plane's axes, mm.
+    pub centre_mm: [f64; 2],
+    /// Its longer and its shorter semi-axis, mm.
+    pub semi_axes_mm: [f64; 2],
+    /// From the plane's first axis to the longer semi-axis, towards the second axis.
+    pub angle_rad: f64,
+}
+
+impl Outline {
+    /// Points around it, the last of which is the first.
+    fn points_mm(&self) -> impl Iterator<Item = [f64; 2]> {
+        let [major_mm, minor_mm] = self.semi_axes_mm;
+        let (sin, cos) = self.angle_rad.sin_cos();
+        (0..=ELLIPSE_LINES).map(move |at| {
+            let turn = std::f64::consts::TAU * f64::from(at) / f64::from(ELLIPSE_LINES);
+            let (along, across) = (major_mm * turn.cos(), minor_mm * turn.sin());
+            let [x, y] = self.centre_mm;
+            [x + along * cos - across * sin, y + along * sin + across * cos]
+        })
+    }
+}
+
+/// The colour of a bin; after as many bins as there are colours they come again.
 pub fn colour(bin: usize) -> RGBColor {
     SERIES[bin % SERIES.len()]
 }
 
-/// The path in a plane, about its middle, coloured by the time bins: `None` where an axis of the
-/// plane was not measured.
+/// The path in a plane, about its middle, coloured by the time bins, and an ellipse around it:
+/// `None` where an axis of the plane was not measured.
 ///
 /// # Errors
 /// When it cannot be drawn.
@@ -55,12 +82,23 @@ pub fn path(
     series: &Series,
     plane: Plane,
     bins_s: &[Range<f64>],
+    ellipse: Option<&Outline>,
 ) -> Result<Option<String>, BadInput> {
     // Up is upwards and to the right is to the right; seen from the side, forward is to the right.
     let [first, second] = plane.axes();
-    let (across, up) = if plane == Plane::Transverse { (second, first) } else { (first, second) };
+    let is_turned = plane == Plane::Transverse;
+    let (across, up) = if is_turned { (second, first) } else { (first, second) };
     let (Some(x), Some(y)) = (series.along(across), series.along(up)) else { return Ok(None) };
-    let (x_range, y_range) = (range(x), range(y));
+    let outline: Vec<(f64, f64)> = ellipse
+        .iter()
+        .flat_map(|it| it.points_mm())
+        .map(|[first, second]| if is_turned { (second, first) } else { (first, second) })
+        .collect();
+    let with = |values: &[f64], more: fn(&(f64, f64)) -> f64| {
+        let ends = outline.iter().map(more);
+        range(&values.iter().copied().chain(ends).collect::<Vec<f64>>())
+    };
+    let (x_range, y_range) = (with(x, |it| it.0), with(y, |it| it.1));
     let reach = 0.54 * (x_range.end - x_range.start).max(y_range.end - y_range.start).max(0.02);
     let middle = |range: &Range<f64>| 0.5 * (range.start + range.end);
     let (x_middle, y_middle) = (middle(&x_range), middle(&y_range));
@@ -77,6 +115,8 @@ pub fn path(
                 chart.draw_series(LineSeries::new(points, colour.stroke_width(1)))?;
             }
         }
+        let outline = outline.iter().map(|(x, y)| (x - x_middle, y - y_middle));
+        chart.draw_series(LineSeries::new(outline, INK.stroke_width(2)))?;
         Ok(())
     })
     .map(Some)
@@ -98,8 +138,9 @@ fn parts(time_s: &[f64], bins_s: &[Range<f64>]) -> Vec<(Range<usize>, Option<usi
     parts
 }
 
-/// Position over time along one axis: gaps are grey, bins are coloured, events are lines with
-/// their labels above the plot, as far as there is room.
+/// Position over time along one axis: gaps are grey, bins are coloured and have a band with their
+/// times at the foot of the plot, events are lines with their labels above it, as far as there is
+/// room.
 ///
 /// # Errors
 /// When it cannot be drawn.
@@ -115,6 +156,8 @@ pub fn over_time(
     let values_range = range(values);
     let middle = 0.5 * (values_range.start + values_range.end);
     let reach = 0.56 * (values_range.end - values_range.start).max(0.02);
+    // Below the positions there is room for the bins' times.
+    let floor_mm = -1.25 * reach;
     let plot_px = (MARGIN_PX + LABELS_PX) as i32..(SERIES_PX.0 - MARGIN_PX) as i32;
     let s_per_px = (last_s - first_s) / f64::from(plot_px.end - plot_px.start);
     let events: Vec<&Event> =
@@ -127,11 +170,11 @@ pub fn over_time(
     let above_px = LANE_PX * labels.iter().flatten().map(|it| it.lane + 1).max().unwrap_or(0);
     svg((SERIES_PX.0, SERIES_PX.1 + above_px as u32), |root| {
         let (_, below) = root.split_vertically(above_px);
-        let ranges = [first_s..last_s, -reach..reach];
+        let ranges = [first_s..last_s, floor_mm..reach];
         let mut chart = chart(&below, "", ranges, ["time (s)", &axis_name(axis)])?;
         for gap in series.gaps_s() {
             let wider_s = 0.5 * (GAP_PX_MIN * s_per_px - (gap.end - gap.start)).max(0.0);
-            let corners = [(gap.start - wider_s, -reach), (gap.end + wider_s, reach)];
+            let corners = [(gap.start - wider_s, floor_mm), (gap.end + wider_s, reach)];
             chart.draw_series([Rectangle::new(corners, GAP.filled())])?;
         }
         for segment in series.segments() {
@@ -143,9 +186,24 @@ pub fn over_time(
                 chart.draw_series(LineSeries::new(points, colour.stroke_width(1)))?;
             }
         }
+        let bands = bins_s.iter().enumerate().map(|(at, bin)| {
+            let (start_s, end_s) = (bin.start.max(first_s), bin.end.min(last_s));
+            (start_s..end_s, format!("{} to {} s", bin.start, bin.end), colour(at))
+        });
+        for (band_s, text, colour) in bands.filter(|(band_s, ..)| band_s.start < band_s.end) {
+            let (left, floor) = chart.backend_coord(&(band_s.start, floor_mm));
+            let (right, _) = chart.backend_coord(&(band_s.end, floor_mm));
+            let band = [(left, floor - BAND_PX), (right, floor)];
+            root.draw(&Rectangle::new(band, colour.filled()))?;
+            if labels::width_px(&text) < right - left {
+                let style = (FONT, LETTER_PX).into_font().color(&colour);
+                let place = (left + BAND_PX, floor - BAND_PX - LANE_PX);
+                root.draw(&Text::new(text, place, style))?;
+            }
+        }
         let style = (FONT, LETTER_PX).into_font().color(&INK);
         for ((event, (x, text)), label) in events.iter().zip(&marks).zip(&labels) {
-            let (_, floor) = chart.backend_coord(&(event.time_s, -reach));
+            let (_, floor) = chart.backend_coord(&(event.time_s, floor_mm));
             let (_, ceiling) = chart.backend_coord(&(event.time_s, reach));
             let top = label.as_ref().map_or(ceiling, |it| MARGIN_PX as i32 + LANE_PX * it.lane);
             root.draw(&PathElement::new([(*x, top), (*x, floor)], INK.stroke_width(1)))?;

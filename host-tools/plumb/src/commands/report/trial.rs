@@ -3,9 +3,11 @@
 use std::ops::Range;
 
 use maud::{Markup, html};
-use plumbline_analysis::filter::SavitzkyGolay;
+use plumbline_analysis::filter::Design;
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::statistics::describe::median;
+use plumbline_analysis::sway::Settings;
+use plumbline_analysis::sway::ellipse::Ellipse;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_study::analysis::{Analysis, PointFigures, tables};
@@ -13,60 +15,83 @@ use plumbline_study::grid::digits;
 use plumbline_trial::Trial;
 use plumbline_trial::points::{Point, Points, point_name};
 
-use super::plots::{self, Event};
-use crate::arguments::method::Method;
+use super::plots::{self, Event, Outline};
 use crate::ui::page::{annotated, facts, figure, key, page, table, warnings};
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;
 
-/// The page of a trial; `beside` are sections that go beyond the trial itself.
+/// The page of a trial, or of a table (without a trial), and all warnings; `beside` are sections
+/// that go beyond the figures.
 ///
 /// # Errors
 /// When its figures cannot be had, or a plot cannot be drawn.
 pub fn report(
-    trial: &Trial,
+    trial: Option<&Trial>,
     points: &Points,
-    method: &Method,
+    settings: &Settings,
     beside: &[Option<Markup>],
-) -> Result<String, BadInput> {
-    let analysis = Analysis::of(points, method.filter_s(), &method.settings())?;
+) -> Result<(String, Vec<String>), BadInput> {
+    let analysis = Analysis::of(points, settings)?;
     let mut sections = Vec::new();
     for (point, figures) in points.points.iter().zip(&analysis.points) {
-        sections.push(section(point, figures, points, method)?);
+        sections.push(section(point, figures, points, settings)?);
     }
-    let settings = method.settings();
     let bins = settings.bins_s.iter().enumerate();
     let bins = bins.map(|(at, it)| (plots::colour(at), format!("{} to {} s", it.start, it.end)));
     let colours: Vec<_> = bins.chain([(plots::OUTSIDE, "other times".to_owned())]).collect();
     let body = html! {
-        (facts(&known(trial, &analysis)))
+        (facts(&known(trial, points, &analysis)))
         (warnings(&analysis.warnings))
         (events(points))
         (key(&colours))
         @for section in &sections { (section) }
         @for section in beside.iter().flatten() { (section) }
         section { h2 { "Data quality" } (facts(&quality(trial, &analysis))) }
-        section {
-            h2 { "Method" }
-            p.method {
-                "Positions along the body's axes: AP (forward), ML (to the person's right), SI (up). "
-                "Filter of Savitzky and Golay (1964), second order, " (method.filter_s()) " s. "
-                "Total path length: the sum of the steps from each sample to the next; no step "
-                "over a gap, and nothing is filled in. The ± of a figure is its standard "
-                "uncertainty from the noise of the poses, from frame to frame; \"noise alone\" is "
-                "the path that this noise would give for a person who stands perfectly still. "
-                "95 % prediction ellipse: Schubert and Kirchner (2014). Sway density: Baratto et "
-                "al. (2002). Stabilogram diffusion: Collins and De Luca (1993). Mean and "
-                "median frequency and F95: of the periodogram about the mean, of the longest part "
-                "without a gap of the filtered positions. The plotted spectra alone: Welch (1967), "
-                "parts of 20 s, of the unfiltered positions."
-            }
-        }
+        section { h2 { "Method" } p.method { (method(&analysis)) } }
     };
-    let subtitle =
-        format!("{}, recorded {}", trial.folder.display(), when(&trial.manifest.started));
-    Ok(page(&trial.title(), &subtitle, &body))
+    let (title, subtitle) = match trial {
+        Some(trial) => {
+            let recorded = when(&trial.manifest.started);
+            (trial.title(), format!("{}, recorded {recorded}", trial.folder.display()))
+        }
+        None => ("Sway".to_owned(), points.place.clone()),
+    };
+    Ok((page(&title, &subtitle, &body), analysis.warnings))
+}
+
+fn method(analysis: &Analysis) -> Markup {
+    html! {
+        "Positions along the body's axes: AP (forward), ML (to the person's right), SI (up). "
+        "Filter: "
+        @match analysis.filter {
+            Design::None => "none. ",
+            Design::SavitzkyGolay { window_s } => {
+                "Savitzky and Golay (1964), second order, " (window_s) " s. "
+            },
+            Design::Butterworth { cutoff_hz, order } => {
+                "Butterworth, " (cutoff_hz) " Hz and order " (order) " in each of two passes, "
+                "forwards and backwards, which together halve the amplitude at that frequency. "
+            },
+        }
+        "Each part without a gap is filtered alone. "
+        "Total path length: the sum of the steps from each sample to the next; no step "
+        "over a gap, and nothing is filled in. A time bin of which less than "
+        (100.0 * analysis.covered_min) " % was measured has no path length. "
+        @if analysis.uncertainty_contains.is_empty() {
+            "Figures have no ±: the noise of these positions is not known. "
+        } @else {
+            "± noise: the standard uncertainty from the noise of the poses, from frame to frame; "
+            (tables::NOT_IN_NOISE) " (--camera shows them here). \"Noise alone\" is "
+            "the path that this noise would give for a person who stands perfectly still. "
+        }
+        "95 % prediction ellipse: Schubert and Kirchner (2014). Sway density: Baratto et "
+        "al. (2002). Stabilogram diffusion: Collins and De Luca (1993). Mean and "
+        "median frequency and F95: of the periodogram about the mean, of the longest part "
+        "without a gap of the filtered positions. The plotted spectra alone: Welch (1967), "
+        "parts of 20 s, of the unfiltered positions. Rate and duration are judged after Scoppa "
+        "et al. (2013)."
+    }
 }
 
 /// To the minute.
@@ -76,13 +101,50 @@ fn when(started: &str) -> String {
         .map_or_else(|_| started.to_owned(), |it| it.strftime("%Y-%m-%d %H:%M UTC").to_string())
 }
 
-fn known(trial: &Trial, analysis: &Analysis) -> Vec<(&'static str, String)> {
+/// Who, when, how long, and what the figures are of.
+fn known(
+    trial: Option<&Trial>,
+    points: &Points,
+    analysis: &Analysis,
+) -> Vec<(&'static str, String)> {
+    let mut facts = Vec::new();
+    if let Some(Trial { manifest, .. }) = trial {
+        facts.extend(manifest.participant.clone().map(|it| ("participant", it)));
+        facts.extend(manifest.condition.clone().map(|it| ("condition", it)));
+        facts.extend(manifest.note.clone().map(|it| ("note", it)));
+    }
+    facts.extend(recorded(points));
+    facts.push(("t = 0", analysis.zero.clone()));
+    facts.push(("figures of", analysed(analysis)));
+    facts.push(("filter", analysis.filter.to_string()));
+    facts.extend(trial.iter().flat_map(|it| apparatus(it)));
+    facts
+}
+
+/// How long, how fast, and how much was recorded, of the point of which there is most.
+fn recorded(points: &Points) -> Option<(&'static str, String)> {
+    let series = points.points.iter().map(|it| &it.series).max_by_key(|it| it.samples())?;
+    let time_s = series.time_s();
+    let seconds = time_s[time_s.len() - 1] - time_s[0];
+    let (frames, rate_hz) = (series.samples(), series.rate_hz());
+    Some(("recorded", format!("{seconds:.1} s, {frames} frames at {rate_hz:.2} Hz")))
+}
+
+/// The span, in words and in seconds, where it is the same for all points.
+fn analysed(analysis: &Analysis) -> String {
+    let mut spans: Vec<String> =
+        analysis.points.iter().map(|it| tables::analysed(&it.filtered)).collect();
+    spans.dedup();
+    match &spans[..] {
+        [span] => format!("{}: {span}", analysis.span),
+        _ => analysis.span.clone(),
+    }
+}
+
+/// The box and its camera.
+fn apparatus(trial: &Trial) -> Vec<(&'static str, String)> {
     let manifest = &trial.manifest;
     let mut facts = Vec::new();
-    facts.extend(manifest.participant.clone().map(|it| ("participant", it)));
-    facts.extend(manifest.condition.clone().map(|it| ("condition", it)));
-    facts.extend(manifest.note.clone().map(|it| ("note", it)));
-    facts.push(("t = 0", analysis.zero.clone()));
     if let Some(the_box) = &manifest.the_box {
         facts.push(("box", format!("{} ({})", the_box.device, the_box.serial_number)));
         facts.push(("its program", the_box.firmware.clone()));
@@ -97,10 +159,9 @@ fn known(trial: &Trial, analysis: &Analysis) -> Vec<(&'static str, String)> {
     facts
 }
 
-fn quality(trial: &Trial, analysis: &Analysis) -> Vec<(String, String)> {
-    let manifest = &trial.manifest;
+fn quality(trial: Option<&Trial>, analysis: &Analysis) -> Vec<(String, String)> {
     let mut facts = Vec::new();
-    if let Some(packets) = &manifest.packets {
+    if let Some(packets) = trial.and_then(|it| it.manifest.packets.as_ref()) {
         facts.push(("frames".to_owned(), packets.frames.to_string()));
         facts.push(("lost on the way".to_owned(), packets.lost.to_string()));
         facts.push(("damaged packets".to_owned(), packets.corrupt.to_string()));
@@ -111,6 +172,8 @@ fn quality(trial: &Trial, analysis: &Analysis) -> Vec<(String, String)> {
         let name = format!("{}, gaps", point_name(&point.point));
         facts.push((name, format!("{} ({:.2} s)", sway.gaps, sway.gaps_s)));
     }
+    let Some(trial) = trial else { return facts };
+    let manifest = &trial.manifest;
     for noise in &manifest.noise {
         let name = format!("{}, noise", point_name(&noise.trunk));
         let [ap, ml, si] = [noise.ap_mm, noise.ml_mm, noise.si_mm].map(digits);
@@ -137,11 +200,12 @@ fn section(
     point: &Point,
     figures: &PointFigures,
     points: &Points,
-    method: &Method,
+    settings: &Settings,
 ) -> Result<Markup, BadInput> {
     let name = point_name(&point.name);
-    let bins = method.settings().bins_s;
-    let smooth = smooth(&point.series, method.filter_s());
+    let bins = &settings.bins_s;
+    let smooth = smooth(&point.series, settings.filter);
+    let ellipse = outline(&smooth, settings, &figures.filtered.figures.ellipse.transverse);
     let events: Vec<Event> = points
         .events
         .iter()
@@ -149,20 +213,22 @@ fn section(
         .collect();
     let mut paths = Vec::new();
     for plane in Plane::ALL {
-        if let Some(svg) = plots::path(&smooth, plane, &bins)? {
+        let ellipse = ellipse.as_ref().filter(|_| plane == Plane::Transverse);
+        if let Some(svg) = plots::path(&smooth, plane, bins, ellipse)? {
             let seen = match plane {
                 Plane::Transverse => "from above",
                 Plane::Sagittal => "from the side",
                 Plane::Coronal => "from behind",
             };
-            let caption = format!("{name}, {} plane, seen {seen}", plane.word());
+            let and = if ellipse.is_some() { ", and the 95 % prediction ellipse" } else { "" };
+            let caption = format!("{name}, {} plane, seen {seen}{and}", plane.word());
             paths.push(figure(&svg, &caption));
         }
     }
     let gaps: Vec<Range<f64>> = smooth.gaps_s().collect();
     let mut lines = Vec::new();
     for axis in Axis::ALL {
-        if let Some(svg) = plots::over_time(&smooth, axis, &bins, &events)? {
+        if let Some(svg) = plots::over_time(&smooth, axis, bins, &events)? {
             let gaps = if gaps.is_empty() { "" } else { "; gaps are grey" };
             let caption = format!("{name}, {} over time{gaps}", axis.word());
             lines.push(figure(&svg, &caption));
@@ -175,7 +241,7 @@ fn section(
             div.row { @for path in &paths { (path) } }
             @for line in &lines { div.over-time { (line) } }
             @if !gaps.is_empty() { p.method { (gap_list(&gaps)) } }
-            (annotated(&tables::heading(figures, method.filter_s()), &tables::paths(&figures.filtered)))
+            (annotated(&tables::heading(figures), &tables::paths(&figures.filtered)))
             (annotated("Other figures of the same positions", &tables::others(&figures.filtered)))
             @match spectrum {
                 Some(svg) => div.pair {
@@ -219,10 +285,28 @@ fn gap_list(gaps_s: &[Range<f64>]) -> String {
 }
 
 /// What the figures are of; a series too short for the filter is shown as it is.
-fn smooth(series: &Series, filter_s: f64) -> Series {
-    SavitzkyGolay::lasting(filter_s, series.rate_hz())
-        .and_then(|filter| filter.apply(series))
-        .map_or_else(|| series.clone(), |filtered| filtered.series)
+fn smooth(series: &Series, filter: Design) -> Series {
+    let filtered = filter.at(series.rate_hz()).ok().and_then(|filter| filter.apply(series));
+    filtered.map_or_else(|| series.clone(), |filtered| filtered.series)
+}
+
+/// The ellipse of the span, about the mean of its positions in the transverse plane.
+fn outline(smooth: &Series, settings: &Settings, ellipse: &Ellipse) -> Option<Outline> {
+    let span = match &settings.span_s {
+        Some(span_s) => smooth.between(span_s.clone())?,
+        None => smooth.clone(),
+    };
+    let mean = |axis: Axis| {
+        let values = span.along(axis)?;
+        Some(values.iter().sum::<f64>() / values.len() as f64)
+    };
+    let [first, second] = Plane::Transverse.axes();
+    Some(Outline {
+        centre_mm: [mean(first)?, mean(second)?],
+        semi_axes_mm: [ellipse.major_mm.value()?, ellipse.minor_mm.value()?],
+        // A circle has no direction, and needs none.
+        angle_rad: ellipse.angle_rad.value().unwrap_or_default(),
+    })
 }
 
 #[cfg(test)]

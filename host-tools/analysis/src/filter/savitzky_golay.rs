@@ -10,23 +10,17 @@
 //! number, plus one if that is even. The paper's half second is 15 samples at 30 Hz, 31 at 60 Hz
 //! and 51 at 100 Hz. (The paper does not say how it counts: a window that *spans* half a second
 //! would be 17 samples at 30 Hz.) Rounding first gives the same window at 59.99 and 60.01 Hz.
-//!
-//! # Gaps
-//! A parabola over a gap would invent positions, so each part without a gap is filtered separately.
-//! A part shorter than the window cannot be filtered: its samples are left out and counted.
-
-use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::series::{Axis, Series};
+use super::Variance;
 
 /// A shorter window does not smooth: a parabola passes through any three points, so callers whose
 /// duration and rate give three samples would get their samples back unchanged.
-const WINDOW_MIN: usize = 5;
+pub const WINDOW_MIN: usize = 5;
 
 /// Keeps a mistaken duration from taking hours: filtering costs samples times window.
-const WINDOW_MAX: usize = 2001;
+pub const WINDOW_MAX: usize = 2001;
 
 /// The number of outputs computed together, chosen so that they stay in the L1 cache.
 const BLOCK: usize = 1024;
@@ -39,17 +33,6 @@ pub struct SavitzkyGolay {
     /// From a window's moments to the coefficients `c` of its parabola `c0 + c1 x + c2 x^2`, with
     /// `x` from -1 to 1.
     parabola_from_moments: Matrix3<f64>,
-}
-
-/// The result of filtering a series.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Filtered {
-    /// The filtered positions.
-    pub series: Series,
-    /// The parts of the original that were kept, each without a gap.
-    pub kept: Vec<Range<usize>>,
-    /// The number of samples in parts that are shorter than the window.
-    pub left_out_samples: usize,
 }
 
 impl SavitzkyGolay {
@@ -97,45 +80,22 @@ impl SavitzkyGolay {
         Some(smoothed)
     }
 
-    /// Smooths each part without a gap; `None` when every part is shorter than the window.
+    /// As [`Filter::step_variances`](super::Filter::step_variances). For equal variances the factor
+    /// is the filter's noise gain for a step: 2 without a filter, 0.0753^2 with 31 samples.
     #[must_use]
-    pub fn apply(&self, series: &Series) -> Option<Filtered> {
-        let kept: Vec<Range<usize>> =
-            series.segments().filter(|segment| segment.len() >= self.window()).collect();
-        let whole = series.only(&kept)?;
-        let smooth = |axis: Axis| {
-            let positions_mm = whole.along(axis).unwrap_or_default();
-            let mut parts = whole.segments().filter_map(|part| positions_mm.get(part));
-            parts.try_fold(Vec::new(), |mut all, part| {
-                all.append(&mut self.smooth(part)?);
-                Some(all)
-            })
-        };
-        let [ap, ml, si] = Axis::ALL.map(smooth);
-        Some(Filtered {
-            series: whole.with_positions([ap?, ml?, si?]).ok()?,
-            left_out_samples: series.samples() - whole.samples(),
-            kept,
-        })
-    }
-
-    /// The variances of the steps between neighbouring smoothed samples, for independent errors
-    /// with these variances in the original samples. (Covariances of two axes propagate in the same
-    /// way.) `None` when there are fewer samples than the window holds.
-    ///
-    /// A step, too, is a weighted sum of samples, so its variance is the sum of their variances
-    /// times the squared weights. For equal variances that factor is the filter's noise gain for a
-    /// step: 2 without a filter, 0.0753^2 with 31 samples.
-    #[must_use]
-    pub fn step_variances(&self, variances: &[f64]) -> Option<Vec<f64>> {
+    pub fn step_variances<V: Variance>(&self, variances: &[V]) -> Option<Vec<V>> {
         let (window, half) = (self.window(), self.window() / 2);
         let last = variances.len().checked_sub(window)?;
         // Between two values of the same window's parabola.
-        let in_window = |variances: &[f64], index: usize| -> f64 {
+        let in_window = |variances: &[V], index: usize| -> V {
             let step = (powers(index + 1, window) - powers(index, window)).transpose()
                 * self.parabola_from_moments;
-            let weights = (0..window).map(|sample| (step * powers(sample, window)).x);
-            weights.zip(variances).map(|(weight, variance)| weight * weight * variance).sum()
+            let mut sum = V::default();
+            for (sample, variance) in variances.iter().enumerate() {
+                let weight = (step * powers(sample, window)).x;
+                sum += *variance * (weight * weight);
+            }
+            sum
         };
         // Between the centres of neighbouring windows.
         let before = [0.0].iter().chain(&self.weights);
@@ -167,13 +127,13 @@ fn powers(index: usize, window: usize) -> Vector3<f64> {
 
 /// The weighted sum at each position where all weights have a sample. It is computed weight by
 /// weight over a block, which fills whole vector registers; sum by sum would use scalars.
-fn weighted_sums(samples: &[f64], weights: &[f64]) -> Vec<f64> {
-    let mut sums = vec![0.0; (samples.len() + 1).saturating_sub(weights.len())];
+fn weighted_sums<V: Variance>(samples: &[V], weights: &[f64]) -> Vec<V> {
+    let mut sums = vec![V::default(); (samples.len() + 1).saturating_sub(weights.len())];
     for (block, sums) in sums.chunks_mut(BLOCK).enumerate() {
         for (offset, weight) in weights.iter().enumerate() {
             let samples = &samples[block * BLOCK + offset..];
             for (sum, sample) in sums.iter_mut().zip(samples) {
-                *sum += weight * sample;
+                *sum += *sample * *weight;
             }
         }
     }
@@ -235,24 +195,8 @@ mod tests {
     }
 
     #[test]
-    fn a_steps_variance_is_that_of_its_response_to_every_sample() {
-        let filter = SavitzkyGolay::new(7).unwrap();
-        let variances: Vec<f64> = (0..18).map(|i| 0.5 + f64::from(i % 5)).collect();
-        let mut expected = vec![0.0; variances.len() - 1];
-        for (sample, variance) in variances.iter().enumerate() {
-            let mut impulse = vec![0.0; variances.len()];
-            impulse[sample] = 1.0;
-            let response = filter.smooth(&impulse).unwrap();
-            for (sum, pair) in expected.iter_mut().zip(response.windows(2)) {
-                *sum += (pair[1] - pair[0]).powi(2) * variance;
-            }
-        }
-        let steps = filter.step_variances(&variances).unwrap();
-        assert_eq!(steps.len(), expected.len());
-        for (value, expected) in steps.iter().zip(&expected) {
-            close(*value, *expected, 1e-12);
-        }
-        // In the interior, a published factor: 2 x (3/35)^2 + 2 x (15/35)^2 + 2 x (5/35)^2 for five
+    fn a_step_has_the_published_noise_gain() {
+        // In the interior: 2 x (3/35)^2 + 2 x (15/35)^2 + 2 x (5/35)^2 for five
         // points.
         let gains = SavitzkyGolay::new(5).unwrap().step_variances(&[1.0; 11]).unwrap();
         close(gains[5], 2.0 * (9.0 + 225.0 + 25.0) / 1225.0, 1e-13);
@@ -275,23 +219,5 @@ mod tests {
         assert_eq!((SavitzkyGolay::new(6), SavitzkyGolay::new(3)), (None, None));
         assert_eq!(SavitzkyGolay::new(31).unwrap().smooth(&[1.0; 30]), None);
         assert_eq!(SavitzkyGolay::new(31).unwrap().step_variances(&[1.0; 30]), None);
-    }
-
-    #[test]
-    fn parts_are_smoothed_alone_and_short_ones_left_out() {
-        let filter = SavitzkyGolay::new(5).unwrap();
-        // Gaps of one sample, after 6 samples and after 4 more.
-        let indices: Vec<usize> = (0..18).filter(|index| ![6, 11].contains(index)).collect();
-        let time_s: Vec<f64> = indices.iter().map(|index| *index as f64 / 10.0).collect();
-        let ap: Vec<f64> = indices.iter().map(|index| (index * index % 11) as f64).collect();
-        let series = Series::new(time_s, [ap.clone(), Vec::new(), ap.clone()]).unwrap();
-        let filtered = filter.apply(&series).unwrap();
-        assert_eq!((filtered.left_out_samples, &filtered.kept[..]), (4, &[0..6, 10..16][..]));
-        let expected: Vec<f64> =
-            [&ap[..6], &ap[10..]].iter().flat_map(|part| filter.smooth(part).unwrap()).collect();
-        assert_eq!(filtered.series.along(Axis::Si), Some(&expected[..]));
-        assert_eq!(filtered.series.along(Axis::Ml), None);
-        assert_eq!(filtered.series.segments().collect::<Vec<_>>(), [0..6, 6..12]);
-        assert_eq!(SavitzkyGolay::new(7).unwrap().apply(&series), None);
     }
 }
