@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, prove, provision, receive, replay,
-    report, scene, show, simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, doctor, export, optics, prove, provision, receive,
+    replay, report, scene, show, simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -22,6 +22,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Arguments),
+    Optics(optics::Arguments),
     Target(target::Arguments),
     Calibrate(calibrate::Arguments),
     Scene(scene::Arguments),
@@ -68,6 +69,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
     match command {
         Command::Doctor(arguments) => return doctor::run(arguments),
         Command::Prove(arguments) => return prove::run(arguments),
+        Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),

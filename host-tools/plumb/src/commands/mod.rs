@@ -7,6 +7,7 @@ pub mod calibrate;
 pub mod demo;
 pub mod doctor;
 pub mod export;
+pub mod optics;
 pub mod prove;
 pub mod provision;
 pub mod receive;

@@ -179,9 +179,8 @@ fn outline_mm(geometry: &TargetGeometry) -> Vec<Vector3<f64>> {
     let [columns, rows] = [geometry.columns(), geometry.rows()].map(|count| count as i32);
     let first = geometry.corner_mm(0);
     let pitch_mm = pitch_mm(geometry);
-    let border = |column: i32, row: i32| {
-        column == -1 || column == columns || row == -1 || row == rows
-    };
+    let border =
+        |column: i32, row: i32| column == -1 || column == columns || row == -1 || row == rows;
     (-1..=rows)
         .flat_map(|row| (-1..=columns).map(move |column| (column, row)))
         .filter(|&(column, row)| border(column, row))
