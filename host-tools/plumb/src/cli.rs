@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, figures, prove, provision, receive,
+    aim, analyze, budget, calibrate, demo, doctor, export, figures, optics, prove, provision, receive,
     replay, report, scene, show, simulate, study, target, track, validate,
 };
 
@@ -22,6 +22,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Arguments),
+    Optics(optics::Arguments),
     Target(target::Arguments),
     Calibrate(calibrate::Arguments),
     Scene(scene::Arguments),
@@ -71,6 +72,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Prove(arguments) => return prove::run(arguments),
         Command::Receive(arguments) => return receive::run(arguments),
         Command::Figures(arguments) => return figures::run(arguments),
+        Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),

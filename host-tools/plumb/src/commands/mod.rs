@@ -8,6 +8,7 @@ pub mod demo;
 pub mod doctor;
 pub mod export;
 pub mod figures;
+pub mod optics;
 pub mod prove;
 pub mod provision;
 pub mod receive;

@@ -32,10 +32,7 @@ impl Background {
         blur_px: f64,
         seed: u64,
     ) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(1);
-        let mut room = Canvas::new(width, height);
-        room.draw_room(&mut random);
+        let (room, mut random) = room([width, height], seed);
         let mut cloth = Canvas::new(width + 2 * MARGIN_PX, height + 2 * MARGIN_PX);
         let midline_px = midline_px.map(|value| value + MARGIN_PX as f64);
         let cover = cloth.draw_back(midline_px, px_per_mm, &mut random);
@@ -80,6 +77,21 @@ impl Background {
             },
         );
     }
+}
+
+/// The room without anybody in it, as [`Background`] draws it from the same seed.
+#[must_use]
+pub fn empty_room(size_px: [usize; 2], blur_px: f64, seed: u64) -> Picture {
+    blurred(room(size_px, seed).0.0, blur_px)
+}
+
+/// The room, and the generator that draws what stands in it.
+fn room([width, height]: [usize; 2], seed: u64) -> (Canvas, ChaCha8Rng) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(1);
+    let mut room = Canvas::new(width, height);
+    room.draw_room(&mut random);
+    (room, random)
 }
 
 /// Row `y` of the frame in a picture that is larger by [`MARGIN_PX`] and moved by `shift_px`.

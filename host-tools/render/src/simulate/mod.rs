@@ -23,6 +23,7 @@ pub mod background;
 pub mod layout;
 mod normal;
 pub mod occluder;
+pub mod photographs;
 mod provisioning;
 pub mod recorded;
 pub mod render;

@@ -1,36 +1,63 @@
-//! `plumb simulate`: a rendered person as files, or as a stream.
+//! `plumb simulate`: a rendered person, or a board that is photographed, as files or as a stream.
 
-use std::fs::File;
-use std::io::{self, Write};
-use std::os::fd::AsFd;
+mod board;
+mod video;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use indicatif::{ProgressBar, ProgressStyle};
+use plumbline::lens::Lens;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
 use plumbline_files::poses::Writer;
 use plumbline_files::scene::{self, SceneFile};
-use plumbline_files::targets::{self, OriginName, TargetDescription};
+use plumbline_files::targets::{self, OriginName, TargetDescription, grid_size};
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::occluder::Occlusion;
-use plumbline_render::simulate::recorded::{Form, frame_rate, truth_rows};
+use plumbline_render::simulate::recorded::{Form, truth_rows};
 use plumbline_render::simulate::sway::SwaySettings;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
-/// Render a swaying person with both targets, and the true poses.
+use self::video::{Video, standard_output};
+
+/// Render a swaying person with both targets, and the true poses; or a board to calibrate with.
 ///
 /// Writes into the directory DIR: frames.y4m, truth.csv, camera.toml,
 /// targets.toml and scene.toml, so that `plumb track --camera DIR/camera.toml
 /// --targets DIR/targets.toml DIR/frames.y4m` can run on it. The same settings
 /// give the same files on every machine. A frame takes 1.6 MB, of 10 bits 4.8 MB.
+///
+/// With --board the camera sees a calibration board instead, in the same room: photographs as a
+/// careful person would take them (DIR/photos), and the board standing upright where the person
+/// will stand (DIR/scene.y4m). DIR/truth holds the true camera and scene. So everything from the
+/// calibration to the report can be tried without any hardware.
 #[derive(Debug, clap::Args)]
-#[command(allow_negative_numbers = true)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Examples:
+  plumb simulate --frames 1800 --out person
+  plumb simulate --out - | plumbline-board --config box.plb --replay -
+  plumb simulate --board 9x6 --pitch-mm 20 --out dry
+  plumb calibrate --board 9x6 --pitch-mm 20 --out camera.toml dry/photos/*.png
+  plumb simulate --board 9x6 --pitch-mm 20 --fps 10 --out - | plumbline-board --config new.plb --replay -
+                                         # a box before its calibration, for plumb aim --stills"
+)]
 pub struct SimulateArguments {
     /// Directory to write into; `-` streams the Y4M to standard output and writes nothing else
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// A board of so many INNER corners instead of a person; in a stream, each photograph is shown
+    /// for 5 s
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = grid_size, requires = "pitch_mm",
+          conflicts_with_all = ["frames", "sway_mm", "drift_mm_s", "readout_ms", "occlude", "bits", "jpeg", "png"])]
+    board: Option<[u8; 2]>,
+    /// The side of the board's squares
+    #[arg(long, value_name = "MM", requires = "board")]
+    pitch_mm: Option<f64>,
+    /// How often the board is photographed
+    #[arg(long, value_name = "N", requires = "board", default_value_t = 15)]
+    photographs: usize,
     /// Number of frames
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..))]
     frames: u64,
@@ -138,6 +165,9 @@ fn three_numbers(text: &str) -> Result<[f64; 3], String> {
 /// # Errors
 /// When a setting is impossible, files are in the way, or writing fails.
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
+    if let Some(size) = arguments.board {
+        return board::run(arguments, size);
+    }
     let form = arguments.form()?;
     let settings = arguments.settings(form);
     for number in &arguments.png {
@@ -154,13 +184,9 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
             "--png needs a directory to write into, and --out is `-`; give --out a directory"
         );
         let simulation = prepared(&settings)?;
-        // Without the standard library's line buffer: a frame is passed on whole, at once.
-        let stdout = io::stdout().as_fd().try_clone_to_owned().context("standard output")?;
-        return write_frames(
-            &simulation,
-            form,
-            arguments.frames,
-            File::from(stdout),
+        return video(&simulation, form, arguments.frames).write(
+            |frame, luma| Ok(form.render(&simulation, frame, luma)?),
+            standard_output()?,
             "standard output",
             |_, _| Ok(()),
         );
@@ -183,13 +209,14 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
     let mut outside = vec![0_u64; simulation.targets().len()];
     let place = frames.display().to_string();
     let file = plumbline_files::create(&frames, true)?;
-    write_frames(&simulation, form, arguments.frames, file, &place, |frame, samples| {
+    let render = |frame: u64, luma: &mut Vec<u8>| Ok(form.render(&simulation, frame, luma)?);
+    video(&simulation, form, arguments.frames).write(render, file, &place, |frame, samples| {
         for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
             truth.write(row)?;
             *outside += u64::from(row.points == Some(0));
         }
         if let Some(index) = arguments.png.iter().position(|number| *number == frame) {
-            save_png(&simulation, samples, &png_paths[index])?;
+            save_png(simulation.camera(), samples, &png_paths[index])?;
         }
         Ok(())
     })?;
@@ -252,68 +279,14 @@ fn describe(
     scene::write(scene_path, &scene)
 }
 
-/// Renders and writes the video; `each` sees every frame before it is written.
-///
-/// A reader that closes a pipe early (the box stopping, `head`) ends the run without an error.
-fn write_frames(
-    simulation: &Simulation,
-    form: Form,
-    frames: u64,
-    sink: impl Write + Send,
-    place: &str,
-    mut each: impl FnMut(u64, &[u8]) -> anyhow::Result<()> + Send,
-) -> anyhow::Result<()> {
+/// The video of a simulation.
+fn video(simulation: &Simulation, form: Form, frames: u64) -> Video {
     let lens = simulation.camera();
-    let (width, height) = (usize::from(lens.width_px), usize::from(lens.height_px));
-    let encoder = y4m::encode(width, height, frame_rate(simulation.settings().frame_rate_hz))
-        .with_colorspace(form.colorspace());
-    let mut encoder = match encoder.write_header(sink) {
-        Err(error) => return finished_or(error, place),
-        Ok(encoder) => encoder,
-    };
-    let progress = ProgressBar::new(frames).with_style(
-        ProgressStyle::with_template("rendering {bar:30} {pos}/{len} frames, {eta} left")
-            .expect("a constant template"),
-    );
-    let chroma = form.chroma(width, height);
-    let (mut now, mut next) = (Vec::new(), Vec::new());
-    form.render(simulation, 0, &mut now)?;
-    for frame in 0..frames {
-        each(frame, &now)?;
-        // The next frame is rendered while this one is written.
-        let (written, rendered) = rayon::join(
-            || encoder.write_frame(&y4m::Frame::new([&now, &chroma, &chroma], None)),
-            || {
-                if frame + 1 < frames {
-                    form.render(simulation, frame + 1, &mut next)
-                } else {
-                    Ok(())
-                }
-            },
-        );
-        rendered?;
-        if let Err(error) = written {
-            progress.abandon();
-            return finished_or(error, place);
-        }
-        std::mem::swap(&mut now, &mut next);
-        progress.inc(1);
-    }
-    progress.finish_and_clear();
-    Ok(())
+    let size_px = [lens.width_px, lens.height_px].map(usize::from);
+    Video { size_px, rate_hz: simulation.settings().frame_rate_hz, form, frames }
 }
 
-/// Nothing wrong when the reader of a pipe has had enough.
-fn finished_or(error: y4m::Error, place: &str) -> anyhow::Result<()> {
-    match error {
-        y4m::Error::IoError(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        y4m::Error::IoError(error) => Err(BadInput::io(place, &error).into()),
-        error => Err(anyhow::Error::new(error).context(format!("{place}: cannot be written"))),
-    }
-}
-
-fn save_png(simulation: &Simulation, samples: &[u8], path: &Path) -> anyhow::Result<()> {
-    let lens = simulation.camera();
+fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> anyhow::Result<()> {
     let (width, height) = (u32::from(lens.width_px), u32::from(lens.height_px));
     image::save_buffer(path, samples, width, height, image::ExtendedColorType::L8)
         .with_context(|| path.display().to_string())
@@ -377,6 +350,36 @@ mod tests {
         let again = simulate(directory.path(), &["--frames", "1"]).unwrap_err().to_string();
         assert!(again.contains("frames.y4m") && again.contains("--force"), "{again}");
         simulate(directory.path(), &["--frames", "1", "--force"]).unwrap();
+    }
+
+    #[test]
+    fn a_board_is_photographed_and_stands_in_the_scene() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        let board = ["--board", "5x4", "--pitch-mm", "30", "--photographs", "2"];
+        simulate(directory.path(), &board).unwrap();
+        for name in ["photos/board-1.png", "photos/board-2.png"] {
+            let picture = image::open(at(name)).unwrap();
+            assert_eq!([picture.width(), picture.height()], [1456, 1088]);
+        }
+        let mut source = FrameSource::open(&[at("scene.y4m")], None).unwrap();
+        let mut frames = 0;
+        while source.next_frame().unwrap().is_some() {
+            frames += 1;
+        }
+        assert_eq!(frames, board::STANDING_FRAMES);
+        let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
+        assert_eq!(camera::read(&at("truth/camera.toml")).unwrap().lens, *simulation.camera());
+        let scene = scene::read(&at("truth/scene.toml")).unwrap().cam_from_scene();
+        assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
+
+        let again = simulate(directory.path(), &board).unwrap_err().to_string();
+        assert!(again.contains("--force"), "{again}");
+        let wrong = ["--board", "2x4", "--pitch-mm", "30", "--force"];
+        let wrong = simulate(directory.path(), &wrong).unwrap_err().to_string();
+        assert!(wrong.contains("--board") && wrong.contains("2 x 4"), "{wrong}");
+        let person = ["simulate", "--out", "-", "--board", "5x4", "--pitch-mm", "9", "--jpeg", "9"];
+        assert!(Line::try_parse_from(person).is_err());
     }
 
     #[test]
