@@ -29,7 +29,7 @@ const HEAD_BYTES: usize = 11;
 const CRC_BYTES: usize = 4;
 
 /// No entry is longer: longer datagrams are cut, and are none of our packets.
-const CONTENT_BYTES_MAX: usize = 2048;
+pub(crate) const CONTENT_BYTES_MAX: usize = 2048;
 
 /// The journal is brought to the disk at least this often. A loss of power may cost one second;
 /// this is half of it.
@@ -42,6 +42,11 @@ pub enum Content {
     Raw(Raw),
     /// A mark.
     Mark(Mark),
+    /// What was said of the trial: the manifest that is to be written if `trial.toml` is lost. The
+    /// latest counts.
+    About(String),
+    /// Another box, by its name or its address, that was heard and not listened to.
+    Other(String),
 }
 
 /// One entry.
@@ -59,6 +64,8 @@ impl Entry {
             Content::Raw(Raw::Datagram(bytes)) => (1, Cow::from(bytes)),
             Content::Raw(Raw::Frame(bytes)) => (2, Cow::from(bytes)),
             Content::Mark(mark) => (3, Cow::from(mark.text().into_bytes())),
+            Content::About(text) => (4, Cow::from(text.as_bytes())),
+            Content::Other(name) => (5, Cow::from(name.as_bytes())),
         };
         let content = &content[..content.len().min(CONTENT_BYTES_MAX)];
         let mut entry = vec![kind];
@@ -85,6 +92,8 @@ impl Entry {
             1 => Content::Raw(Raw::Datagram(content.to_vec())),
             2 => Content::Raw(Raw::Frame(content.to_vec())),
             3 => Content::Mark(Mark::read(std::str::from_utf8(content).ok()?)?),
+            4 => Content::About(String::from_utf8(content.to_vec()).ok()?),
+            5 => Content::Other(String::from_utf8(content.to_vec()).ok()?),
             _ => return None,
         };
         let host_ns = u64::from_le_bytes(*time);
@@ -258,6 +267,8 @@ mod tests {
                 content: match at % 7 {
                     0 => Content::Mark(Mark::new(Source::Key, "stands")),
                     1 => Content::Raw(Raw::Frame(vec![at as u8 | 1; 200])),
+                    2 => Content::About("format = 2\n".to_owned()),
+                    3 => Content::Other("ward 4 (PL-0002)".to_owned()),
                     _ => Content::Raw(Raw::Datagram(vec![at as u8; at as usize % 254])),
                 },
             })

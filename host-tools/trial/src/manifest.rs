@@ -1,21 +1,34 @@
 //! `trial.toml`: what is known of a trial as a whole.
+//!
+//! What a person has said is also in `packets.bin`, from the beginning of the recording: a
+//! `trial.toml` that is lost or spoiled is made again with it ([`Manifest::restore`]).
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use plumbline::packet::MarkedInstant;
 use plumbline_files::BadInput;
 use plumbline_files::{from_toml, read_text};
 use serde::{Deserialize, Serialize};
 
+use super::correction::Corrected;
+use super::journal::{CONTENT_BYTES_MAX, Content, Reader};
 use super::mark::Source;
 use super::names;
+use super::verdict::{Criteria, Verdict};
 
 /// The comment at the top of the file.
 const HEADING: &str = "# Made of packets.bin. What a person has said may be corrected here: participant, condition,\n\
-                       # note, and zero (mark, start or onset); events and the rest are made anew.\n\n";
+                       # note, zero (mark, start or onset), and overruled, by and why of the verdict; the rest is\n\
+                       # made anew.\n\n";
 
 /// The format that this program writes.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
+
+/// What stands for the time of the beginning where it is not known.
+const UNKNOWN: &str = "unknown";
+
+const REMEDY: &str =
+    "correct what is named; `plumb replay TRIAL --tables` makes the file again from the packets";
 
 /// A trial as a whole. What only the end of a recording tells is absent while it is recorded, and
 /// after one that was cut off.
@@ -26,7 +39,8 @@ pub struct Manifest {
     pub format: u32,
     /// Whether the recording was ended properly.
     pub state: State,
-    /// When it began, by this computer's clock, UTC.
+    /// When it began, by this computer's clock, UTC; "unknown" if neither the file nor the packets
+    /// tell.
     pub started: String,
     /// Who was measured, as a code.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -42,6 +56,12 @@ pub struct Manifest {
     /// Which instant of a frame its time marks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instant: Option<MarkedInstant>,
+    /// What the trial is worth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
+    /// What was replaced afterwards.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected: Option<Corrected>,
     /// The box.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
     pub the_box: Option<BoxSeen>,
@@ -57,6 +77,9 @@ pub struct Manifest {
     /// What happened.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<EventSeen>,
+    /// What the verdict is by.
+    #[serde(default)]
+    pub criteria: Criteria,
 }
 
 /// How far a recording came.
@@ -175,13 +198,22 @@ impl Manifest {
             condition,
             note,
             zero,
+            verdict: None,
+            corrected: None,
             instant: None,
             the_box: None,
             packets: None,
             clocks: Vec::new(),
             noise: Vec::new(),
             events: Vec::new(),
+            criteria: Criteria::default(),
         }
+    }
+
+    /// The verdict, which every trial has that was read from its packets.
+    #[must_use]
+    pub fn verdict(&self) -> Verdict {
+        self.verdict.clone().unwrap_or_default()
     }
 
     /// The mark that defines t = 0: the first with the label "zero", else the first of all.
@@ -197,18 +229,86 @@ impl Manifest {
     /// When it is absent, or cannot be understood.
     pub fn read(folder: &Path) -> Result<Self, BadInput> {
         let path = folder.join(names::MANIFEST);
-        let place = path.display().to_string();
-        let remedy = "`plumb receive --out` writes it; correct what is named";
-        let manifest: Self = from_toml(&read_text(&path)?, &place, remedy)?;
-        if manifest.format != FORMAT {
+        Self::parse(&read_text(&path)?, &path.display().to_string())
+    }
+
+    fn parse(text: &str, place: &str) -> Result<Self, BadInput> {
+        // Of another format, any of its fields might be named instead.
+        if let Some(format) = format_of(text).filter(|format| *format != FORMAT) {
             return Err(BadInput::new(
                 place,
                 "format",
-                format!("{}, and this program knows {FORMAT}", manifest.format),
-                "use the program that wrote it, or update this one",
+                format!("{format}, and this program knows {FORMAT}"),
+                "use the program that wrote it",
             ));
         }
+        let manifest: Self = from_toml(text, place, REMEDY)?;
+        manifest.verdict().check(place)?;
+        manifest.criteria.check(place)?;
         Ok(manifest)
+    }
+
+    /// The text for `packets.bin` from which [`restore`](Self::restore) makes it again: what
+    /// persons have said, and how far the recording came. `None` where that is too long for an
+    /// entry.
+    #[must_use]
+    pub(crate) fn about(&self) -> Option<String> {
+        let about = |note: Option<String>| {
+            let Self { started, participant, condition, zero, .. } = self.clone();
+            let about = Self {
+                state: self.state,
+                criteria: self.criteria.clone(),
+                ..Self::begin(started, participant, condition, note, zero)
+            };
+            toml::to_string(&about).ok().filter(|text| text.len() <= CONTENT_BYTES_MAX)
+        };
+        // A long note is the first that can be missed.
+        about(self.note.clone()).or_else(|| about(None))
+    }
+
+    /// Reads the manifest of a trial's folder; one that is absent is made again as far as the
+    /// packets tell, and so is one that cannot be understood, which is kept under another name.
+    /// Also returns what a user should know.
+    ///
+    /// # Errors
+    /// When it is of another format, or there are no packets.
+    pub fn restore(folder: &Path) -> Result<(Self, Vec<String>), BadInput> {
+        let path = folder.join(names::MANIFEST);
+        let read = match std::fs::read(&path) {
+            Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+            Err(error) => return Err(BadInput::io(path.display(), &error)),
+        };
+        let mut warnings = Vec::new();
+        let told = if let Some(text) = read {
+            let error = match Self::parse(&text, &path.display().to_string()) {
+                Ok(manifest) => return Ok((manifest, warnings)),
+                Err(error) if format_of(&text).is_some_and(|it| it != FORMAT) => return Err(error),
+                Err(error) => error,
+            };
+            let told = told(folder)?;
+            let kept = free_name(&path);
+            std::fs::rename(&path, &kept)
+                .map_err(|error| BadInput::io(path.display(), &error))?;
+            warnings.push(format!("{error}; the file is now {}", kept.display()));
+            told
+        } else {
+            told(folder)?
+        };
+        let place = path.display();
+        let manifest = if let Some(manifest) = told {
+            warnings.push(format!(
+                "{place} was made again from the packets; what was corrected in it later is lost"
+            ));
+            manifest
+        } else {
+            warnings.push(format!(
+                "{place} was made again, and the packets do not tell participant, condition, note \
+                 and the time of day: write them into it"
+            ));
+            Self::begin(UNKNOWN.to_owned(), None, None, None, Zero::default())
+        };
+        Ok((manifest, warnings))
     }
 
     /// Writes it into a trial's folder, in place of the one that is there.
@@ -222,4 +322,35 @@ impl Manifest {
         })?;
         plumbline_files::replace(&path, format!("{HEADING}{text}").as_bytes())
     }
+}
+
+/// The format that a manifest says it has.
+fn format_of(text: &str) -> Option<u32> {
+    #[derive(Deserialize)]
+    struct Format {
+        format: u32,
+    }
+    toml::from_str(text).ok().map(|Format { format }| format)
+}
+
+/// The latest manifest in a trial's packets.
+fn told(folder: &Path) -> Result<Option<Manifest>, BadInput> {
+    let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
+    let mut told = None;
+    while let Some(entry) = reader.next_entry()? {
+        if let Content::About(text) = entry.content {
+            told = Manifest::parse(&text, names::JOURNAL).ok().or(told);
+        }
+    }
+    Ok(told)
+}
+
+/// A name beside a file that no other has: `trial.toml.bad`, `trial.toml.bad2` and so on.
+fn free_name(path: &Path) -> PathBuf {
+    let name = |at: u32| {
+        let number = if at == 1 { String::new() } else { at.to_string() };
+        PathBuf::from(format!("{}.bad{number}", path.display()))
+    };
+    let mut names = (1..).map(name);
+    names.find(|name| !name.exists()).unwrap_or_else(|| name(1))
 }

@@ -114,8 +114,9 @@ impl Points {
             return Err(BadInput::whole(
                 place,
                 "no frame has a position along the body's axes",
-                "the box must know which way is forward (`plumb scene --store`) and see the targets \
-                 (`plumb doctor`); then record again",
+                "if the box did not know which way is forward, measure it while the camera stands \
+                 where it stood: `plumb scene --out scene.toml`, then `plumb replay TRIAL --tables \
+                 --scene scene.toml`; if it did not see the targets: `plumb doctor`",
             ));
         }
         let (zero_s, zero) = zero_of(trial, &points, zero, &place)?;
@@ -164,6 +165,12 @@ fn zero_of(
                 })
         }
     }
+}
+
+/// When the person stands up, on the trial's clock: [`Zero::Onset`].
+pub(crate) fn stand_onset_of(trial: &Trial) -> Option<f64> {
+    let series = Trunk::ALL.into_iter().rev().filter_map(|trunk| point(&trial.frames, trunk));
+    series.into_iter().find_map(|(point, _)| stand_onset_s(&point.series))
 }
 
 /// The frames that have a trunk's position, each measured later than the one before: those of the

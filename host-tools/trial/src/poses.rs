@@ -7,6 +7,7 @@ use plumbline::config::Config;
 use plumbline::packet::{Deframer, Message, PosePacket};
 use plumbline_files::BadInput;
 
+use crate::correction::Correction;
 use crate::journal::{Content, Reader};
 use crate::names;
 use crate::reading::{self, FRAMES_MAX, Sessions};
@@ -14,7 +15,7 @@ use crate::reading::{self, FRAMES_MAX, Sessions};
 /// The poses of a recording.
 #[derive(Debug, Clone)]
 pub struct Poses {
-    /// What the box was told: its lens and its targets.
+    /// What the box was told, with what was replaced afterwards: its lens and its targets.
     pub config: Config,
     /// The time of each frame since the trial's first in seconds, and what the box sent of it; in
     /// the order of the times. Each pose is later than its frame by its `delay_ns`.
@@ -27,13 +28,14 @@ pub struct Poses {
 /// When there is no trial in it, it cannot be read, or the box's configuration is not in it.
 pub fn read(folder: &Path) -> Result<Poses, BadInput> {
     let mut warnings = Vec::new();
-    let Some(config) = reading::read_config(folder, &mut warnings)? else {
+    let Some(recorded) = reading::read_config(folder, &mut warnings)? else {
         return Err(BadInput::whole(
             folder.join(names::CONFIG).display(),
             "the box's configuration, which describes its camera and its targets, is not known",
-            "record the trial anew with `plumb receive --out`, while the box answers",
+            "copy the box's config.plb, as `plumb provision` wrote it, into the trial's folder",
         ));
     };
+    let correction = Correction::read(folder, Some(&recorded))?;
     let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
     let mut sessions = Sessions::default();
     let mut deframer = Deframer::new();
@@ -44,6 +46,10 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
         if !sessions.take(&message, entry.host_ns) {
             continue;
         }
+        let message = match &correction {
+            Some(correction) => correction.apply(message),
+            None => message,
+        };
         if let Message::Pose(packet) = message {
             frames.push((sessions.clock.time_s(packet.capture_time_ns), packet));
         }
@@ -52,5 +58,6 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
         }
     }
     frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let config = correction.map_or(recorded, |it| it.config().clone());
     Ok(Poses { config, frames })
 }

@@ -9,20 +9,30 @@ use plumbline::config::BLOB_BYTES_MAX;
 use plumbline::packet::{Action, Document, Message, Reply, ReplyOutcome};
 use plumbline_files::BadInput;
 use plumbline_stream::link::Download;
+use plumbline_stream::others;
 use plumbline_stream::questions::Questions;
 use plumbline_stream::reception::Tap;
 use plumbline_stream::transport::Event;
 
+use super::correction::{Corrected, Correction, Replacements};
 use super::journal::{Content, Entry, Writer};
 use super::manifest::{Manifest, State};
 use super::mark::{Mark, Marks};
+use super::reading::{check_folder, read_config};
+use super::verdict::Criteria;
 use super::{Trial, names, tables};
 
 /// The box's clock is asked for this often.
 const PING_EVERY: Duration = Duration::from_secs(1);
 
+/// The box is asked this often how the targets look: their light and their focus are in the trial.
+const VIEW_EVERY: Duration = Duration::from_secs(10);
+
 /// The configuration is asked for again after this time without an answer.
 const CONFIG_EVERY: Duration = Duration::from_secs(2);
+
+/// More boxes than this would not be an oversight.
+const OTHERS_MAX: usize = 8;
 
 /// How far the box's configuration has come.
 enum Fetch {
@@ -45,7 +55,10 @@ pub struct Recording {
     heard: Heard,
     questions: Questions,
     ping_at: Instant,
+    view_at: Instant,
     fetch: Fetch,
+    /// Other boxes that were heard.
+    others: Vec<String>,
 }
 
 impl Recording {
@@ -73,7 +86,10 @@ impl Recording {
             ),
             _ => BadInput::io(folder.display(), &error),
         })?;
-        let journal = Writer::create(&folder.join(names::JOURNAL))?;
+        let mut journal = Writer::create(&folder.join(names::JOURNAL))?;
+        if let Some(about) = manifest.about() {
+            journal.write(&Entry { host_ns: 0, content: Content::About(about) })?;
+        }
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
         Ok(Self {
@@ -84,7 +100,9 @@ impl Recording {
             heard,
             questions: Questions::of_tap(),
             ping_at: now,
+            view_at: now,
             fetch: Fetch::Ask(now),
+            others: Vec::new(),
         })
     }
 
@@ -116,8 +134,12 @@ impl Recording {
             self.discard()?;
             return Ok(None);
         }
+        let manifest = Manifest { state: State::Finished, ..Manifest::read(&self.folder)? };
+        if let Some(about) = manifest.about() {
+            self.write(Instant::now(), Content::About(about))?;
+        }
         self.journal.sync()?;
-        make(&self.folder, Some(State::Finished)).map(Some)
+        make(&self.folder, manifest).map(Some)
     }
 
     fn discard(self) -> Result<(), BadInput> {
@@ -143,6 +165,15 @@ impl Recording {
         at.saturating_duration_since(self.begun).as_nanos() as u64
     }
 
+    /// Takes note of another box, once.
+    fn other(&mut self, name: String, now: Instant) -> Result<(), BadInput> {
+        if self.others.len() >= OTHERS_MAX || self.others.contains(&name) {
+            return Ok(());
+        }
+        self.others.push(name.clone());
+        self.write(now, Content::Other(name))
+    }
+
     fn message(&mut self, message: &Message, now: Instant) -> Result<(), BadInput> {
         match (&mut self.fetch, message) {
             (
@@ -166,21 +197,76 @@ impl Recording {
     }
 }
 
-/// Makes everything that is derived from a trial's packets once more: the tables, and what the
-/// manifest says of them. A recording that was cut off is still marked as such.
-///
-/// # Errors
-/// When there is no trial, or the operating system refuses; the packets stay.
-pub fn remake(folder: &Path) -> Result<Trial, BadInput> {
-    make(folder, None)
+/// What is to change where a trial's tables are made again.
+#[derive(Debug, Clone, Default)]
+pub struct Changes {
+    /// Other criteria for the verdict.
+    pub criteria: Option<Criteria>,
+    /// Files that replace what the box was told.
+    pub replaced: Option<Replacements>,
+    /// Earlier replacements are taken back.
+    pub as_recorded: bool,
 }
 
-fn make(folder: &Path, state: Option<State>) -> Result<Trial, BadInput> {
-    tables::write(folder)?;
-    let mut manifest = Manifest::read(folder)?;
-    manifest.state = state.unwrap_or(manifest.state);
+/// Makes everything that is derived from a trial's packets once more: the tables, and what the
+/// manifest says of them. A recording that was cut off is still marked as such. Files that replace
+/// what the box was told replace earlier ones too: they always start from what was recorded.
+///
+/// # Errors
+/// When there is no trial, a file cannot replace what was recorded, or the operating system
+/// refuses; the packets stay.
+pub fn remake(folder: &Path, changes: &Changes) -> Result<Trial, BadInput> {
+    check_folder(folder)?;
+    // Before anything is changed: the files may not suit.
+    let replaced = changes.replaced.as_ref();
+    let replaced = replaced.map(|it| correction_by(folder, it)).transpose()?;
+    let (mut manifest, warnings) = Manifest::restore(folder)?;
+    if let Some(criteria) = &changes.criteria {
+        manifest.criteria = criteria.clone();
+    }
+    if let Some((correction, corrected)) = replaced {
+        plumbline_files::replace(&folder.join(names::CORRECTED), &correction.blob())?;
+        manifest.corrected = Some(corrected);
+    } else if changes.as_recorded {
+        take_back(folder)?;
+        manifest.corrected = None;
+    }
+    let mut trial = make(folder, manifest)?;
+    trial.warnings.splice(0..0, warnings);
+    Ok(trial)
+}
+
+fn correction_by(
+    folder: &Path,
+    replacements: &Replacements,
+) -> Result<(Correction, Corrected), BadInput> {
+    let Some(recorded) = read_config(folder, &mut Vec::new())? else {
+        return Err(BadInput::whole(
+            folder.join(names::CONFIG).display(),
+            "what the box was told is not in the trial, so that nothing of it can be replaced",
+            "copy the box's config.plb, as `plumb provision` wrote it, to this place first",
+        ));
+    };
+    Correction::of(replacements, &recorded)
+}
+
+fn take_back(folder: &Path) -> Result<(), BadInput> {
+    let path = folder.join(names::CORRECTED);
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(BadInput::io(path.display(), &error))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn make(folder: &Path, manifest: Manifest) -> Result<Trial, BadInput> {
+    // First of all what a person has said, whatever comes of the rest.
     manifest.write(folder)?;
-    let trial = Trial::open(folder)?;
+    let trial = Trial::open_as(folder, manifest)?;
+    let recorded = read_config(folder, &mut Vec::new())?;
+    let correction = Correction::read(folder, recorded.as_ref())?;
+    tables::write(folder, correction.as_ref(), &trial.manifest.verdict())?;
     trial.manifest.write(folder)?;
     Ok(trial)
 }
@@ -190,6 +276,10 @@ impl Tap for Recording {
         match event {
             Event::Raw(raw) => self.write(now, Content::Raw(raw.clone())),
             Event::Message(message) => self.message(message, now),
+            Event::OtherSender { from, hello } => {
+                let other = hello.as_ref().map_or_else(|| from.to_string(), others::name);
+                self.other(other, now)
+            }
             _ => Ok(()),
         }
     }
@@ -215,6 +305,10 @@ impl Tap for Recording {
                 Err(_) => self.fetch = Fetch::Done,
             },
             Fetch::Ask(_) | Fetch::Done => {}
+        }
+        if now >= self.view_at {
+            self.view_at = now + VIEW_EVERY;
+            return Ok(Some(self.questions.ask(Action::SendView).1));
         }
         if now < self.ping_at {
             return Ok(None);
