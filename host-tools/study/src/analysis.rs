@@ -4,6 +4,7 @@ pub mod tables;
 
 use plumbline_analysis::sway::{self, Settings, Sway};
 use plumbline_files::BadInput;
+use plumbline_trial::Verdict;
 use plumbline_trial::manifest::EventSeen;
 use plumbline_trial::points::{Point, Points};
 use rayon::prelude::*;
@@ -20,6 +21,9 @@ pub struct Analysis {
     pub zero: String,
     /// The window of the filter, seconds.
     pub filter_s: f64,
+    /// The verdict on the trial; absent of a table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// The points of the body.
     pub points: Vec<PointFigures>,
     /// The events, on the same clock.
@@ -70,6 +74,7 @@ impl Analysis {
             source: points.place.clone(),
             zero: points.zero.clone(),
             filter_s,
+            verdict: points.verdict.clone(),
             points: points.points.par_iter().map(figures).collect::<Result<_, BadInput>>()?,
             events: points.events.clone(),
             warnings: points.warnings.clone(),

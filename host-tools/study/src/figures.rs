@@ -16,6 +16,7 @@ use crate::physiology::{self, Quantity};
 use crate::sway::{self, Path};
 use crate::time::time_name;
 use crate::values::{self, Response, TrialValues};
+use crate::verdict;
 
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]
@@ -94,15 +95,15 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
     let settings = Settings { bins_s: study.bins_s.clone(), ..Settings::default() };
     let windows = study.physiology.as_ref().map(|it| it.windows(&study.bins_s));
     let windows = windows.unwrap_or_default();
-    let trials: Vec<OneTrial> = study
-        .trials
+    let (entries, mut warnings) = verdict::admitted(study)?;
+    let trials: Vec<OneTrial> = entries
         .par_iter()
         .map(|entry| one_trial(study, entry, &settings, &windows))
         .collect::<Vec<_>>()
         .into_iter()
         // Of several errors, always the first is reported.
         .collect::<Result<_, _>>()?;
-    let (mut sways, mut physiologies, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut sways, mut physiologies) = (Vec::new(), Vec::new());
     for trial in trials {
         sways.push(trial.sway);
         physiologies.push(trial.physiology);

@@ -3,7 +3,7 @@
 //! ```text
 //! a trial's points ─▶ analysis: the sway figures of one trial
 //!
-//! study.toml ─▶ manifest, protocol ─▶ sway, physiology: each trial's values ─▶ values: averaged
+//! study.toml ─▶ manifest, protocol ─▶ verdict: which trials take part ─▶ sway, physiology: each trial's values ─▶ values: averaged
 //!            by participant, condition and time, and compared ─▶ figures ─▶ tables, inference
 //!
 //! any long table ─▶ long ─▶ the same comparisons
@@ -24,3 +24,4 @@ pub mod sway;
 pub mod tables;
 mod time;
 pub mod values;
+pub mod verdict;

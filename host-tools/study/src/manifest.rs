@@ -10,6 +10,7 @@ use serde::Deserialize;
 
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
+use crate::verdict::Unusable;
 
 /// The text of a new study.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -28,6 +29,8 @@ pub struct Study {
     /// Whether a participant who lacks a value is left out of that response's statistics; otherwise
     /// the study is refused.
     pub drop_incomplete: bool,
+    /// What becomes of a trial that is unusable.
+    pub unusable: Unusable,
     /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
@@ -86,6 +89,8 @@ struct StudyToml {
     bins_s: Vec<[f64; 2]>,
     #[serde(default)]
     drop_incomplete: bool,
+    #[serde(default)]
+    unusable: Unusable,
     physiology: Option<PhysiologyToml>,
     #[serde(default, rename = "trial")]
     trials: Vec<EntryToml>,
@@ -189,6 +194,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
         conditions,
         bins_s: study.bins_s.into_iter().map(|[from, to]| from..to).collect(),
         drop_incomplete: study.drop_incomplete,
+        unusable: study.unusable,
         physiology,
     })
 }

@@ -289,6 +289,7 @@ mod tests {
     use crate::physiology::Quantity;
     use crate::sway::Path;
     use crate::values::TrialValues;
+    use crate::verdict::Unusable;
 
     fn study(conditions: [&str; 2]) -> Study {
         Study {
@@ -297,6 +298,7 @@ mod tests {
             conditions: conditions.map(str::to_owned).into(),
             bins_s: vec![0.0..20.0, 20.0..40.0, 40.0..60.0],
             drop_incomplete: false,
+            unusable: Unusable::default(),
             physiology: None,
             trials: Vec::new(),
         }

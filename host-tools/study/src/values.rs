@@ -120,6 +120,7 @@ fn means<'a, M: PartialEq>(
 mod tests {
     use super::*;
     use crate::time::time_name;
+    use crate::verdict::Unusable;
 
     fn study(drop_incomplete: bool) -> Study {
         Study {
@@ -128,6 +129,7 @@ mod tests {
             conditions: ["control", "hypo"].map(str::to_owned).into(),
             bins_s: vec![0.0..1.0, 1.0..2.0],
             drop_incomplete,
+            unusable: Unusable::default(),
             physiology: None,
             trials: Vec::new(),
         }

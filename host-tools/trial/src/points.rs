@@ -12,7 +12,7 @@ use plumbline_files::counting::counted;
 use crate::manifest::Zero;
 use crate::positions::Table;
 use crate::reading::{Frame, Point as TrunkPoint, Trunk};
-use crate::{Trial, manifest::EventSeen};
+use crate::{Trial, Verdict, manifest::EventSeen};
 
 /// One point over time, its t = 0 where the trial's is.
 #[derive(Debug, Clone)]
@@ -50,6 +50,8 @@ pub struct Points {
     /// The time of day of t = 0, seconds since 1970 by the clock of the computer that recorded
     /// the trial; a table has none.
     pub zero_utc_s: Option<f64>,
+    /// The verdict on the trial; a table has none.
+    pub verdict: Option<Verdict>,
     /// The trial's events; t = 0 is the same.
     pub events: Vec<EventSeen>,
     /// What a user should know.
@@ -74,6 +76,7 @@ impl Points {
             points: vec![point],
             zero: "as in the table".to_owned(),
             zero_utc_s: None,
+            verdict: None,
             events: Vec::new(),
             warnings: positions.warnings,
         })
@@ -135,7 +138,8 @@ impl Points {
         let mut events = trial.manifest.events.clone();
         events.iter_mut().for_each(|event| event.time_s -= zero_s);
         let zero_utc_s = trial.first_frame_utc_s.map(|first_s| first_s + zero_s);
-        Ok(Self { place, points: shifted, zero, zero_utc_s, events, warnings })
+        let verdict = trial.manifest.verdict.clone();
+        Ok(Self { place, points: shifted, zero, zero_utc_s, verdict, events, warnings })
     }
 }
 

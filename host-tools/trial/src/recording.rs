@@ -276,10 +276,7 @@ impl Tap for Recording {
         match event {
             Event::Raw(raw) => self.write(now, Content::Raw(raw.clone())),
             Event::Message(message) => self.message(message, now),
-            Event::OtherSender { from, hello } => {
-                let other = hello.as_ref().map_or_else(|| from.to_string(), others::name);
-                self.other(other, now)
-            }
+            Event::OtherSender { hello: Some(hello), .. } => self.other(others::name(hello), now),
             _ => Ok(()),
         }
     }

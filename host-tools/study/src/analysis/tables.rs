@@ -22,6 +22,9 @@ type OfEllipse = fn(&Ellipse) -> &Figure;
 #[must_use]
 pub fn text(analysis: &Analysis) -> String {
     let mut text = format!("{}, t = 0: {}\n", analysis.source, analysis.zero);
+    if let Some(verdict) = &analysis.verdict {
+        text += &format!("verdict: {}\n", verdict.line());
+    }
     for event in &analysis.events {
         // Writing to a String does not fail.
         let _ = writeln!(text, "  {:8.3} s  {}", event.time_s, event.label);

@@ -2,10 +2,14 @@
 
 use super::rows::Rows;
 use super::{RIGHT_HANDED, right_handed};
+use crate::Verdict;
 use crate::c3d::{FRAMES_MAX, Header, Parameters, Value, encode};
 
 /// Our own group.
 const OWN: &str = "PLUMBLINE";
+
+/// A length has one byte.
+const TEXT_BYTES_MAX: usize = 255;
 
 /// Negative: coordinates are floating-point, and in the unit that the file names.
 const SCALE: f32 = -1.0;
@@ -14,7 +18,7 @@ const SCALE: f32 = -1.0;
 const NOT_SEEN: f32 = -1.0;
 
 /// The file.
-pub fn bytes(rows: &Rows) -> Vec<u8> {
+pub fn bytes(rows: &Rows, verdict: &Verdict) -> Vec<u8> {
     let header = Header {
         points: rows.points.len() as u16,
         analog: 0,
@@ -23,10 +27,10 @@ pub fn bytes(rows: &Rows) -> Vec<u8> {
         scale: SCALE,
         rate_hz: rows.rate_hz as f32,
     };
-    encode(&header, parameters(&header, rows), &frames(rows))
+    encode(&header, parameters(&header, rows, verdict), &frames(rows))
 }
 
-fn parameters(header: &Header, rows: &Rows) -> Parameters {
+fn parameters(header: &Header, rows: &Rows, verdict: &Verdict) -> Parameters {
     let integer = |value: u16| Value::Integers(vec![value]);
     let float = |value: f32| Value::Floats(vec![value]);
     let of_points = |text: fn(&str) -> String| {
@@ -48,6 +52,7 @@ fn parameters(header: &Header, rows: &Rows) -> Parameters {
         ("FORCE_PLATFORM", "USED", integer(0)),
         (OWN, "T_ZERO", float(-rows.first_s() as f32)),
         (OWN, "AXES", Value::Text(RIGHT_HANDED.to_owned())),
+        (OWN, "VERDICT", verdict_texts(verdict)),
     ] {
         parameters.set(group, name, value);
     }
@@ -60,6 +65,17 @@ fn parameters(header: &Header, rows: &Rows) -> Parameters {
         parameters.set("TRIAL", "ACTUAL_END_FIELD", words(rows.time_s.len()));
     }
     parameters
+}
+
+/// The grade, and each reason; the format takes texts of at most 255 bytes.
+fn verdict_texts(verdict: &Verdict) -> Value {
+    let grade = verdict.overruled_words().unwrap_or_else(|| verdict.is.word().to_owned());
+    let reasons = verdict.reasons.iter().map(|reason| reason.words.clone());
+    let cut = |mut text: String| {
+        text.truncate(text.floor_char_boundary(TEXT_BYTES_MAX));
+        text
+    };
+    Value::Texts([grade].into_iter().chain(reasons).map(cut).collect())
 }
 
 fn frames(rows: &Rows) -> Vec<u8> {
@@ -104,7 +120,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for frames in [180, 65_534, 65_535, 65_536, 70_000] {
             let path = folder.path().join("trial.c3d");
-            std::fs::write(&path, bytes(&rows(frames))).unwrap();
+            std::fs::write(&path, bytes(&rows(frames), &Verdict::default())).unwrap();
             let found = Markers::read(&path).unwrap();
             assert_eq!((found.rate_hz, found.unit), (60.0, Some(Unit::Mm)));
             for (marker, (name, gap)) in

@@ -7,6 +7,7 @@ use plumbline_files::{BadInput, write_all};
 use crate::Trial;
 use crate::manifest::Zero;
 use crate::points::Points;
+use crate::verdict::Grade;
 
 mod bids;
 mod c3d;
@@ -47,7 +48,9 @@ pub struct Exported {
 }
 
 /// Writes a trial in this format: a file or, for BIDS, the folder of a new data set. A file that
-/// exists is replaced only with `force`, a folder never.
+/// exists is replaced only with `force`, a folder never. The verdict on the trial goes with it where
+/// the format has room: in Parquet's metadata, a parameter of C3D, the JSON of BIDS; a CSV or a TRC
+/// has none.
 ///
 /// # Errors
 /// When the trial has nothing to write, or the output cannot be written.
@@ -62,13 +65,14 @@ pub fn export(
     let rows = Rows::of(&points)?;
     let mut warnings = points.warnings.clone();
     warnings.extend(rows.moved());
+    let verdict = trial.manifest.verdict();
     let bytes = match format {
         Format::Csv => Some(csv::bytes(&rows)),
-        Format::Parquet => Some(parquet::bytes(&rows, out)?),
+        Format::Parquet => Some(parquet::bytes(&rows, &verdict, out)?),
         Format::Trc => Some(trc::bytes(&rows, out)),
         Format::C3d => {
             warnings.extend(rows.unevenness());
-            Some(c3d::bytes(&rows))
+            Some(c3d::bytes(&rows, &verdict))
         }
         Format::Bids => {
             warnings.extend(bids::write(&rows, trial, &points, out)?);
@@ -77,6 +81,9 @@ pub fn export(
     };
     if let Some(bytes) = bytes {
         write_all(&[(out.to_owned(), bytes)], force)?;
+    }
+    if verdict.grade() != Grade::Good {
+        warnings.push(format!("the verdict on this trial is {}", verdict.line()));
     }
     Ok(Exported { rows: rows.time_s.len(), rate_hz: rows.rate_hz, zero: points.zero, warnings })
 }

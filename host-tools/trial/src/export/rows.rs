@@ -167,6 +167,7 @@ mod tests {
             points: tracks.iter().map(point).collect(),
             zero: String::new(),
             zero_utc_s: None,
+            verdict: None,
             events: Vec::new(),
             warnings: Vec::new(),
         }

@@ -14,6 +14,8 @@
 
 mod criteria;
 mod judge;
+#[cfg(test)]
+mod tests;
 
 use plumbline_files::BadInput;
 use serde::{Deserialize, Serialize};

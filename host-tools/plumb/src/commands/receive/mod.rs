@@ -15,6 +15,7 @@ use plumbline_stream::recorder::Recorder;
 use plumbline_trial::manifest::{Manifest, Zero};
 use plumbline_trial::mark::Mark;
 use plumbline_trial::recording::Recording;
+use plumbline_trial::verdict::Criteria;
 
 use crate::arguments::{LinkArguments, seconds};
 use crate::ui::stop::stop_on_signals;
@@ -34,7 +35,8 @@ use screen::Screen;
 /// Counts what is lost, repeated, late or corrupt. When the box restarts, the recording
 /// goes on. Press Enter to mark an event; type its name first if it has one. The mark called zero,
 /// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
-/// Ctrl-C, and prints a summary.
+/// Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or unusable, with the
+/// reasons.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 #[command(after_help = "Examples:\n  plumb receive --out trials/p01-control\n  \
@@ -65,6 +67,10 @@ pub struct Arguments {
     /// What t = 0 is
     #[arg(long, value_enum, default_value_t, requires = "out")]
     zero: Zero,
+
+    /// Judge the trial by these criteria (`plumb replay --new-criteria` writes them, explained)
+    #[arg(long, value_name = "FILE", requires = "out")]
+    criteria: Option<PathBuf>,
 
     /// Take marks from datagrams to this address: the text of each is its name
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address, requires = "out")]
@@ -138,14 +144,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn begin(arguments: &Arguments, out: &Path) -> Result<Recording, BadInput> {
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
-    let manifest = &Manifest::begin(
-        jiff::Timestamp::now().to_string(),
-        arguments.participant.clone(),
-        arguments.condition.clone(),
-        arguments.note.clone(),
-        arguments.zero,
-    );
-    Recording::begin(out, manifest, marks, Instant::now(), Box::new(echo))
+    let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
+    let manifest = Manifest {
+        criteria: criteria.unwrap_or_default(),
+        ..Manifest::begin(
+            jiff::Timestamp::now().to_string(),
+            arguments.participant.clone(),
+            arguments.condition.clone(),
+            arguments.note.clone(),
+            arguments.zero,
+        )
+    };
+    Recording::begin(out, &manifest, marks, Instant::now(), Box::new(echo))
 }
 
 /// A mark is in the recording.
@@ -170,6 +180,7 @@ fn end(recording: Recording, frames: u64) -> Result<(), BadInput> {
         for warning in &trial.warnings {
             text += &format!("\nwarning: {warning}");
         }
+        text += &format!("\n{}", trial.manifest.verdict().lines());
     }
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{text}");
