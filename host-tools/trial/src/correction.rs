@@ -456,3 +456,6 @@ impl Sight<'_> {
         }))
     }
 }
+
+#[cfg(test)]
+mod tests;

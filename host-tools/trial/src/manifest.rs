@@ -354,3 +354,84 @@ fn free_name(path: &Path) -> PathBuf {
     let mut names = (1..).map(name);
     names.find(|name| !name.exists()).unwrap_or_else(|| name(1))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Trial;
+    use crate::recording::{Changes, remake};
+    use crate::test_trial::Made;
+
+    fn lost() -> (tempfile::TempDir, PathBuf) {
+        let (folder, trial) = Made::good().trial();
+        (folder, trial.folder)
+    }
+
+    #[test]
+    fn a_manifest_that_is_lost_is_made_again_with_what_persons_have_said() {
+        let (_folder, path) = lost();
+        let before = Trial::open(&path).unwrap();
+        std::fs::remove_file(path.join(names::MANIFEST)).unwrap();
+        let after = remake(&path, &Changes::default()).unwrap();
+        assert_eq!(after.manifest, before.manifest);
+        assert_eq!(after.manifest.participant.as_deref(), Some("P01"));
+        let said = after.warnings.join("; ");
+        assert!(said.contains("made again from the packets"), "{said}");
+        assert_eq!(Trial::open(&path).unwrap().manifest, before.manifest);
+    }
+
+    #[test]
+    fn a_manifest_that_cannot_be_read_is_kept_beside_the_new_one() {
+        let (_folder, path) = lost();
+        for (at, spoiled) in ["{", "", "format = 2\nstate = \"asleep\"\n"].iter().enumerate() {
+            std::fs::write(path.join(names::MANIFEST), spoiled).unwrap();
+            assert!(Trial::open(&path).unwrap_err().to_string().contains("replay TRIAL --tables"));
+            let after = remake(&path, &Changes::default()).unwrap();
+            assert_eq!(after.manifest.participant.as_deref(), Some("P01"));
+            let name = if at == 0 { "trial.toml.bad".into() } else { format!("trial.toml.bad{}", at + 1) };
+            assert_eq!(std::fs::read_to_string(path.join(&name)).unwrap(), *spoiled);
+            let said = after.warnings.join("; ");
+            assert!(said.contains(&name), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_manifest_of_another_format_is_refused_and_stays() {
+        let (_folder, path) = lost();
+        let text = "format = 1\nstate = \"finished\"\n";
+        std::fs::write(path.join(names::MANIFEST), text).unwrap();
+        for error in [
+            Trial::open(&path).unwrap_err(),
+            remake(&path, &Changes::default()).unwrap_err(),
+        ] {
+            assert_eq!((&*error.field, &*error.found), ("format", "1, and this program knows 2"));
+        }
+        assert_eq!(std::fs::read_to_string(path.join(names::MANIFEST)).unwrap(), text);
+    }
+
+    #[test]
+    fn where_nobody_told_who_it_was_that_is_said() {
+        let (_folder, path) = lost();
+        let journal = path.join(names::JOURNAL);
+        // The first entry is damaged: what was said of the trial is gone.
+        let mut bytes = std::fs::read(&journal).unwrap();
+        bytes[60] ^= 1;
+        std::fs::write(&journal, bytes).unwrap();
+        std::fs::remove_file(path.join(names::MANIFEST)).unwrap();
+        let after = remake(&path, &Changes::default()).unwrap();
+        assert_eq!((after.manifest.participant, &*after.manifest.started), (None, "unknown"));
+        assert_eq!(after.first_frame_utc_s, None);
+        let said = after.warnings.join("; ");
+        assert!(said.contains("do not tell participant, condition"), "{said}");
+        assert_eq!(after.frames.len(), 1800);
+    }
+
+    #[test]
+    fn a_note_that_is_too_long_for_the_packets_is_the_only_thing_missed() {
+        let mut made = Made::good();
+        made.manifest.note = Some("n".repeat(3000));
+        let about = made.manifest.about().unwrap();
+        let told = Manifest::parse(&about, "").unwrap();
+        assert_eq!((told.participant.as_deref(), told.note), (Some("P01"), None));
+    }
+}
