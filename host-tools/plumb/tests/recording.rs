@@ -287,7 +287,7 @@ fn without_a_box_there_is_no_folder() {
     assert!(!bench.path("none").exists());
     for (arguments, part) in [
         ("analyze none", "not the folder of a trial"),
-        ("replay person --tables", "trial.toml"),
+        ("replay person --tables", "packets.bin"),
         ("receive --out a/b --frames 1", "no such directory"),
     ] {
         let output = bench.plumb(arguments);

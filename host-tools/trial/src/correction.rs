@@ -147,7 +147,9 @@ impl Correction {
         };
         let given = [("scene", scene), ("camera", camera), ("targets", targets)];
         let mut files = Vec::new();
-        for (what, path) in given.into_iter().filter_map(|(what, path)| Some((what, path.as_ref()?))) {
+        for (what, path) in
+            given.into_iter().filter_map(|(what, path)| Some((what, path.as_ref()?)))
+        {
             let crc = plumbline::packet::document_crc(&plumbline_files::bytes_of(path)?);
             let path = path.display().to_string();
             files.push(Replaced { what: what.to_owned(), path, crc: format!("{crc:08x}") });
@@ -203,7 +205,8 @@ impl Correction {
 
     /// A target by the role that the box knew it by, and what it should have been told of it.
     fn target(&self, role: Role) -> Option<(&TargetGeometry, &TargetConfig)> {
-        let recorded = &self.recorded.targets.iter().find(|it| it.geometry.role() == role)?.geometry;
+        let recorded =
+            &self.recorded.targets.iter().find(|it| it.geometry.role() == role)?.geometry;
         Some((recorded, self.counterpart(recorded)?))
     }
 
@@ -349,7 +352,10 @@ fn replace_targets(config: &mut Config, path: &Path) -> Result<(), BadInput> {
                 return Err(BadInput::new(
                     place,
                     "columns, rows",
-                    format!("no target has {columns} x {rows} corners, as the box's {}", target.name),
+                    format!(
+                        "no target has {columns} x {rows} corners, as the box's {}",
+                        target.name
+                    ),
                     "describe the same grid; another one was not looked for and cannot be had",
                 ));
             }
@@ -359,9 +365,10 @@ fn replace_targets(config: &mut Config, path: &Path) -> Result<(), BadInput> {
     let is_recorded = |geometry: &TargetGeometry| {
         recorded.iter().any(|it| shape(&it.geometry) == shape(geometry))
     };
-    let unknown = file.targets.iter().find(|it| {
-        it.geometry.role() != Role::Scene && !is_recorded(&it.geometry)
-    });
+    let unknown = file
+        .targets
+        .iter()
+        .find(|it| it.geometry.role() != Role::Scene && !is_recorded(&it.geometry));
     match unknown {
         None => Ok(()),
         Some(target) => {

@@ -229,6 +229,14 @@ impl Manifest {
     /// When it is absent, or cannot be understood.
     pub fn read(folder: &Path) -> Result<Self, BadInput> {
         let path = folder.join(names::MANIFEST);
+        if !path.exists() {
+            return Err(BadInput::whole(
+                path.display(),
+                "it is not there",
+                "give the folder of a trial; if the file was lost, `plumb replay TRIAL --tables` \
+                 makes it again from the packets",
+            ));
+        }
         Self::parse(&read_text(&path)?, &path.display().to_string())
     }
 
@@ -288,8 +296,7 @@ impl Manifest {
             };
             let told = told(folder)?;
             let kept = free_name(&path);
-            std::fs::rename(&path, &kept)
-                .map_err(|error| BadInput::io(path.display(), &error))?;
+            std::fs::rename(&path, &kept).map_err(|error| BadInput::io(path.display(), &error))?;
             warnings.push(format!("{error}; the file is now {}", kept.display()));
             told
         } else {
@@ -388,7 +395,8 @@ mod tests {
             assert!(Trial::open(&path).unwrap_err().to_string().contains("replay TRIAL --tables"));
             let after = remake(&path, &Changes::default()).unwrap();
             assert_eq!(after.manifest.participant.as_deref(), Some("P01"));
-            let name = if at == 0 { "trial.toml.bad".into() } else { format!("trial.toml.bad{}", at + 1) };
+            let name =
+                if at == 0 { "trial.toml.bad".into() } else { format!("trial.toml.bad{}", at + 1) };
             assert_eq!(std::fs::read_to_string(path.join(&name)).unwrap(), *spoiled);
             let said = after.warnings.join("; ");
             assert!(said.contains(&name), "{said}");
@@ -400,10 +408,9 @@ mod tests {
         let (_folder, path) = lost();
         let text = "format = 1\nstate = \"finished\"\n";
         std::fs::write(path.join(names::MANIFEST), text).unwrap();
-        for error in [
-            Trial::open(&path).unwrap_err(),
-            remake(&path, &Changes::default()).unwrap_err(),
-        ] {
+        for error in
+            [Trial::open(&path).unwrap_err(), remake(&path, &Changes::default()).unwrap_err()]
+        {
             assert_eq!((&*error.field, &*error.found), ("format", "1, and this program knows 2"));
         }
         assert_eq!(std::fs::read_to_string(path.join(names::MANIFEST)).unwrap(), text);

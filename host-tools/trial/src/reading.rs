@@ -175,6 +175,11 @@ impl Trial {
         if let Some(corrected) = &manifest.corrected {
             check_corrected(folder, &corrected.config_crc, correction.as_ref())?;
             warnings.push(corrected.words());
+        } else if correction.is_some() {
+            warnings.push(format!(
+                "{} replaces what the box was told, by files that are not known any more",
+                names::CORRECTED
+            ));
         }
         let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
         let mut builder = Builder::new(recorded, correction);
@@ -198,6 +203,20 @@ impl Trial {
         }
         builder.observed.damaged_bytes = reader.damaged_bytes();
         Ok(builder.finish(folder, manifest, warnings))
+    }
+
+    /// From the first frame to the last.
+    #[must_use]
+    pub fn length_s(&self) -> f64 {
+        let time_s = |frame: Option<&Frame>| frame.map_or(0.0, |frame| frame.time_s);
+        time_s(self.frames.last()) - time_s(self.frames.first())
+    }
+
+    /// Frames per second on average, pauses included; `None` where they have no length.
+    #[must_use]
+    pub fn rate_hz(&self) -> Option<f64> {
+        let length_s = self.length_s();
+        (length_s > 0.0).then(|| (self.frames.len() - 1) as f64 / length_s)
     }
 
     /// The participant and the condition or, without them, the folder's name.
@@ -446,12 +465,7 @@ impl Builder {
         });
     }
 
-    fn finish(
-        mut self,
-        folder: &Path,
-        mut manifest: Manifest,
-        mut warnings: Vec<String>,
-    ) -> Trial {
+    fn finish(mut self, folder: &Path, mut manifest: Manifest, mut warnings: Vec<String>) -> Trial {
         // The network may reorder packets.
         self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         if self.observed.config_changed {

@@ -315,3 +315,84 @@ impl Tap for Recording {
         Ok(Some(self.questions.ask(Action::Ping { host_sent_ns }).1))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::{Command, Hello};
+    use plumbline_stream::fixture::{config, hello, pose_packet, view};
+    use plumbline_stream::transport::Raw;
+
+    use super::*;
+    use crate::manifest::Zero;
+    use crate::mark;
+    use crate::test_trial::raw;
+
+    fn begun(folder: &Path, now: Instant) -> Recording {
+        let (_, marks) = mark::channel();
+        let manifest = Manifest::begin(
+            "2026-01-01T00:00:00Z".to_owned(),
+            Some("P07".to_owned()),
+            None,
+            None,
+            Zero::Start,
+        );
+        Recording::begin(folder, &manifest, marks, now, Box::new(|_, _| {})).unwrap()
+    }
+
+    #[test]
+    fn light_and_focus_are_asked_for_at_the_start_and_every_ten_seconds() {
+        let folder = tempfile::tempdir().unwrap();
+        let start = Instant::now();
+        let mut recording = begun(&folder.path().join("p07"), start);
+        let mut asked_s = Vec::new();
+        for at in 0..350_u32 {
+            let question = recording.turn(start + Duration::from_millis(100) * at).unwrap();
+            if matches!(question, Some(Message::Command(Command { action: Action::SendView, .. })))
+            {
+                asked_s.push(f64::from(at) / 10.0);
+            }
+        }
+        let [first, rest @ ..] = &asked_s[..] else { panic!("never asked") };
+        assert!(*first <= 0.2 && rest.len() == 3, "{asked_s:?}");
+        assert!(asked_s.windows(2).all(|pair| (10.0..10.3).contains(&(pair[1] - pair[0]))));
+    }
+
+    #[test]
+    fn views_other_boxes_and_who_was_measured_are_in_the_packets() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p07");
+        let start = Instant::now();
+        let mut recording = begun(&path, start);
+        let other = Hello { serial_number: "PL-0002".try_into().unwrap(), ..hello(&config()) };
+        let from = "127.0.0.1:9".parse().unwrap();
+        for at in 0..3_u32 {
+            let now = start + Duration::from_secs(1) * (at + 1);
+            let hello = Some(other.clone());
+            recording.event(&Event::OtherSender { from, hello }, now).unwrap();
+            recording.event(&Event::OtherSender { from, hello: None }, now).unwrap();
+            for message in [Message::View(view()), Message::Pose(pose_packet(at))] {
+                let Content::Raw(Raw::Datagram(bytes)) = raw(&message) else { unreachable!() };
+                recording.event(&Event::Raw(Raw::Datagram(bytes)), now).unwrap();
+                recording.event(&Event::Message(message), now).unwrap();
+            }
+        }
+        // However it goes on: the file is lost before the recording is over.
+        let lost = path.join(names::MANIFEST);
+        let written = std::fs::read(&lost).unwrap();
+        std::fs::remove_file(&lost).unwrap();
+        let after = remake(&path, &Changes::default()).unwrap();
+        assert_eq!(after.manifest.participant.as_deref(), Some("P07"));
+        assert_eq!((after.manifest.zero, after.manifest.state), (Zero::Start, State::Recording));
+        std::fs::write(&lost, written).unwrap();
+
+        let trial = recording.end(3).unwrap().unwrap();
+        assert_eq!(trial.observed.views.len(), 3);
+        assert_eq!(trial.observed.others, ["ward 3 (PL-0002)"]);
+        let keys: Vec<String> =
+            trial.manifest.verdict().reasons.into_iter().map(|it| it.key).collect();
+        assert!(keys.contains(&"others".to_owned()), "{keys:?}");
+        // After the end the packets tell that it ended.
+        std::fs::remove_file(&lost).unwrap();
+        assert_eq!(remake(&path, &Changes::default()).unwrap().manifest.state, State::Finished);
+    }
+}

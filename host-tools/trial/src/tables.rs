@@ -150,12 +150,7 @@ pub(crate) fn put<T: DataType, W: Write + Send>(
 }
 
 /// Made from the rows of the CSV, so that both tables agree.
-fn parquet_of(
-    csv: &Path,
-    verdict: &Verdict,
-    file: &File,
-    place: &Path,
-) -> Result<(), BadInput> {
+fn parquet_of(csv: &Path, verdict: &Verdict, file: &File, place: &Path) -> Result<(), BadInput> {
     let unwritable =
         |error| BadInput::whole(place.display(), error, "check the disk, and that it has room");
     let unreadable =

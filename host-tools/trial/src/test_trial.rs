@@ -46,7 +46,11 @@ pub fn scene_from_target(role: Role, sequence: u32) -> Pose<Scene, Target> {
 }
 
 /// The packet of a frame, as a box with this configuration and this scene sends it.
-pub fn packet(config: &Config, sequence: u32, cam_from: impl Fn(Role) -> MeasuredPose) -> PosePacket {
+pub fn packet(
+    config: &Config,
+    sequence: u32,
+    cam_from: impl Fn(Role) -> MeasuredPose,
+) -> PosePacket {
     let mut packet = pose_packet(sequence);
     for target in &mut packet.targets {
         target.pose = Ok(cam_from(target.role));
@@ -163,7 +167,8 @@ impl Made {
         self.manifest.write(folder).unwrap();
         if let Some(config) = &self.config {
             let mut buffer = vec![0; plumbline::config::BLOB_BYTES_MAX];
-            std::fs::write(folder.join(names::CONFIG), config.encode(&mut buffer).unwrap()).unwrap();
+            std::fs::write(folder.join(names::CONFIG), config.encode(&mut buffer).unwrap())
+                .unwrap();
         }
         let mut journal = Writer::create(&folder.join(names::JOURNAL)).unwrap();
         let about = Content::About(self.manifest.about().unwrap());

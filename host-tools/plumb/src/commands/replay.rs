@@ -121,10 +121,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn rebuild(arguments: &Arguments) -> Result<(), BadInput> {
     let Arguments { scene, camera, targets, as_recorded, .. } = arguments;
-    let replaced = [scene, camera, targets].into_iter().any(Option::is_some).then(|| Replacements {
-        scene: scene.clone(),
-        camera: camera.clone(),
-        targets: targets.clone(),
+    let replaced = [scene, camera, targets].into_iter().any(Option::is_some).then(|| {
+        Replacements { scene: scene.clone(), camera: camera.clone(), targets: targets.clone() }
     });
     let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
     let changes = Changes { criteria, replaced, as_recorded: *as_recorded };

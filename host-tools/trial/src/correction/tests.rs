@@ -20,7 +20,11 @@ use crate::verdict::Grade;
 /// Positions come in single precision, 6e-5 mm at a metre: of the poses, and of the points.
 const ROUNDING_MM: f64 = 2e-4;
 
-const FRAMES: u32 = 1800;
+/// Enough for a good verdict.
+const WHOLE: u32 = 1800;
+
+/// Enough for poses in many attitudes.
+const SHORT: u32 = 300;
 
 fn write(folder: &TempDir, name: &str, text: &str) -> Option<PathBuf> {
     let path = folder.path().join(name);
@@ -56,7 +60,12 @@ fn target(config: &mut Config, from: Role, change: impl Fn(&TargetGeometry) -> T
     target.geometry = change(&target.geometry);
 }
 
-fn rebuilt(geometry: &TargetGeometry, role: Role, pitch_mm: f64, point_mm: [f64; 3]) -> TargetGeometry {
+fn rebuilt(
+    geometry: &TargetGeometry,
+    role: Role,
+    pitch_mm: f64,
+    point_mm: [f64; 3],
+) -> TargetGeometry {
     let (columns, rows) = (geometry.columns() as u8, geometry.rows() as u8);
     TargetGeometry::checker(columns, rows, pitch_mm, Origin::Center, role, point_mm).unwrap()
 }
@@ -108,11 +117,16 @@ fn as_told(
 
 /// The trial with the right files, and the same person before a box that was told others. `role_of`
 /// is the role by which that box knows a target.
-fn pair(truth: &Config, told: &Config, role_of: impl Fn(Role) -> Role) -> [(TempDir, Trial); 2] {
+fn pair(
+    truth: &Config,
+    told: &Config,
+    frames: u32,
+    role_of: impl Fn(Role) -> Role,
+) -> [(TempDir, Trial); 2] {
     let scene = truth.cam_from_scene().unwrap();
     let at = |role, sequence| scene * scene_from_target(role, sequence);
-    let right = Made::with_poses(truth, FRAMES, |sequence, role| measured(&at(role, sequence)));
-    let wrong = Made::with_poses(told, FRAMES, |sequence, told_role| -> MeasuredPose {
+    let right = Made::with_poses(truth, frames, |sequence, role| measured(&at(role, sequence)));
+    let wrong = Made::with_poses(told, frames, |sequence, told_role| -> MeasuredPose {
         let role = role_of(told_role);
         let found = truth.targets.iter().find(|it| it.geometry.role() == role).unwrap();
         measured(&as_told(truth, told, &found.geometry, &at(role, sequence)))
@@ -120,7 +134,7 @@ fn pair(truth: &Config, told: &Config, role_of: impl Fn(Role) -> Role) -> [(Temp
     [right.trial(), wrong.trial()]
 }
 
-/// A scene board is not part of the simulated configuration.
+/// Of a box that was told every role as it is.
 fn same_role(role: Role) -> Role {
     role
 }
@@ -129,7 +143,7 @@ fn same_role(role: Role) -> Role {
 fn a_scene_given_afterwards_is_as_good_as_one_given_before() {
     let truth = config();
     let told = Config { cam_from_scene_theta: None, ..truth.clone() };
-    let [(_right, right), (folder, wrong)] = pair(&truth, &told, same_role);
+    let [(_right, right), (folder, wrong)] = pair(&truth, &told, WHOLE, same_role);
     assert!(wrong.manifest.verdict().line().starts_with("unusable: no frame has a position"));
     let packets = std::fs::read(wrong.folder.join(names::JOURNAL)).unwrap();
     let blob = std::fs::read(wrong.folder.join(names::CONFIG)).unwrap();
@@ -169,7 +183,7 @@ fn exchanged_roles_and_a_wrong_virtual_point_are_put_right() {
         target.geometry = rebuilt(&target.geometry, role, target.geometry.pitch_mm(), [0.0; 3]);
     }
     let exchanged = |role| if role == Role::Upper { Role::Lower } else { Role::Upper };
-    let [(_right, right), (folder, wrong)] = pair(&truth, &told, exchanged);
+    let [(_right, right), (folder, wrong)] = pair(&truth, &told, WHOLE, exchanged);
     let verdict = wrong.manifest.verdict();
     assert_eq!((verdict.is, &*verdict.reasons[0].key), (Grade::Unusable, "upper_above_lower_mm"));
     let targets = targets_file(&folder, &truth);
@@ -193,7 +207,7 @@ fn another_pitch_gives_the_poses_of_the_print_as_it_was() {
             rebuilt(it, role, it.pitch_mm() / 1.02, it.virtual_point_mm().into())
         });
     }
-    let [(_right, right), (folder, wrong)] = pair(&truth, &told, same_role);
+    let [(_right, right), (folder, wrong)] = pair(&truth, &told, SHORT, same_role);
     let (before_mm, _) = difference(&wrong, &right);
     assert!(before_mm > 10.0, "{before_mm} mm");
     let targets = targets_file(&folder, &truth);
@@ -215,7 +229,7 @@ fn another_camera_gives_its_poses_to_the_second_order() {
     told.lens.fy_px *= 1.01;
     told.lens.cx_px += 5.0;
     told.lens.cy_px -= 5.0;
-    let [(_right, right), (folder, wrong)] = pair(&truth, &told, same_role);
+    let [(_right, right), (folder, wrong)] = pair(&truth, &told, SHORT, same_role);
     let (before_mm, _) = difference(&wrong, &right);
     assert!(before_mm > 5.0, "{before_mm} mm");
     let (camera, scene) = (camera_file(&folder, &truth), scene_file(&folder, &truth));
@@ -296,6 +310,8 @@ fn the_carried_covariance_is_that_of_the_poses_found_anew() {
     let truth = config();
     let mut told = truth.clone();
     told.lens.fx_px *= 1.02;
+    told.lens.fy_px *= 1.02;
+    told.lens.cx_px += 10.0;
     let correction = Correction { recorded: told.clone(), corrected: truth.clone() };
     let geometry = &truth.targets[0].geometry;
     let old_pose = Pose::from_theta([0.1, 0.3, -0.2, 50.0, -80.0, 900.0]);
@@ -308,10 +324,9 @@ fn the_carried_covariance_is_that_of_the_poses_found_anew() {
         let step = if axis < 3 { 1e-3 } else { 0.5 };
         let mut increment = nalgebra::Vector6::zeros();
         increment[axis] = step;
-        let [ahead, behind] =
-            [increment, -increment].map(|it| anew(&old_pose.moved_by(&it)).pose);
-        let difference = (found.pose.increment_to(&ahead) - found.pose.increment_to(&behind))
-            / (2.0 * step);
+        let [ahead, behind] = [increment, -increment].map(|it| anew(&old_pose.moved_by(&it)).pose);
+        let difference =
+            (found.pose.increment_to(&ahead) - found.pose.increment_to(&behind)) / (2.0 * step);
         let scale = found.by_old.column(axis).norm();
         let off = (difference - found.by_old.column(axis)).norm() / scale;
         // To first order: what the lens bends within the target is left out.

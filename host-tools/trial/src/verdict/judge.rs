@@ -192,27 +192,23 @@ fn signs(judge: &mut Judge<'_>, trial: &Trial) {
 
 /// How long, and how fast.
 fn time(judge: &mut Judge<'_>, trial: &Trial) {
-    let times_s = |at: Option<&Frame>| at.map_or(0.0, |frame| frame.time_s);
-    let (first_s, last_s) = (times_s(trial.frames.first()), times_s(trial.frames.last()));
+    // Times count from the first frame.
     let zero_s = match trial.manifest.zero {
-        Zero::Start => None,
-        Zero::Mark => trial.manifest.zero_mark().map(|mark| mark.time_s),
-        Zero::Onset => stand_onset_of(trial),
+        Zero::Start => 0.0,
+        Zero::Mark => trial.manifest.zero_mark().map_or(0.0, |mark| mark.time_s),
+        Zero::Onset => stand_onset_of(trial).unwrap_or(0.0),
     };
     judge.at_least(
         Figure {
             key: "duration_s",
             name: "from t = 0 to the last frame".to_owned(),
-            found: (last_s - zero_s.unwrap_or(first_s)).max(0.0),
+            found: (trial.frames.last().map_or(0.0, |frame| frame.time_s) - zero_s).max(0.0),
             unit: " s",
             remedy: "record for longer: the posturography standard of the ISPGR asks for 25 s",
         },
         |it| it.duration_s_min,
     );
-    if last_s <= first_s {
-        return;
-    }
-    let rate_hz = (trial.frames.len() - 1) as f64 / (last_s - first_s);
+    let Some(rate_hz) = trial.rate_hz() else { return };
     judge.at_least(
         Figure {
             key: "rate_hz",
@@ -338,7 +334,8 @@ fn sight(judge: &mut Judge<'_>, frames: &[Frame], trunk: Trunk) {
     let all_s: Vec<f64> = frames.iter().map(|frame| frame.time_s).collect();
     if let Some(period_s) = usual_period_s(&all_s).filter(|period_s| *period_s > 0.0) {
         let seen_s = seen.map(|frame| frame.time_s);
-        let times_s: Vec<f64> = [first.time_s].into_iter().chain(seen_s).chain([last.time_s]).collect();
+        let times_s: Vec<f64> =
+            [first.time_s].into_iter().chain(seen_s).chain([last.time_s]).collect();
         let steps_s = times_s.windows(2).map(|pair| pair[1] - pair[0]);
         let gaps_s: Vec<f64> = steps_s.filter(|step_s| *step_s > GAP_PERIODS * period_s).collect();
         judge.at_most(

@@ -98,7 +98,8 @@ fn many_short_gaps_add_up() {
     let verdict = made.verdict();
     let found: Vec<(&str, f64)> =
         verdict.reasons.iter().map(|it| (&*it.key, it.found.unwrap())).collect();
-    let [("poses_percent", lower), ("gaps_percent", gaps), ("poses_percent", _), (_, _)] = found[..]
+    let [("poses_percent", lower), ("gaps_percent", gaps), ("poses_percent", _), (_, _)] =
+        found[..]
     else {
         panic!("{}", verdict.lines());
     };
@@ -333,7 +334,9 @@ fn a_person_overrules_and_says_why() {
     let verdict = assert_reasons(&made, &[("duration_s", Doubtful)]);
     assert_eq!(verdict.grade(), Grade::Good);
     let line = verdict.line();
-    assert!(line.starts_with("good, overruled by A. Smith: stepped down (by the criteria doubtful"));
+    assert!(
+        line.starts_with("good, overruled by A. Smith: stepped down (by the criteria doubtful")
+    );
     // What the file says of the criteria's own verdict is not believed.
     assert_eq!(verdict.is, Doubtful);
 
@@ -350,7 +353,8 @@ fn a_person_overrules_and_says_why() {
 
 #[test]
 fn a_trial_of_one_frame_is_judged() {
-    let verdict = Made::of(&config(), 31).each_pose(|it| (it.sequence == 30).then_some(it)).verdict();
+    let verdict =
+        Made::of(&config(), 31).each_pose(|it| (it.sequence == 30).then_some(it)).verdict();
     assert_eq!(verdict.is, Unusable, "{}", verdict.lines());
     let mut nothing = Made::good();
     nothing.each_pose(|_| None);

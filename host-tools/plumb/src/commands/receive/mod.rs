@@ -172,7 +172,10 @@ fn end(recording: Recording, frames: u64) -> Result<(), BadInput> {
     let mut text = format!("no frame came: {folder} was not written");
     if let Some(trial) = recording.end(frames)? {
         let events = counted(trial.manifest.events.len(), "mark");
-        text = format!("recorded in {folder}, {events}");
+        let frames = counted(trial.frames.len(), "frame");
+        let rate = trial.rate_hz().map_or(String::new(), |rate_hz| format!(" ({rate_hz:.1} Hz)"));
+        let length_s = trial.length_s();
+        text = format!("recorded in {folder}: {frames} in {length_s:.1} s{rate}, {events}");
         if dropped > 0 {
             text +=
                 &format!("\nwarning: {} came at once and were dropped", counted(dropped, "mark"));
