@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -46,8 +46,8 @@ use crate::ui::stop::stop_on_signals;
     plumb replay trials/p01 --tables --criteria criteria.toml")]
 pub struct Arguments {
     /// The trial's folder
-    #[arg(required_unless_present = "new_criteria", default_value = "", hide_default_value = true)]
-    trial: PathBuf,
+    #[arg(required_unless_present = "new_criteria")]
+    trial: Option<PathBuf>,
 
     /// Send its packets to this address
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address)]
@@ -107,32 +107,35 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("written to {}; edit it, and give it with --criteria", path.display());
         return Ok(());
     }
+    let Some(folder) = &arguments.trial else {
+        unreachable!("the command line requires a trial where it does not name --new-criteria");
+    };
     if arguments.tables {
-        rebuild(arguments)?;
+        rebuild(folder, arguments)?;
     }
     if let Some(to) = arguments.to {
         let stop = stop_on_signals()?;
-        let sent = send(arguments, to, &stop)?;
+        let sent = send(folder, arguments.speed, to, &stop)?;
         // A closed pipe must not hide the result.
         let _ = writeln!(std::io::stdout(), "{} sent to {to}", counted(sent, "packet"));
     }
     Ok(())
 }
 
-fn rebuild(arguments: &Arguments) -> Result<(), BadInput> {
+fn rebuild(folder: &Path, arguments: &Arguments) -> Result<(), BadInput> {
     let Arguments { scene, camera, targets, as_recorded, .. } = arguments;
     let replaced = [scene, camera, targets].into_iter().any(Option::is_some).then(|| {
         Replacements { scene: scene.clone(), camera: camera.clone(), targets: targets.clone() }
     });
     let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
     let changes = Changes { criteria, replaced, as_recorded: *as_recorded };
-    let trial = recording::remake(&arguments.trial, &changes)?;
+    let trial = recording::remake(folder, &changes)?;
     for warning in &trial.warnings {
         eprintln!("warning: {warning}");
     }
     let text = format!(
         "{}: {}, {} and {} were rebuilt\n{}",
-        arguments.trial.display(),
+        folder.display(),
         names::CSV,
         names::PARQUET,
         names::MANIFEST,
@@ -143,11 +146,11 @@ fn rebuild(arguments: &Arguments) -> Result<(), BadInput> {
     Ok(())
 }
 
-fn send(arguments: &Arguments, to: SocketAddr, stop: &AtomicBool) -> Result<u64, BadInput> {
-    for warning in &Trial::open(&arguments.trial)?.warnings {
+fn send(folder: &Path, speed: f64, to: SocketAddr, stop: &AtomicBool) -> Result<u64, BadInput> {
+    for warning in &Trial::open(folder)?.warnings {
         eprintln!("warning: {warning}");
     }
-    let path = arguments.trial.join(names::JOURNAL);
+    let path = folder.join(names::JOURNAL);
     let last_ns = last(&path)?;
     let mut journal = Reader::open(&path)?;
     let failed = |error| BadInput::io(format!("UDP {to}"), &error);
@@ -159,7 +162,7 @@ fn send(arguments: &Arguments, to: SocketAddr, stop: &AtomicBool) -> Result<u64,
     let mut deframer = Deframer::new();
     let mut sent = 0;
     while let Some(Entry { host_ns, content }) = journal.next_entry()? {
-        let at = start + Duration::from_nanos(host_ns).div_f64(arguments.speed);
+        let at = start + Duration::from_nanos(host_ns).div_f64(speed);
         while let Some(wait) = at.checked_duration_since(Instant::now()) {
             if stop.load(Ordering::Relaxed) {
                 return Ok(sent);
@@ -203,7 +206,7 @@ fn forward(socket: &UdpSocket, to: SocketAddr, raw: &Raw, deframer: &mut Deframe
 }
 
 /// The time of the last entry.
-fn last(path: &std::path::Path) -> Result<u64, BadInput> {
+fn last(path: &Path) -> Result<u64, BadInput> {
     let mut journal = Reader::open(path)?;
     let mut last_ns = 0;
     while let Some(entry) = journal.next_entry()? {
