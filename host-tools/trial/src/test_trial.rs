@@ -45,32 +45,30 @@ pub fn scene_from_target(role: Role, sequence: u32) -> Pose<Scene, Target> {
     Pose::from_theta([0.05, 0.1 + 0.01 * phase.sin(), -0.08, x, y, z])
 }
 
-/// The packet of a frame, as a box with this configuration and this scene sends it.
-pub fn packet(
+/// The packet of a frame, as a box with this configuration sends it: the trunk points are of the
+/// poses before these are rounded.
+fn packet(
     config: &Config,
     sequence: u32,
-    cam_from: impl Fn(Role) -> MeasuredPose,
+    cam_from_target: impl Fn(Role) -> Pose<Cam, Target>,
 ) -> PosePacket {
     let mut packet = pose_packet(sequence);
     for target in &mut packet.targets {
-        target.pose = Ok(cam_from(target.role));
+        target.pose = Ok(measured(&cam_from_target(target.role)));
     }
     if let Some(scene) = config.cam_from_scene().map(SceneFrame::new) {
-        let at = |role| packet.pose(role).map(MeasuredPose::cam_from_target);
-        let lever_mm = |role| {
-            let target = config.targets.iter().find(|it| it.geometry.role() == role);
-            target.map(|it| it.geometry.virtual_point_mm()).unwrap_or_default()
-        };
-        let lower = at(Role::Lower).map(|pose| scene.lower_trunk(&pose, &lever_mm(Role::Lower)));
-        let upper = at(Role::Upper).map(|pose| scene.upper_trunk(&pose));
-        packet.lower_trunk = lower.as_ref().map(AnatomicalPoint::from);
-        packet.upper_trunk = upper.as_ref().map(AnatomicalPoint::from);
+        let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower).unwrap();
+        let lever_mm = lower.geometry.virtual_point_mm();
+        let lower = scene.lower_trunk(&cam_from_target(Role::Lower), &lever_mm);
+        let upper = scene.upper_trunk(&cam_from_target(Role::Upper));
+        packet.lower_trunk = Some(AnatomicalPoint::from(&lower));
+        packet.upper_trunk = Some(AnatomicalPoint::from(&upper));
     }
     packet
 }
 
 /// A pose with the noise of a good one.
-pub fn measured(cam_from_target: &Pose<Cam, Target>) -> MeasuredPose {
+fn measured(cam_from_target: &Pose<Cam, Target>) -> MeasuredPose {
     let [a, b, c, x, y, z] = cam_from_target.theta().map(|it| it as f32);
     let mut correlations = [0.0; 15];
     // Of the turn about y and x: a target that turns seems to move.
@@ -92,16 +90,14 @@ impl Made {
     /// The good one of a box with this configuration.
     pub fn of(config: &Config, frames: u32) -> Self {
         let scene = plumbline_stream::fixture::config().cam_from_scene().unwrap();
-        Self::with_poses(config, frames, |sequence, role| {
-            measured(&(scene * scene_from_target(role, sequence)))
-        })
+        Self::with_poses(config, frames, |sequence, role| scene * scene_from_target(role, sequence))
     }
 
     /// One with these poses.
     pub fn with_poses(
         config: &Config,
         frames: u32,
-        pose: impl Fn(u32, Role) -> MeasuredPose,
+        pose: impl Fn(u32, Role) -> Pose<Cam, Target>,
     ) -> Self {
         let mut manifest = Manifest::begin(
             "2026-01-01T00:00:00Z".to_owned(),

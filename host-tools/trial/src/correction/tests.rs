@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix3, Vector2};
 use plumbline::config::Config;
-use plumbline::packet::MeasuredPose;
 use plumbline::target::Origin;
 use plumbline_files::camera::{Camera, Provenance};
 use plumbline_files::scene::SceneFile;
@@ -14,7 +13,7 @@ use super::*;
 use crate::Trial;
 use crate::reading::Trunk;
 use crate::recording::{Changes, remake};
-use crate::test_trial::{Made, measured, scene_from_target};
+use crate::test_trial::{Made, scene_from_target};
 use crate::verdict::Grade;
 
 /// Positions come in single precision, 6e-5 mm at a metre: of the poses, and of the points.
@@ -125,11 +124,11 @@ fn pair(
 ) -> [(TempDir, Trial); 2] {
     let scene = truth.cam_from_scene().unwrap();
     let at = |role, sequence| scene * scene_from_target(role, sequence);
-    let right = Made::with_poses(truth, frames, |sequence, role| measured(&at(role, sequence)));
-    let wrong = Made::with_poses(told, frames, |sequence, told_role| -> MeasuredPose {
+    let right = Made::with_poses(truth, frames, |sequence, role| at(role, sequence));
+    let wrong = Made::with_poses(told, frames, |sequence, told_role| {
         let role = role_of(told_role);
         let found = truth.targets.iter().find(|it| it.geometry.role() == role).unwrap();
-        measured(&as_told(truth, told, &found.geometry, &at(role, sequence)))
+        as_told(truth, told, &found.geometry, &at(role, sequence))
     });
     [right.trial(), wrong.trial()]
 }
@@ -236,7 +235,7 @@ fn another_camera_gives_its_poses_to_the_second_order() {
     let files = Replacements { camera: camera.clone(), scene, ..Replacements::default() };
     let found = replace(&wrong, files).unwrap();
     let (of_positions_mm, _) = difference(&found, &right);
-    assert!(of_positions_mm < 0.01, "{of_positions_mm} mm, of {before_mm} mm before");
+    assert!(of_positions_mm < 0.002, "{of_positions_mm} mm, of {before_mm} mm before");
     assert_eq!(found.manifest.corrected.unwrap().files.len(), 2);
 
     // The scene was measured through the old lens too, and its board is not known.
@@ -316,7 +315,12 @@ fn the_carried_covariance_is_that_of_the_poses_found_anew() {
     let geometry = &truth.targets[0].geometry;
     let old_pose = Pose::from_theta([0.1, 0.3, -0.2, 50.0, -80.0, 900.0]);
     let anew = |pose: &Pose<Cam, Target>| {
-        PoseAnew::of(&correction.old(geometry), &correction.new(geometry), pose).unwrap()
+        PoseAnew::of(
+            &correction.recorded_sight(geometry),
+            &correction.corrected_sight(geometry),
+            pose,
+        )
+        .unwrap()
     };
     let found = anew(&old_pose);
     for axis in 0..6 {

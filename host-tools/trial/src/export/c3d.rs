@@ -71,9 +71,9 @@ fn parameters(header: &Header, rows: &Rows, verdict: &Verdict) -> Parameters {
 fn verdict_texts(verdict: &Verdict) -> Value {
     let grade = verdict.overruled_words().unwrap_or_else(|| verdict.is.word().to_owned());
     let reasons = verdict.reasons.iter().map(|reason| reason.words.clone());
-    let cut = |mut text: String| {
-        text.truncate(text.floor_char_boundary(TEXT_BYTES_MAX));
-        text
+    let cut = |text: String| {
+        let mut ends = (0..=text.len().min(TEXT_BYTES_MAX)).rev();
+        text[..ends.find(|end| text.is_char_boundary(*end)).unwrap_or(0)].to_owned()
     };
     Value::Texts([grade].into_iter().chain(reasons).map(cut).collect())
 }
