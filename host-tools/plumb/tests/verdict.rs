@@ -5,6 +5,14 @@ use crate::common::finished::{Finished, plumb};
 use crate::common::trial::{self, Frame};
 use std::path::Path;
 
+use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::packet::{Message, PACKET_BYTES_MAX, encode_datagram};
+use plumbline_files::scene::{self, SceneFile};
+use plumbline_stream::fixture;
+use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Entry, Writer};
+use plumbline_trial::manifest::{Manifest, State, Zero};
+use plumbline_trial::names;
 use tempfile::TempDir;
 
 /// Forty seconds at 60 Hz of a person whose upper trunk is 400 mm above the lower.
@@ -252,4 +260,64 @@ fn a_lost_manifest_is_made_again() {
     let said = done(folder.path(), "replay t1 --tables");
     assert!(said.stderr.contains("the file is now t1/trial.toml.bad"), "{}", said.stderr);
     done(folder.path(), "analyze t1 --bins 0-10");
+}
+
+/// Thirty seconds of a box that was not told which way is forward: poses, and no trunk points.
+fn without_a_scene(folder: &Path) {
+    std::fs::create_dir(folder).unwrap();
+    let begun = "2026-01-01T00:00:00Z".to_owned();
+    let manifest = Manifest::begin(begun, None, None, None, Zero::Start);
+    Manifest { state: State::Finished, ..manifest }.write(folder).unwrap();
+    let config = Config { cam_from_scene_theta: None, ..fixture::config() };
+    let mut blob = [0; BLOB_BYTES_MAX];
+    std::fs::write(folder.join(names::CONFIG), config.encode(&mut blob).unwrap()).unwrap();
+    let mut journal = Writer::create(&folder.join(names::JOURNAL)).unwrap();
+    let mut write = |host_ns, message: &Message| {
+        let datagram = encode_datagram(message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
+        journal.write(&Entry { host_ns, content: Content::Raw(Raw::Datagram(datagram)) }).unwrap();
+    };
+    write(0, &Message::Hello(fixture::hello(&config)));
+    for sequence in 0..1800 {
+        let mut packet = fixture::pose_packet(sequence);
+        for target in &mut packet.targets {
+            let pose = target.pose.as_mut().unwrap();
+            let angle = 0.03 * sequence as f32;
+            pose.translation_mm = [5.0 * angle.sin(), 3.0 * angle.cos(), 900.0 + angle.cos()];
+        }
+        write(packet.capture_time_ns, &Message::Pose(packet));
+    }
+}
+
+#[test]
+fn a_trial_without_a_scene_is_given_one() {
+    let folder = tempfile::tempdir().unwrap();
+    without_a_scene(&folder.path().join("p01"));
+    let analyze = "analyze p01 --bins 0-10";
+    refused(folder.path(), analyze, &["plumb replay TRIAL --tables --scene scene.toml"]);
+    let said = done(folder.path(), "replay p01 --tables").stdout;
+    assert!(said.contains("verdict: unusable") && said.contains("--scene scene.toml"), "{said}");
+
+    let cam_from_scene_theta = fixture::config().cam_from_scene_theta.unwrap();
+    let scene = SceneFile { cam_from_scene_theta, source: "measured later".to_owned() };
+    std::fs::write(folder.path().join("scene.toml"), scene::to_toml(&scene)).unwrap();
+    done(folder.path(), "replay p01 --tables --scene scene.toml");
+    let analysed = done(folder.path(), analyze);
+    assert!(analysed.stdout.contains("noise alone"), "{}", analysed.stdout);
+    assert!(analysed.stderr.contains("scene by scene.toml"), "{}", analysed.stderr);
+    done(folder.path(), "report p01 --bins 0-10");
+    let said = done(folder.path(), "export p01 --format csv --out p01.csv").stdout;
+    assert!(said.contains("1800 rows"), "{said}");
+    // What is shown is what the figures are by.
+    let shown = done(folder.path(), "show p01");
+    assert!(shown.stdout.contains("# scene.toml") && shown.stderr.contains("verdict: "));
+    let crc = format!("{:08x}", fixture::config().crc());
+    assert!(shown.stderr.contains(&crc), "{}", shown.stderr);
+
+    refused(
+        folder.path(),
+        "replay p01 --tables --scene scene.toml --as-recorded",
+        &["--as-recorded", "--scene"],
+    );
+    done(folder.path(), "replay p01 --tables --as-recorded");
+    refused(folder.path(), analyze, &["--scene scene.toml"]);
 }

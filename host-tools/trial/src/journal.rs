@@ -1,4 +1,5 @@
-//! `packets.bin`: everything that came from the box, as it came and when, and the marks.
+//! `packets.bin`: everything that came from the box, as it came and when; the marks; and what was said
+//! of the trial, so that `trial.toml` can be made again.
 //!
 //! ```text
 //! "PLUMBLINE JOURNAL 1\n"

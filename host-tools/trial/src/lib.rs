@@ -2,7 +2,7 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `packets.bin` | every packet as it came, with its time; the marks: see [`journal`] |
+//! | `packets.bin` | every packet as it came, with its time; the marks; who was measured: see [`journal`] |
 //! | `trial.toml` | participant, condition, box, clocks, events: see [`manifest`] |
 //! | `config.plb` | the box's configuration: its lens, its targets, which way is forward |
 //! | `corrected.plb` | the configuration that should have been: see [`correction`] |
@@ -40,7 +40,7 @@ pub use verdict::Verdict;
 
 /// The names of the files in a trial's folder.
 pub mod names {
-    /// The packets and the marks.
+    /// The packets, the marks, and what was said of the trial.
     pub const JOURNAL: &str = "packets.bin";
     /// What is known about the trial as a whole.
     pub const MANIFEST: &str = "trial.toml";

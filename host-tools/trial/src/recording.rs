@@ -1,5 +1,5 @@
-//! Records a trial: the packets as they come, what relates the box's clock to this computer's, the
-//! box's configuration, and the marks. The table is
+//! Records a trial: the packets as they come, what relates the box's clock to this computer's, how the
+//! targets look every few seconds, the box's configuration, and the marks. The table is
 //! [`Receiver`](plumbline_stream::receiver::Receiver)'s.
 
 use std::path::{Path, PathBuf};

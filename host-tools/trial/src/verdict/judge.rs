@@ -80,7 +80,9 @@ impl Judge<'_> {
     ) {
         let Figure { key, name, found, unit, remedy } = figure;
         let missed = self.criteria.graded().into_iter().find_map(|(grade, limits)| {
-            bound(limits).filter(|bound| misses(found, *bound)).map(|bound| (grade, bound))
+            // What is no number meets no bound.
+            let is_missed = |bound: &f64| found.is_nan() || misses(found, *bound);
+            bound(limits).filter(is_missed).map(|bound| (grade, bound))
         });
         if let Some((is, bound)) = missed {
             self.reasons.push(Reason {
