@@ -28,8 +28,9 @@ const PING_EVERY: Duration = Duration::from_secs(1);
 /// The box is asked this often how the targets look: their light and their focus are in the trial.
 const VIEW_EVERY: Duration = Duration::from_secs(10);
 
-/// The configuration is asked for again after this time without an answer.
-const CONFIG_EVERY: Duration = Duration::from_secs(2);
+/// The configuration, or a view, is asked for again after this time without an answer: what is asked
+/// before the box was first heard never reaches it.
+const ASK_AGAIN: Duration = Duration::from_secs(2);
 
 /// More boxes than this would not be an oversight.
 const OTHERS_MAX: usize = 8;
@@ -175,6 +176,9 @@ impl Recording {
     }
 
     fn message(&mut self, message: &Message, now: Instant) -> Result<(), BadInput> {
+        if matches!(message, Message::View(_)) {
+            self.view_at = now + VIEW_EVERY;
+        }
         match (&mut self.fetch, message) {
             (
                 Fetch::Ask(_),
@@ -289,7 +293,7 @@ impl Tap for Recording {
         }
         match &mut self.fetch {
             Fetch::Ask(at) if now >= *at => {
-                *at = now + CONFIG_EVERY;
+                *at = now + ASK_AGAIN;
                 return Ok(Some(self.questions.ask(Action::QueryConfig).1));
             }
             Fetch::Coming(download) => match download.due(now) {
@@ -304,7 +308,7 @@ impl Tap for Recording {
             Fetch::Ask(_) | Fetch::Done => {}
         }
         if now >= self.view_at {
-            self.view_at = now + VIEW_EVERY;
+            self.view_at = now + ASK_AGAIN;
             return Ok(Some(self.questions.ask(Action::SendView).1));
         }
         if now < self.ping_at {
@@ -340,21 +344,30 @@ mod tests {
     }
 
     #[test]
-    fn light_and_focus_are_asked_for_at_the_start_and_every_ten_seconds() {
+    fn light_and_focus_are_asked_for_until_they_come_and_then_every_ten_seconds() {
         let folder = tempfile::tempdir().unwrap();
         let start = Instant::now();
         let mut recording = begun(&folder.path().join("p07"), start);
-        let mut asked_s = Vec::new();
-        for at in 0..350_u32 {
-            let question = recording.turn(start + Duration::from_millis(100) * at).unwrap();
-            if matches!(question, Some(Message::Command(Command { action: Action::SendView, .. })))
-            {
-                asked_s.push(f64::from(at) / 10.0);
+        let mut asked_ds = Vec::new();
+        for at_ds in 0..350_u32 {
+            let now = start + Duration::from_millis(100) * at_ds;
+            let question = recording.turn(now).unwrap();
+            let Some(Message::Command(Command { action: Action::SendView, .. })) = question else {
+                continue;
+            };
+            asked_ds.push(at_ds);
+            // The box is not heard before the fourth second.
+            if at_ds > 40 {
+                recording.event(&Event::Message(Message::View(view())), now).unwrap();
             }
         }
-        let [first, rest @ ..] = &asked_s[..] else { panic!("never asked") };
-        assert!(*first <= 0.2 && rest.len() == 3, "{asked_s:?}");
-        assert!(asked_s.windows(2).all(|pair| (10.0..10.3).contains(&(pair[1] - pair[0]))));
+        let steps_ds: Vec<u32> = asked_ds.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let expected_ds = [20, 20, 100, 100, 100];
+        assert!(asked_ds[0] <= 2 && steps_ds.len() == expected_ds.len(), "{asked_ds:?}");
+        for (step_ds, expected_ds) in steps_ds.into_iter().zip(expected_ds) {
+            // Other questions go first, one in each turn.
+            assert!((expected_ds..expected_ds + 3).contains(&step_ds), "{asked_ds:?}");
+        }
     }
 
     #[test]
