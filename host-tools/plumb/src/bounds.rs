@@ -39,7 +39,23 @@ pub fn focus_score(blur_px: f32) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    use plumbline_trial::verdict::Criteria;
+
     use super::*;
+
+    #[test]
+    fn the_verdict_on_a_trial_is_by_the_same_bounds() {
+        let doubtful = Criteria::default().doubtful;
+        for (criterion, bound) in [
+            (doubtful.contrast_min, CONTRAST_MIN),
+            (doubtful.light_min, LIGHT_MIN),
+            (doubtful.saturated_percent_max, 100.0 * SATURATED_MAX),
+        ] {
+            assert!((criterion.unwrap() - f64::from(bound)).abs() < 1e-6, "{bound}");
+        }
+        let blur_px = doubtful.blur_px_max.unwrap() as f32;
+        assert_eq!((focus_score(blur_px), focus_score(blur_px + 0.02)), (FOCUS_MIN, FOCUS_MIN - 1));
+    }
 
     #[test]
     fn the_focus_score_is_100_for_the_best_lens_and_0_for_a_useless_frame() {

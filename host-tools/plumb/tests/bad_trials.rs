@@ -57,7 +57,6 @@ fn what_is_no_trial_is_refused_by_every_command() {
     for command in [
         "analyze WHAT",
         "report WHAT",
-        "replay WHAT --tables",
         "replay WHAT --to 127.0.0.1:9",
         "export WHAT --format csv --out new.csv",
         "validate --trial WHAT --reference there.trc",
@@ -65,6 +64,10 @@ fn what_is_no_trial_is_refused_by_every_command() {
         for (what, part) in [("nowhere", "not the folder of a trial"), ("empty", "trial.toml")] {
             refused(&folder, &command.replace("WHAT", what), &[what, part]);
         }
+    }
+    // It would make trial.toml again, of packets.
+    for (what, part) in [("nowhere", "not the folder of a trial"), ("empty", "packets.bin")] {
+        refused(&folder, &format!("replay {what} --tables"), &[what, part]);
     }
 }
 
@@ -154,7 +157,7 @@ fn a_trial_whose_files_are_damaged_is_read_or_refused_but_never_wrongly() {
     let path = |name: &str| folder.path().join("t1").join(name);
     let manifest = std::fs::read_to_string(path("trial.toml")).unwrap();
     for (from, to, part) in [
-        ("format = 1", "format = 9", "format: 9"),
+        ("format = 2", "format = 9", "format: 9"),
         ("state", "stat", "stat"),
         ("control", "cont\nrol", "trial.toml"),
     ] {

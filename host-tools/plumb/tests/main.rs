@@ -19,3 +19,4 @@ mod prove_live;
 mod recording;
 mod report_in_browser;
 mod validate;
+mod verdict;

@@ -197,6 +197,11 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
     assert_eq!((trial.frames.len(), trial.manifest.state), (FRAMES, State::Finished));
     assert_eq!(trial.manifest.participant.as_deref(), Some("P01"));
     let config = trial.config.as_ref().expect("the box tells its configuration");
+    // Asked for when the recording began, and again once the box was heard.
+    assert_eq!(trial.observed.views.len(), 1, "light and focus are in the packets");
+    let keys: Vec<String> =
+        trial.manifest.verdict().reasons.into_iter().map(|reason| reason.key).collect();
+    assert_eq!(keys, ["duration_s"], "{}", trial.manifest.verdict().lines());
     let told = trial.manifest.the_box.as_ref().unwrap();
     assert_eq!(told.config_crc, format!("{:08x}", config.crc()));
     // By the arrival of frames: the times are the recording's, which the box replays.
@@ -307,7 +312,7 @@ fn without_a_box_there_is_no_folder() {
     assert!(!bench.path("none").exists());
     for (arguments, part) in [
         ("analyze none", "not the folder of a trial"),
-        ("replay person --tables", "trial.toml"),
+        ("replay person --tables", "packets.bin"),
         ("receive --udp UDP --anyway --out person/truth.csv/b --frames 1", "a file is in its place"),
     ] {
         let output = bench.plumb(arguments);

@@ -6,6 +6,7 @@ pub mod tables;
 use plumbline_analysis::filter::Design;
 use plumbline_analysis::sway::{self, Settings, Sway};
 use plumbline_files::BadInput;
+use plumbline_trial::Verdict;
 use plumbline_trial::manifest::EventSeen;
 use plumbline_trial::points::{Point, Points};
 use rayon::prelude::*;
@@ -28,6 +29,9 @@ pub struct Analysis {
     pub covered_min: f64,
     /// What the uncertainty of each figure contains: nothing where the noise is not known.
     pub uncertainty_contains: &'static [&'static str],
+    /// The verdict on the trial; absent of a table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// The points of the body.
     pub points: Vec<PointFigures>,
     /// The events, on the same clock.
@@ -87,6 +91,7 @@ impl Analysis {
             } else {
                 &[]
             },
+            verdict: points.verdict.clone(),
             points: figures,
             events: points.events.clone(),
             warnings,

@@ -15,6 +15,7 @@ use crate::physiology::{self, Quantity};
 use crate::sway::{self, SwayFigure};
 use crate::time::{time_name, whole};
 use crate::values::{self, LeftOut, Response, TrialValues};
+use crate::verdict;
 
 /// The figures of a study.
 #[derive(Debug, Clone, Serialize)]
@@ -112,8 +113,8 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
     };
     let windows = study.physiology.as_ref().map(|it| it.windows(&study.bins_s));
     let windows = windows.unwrap_or_default();
-    let trials: Vec<OneTrial> = study
-        .trials
+    let (entries, mut warnings) = verdict::admitted(study)?;
+    let trials: Vec<OneTrial> = entries
         .par_iter()
         .map(|entry| one_trial(study, entry, &settings, &windows))
         .collect::<Vec<_>>()
@@ -121,9 +122,10 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
         // Of several errors, always the first is reported.
         .collect::<Result<_, _>>()?;
     let skipped = study.skipped.iter();
-    let mut warnings: Vec<String> = skipped
-        .map(|it| format!("{}: there is no trial in this folder: it is passed over", it.display()))
-        .collect();
+    warnings.extend(
+        skipped
+            .map(|it| format!("{}: there is no trial in this folder: it is passed over", it.display())),
+    );
     let (mut sways, mut physiologies) = (Vec::new(), Vec::new());
     for trial in trials {
         sways.push(trial.sway);

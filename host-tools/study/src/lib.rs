@@ -3,9 +3,9 @@
 //! ```text
 //! a trial's points ─▶ analysis: the sway figures of one trial
 //!
-//! study.toml ─▶ manifest, patterns, measures, protocol ─▶ sway, physiology: each trial's values
-//!            ─▶ cohort: who has which trials ─▶ values: averaged by participant, condition and
-//!            time, and compared ─▶ figures ─▶ tables, inference
+//! study.toml ─▶ manifest, patterns, measures, protocol ─▶ verdict: which trials take part ─▶ sway,
+//!            physiology: each trial's values ─▶ cohort: who has which trials ─▶ values: averaged by
+//!            participant, condition and time, and compared ─▶ figures ─▶ tables, inference
 //!
 //! many trials ─▶ tidy: a table of all their figures
 //!
@@ -31,3 +31,4 @@ pub mod tables;
 pub mod tidy;
 mod time;
 pub mod values;
+pub mod verdict;

@@ -12,6 +12,7 @@ use crate::measures::{self, Chosen};
 use crate::patterns::{self, Matched};
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
+use crate::verdict::Unusable;
 
 /// The text of a new study.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -35,6 +36,8 @@ pub struct Study {
     pub average_repeats: bool,
     /// The figures that are compared, in the order of the tables.
     pub figures: Vec<Chosen>,
+    /// What becomes of a trial that is unusable.
+    pub unusable: Unusable,
     /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
@@ -103,6 +106,8 @@ struct StudyToml {
     drop_incomplete: bool,
     repeats: Option<Repeats>,
     figures: Option<FiguresToml>,
+    #[serde(default)]
+    unusable: Unusable,
     physiology: Option<PhysiologyToml>,
     #[serde(default, rename = "trials")]
     patterns: Vec<String>,
@@ -251,6 +256,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
         drop_incomplete: study.drop_incomplete,
         average_repeats: matches!(study.repeats, Some(Repeats::Mean)),
         figures: figures.unwrap_or_else(measures::default_choice),
+        unusable: study.unusable,
         physiology,
     })
 }
@@ -321,6 +327,7 @@ impl Study {
             conditions: Vec::new(),
             bins_s: paper_bins().into_iter().map(|[from, to]| from..to).collect(),
             drop_incomplete: false,
+            unusable: Unusable::default(),
             average_repeats: false,
             figures: measures::default_choice(),
             physiology: None,

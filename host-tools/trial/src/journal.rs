@@ -1,4 +1,5 @@
-//! `packets.bin`: everything that came from the box, as it came and when, and the marks.
+//! `packets.bin`: everything that came from the box, as it came and when; the marks; and what was said
+//! of the trial, so that `trial.toml` can be made again.
 //!
 //! ```text
 //! "PLUMBLINE JOURNAL 2\n"
@@ -37,7 +38,7 @@ const HEAD_BYTES: usize = 9;
 const CRC_BYTES: usize = 4;
 
 /// No entry is longer: longer datagrams are cut, and are none of our packets.
-const CONTENT_BYTES_MAX: usize = 2048;
+pub(crate) const CONTENT_BYTES_MAX: usize = 2048;
 
 /// The longest entry without its two delimiters.
 const STUFFED_BYTES_MAX: usize =
@@ -54,6 +55,9 @@ pub enum Content {
     Raw(Raw),
     /// A mark.
     Mark(Mark),
+    /// What was said of the trial: the manifest that is to be written if `trial.toml` is lost. The
+    /// latest counts.
+    About(String),
 }
 
 /// One entry.
@@ -71,6 +75,7 @@ impl Entry {
             Content::Raw(Raw::Datagram(bytes)) => (1, Cow::from(bytes)),
             Content::Raw(Raw::Frame(bytes)) => (2, Cow::from(bytes)),
             Content::Mark(mark) => (3, Cow::from(mark.text().into_bytes())),
+            Content::About(text) => (4, Cow::from(text.as_bytes())),
         };
         let content = &content[..content.len().min(CONTENT_BYTES_MAX)];
         let mut entry = vec![kind];
@@ -93,6 +98,7 @@ impl Entry {
             1 => Content::Raw(Raw::Datagram(content.to_vec())),
             2 => Content::Raw(Raw::Frame(content.to_vec())),
             3 => Content::Mark(Mark::read(std::str::from_utf8(content).ok()?)?),
+            4 => Content::About(String::from_utf8(content.to_vec()).ok()?),
             _ => return None,
         };
         Some(Self { host_ns: u64::from_le_bytes(*time), content })
@@ -305,9 +311,10 @@ mod tests {
         (0..400_u64)
             .map(|at| Entry {
                 host_ns: at * 16_666_667,
-                content: match at % 7 {
+                content: match at % 6 {
                     0 => Content::Mark(Mark::new(Source::Key, "stands")),
                     1 => Content::Raw(Raw::Frame(vec![at as u8 | 1; 200])),
+                    2 => Content::About("format = 2\n".to_owned()),
                     _ => Content::Raw(Raw::Datagram(vec![at as u8; at as usize % 254])),
                 },
             })

@@ -13,7 +13,7 @@ use plumbline_files::counting::counted;
 use crate::manifest::Zero;
 use crate::positions::Table;
 use crate::reading::{Frame, Point as TrunkPoint, Trunk};
-use crate::{Trial, manifest::EventSeen};
+use crate::{Trial, Verdict, manifest::EventSeen};
 
 /// One point over time, its t = 0 where the trial's is.
 #[derive(Debug, Clone)]
@@ -53,6 +53,8 @@ pub struct Points {
     /// The time of day of t = 0, seconds since 1970 by the clock of the computer that recorded
     /// the trial; a table has none.
     pub zero_utc_s: Option<f64>,
+    /// The verdict on the trial; a table has none.
+    pub verdict: Option<Verdict>,
     /// The trial's events; t = 0 is the same.
     pub events: Vec<EventSeen>,
     /// What a user should know.
@@ -78,6 +80,7 @@ impl Points {
             zero: "as in the table".to_owned(),
             is_zero_set: false,
             zero_utc_s: None,
+            verdict: None,
             events: Vec::new(),
             warnings: positions.warnings,
         })
@@ -118,8 +121,9 @@ impl Points {
             return Err(BadInput::whole(
                 place,
                 "no frame has a position along the body's axes",
-                "the box must know which way is forward (`plumb scene --store`) and see the targets \
-                 (`plumb doctor`); then record again",
+                "if the box did not know which way is forward, measure it while the camera stands \
+                 where it stood: `plumb scene --out scene.toml`, then `plumb replay TRIAL --tables \
+                 --scene scene.toml`; if it did not see the targets: `plumb doctor`",
             ));
         }
         let (zero_s, zero, is_zero_set) = zero_of(trial, &points, zero, &place)?;
@@ -138,7 +142,8 @@ impl Points {
         let mut events = trial.manifest.events.clone();
         events.iter_mut().for_each(|event| event.time_s -= zero_s);
         let zero_utc_s = trial.first_frame_utc_s.map(|first_s| first_s + zero_s);
-        Ok(Self { place, points: shifted, zero, is_zero_set, zero_utc_s, events, warnings })
+        let verdict = trial.manifest.verdict.clone();
+        Ok(Self { place, points: shifted, zero, is_zero_set, zero_utc_s, verdict, events, warnings })
     }
 
     /// The time that figures are of unless another is asked for, seconds: from t = 0 on where it
@@ -176,6 +181,12 @@ fn zero_of(
                 })
         }
     }
+}
+
+/// When the person stands up, on the trial's clock: [`Zero::Onset`].
+pub(crate) fn stand_onset_of(trial: &Trial) -> Option<f64> {
+    let series = Trunk::ALL.into_iter().rev().filter_map(|trunk| point(&trial.frames, trunk));
+    series.into_iter().find_map(|(point, _)| stand_onset_s(&point.series))
 }
 
 /// The frames that have a trunk's position, each measured later than the one before: those of the

@@ -6,8 +6,9 @@ use std::path::Path;
 use plumbline::config::Config;
 use plumbline::packet::{Deframer, PosePacket};
 use plumbline_files::BadInput;
-use plumbline_stream::sessions::{Judged, Sessions};
+use plumbline_stream::sessions::{Frame, Judged, Sessions};
 
+use crate::correction::{Correction, corrected};
 use crate::journal::{Content, Reader};
 use crate::names;
 use crate::reading::{self, FRAMES_MAX};
@@ -15,7 +16,7 @@ use crate::reading::{self, FRAMES_MAX};
 /// The poses of a recording.
 #[derive(Debug, Clone)]
 pub struct Poses {
-    /// What the box was told: its lens and its targets.
+    /// What the box was told, with what was replaced afterwards: its lens and its targets.
     pub config: Config,
     /// The time of each frame since the trial's first in seconds, and what the box sent of it; in
     /// the order of the times. Each pose is later than its frame by its `delay_ns`.
@@ -28,13 +29,14 @@ pub struct Poses {
 /// When there is no trial in it, it cannot be read, or the box's configuration is not in it.
 pub fn read(folder: &Path) -> Result<Poses, BadInput> {
     let mut warnings = Vec::new();
-    let Some(config) = reading::read_config(folder, &mut warnings)? else {
+    let Some(recorded) = reading::read_config(folder, &mut warnings)? else {
         return Err(BadInput::whole(
             folder.join(names::CONFIG).display(),
             "the box's configuration, which describes its camera and its targets, is not known",
-            "record the trial anew with `plumb receive --out`, while the box answers",
+            "copy the box's config.plb, as `plumb provision` wrote it, into the trial's folder",
         ));
     };
+    let correction = Correction::read(folder, Some(&recorded))?;
     let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
     let mut sessions = Sessions::default();
     let mut deframer = Deframer::new();
@@ -42,7 +44,7 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
     while let Some(entry) = reader.next_entry()? {
         let Content::Raw(raw) = entry.content else { continue };
         if let Ok(packet) = raw.decode(&mut deframer) {
-            sessions.take(packet, entry.host_ns);
+            sessions.take(corrected(correction.as_ref(), packet), entry.host_ns);
             take_frames(&mut sessions, &mut frames);
         }
         if frames.len() > FRAMES_MAX {
@@ -52,13 +54,14 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
     sessions.finish();
     take_frames(&mut sessions, &mut frames);
     frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let config = correction.map_or(recorded, |it| it.config().clone());
     Ok(Poses { config, frames })
 }
 
 fn take_frames(sessions: &mut Sessions, frames: &mut Vec<(f64, PosePacket)>) {
     while let Some(judged) = sessions.next() {
-        if let Judged::Frame(frame) = judged {
-            frames.push((frame.clock.time_s(frame.packet.capture_time_ns), frame.packet));
+        if let Judged::Frame(Frame { clock, packet, .. }) = judged {
+            frames.push((clock.time_s(packet.capture_time_ns), packet));
         }
     }
 }

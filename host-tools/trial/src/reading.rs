@@ -8,22 +8,25 @@ use nalgebra::{Matrix3, Vector3};
 use plumbline::config::Config;
 use plumbline::packet::{
     AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply,
-    ReplyOutcome,
+    ReplyOutcome, View,
 };
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_stream::clock::Exchange;
+use plumbline_stream::others::{is_same_box, name};
 use plumbline_stream::power::PowerSeen;
 use plumbline_stream::sessions::{self, Judged, Sessions};
 use serde::{Deserialize, Serialize};
 
+use super::correction::{Correction, corrected};
 use super::journal::{Content, Entry, Reader};
 use super::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets, State};
 use super::mark::Mark;
 use super::names;
 use super::run::Run;
+use super::verdict::{Verdict, judge};
 
 /// A recording that has gone wrong must not fill the memory. Ten hours at 200 Hz.
 pub(crate) const FRAMES_MAX: usize = 7_200_000;
@@ -81,6 +84,12 @@ impl Frame {
         };
         Some(Pose::from_theta(theta?.map(f64::from)))
     }
+
+    /// Whether a trunk was seen, with or without axes to measure it along.
+    #[must_use]
+    pub fn sees(&self, trunk: Trunk) -> bool {
+        self.point(trunk).is_some() || self.cam_from_target(trunk).is_some()
+    }
 }
 
 /// One of the two points of the body.
@@ -115,8 +124,10 @@ pub struct Trial {
     pub folder: PathBuf,
     /// What its packets say of it as a whole.
     pub manifest: Manifest,
-    /// The box's configuration, if the box sent it.
+    /// The box's configuration, if the box sent it, with what was replaced afterwards.
     pub config: Option<Config>,
+    /// What else the packets tell.
+    pub observed: Observed,
     /// In the order of their times.
     pub frames: Vec<Frame>,
     /// When the first was captured, seconds since 1970 by this computer's clock.
@@ -125,24 +136,50 @@ pub struct Trial {
     pub warnings: Vec<String>,
 }
 
+/// What the packets tell of the circumstances of a recording.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Observed {
+    /// The box was given another configuration during the trial.
+    pub config_changed: bool,
+    /// Other boxes that sent to the same computer.
+    pub others: Vec<String>,
+    /// What the box has told of its power supply.
+    pub power: PowerSeen,
+    /// How frames looked, every few seconds.
+    pub views: Vec<View>,
+    /// Bytes that belong to no packet.
+    pub damaged_bytes: u64,
+}
+
 impl Trial {
     /// Reads a trial's folder.
     ///
     /// # Errors
     /// When there is no trial in it, or it cannot be read.
     pub fn open(folder: &Path) -> Result<Self, BadInput> {
-        if !folder.is_dir() {
-            return Err(BadInput::whole(
-                folder.display(),
-                "it is not the folder of a trial",
-                "give the folder that `plumb receive --out` has made",
+        check_folder(folder)?;
+        Self::open_as(folder, Manifest::read(folder)?)
+    }
+
+    /// Reads a trial's folder, whose manifest is this one.
+    ///
+    /// # Errors
+    /// When its packets or its configuration cannot be read.
+    pub(crate) fn open_as(folder: &Path, manifest: Manifest) -> Result<Self, BadInput> {
+        let mut warnings = Vec::new();
+        let recorded = read_config(folder, &mut warnings)?;
+        let correction = Correction::read(folder, recorded.as_ref())?;
+        if let Some(corrected) = &manifest.corrected {
+            check_corrected(folder, &corrected.config_crc, correction.as_ref())?;
+            warnings.push(corrected.words());
+        } else if correction.is_some() {
+            warnings.push(format!(
+                "{} replaces what the box was told, by files that are not known any more",
+                names::CORRECTED
             ));
         }
-        let manifest = Manifest::read(folder)?;
-        let mut warnings = Vec::new();
-        let config = read_config(folder, &mut warnings)?;
         let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
-        let mut builder = Builder::new(config.as_ref());
+        let mut builder = Builder::new(recorded, correction);
         while let Some(entry) = reader.next_entry()? {
             builder.take(entry);
             if builder.frames.len() > FRAMES_MAX {
@@ -161,7 +198,22 @@ impl Trial {
                 names::JOURNAL
             ));
         }
-        Ok(builder.finish(folder, manifest, config, warnings))
+        builder.observed.damaged_bytes = reader.damaged_bytes();
+        Ok(builder.finish(folder, manifest, warnings))
+    }
+
+    /// From the first frame to the last.
+    #[must_use]
+    pub fn length_s(&self) -> f64 {
+        let time_s = |frame: Option<&Frame>| frame.map_or(0.0, |frame| frame.time_s);
+        time_s(self.frames.last()) - time_s(self.frames.first())
+    }
+
+    /// Frames per second on average, pauses included; `None` where they have no length.
+    #[must_use]
+    pub fn rate_hz(&self) -> Option<f64> {
+        let length_s = self.length_s();
+        (length_s > 0.0).then(|| (self.frames.len() - 1) as f64 / length_s)
     }
 
     /// The participant and the condition or, without them, the folder's name.
@@ -172,6 +224,37 @@ impl Trial {
         let named: Vec<String> = parts.into_iter().flatten().collect();
         if named.is_empty() { folder.unwrap_or_default() } else { named.join(", ") }
     }
+}
+
+/// Checks that a path can be a trial's.
+pub(crate) fn check_folder(folder: &Path) -> Result<(), BadInput> {
+    if folder.is_dir() {
+        return Ok(());
+    }
+    Err(BadInput::whole(
+        folder.display(),
+        "it is not the folder of a trial",
+        "give the folder that `plumb receive --out` has made",
+    ))
+}
+
+/// Checks that what was replaced is what `trial.toml` says.
+fn check_corrected(
+    folder: &Path,
+    crc: &str,
+    correction: Option<&Correction>,
+) -> Result<(), BadInput> {
+    let found = match correction {
+        Some(correction) if format!("{:08x}", correction.config().crc()) == crc => return Ok(()),
+        Some(correction) => format!("its checksum is {:08x}", correction.config().crc()),
+        None => "it is not there".to_owned(),
+    };
+    Err(BadInput::whole(
+        folder.join(names::CORRECTED).display(),
+        format!("{found}, and {} names one with the checksum {crc}", names::MANIFEST),
+        "give the files again, or take the replacement back: `plumb replay TRIAL --tables \
+         --as-recorded`",
+    ))
 }
 
 /// The error for more than [`FRAMES_MAX`] frames.
@@ -212,36 +295,38 @@ pub(crate) fn read_config(
 
 /// Builds a trial from its packets.
 struct Builder {
+    /// What the box was told, and what it should have been told.
+    recorded: Option<Config>,
+    correction: Option<Correction>,
     sessions: Sessions,
     scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
     frames: Vec<Frame>,
     marks: Vec<(u64, Mark)>,
     hello: Option<Hello>,
-    other_configs: bool,
-    config_crc: Option<u32>,
+    observed: Observed,
     corrupt: u64,
     /// Packets with a number that no measurement gives.
     beyond: u64,
-    power: PowerSeen,
     instant: Option<MarkedInstant>,
     deframer: Deframer,
 }
 
 impl Builder {
-    fn new(config: Option<&Config>) -> Self {
+    fn new(recorded: Option<Config>, correction: Option<Correction>) -> Self {
+        let config = correction.as_ref().map(Correction::config).or(recorded.as_ref());
         Self {
-            sessions: Sessions::default(),
             scene: config.and_then(scene_of),
+            recorded,
+            correction,
+            sessions: Sessions::default(),
             runs: BTreeMap::new(),
             frames: Vec::new(),
             marks: Vec::new(),
             hello: None,
-            other_configs: false,
-            config_crc: config.map(Config::crc),
+            observed: Observed::default(),
             corrupt: 0,
             beyond: 0,
-            power: PowerSeen::default(),
             instant: None,
             deframer: Deframer::new(),
         }
@@ -253,10 +338,12 @@ impl Builder {
                 self.marks.push((entry.host_ns, mark));
                 return;
             }
+            Content::About(_) => return,
             Content::Raw(raw) => raw.decode(&mut self.deframer),
         };
         match outcome {
             Ok(packet) => {
+                let packet = corrected(self.correction.as_ref(), packet);
                 self.sessions.take(packet, entry.host_ns);
                 self.take_judged(entry.host_ns);
             }
@@ -269,40 +356,46 @@ impl Builder {
     fn take_judged(&mut self, host_ns: u64) {
         while let Some(judged) = self.sessions.next() {
             match judged {
-                Judged::Begins { hello, .. } => {
-                    self.other_configs |=
-                        self.config_crc.is_some_and(|config_crc| config_crc != hello.config_crc);
-                    self.hello = Some(hello);
-                }
+                Judged::Begins { hello, .. } => self.hello(hello),
                 Judged::Frame(frame) => self.frame(&frame),
-                Judged::Message(message) => self.message(&message, host_ns),
-                Judged::Unnamed(_) | Judged::OtherBox(_) | Judged::Conflict(_) => {}
+                Judged::Message(message) => self.message(message, host_ns),
+                Judged::OtherBox(hello) => note(&mut self.observed.others, name(&hello)),
+                Judged::Unnamed(_) | Judged::Conflict(_) => {}
             }
         }
     }
 
-    fn message(&mut self, message: &Message, host_ns: u64) {
+    fn message(&mut self, message: Message, host_ns: u64) {
         match message {
             Message::Health(health) => {
-                self.power.take(health);
+                self.observed.power.take(&health);
             }
+            Message::View(view) => self.observed.views.push(view),
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
                 ..
             }) => {
                 let exchange = Exchange {
-                    host_sent_ns: *host_sent_ns,
-                    box_received_ns: *box_received_ns,
-                    box_sent_ns: *box_sent_ns,
+                    host_sent_ns,
+                    box_received_ns,
+                    box_sent_ns,
                     host_received_ns: host_ns,
                 };
                 // An answer before its question was given to another recording.
-                if *host_sent_ns <= host_ns {
+                if host_sent_ns <= host_ns {
                     self.runs.entry(self.sessions.count()).or_default().answer(exchange);
                 }
             }
             _ => {}
         }
+    }
+
+    fn hello(&mut self, hello: Hello) {
+        let before = self.hello.as_ref().filter(|before| is_same_box(before, &hello));
+        let told = before.map(|before| before.config_crc);
+        let known = told.or(self.recorded.as_ref().map(Config::crc));
+        self.observed.config_changed |= known.is_some_and(|crc| crc != hello.config_crc);
+        self.hello = Some(hello);
     }
 
     fn frame(&mut self, frame: &sessions::Frame) {
@@ -350,14 +443,13 @@ impl Builder {
         mut self,
         folder: &Path,
         mut manifest: Manifest,
-        config: Option<Config>,
         mut warnings: Vec<String>,
     ) -> Trial {
         self.sessions.finish();
         self.take_judged(u64::MAX);
         // The network may reorder packets.
         self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        if self.other_configs {
+        if self.observed.config_changed {
             warnings.push(
                 "the box was given another configuration during the trial: positions before and \
                  after are not of one calibration"
@@ -378,7 +470,7 @@ impl Builder {
             sessions: self.sessions.count(),
         };
         warnings.extend(packets.warnings());
-        warnings.extend(self.power.warnings().into_iter().map(str::to_owned));
+        warnings.extend(self.observed.power.warnings().into_iter().map(str::to_owned));
         manifest.the_box = self.hello.as_ref().map(|hello| BoxSeen {
             device: hello.device.to_string(),
             serial_number: hello.serial_number.to_string(),
@@ -397,9 +489,22 @@ impl Builder {
             let first_s = self.runs.values().find_map(Run::first_capture_s)?;
             Some(1e-9 * it.as_nanosecond() as f64 + first_s)
         });
-        let frames = self.frames;
+        let config = self.correction.map(|it| it.config().clone()).or(self.recorded);
+        let (frames, observed) = (self.frames, self.observed);
         let folder = folder.to_owned();
-        Trial { folder, manifest, config, frames, first_frame_utc_s, warnings }
+        let mut trial =
+            Trial { folder, manifest, config, observed, frames, first_frame_utc_s, warnings };
+        let computed = judge(&trial, &trial.manifest.criteria);
+        let Verdict { overruled, by, why, .. } = trial.manifest.verdict();
+        trial.manifest.verdict = Some(Verdict { overruled, by, why, ..computed });
+        trial
+    }
+}
+
+/// Takes note of a name, once.
+fn note(names: &mut Vec<String>, name: String) {
+    if !names.contains(&name) {
+        names.push(name);
     }
 }
 
@@ -460,12 +565,12 @@ mod tests {
     fn finished(builder: Builder) -> Trial {
         let manifest =
             Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
-        builder.finish(Path::new("trial"), manifest, None, Vec::new())
+        builder.finish(Path::new("trial"), manifest, Vec::new())
     }
 
     /// The trial in what a recording has kept of these packets.
     fn trial(packets: &[(u64, Packet)]) -> Trial {
-        let mut builder = Builder::new(None);
+        let mut builder = Builder::new(None, None);
         for (host_ns, Packet { start, message }) in packets {
             let mut buffer = [0; PACKET_BYTES_MAX];
             let datagram = encode_datagram(*start, message, &mut buffer).unwrap().to_vec();
@@ -573,9 +678,9 @@ mod tests {
     #[test]
     fn a_trial_tells_that_the_box_had_too_little_power() {
         let trial = |undervoltages: &[bool]| {
-            let mut builder = Builder::new(None);
+            let mut builder = Builder::new(None, None);
             for undervoltage in undervoltages.iter().copied().map(Some) {
-                builder.message(&Message::Health(Health { undervoltage, ..health() }), 0);
+                builder.message(Message::Health(Health { undervoltage, ..health() }), 0);
             }
             finished(builder)
         };

@@ -1,5 +1,5 @@
-//! Records a trial: the packets as they come, what relates the box's clock to this computer's, the
-//! box's configuration, and the marks. The table is
+//! Records a trial: the packets as they come, what relates the box's clock to this computer's, how the
+//! targets look every few seconds, the box's configuration, and the marks. The table is
 //! [`Receiver`](plumbline_stream::receiver::Receiver)'s.
 
 use std::path::{Path, PathBuf};
@@ -13,16 +13,23 @@ use plumbline_stream::questions::Questions;
 use plumbline_stream::reception::Tap;
 use plumbline_stream::transport::Event;
 
+use super::correction::{Corrected, Correction, Replacements};
 use super::journal::{Content, Entry, Writer};
 use super::manifest::{CheckSeen, Manifest, State};
 use super::mark::{Mark, Marks};
+use super::reading::{check_folder, read_config};
+use super::verdict::Criteria;
 use super::{Trial, names, tables};
 
 /// The box's clock is asked for this often.
 const PING_EVERY: Duration = Duration::from_secs(1);
 
-/// The configuration is asked for again after this time without an answer.
-const CONFIG_EVERY: Duration = Duration::from_secs(2);
+/// The box is asked this often how the targets look: their light and their focus are in the trial.
+const VIEW_EVERY: Duration = Duration::from_secs(10);
+
+/// The configuration, or a view, is asked for again after this time without an answer: what is asked
+/// before the box was first heard never reaches it.
+const ASK_AGAIN: Duration = Duration::from_secs(2);
 
 /// How far the box's configuration has come.
 enum Fetch {
@@ -47,6 +54,7 @@ pub struct Recording {
     heard: Heard,
     questions: Questions,
     ping_at: Instant,
+    view_at: Instant,
     fetch: Fetch,
 }
 
@@ -66,7 +74,10 @@ impl Recording {
             return Err(exists_already(folder));
         }
         let made = Made::directories(folder)?;
-        let journal = Writer::create(&folder.join(names::JOURNAL))?;
+        let mut journal = Writer::create(&folder.join(names::JOURNAL))?;
+        if let Some(about) = manifest.about() {
+            journal.write(&Entry { host_ns: 0, content: Content::About(about) })?;
+        }
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
         Ok(Self {
@@ -78,6 +89,7 @@ impl Recording {
             heard,
             questions: Questions::of_tap(),
             ping_at: now,
+            view_at: now,
             fetch: Fetch::Ask(now),
         })
     }
@@ -131,9 +143,13 @@ impl Recording {
             self.discard()?;
             return Ok(None);
         }
+        let manifest = Manifest { state: State::Finished, ..Manifest::read(&self.folder)? };
+        if let Some(about) = manifest.about() {
+            self.write(Instant::now(), Content::About(about))?;
+        }
         self.journal.sync()?;
         self.made.keep();
-        make(&self.folder, Some(State::Finished)).map(Some)
+        make(&self.folder, manifest).map(Some)
     }
 
     fn discard(self) -> Result<(), BadInput> {
@@ -161,6 +177,9 @@ impl Recording {
     }
 
     fn message(&mut self, message: &Message, now: Instant) -> Result<(), BadInput> {
+        if matches!(message, Message::View(_)) {
+            self.view_at = now + VIEW_EVERY;
+        }
         match (&mut self.fetch, message) {
             (
                 Fetch::Ask(_),
@@ -193,21 +212,76 @@ pub fn exists_already(folder: &Path) -> BadInput {
     )
 }
 
-/// Makes everything that is derived from a trial's packets once more: the tables, and what the
-/// manifest says of them. A recording that was cut off is still marked as such.
-///
-/// # Errors
-/// When there is no trial, or the operating system refuses; the packets stay.
-pub fn remake(folder: &Path) -> Result<Trial, BadInput> {
-    make(folder, None)
+/// What is to change where a trial's tables are made again.
+#[derive(Debug, Clone, Default)]
+pub struct Changes {
+    /// Other criteria for the verdict.
+    pub criteria: Option<Criteria>,
+    /// Files that replace what the box was told.
+    pub replaced: Option<Replacements>,
+    /// Earlier replacements are taken back.
+    pub as_recorded: bool,
 }
 
-fn make(folder: &Path, state: Option<State>) -> Result<Trial, BadInput> {
-    tables::write(folder)?;
-    let mut manifest = Manifest::read(folder)?;
-    manifest.state = state.unwrap_or(manifest.state);
+/// Makes everything that is derived from a trial's packets once more: the tables, and what the
+/// manifest says of them. A recording that was cut off is still marked as such. Files that replace
+/// what the box was told replace earlier ones too: they always start from what was recorded.
+///
+/// # Errors
+/// When there is no trial, a file cannot replace what was recorded, or the operating system
+/// refuses; the packets stay.
+pub fn remake(folder: &Path, changes: &Changes) -> Result<Trial, BadInput> {
+    check_folder(folder)?;
+    // Before anything is changed: the files may not suit.
+    let replaced = changes.replaced.as_ref();
+    let replaced = replaced.map(|it| correction_by(folder, it)).transpose()?;
+    let (mut manifest, warnings) = Manifest::restore(folder)?;
+    if let Some(criteria) = &changes.criteria {
+        manifest.criteria = criteria.clone();
+    }
+    if let Some((correction, corrected)) = replaced {
+        plumbline_files::replace(&folder.join(names::CORRECTED), &correction.blob())?;
+        manifest.corrected = Some(corrected);
+    } else if changes.as_recorded {
+        take_back(folder)?;
+        manifest.corrected = None;
+    }
+    let mut trial = make(folder, manifest)?;
+    trial.warnings.splice(0..0, warnings);
+    Ok(trial)
+}
+
+fn correction_by(
+    folder: &Path,
+    replacements: &Replacements,
+) -> Result<(Correction, Corrected), BadInput> {
+    let Some(recorded) = read_config(folder, &mut Vec::new())? else {
+        return Err(BadInput::whole(
+            folder.join(names::CONFIG).display(),
+            "what the box was told is not in the trial, so that nothing of it can be replaced",
+            "copy the box's config.plb, as `plumb provision` wrote it, to this place first",
+        ));
+    };
+    Correction::of(replacements, &recorded)
+}
+
+fn take_back(folder: &Path) -> Result<(), BadInput> {
+    let path = folder.join(names::CORRECTED);
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(BadInput::io(path.display(), &error))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn make(folder: &Path, manifest: Manifest) -> Result<Trial, BadInput> {
+    // First of all what a person has said, whatever comes of the rest.
     manifest.write(folder)?;
-    let trial = Trial::open(folder)?;
+    let trial = Trial::open_as(folder, manifest)?;
+    let recorded = read_config(folder, &mut Vec::new())?;
+    let correction = Correction::read(folder, recorded.as_ref())?;
+    tables::write(folder, correction.as_ref(), &trial.manifest.verdict())?;
     trial.manifest.write(folder)?;
     Ok(trial)
 }
@@ -229,7 +303,7 @@ impl Tap for Recording {
         }
         match &mut self.fetch {
             Fetch::Ask(at) if now >= *at => {
-                *at = now + CONFIG_EVERY;
+                *at = now + ASK_AGAIN;
                 return Ok(Some(self.questions.ask(Action::QueryConfig).1));
             }
             Fetch::Coming(download) => match download.due(now) {
@@ -243,11 +317,106 @@ impl Tap for Recording {
             },
             Fetch::Ask(_) | Fetch::Done => {}
         }
+        if now >= self.view_at {
+            self.view_at = now + ASK_AGAIN;
+            return Ok(Some(self.questions.ask(Action::SendView).1));
+        }
         if now < self.ping_at {
             return Ok(None);
         }
         self.ping_at = now + PING_EVERY;
         let host_sent_ns = self.host_ns(now);
         Ok(Some(self.questions.ask(Action::Ping { host_sent_ns }).1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::{Command, Hello};
+    use plumbline_stream::fixture::{config, event, hello, pose_packet, view};
+
+    use super::*;
+    use crate::manifest::Zero;
+    use crate::mark;
+    use crate::test_trial::raw;
+
+    fn begun(folder: &Path, now: Instant) -> Recording {
+        let (_, marks) = mark::channel();
+        let manifest = Manifest::begin(
+            "2026-01-01T00:00:00Z".to_owned(),
+            Some("P07".to_owned()),
+            None,
+            None,
+            Zero::Start,
+        );
+        Recording::begin(folder, &manifest, marks, now, Box::new(|_, _| {})).unwrap()
+    }
+
+    #[test]
+    fn light_and_focus_are_asked_for_until_they_come_and_then_every_ten_seconds() {
+        let folder = tempfile::tempdir().unwrap();
+        let start = Instant::now();
+        let mut recording = begun(&folder.path().join("p07"), start);
+        let mut asked_ds = Vec::new();
+        for at_ds in 0..350_u32 {
+            let now = start + Duration::from_millis(100) * at_ds;
+            let question = recording.turn(now).unwrap();
+            let Some(Message::Command(Command { action: Action::SendView, .. })) = question else {
+                continue;
+            };
+            asked_ds.push(at_ds);
+            // The box is not heard before the fourth second.
+            if at_ds > 40 {
+                recording.event(&event(Message::View(view())), now).unwrap();
+            }
+        }
+        let steps_ds: Vec<u32> = asked_ds.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let expected_ds = [20, 20, 100, 100, 100];
+        assert!(asked_ds[0] <= 2 && steps_ds.len() == expected_ds.len(), "{asked_ds:?}");
+        for (step_ds, expected_ds) in steps_ds.into_iter().zip(expected_ds) {
+            // Other questions go first, one in each turn.
+            assert!((expected_ds..expected_ds + 3).contains(&step_ds), "{asked_ds:?}");
+        }
+    }
+
+    #[test]
+    fn views_other_boxes_and_who_was_measured_are_in_the_packets() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p07");
+        let start = Instant::now();
+        let mut recording = begun(&path, start);
+        let serial_number = "PL-0002".try_into().unwrap();
+        let other = Hello { serial_number, boot_id: 9, ..hello(&config()) };
+        for at in 0..3_u32 {
+            let now = start + Duration::from_secs(1) * (at + 1);
+            for message in [
+                Message::Hello(hello(&config())),
+                Message::Hello(other.clone()),
+                Message::View(view()),
+                Message::Pose(pose_packet(at)),
+            ] {
+                let Content::Raw(bytes) = raw(&message) else { unreachable!() };
+                recording.event(&Event::Raw(bytes), now).unwrap();
+                recording.event(&event(message), now).unwrap();
+            }
+        }
+        // However it goes on: the file is lost before the recording is over.
+        let lost = path.join(names::MANIFEST);
+        let written = std::fs::read(&lost).unwrap();
+        std::fs::remove_file(&lost).unwrap();
+        let after = remake(&path, &Changes::default()).unwrap();
+        assert_eq!(after.manifest.participant.as_deref(), Some("P07"));
+        assert_eq!((after.manifest.zero, after.manifest.state), (Zero::Start, State::Recording));
+        std::fs::write(&lost, written).unwrap();
+
+        let trial = recording.end(3).unwrap().unwrap();
+        assert_eq!(trial.observed.views.len(), 3);
+        assert_eq!(trial.observed.others, ["ward 3 (PL-0002)"]);
+        let keys: Vec<String> =
+            trial.manifest.verdict().reasons.into_iter().map(|it| it.key).collect();
+        assert!(keys.contains(&"others".to_owned()), "{keys:?}");
+        // After the end the packets tell that it ended.
+        std::fs::remove_file(&lost).unwrap();
+        assert_eq!(remake(&path, &Changes::default()).unwrap().manifest.state, State::Finished);
     }
 }

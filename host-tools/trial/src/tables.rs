@@ -1,5 +1,5 @@
 //! `samples.csv` and `samples.parquet`: a trial's poses as tables for other programs, made from its
-//! packets.
+//! packets. The verdict on the trial is in the Parquet file's metadata, under `verdict`.
 
 use std::fs::File;
 use std::io::Write;
@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::errors::Result as ParquetResult;
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
@@ -20,8 +21,9 @@ use plumbline_stream::receiver::Receiver;
 use plumbline_stream::recorder::Recorder;
 use plumbline_stream::transport::Event;
 
+use super::correction::{Correction, corrected};
 use super::journal::{Content, Reader};
-use super::names;
+use super::{Verdict, names};
 
 /// Rows per group of the Parquet file; one group is held in memory.
 const GROUP_ROWS: usize = 65_536;
@@ -30,15 +32,24 @@ const GROUP_ROWS: usize = 65_536;
 ///
 /// # Errors
 /// When there is no journal, or the operating system refuses.
-pub fn write(folder: &Path) -> Result<(), BadInput> {
+pub fn write(
+    folder: &Path,
+    correction: Option<&Correction>,
+    verdict: &Verdict,
+) -> Result<(), BadInput> {
     let csv = folder.join(names::CSV);
-    plumbline_files::replace_with(&csv, |file| csv_of(folder, file, &csv))?;
+    plumbline_files::replace_with(&csv, |file| csv_of(folder, correction, file, &csv))?;
     let parquet = folder.join(names::PARQUET);
-    plumbline_files::replace_with(&parquet, |file| parquet_of(&csv, file, &parquet))
+    plumbline_files::replace_with(&parquet, |file| parquet_of(&csv, verdict, file, &parquet))
 }
 
 /// Receives the packets once more, so that the rows are those that were written as they came.
-fn csv_of(folder: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
+fn csv_of(
+    folder: &Path,
+    correction: Option<&Correction>,
+    file: &File,
+    place: &Path,
+) -> Result<(), BadInput> {
     let mut journal = Reader::open(&folder.join(names::JOURNAL))?;
     let mut receiver = Receiver::new(Some(Recorder::new(file, place.display().to_string())));
     // The receiver takes moments; only their differences matter.
@@ -49,7 +60,8 @@ fn csv_of(folder: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
         let now = begun + Duration::from_nanos(entry.host_ns);
         // Time passes before each packet.
         receiver.tick(now)?;
-        receiver.handle(Event::of(raw.decode(&mut deframer)), now)?;
+        let packet = raw.decode(&mut deframer).map(|packet| corrected(correction, packet));
+        receiver.handle(Event::of(packet), now)?;
         receiver.take_notices();
     }
     receiver.finish(begun)
@@ -134,13 +146,16 @@ pub(crate) fn put<T: DataType, W: Write + Send>(
 }
 
 /// Made from the rows of the CSV, so that both tables agree.
-fn parquet_of(csv: &Path, file: &File, place: &Path) -> Result<(), BadInput> {
+fn parquet_of(csv: &Path, verdict: &Verdict, file: &File, place: &Path) -> Result<(), BadInput> {
     let unwritable =
         |error| BadInput::whole(place.display(), error, "check the disk, and that it has room");
     let unreadable =
         |error| BadInput::whole(csv.display(), error, "report it: plumb wrote this file");
     let schema = Columns::schema().map_err(unwritable)?;
-    let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_key_value_metadata(Some(vec![KeyValue::new("verdict".to_owned(), verdict.line())]))
+        .build();
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
         .map_err(unwritable)?;
     let mut rows = csv::Reader::from_path(csv).map_err(unreadable)?;

@@ -1,36 +1,53 @@
-//! `plumb replay`: a recorded trial, sent again.
+//! `plumb replay`: a recorded trial, sent again, or its tables rebuilt.
 
 use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, Packet, encode_datagram};
-use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_files::{BadInput, write_all};
 use plumbline_stream::transport::Raw;
+use plumbline_trial::correction::Replacements;
 use plumbline_trial::journal::{Content, Entry, Reader};
+use plumbline_trial::recording::Changes;
+use plumbline_trial::verdict::{self, Criteria};
 use plumbline_trial::{Trial, names, recording};
 
 use crate::ui::stop::stop_on_signals;
 
-/// Send a recorded trial's packets again, or rebuild its tables.
+/// Send a recorded trial's packets again, or rebuild its tables and its verdict.
 ///
 /// With --to the packets leave this computer as the box sent them, byte by byte and at their
 /// times: for `plumb receive`, or to try a program of your own without a box.
 ///
 /// With --tables the trial's tables and trial.toml are rebuilt from its packets: for a recording
-/// that was cut off, or one whose tables are lost.
+/// that was cut off, or one whose tables or trial.toml are lost or spoiled. The verdict on the trial
+/// (good, doubtful or unusable) is found anew.
+///
+/// What the box was told can be replaced then, because the packets hold the targets' poses:
+/// --scene if it did not know which way is forward, or wrongly; --targets if their roles were
+/// exchanged, or for another pitch or virtual point of the same grids; --camera for another
+/// calibration at the same frame size. What was recorded stays as it is, and --as-recorded goes back
+/// to it. Each replacement starts from what was recorded: give all files at once.
 #[derive(Debug, Args)]
-#[command(group(clap::ArgGroup::new("what").required(true).args(["to", "tables"])))]
+#[command(group(
+    clap::ArgGroup::new("what").required(true).args(["to", "tables", "new_criteria"])
+))]
 #[command(after_help = "Examples:\n  plumb replay trials/p01 --to 127.0.0.1:4210\n  \
-    plumb replay trials/p01 --to 127.0.0.1:4210 --speed 10\n  plumb replay trials/p01 --tables")]
+    plumb replay trials/p01 --to 127.0.0.1:4210 --speed 10\n  plumb replay trials/p01 --tables\n  \
+    plumb replay trials/p01 --tables --scene scene.toml\n  \
+    plumb replay trials/p01 --tables --camera camera.toml --targets targets.toml\n  \
+    plumb replay --new-criteria criteria.toml       # to be edited, then:\n  \
+    plumb replay trials/p01 --tables --criteria criteria.toml")]
 pub struct Arguments {
     /// The trial's folder
-    trial: PathBuf,
+    #[arg(required_unless_present = "new_criteria")]
+    trial: Option<PathBuf>,
 
     /// Send its packets to this address
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address)]
@@ -43,6 +60,34 @@ pub struct Arguments {
     /// Rebuild samples.csv, samples.parquet and trial.toml
     #[arg(long)]
     tables: bool,
+
+    /// Which way is forward: the scene that the box should have had
+    #[arg(long, value_name = "FILE", requires = "tables")]
+    scene: Option<PathBuf>,
+
+    /// The camera that the box should have had, at the same frame size
+    #[arg(long, value_name = "FILE", requires = "tables")]
+    camera: Option<PathBuf>,
+
+    /// The targets that the box should have had, of the same grids
+    #[arg(long, value_name = "FILE", requires = "tables")]
+    targets: Option<PathBuf>,
+
+    /// Take back what was replaced
+    #[arg(long, requires = "tables", conflicts_with_all = ["scene", "camera", "targets"])]
+    as_recorded: bool,
+
+    /// Judge the trial by these criteria from now on
+    #[arg(long, value_name = "FILE", requires = "tables")]
+    criteria: Option<PathBuf>,
+
+    /// Write the criteria of the verdict into this file, each explained, to be edited
+    #[arg(long, value_name = "FILE", conflicts_with = "trial")]
+    new_criteria: Option<PathBuf>,
+
+    /// Replace the file of --new-criteria if it exists
+    #[arg(long, requires = "new_criteria")]
+    force: bool,
 }
 
 fn speed(text: &str) -> Result<f64, String> {
@@ -57,31 +102,55 @@ fn speed(text: &str) -> Result<f64, String> {
 /// # Errors
 /// When the trial cannot be read, or the packets cannot be sent.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let trial = Trial::open(&arguments.trial)?;
-    for warning in &trial.warnings {
-        eprintln!("warning: {warning}");
+    if let Some(path) = &arguments.new_criteria {
+        write_all(&[(path.clone(), verdict::EXAMPLE.into())], arguments.force)?;
+        eprintln!("written to {}; edit it, and give it with --criteria", path.display());
+        return Ok(());
     }
+    let Some(folder) = &arguments.trial else {
+        unreachable!("the command line requires a trial where it does not name --new-criteria");
+    };
     if arguments.tables {
-        recording::remake(&arguments.trial)?;
-        println!(
-            "{}: {}, {} and {} were rebuilt",
-            arguments.trial.display(),
-            names::CSV,
-            names::PARQUET,
-            names::MANIFEST
-        );
+        rebuild(folder, arguments)?;
     }
     if let Some(to) = arguments.to {
         let stop = stop_on_signals()?;
-        let sent = send(arguments, to, &stop)?;
+        let sent = send(folder, arguments.speed, to, &stop)?;
         // A closed pipe must not hide the result.
         let _ = writeln!(std::io::stdout(), "{} sent to {to}", counted(sent, "packet"));
     }
     Ok(())
 }
 
-fn send(arguments: &Arguments, to: SocketAddr, stop: &AtomicBool) -> Result<u64, BadInput> {
-    let path = arguments.trial.join(names::JOURNAL);
+fn rebuild(folder: &Path, arguments: &Arguments) -> Result<(), BadInput> {
+    let Arguments { scene, camera, targets, as_recorded, .. } = arguments;
+    let replaced = [scene, camera, targets].into_iter().any(Option::is_some).then(|| {
+        Replacements { scene: scene.clone(), camera: camera.clone(), targets: targets.clone() }
+    });
+    let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
+    let changes = Changes { criteria, replaced, as_recorded: *as_recorded };
+    let trial = recording::remake(folder, &changes)?;
+    for warning in &trial.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let text = format!(
+        "{}: {}, {} and {} were rebuilt\n{}",
+        folder.display(),
+        names::CSV,
+        names::PARQUET,
+        names::MANIFEST,
+        trial.manifest.verdict().lines()
+    );
+    // A closed pipe must not hide the result.
+    let _ = writeln!(std::io::stdout(), "{text}");
+    Ok(())
+}
+
+fn send(folder: &Path, speed: f64, to: SocketAddr, stop: &AtomicBool) -> Result<u64, BadInput> {
+    for warning in &Trial::open(folder)?.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let path = folder.join(names::JOURNAL);
     let last_ns = last(&path)?;
     let mut journal = Reader::open(&path)?;
     let failed = |error| BadInput::io(format!("UDP {to}"), &error);
@@ -93,7 +162,7 @@ fn send(arguments: &Arguments, to: SocketAddr, stop: &AtomicBool) -> Result<u64,
     let mut deframer = Deframer::new();
     let mut sent = 0;
     while let Some(Entry { host_ns, content }) = journal.next_entry()? {
-        let at = start + Duration::from_nanos(host_ns).div_f64(arguments.speed);
+        let at = start + Duration::from_nanos(host_ns).div_f64(speed);
         while let Some(wait) = at.checked_duration_since(Instant::now()) {
             if stop.load(Ordering::Relaxed) {
                 return Ok(sent);
@@ -110,6 +179,7 @@ fn send(arguments: &Arguments, to: SocketAddr, stop: &AtomicBool) -> Result<u64,
             Content::Mark(mark) => {
                 bar.suspend(|| eprintln!("{:8.2} s  {}", 1e-9 * host_ns as f64, mark.label));
             }
+            Content::About(_) | Content::Other(_) => {}
             Content::Raw(raw) => sent += u64::from(forward(&socket, to, &raw, &mut deframer)),
         }
     }
@@ -138,7 +208,7 @@ fn forward(socket: &UdpSocket, to: SocketAddr, raw: &Raw, deframer: &mut Deframe
 }
 
 /// The time of the last entry.
-fn last(path: &std::path::Path) -> Result<u64, BadInput> {
+fn last(path: &Path) -> Result<u64, BadInput> {
     let mut journal = Reader::open(path)?;
     let mut last_ns = 0;
     while let Some(entry) = journal.next_entry()? {

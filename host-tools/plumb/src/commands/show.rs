@@ -1,6 +1,6 @@
 //! `plumb show`: a box's configuration back into the files it was made from.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plumbline::config::Config;
 use plumbline_files::BadInput;
@@ -9,6 +9,7 @@ use plumbline_files::counting::counted;
 use plumbline_files::scene::SceneFile;
 use plumbline_files::{camera, scene, targets};
 use plumbline_stream::link::BoxLink;
+use plumbline_trial::{Trial, names};
 
 use crate::arguments::LinkArguments;
 use crate::box_settings::BoxSettings;
@@ -18,6 +19,9 @@ use crate::ui::waiting::Waiting;
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
 ///
+/// Of a trial's folder it shows the verdict on the trial, and the configuration that its figures are
+/// by: what the box was told, with what `plumb replay --tables` has replaced.
+///
 /// Without BLOB it is read back from the box that this computer hears. Nothing is lost: from
 /// these files the very same configuration is made again, down to its checksum. Without --out
 /// they are printed, one after the other.
@@ -25,10 +29,12 @@ use crate::ui::waiting::Waiting;
 #[command(after_help = "Examples:
   plumb show config.plb
   plumb show config.plb --out files      # files/camera.toml, targets.toml, scene.toml, box.toml
+  plumb show trials/p01-control          # the verdict on a trial, and what it was measured with
   plumb show --out files                 # of the box that sends to this computer
   plumb show --serial /dev/ttyUSB0")]
 pub struct Arguments {
-    /// The configuration: config.plb on a box's card, or what `plumb provision` wrote.
+    /// The configuration: config.plb on a box's card, what `plumb provision` wrote, or a trial's
+    /// folder.
     #[arg(value_name = "BLOB", conflicts_with_all = ["udp", "serial"])]
     blob: Option<PathBuf>,
     /// Where the box is heard.
@@ -48,6 +54,7 @@ pub struct Arguments {
 /// When the blob is none, is damaged, or the files cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (config, place) = match &arguments.blob {
+        Some(folder) if folder.is_dir() => (of_trial(folder)?, folder.display().to_string()),
         Some(blob) => (setup::read_blob(blob)?, blob.display().to_string()),
         None => {
             let mut link = arguments.link.open()?;
@@ -81,6 +88,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("written to {}", path.display());
     }
     Ok(())
+}
+
+/// The configuration that a trial's figures are by; the verdict on the trial goes to standard error.
+fn of_trial(folder: &Path) -> Result<Config, BadInput> {
+    let trial = Trial::open(folder)?;
+    eprintln!("{}: {}", trial.title(), trial.manifest.verdict().lines());
+    for warning in &trial.warnings {
+        eprintln!("warning: {warning}");
+    }
+    trial.config.ok_or_else(|| {
+        BadInput::whole(
+            folder.join(names::CONFIG).display(),
+            "what the box was told is not in the trial",
+            "copy the box's config.plb, as `plumb provision` wrote it, to this place",
+        )
+    })
 }
 
 /// The configuration of a live box.

@@ -27,6 +27,9 @@ pub const NOT_IN_NOISE: &str = "the scale of the print, the calibration, the tar
 pub fn text(analysis: &Analysis) -> String {
     let Analysis { source, zero, span, filter, covered_min, .. } = analysis;
     let mut text = format!("{source}, t = 0: {zero}\nspan: {span}; filter: {filter}\n");
+    if let Some(verdict) = &analysis.verdict {
+        text += &format!("verdict: {}\n", verdict.line());
+    }
     for event in &analysis.events {
         // Writing to a String does not fail.
         let _ = writeln!(text, "  {:8.3} s  {}", event.time_s, event.label);

@@ -5,10 +5,14 @@ use plumbline_files::counting::counted;
 use super::events::Event;
 use super::rows::Rows;
 use super::{RIGHT_HANDED, right_handed};
+use crate::Verdict;
 use crate::c3d::{FRAMES_MAX, Header, Parameters, Value, encode};
 
 /// Our own group.
 const OWN: &str = "PLUMBLINE";
+
+/// A length has one byte.
+const TEXT_BYTES_MAX: usize = 255;
 
 /// Negative: coordinates are floating-point, and in the unit that the file names.
 const SCALE: f32 = -1.0;
@@ -23,7 +27,7 @@ const EVENTS_MAX: usize = 255;
 const LABEL_BYTES_MAX: usize = 120;
 
 /// The file, and what a user should know. It has those events that lie within its frames.
-pub fn bytes(rows: &Rows, events: &[Event]) -> (Vec<u8>, Vec<String>) {
+pub fn bytes(rows: &Rows, events: &[Event], verdict: &Verdict) -> (Vec<u8>, Vec<String>) {
     let end_s = rows.time_s.last().map_or(0.0, |last_s| last_s - rows.first_s());
     // An event between two frames at the end belongs to the last one.
     let is_within = |event: &&Event| (0.0..=end_s + 1.0 / rows.rate_hz).contains(&event.time_s);
@@ -38,10 +42,10 @@ pub fn bytes(rows: &Rows, events: &[Event]) -> (Vec<u8>, Vec<String>) {
     let left_out = reasons.into_iter().filter(|(count, _)| *count > 0);
     let warnings =
         left_out.map(|(count, why)| format!("not in the file: {} {why}", counted(count, "event")));
-    (file(rows, &within), warnings.collect())
+    (file(rows, &within, verdict), warnings.collect())
 }
 
-fn file(rows: &Rows, events: &[&Event]) -> Vec<u8> {
+fn file(rows: &Rows, events: &[&Event], verdict: &Verdict) -> Vec<u8> {
     let header = Header {
         points: rows.points.len() as u16,
         analog: 0,
@@ -50,12 +54,12 @@ fn file(rows: &Rows, events: &[&Event]) -> Vec<u8> {
         scale: SCALE,
         rate_hz: rows.rate_hz as f32,
     };
-    let mut parameters = parameters(&header, rows);
+    let mut parameters = parameters(&header, rows, verdict);
     put_events(&mut parameters, events);
     encode(&header, parameters, &frames(rows))
 }
 
-fn parameters(header: &Header, rows: &Rows) -> Parameters {
+fn parameters(header: &Header, rows: &Rows, verdict: &Verdict) -> Parameters {
     let integer = |value: u16| Value::Integers(vec![value]);
     let float = |value: f32| Value::Floats(vec![value]);
     let of_points = |text: fn(&str) -> String| {
@@ -77,6 +81,7 @@ fn parameters(header: &Header, rows: &Rows) -> Parameters {
         ("FORCE_PLATFORM", "USED", integer(0)),
         (OWN, "T_ZERO", float(-rows.first_s() as f32)),
         (OWN, "AXES", Value::Text(RIGHT_HANDED.to_owned())),
+        (OWN, "VERDICT", verdict_texts(verdict)),
     ] {
         parameters.set(group, name, value);
     }
@@ -117,6 +122,17 @@ fn put_events(parameters: &mut Parameters, events: &[&Event]) {
 fn label_bytes(label: &str) -> usize {
     let boundaries = label.char_indices().map(|(at, letter)| at + letter.len_utf8());
     boundaries.take_while(|end| *end <= LABEL_BYTES_MAX).last().unwrap_or_default()
+}
+
+/// The grade, and each reason; the format takes texts of at most 255 bytes.
+fn verdict_texts(verdict: &Verdict) -> Value {
+    let grade = verdict.overruled_words().unwrap_or_else(|| verdict.is.word().to_owned());
+    let reasons = verdict.reasons.iter().map(|reason| reason.words.clone());
+    let cut = |text: String| {
+        let mut ends = (0..=text.len().min(TEXT_BYTES_MAX)).rev();
+        text[..ends.find(|end| text.is_char_boundary(*end)).unwrap_or(0)].to_owned()
+    };
+    Value::Texts([grade].into_iter().chain(reasons).map(cut).collect())
 }
 
 fn frames(rows: &Rows) -> Vec<u8> {
@@ -172,7 +188,7 @@ mod tests {
             event(100.0, &long),
             event(101.0, "after"),
         ];
-        let (bytes, warnings) = bytes(&rows, &events);
+        let (bytes, warnings) = bytes(&rows, &events, &Verdict::default());
         let wanted = "not in the file: 2 events before the first or after the last frame";
         assert_eq!(warnings, [wanted]);
         let (_, parameters, _) = crate::c3d::decode(&bytes).unwrap();
@@ -190,7 +206,7 @@ mod tests {
     fn more_events_than_have_room_are_told() {
         let rows = rows(6001);
         let events: Vec<Event> = (0..300).map(|at| event(f64::from(at) / 4.0, "mark")).collect();
-        let (bytes, warnings) = bytes(&rows, &events);
+        let (bytes, warnings) = bytes(&rows, &events, &Verdict::default());
         assert_eq!(warnings, ["not in the file: 45 events for which the format has no room"]);
         let (_, parameters, _) = crate::c3d::decode(&bytes).unwrap();
         assert_eq!(parameters.texts("EVENT", "LABELS").len(), 255);
@@ -202,7 +218,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for frames in [180, 65_534, 65_535, 65_536, 70_000] {
             let path = folder.path().join("trial.c3d");
-            std::fs::write(&path, file(&rows(frames), &[])).unwrap();
+            std::fs::write(&path, file(&rows(frames), &[], &Verdict::default())).unwrap();
             let found = Markers::read(&path).unwrap();
             assert_eq!((found.rate_hz, found.unit), (60.0, Some(Unit::Mm)));
             for (marker, (name, gap)) in

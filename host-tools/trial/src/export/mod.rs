@@ -7,6 +7,7 @@ use plumbline_files::{BadInput, write_all};
 use crate::Trial;
 use crate::manifest::Zero;
 use crate::points::Points;
+use crate::verdict::Grade;
 
 mod bids;
 mod c3d;
@@ -59,7 +60,9 @@ pub struct Recording<'a> {
     pub force: bool,
 }
 
-/// Writes a trial in this format: a file or, for BIDS, a recording in the data set of a folder.
+/// Writes a trial in this format: a file or, for BIDS, a recording in the data set of a folder. The
+/// verdict on the trial goes with it where the format has room: in Parquet's metadata, a parameter of
+/// C3D, the JSON of BIDS; a CSV or a TRC has none.
 ///
 /// # Errors
 /// When the trial has nothing to write, the output is there and may not be replaced, or cannot be
@@ -84,13 +87,14 @@ pub fn export(
                 .to_owned(),
         );
     }
+    let verdict = trial.manifest.verdict();
     let bytes = match format {
         Format::Csv => Some(csv::bytes(&rows)),
-        Format::Parquet => Some(parquet::bytes(&rows, out)?),
+        Format::Parquet => Some(parquet::bytes(&rows, &verdict, out)?),
         Format::Trc => Some(trc::bytes(&rows, out)),
         Format::C3d => {
             warnings.extend(rows.unevenness());
-            let (bytes, left_out) = c3d::bytes(&rows, &events);
+            let (bytes, left_out) = c3d::bytes(&rows, &events, &verdict);
             warnings.extend(left_out);
             Some(bytes)
         }
@@ -101,6 +105,9 @@ pub fn export(
     };
     if let Some(bytes) = bytes {
         write_all(&[(out.to_owned(), bytes)], recording.force)?;
+    }
+    if verdict.grade() != Grade::Good {
+        warnings.push(format!("the verdict on this trial is {}", verdict.line()));
     }
     Ok(Exported { rows: rows.time_s.len(), rate_hz: rows.rate_hz, zero: points.zero, warnings })
 }

@@ -15,18 +15,19 @@ use plumbline_files::BadInput;
 use super::orientation::{QUATERNION, components};
 use super::rows::Rows;
 use super::{BODY_AXES, csv};
+use crate::Verdict;
 use crate::tables::put;
 
 /// The file.
 ///
 /// # Errors
 /// When the writer fails.
-pub fn bytes(rows: &Rows, place: &Path) -> Result<Vec<u8>, BadInput> {
-    write(rows)
+pub fn bytes(rows: &Rows, verdict: &Verdict, place: &Path) -> Result<Vec<u8>, BadInput> {
+    write(rows, verdict)
         .map_err(|error| BadInput::whole(place.display(), error, "report it: rows can be written"))
 }
 
-fn write(rows: &Rows) -> ParquetResult<Vec<u8>> {
+fn write(rows: &Rows, verdict: &Verdict) -> ParquetResult<Vec<u8>> {
     let column = |name: &str, repetition| {
         let column = Type::primitive_type_builder(name, Physical::DOUBLE);
         column.with_repetition(repetition).build().map(Arc::new)
@@ -36,10 +37,14 @@ fn write(rows: &Rows) -> ParquetResult<Vec<u8>> {
         fields.push(column(&name, Repetition::OPTIONAL)?);
     }
     let schema = Type::group_type_builder("positions").with_fields(fields).build()?;
-    let axes = [("axes", BODY_AXES), ("orientations", QUATERNION)];
-    let axes = axes.map(|(key, about)| KeyValue::new(key.to_owned(), about.to_owned()));
+    let always = [
+        ("axes", BODY_AXES.to_owned()),
+        ("orientations", QUATERNION.to_owned()),
+        ("verdict", verdict.line()),
+    ];
+    let always = always.map(|(key, about)| KeyValue::new(key.to_owned(), about));
     let times = rows.moved().map(|moved| KeyValue::new("times".to_owned(), moved));
-    let about = axes.into_iter().chain(times).collect();
+    let about = always.into_iter().chain(times).collect();
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
         .set_key_value_metadata(Some(about))

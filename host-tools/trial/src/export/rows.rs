@@ -203,6 +203,7 @@ mod tests {
             zero: String::new(),
             is_zero_set: false,
             zero_utc_s: None,
+            verdict: None,
             events: Vec::new(),
             warnings: Vec::new(),
         }

@@ -16,6 +16,7 @@ use plumbline_stream::recorder::Recorder;
 use plumbline_trial::manifest::{Manifest, Zero};
 use plumbline_trial::mark::Mark;
 use plumbline_trial::recording::{Recording, exists_already};
+use plumbline_trial::verdict::Criteria;
 
 use crate::arguments::{LinkArguments, seconds};
 use crate::ui::stop::stop_on_signals;
@@ -44,7 +45,8 @@ use screen::Screen;
 /// Counts what is lost, repeated, late or corrupt. When the box restarts, the recording
 /// goes on. Press Enter to mark an event; type its name first if it has one. The mark called zero,
 /// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
-/// Ctrl-C, and prints a summary.
+/// Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or unusable, with the
+/// reasons.
 ///
 /// Exit code 0: done; 1: a check failed, and nothing was recorded; 2: an input or the link could not
 /// be used, or nothing came.
@@ -79,6 +81,10 @@ pub struct Arguments {
     /// What t = 0 is
     #[arg(long, value_enum, default_value_t, requires = "out")]
     zero: Zero,
+
+    /// Judge the trial by these criteria (`plumb replay --new-criteria` writes them, explained)
+    #[arg(long, value_name = "FILE", requires = "out")]
+    criteria: Option<PathBuf>,
 
     /// Take marks from datagrams to this address: the text of each is its name
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address, requires = "out")]
@@ -177,6 +183,7 @@ fn begin(
         return Err(exists_already(out));
     }
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
+    let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
     let mut amiss = Vec::new();
     if !arguments.anyway {
         let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
@@ -187,6 +194,7 @@ fn begin(
     let now = Instant::now();
     let manifest = Manifest {
         checks: amiss,
+        criteria: criteria.unwrap_or_default(),
         ..Manifest::begin(
             jiff::Timestamp::now().to_string(),
             arguments.participant.clone(),
@@ -219,7 +227,10 @@ fn end(mut recorded: Recorded, frames: u64) -> Result<(), BadInput> {
     let mut text = format!("no frame came: {folder} was not written");
     if let Some(trial) = recording.end(frames)? {
         let events = counted(trial.manifest.events.len(), "mark");
-        text = format!("recorded in {folder}, {events}");
+        let frames = counted(trial.frames.len(), "frame");
+        let rate = trial.rate_hz().map_or(String::new(), |rate_hz| format!(" ({rate_hz:.1} Hz)"));
+        let length_s = trial.length_s();
+        text = format!("recorded in {folder}: {frames} in {length_s:.1} s{rate}, {events}");
         if dropped > 0 {
             text +=
                 &format!("\nwarning: {} came at once and were dropped", counted(dropped, "mark"));
@@ -227,6 +238,7 @@ fn end(mut recorded: Recorded, frames: u64) -> Result<(), BadInput> {
         for warning in &trial.warnings {
             text += &format!("\nwarning: {warning}");
         }
+        text += &format!("\n{}", trial.manifest.verdict().lines());
     }
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{text}");

@@ -21,6 +21,7 @@ mod labels;
 mod plots;
 mod study;
 mod trial;
+mod verdict;
 
 /// A trial or a study on one page, to be read in any browser, offline or on paper.
 ///

@@ -16,6 +16,7 @@ use plumbline_trial::Trial;
 use plumbline_trial::points::{Point, Points, point_name};
 
 use super::plots::{self, Event, Outline};
+use super::verdict;
 use crate::ui::page::{annotated, facts, figure, key, page, table, warnings};
 
 /// More gaps make no list that is read: these are the longest.
@@ -41,6 +42,7 @@ pub fn report(
     let bins = bins.map(|(at, it)| (plots::colour(at), format!("{} to {} s", it.start, it.end)));
     let colours: Vec<_> = bins.chain([(plots::OUTSIDE, "other times".to_owned())]).collect();
     let body = html! {
+        (verdict::band(&trial.manifest.verdict()))
         (facts(&known(trial, points, &analysis)))
         (warnings(&analysis.warnings))
         (events(points))

@@ -221,6 +221,10 @@ fn motion_json(rows: &Rows, trial: &Trial, task: &str) -> Value {
         "SubjectArtefactDescription":
             format!("{:.1} % of the positions are missing", 100.0 * (1.0 - seen as f64 / cells as f64)),
     });
+    // The standard allows further fields; these two are ours.
+    let verdict = trial.manifest.verdict();
+    about["Verdict"] = json!(verdict.grade().word());
+    about["VerdictDescription"] = json!(verdict.line());
     if let Some(the_box) = &trial.manifest.the_box {
         about["DeviceSerialNumber"] = json!(the_box.serial_number);
     }

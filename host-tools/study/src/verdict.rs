@@ -1,0 +1,63 @@
+//! The verdict on each trial, as the study honours it.
+
+use plumbline_files::BadInput;
+use plumbline_trial::Trial;
+use plumbline_trial::verdict::{Grade, Verdict};
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use crate::manifest::{Entry, Source, Study};
+
+/// What becomes of a trial that is unusable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unusable {
+    /// The study stops, and names it.
+    #[default]
+    Refuse,
+    /// It is left out, with a warning.
+    LeaveOut,
+}
+
+/// The trials that take part, and warnings that name those that are doubtful or left out.
+///
+/// # Errors
+/// When a trial cannot be read, or is unusable and the study refuses such trials.
+pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
+    let verdicts: Vec<_> = study.trials.par_iter().map(verdict).collect();
+    let (mut admitted, mut warnings) = (Vec::new(), Vec::new());
+    for (entry, verdict) in study.trials.iter().zip(verdicts) {
+        let Some((place, verdict)) = verdict? else {
+            admitted.push(entry);
+            continue;
+        };
+        let line = verdict.line();
+        match verdict.grade() {
+            Grade::Unusable if study.unusable == Unusable::Refuse => {
+                let remedy = verdict.reasons.first().map_or("", |worst| &worst.remedy);
+                let otherwise = format!("or write unusable = \"leave_out\" into {}", study.place);
+                return Err(BadInput::new(
+                    place,
+                    "verdict",
+                    line,
+                    format!("{remedy}; {otherwise}"),
+                ));
+            }
+            Grade::Unusable => warnings.push(format!("{place} is left out: {line}")),
+            grade => {
+                if grade == Grade::Doubtful || verdict.overruled.is_some() {
+                    warnings.push(format!("{place} is {line}"));
+                }
+                admitted.push(entry);
+            }
+        }
+    }
+    Ok((admitted, warnings))
+}
+
+/// The place of an entry and the verdict on it; a table of another system has none.
+fn verdict(entry: &Entry) -> Result<Option<(String, Verdict)>, BadInput> {
+    let Source::Trial(folder) = &entry.source else { return Ok(None) };
+    let trial = Trial::open(folder)?;
+    Ok(Some((folder.display().to_string(), trial.manifest.verdict())))
+}
