@@ -200,7 +200,7 @@ fn the_table_has_every_figure_as_analyze_has_it() {
                 None => assert_eq!(row["reason"], expected["absent"].as_str().unwrap(), "{figure}"),
             }
             let about = ["participant", "condition", "filter"].map(|it| row[it].as_str());
-            assert_eq!(about, ["P07", "wild", "Savitzky-Golay 0.5 s"]);
+            assert_eq!(about, ["P07", "wild", "Savitzky-Golay, second order, 0.5 s"]);
         }
     }
     let second = row("upper", "path length", "AP", "T2");

@@ -74,13 +74,18 @@ pub struct Found {
     pub warnings: Vec<String>,
 }
 
-/// The rows of a trial.
+/// The rows of a trial; `settings` says how its figures are made.
 ///
 /// # Errors
 /// When the trial cannot be read, or no trunk has a position in it.
-pub fn of_trial(folder: &Path, zero: Option<Zero>, settings: &Settings) -> Result<Found, BadInput> {
+pub fn of_trial(
+    folder: &Path,
+    zero: Option<Zero>,
+    settings: impl Fn(&Points) -> Settings,
+) -> Result<Found, BadInput> {
     let trial = Trial::open(folder)?;
     let points = Points::of(&trial, zero.unwrap_or(trial.manifest.zero))?;
+    let settings = &settings(&points);
     let of_trial = Row::of(folder, &trial.manifest, settings);
     let rows = Trunk::ALL.into_iter().flat_map(|trunk| {
         let point = points.points.iter().find(|it| it.name == trunk.word());
@@ -148,13 +153,18 @@ impl Row {
             value: None,
             standard_uncertainty: None,
             unit: "",
-            filter: settings.filter_s.map_or_else(
-                || "none".to_owned(),
-                |filter_s| format!("Savitzky-Golay {filter_s} s"),
-            ),
+            filter: filter_text(settings),
             rate_hz: None,
             reason: String::new(),
         }
+    }
+}
+
+/// The filter in words.
+fn filter_text(settings: &Settings) -> String {
+    match settings.filter_s {
+        Some(filter_s) => format!("Savitzky-Golay, second order, {filter_s} s"),
+        None => "none".to_owned(),
     }
 }
 

@@ -58,12 +58,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         check_out(out, *force)?;
     }
     refuse_twice(trials)?;
-    let settings = method.settings();
     let progress = Progress::of_trials(trials.len());
     let found: Vec<Result<Found, BadInput>> = trials
         .par_iter()
         .map(|folder| {
-            let found = tidy::of_trial(folder, *zero, &settings);
+            let found = tidy::of_trial(folder, *zero, |_| method.settings());
             progress.advance();
             found
         })
