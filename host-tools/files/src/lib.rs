@@ -17,6 +17,7 @@ pub mod counting;
 mod error;
 pub mod frames;
 pub mod poses;
+pub mod room;
 pub mod scene;
 pub mod targets;
 
