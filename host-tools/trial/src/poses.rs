@@ -56,7 +56,7 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
 }
 
 fn take_frames(sessions: &mut Sessions, frames: &mut Vec<(f64, PosePacket)>) {
-    while let Some(judged) = sessions.next() {
+    while let Some(judged) = sessions.next_judged() {
         if let Judged::Frame(frame) = judged {
             frames.push((frame.clock.time_s(frame.packet.capture_time_ns), frame.packet));
         }
