@@ -31,8 +31,9 @@ use screen::Screen;
 /// who was measured and how, how the box's clock relates to this computer's, and which events were
 /// marked. However the recording ends, no more than its last second is lost.
 ///
-/// Counts what is lost, repeated, late or corrupt. When the box restarts, the recording
-/// goes on. Press Enter to mark an event; type its name first if it has one. The mark called zero,
+/// Counts what is lost, repeated, late, corrupt or implausible. When the box restarts, the recording
+/// goes on, with a gap. Another box that sends here is left out and counted; once it has taken this
+/// one's place, the recording ends with an error and is kept. Press Enter to mark an event; type its name first if it has one. The mark called zero,
 /// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
 /// Ctrl-C, and prints a summary.
 #[derive(Debug, Args)]
