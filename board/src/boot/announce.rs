@@ -77,12 +77,11 @@ impl Announcer {
             else {
                 break;
             };
-            if is_broadcast(self.to.ip()) || from.ip() == self.to.ip() {
-                if let Ok(Packet { start: None, message }) = decode_datagram(&datagram[..length])
-                    && let Some(reply) = answer(&message)
-                {
-                    self.send_udp(&Message::Reply(reply), from);
-                }
+            if (is_broadcast(self.to.ip()) || from.ip() == self.to.ip())
+                && let Ok(Packet { start: None, message }) = decode_datagram(&datagram[..length])
+                && let Some(reply) = answer(&message)
+            {
+                self.send_udp(&Message::Reply(reply), from);
             }
         }
         let mut replies = heapless::Vec::<Reply, RECEIVED_PER_TURN_MAX>::new();

@@ -220,6 +220,12 @@ pub struct Column<'a> {
 }
 
 impl Column<'_> {
+    /// As it stands in the file.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.name
+    }
+
     /// The text of a row's cell; empty where the line is too short.
     pub fn text<'r>(&self, row: &'r Row) -> &'r str {
         trimmed(row.cells.get(self.at).unwrap_or_default())

@@ -17,6 +17,7 @@ mod error;
 pub mod frames;
 mod output;
 pub mod poses;
+pub mod room;
 pub mod scene;
 pub mod targets;
 pub mod text;

@@ -21,7 +21,7 @@ use plumbline::pose::{Cam, Pose, Target};
 use plumbline::scene::Anatomical;
 use serde::{Deserialize, Serialize};
 
-use crate::BadInput;
+use crate::{BadInput, room};
 
 /// All columns, in the order of the file: the fields of [`PoseRow`].
 pub const COLUMNS: [&str; 18] = [
@@ -50,6 +50,9 @@ pub const NUMBERS: usize = 14;
 
 /// How many of those are the pose; they come first.
 const POSE_NUMBERS: usize = 6;
+
+/// Those that are positions.
+const POSITIONS: [&str; 6] = ["x_mm", "y_mm", "z_mm", "ap_mm", "ml_mm", "si_mm"];
 
 /// The columns of [`PoseRow::numbers`].
 #[must_use]
@@ -280,6 +283,11 @@ pub fn parse(source: impl Read, place: &str) -> Result<Vec<PoseRow>, BadInput> {
         if numbers.iter().flatten().any(|value| !value.is_finite()) {
             return Err(at("a number of the pose is not finite".to_owned()));
         }
+        for (column, value) in number_columns().iter().zip(row.numbers()) {
+            if let Some(mm) = value.filter(|_| POSITIONS.contains(column)) {
+                room::check_mm(place, format_args!("{column} (line {line})"), mm)?;
+            }
+        }
         rows.push(row);
     }
 }
@@ -311,6 +319,20 @@ mod tests {
         writer.flush().unwrap();
         drop(writer);
         String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn a_position_that_no_room_holds_is_refused_with_its_line() {
+        for (old, new, column) in [("12.5", "1e30", "x_mm"), ("1400.0", "-2e5", "si_mm")] {
+            let row = PoseRow {
+                x_mm: Some(12.5),
+                si_mm: Some(1400.0),
+                ..PoseRow::without_pose(0, 0.0, "lumbar", "tracking").with_pose(&Pose::identity())
+            };
+            let text = written(&[row]).replace(old, new);
+            let error = parse(text.as_bytes(), "poses.csv").unwrap_err().to_string();
+            assert!(error.contains(&format!("{column} (line 2): a position of")), "{error}");
+        }
     }
 
     #[test]

@@ -158,6 +158,7 @@ fn a_trial_whose_files_are_damaged_is_read_or_refused_but_never_wrongly() {
     let manifest = std::fs::read_to_string(path("trial.toml")).unwrap();
     for (from, to, part) in [
         ("format = 2", "format = 9", "format: 9"),
+        ("format = 2", "format = 1", "format: 1"),
         ("state", "stat", "stat"),
         ("control", "cont\nrol", "trial.toml"),
     ] {

@@ -280,8 +280,11 @@ mod tests {
         Arrival::New { skipped }
     }
 
-    /// Sequence number, capture time in frames, and what it must be; all arrive at once.
-    fn run(name: &str, packets: &[(u32, u64, Arrival)]) -> Counts {
+    /// Sequence number, capture time in frames, and what it must be.
+    type Come = (u32, u64, Arrival);
+
+    /// All arrive at once.
+    fn run(name: &str, packets: &[Come]) -> Counts {
         let mut accounting = Accounting::default();
         for (index, &(sequence, time, wanted)) in packets.iter().enumerate() {
             let arrival = accounting.pose(sequence, time * FRAME_NS, 0);
@@ -292,7 +295,7 @@ mod tests {
 
     #[test]
     fn every_order_of_arrival_is_told_from_the_others() {
-        let table: [(&str, &[(u32, u64, Arrival)], [u64; 5]); 9] = [
+        let table: [(&str, &[Come], [u64; 5]); 9] = [
             // received, lost, repeated, late, implausible
             ("in order", &[(7, 7, First), (8, 8, NEXT)], [2, 0, 0, 0, 0]),
             ("lost", &[(0, 0, First), (4, 4, after(3))], [2, 3, 0, 0, 0]),

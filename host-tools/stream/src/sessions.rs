@@ -260,7 +260,7 @@ impl Sessions {
     }
 
     /// The next thing that has been judged.
-    pub fn next(&mut self) -> Option<Judged> {
+    pub fn next_judged(&mut self) -> Option<Judged> {
         self.judged.pop_front()
     }
 

@@ -153,18 +153,10 @@ impl Row {
             value: None,
             standard_uncertainty: None,
             unit: "",
-            filter: filter_text(settings),
+            filter: settings.filter.to_string(),
             rate_hz: None,
             reason: String::new(),
         }
-    }
-}
-
-/// The filter in words.
-fn filter_text(settings: &Settings) -> String {
-    match settings.filter_s {
-        Some(filter_s) => format!("Savitzky-Golay, second order, {filter_s} s"),
-        None => "none".to_owned(),
     }
 }
 

@@ -59,7 +59,7 @@ pub fn read(folder: &Path) -> Result<Poses, BadInput> {
 }
 
 fn take_frames(sessions: &mut Sessions, frames: &mut Vec<(f64, PosePacket)>) {
-    while let Some(judged) = sessions.next() {
+    while let Some(judged) = sessions.next_judged() {
         if let Judged::Frame(Frame { clock, packet, .. }) = judged {
             frames.push((clock.time_s(packet.capture_time_ns), packet));
         }

@@ -7,6 +7,7 @@ use plumbline_analysis::series::{Axis, Series};
 use plumbline_files::BadInput;
 use plumbline_files::columns::{Delimiter, TextTable};
 use plumbline_files::counting::counted;
+use plumbline_files::room;
 use serde::Deserialize;
 
 /// A row of zeros counts as dropped by the measuring system where its distance to the neighbours is
@@ -181,7 +182,11 @@ impl Table {
             for (position_mm, column) in position_mm.iter_mut().zip(axes) {
                 let Some(column) = column else { continue };
                 match column.number(&row)? {
-                    Some(value) => *position_mm = value * self.unit.mm(),
+                    Some(value) => {
+                        *position_mm = value * self.unit.mm();
+                        let field = format_args!("{} (line {line})", column.name());
+                        room::check_mm(&place, field, *position_mm)?;
+                    }
                     None => is_whole = false,
                 }
             }
@@ -371,6 +376,7 @@ mod tests {
             ("t,x,z\n0,1,2\n", "y: no such column; it has the columns t, x, z"),
             ("", "it has no columns"),
             ("t,x,y\n0,1,2\n0.1,one,2\n", "x (line 3): \"one\" is not a number"),
+            ("t,x,y\n0,1,2\n0.1,1,-1e30\n", "y (line 3): a position of -1e30 mm"),
             ("t,x,y\n0,1,2\n,1,2\n", "t (line 3): there is no time"),
             ("t,x,y\n0,1,2\n0.2,1,2\n0.1,1,2\n", "t (line 4): 0.1 s comes after 0.2 s"),
             ("t,x,y\n0,1,2\n", "fewer than two samples"),

@@ -354,7 +354,7 @@ impl Builder {
     }
 
     fn take_judged(&mut self, host_ns: u64) {
-        while let Some(judged) = self.sessions.next() {
+        while let Some(judged) = self.sessions.next_judged() {
             match judged {
                 Judged::Begins { hello, .. } => self.hello(hello),
                 Judged::Frame(frame) => self.frame(&frame),

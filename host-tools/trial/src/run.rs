@@ -158,7 +158,7 @@ mod tests {
                 sessions.take(packet, host_ns);
             }
         }
-        while let Some(judged) = sessions.next() {
+        while let Some(judged) = sessions.next_judged() {
             if let Judged::Frame(frame) = judged {
                 run.frame(&frame);
             }

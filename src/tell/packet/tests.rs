@@ -247,7 +247,11 @@ fn a_packet_that_ends_in_zero_needs_its_room_too() {
         let mut buffer = [0; FRAME_BYTES_MAX];
         let length = encode_frame(None, &message, &mut buffer).unwrap().len();
         for short in 0..length {
-            assert_eq!(encode_frame(None, &message, &mut buffer[..short]), Err(EncodeError), "{id}");
+            assert_eq!(
+                encode_frame(None, &message, &mut buffer[..short]),
+                Err(EncodeError),
+                "{id}"
+            );
         }
     }
     // One checksum in 256 does.

@@ -27,8 +27,9 @@ impl View {
         let FrameView { level, saturated, blur_px } = self.frame;
         let frame = [Some(level), Some(saturated), blur_px, self.gain];
         let of_target = |target: &TargetView| {
-            let TargetView { light, dark, saturated, blur_px: [along_x, along_y], pitch_px, .. } =
-                *target;
+            let TargetView {
+                light, dark, saturated, blur_px: [along_x, along_y], pitch_px, ..
+            } = *target;
             [light, dark, saturated, along_x, along_y, pitch_px].iter().all(|it| it.is_finite())
         };
         frame.into_iter().flatten().all(f32::is_finite) && self.targets.iter().all(of_target)

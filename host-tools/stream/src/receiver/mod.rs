@@ -290,7 +290,7 @@ impl<W: Write> Receiver<W> {
 
     /// Takes what has been judged; a packet `from` an address that is not the box's was the last.
     fn take_judged(&mut self, from: Option<SocketAddr>, now: Instant) -> Result<(), BadInput> {
-        while let Some(judged) = self.sessions.next() {
+        while let Some(judged) = self.sessions.next_judged() {
             match judged {
                 Judged::Begins { session, hello } => self.begin(session, hello),
                 Judged::Frame(frame) => {

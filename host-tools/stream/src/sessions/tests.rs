@@ -9,7 +9,7 @@ fn run(packets: Vec<(u64, Packet)>) -> (Vec<Judged>, Sessions) {
         sessions.take(packet, at_ns);
     }
     sessions.finish();
-    let judged = std::iter::from_fn(|| sessions.next()).collect();
+    let judged = std::iter::from_fn(|| sessions.next_judged()).collect();
     (judged, sessions)
 }
 
@@ -58,7 +58,7 @@ fn what_was_judged_does_not_depend_on_when_time_was_seen_to_pass() {
             before_ns = at_ns;
         }
         watched.finish();
-        let judged: Vec<Judged> = std::iter::from_fn(|| watched.next()).collect();
+        let judged: Vec<Judged> = std::iter::from_fn(|| watched.next_judged()).collect();
         assert_eq!(judged, run(packets).0, "{name}");
     }
 }

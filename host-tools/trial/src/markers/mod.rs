@@ -4,7 +4,7 @@ use std::path::Path;
 
 use plumbline_analysis::agreement::axes::Axes;
 use plumbline_analysis::series::Series;
-use plumbline_files::BadInput;
+use plumbline_files::{BadInput, room};
 
 use super::positions::Unit;
 
@@ -90,6 +90,10 @@ impl Markers {
             let Some(seen) = seen else { continue };
             time_s.push(self.first_s + frame as f64 / self.rate_hz);
             for (axis, column) in columns.iter_mut().enumerate() {
+                for (marker, position) in markers.iter().zip(&seen) {
+                    let field = format_args!("{} (frame {})", marker.name, frame + 1);
+                    room::check_mm(&self.place, field, position[axis] * unit.mm())?;
+                }
                 let sum: f64 = seen.iter().map(|it| it[axis]).sum();
                 column.push(sum / seen.len() as f64 * unit.mm());
             }

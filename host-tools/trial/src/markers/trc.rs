@@ -232,6 +232,17 @@ mod tests {
     }
 
     #[test]
+    fn a_position_that_no_room_holds_is_refused() {
+        let rows = "5\t2.00\t1\t2\t3\t4\t5\t6\n6\t2.01\t1\t1e30\t3\t4\t5\t6\n\
+                    7\t2.02\t1\t2\t4\t4\t5\t8\n";
+        let axes = Axes::parse("ap=X,ml=-Y,si=Z").unwrap();
+        let markers = read(rows).unwrap();
+        assert!(markers.series(&["B".to_owned()], None, &axes).is_ok());
+        let error = markers.series(&["A".to_owned()], None, &axes).unwrap_err().to_string();
+        assert!(error.starts_with("a.trc: A (frame 2): a position of 1e31 mm"), "{error}");
+    }
+
+    #[test]
     fn what_cannot_be_used_is_named_with_its_line() {
         let row = |frame: u32, time_s: f64| format!("{frame}\t{time_s}\t1\t2\t3\t4\t5\t6\n");
         let good = row(1, 0.0) + &row(2, 0.01);

@@ -102,7 +102,7 @@ fn listen(
 /// The frames that have come, and when each was taken, since the first of all. One that was
 /// overtaken is left out: it would be out of order.
 fn in_order(sessions: &mut Sessions) -> impl Iterator<Item = (f64, PosePacket)> {
-    std::iter::from_fn(|| sessions.next()).filter_map(|judged| match judged {
+    std::iter::from_fn(|| sessions.next_judged()).filter_map(|judged| match judged {
         Judged::Frame(frame) if !frame.is_late => {
             Some((frame.clock.time_s(frame.packet.capture_time_ns), frame.packet))
         }

@@ -39,11 +39,13 @@ use screen::Screen;
 /// what is amiss. If a check fails it records nothing and leaves no folder, unless --anyway is given:
 /// then the recording begins with the first packet, and the checks look at what is recorded. What
 /// failed or was warned of stands in trial.toml. To see whether the camera was moved since `plumb
-/// scene`, it asks for one small picture, in set-up mode. A recording that the box replays needs --anyway if
-/// it is to be recorded from its first frame.
+/// scene`, it asks for one small picture, in set-up mode. A recording that the box replays needs
+/// --anyway if it is to be recorded from its first frame.
 ///
-/// Counts what is lost, repeated, late or corrupt. When the box restarts, the recording
-/// goes on. Press Enter to mark an event; type its name first if it has one. The mark called zero,
+/// Counts what is lost, repeated, late, corrupt or implausible. When the box restarts, the recording
+/// goes on, with a gap. Another box that sends here is left out and counted; once it has taken this
+/// one's place, the recording ends with an error and is kept. Press Enter to mark an event; type its
+/// name first if it has one. The mark called zero,
 /// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
 /// Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or unusable, with the
 /// reasons.

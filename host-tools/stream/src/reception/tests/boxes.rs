@@ -101,3 +101,27 @@ fn a_silent_box_leaves_its_place_to_another_unless_it_is_held() {
     assert!(senders.heard(&second, &hello_of("ward 4", 2)));
     assert!(!senders.heard(&first, &hello(1)));
 }
+
+#[test]
+fn a_reception_ends_when_another_box_has_taken_the_place_of_the_first() {
+    let mut udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let to = udp.local_address().unwrap();
+    let sender = thread::spawn(move || {
+        let [first, other] = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+        for message in [hello(START), pose(0), pose(1)] {
+            first.send_to(&datagram(&message), to).unwrap();
+        }
+        thread::sleep(Duration::from_millis(3100));
+        for packet in [packet(9, hello_of("ward 4", 9)), packet(9, pose(0))] {
+            other.send_to(&datagram_of(&packet), to).unwrap();
+        }
+    });
+    let (mut receiver, csv) = receiver();
+    let stop = AtomicBool::new(false);
+    let ended = receive(&mut udp, &mut receiver, &mut (), until_frames(100), &stop, |_| ());
+    sender.join().unwrap();
+    let error = ended.unwrap_err().to_string();
+    assert!(error.starts_with("ward 3 (PL-0001): it has been silent for 3 s"), "{error}");
+    assert!(error.contains("another box sends now: ward 4 (PL-0001)"), "{error}");
+    assert_eq!(rows(&csv.text()).len(), 4, "what came of the first is kept");
+}

@@ -1,7 +1,9 @@
 //! The words for a reception.
 
 use plumbline::packet::{CameraState, Health, Log, LogLevel, Message};
+use plumbline_stream::fixture::adversity::hello_of;
 use plumbline_stream::fixture::{self, take};
+use plumbline_stream::transport::Event;
 
 use super::*;
 
@@ -11,10 +13,8 @@ fn pose(sequence: u32) -> Message {
     Message::Pose(fixture::pose_packet(sequence))
 }
 
-fn hello(device: &str, boot_id: u32) -> Message {
-    let hello = fixture::hello(&fixture::config());
-    let device = device.try_into().unwrap();
-    Message::Hello(Hello { device, boot_id, config_crc: 7, ..hello })
+fn hello() -> Message {
+    Message::Hello(Hello { config_crc: 7, ..fixture::hello(&fixture::config()) })
 }
 
 fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
@@ -30,7 +30,8 @@ fn log(uptime_ms: u64, text: &str) -> Message {
 #[test]
 fn lost_frames_are_a_share_of_all() {
     let mut receiver = Heard::new(None);
-    take(&mut receiver, Instant::now(), &[0, 1, 2, 4, 5, 6, 8].map(pose));
+    let frames = [0, 1, 2, 4, 5, 6, 8].map(pose);
+    take(&mut receiver, Instant::now(), &[vec![hello()], frames.to_vec()].concat());
     let words = summary(&receiver);
     assert!(words.contains("2 (22.22 %)"), "{words}");
 }
@@ -44,8 +45,7 @@ fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
 
     let why = log(41_000, "camera: cannot be opened");
     let lost = health(CameraState::Lost, 42_000, 0);
-    let now =
-        take(&mut receiver, start, &[lost.clone(), hello("ward 3", 1), why.clone(), lost, why]);
+    let now = take(&mut receiver, start, &[lost.clone(), hello(), why.clone(), lost, why]);
     let words = status(&receiver, "UDP", now);
     assert!(words.contains("the box is heard, no pose yet, camera lost: "), "{words}");
     assert!(words.contains("no frame since the box's start 42 s ago"), "{words}");
@@ -71,7 +71,7 @@ fn an_old_pose_is_not_shown_as_the_latest() {
     let mut receiver = Heard::new(None);
     let start = Instant::now();
     let running = health(CameraState::Running, 5000, 2);
-    let now = take(&mut receiver, start, &[hello("ward 3", 1), pose(0), pose(1), running]);
+    let now = take(&mut receiver, start, &[hello(), pose(0), pose(1), running]);
     assert!(status(&receiver, "UDP", now).contains("shoulder"));
 
     let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
@@ -96,30 +96,56 @@ fn an_old_pose_is_not_shown_as_the_latest() {
 fn a_box_that_fell_silent_is_not_said_to_run() {
     let mut receiver = Heard::new(None);
     let running = health(CameraState::Running, 5000, 2);
-    let now = take(&mut receiver, Instant::now(), &[hello("ward 3", 1), pose(0), running]);
+    let now = take(&mut receiver, Instant::now(), &[hello(), pose(0), running]);
     let words = status(&receiver, "UDP", now + Duration::from_secs(7));
     assert!(words.starts_with("the box is no longer heard, for 7 s; 1 frame,"), "{words}");
 }
 
 #[test]
-fn frames_belong_to_the_box_that_sent_them() {
+fn frames_belong_to_the_start_that_sent_them() {
     let mut receiver = Heard::new(None);
-    let first = [hello("ward 3", 1), pose(0), pose(1), hello("ward 4", 2)];
-    let now = take(&mut receiver, Instant::now(), &first);
-    // It has restarted, without a camera: what the one before has measured is over.
-    let now = take(&mut receiver, now, &[health(CameraState::Lost, 3000, 0)]);
-    let words = status(&receiver, "UDP", now);
+    let now = take(&mut receiver, Instant::now(), &[hello(), pose(0), pose(1)]);
+    // It restarts with another configuration, without a camera: what was measured is over.
+    let mut restart = |start: u32, config_crc: u32, after_s: u64, then: Message| {
+        let anew = Hello { boot_id: start, config_crc, ..fixture::hello(&fixture::config()) };
+        let now = now + Duration::from_secs(after_s);
+        for message in [Message::Hello(anew), then] {
+            let packet = fixture::packet(start, message);
+            receiver.handle(Event::Packet(packet), now).unwrap();
+        }
+        (status(&receiver, "UDP", now), summary(&receiver))
+    };
+    let (words, table) = restart(8, 9, 5, health(CameraState::Lost, 3000, 0));
     assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");
     assert!(!words.contains("shoulder"), "{words}");
     let firmware = fixture::hello(&fixture::config()).firmware;
-    let known = format!("ward 3 (PL-0001), {firmware}, configuration 00000007: ");
-    let words = summary(&receiver);
-    for row in [format!("{known}2 frames"), "ward 4".to_owned(), ": 0 frames".to_owned()] {
-        assert!(words.contains(&row), "{row}: {words}");
+    let box_with = |crc| format!("ward 3 (PL-0001), {firmware}, configuration 0000000{crc}: ");
+    for row in [box_with(7) + "2 frames", box_with(9) + "0 frames"] {
+        assert!(table.contains(&row), "{row}: {table}");
     }
-    // The same box once more, with frames.
-    take(&mut receiver, now, &[hello("ward 3", 3), pose(0)]);
-    assert!(summary(&receiver).contains(&format!("{known}3 frames")));
+    // And once more with the first, with frames.
+    let (_, table) = restart(10, 7, 9, pose(0));
+    assert!(table.contains(&(box_with(7) + "3 frames")), "{table}");
+}
+
+#[test]
+fn what_was_left_out_is_in_the_summary() {
+    let mut receiver = Heard::new(None);
+    let start = Instant::now();
+    take(&mut receiver, start, &[hello(), pose(0)]);
+    assert!(!summary(&receiver).contains("another box"));
+    for packet in [hello_of("ward 4", 9), fixture::packet(9, pose(0)), fixture::packet(5, pose(0))]
+    {
+        receiver.handle(Event::Packet(packet), start).unwrap();
+    }
+    receiver.finish(start).unwrap();
+    let words = summary(&receiver);
+    let rows: Vec<&str> = words.lines().collect();
+    let has = |what: &str, count: &str| {
+        rows.iter()
+            .any(|row| row.contains(what) && row.trim_end_matches(['│', ' ']).ends_with(count))
+    };
+    assert!(has("of another box", "2") && has("of a start without a name", "1"), "{words}");
 }
 
 #[test]
