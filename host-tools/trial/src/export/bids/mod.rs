@@ -2,8 +2,8 @@
 //! another recording in one that is there.
 //!
 //! The body's axes are in it as they are, under the names ap, ml and si; orientations are in the
-//! right-handed frame of [`orientation`]. Times that are not quite even are in the channel
-//! `latency`. Where a recording goes is [`data_set`]'s.
+//! right-handed frame of [`orientation`](super::orientation). Times that are not quite even are in
+//! the channel `latency`. Where a recording goes is [`data_set`]'s.
 
 use std::fmt::Write as _;
 use std::path::Path;
