@@ -261,11 +261,11 @@ fn an_output_never_overwrites_an_input() {
     assert_refused(
         &binary::plumb()
             .args(["track", "--camera", "camera.toml", "--targets", "targets.toml"])
-            .args(["--out", "no/such/place.csv", "frames.y4m"])
+            .args(["--out", "camera.toml/place.csv", "frames.y4m"])
             .current_dir(setting.0.path())
             .output()
             .expect("plumb runs"),
-        &["no/such/place.csv: "],
+        &["camera.toml: ", "a file is in its place"],
     );
     let scene = "theta1_rad = 0\ntheta2_rad = 0\ntheta3_rad = 0\nx_mm = 0\ny_mm = 0\nz_mm = 1000\n";
     setting.write("scene.toml", scene.as_bytes());

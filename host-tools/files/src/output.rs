@@ -235,6 +235,9 @@ impl Made {
     }
 
     fn add(&mut self, path: &Path) -> std::io::Result<()> {
+        if path.exists() && !path.is_dir() {
+            return Err(ErrorKind::NotADirectory.into());
+        }
         let is_missing = |it: &&Path| !it.as_os_str().is_empty() && !it.exists();
         let missing: Vec<&Path> = path.ancestors().take_while(is_missing).collect();
         for directory in missing.into_iter().rev() {
@@ -345,6 +348,8 @@ mod tests {
             assert_eq!(mode(&at(directory)), 0o700, "{directory}");
         }
         // A file is in the directory's place.
+        let error = make_directory(&at("e/f.png")).unwrap_err().to_string();
+        assert!(error.contains("f.png: not a directory; a directory belongs here"), "{error}");
         let error = create(&at("e/f.png/g/h.csv"), false).unwrap_err().to_string();
         assert!(error.contains("a file is in its place"), "{error}");
     }

@@ -276,13 +276,23 @@ impl<R: Read> Reader<R> {
     fn next_border(&mut self) -> io::Result<bool> {
         self.skip_delimiters()?;
         self.stuffed.clear();
-        let mut limited = (&mut self.source).take(STUFFED_BYTES_MAX as u64 + 1);
-        self.read += limited.read_until(DELIMITER, &mut self.stuffed)? as u64;
-        let is_bordered = self.stuffed.pop_if(|byte| *byte == DELIMITER).is_some();
-        if !is_bordered {
-            self.read += self.source.skip_until(DELIMITER)? as u64;
+        loop {
+            let buffer = self.source.fill_buf()?;
+            if buffer.is_empty() {
+                return Ok(false);
+            }
+            let border = buffer.iter().position(|byte| *byte == DELIMITER);
+            let part = border.unwrap_or(buffer.len());
+            // One byte more than an entry has shows that this is none.
+            let room = STUFFED_BYTES_MAX + 1 - self.stuffed.len();
+            self.stuffed.extend_from_slice(&buffer[..part.min(room)]);
+            let used = part + usize::from(border.is_some());
+            self.source.consume(used);
+            self.read += used as u64;
+            if border.is_some() {
+                return Ok(self.stuffed.len() <= STUFFED_BYTES_MAX);
+            }
         }
-        Ok(is_bordered)
     }
 
     /// A disk that has lost power may have left millions of zeros.

@@ -2,8 +2,8 @@
 //! another recording in one that is there.
 //!
 //! The body's axes are in it as they are, under the names ap, ml and si; orientations are in the
-//! right-handed frame of [`orientation`]. Times that are not quite even are in the channel
-//! `latency`. Where a recording goes is [`data_set`]'s.
+//! right-handed frame of [`orientation`](super::orientation). Times that are not quite even are in
+//! the channel `latency`. Where a recording goes is [`data_set`]'s.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -143,7 +143,7 @@ fn run(
     let same = there.iter().find(is_this).copied();
     let run = match recording.run {
         Some(run) => run,
-        None => same.unwrap_or(1 + there.iter().max().copied().unwrap_or_default()),
+        None => same.unwrap_or(there.iter().max().map_or(1, |last| last.saturating_add(1))),
     };
     let doubled = same.filter(|same| *same != run || !recording.force);
     let taken = there.contains(&run).then_some(run).filter(|_| !recording.force);

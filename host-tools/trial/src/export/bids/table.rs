@@ -72,8 +72,8 @@ impl Table {
         Some(&self.rows[row][column])
     }
 
-    /// Adds a row, in place of one with the same key. Columns that are not named here have no
-    /// value, and those that are not in the table are added.
+    /// Sets cells of the row with this key, which is added if it is not there. Other cells of the row
+    /// stay as they are or, in a new one, have no value; columns that are not in the table are added.
     pub fn add(&mut self, values: &[(&str, &str)]) {
         for (name, _) in values {
             if !self.names.iter().any(|it| it == name) {
@@ -81,15 +81,15 @@ impl Table {
                 self.rows.iter_mut().for_each(|row| row.push(MISSING.to_owned()));
             }
         }
-        let value = |name: &String| {
-            let (_, value) = values.iter().find(|(it, _)| it == name)?;
-            Some((*value).to_owned())
-        };
-        let row: Vec<String> =
-            self.names.iter().map(|name| value(name).unwrap_or(MISSING.to_owned())).collect();
-        match self.row(&row[self.key]) {
-            Some(at) => self.rows[at] = row,
-            None => self.rows.push(row),
+        let key = values.iter().find(|(name, _)| *name == self.names[self.key]);
+        let at = key.and_then(|(_, key)| self.row(key)).unwrap_or_else(|| {
+            self.rows.push(vec![MISSING.to_owned(); self.names.len()]);
+            self.rows.len() - 1
+        });
+        for (cell, name) in self.rows[at].iter_mut().zip(&self.names) {
+            if let Some((_, value)) = values.iter().find(|(it, _)| it == name) {
+                (*value).clone_into(cell);
+            }
         }
     }
 
@@ -128,6 +128,7 @@ mod tests {
         table.add(&[("participant_id", "sub-01"), ("acq_time", "noon")]);
         assert_eq!(table.get(0, "acq_time"), Some("n/a"));
         assert_eq!(table.get(1, "acq_time"), Some("noon"));
+        assert_eq!(table.get(1, "sex"), Some("M"));
         assert_eq!(table.row("sub-03"), Some(2));
     }
 
