@@ -338,3 +338,19 @@ fn the_carried_covariance_is_that_of_the_poses_found_anew() {
         assert!(off < 0.02, "{axis}: {off}");
     }
 }
+
+#[test]
+fn another_readout_moves_each_target_to_the_time_of_its_row() {
+    let recorded = config();
+    let corrected = Config { readout_ns: 16_000_000, ..recorded.clone() };
+    let lens = corrected.lens;
+    let correction = Correction { recorded, corrected };
+    let geometry = &correction.recorded.targets[0].geometry;
+    // On the optical axis: at the row of the principal point.
+    let pose = MeasuredPose { delay_ns: 0, ..plumbline_stream::fixture::pose() };
+    let pose = MeasuredPose { theta_rad: [0.0; 3], translation_mm: [0.0, 0.0, 1000.0], ..pose };
+    let found = correction.pose(&pose, geometry, geometry).unwrap();
+    let expected_ns = 16e6 * lens.cy_px / f64::from(lens.height_px);
+    assert!((f64::from(found.delay_ns) - expected_ns).abs() < 1.0, "{}", found.delay_ns);
+    assert_eq!(MeasuredPose { delay_ns: 0, ..found }, pose, "and nothing else");
+}
