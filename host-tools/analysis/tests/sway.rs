@@ -191,6 +191,10 @@ fn a_bin_with_too_little_says_how_much_it_has_and_needs() {
     assert!(bins(covered + 1e-6)[2].length_mm.axes.ap.value().is_none());
     // The share is rounded down: it never reads like the bound that it misses.
     assert!(reason(&bins(0.76)[2].length_mm.axes.ml).contains("(75 %); at least 76 %"));
+    // 57 hundredths of a hundred are 56.99999999999999 without care.
+    let absent = Absent::TooLittleMeasured { from_s: 0.0, to_s: 5.0, covered: 0.5, needed: 0.57 };
+    let expected = "0 to 5 s: 2.5 of 5 s measured (50 %); at least 57 % are needed";
+    assert_eq!(absent.to_string(), expected);
     assert_eq!(plumbline_analysis::sway::path::COVERED_MIN, Settings::default().covered_min);
 }
 

@@ -118,6 +118,12 @@ pub enum Absent {
     Overflow,
 }
 
+/// A share in percent, without the rounding of 0.57, which would be 56.99999999999999 %.
+#[must_use]
+pub fn percent(share: f64) -> f64 {
+    (1e6 * share).round() / 1e4
+}
+
 impl fmt::Display for Absent {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -130,7 +136,7 @@ impl fmt::Display for Absent {
                 covered * (to_s - from_s),
                 to_s - from_s,
                 (100.0 * covered).floor(),
-                100.0 * needed
+                percent(*needed)
             ),
             Self::TooFewSamples { samples, needed } => {
                 write!(formatter, "there are {samples} samples, but {needed} are needed")

@@ -6,7 +6,7 @@ use plumbline_analysis::series::{Axis, Plane};
 use plumbline_analysis::sway::Sway;
 use plumbline_analysis::sway::diffusion::Plot;
 use plumbline_analysis::sway::ellipse::Ellipse;
-use plumbline_analysis::sway::figure::{ByAxis, ByDirection, ByPlane, Figure};
+use plumbline_analysis::sway::figure::{ByAxis, ByDirection, ByPlane, Figure, percent};
 use plumbline_analysis::sway::noise::PathNoise;
 
 use crate::analysis::{Analysis, PointFigures};
@@ -49,7 +49,7 @@ pub fn text(analysis: &Analysis) -> String {
     let _ = write!(
         text,
         "\n{noise}\ncovered: the share of a time that was measured; a bin below {} % has no path\n",
-        100.0 * covered_min
+        percent(*covered_min)
     );
     text
 }

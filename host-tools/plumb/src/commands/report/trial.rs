@@ -8,6 +8,7 @@ use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::statistics::describe::median;
 use plumbline_analysis::sway::Settings;
 use plumbline_analysis::sway::ellipse::Ellipse;
+use plumbline_analysis::sway::figure::percent;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_study::analysis::{Analysis, PointFigures, tables};
@@ -79,7 +80,7 @@ fn method(analysis: &Analysis) -> Markup {
         "Each part without a gap is filtered alone. "
         "Total path length: the sum of the steps from each sample to the next; no step "
         "over a gap, and nothing is filled in. A time bin of which less than "
-        (100.0 * analysis.covered_min) " % was measured has no path length. "
+        (percent(analysis.covered_min)) " % was measured has no path length. "
         @if analysis.uncertainty_contains.is_empty() {
             "Figures have no ±: the noise of these positions is not known. "
         } @else {
