@@ -10,11 +10,12 @@ use plumbline_analysis::sway::figure::Figure;
 use plumbline_analysis::sway::path::Path as SwayPath;
 use plumbline_analysis::sway::{self, Settings, Sway};
 use plumbline_files::BadInput;
+use plumbline_files::text::as_cell;
 use plumbline_trial::Trial;
 use plumbline_trial::manifest::{Manifest, Zero};
 use plumbline_trial::points::{Point, Points};
 use plumbline_trial::reading::Trunk;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 use crate::measures::{Direction, MEASURES, Measure};
 use crate::time::time_name;
@@ -29,14 +30,16 @@ const NOT_SEEN: &str = "fewer than two frames have its position";
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
     /// Who was measured, as trial.toml says.
-    #[serde(serialize_with = "as_cell")]
+    #[serde(serialize_with = "as_cell::serialize")]
     pub participant: String,
     /// Under which condition, likewise.
-    #[serde(serialize_with = "as_cell")]
+    #[serde(serialize_with = "as_cell::serialize")]
     pub condition: String,
     /// The trial's folder, as it was given.
-    #[serde(serialize_with = "as_cell")]
+    #[serde(serialize_with = "as_cell::serialize")]
     pub trial: String,
+    /// The verdict on the trial: `good`, `doubtful` or `unusable`.
+    pub verdict: &'static str,
     /// `lower` or `upper`.
     pub trunk: &'static str,
     /// The part of the trial: `T1`, `T2`, ... or `whole`.
@@ -123,18 +126,6 @@ pub fn csv(rows: &[Row]) -> Vec<u8> {
     writer.into_inner().expect("memory has no end of writing")
 }
 
-/// A text as a cell. A spreadsheet computes a cell that begins as a formula: such a text, and one
-/// that has the mark already, gets an apostrophe before it.
-fn as_cell<S: Serializer>(text: &str, serializer: S) -> Result<S::Ok, S::Error> {
-    let is_formula =
-        text.trim_start_matches('\'').starts_with(['=', '+', '-', '@', '\t', '\r', '\n']);
-    if is_formula {
-        serializer.serialize_str(&format!("'{text}"))
-    } else {
-        serializer.serialize_str(text)
-    }
-}
-
 impl Row {
     /// What all rows of a trial have in common.
     fn of(folder: &Path, manifest: &Manifest, settings: &Settings) -> Self {
@@ -143,6 +134,7 @@ impl Row {
             participant: text(&manifest.participant),
             condition: text(&manifest.condition),
             trial: folder.display().to_string(),
+            verdict: manifest.verdict().grade().word(),
             trunk: "",
             segment: String::new(),
             start_s: None,
@@ -274,7 +266,7 @@ mod tests {
         let text = String::from_utf8(csv(&[row])).unwrap();
         let (header, row) = text.split_once('\n').unwrap();
         assert!(
-            header.starts_with("participant,condition,trial,trunk,segment,start_s"),
+            header.starts_with("participant,condition,trial,verdict,trunk,segment,start_s"),
             "{header}"
         );
         assert!(row.starts_with("'=1+1,\"a, \"\"b\"\"\",'-t,,,-5.0,,,"), "{row}");
