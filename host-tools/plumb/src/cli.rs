@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, figures, optics, prove, provision, receive,
-    replay, report, scene, show, simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, doctor, export, figures, optics, prove, provision,
+    receive, replay, report, scene, show, simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.

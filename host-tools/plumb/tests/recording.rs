@@ -313,7 +313,10 @@ fn without_a_box_there_is_no_folder() {
     for (arguments, part) in [
         ("analyze none", "not the folder of a trial"),
         ("replay person --tables", "packets.bin"),
-        ("receive --udp UDP --anyway --out person/truth.csv/b --frames 1", "a file is in its place"),
+        (
+            "receive --udp UDP --anyway --out person/truth.csv/b --frames 1",
+            "a file is in its place",
+        ),
     ] {
         let output = bench.plumb(arguments);
         let said = text(&output);

@@ -6,7 +6,7 @@ use crate::common::trial::{self, Frame};
 use std::path::Path;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
-use plumbline::packet::{Message, PACKET_BYTES_MAX, encode_datagram};
+use plumbline::packet::{Message, PACKET_BYTES_MAX, Start, encode_datagram};
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_stream::fixture;
 use plumbline_stream::transport::Raw;
@@ -273,7 +273,9 @@ fn without_a_scene(folder: &Path) {
     std::fs::write(folder.join(names::CONFIG), config.encode(&mut blob).unwrap()).unwrap();
     let mut journal = Writer::create(&folder.join(names::JOURNAL)).unwrap();
     let mut write = |host_ns, message: &Message| {
-        let datagram = encode_datagram(message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
+        let mut buffer = [0; PACKET_BYTES_MAX];
+        let start = Start::new(fixture::START);
+        let datagram = encode_datagram(start, message, &mut buffer).unwrap().to_vec();
         journal.write(&Entry { host_ns, content: Content::Raw(Raw::Datagram(datagram)) }).unwrap();
     };
     write(0, &Message::Hello(fixture::hello(&config)));

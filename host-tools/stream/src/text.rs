@@ -52,7 +52,8 @@ mod tests {
     /// As it comes in a datagram, and on a serial line.
     fn received(message: Message) -> Message {
         let Packet { start, message } = packet(START, message);
-        let datagram = encode_datagram(start, &message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
+        let datagram =
+            encode_datagram(start, &message, &mut [0; PACKET_BYTES_MAX]).unwrap().to_vec();
         let frame = encode_frame(start, &message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec();
         let [by_datagram, by_line] = [Raw::Datagram(datagram), Raw::Frame(frame)]
             .map(|raw| raw.decode(&mut Deframer::new()).unwrap());

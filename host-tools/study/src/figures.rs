@@ -122,10 +122,9 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
         // Of several errors, always the first is reported.
         .collect::<Result<_, _>>()?;
     let skipped = study.skipped.iter();
-    warnings.extend(
-        skipped
-            .map(|it| format!("{}: there is no trial in this folder: it is passed over", it.display())),
-    );
+    warnings.extend(skipped.map(|it| {
+        format!("{}: there is no trial in this folder: it is passed over", it.display())
+    }));
     let (mut sways, mut physiologies) = (Vec::new(), Vec::new());
     for trial in trials {
         sways.push(trial.sway);

@@ -64,7 +64,8 @@ pub fn of_trial(points: &Points, settings: &Settings, chosen: &[Chosen]) -> Foun
         let sway = sway::analyze(&point.series, None, settings);
         let sway = sway.map_err(|error| format!("{place}: {error}"));
         if let Ok(sway) = &sway {
-            let short = sway.figures.bins.iter().filter_map(|bin| bin.shortfall(settings.covered_min));
+            let short =
+                sway.figures.bins.iter().filter_map(|bin| bin.shortfall(settings.covered_min));
             found.warnings.extend(short.map(|short| format!("{place}: {short}: no value")));
         }
         found.responses.extend(chosen.iter().map(|chosen| {

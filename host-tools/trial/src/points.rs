@@ -143,7 +143,16 @@ impl Points {
         events.iter_mut().for_each(|event| event.time_s -= zero_s);
         let zero_utc_s = trial.first_frame_utc_s.map(|first_s| first_s + zero_s);
         let verdict = trial.manifest.verdict.clone();
-        Ok(Self { place, points: shifted, zero, is_zero_set, zero_utc_s, verdict, events, warnings })
+        Ok(Self {
+            place,
+            points: shifted,
+            zero,
+            is_zero_set,
+            zero_utc_s,
+            verdict,
+            events,
+            warnings,
+        })
     }
 
     /// The time that figures are of unless another is asked for, seconds: from t = 0 on where it

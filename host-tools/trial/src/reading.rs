@@ -439,12 +439,7 @@ impl Builder {
         of_its_run.or(first)?.event(host_ns, mark)
     }
 
-    fn finish(
-        mut self,
-        folder: &Path,
-        mut manifest: Manifest,
-        mut warnings: Vec<String>,
-    ) -> Trial {
+    fn finish(mut self, folder: &Path, mut manifest: Manifest, mut warnings: Vec<String>) -> Trial {
         self.sessions.finish();
         self.take_judged(u64::MAX);
         // The network may reorder packets.

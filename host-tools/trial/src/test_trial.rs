@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::Vector3;
 use plumbline::config::Config;
 use plumbline::packet::{
-    AnatomicalPoint, MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, Reply, ReplyOutcome, Start,
-    encode_datagram,
+    AnatomicalPoint, MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, Reply, ReplyOutcome,
+    Start, encode_datagram,
 };
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::SceneFrame;

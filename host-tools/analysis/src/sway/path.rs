@@ -123,8 +123,12 @@ impl Span {
 /// Why figures of this time have no value, if less than the needed fraction of it was measured.
 fn too_little(time_s: &Range<f64>, covered: f64, needed: f64) -> Option<Absent> {
     let (from_s, to_s) = (time_s.start, time_s.end);
-    (covered + ROUNDING < needed)
-        .then_some(Absent::TooLittleMeasured { from_s, to_s, covered, needed })
+    (covered + ROUNDING < needed).then_some(Absent::TooLittleMeasured {
+        from_s,
+        to_s,
+        covered,
+        needed,
+    })
 }
 
 /// The positions along an axis.

@@ -181,6 +181,7 @@ mod tests {
             zero: String::new(),
             is_zero_set,
             zero_utc_s: None,
+            verdict: None,
             events: Vec::new(),
             warnings: Vec::new(),
         };

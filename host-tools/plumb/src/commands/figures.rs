@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let found: Vec<Result<Found, BadInput>> = trials
         .par_iter()
         .map(|folder| {
-            let found = tidy::of_trial(folder, *zero, |_| method.settings());
+            let found = tidy::of_trial(folder, *zero, |points| method.settings(points));
             progress.advance();
             found
         })

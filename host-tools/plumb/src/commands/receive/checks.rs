@@ -142,7 +142,7 @@ struct Beside {
 
 impl Beside {
     fn event(&mut self, event: &Event, now: Instant) {
-        if matches!(event, Event::Message(_)) {
+        if matches!(event, Event::Packet(_)) {
             self.first.get_or_insert(now);
         }
         let since = now.saturating_duration_since(self.begun);

@@ -43,7 +43,7 @@ pub fn report(
     let bins = bins.map(|(at, it)| (plots::colour(at), format!("{} to {} s", it.start, it.end)));
     let colours: Vec<_> = bins.chain([(plots::OUTSIDE, "other times".to_owned())]).collect();
     let body = html! {
-        (verdict::band(&trial.manifest.verdict()))
+        @if let Some(trial) = trial { (verdict::band(&trial.manifest.verdict())) }
         (facts(&known(trial, points, &analysis)))
         (warnings(&analysis.warnings))
         (events(points))
