@@ -5,7 +5,7 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use plumbline_calibration::background::{Motion, Picture, Unclear, motion};
-use plumbline_render::simulate::background::Background;
+use plumbline_render::simulate::background::{Background, empty_room};
 use plumbline_render::simulate::render;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -74,7 +74,7 @@ impl Room {
         let blur_px = [1.0, 4.0, 8.0][seed as usize % 3];
         let size = [WIDTH + 2 * MARGIN, HEIGHT + 2 * MARGIN];
         let middle = [WIDTH as f64 / 2.0, HEIGHT as f64 / 2.0];
-        let room = Background::new(size, middle, 1.74, blur_px, seed).room().clone();
+        let room = empty_room(size, blur_px, seed);
         let mut person = render::Picture::uniform(WIDTH, HEIGHT, 0.0);
         let other = Background::new([WIDTH, HEIGHT], middle, 1.74, 0.6, seed + 1000);
         other.draw(|_| [0.0; 2], |_, _| 1.0, &mut person);

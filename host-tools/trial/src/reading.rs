@@ -370,6 +370,8 @@ impl Builder {
             Message::Health(health) => {
                 self.observed.power.take(&health);
             }
+            // It says once more who it is.
+            Message::Hello(hello) => self.hello(hello),
             Message::View(view) => self.observed.views.push(view),
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },

@@ -42,12 +42,6 @@ impl Background {
         Self { room, cloth: Picture { grey, ..cloth }, cover }
     }
 
-    /// The room alone.
-    #[must_use]
-    pub fn room(&self) -> &Picture {
-        &self.room
-    }
-
     /// The background multiplied by `gain`; a row shows the trunk moved by `shift_px` of that row.
     pub fn draw(
         &self,
