@@ -202,7 +202,7 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
         (whole.replacen("title", "titel", 1), "titel"),
         (
             whole.replacen("P1-calm.csv", "short.csv", 1),
-            "participant P1 has no value in calm, T3: ./short.csv, positions: 25 % of 40 to 60 s was measured, and 90 % are needed",
+            "participant P1 has no value in calm, T3: ./short.csv, positions: 40 to 60 s: 5.0 of 20 s measured (25 %); at least 90 % are needed",
         ),
         (format!("bins_s = [[0, 1e12]]\n{whole}"), "bins_s"),
     ];

@@ -197,8 +197,8 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
     assert_eq!((trial.frames.len(), trial.manifest.state), (FRAMES, State::Finished));
     assert_eq!(trial.manifest.participant.as_deref(), Some("P01"));
     let config = trial.config.as_ref().expect("the box tells its configuration");
-    // Asked for when the recording began, and again once the box was heard.
-    assert_eq!(trial.observed.views.len(), 1, "light and focus are in the packets");
+    // Asked for by the recording, and twice a second by the checks beside it.
+    assert!(trial.observed.views.len() > 1, "light and focus are in the packets");
     let keys: Vec<String> =
         trial.manifest.verdict().reasons.into_iter().map(|reason| reason.key).collect();
     assert_eq!(keys, ["duration_s"], "{}", trial.manifest.verdict().lines());

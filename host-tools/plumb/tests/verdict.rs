@@ -216,7 +216,7 @@ fn the_verdict_goes_with_every_export_that_has_room_for_it() {
     for name in [
         "t.c3d",
         "t.parquet",
-        "t.bids/sub-p01/motion/sub-p01_task-control_tracksys-plumbline_motion.json",
+        "t.bids/sub-p01/motion/sub-p01_task-control_tracksys-plumbline_run-1_motion.json",
     ] {
         assert!(read(name).contains(words), "{name}");
     }

@@ -269,7 +269,7 @@ mod tests {
             header.starts_with("participant,condition,trial,verdict,trunk,segment,start_s"),
             "{header}"
         );
-        assert!(row.starts_with("'=1+1,\"a, \"\"b\"\"\",'-t,,,-5.0,,,"), "{row}");
+        assert!(row.starts_with("'=1+1,\"a, \"\"b\"\"\",'-t,good,,,-5.0,,,"), "{row}");
         assert!(row.contains(",-1.5e-7,"), "{row}");
     }
 }
