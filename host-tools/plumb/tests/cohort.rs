@@ -319,7 +319,7 @@ fn whoever_lacks_a_value_is_named_with_the_reason_and_counted_out() {
         if n == 3 {
             assert_eq!(it["left_out"][0]["participant"], "P3");
             let reason = it["left_out"][0]["reason"].as_str().unwrap();
-            assert!(reason.contains("80 % of 20 to 30 s"), "{reason}");
+            assert!(reason.contains("20 to 30 s: 8.0 of 10 s measured (80 %)"), "{reason}");
         }
     }
     // A page says the same.
