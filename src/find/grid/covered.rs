@@ -1,12 +1,12 @@
 //! Where a target lies of which hair, a sleeve or a strap covers a part.
 //!
 //! The pieces of a lattice on both sides of a cover are joined by the plane of their corners, and
-//! squares that are seen beyond a cover are added. A strap may leave one line of corners on each
-//! side: then one number of hidden lines has to fit what is seen. Then the place of the target follows from the
-//! [`sides`] at which it is seen to end. Its columns and rows are known, so one end of an axis fixes
-//! the place along it. What is demanded is more: one end of each axis, and either both ends of one
-//! axis, as far apart as the target's columns or rows are, or squares in all of its columns and
-//! rows. No other missing target and no other place may fit what is seen, nor may paper be seen
+//! squares that are seen beyond a cover are added. Where a strap leaves one line of corners on each
+//! side, exactly one number of hidden lines has to fit what is seen. Then the place of the target
+//! follows from the [`sides`] at which it is seen to end. Its columns and rows are known, so one end
+//! of an axis fixes the place along it. What is demanded is more: one end of each axis, and either
+//! both ends of one axis, as far apart as the target's columns or rows are, or squares in all of its
+//! columns and rows. No other missing target and no other place may fit what is seen, nor may paper be seen
 //! where the hidden squares should be. So a cover may hide one whole side of the target, but not
 //! two. A target that the frame's border hides is not accepted.
 //!
