@@ -6,9 +6,9 @@
 //! follows from the [`sides`] at which it is seen to end. Its columns and rows are known, so one end
 //! of an axis fixes the place along it. What is demanded is more: one end of each axis, and either
 //! both ends of one axis, as far apart as the target's columns or rows are, or squares in all of its
-//! columns and rows. No other missing target and no other place may fit what is seen, nor may paper be seen
-//! where the hidden squares should be. So a cover may hide one whole side of the target, but not
-//! two. A target that the frame's border hides is not accepted.
+//! columns and rows. No other missing target and no other place may fit what is seen, nor may paper
+//! be seen where the hidden squares should be. So a cover may hide one whole side of the target, but
+//! not two. A target that the frame's border hides is not accepted.
 //!
 //! What it cannot detect: a board that has as many columns as the target, or as many rows, and of
 //! which a side is hidden that would show the difference.
