@@ -13,6 +13,8 @@ use plumbline_files::counting::counted;
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::recorder::state_words;
 
+use super::course::Course;
+
 /// A terminal is redrawn this often.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
 
@@ -43,8 +45,8 @@ impl Screen {
         screen
     }
 
-    pub(super) fn show<W: Write>(&mut self, receiver: &mut Receiver<W>) {
-        for notice in receiver.take_notices() {
+    pub(super) fn show<W: Write>(&mut self, receiver: &mut Receiver<W>, course: &mut Course) {
+        for notice in receiver.take_notices().into_iter().chain(course.news()) {
             self.say(&notice);
         }
         let now = Instant::now();
@@ -53,12 +55,12 @@ impl Screen {
             return;
         }
         self.last = Some(now);
-        let text = status(receiver, &self.place, now);
+        let text = format!("{}\n{}", time(course, now), status(receiver, &self.place, now));
         if self.terminal {
             self.bar.set_message(text);
             self.bar.tick();
         } else {
-            self.say(text.replace("\n ", ";").trim_end());
+            self.say(text.replace("\n ", ";").replace('\n', "; ").trim_end());
         }
     }
 
@@ -74,6 +76,17 @@ impl Screen {
             });
         }
     }
+}
+
+/// How far the recording has come.
+fn time(course: &Course, now: Instant) -> String {
+    let (elapsed, since) = course.elapsed(now);
+    let mut words = vec![format!("{:.0} s {since}", elapsed.as_secs_f64())];
+    words.extend(
+        course.remaining(now).map(|(to_go, until)| format!("{} s {until}", to_go.as_secs())),
+    );
+    words.extend(course.note().map(str::to_owned));
+    words.join(", ")
 }
 
 pub(super) fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
