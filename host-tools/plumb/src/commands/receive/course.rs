@@ -3,7 +3,6 @@
 //! Times here are those of arrival; the trial's own come from the box's clock. They differ by the
 //! delay of a frame, some milliseconds, which the end allows for.
 
-use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use plumbline_trial::mark::Mark;
@@ -13,9 +12,6 @@ const AWAITED_MAX: Duration = Duration::from_secs(600);
 
 /// The last frame of the duration has come by then.
 const FRAME_DELAY_MAX: Duration = Duration::from_millis(250);
-
-/// The number of marks that are shown.
-const SHOWN: usize = 3;
 
 /// What t = 0 is, as far as it can be known while the recording goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,15 +33,13 @@ pub(super) struct Course {
     first_frame: Option<Instant>,
     /// The mark that is t = 0, and whether it is called so.
     zero: Option<(Instant, bool)>,
-    marks: VecDeque<String>,
-    /// How many of the marks have been read by [`news`](Self::news).
-    unread: usize,
+    /// The marks that wait to be shown, in words.
+    news: Vec<String>,
 }
 
 impl Course {
     pub(super) fn new(begun: Instant, duration: Option<Duration>, zeroing: Zeroing) -> Self {
-        let marks = VecDeque::new();
-        Self { begun, duration, zeroing, first_frame: None, zero: None, marks, unread: 0 }
+        Self { begun, duration, zeroing, first_frame: None, zero: None, news: Vec::new() }
     }
 
     /// The checks are done, and the recording begins.
@@ -77,22 +71,12 @@ impl Course {
             let since = at.saturating_duration_since(zero).as_secs_f64();
             text += &format!(", {since:.2} s after t = 0");
         }
-        if self.marks.len() == SHOWN {
-            self.marks.pop_front();
-        }
-        self.marks.push_back(text);
-        self.unread = (self.unread + 1).min(SHOWN);
-    }
-
-    /// The latest marks, oldest first.
-    pub(super) fn marks(&self) -> impl Iterator<Item = &str> {
-        self.marks.iter().map(String::as_str)
+        self.news.push(text);
     }
 
     /// The marks since the last call.
     pub(super) fn news(&mut self) -> Vec<String> {
-        let read = self.marks.len() - std::mem::take(&mut self.unread);
-        self.marks.range(read..).cloned().collect()
+        std::mem::take(&mut self.news)
     }
 
     /// Whether the mark that is t = 0 has not come.
@@ -190,7 +174,7 @@ mod tests {
             "mark \"zero\" at 10.00 s, 1.00 s after t = 0",
         ];
         assert_eq!(course.news(), wanted);
-        assert!(course.news().is_empty() && course.marks().eq(wanted));
+        assert!(course.news().is_empty());
     }
 
     #[test]
