@@ -128,6 +128,11 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    /// By what the trial is judged.
+    fn criteria(&self) -> Result<Criteria, BadInput> {
+        Ok(self.criteria.as_deref().map(Criteria::read).transpose()?.unwrap_or_default())
+    }
+
     /// From when --duration counts.
     fn zeroing(&self) -> Zeroing {
         let can_be_marked =
@@ -169,7 +174,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let stop = stop_on_signals()?;
 
     let mut receiver = Receiver::new(recorder);
-    let mut screen = Screen::new(&place, arguments.quiet);
+    let mut screen = Screen::new(&place, arguments.criteria()?, arguments.quiet);
     let limits = Limits { duration: None, frames: arguments.frames };
     let tap: &mut dyn Tap = match &mut recorded {
         Some(recorded) => recorded,
@@ -220,7 +225,7 @@ fn begin(
         return Err(exists_already(out));
     }
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
-    let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
+    let criteria = arguments.criteria()?;
     let mut amiss = Vec::new();
     if !arguments.anyway {
         let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
@@ -231,7 +236,7 @@ fn begin(
     let now = Instant::now();
     let manifest = Manifest {
         checks: amiss,
-        criteria: criteria.unwrap_or_default(),
+        criteria,
         ..Manifest::begin(
             jiff::Timestamp::now().to_string(),
             arguments.participant.clone(),

@@ -11,9 +11,12 @@ use plumbline::packet::{CameraState, Hello};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::receiver::Receiver;
-use plumbline_stream::recorder::state_words;
+use plumbline_trial::verdict::Criteria;
 
 use super::course::Course;
+use live::Live;
+
+mod live;
 
 /// A terminal is redrawn this often.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
@@ -28,17 +31,27 @@ pub(super) struct Screen {
     quiet: bool,
     terminal: bool,
     last: Option<Instant>,
+    live: Live,
+    awaited_mark: bool,
 }
 
 impl Screen {
-    pub(super) fn new(place: &str, quiet: bool) -> Self {
+    pub(super) fn new(place: &str, criteria: Criteria, quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar =
             if quiet || !terminal { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
             bar.set_style(style);
         }
-        let mut screen = Self { bar, place: place.to_owned(), quiet, terminal, last: None };
+        let mut screen = Self {
+            bar,
+            place: place.to_owned(),
+            quiet,
+            terminal,
+            last: None,
+            live: Live::new(criteria),
+            awaited_mark: false,
+        };
         if !terminal {
             screen.say(&format!("listening at {place}"));
         }
@@ -50,12 +63,20 @@ impl Screen {
             self.say(&notice);
         }
         let now = Instant::now();
+        if std::mem::replace(&mut self.awaited_mark, course.awaits_mark()) && !course.awaits_mark()
+        {
+            self.live.start_over();
+        }
+        if let Some(latest) = receiver.latest(now) {
+            self.live.take(latest, now);
+        }
         let every = if self.terminal { REDRAW_EVERY } else { LINE_EVERY };
         if self.quiet || now.duration_since(*self.last.get_or_insert(now)) < every {
             return;
         }
         self.last = Some(now);
-        let text = format!("{}\n{}", time(course, now), status(receiver, &self.place, now));
+        let text =
+            format!("{}\n{}", time(course, now), status(receiver, &self.live, &self.place, now));
         if self.terminal {
             self.bar.set_message(text);
             self.bar.tick();
@@ -89,33 +110,27 @@ fn time(course: &Course, now: Instant) -> String {
     words.join(", ")
 }
 
-pub(super) fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
+fn status<W: Write>(receiver: &Receiver<W>, live: &Live, place: &str, now: Instant) -> String {
     let counts = receiver.counts();
     let Some(latest) = receiver.latest(now) else {
         return status_without_pose(receiver, place, now);
     };
-    let mut text = format!(
-        "{:.1} Hz, {}, {} lost, {} corrupt, latency {:.1} ms",
+    let lost_percent = 100.0 * counts.lost as f64 / (counts.received + counts.lost).max(1) as f64;
+    let mut lines = vec![format!(
+        "{:.1} Hz, {}, {} lost, {} late, {} corrupt, latency {:.1} ms",
         receiver.rate_hz(now),
         counted(counts.received, "frame"),
         counts.lost,
+        counts.late,
         receiver.bad().corrupt,
         f64::from(latest.latency_us) / 1000.0,
-    );
-    for target in &latest.targets {
-        let name = receiver.name(target.role);
-        // Writing to a String does not fail.
-        let _ = write!(text, "\n  {name:16} {}", state_words(target));
-        if let Ok(pose) = &target.pose {
-            let [x, y, z] = pose.translation_mm;
-            let _ = write!(text, "  x {x:.2}  y {y:.2}  z {z:.2} mm  {} corners", pose.corners);
-            let total = receiver.corners_total(target.role);
-            if let Some(total) = total.filter(|total| *total != pose.corners) {
-                let _ = write!(text, " of {total}");
-            }
-        }
+    )];
+    let movement = live.movement(latest);
+    if !movement.is_empty() {
+        lines.insert(0, live.verdict(lost_percent, now));
     }
-    text
+    lines.extend(movement);
+    lines.join("\n  ")
 }
 
 fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
