@@ -128,6 +128,13 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    /// Which trial this is, for people.
+    fn title(&self, place: &str) -> String {
+        let Some(out) = &self.out else { return format!("{place}, not recorded") };
+        let of = [self.participant.clone(), self.condition.clone()].into_iter().flatten();
+        [out.display().to_string()].into_iter().chain(of).collect::<Vec<_>>().join(", ")
+    }
+
     /// By what the trial is judged.
     fn criteria(&self) -> Result<Criteria, BadInput> {
         Ok(self.criteria.as_deref().map(Criteria::read).transpose()?.unwrap_or_default())
@@ -174,7 +181,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let stop = stop_on_signals()?;
 
     let mut receiver = Receiver::new(recorder);
-    let mut screen = Screen::new(&place, arguments.criteria()?, arguments.quiet);
+    let mut screen =
+        Screen::new(&place, &arguments.title(&place), arguments.criteria()?, arguments.quiet);
     let limits = Limits { duration: None, frames: arguments.frames };
     let tap: &mut dyn Tap = match &mut recorded {
         Some(recorded) => recorded,

@@ -16,6 +16,7 @@ use plumbline_trial::verdict::Criteria;
 use super::course::Course;
 use live::Live;
 
+mod big;
 mod live;
 
 /// A terminal is redrawn this often.
@@ -28,6 +29,8 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 pub(super) struct Screen {
     bar: ProgressBar,
     place: String,
+    /// Which trial this is.
+    title: String,
     quiet: bool,
     terminal: bool,
     last: Option<Instant>,
@@ -36,7 +39,7 @@ pub(super) struct Screen {
 }
 
 impl Screen {
-    pub(super) fn new(place: &str, criteria: Criteria, quiet: bool) -> Self {
+    pub(super) fn new(place: &str, title: &str, criteria: Criteria, quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar =
             if quiet || !terminal { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
@@ -46,6 +49,7 @@ impl Screen {
         let mut screen = Self {
             bar,
             place: place.to_owned(),
+            title: title.to_owned(),
             quiet,
             terminal,
             last: None,
@@ -78,7 +82,8 @@ impl Screen {
         let text =
             format!("{}\n{}", time(course, now), status(receiver, &self.live, &self.place, now));
         if self.terminal {
-            self.bar.set_message(text);
+            let large = clock(course, now).join("\n");
+            self.bar.set_message(format!("{}\n{large}\n{text}", self.title));
             self.bar.tick();
         } else {
             self.say(text.replace("\n ", ";").replace('\n', "; ").trim_end());
@@ -97,6 +102,22 @@ impl Screen {
             });
         }
     }
+}
+
+/// The time since t = 0 or the start, and what remains of it, in large digits.
+fn clock(course: &Course, now: Instant) -> [String; 5] {
+    let minutes = |time: Duration| format!("{}:{:02}", time.as_secs() / 60, time.as_secs() % 60);
+    let mut text = minutes(course.elapsed(now).0);
+    if let Some((to_go, _)) = course.remaining(now).filter(|_| !course.awaits_mark()) {
+        // Rounded up: 0 is the end.
+        let to_go = minutes(to_go + Duration::from_millis(999));
+        text += &format!(" {to_go}");
+    }
+    let locale = ["LC_ALL", "LC_CTYPE", "LANG"]
+        .into_iter()
+        .find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()));
+    let is_utf8 = locale.is_some_and(|it| it.to_lowercase().replace('-', "").contains("utf8"));
+    big::lines(&text, if is_utf8 { '█' } else { '#' })
 }
 
 /// How far the recording has come.
