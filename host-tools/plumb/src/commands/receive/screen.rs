@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
+use anstyle::AnsiColor;
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{CameraState, Hello};
@@ -83,6 +84,8 @@ impl Screen {
             format!("{}\n{}", time(course, now), status(receiver, &self.live, &self.place, now));
         if self.terminal {
             let large = clock(course, now).join("\n");
+            let is_plain = std::env::var_os("NO_COLOR").is_some_and(|it| !it.is_empty());
+            let text = if is_plain { text } else { coloured(&text) };
             self.bar.set_message(format!("{}\n{large}\n{text}", self.title));
             self.bar.tick();
         } else {
@@ -102,6 +105,21 @@ impl Screen {
             });
         }
     }
+}
+
+/// The same with the line of the verdict in the colour of its word.
+fn coloured(text: &str) -> String {
+    let line = |line: &str| {
+        let colour = match line.get(..4) {
+            Some("GOOD") => AnsiColor::Green,
+            Some("LOOK") => AnsiColor::Yellow,
+            Some("STOP") => AnsiColor::Red,
+            _ => return line.to_owned(),
+        };
+        let style = colour.on_default().bold().invert();
+        format!("{style} {line} {style:#}")
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// The time since t = 0 or the start, and what remains of it, in large digits.

@@ -164,3 +164,11 @@ fn what_was_wrong_with_the_power_is_in_the_summary() {
     let words = summary(&receiver);
     assert!(words.contains("too weak") && words.contains("slowed down"), "{words}");
 }
+
+#[test]
+fn the_verdict_alone_is_coloured() {
+    let text = coloured("2 s\nSTOP: lower target not seen for 11 s\n  60.0 Hz");
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[1].starts_with("\u{1b}[") && lines[1].contains("31m"), "{text:?}");
+    assert_eq!((lines[0], lines[2]), ("2 s", "  60.0 Hz"));
+}
