@@ -261,6 +261,38 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
 }
 
 #[test]
+fn the_duration_counts_from_the_mark_and_the_mark_is_shown() {
+    let Some(bench) = Bench::new() else { return };
+    const DURATION_S: f64 = 2.0;
+    let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let arguments =
+        format!("receive --udp UDP --anyway --out p02 --mark-udp {marks} --duration {DURATION_S}");
+    let mut command = bench.command(&arguments);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(|| UdpSocket::bind(bench.udp).is_err());
+    let _box = bench.start("sent.bin");
+    // More than a second of the recording is over, half of its duration.
+    wait_for(|| recorded(&bench.path("p02")) > FRAMES / 4 + RATE_HZ / 5);
+    UdpSocket::bind("127.0.0.1:0").unwrap().send_to(b"zero", marks).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let said = text(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("mark \"zero\" at ") && said.contains(" s: t = 0"), "{said}");
+
+    let trial = Trial::open(&bench.path("p02")).unwrap();
+    let zero_s = trial.manifest.zero_mark().unwrap().time_s;
+    assert!(zero_s > 1.0, "{zero_s}");
+    // The bin that ends with the duration is full, to a frame.
+    let last_s = trial.frames.last().unwrap().time_s;
+    assert!(last_s - zero_s >= DURATION_S - 1.0 / RATE_HZ as f64, "{zero_s} to {last_s}");
+    bench.done("analyze p02 --bins 1-2 --covered-min 99 --filter paper:0.1 --json p02.json");
+    let figures: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(bench.path("p02.json")).unwrap()).unwrap();
+    let bin = &figures["points"][0]["filtered"]["bins"][0];
+    assert!(bin["path"]["length_mm"]["ap"].is_object() || bin["length_mm"].is_object(), "{bin}");
+}
+
+#[test]
 fn a_recording_that_is_killed_loses_at_most_its_last_second() {
     let Some(bench) = Bench::new() else { return };
     let mut receiver = bench.receive("--out killed");

@@ -1,6 +1,7 @@
 //! Receiving until a limit is reached: packets to the [`Receiver`] and to whoever follows beside
 //! it, their questions to the box.
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,7 @@ use crate::transport::{Event, Transport};
 /// When a reception ends by itself.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Limits {
-    /// After this time.
+    /// After this time, whatever came.
     pub duration: Option<Duration>,
     /// After this many different pose packets.
     pub frames: Option<u64>,
@@ -45,8 +46,9 @@ impl Tap for () {
     }
 }
 
-/// Receives until a limit is reached or `stop` is set. `show` is called after
-/// every packet, and ten times a second when none comes. `tap` sees everything first.
+/// Receives until a limit is reached, `stop` is set or `show` breaks, which it does where the end
+/// depends on what came, such as a mark. It is called after every packet, and ten times a second
+/// when none comes. `tap` sees everything first.
 ///
 /// # Errors
 /// When the transport or the recording cannot go on, or the box has been exchanged for another one.
@@ -57,7 +59,7 @@ pub fn receive<W: std::io::Write>(
     tap: &mut dyn Tap,
     limits: Limits,
     stop: &AtomicBool,
-    mut show: impl FnMut(&mut Receiver<W>),
+    mut show: impl FnMut(&mut Receiver<W>) -> ControlFlow<()>,
 ) -> Result<(), BadInput> {
     let start = Instant::now();
     let reached = |receiver: &Receiver<W>| {
@@ -85,7 +87,9 @@ pub fn receive<W: std::io::Write>(
         for question in [receiver.request(Instant::now()), question].into_iter().flatten() {
             transport.send(&question);
         }
-        show(receiver);
+        if show(receiver).is_break() {
+            break Ok(());
+        }
     };
     // Poses that still wait for a Hello.
     result.and(receiver.finish(Instant::now()))

@@ -41,10 +41,15 @@ pub(super) fn listen(udp: Option<SocketAddr>, serial: Option<&str>) -> Result<Ma
         thread::spawn(move || lines(BufReader::new(port), Source::Serial, &sender));
     }
     // A script's standard input is not this program's to read.
-    if std::io::stdin().is_terminal() {
+    if has_keyboard() {
         thread::spawn(move || lines(std::io::stdin().lock(), Source::Key, &sender));
     }
     Ok(marks)
+}
+
+/// Whether somebody can type a mark.
+pub(super) fn has_keyboard() -> bool {
+    std::io::stdin().is_terminal()
 }
 
 fn path_and_baud(device: &str) -> Result<(&str, u32), BadInput> {

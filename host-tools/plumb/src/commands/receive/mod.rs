@@ -1,8 +1,11 @@
 //! `plumb receive`: checks a box, listens to it, shows what it says and records it.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::cell::RefCell;
+use std::io::Write as _;
 use std::net::SocketAddr;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -22,10 +25,12 @@ use crate::arguments::{LinkArguments, seconds};
 use crate::ui::stop::stop_on_signals;
 
 mod checks;
+mod course;
 mod marks;
 mod screen;
 
 use checks::Recorded;
+use course::{Course, Zeroing};
 use screen::Screen;
 
 /// Receive the poses of a box, show them and record them.
@@ -46,8 +51,8 @@ use screen::Screen;
 /// goes on, with a gap. Another box that sends here is left out and counted; once it has taken this
 /// one's place, the recording ends with an error and is kept. Press Enter to mark an event; type its
 /// name first if it has one. The mark called zero,
-/// or else the first mark, is the trial's t = 0. Ends after --duration, after --frames or with
-/// Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or unusable, with the
+/// or else the first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration
+/// after t = 0, after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or unusable, with the
 /// reasons.
 ///
 /// Exit code 0: done; 1: a check failed, and nothing was recorded; 2: an input or the link could not
@@ -96,7 +101,12 @@ pub struct Arguments {
     #[arg(long, value_name = "DEVICE[:BAUD]", requires = "out")]
     mark_serial: Option<String>,
 
-    /// End after this many seconds
+    /// End this many seconds after t = 0: the mark's, where one can come; otherwise the first frame's
+    ///
+    /// With --zero mark, the default, the recording waits for the mark, no longer than 10 minutes.
+    /// Without a keyboard, --mark-udp and --mark-serial no mark can come, and the time counts from
+    /// the first frame, as it does with --zero start and with --zero onset, whose t = 0 is found
+    /// afterwards.
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<Duration>,
 
@@ -117,6 +127,31 @@ pub struct Arguments {
     quiet: bool,
 }
 
+impl Arguments {
+    /// Which trial this is, for people.
+    fn title(&self, place: &str) -> String {
+        let Some(out) = &self.out else { return format!("{place}, not recorded") };
+        let of = [self.participant.clone(), self.condition.clone()].into_iter().flatten();
+        [out.display().to_string()].into_iter().chain(of).collect::<Vec<_>>().join(", ")
+    }
+
+    /// By what the trial is judged.
+    fn criteria(&self) -> Result<Criteria, BadInput> {
+        Ok(self.criteria.as_deref().map(Criteria::read).transpose()?.unwrap_or_default())
+    }
+
+    /// From when --duration counts.
+    fn zeroing(&self) -> Zeroing {
+        let can_be_marked =
+            self.mark_udp.is_some() || self.mark_serial.is_some() || marks::has_keyboard();
+        match self.zero {
+            Zero::Mark if can_be_marked => Zeroing::Mark,
+            Zero::Mark | Zero::Start => Zeroing::Start,
+            Zero::Onset => Zeroing::Onset,
+        }
+    }
+}
+
 /// Runs the subcommand; false if a check failed and nothing was recorded.
 ///
 /// # Errors
@@ -125,8 +160,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let mut link = arguments.link.open()?;
     let place = link.place().to_owned();
     let mut recorded = None;
+    let course = Rc::new(RefCell::new(Course::new(
+        Instant::now(),
+        arguments.duration,
+        if arguments.out.is_some() { arguments.zeroing() } else { Zeroing::Start },
+    )));
     if let Some(out) = &arguments.out {
-        recorded = begin(arguments, out, &mut link)?;
+        recorded = begin(arguments, out, &mut link, &course)?;
         if recorded.is_none() {
             return Ok(false);
         }
@@ -141,15 +181,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let stop = stop_on_signals()?;
 
     let mut receiver = Receiver::new(recorder);
-    let mut screen = Screen::new(&place, arguments.quiet);
-    let limits = Limits { duration: arguments.duration, frames: arguments.frames };
+    let mut screen =
+        Screen::new(&place, &arguments.title(&place), arguments.criteria()?, arguments.quiet);
+    let limits = Limits { duration: None, frames: arguments.frames };
     let tap: &mut dyn Tap = match &mut recorded {
         Some(recorded) => recorded,
         None => &mut (),
     };
     let mut transport = link.into_transport();
     let result = receive(&mut *transport, &mut receiver, tap, limits, &stop, |receiver| {
-        screen.show(receiver);
+        let now = Instant::now();
+        let mut course = course.borrow_mut();
+        if receiver.counts().received > 0 {
+            course.frame(now);
+        }
+        screen.show(receiver, &mut course);
+        if course.is_over(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     screen.end();
     // A closed pipe must not hide the result.
@@ -179,13 +226,14 @@ fn begin(
     arguments: &Arguments,
     out: &Path,
     link: &mut BoxLink,
+    course: &Rc<RefCell<Course>>,
 ) -> Result<Option<Recorded>, BadInput> {
     // Before anybody waits for the checks.
     if out.exists() {
         return Err(exists_already(out));
     }
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
-    let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
+    let criteria = arguments.criteria()?;
     let mut amiss = Vec::new();
     if !arguments.anyway {
         let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
@@ -196,7 +244,7 @@ fn begin(
     let now = Instant::now();
     let manifest = Manifest {
         checks: amiss,
-        criteria: criteria.unwrap_or_default(),
+        criteria,
         ..Manifest::begin(
             jiff::Timestamp::now().to_string(),
             arguments.participant.clone(),
@@ -205,19 +253,15 @@ fn begin(
             arguments.zero,
         )
     };
-    let recording = Recording::begin(out, &manifest, marks, now, Box::new(echo))?;
+    course.borrow_mut().begin(now);
+    let heard = Rc::clone(course);
+    let heard = move |mark: &Mark, since_s| heard.borrow_mut().mark(mark, since_s);
+    let recording = Recording::begin(out, &manifest, marks, now, Box::new(heard))?;
     Ok(Some(if arguments.anyway {
         Recorded::unchecked(recording, link, now, arguments.check_seconds)
     } else {
         Recorded::checked(recording)
     }))
-}
-
-/// A mark is in the recording.
-fn echo(mark: &Mark, since_s: f64) {
-    // Overwrites the status line, which is drawn again below.
-    let start = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
-    eprintln!("{start}mark \"{}\" after {since_s:.1} s", mark.label);
 }
 
 /// Ends a recording, and says what is in it.

@@ -5,13 +5,20 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
+use anstyle::AnsiColor;
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::packet::{CameraState, Hello};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::receiver::Receiver;
-use plumbline_stream::recorder::state_words;
+use plumbline_trial::verdict::Criteria;
+
+use super::course::Course;
+use live::Live;
+
+mod big;
+mod live;
 
 /// A terminal is redrawn this often.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
@@ -23,42 +30,66 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 pub(super) struct Screen {
     bar: ProgressBar,
     place: String,
+    /// Which trial this is.
+    title: String,
     quiet: bool,
     terminal: bool,
     last: Option<Instant>,
+    live: Live,
+    awaited_mark: bool,
 }
 
 impl Screen {
-    pub(super) fn new(place: &str, quiet: bool) -> Self {
+    pub(super) fn new(place: &str, title: &str, criteria: Criteria, quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar =
             if quiet || !terminal { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
             bar.set_style(style);
         }
-        let mut screen = Self { bar, place: place.to_owned(), quiet, terminal, last: None };
+        let mut screen = Self {
+            bar,
+            place: place.to_owned(),
+            title: title.to_owned(),
+            quiet,
+            terminal,
+            last: None,
+            live: Live::new(criteria),
+            awaited_mark: false,
+        };
         if !terminal {
             screen.say(&format!("listening at {place}"));
         }
         screen
     }
 
-    pub(super) fn show<W: Write>(&mut self, receiver: &mut Receiver<W>) {
-        for notice in receiver.take_notices() {
+    pub(super) fn show<W: Write>(&mut self, receiver: &mut Receiver<W>, course: &mut Course) {
+        for notice in receiver.take_notices().into_iter().chain(course.news()) {
             self.say(&notice);
         }
         let now = Instant::now();
+        if std::mem::replace(&mut self.awaited_mark, course.awaits_mark()) && !course.awaits_mark()
+        {
+            self.live.start_over();
+        }
+        if let Some(latest) = receiver.latest(now) {
+            self.live.take(latest, now);
+        }
         let every = if self.terminal { REDRAW_EVERY } else { LINE_EVERY };
         if self.quiet || now.duration_since(*self.last.get_or_insert(now)) < every {
             return;
         }
         self.last = Some(now);
-        let text = status(receiver, &self.place, now);
+        let text =
+            format!("{}\n{}", time(course, now), status(receiver, &self.live, &self.place, now));
         if self.terminal {
-            self.bar.set_message(text);
+            let large = clock(course, now).join("\n");
+            let is_plain = std::env::var_os("NO_COLOR").is_some_and(|it| !it.is_empty());
+            let text = if is_plain { text } else { coloured(&text) };
+            self.bar.set_message(format!("{}\n{large}\n{text}", self.title));
             self.bar.tick();
         } else {
-            self.say(text.replace("\n ", ";").trim_end());
+            self.say(text.replace("\n ", ";").replace('\n', "; ").trim_end());
         }
     }
 
@@ -76,33 +107,69 @@ impl Screen {
     }
 }
 
-pub(super) fn status<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {
+/// The same with the line of the verdict in the colour of its word.
+fn coloured(text: &str) -> String {
+    let line = |line: &str| {
+        let colour = match line.get(..4) {
+            Some("GOOD") => AnsiColor::Green,
+            Some("LOOK") => AnsiColor::Yellow,
+            Some("STOP") => AnsiColor::Red,
+            _ => return line.to_owned(),
+        };
+        let style = colour.on_default().bold().invert();
+        format!("{style} {line} {style:#}")
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// The time since t = 0 or the start, and what remains of it, in large digits.
+fn clock(course: &Course, now: Instant) -> [String; 5] {
+    let minutes = |time: Duration| format!("{}:{:02}", time.as_secs() / 60, time.as_secs() % 60);
+    let mut text = minutes(course.elapsed(now).0);
+    if let Some((to_go, _)) = course.remaining(now).filter(|_| !course.awaits_mark()) {
+        // Rounded up: 0 is the end.
+        let to_go = minutes(to_go + Duration::from_millis(999));
+        text += &format!(" {to_go}");
+    }
+    let locale = ["LC_ALL", "LC_CTYPE", "LANG"]
+        .into_iter()
+        .find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()));
+    let is_utf8 = locale.is_some_and(|it| it.to_lowercase().replace('-', "").contains("utf8"));
+    big::lines(&text, if is_utf8 { '█' } else { '#' })
+}
+
+/// How far the recording has come.
+fn time(course: &Course, now: Instant) -> String {
+    let (elapsed, since) = course.elapsed(now);
+    let mut words = vec![format!("{:.0} s {since}", elapsed.as_secs_f64())];
+    words.extend(
+        course.remaining(now).map(|(to_go, until)| format!("{} s {until}", to_go.as_secs())),
+    );
+    words.extend(course.note().map(str::to_owned));
+    words.join(", ")
+}
+
+fn status<W: Write>(receiver: &Receiver<W>, live: &Live, place: &str, now: Instant) -> String {
     let counts = receiver.counts();
     let Some(latest) = receiver.latest(now) else {
         return status_without_pose(receiver, place, now);
     };
-    let mut text = format!(
-        "{:.1} Hz, {}, {} lost, {} corrupt, latency {:.1} ms",
+    let lost_percent = 100.0 * counts.lost as f64 / (counts.received + counts.lost).max(1) as f64;
+    let mut lines = vec![format!(
+        "{:.1} Hz, {}, {} lost, {} late, {} corrupt, latency {:.1} ms",
         receiver.rate_hz(now),
         counted(counts.received, "frame"),
         counts.lost,
+        counts.late,
         receiver.bad().corrupt,
         f64::from(latest.latency_us) / 1000.0,
-    );
-    for target in &latest.targets {
-        let name = receiver.name(target.role);
-        // Writing to a String does not fail.
-        let _ = write!(text, "\n  {name:16} {}", state_words(target));
-        if let Ok(pose) = &target.pose {
-            let [x, y, z] = pose.translation_mm;
-            let _ = write!(text, "  x {x:.2}  y {y:.2}  z {z:.2} mm  {} corners", pose.corners);
-            let total = receiver.corners_total(target.role);
-            if let Some(total) = total.filter(|total| *total != pose.corners) {
-                let _ = write!(text, " of {total}");
-            }
-        }
+    )];
+    let movement = live.movement(latest);
+    if !movement.is_empty() {
+        lines.insert(0, live.verdict(lost_percent, now));
     }
-    text
+    lines.extend(movement);
+    lines.join("\n  ")
 }
 
 fn status_without_pose<W: Write>(receiver: &Receiver<W>, place: &str, now: Instant) -> String {

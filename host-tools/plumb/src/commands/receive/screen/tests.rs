@@ -7,6 +7,10 @@ use plumbline_stream::transport::Event;
 
 use super::*;
 
+fn status(receiver: &Heard, place: &str, now: Instant) -> String {
+    super::status(receiver, &Live::new(Criteria::default()), place, now)
+}
+
 type Heard = Receiver<Vec<u8>>;
 
 fn pose(sequence: u32) -> Message {
@@ -72,7 +76,7 @@ fn an_old_pose_is_not_shown_as_the_latest() {
     let start = Instant::now();
     let running = health(CameraState::Running, 5000, 2);
     let now = take(&mut receiver, start, &[hello(), pose(0), pose(1), running]);
-    assert!(status(&receiver, "UDP", now).contains("shoulder"));
+    assert!(status(&receiver, "UDP", now).contains("upper trunk"));
 
     let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
     let later = now + Duration::from_secs(3);
@@ -80,7 +84,7 @@ fn an_old_pose_is_not_shown_as_the_latest() {
     assert_eq!(receiver.unheard(later), None);
     let words = status(&receiver, "UDP", later);
     assert!(words.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{words}");
-    assert!(!words.contains("shoulder"), "{words}");
+    assert!(!words.contains("upper trunk"), "{words}");
     let words = summary(&receiver);
     assert!(words.contains("lost 1 time, absent at the end"), "{words}");
 
@@ -117,7 +121,7 @@ fn frames_belong_to_the_start_that_sent_them() {
     };
     let (words, table) = restart(8, 9, 5, health(CameraState::Lost, 3000, 0));
     assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");
-    assert!(!words.contains("shoulder"), "{words}");
+    assert!(!words.contains("upper trunk"), "{words}");
     let firmware = fixture::hello(&fixture::config()).firmware;
     let box_with = |crc| format!("ward 3 (PL-0001), {firmware}, configuration 0000000{crc}: ");
     for row in [box_with(7) + "2 frames", box_with(9) + "0 frames"] {
@@ -159,4 +163,12 @@ fn what_was_wrong_with_the_power_is_in_the_summary() {
     take(&mut receiver, now, &[power(Some(true), Some(false)), power(Some(false), Some(true))]);
     let words = summary(&receiver);
     assert!(words.contains("too weak") && words.contains("slowed down"), "{words}");
+}
+
+#[test]
+fn the_verdict_alone_is_coloured() {
+    let text = coloured("2 s\nSTOP: lower target not seen for 11 s\n  60.0 Hz");
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[1].starts_with("\u{1b}[") && lines[1].contains("31m"), "{text:?}");
+    assert_eq!((lines[0], lines[2]), ("2 s", "  60.0 Hz"));
 }
