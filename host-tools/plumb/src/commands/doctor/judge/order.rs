@@ -80,7 +80,7 @@ mod tests {
         let mut findings = with_config(|config| config.cam_from_scene_theta = None);
         assert_says(&check(&findings, SUBJECT), Verdict::Good, &["in the picture"]);
         exchange(&mut findings);
-        assert_says(&check(&findings, SUBJECT), Verdict::Warn, &["-300 mm", "exchange"]);
+        assert_says(&check(&findings, SUBJECT), Verdict::Warn, &["300 mm below", "exchange"]);
     }
 
     /// The scene says where up is, however the camera hangs: here upside down.
