@@ -416,7 +416,10 @@ fn exchanged_targets_are_not_recorded_unless_told_to() {
     let failed: Vec<_> =
         amiss("trial").into_iter().filter(|check| check.verdict == CheckVerdict::Fail).collect();
     let [check] = &failed[..] else { panic!("{failed:?}") };
-    assert!(check.subject == "upper above lower" && check.seen.contains("-70 mm"), "{check:?}");
+    assert!(
+        check.subject == "upper above lower" && check.seen.contains("70 mm below"),
+        "{check:?}"
+    );
 
     // Corrected, it is recorded; that its rate is below the standard is said and written down.
     drop(running);
