@@ -127,6 +127,20 @@ impl Write for Late {
     }
 }
 
+/// Writes a result to standard output. A program that reads no further, such as `head`, is no fault.
+///
+/// # Errors
+/// When the operating system refuses, as on a full disk.
+pub fn print(text: &str) -> Result<(), BadInput> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(BadInput::io("standard output", &error))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes several files: all of them or none. Where one exists and `force` is not given, or the
 /// disk is full, nothing is left behind. Each file is renamed atomically: no other program ever
 /// sees a part of it.

@@ -106,6 +106,22 @@ fn settings_that_suit_no_trial_are_refused() {
     assert_eq!(std::fs::read(folder.path().join("there.json")).unwrap(), b"kept");
 }
 
+/// A table that is cut off by a full disk must not pass for the whole one.
+#[test]
+fn a_result_that_standard_output_does_not_take_is_an_error() {
+    let folder = setting();
+    for arguments in [&["figures", "t1", "--out", "-"][..], &["analyze", "t1"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plumb"));
+        let output = command.current_dir(folder.path()).args(arguments).stdout(full).output();
+        let output = output.unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains("error: standard output: "), "{arguments:?}: {said}");
+        assert!(said.contains("make room"), "{arguments:?}: {said}");
+    }
+}
+
 /// Whoever gives an option relies on it: what it cannot be applied to is refused by its name.
 #[test]
 fn options_that_would_go_unheard_are_refused() {

@@ -406,7 +406,7 @@ fn exchanged_targets_are_not_recorded_unless_told_to() {
     let running = Running::start(&board, bench.folder.path(), true);
     let receive = "receive --udp UDP --check-seconds 1 --out trial --frames 30";
     bench.plumb(receive).exits(1).says(&[
-        "FAIL  upper above lower  \"lumbar\" is -70 mm above \"shoulder\"",
+        "FAIL  upper above lower  \"lumbar\" is 70 mm below \"shoulder\"",
         "role = \"upper\"",
         "not recorded: 1 check failed",
     ]);
@@ -416,7 +416,10 @@ fn exchanged_targets_are_not_recorded_unless_told_to() {
     let failed: Vec<_> =
         amiss("trial").into_iter().filter(|check| check.verdict == CheckVerdict::Fail).collect();
     let [check] = &failed[..] else { panic!("{failed:?}") };
-    assert!(check.subject == "upper above lower" && check.seen.contains("-70 mm"), "{check:?}");
+    assert!(
+        check.subject == "upper above lower" && check.seen.contains("70 mm below"),
+        "{check:?}"
+    );
 
     // Corrected, it is recorded; that its rate is below the standard is said and written down.
     drop(running);

@@ -1,6 +1,5 @@
 //! `plumb analyze`: the sway figures of a trial.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -93,7 +92,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&analysis)? + "\n";
         write_all(&[(path.clone(), text.into_bytes())], arguments.force)?;
     }
-    // A closed pipe must not hide the result.
-    let _ = write!(std::io::stdout(), "{}", tables::text(&analysis));
+    plumbline_files::print(&tables::text(&analysis))?;
     Ok(())
 }

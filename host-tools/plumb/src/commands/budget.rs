@@ -1,6 +1,5 @@
 //! `plumb budget`: how well the figures of a trial are known.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -93,7 +92,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&budget)? + "\n";
         write_all(&[(path.clone(), text.into_bytes())], arguments.force)?;
     }
-    // A closed pipe must not hide the result.
-    let _ = write!(std::io::stdout(), "{}", tables::text(&budget));
+    plumbline_files::print(&tables::text(&budget))?;
     Ok(())
 }

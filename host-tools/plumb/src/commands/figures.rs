@@ -91,8 +91,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     }
     let text = tidy::csv(&table);
     if is_stdout {
-        // A closed pipe, as of `head`, is no fault.
-        let _ = std::io::stdout().write_all(&text);
+        plumbline_files::print(&String::from_utf8_lossy(&text))?;
     } else {
         write_all(&[(out.clone(), text)], *force)?;
         let trials = counted(trials.len() - broken, "trial");

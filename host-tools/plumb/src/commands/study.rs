@@ -1,6 +1,5 @@
 //! `plumb study`: the statistics of many trials, or of any long table.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -99,8 +98,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.json {
         write_all(&[(path.clone(), (json + "\n").into_bytes())], arguments.force)?;
     }
-    // A closed pipe must not hide the result.
-    let _ = write!(std::io::stdout(), "{text}");
+    plumbline_files::print(&text)?;
     Ok(())
 }
 

@@ -1,6 +1,5 @@
 //! `plumb target`: targets to print.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use plumbline::limits::NAME_BYTES_MAX;
@@ -129,12 +128,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "Print at 100 % (\"actual size\"); the ruler must measure 100 mm. Then measure the squares, many at once, and correct pitch_mm if it differs."
     );
     if arguments.targets.is_none() {
-        match std::io::stdout().write_all(entry.as_bytes()) {
-            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                return Err(BadInput::io("standard output", &error).into());
-            }
-            _ => {}
-        }
+        plumbline_files::print(&entry)?;
     }
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! `plumb validate`: how well trials agree with motion capture.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -79,8 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in &validation.warnings {
         eprintln!("warning: {warning}");
     }
-    // A closed pipe must not hide the result.
-    let _ = write!(std::io::stdout(), "{}", print::text(&validation));
+    plumbline_files::print(&print::text(&validation))?;
     Ok(())
 }
 

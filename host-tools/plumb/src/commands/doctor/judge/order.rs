@@ -37,13 +37,14 @@ pub fn check(findings: &Findings) -> Option<Check> {
     // Without a scene up is only what is up in the picture, and a camera may lie on its side.
     let bad = if scene.is_some() { Verdict::Fail } else { Verdict::Warn };
     let along = if scene.is_some() { "along SI" } else { "in the picture" };
+    let side = if above_mm < 0.0 { "below" } else { "above" };
     let [upper, lower] = [Role::Upper, Role::Lower].map(|role| findings.name(role));
     Some(Check::new(
         if above_mm < ABOVE_MIN_MM { bad } else { Verdict::Good },
         SUBJECT,
         format!(
-            "\"{upper}\" is {above_mm:.0} mm above \"{lower}\" {along} (at least \
-             {ABOVE_MIN_MM:.0})"
+            "\"{upper}\" is {:.0} mm {side} \"{lower}\" {along} (at least {ABOVE_MIN_MM:.0} above)",
+            above_mm.abs()
         ),
         "exchange role = \"upper\" and role = \"lower\" in the targets file and send it with `plumb \
          provision --send`, or exchange the prints on the person: \"upper\" belongs on the shoulder",
@@ -70,7 +71,7 @@ mod tests {
         let mut findings = healthy();
         assert_says(&check(&findings, SUBJECT), Verdict::Good, &["300 mm above", "along SI"]);
         exchange(&mut findings);
-        let parts = ["is -300 mm above", "at least 50", "role = \"upper\"", "targets file"];
+        let parts = ["is 300 mm below", "at least 50 above", "role = \"upper\"", "targets file"];
         assert_says(&check(&findings, SUBJECT), Verdict::Fail, &parts);
     }
 
@@ -79,7 +80,7 @@ mod tests {
         let mut findings = with_config(|config| config.cam_from_scene_theta = None);
         assert_says(&check(&findings, SUBJECT), Verdict::Good, &["in the picture"]);
         exchange(&mut findings);
-        assert_says(&check(&findings, SUBJECT), Verdict::Warn, &["-300 mm", "exchange"]);
+        assert_says(&check(&findings, SUBJECT), Verdict::Warn, &["300 mm below", "exchange"]);
     }
 
     /// The scene says where up is, however the camera hangs: here upside down.
