@@ -165,6 +165,9 @@ fn a_study_refuses_an_unusable_trial_or_leaves_it_out_and_names_the_doubtful() {
                 if (who, condition) == ("P2", "hypo") {
                     std::mem::swap(&mut frame.lower_mm, &mut frame.upper_mm);
                 }
+                if (who, condition) == ("P3", "calm") && frame.sequence % 4 > 0 {
+                    frame.lower_mm = None;
+                }
             }
             let path = folder.path().join(format!("{who}-{condition}"));
             trial::write(&path, &frames, &[(1.0, "zero")]);
@@ -174,6 +177,18 @@ fn a_study_refuses_an_unusable_trial_or_leaves_it_out_and_names_the_doubtful() {
     let parts =
         ["P2-hypo: verdict: unusable: upper trunk above the lower", "unusable = \"leave_out\""];
     refused(folder.path(), "study study.toml", &parts);
+    let parts = ["2 trials unusable", "P3-calm: verdict: unusable: lower trunk, frames in which"];
+    refused(folder.path(), "study study.toml", &parts);
+    // The others take part with all of their frames.
+    let calm = folder.path().join("P3-calm");
+    std::fs::remove_dir_all(&calm).unwrap();
+    let scale = |mut frame: Frame| {
+        for point in [&mut frame.lower_mm, &mut frame.upper_mm].into_iter().flatten() {
+            (point[0], point[1]) = (3.0 * point[0], 3.0 * point[1]);
+        }
+        frame
+    };
+    trial::write(&calm, &standing().into_iter().map(scale).collect::<Vec<_>>(), &[(1.0, "zero")]);
 
     study(&folder, "unusable = \"leave_out\"");
     let said = done(folder.path(), "study study.toml --json study.json").stderr;

@@ -1,6 +1,7 @@
 //! The verdict on each trial, as the study honours it.
 
 use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 use plumbline_trial::Trial;
 use plumbline_trial::verdict::{Grade, Verdict};
 use rayon::prelude::*;
@@ -22,10 +23,10 @@ pub enum Unusable {
 /// The trials that take part, and warnings that name those that are doubtful or left out.
 ///
 /// # Errors
-/// When a trial cannot be read, or is unusable and the study refuses such trials.
+/// When a trial cannot be read, or some are unusable and the study refuses such trials: each is named.
 pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
     let verdicts: Vec<_> = study.trials.par_iter().map(verdict).collect();
-    let (mut admitted, mut warnings) = (Vec::new(), Vec::new());
+    let (mut admitted, mut warnings, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     for (entry, verdict) in study.trials.iter().zip(verdicts) {
         let Some((place, verdict)) = verdict? else {
             admitted.push(entry);
@@ -34,14 +35,7 @@ pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
         let line = verdict.line();
         match verdict.grade() {
             Grade::Unusable if study.unusable == Unusable::Refuse => {
-                let remedy = verdict.reasons.first().map_or("", |worst| &worst.remedy);
-                let otherwise = format!("or write unusable = \"leave_out\" into {}", study.place);
-                return Err(BadInput::new(
-                    place,
-                    "verdict",
-                    line,
-                    format!("{remedy}; {otherwise}"),
-                ));
+                refused.push(format!("\n  {place}: verdict: {line}"));
             }
             Grade::Unusable => warnings.push(format!("{place} is left out: {line}")),
             grade => {
@@ -52,7 +46,15 @@ pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
             }
         }
     }
-    Ok((admitted, warnings))
+    if refused.is_empty() {
+        return Ok((admitted, warnings));
+    }
+    Err(BadInput::whole(
+        &study.place,
+        format!("{} unusable:{}", counted(refused.len(), "trial"), refused.concat()),
+        "`plumb show TRIAL` says what can be done for each; or write unusable = \"leave_out\" to go on \
+         without them",
+    ))
 }
 
 /// The place of an entry and the verdict on it; a table of another system has none.

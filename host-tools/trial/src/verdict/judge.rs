@@ -343,7 +343,13 @@ fn trunks(trial: &Trial) -> Vec<Trunk> {
 fn sight(judge: &mut Judge<'_>, frames: &[Frame], trunk: Trunk) {
     let name = trunk.word();
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return };
-    let seen = frames.iter().filter(|frame| frame.sees(trunk));
+    // Where there are axes, what counts is the point along them, and not the target alone.
+    let has_axes = frames.iter().any(|frame| frame.upper.is_some() || frame.lower.is_some());
+    let is_seen = |frame: &&Frame| match has_axes {
+        true => frame.point(trunk).is_some(),
+        false => frame.cam_from_target(trunk).is_some(),
+    };
+    let seen = frames.iter().filter(is_seen);
     judge.at_least(
         Figure {
             key: "poses_percent",

@@ -3,6 +3,7 @@
 mod board;
 mod video;
 
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -288,8 +289,11 @@ fn video(simulation: &Simulation, form: Form, frames: u64) -> Video {
 
 fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> anyhow::Result<()> {
     let (width, height) = (u32::from(lens.width_px), u32::from(lens.height_px));
-    image::save_buffer(path, samples, width, height, image::ExtendedColorType::L8)
-        .with_context(|| path.display().to_string())
+    let mut png = Cursor::new(Vec::new());
+    let (grey, format) = (image::ExtendedColorType::L8, image::ImageFormat::Png);
+    image::write_buffer_with_format(&mut png, samples, width, height, grey, format)
+        .with_context(|| path.display().to_string())?;
+    Ok(plumbline_files::replace(path, png.get_ref())?)
 }
 
 #[cfg(test)]
