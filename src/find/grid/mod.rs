@@ -237,8 +237,11 @@ impl GridFinder {
         let mut placed: Vec<Option<Grid>, SHAPES_MAX> = missing.iter().map(|_| None).collect();
         let mut ambiguous = [false; SHAPES_MAX];
         for &seed in &self.order[..corners.len()] {
-            let at_seed = covered::place_at(image, &mut self.lattice, corners, seed, &missing);
-            if let Some((place, grid)) = at_seed {
+            let lattice = &mut self.lattice;
+            if lattice.grow(corners, seed, Least::Piece).is_none() {
+                continue;
+            }
+            if let Some((place, grid)) = covered::place(image, lattice, corners, &missing) {
                 ambiguous[place] |= placed[place].replace(grid).is_some();
             }
         }
