@@ -67,7 +67,7 @@ fn from_photographs_of_a_board_to_the_sway_of_a_person() {
         (1..=15).map(|number| format!("dry/photos/board-{number:02}.png")).collect();
     calibrate.extend(names.iter().map(String::as_str));
     let text = done(directory, &calibrate);
-    // Photographs as a careful person takes them leave nothing to be wished for.
+    // Photographs that are taken with care give no cause for a warning.
     assert!(!text.contains("warning"), "{text}");
 
     std::fs::write(directory.join("board.toml"), BOARD).unwrap();
@@ -76,7 +76,7 @@ fn from_photographs_of_a_board_to_the_sway_of_a_person() {
     assert!(!text.contains("warning"), "{text}");
     let measured = scene::read(&directory.join("scene.toml")).unwrap().cam_from_scene();
     let known = scene::read(&directory.join("dry/truth/scene.toml")).unwrap().cam_from_scene();
-    // The directions in which sway is told: to a twentieth of a degree.
+    // The axes along which sway is measured are right to a twentieth of a degree.
     let off = Rotation3::from_matrix_unchecked(measured.rotation.transpose() * known.rotation);
     assert!(off.angle().to_degrees() < 0.05, "{} degrees", off.angle().to_degrees());
 

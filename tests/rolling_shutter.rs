@@ -171,7 +171,7 @@ fn a_second_pose_says_how_much_an_unknown_acceleration_may_move_it() {
     println!("{second:?}, {third:?}");
     assert!(second.depth_mm > 1.4 * third.depth_mm, "{second:?}, {third:?}");
     for errors in [second, third] {
-        // As of the first pose.
+        // The bounds of the first pose.
         assert!((errors.depth_in_sd - 1.0).abs() < 0.15, "{errors:?}");
         assert!((errors.in_sd - 1.0).abs() < 0.1, "{errors:?}");
     }

@@ -140,7 +140,6 @@ fn printed(geometry: &TargetGeometry) -> Board {
 }
 
 /// As PNG.
-#[allow(dead_code, reason = "the booted box takes its photographs itself")]
 pub fn save(photograph: &Picture, path: &Path) {
     let (width, height) = (photograph.width as u32, photograph.height as u32);
     image::GrayImage::from_raw(width, height, photograph.samples.clone())

@@ -24,10 +24,12 @@
 use nalgebra::Vector3;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline_analysis::agreement::effective::effective_samples;
+use plumbline_analysis::statistics::describe::median;
 use serde::Serialize;
 
 use crate::sighting::{Point, Sighting};
-use crate::uncertainty::{Estimate, Spread, mean, median};
+use crate::stillness::MEDIAN_OF_ABSOLUTE;
+use crate::uncertainty::{Estimate, Spread, mean};
 use crate::volume::Direction;
 
 /// Fewer positions say nothing about a volume.
@@ -39,9 +41,6 @@ pub const FRAMES_MIN: usize = 3;
 /// A frame whose distance is this many standard deviations from the median of its position is none
 /// that noise explains: of normal noise one in half a billion.
 const OFF_SD_MAX: f64 = 6.0;
-
-/// The standard deviation of normal values, over the median of their sizes.
-const SD_OF_MEDIAN: f64 = 1.4826;
 
 /// Frames belong to one position as long as the plate is within this share of its distance from
 /// the camera: a thirtieth of a wide picture.
@@ -288,11 +287,10 @@ fn confirmed(groups: Vec<Vec<&Pair>>, frames_min: usize) -> (Vec<Vec<&Pair>>, Ve
     let off_sd: Vec<Vec<f64>> = groups.iter().map(|group| off_sd(group)).collect();
     // What the tracker says of a frame leaves out how a hand and a lens add to the scatter.
     let sizes = off_sd.iter().filter(|off| off.len() >= FRAMES_MIN).flatten();
-    let mut sizes: Vec<f64> = sizes.map(|off| off.abs()).collect();
-    if sizes.is_empty() {
+    let Some(usual_size) = median(sizes.map(|off| off.abs())) else {
         return (groups, unconfirmed);
-    }
-    let off_sd_max = OFF_SD_MAX * (SD_OF_MEDIAN * median(&mut sizes)).max(1.0);
+    };
+    let off_sd_max = OFF_SD_MAX * (usual_size / MEDIAN_OF_ABSOLUTE).max(1.0);
     for (group, off_sd) in groups.iter_mut().zip(&off_sd) {
         let mut outliers = (0..group.len()).filter(|&at| off_sd[at].abs() > off_sd_max);
         if let (Some(lone), None) = (outliers.next(), outliers.next())
@@ -308,8 +306,9 @@ fn confirmed(groups: Vec<Vec<&Pair>>, frames_min: usize) -> (Vec<Vec<&Pair>>, Ve
 /// How far each frame's distance is from the median of the position, in standard deviations as the
 /// tracker says. A false detection says little of its own; the position's median frame does.
 fn off_sd(group: &[&Pair]) -> Vec<f64> {
-    let middle_mm = median(&mut distances(group));
-    let variance_mm2 = median(&mut group.iter().map(|it| it.variance_mm2).collect::<Vec<_>>());
+    let median = |values: Vec<f64>| median(values).expect("a position has frames");
+    let middle_mm = median(distances(group));
+    let variance_mm2 = median(group.iter().map(|it| it.variance_mm2).collect());
     let sd_mm = variance_mm2.max(f64::MIN_POSITIVE).sqrt();
     group.iter().map(|it| (it.distance_mm - middle_mm) / sd_mm).collect()
 }

@@ -30,7 +30,7 @@ const DIFFERENCE_NOISES: f64 = 3.0;
 const DIFFERENCE_MIN: f64 = 0.02;
 
 /// The median of the absolute value of a normal variable.
-const MEDIAN_OF_ABSOLUTE: f64 = 0.674_489_75;
+pub(crate) const MEDIAN_OF_ABSOLUTE: f64 = 0.674_489_75;
 
 /// A board that moved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -226,14 +226,6 @@ pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The median of values; of an even number, the larger of both in the middle.
-///
-/// # Panics
-/// When there are none: a caller's bug.
-pub(crate) fn median(values: &mut [f64]) -> f64 {
-    *values.select_nth_unstable_by(values.len() / 2, f64::total_cmp).1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -154,8 +154,7 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
     let mut made = Made::default();
     let mut staged = Vec::new();
     for (path, bytes) in outputs {
-        if path.exists() && !path.is_file() {
-            // A device or a pipe cannot be replaced by a file: it is written to.
+        if is_device(path) {
             let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
             create(path, force)?.write_all(bytes).map_err(failed)?;
         } else {
@@ -170,7 +169,8 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
     Ok(())
 }
 
-/// Writes one file as [`write_all`] does, in place of one that exists.
+/// Writes one file as [`write_all`] does, in place of one that exists, and brings its name to the
+/// disk as well.
 ///
 /// # Errors
 /// When the operating system refuses.
@@ -186,12 +186,21 @@ pub fn replace_with(
     path: &Path,
     fill: impl FnOnce(&File) -> Result<(), BadInput>,
 ) -> Result<(), BadInput> {
+    if is_device(path) {
+        return fill(&create(path, true)?);
+    }
     let made = Made::directories(directory_of(path))?;
     let file = beside(path, fill)?;
     file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
     made.keep();
     sync_directory(directory_of(path));
     Ok(())
+}
+
+/// Whether there is a device or a pipe, which must not be replaced by a file: it is written to.
+/// A directory is refused when it is opened.
+fn is_device(path: &Path) -> bool {
+    path.exists() && !path.is_file()
 }
 
 /// A temporary file beside `path`, to be renamed to it.
@@ -335,6 +344,16 @@ mod tests {
         std::fs::create_dir(&taken).unwrap();
         assert!(replace(&taken, b"new").is_err());
         assert_eq!(entries(folder.path()), 2);
+    }
+
+    #[test]
+    fn a_device_is_written_to_and_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("null");
+        std::os::unix::fs::symlink("/dev/null", &path).unwrap();
+        replace(&path, b"nothing").unwrap();
+        write_all(&[(path.clone(), b"nothing".to_vec())], true).unwrap();
+        assert_eq!(std::fs::read_link(&path).unwrap(), Path::new("/dev/null"));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 
 /// What stands for a character that cannot be seen. It has one byte, so that no text grows.
-pub const HIDDEN: char = '?';
+const HIDDEN: char = '?';
 
 /// A text as it can be shown: white space is a space, and each character that a reader cannot see
 /// is a question mark. These are control characters, with which a text could command the terminal,

@@ -38,16 +38,21 @@ fn bad_toml(error: &toml::de::Error, text: &str, place: &str, remedy: &str) -> B
     }
     if let Some((value, unit)) = number_with_unit(line) {
         let found = format!("{value} {unit}, and a number has no unit here");
-        let remedy = format!("write {value} alone: the unit is in the field's name");
+        let remedy = "write the number alone, in the unit that the field's name ends with";
         return BadInput::new(place, place_in_file, found, remedy);
     }
     let found = message.lines().next().unwrap_or("it is not TOML");
     BadInput::new(place, place_in_file, found, remedy)
 }
 
-/// The number and the unit behind it, where a line has both.
+/// The ends of the names of fields that hold numbers.
+const UNITS: [&str; 9] = ["mm", "px", "s", "ms", "us", "hz", "deg", "rad", "percent"];
+
+/// The number and the unit behind it, where a line has both. Other fields may hold texts: the
+/// participant 12a only lacks quotation marks.
 fn number_with_unit(line: &str) -> Option<(&str, &str)> {
-    let (_, value) = line.split_once('=')?;
+    let (field, value) = line.split_once('=')?;
+    field.trim().rsplit_once('_').filter(|(_, unit)| UNITS.contains(unit))?;
     let value = value.split('#').next().unwrap_or_default().trim();
     let end = value.find(|letter: char| !(letter.is_ascii_digit() || "+-.".contains(letter)))?;
     let (number, unit) = value.split_at(end);
@@ -73,16 +78,26 @@ mod tests {
 
     #[test]
     fn a_number_with_a_unit_is_called_that() {
-        for (value, number, unit) in
-            [("25 mm", "25", "mm"), ("25mm", "25", "mm"), ("-2.5 °  # so", "-2.5", "°")]
-        {
+        for (value, shown) in [
+            ("25 mm", "25 mm"),
+            ("25mm", "25 mm"),
+            // Not 2.5: the field has another unit.
+            ("2.5 cm", "2.5 cm"),
+            ("-2.5 °  # so", "-2.5 °"),
+        ] {
             let wanted = format!(
-                "targets.toml: pitch_mm (line 2): {number} {unit}, and a number has no unit here; \
-                 write {number} alone: the unit is in the field's name"
+                "targets.toml: pitch_mm (line 2): {shown}, and a number has no unit here; write \
+                 the number alone, in the unit that the field's name ends with"
             );
             assert_eq!(error(&format!("\npitch_mm = {value}\n")), wanted);
         }
-        for text in ["pitch_mm = \"25\"", "pitch_mm = mm", "pitch_mm = 1x5", "pitch_mm = 1-2 mm"] {
+        for text in [
+            "pitch_mm = \"25\"",
+            "pitch_mm = mm",
+            "pitch_mm = 1x5",
+            "pitch_mm = 1-2 mm",
+            "participant = 12a",
+        ] {
             assert!(!error(text).contains("unit"), "{text}: {}", error(text));
         }
     }

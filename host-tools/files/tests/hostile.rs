@@ -116,7 +116,7 @@ fn pictures_and_videos() {
         video.extend(picture.as_raw().iter().cycle().take(2 * (80 * 64 + 2 * 40 * 32)));
     }
     good.push(video);
-    // In headers is where it hurts.
+    // Only the headers are changed: sizes are in them.
     let heads = good.iter().map(|bytes| (bytes, bytes.len().min(120)));
     for (bytes, head) in heads {
         for mutated in mutations(&bytes[..head], 200) {

@@ -6,9 +6,7 @@
 //! one measured scene, whose numbers name it, so that it does not matter by which way the scene
 //! reaches the box.
 
-use std::fs::DirBuilder;
 use std::io::Cursor;
-use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
 use image::{GrayImage, ImageFormat};
@@ -37,12 +35,6 @@ pub fn kept(scene_theta: &[f64; 6]) -> Result<Option<Picture>, BadInput> {
 }
 
 fn keep_in(folder: &Path, scene_theta: &[f64; 6], picture: &Picture) -> Result<PathBuf, BadInput> {
-    // What stands in a ward is nobody else's business.
-    DirBuilder::new()
-        .recursive(true)
-        .mode(0o700)
-        .create(folder)
-        .map_err(|error| BadInput::io(folder.display(), &error))?;
     let path = path(folder, scene_theta);
     let [width, height] = [picture.width, picture.height].map(|side| side as u32);
     let grey = GrayImage::from_raw(width, height, picture.samples.clone());

@@ -47,8 +47,9 @@ enum Command {
 /// Exit code for input that cannot be used, the same as clap's for a wrong command line.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code when a check of `plumb doctor` or `plumb receive` failed, an error is not shown to be
-/// within the limit that `plumb prove` was given, or `plumb figures` could not read one of its trials.
+/// Exit code when a check of `plumb doctor` or `plumb receive` failed, a camera of `plumb optics` will
+/// not do, an error is not shown to be within the limit that `plumb prove` was given, or `plumb figures`
+/// could not read one of its trials.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.

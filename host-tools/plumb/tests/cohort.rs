@@ -286,7 +286,7 @@ fn whoever_lacks_a_value_is_named_with_the_reason_and_counted_out() {
     std::fs::create_dir(folder.path().join("trials")).unwrap();
     for (who, seed) in ["P1", "P2", "P3", "P4"].into_iter().zip(1..) {
         for condition in CONDITIONS {
-            // 7.5 s of the last ten.
+            // 8 s of the last ten.
             let seconds = if who == "P3" && condition == "calm" { 28 } else { SECONDS };
             let path = folder.path().join(format!("trials/{who}-{condition}"));
             record(&path, who, condition, seconds, seed);

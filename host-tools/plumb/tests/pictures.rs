@@ -10,8 +10,8 @@ const CAMERA: &str = "width_px = 640\nheight_px = 480\nfx_px = 800.0\nfy_px = 80
 const TARGETS: &str = "[[target]]\nname = \"board\"\nrole = \"scene\"\ncolumns = 6\nrows = 5\n\
     pitch_mm = 12.0\n";
 
-/// A searched target is looked for near where it was last, or in a part of the frame: photographs
-/// that do not follow each other must say so.
+/// In a recording a target is looked for near its last place, or in a part of the frame only. Of
+/// photographs that do not follow each other many would have no pose, without a word on why.
 #[test]
 fn photographs_that_are_taken_for_a_recording_are_doubted() {
     let folder = tempfile::tempdir().unwrap();

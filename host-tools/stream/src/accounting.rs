@@ -7,9 +7,9 @@
 //! missing               1 0         2   2
 //! ```
 //!
-//! Numbers rise by one with each frame and capture times rise with them, in one start for certain:
-//! another start has another number in its packets. So a packet is as late as it likes and is
-//! still late, and a jump is judged by what a camera can do in the time that has passed.
+//! Within one start, which each packet names, numbers rise by one with each frame, and capture times
+//! rise with them. So a packet counts as late however late it comes, and a jump is judged by what a
+//! camera can do in the time that has passed.
 
 use std::collections::BTreeMap;
 
@@ -264,7 +264,8 @@ impl Highest {
     fn is_in_time(self, before: Self) -> bool {
         let box_ns = self.place.capture_ns.saturating_sub(before.place.capture_ns);
         let host_ns = self.arrival_ns.saturating_sub(before.arrival_ns);
-        box_ns <= host_ns.saturating_add(host_ns / 1_000_000 * CLOCKS_PPM) + DELAY_NS_MAX
+        let drift_ns = host_ns / 1_000_000 * CLOCKS_PPM;
+        box_ns <= host_ns.saturating_add(drift_ns).saturating_add(DELAY_NS_MAX)
     }
 }
 
@@ -414,6 +415,15 @@ mod tests {
         assert_eq!(pose(last + 1, HOUR_NS), NEXT);
         // The computer was awake, but busy for as long as a packet may be under way.
         assert_eq!(pose(last + 500, HOUR_NS + 9_000_000_000), after(498));
+    }
+
+    /// As a spoiled recording may have them.
+    #[test]
+    fn times_at_the_ends_of_their_range_are_judged() {
+        let mut accounting = Accounting::default();
+        assert_eq!(accounting.pose(0, 0, 0), First);
+        assert_eq!(accounting.pose(1, 1, u64::MAX), NEXT);
+        assert_eq!(accounting.pose(2, u64::MAX, u64::MAX), Implausible);
     }
 
     #[test]

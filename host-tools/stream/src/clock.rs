@@ -47,7 +47,7 @@ pub fn drift_ppm(exchanges: &[Exchange]) -> Option<(f64, f64)> {
     let (first, second) = exchanges.split_at(exchanges.len() / 2);
     let (first, second) = (surest(first)?, surest(second)?);
     let between_ns = second.host_sent_ns.checked_sub(first.host_sent_ns)? as f64;
-    let uncertain_ns = 0.5 * (first.round_trip_ns() + second.round_trip_ns()) as f64;
+    let uncertain_ns = 0.5 * (first.round_trip_ns() as f64 + second.round_trip_ns() as f64);
     (between_ns >= 1e9).then(|| {
         let drift = (second.offset_ns() - first.offset_ns()) / between_ns;
         (1e6 * drift, 1e6 * uncertain_ns / between_ns)
@@ -196,5 +196,13 @@ mod tests {
         assert_eq!(drift_ppm(&exchanges[..1]), None);
         assert_eq!(drift_ppm(&exchanges[..5]), None);
         assert!(surest(&[]).is_none());
+        // As a spoiled recording may have them: each was under way for all of the clock's range.
+        let spoiled = Exchange {
+            host_sent_ns: 0,
+            box_received_ns: 9,
+            box_sent_ns: 9,
+            host_received_ns: u64::MAX,
+        };
+        assert_eq!(drift_ppm(&[spoiled; 2]), None);
     }
 }

@@ -74,77 +74,33 @@ const ANGLE: &str = "ellipse angle";
 
 /// Every measure, in the order of the tables.
 pub static MEASURES: [Measure; 22] = [
-    Measure { name: "path length", unit: "mm", source: Source::Path(|it| &it.length_mm) },
-    Measure {
-        name: "mean velocity",
-        unit: "mm/s",
-        source: Source::Path(|it| &it.mean_velocity_mm_s),
-    },
-    Measure { name: "RMS", unit: "mm", source: Source::Span(|it| &it.extent.rms_mm) },
-    Measure { name: "range", unit: "mm", source: Source::Axes(|it| &it.extent.range_mm) },
-    Measure { name: "ellipse area", unit: "mm²", source: Source::Ellipse(|it| &it.area_mm2) },
-    Measure {
-        name: "ellipse long semi-axis",
-        unit: "mm",
-        source: Source::Ellipse(|it| &it.major_mm),
-    },
-    Measure {
-        name: "ellipse short semi-axis",
-        unit: "mm",
-        source: Source::Ellipse(|it| &it.minor_mm),
-    },
-    Measure { name: ANGLE, unit: "rad", source: Source::Ellipse(|it| &it.angle_rad) },
-    Measure { name: "mean frequency", unit: "Hz", source: Source::Spectrum(|it| &it.mean_hz) },
-    Measure {
-        name: "centroidal frequency",
-        unit: "Hz",
-        source: Source::Spectrum(|it| &it.centroidal_hz),
-    },
-    Measure { name: "median frequency", unit: "Hz", source: Source::Spectrum(|it| &it.median_hz) },
-    Measure { name: "F95", unit: "Hz", source: Source::Spectrum(|it| &it.f95_hz) },
-    Measure { name: "sway density peak", unit: "s", source: Source::Density(|it| &it.peak_s) },
-    Measure {
-        name: "sway density interval",
-        unit: "s",
-        source: Source::Density(|it| &it.interval_s),
-    },
-    Measure {
-        name: "sway density distance",
-        unit: "mm",
-        source: Source::Density(|it| &it.distance_mm),
-    },
-    Measure {
-        name: "diffusion short term",
-        unit: "mm²/s",
-        source: Source::Diffusion(|it| &it.short_mm2_s),
-    },
-    Measure {
-        name: "diffusion long term",
-        unit: "mm²/s",
-        source: Source::Diffusion(|it| &it.long_mm2_s),
-    },
-    Measure {
-        name: "diffusion critical time",
-        unit: "s",
-        source: Source::Diffusion(|it| &it.critical_s),
-    },
-    Measure {
-        name: "diffusion critical displacement",
-        unit: "mm²",
-        source: Source::Diffusion(|it| &it.critical_mm2),
-    },
-    Measure { name: "diffusion split", unit: "s", source: Source::Diffusion(|it| &it.split_s) },
-    Measure {
-        name: "Hurst exponent short term",
-        unit: "",
-        source: Source::Diffusion(|it| &it.hurst_short),
-    },
-    Measure {
-        name: "Hurst exponent long term",
-        unit: "",
-        source: Source::Diffusion(|it| &it.hurst_long),
-    },
+    measure("path length", "mm", Source::Path(|it| &it.length_mm)),
+    measure("mean velocity", "mm/s", Source::Path(|it| &it.mean_velocity_mm_s)),
+    measure("RMS", "mm", Source::Span(|it| &it.extent.rms_mm)),
+    measure("range", "mm", Source::Axes(|it| &it.extent.range_mm)),
+    measure("ellipse area", "mm²", Source::Ellipse(|it| &it.area_mm2)),
+    measure("ellipse long semi-axis", "mm", Source::Ellipse(|it| &it.major_mm)),
+    measure("ellipse short semi-axis", "mm", Source::Ellipse(|it| &it.minor_mm)),
+    measure(ANGLE, "rad", Source::Ellipse(|it| &it.angle_rad)),
+    measure("mean frequency", "Hz", Source::Spectrum(|it| &it.mean_hz)),
+    measure("centroidal frequency", "Hz", Source::Spectrum(|it| &it.centroidal_hz)),
+    measure("median frequency", "Hz", Source::Spectrum(|it| &it.median_hz)),
+    measure("F95", "Hz", Source::Spectrum(|it| &it.f95_hz)),
+    measure("sway density peak", "s", Source::Density(|it| &it.peak_s)),
+    measure("sway density interval", "s", Source::Density(|it| &it.interval_s)),
+    measure("sway density distance", "mm", Source::Density(|it| &it.distance_mm)),
+    measure("diffusion short term", "mm²/s", Source::Diffusion(|it| &it.short_mm2_s)),
+    measure("diffusion long term", "mm²/s", Source::Diffusion(|it| &it.long_mm2_s)),
+    measure("diffusion critical time", "s", Source::Diffusion(|it| &it.critical_s)),
+    measure("diffusion critical displacement", "mm²", Source::Diffusion(|it| &it.critical_mm2)),
+    measure("diffusion split", "s", Source::Diffusion(|it| &it.split_s)),
+    measure("Hurst exponent short term", "", Source::Diffusion(|it| &it.hurst_short)),
+    measure("Hurst exponent long term", "", Source::Diffusion(|it| &it.hurst_long)),
 ];
+
+const fn measure(name: &'static str, unit: &'static str, source: Source) -> Measure {
+    Measure { name, unit, source }
+}
 
 impl Measure {
     /// The directions in which it is computed.

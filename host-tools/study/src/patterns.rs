@@ -59,7 +59,10 @@ pub fn matched(patterns: &[String], base: &Path, place: &str) -> Result<Matched,
         if trials == 0 {
             let found = match others.first() {
                 Some(first) => {
-                    format!("it matches no folder of a trial; {} is none", first.display())
+                    format!(
+                        "it matches no folder of a trial: {} has no trial in it",
+                        first.display()
+                    )
                 }
                 None => "it matches nothing".to_owned(),
             };

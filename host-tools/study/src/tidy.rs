@@ -217,7 +217,8 @@ impl Segment<'_> {
         Row {
             segment: self.name,
             start_s: self.span_s.map(|[start_s, _]| start_s),
-            end_s: self.span_s.map(|[_, end_s]| end_s),
+            // Where nothing was seen, an open span has no end.
+            end_s: self.span_s.map(|[_, end_s]| end_s).filter(|it| it.is_finite()),
             measured_s: self.measured_s,
             value: figure.and_then(Figure::value),
             standard_uncertainty: figure.and_then(Figure::noise_sd),
@@ -250,6 +251,18 @@ mod tests {
             assert_eq!((found.value, found.standard_uncertainty), (None, None));
             assert_eq!(found.reason, reason);
         }
+    }
+
+    #[test]
+    fn a_span_without_an_end_has_none_where_nothing_was_seen() {
+        let settings = Settings { span_s: Some(0.0..f64::INFINITY), ..Settings::default() };
+        let manifest = Manifest::begin(String::new(), None, None, None, Zero::Mark);
+        let row = Row::of(Path::new("t"), &manifest, &settings);
+        let unseen = Err(NOT_SEEN.to_owned());
+        let whole = segments(&MEASURES[0], Direction::Ap, &unseen, &settings).pop().unwrap();
+        let found = whole.row(row);
+        assert_eq!((found.start_s, found.end_s, &*found.reason), (Some(0.0), None, NOT_SEEN));
+        assert!(!String::from_utf8(csv(&[found])).unwrap().contains("inf"));
     }
 
     #[test]

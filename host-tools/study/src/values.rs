@@ -170,10 +170,11 @@ impl<'a, M: PartialEq> Values<'a, M> {
     /// Ordered by condition and time, so that the tables have the study's order; participants are
     /// in the order of their first trials.
     fn means(&self, study: &'a Study) -> Vec<Observation<'a>> {
+        let participants = participants(self.trials);
         let mut observations = Vec::new();
         for condition in &study.conditions {
             for time in 0..self.times.len().max(1) {
-                for participant in participants(self.trials) {
+                for &participant in &participants {
                     let own = self
                         .trials
                         .iter()

@@ -22,6 +22,9 @@ pub enum Unusable {
 
 /// The trials that take part, and warnings that name those that are doubtful or left out.
 ///
+/// Each trial is read for this alone, and again for its figures: the study stops before any are
+/// computed, and memory holds only the trials that are being read.
+///
 /// # Errors
 /// When a trial cannot be read, or some are unusable and the study refuses such trials: each is named.
 pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {

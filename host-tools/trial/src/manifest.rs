@@ -138,8 +138,8 @@ pub struct Packets {
     pub repeated: u64,
     /// Packets that arrived damaged.
     pub corrupt: u64,
-    /// Packets that no box sends: of a number or a time that cannot be true, or with a position that
-    /// no room holds.
+    /// Packets that no box sends: with a number or a time that cannot be true, or a position that no
+    /// room holds.
     pub implausible: u64,
     /// Packets of another box than this one.
     pub other_box: u64,
@@ -171,7 +171,7 @@ impl Packets {
                  recorded",
             ),
             (self.unknown_start, "of a sender that never said which box it is"),
-            (self.implausible, "of a number, time or position that cannot be true"),
+            (self.implausible, "with a number, time or position that cannot be true"),
         ] {
             if count > 0 {
                 warnings.push(format!("left out: {} {what}", counted(count, "packet")));

@@ -132,8 +132,8 @@ impl Rolling<'_> {
         Some(self.motion?.continued(*cam_from_target, time_ns))
     }
 
-    /// Where the velocity of a target at this pose is not known, or only a former one: for each of its
-    /// components the drift if that differs from what is known by one standard deviation.
+    /// Where the velocity of a target at this pose is not known, or only an earlier one: six drifts, in
+    /// each of which one component differs from what is known by one standard deviation.
     fn unknown_drifts(
         &self,
         lens: &LensTable,

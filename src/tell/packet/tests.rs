@@ -414,7 +414,9 @@ fn each_fault_has_its_own_name() {
     assert_eq!(sealed(PROTOCOL_VERSION, SCHEMA_HASH, start, body), good);
 
     assert_eq!(decode_datagram(&[]), Err(PacketError::Short));
-    assert_eq!(decode_datagram(&good[..8]), Err(PacketError::Short));
+    let shortest = BODY_AT + 4;
+    assert_eq!(decode_datagram(&good[..shortest - 1]), Err(PacketError::Short));
+    assert_eq!(decode_datagram(&good[..shortest]), Err(PacketError::Checksum));
     assert_eq!(decode_datagram(&good[..good.len() - 1]), Err(PacketError::Checksum));
     let newer = sealed(PROTOCOL_VERSION + 1, 77, start, &[1, 2, 3]);
     let version = PROTOCOL_VERSION + 1;

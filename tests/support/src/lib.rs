@@ -6,7 +6,7 @@
 //! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, in an
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
-//! - [`mutations`]: files as nobody means to write them.
+//! - [`mutations`]: damaged versions of a good file.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
 //!
@@ -68,7 +68,7 @@ pub fn is_emulated() -> bool {
 }
 
 /// A command that starts `program` on any processor; the caller adds its arguments. What it keeps
-/// among its user's data does not reach the data of the user who runs the tests.
+/// for its user is kept in a temporary directory, apart from what the user who runs the tests has.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = match env::var_os(RUNNER) {
         Some(runner) => {

@@ -1,4 +1,4 @@
-//! Files as nobody means to write them: a good one, changed at random, always in the same ways.
+//! Damaged versions of a good file: changed at random, and the same in every run.
 
 /// Values at which arithmetic and allocations go wrong.
 const EXTREMES: [&str; 14] = [
@@ -53,7 +53,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
         }
         3 if random.below(4) == 0 => bytes.truncate(at),
         4 => {
-            for byte in bytes.get_mut(at..).into_iter().flatten().take(1) {
+            if let Some(byte) = bytes.get_mut(at) {
                 *byte ^= 1 << random.below(8);
             }
         }

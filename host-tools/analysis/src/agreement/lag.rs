@@ -98,8 +98,8 @@ pub fn lag(measured: &Series, reference: &Series, lag_max_s: f64) -> Result<Lag,
     Ok(Lag { lag_s, correlation, is_at_bound: around.is_none() })
 }
 
-/// Along no axis does a recording leave its mean by more than the rounding of values some metres
-/// from the origin.
+/// A recording that never deviates from its mean by this much does not move: smaller deviations are
+/// the rounding of positions some metres from the origin.
 const STILL_MM: f64 = 1e-9;
 
 /// A recording at evenly spaced times: the deviations from its mean along each axis, and where it

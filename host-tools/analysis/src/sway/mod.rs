@@ -391,8 +391,9 @@ impl SwayFigures {
 }
 
 impl Settings {
-    /// The part of a series that is analysed.
-    fn cut(&self, series: &Series) -> Option<Series> {
+    /// The part of a series that is analysed; `None` when fewer than two samples lie in it.
+    #[must_use]
+    pub fn cut(&self, series: &Series) -> Option<Series> {
         match &self.span_s {
             Some(span_s) => series.between(span_s.clone()),
             None => Some(series.clone()),

@@ -46,7 +46,7 @@ pub struct Path {
 impl Path {
     /// Why it does not represent its time, if less than this fraction of that was measured.
     #[must_use]
-    pub fn shortfall(&self, covered_min: f64) -> Option<Absent> {
+    pub fn too_little(&self, covered_min: f64) -> Option<Absent> {
         too_little(&(self.from_s..self.to_s), self.covered, covered_min)
     }
 }

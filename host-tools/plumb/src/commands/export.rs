@@ -28,9 +28,9 @@ use plumbline_trial::manifest::Zero;
 /// evenly spaced, and PLUMBLINE:T_ZERO says when t = 0 is, in seconds from the first frame.
 ///
 /// CSV, Parquet and BIDS have the orientation of each point's target as well: a unit quaternion w,
-/// x, y, z, relative to the scene's board, in the right-handed frame of TRC and C3D. A turn about X
-/// leans to the right, about Y forward, about Z turns to the left. The first has w >= 0, and none
-/// jumps.
+/// x, y, z, relative to the scene's board, in the right-handed frame of TRC and C3D: about X the trunk
+/// leans to the right, about Y it bends forward, about Z it turns to the left. The first has w >= 0,
+/// and no component jumps.
 ///
 /// BIDS: if the folder of --out is a data set, the trial is added to it, as the next run of its
 /// participant and its task, which is the trial's condition; otherwise a new data set is made.
@@ -77,8 +77,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let of_data_sets =
         [("--session", arguments.session.is_some()), ("--run", arguments.run.is_some())];
-    let unheard = of_data_sets.iter().find(|(_, is_given)| *is_given);
-    if let Some((option, _)) = unheard.filter(|_| arguments.format != Format::Bids) {
+    let given = of_data_sets.iter().find(|(_, is_given)| *is_given);
+    if let Some((option, _)) = given.filter(|_| arguments.format != Format::Bids) {
         let found = "only a data set has sessions and runs";
         return Err(BadInput::whole(option, found, "leave it out, or give --format bids").into());
     }

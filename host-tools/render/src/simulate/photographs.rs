@@ -29,7 +29,7 @@ struct Hold {
     fill: f64,
 }
 
-/// One after the other, and then from the beginning. Its tilts are those that calibration asks for:
+/// One after the other, and then from the beginning. The tilts are those that calibration asks for:
 /// 20 to 40 degrees about both axes. In the corners it is tilted less: a board that is tilted away
 /// from the camera does not reach into them.
 const HOLDS: [Hold; 15] = [
@@ -62,7 +62,7 @@ const UNSTEADY: f64 = 0.05;
 const BORDER: f64 = 0.02;
 
 /// More photographs than anybody takes.
-pub const PHOTOGRAPHS_MAX: usize = 500;
+const PHOTOGRAPHS_MAX: usize = 500;
 
 /// A board, a camera and a room, determined by the settings.
 pub struct BoardPhotographs {
@@ -105,7 +105,7 @@ impl BoardPhotographs {
         let distance_mm = settings.distance_mm.unwrap_or(settings.lens.distance_mm());
         Ok(Self {
             camera,
-            board: Board::new(geometry, pitch_mm(geometry), ink),
+            board: Board::new(geometry, geometry.pitch_mm(), ink),
             room: empty_room(size_px, settings.psf_sigma_px, settings.seed),
             cam_from_scene: layout::cam_from_scene(distance_mm),
             held,
@@ -169,16 +169,12 @@ impl BoardPhotographs {
     }
 }
 
-fn pitch_mm(geometry: &TargetGeometry) -> f64 {
-    (geometry.corner_mm(1) - geometry.corner_mm(0)).norm()
-}
-
-/// The outline of the squares, a point for each square that lies on it, so that a lens that bends
-/// its sides is followed.
+/// The outline of the squares, from one corner of the board to the opposite one: a point for each
+/// square that lies on it, so that a lens that bends its sides is followed.
 fn outline_mm(geometry: &TargetGeometry) -> Vec<Vector3<f64>> {
     let [columns, rows] = [geometry.columns(), geometry.rows()].map(|count| count as i32);
     let first = geometry.corner_mm(0);
-    let pitch_mm = pitch_mm(geometry);
+    let pitch_mm = geometry.pitch_mm();
     let border =
         |column: i32, row: i32| column == -1 || column == columns || row == -1 || row == rows;
     (-1..=rows)
@@ -190,7 +186,7 @@ fn outline_mm(geometry: &TargetGeometry) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// The pose of a board that is held so; `None` where the lens does not show it.
+/// The pose of a board that is held in this way; `None` where the lens does not show it.
 fn held_at(
     camera: &Lens,
     outline_mm: &[Vector3<f64>],
@@ -204,9 +200,9 @@ fn held_at(
     let fill = hold.fill * (1.0 + unsteady(UNSTEADY));
     let frame_px = Vector2::new(f64::from(camera.width_px), f64::from(camera.height_px));
     let focal_px = Vector2::new(camera.fx_px, camera.fy_px);
-    let half_mm = outline_mm[0].xy().abs();
-    // As far away as fills that part.
-    let z_mm = (focal_px.component_mul(&(2.0 * half_mm))).component_div(&(fill * frame_px)).max();
+    let size_mm = (outline_mm[outline_mm.len() - 1] - outline_mm[0]).xy();
+    // The distance at which the board fills that part of the frame.
+    let z_mm = (focal_px.component_mul(&size_mm)).component_div(&(fill * frame_px)).max();
     let mut pose = Pose::<Cam, Target>::from_theta([roll, yaw, pitch, 0.0, 0.0, z_mm]);
     let border_px = BORDER * frame_px.y;
     // A shift in the room moves the outline by nearly as much in the frame, up to perspective and

@@ -1,24 +1,15 @@
-//! Receiving until a limit is reached: packets to the [`Receiver`] and to whoever follows beside
+//! Receiving until there is enough: packets to the [`Receiver`] and to whoever follows beside
 //! it, their questions to the box.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use plumbline::packet::Message;
 use plumbline_files::BadInput;
 
 use crate::receiver::Receiver;
 use crate::transport::{Event, Transport};
-
-/// When a reception ends by itself.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Limits {
-    /// After this time, whatever came.
-    pub duration: Option<Duration>,
-    /// After this many different pose packets.
-    pub frames: Option<u64>,
-}
 
 /// Who follows a reception beside its [`Receiver`].
 pub trait Tap {
@@ -46,8 +37,8 @@ impl Tap for () {
     }
 }
 
-/// Receives until a limit is reached, `stop` is set or `show` breaks, which it does where the end
-/// depends on what came, such as a mark. It is called after every packet, and ten times a second
+/// Receives until this many different pose packets have come, `stop` is set or `show` breaks, which
+/// it does where the end depends on what came, such as a mark. It is called after every packet, and ten times a second
 /// when none comes. `tap` sees everything first.
 ///
 /// # Errors
@@ -57,17 +48,14 @@ pub fn receive<W: std::io::Write>(
     transport: &mut dyn Transport,
     receiver: &mut Receiver<W>,
     tap: &mut dyn Tap,
-    limits: Limits,
+    frames: Option<u64>,
     stop: &AtomicBool,
     mut show: impl FnMut(&mut Receiver<W>) -> ControlFlow<()>,
 ) -> Result<(), BadInput> {
-    let start = Instant::now();
-    let reached = |receiver: &Receiver<W>| {
-        limits.frames.is_some_and(|frames| receiver.counts().received >= frames)
-    };
+    let reached =
+        |receiver: &Receiver<W>| frames.is_some_and(|frames| receiver.counts().received >= frames);
     let result = loop {
-        let over = limits.duration.is_some_and(|duration| start.elapsed() >= duration);
-        if stop.load(Ordering::Relaxed) || over || reached(receiver) {
+        if stop.load(Ordering::Relaxed) || reached(receiver) {
             break Ok(());
         }
         let mut handled = Ok(());

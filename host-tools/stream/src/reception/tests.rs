@@ -5,6 +5,7 @@ mod serial;
 use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::thread;
+use std::time::Duration;
 
 use plumbline::packet::{
     AnatomicalPoint, CameraState, FRAME_BYTES_MAX, Health, Hello, MarkedInstant, MeasuredPose,
@@ -122,14 +123,13 @@ fn receiver() -> (Receiver<Shared>, Shared) {
     (Receiver::new(Some(recorder)), shared)
 }
 
-/// The reception goes on.
-fn on(_: &mut Receiver<Shared>) -> ControlFlow<()> {
-    ControlFlow::Continue(())
-}
-
-fn until_frames(frames: u64) -> Limits {
-    // The time only ends a test that would hang.
-    Limits { frames: Some(frames), duration: Some(Duration::from_secs(10)) }
+/// The reception goes on, but for a test that would hang.
+fn on() -> impl FnMut(&mut Receiver<Shared>) -> ControlFlow<()> {
+    let begun = Instant::now();
+    move |_| match begun.elapsed() < Duration::from_secs(10) {
+        true => ControlFlow::Continue(()),
+        false => ControlFlow::Break(()),
+    }
 }
 
 /// Frame, target and session of every row.
@@ -164,7 +164,7 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
     });
     let (mut receiver, csv) = receiver();
     let stop = AtomicBool::new(false);
-    receive(&mut udp, &mut receiver, &mut (), until_frames(7), &stop, on).unwrap();
+    receive(&mut udp, &mut receiver, &mut (), Some(7), &stop, on()).unwrap();
     sender.join().unwrap();
 
     let counts = receiver.counts();
@@ -213,8 +213,7 @@ fn names_are_asked_for_and_rows_wait_for_them() {
         socket.send_to(&datagram(&pose(1)), to).unwrap();
     });
     let (mut receiver, csv) = receiver();
-    receive(&mut udp, &mut receiver, &mut (), until_frames(2), &AtomicBool::new(false), on)
-        .unwrap();
+    receive(&mut udp, &mut receiver, &mut (), Some(2), &AtomicBool::new(false), on()).unwrap();
     sender.join().unwrap();
     let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
     assert_eq!(targets, ["shoulder", "lumbar", "shoulder", "lumbar"]);

@@ -18,9 +18,10 @@ type OfPlot = fn(&Plot) -> &Figure;
 /// One figure of an ellipse.
 type OfEllipse = fn(&Ellipse) -> &Figure;
 
-/// What the ± of a figure does not contain.
-pub const NOT_IN_NOISE: &str = "the scale of the print, the calibration, the targets' flatness, the \
-                                axes and the timing are not in it; `plumb budget` adds them";
+/// What the ± of a figure contains, and what it does not.
+pub const NOISE: &str = "± noise: the standard uncertainty from the noise of the poses, from frame \
+                         to frame; the scale of the print, the calibration, the targets' flatness, \
+                         the axes and the timing are not in it; `plumb budget` adds them";
 
 /// All figures of a trial as text for people.
 #[must_use]
@@ -39,12 +40,9 @@ pub fn text(analysis: &Analysis) -> String {
         let _ = write!(text, "\n{}\n{}{}", heading(point), paths.text(), others.text());
     }
     let noise = if analysis.uncertainty_contains.is_empty() {
-        "no ±: the noise of these positions is not known".to_owned()
+        "no ±: the noise of these positions is not known"
     } else {
-        format!(
-            "± noise: the standard uncertainty from the noise of the poses, from frame to frame; \
-             {NOT_IN_NOISE}"
-        )
+        NOISE
     };
     let _ = write!(
         text,

@@ -10,7 +10,7 @@
 //! is nearer to the one before, so that no component jumps.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use plumbline::pose::{Cam, Pose, Scene};
+use plumbline::config::Config;
 
 use crate::Trial;
 use crate::points::{Points, frames_of};
@@ -35,11 +35,9 @@ pub fn components(orientation: &Orientation) -> [f64; 4] {
 /// The orientation of each point's target in each of the point's samples; `None` everywhere where
 /// the trial does not tell the scene's pose.
 pub fn of(trial: &Trial, points: &Points) -> Vec<Vec<Option<Orientation>>> {
-    let theta = trial.config.as_ref().and_then(|config| config.cam_from_scene_theta);
-    let body_from_cam = theta.map(|theta| {
-        let cam_from_scene = Pose::<Cam, Scene>::from_theta(theta);
-        BODY_FROM_SCENE * cam_from_scene.rotation.transpose()
-    });
+    let cam_from_scene = trial.config.as_ref().and_then(Config::cam_from_scene);
+    let body_from_cam =
+        cam_from_scene.map(|cam_from_scene| BODY_FROM_SCENE * cam_from_scene.rotation.transpose());
     let of_trunk = |trunk: Trunk| {
         let frames = frames_of(&trial.frames, trunk);
         let turned = frames.map(|(frame, _)| {

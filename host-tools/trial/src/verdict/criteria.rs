@@ -74,7 +74,7 @@ pub struct Limits {
     /// Pose packets of which nobody knows the box.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown_start_max: Option<f64>,
-    /// Packets that cannot be true.
+    /// Packets with a number, time or position that cannot be true.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub implausible_max: Option<f64>,
     /// Median height of the upper trunk above the lower.
@@ -103,7 +103,7 @@ pub struct Limits {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sign {
-    /// No frame has a trunk point: the box did not know which way is forward.
+    /// No frame has a trunk point: the box did not know which way is forward, or saw neither target.
     NoScene,
     /// The box's configuration is not in the trial.
     NoConfiguration,

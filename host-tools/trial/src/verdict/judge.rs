@@ -90,7 +90,10 @@ impl Judge<'_> {
                 is,
                 found: Some(found),
                 bound: Some(bound),
-                words: format!("{name}: {}{unit} ({side} {bound})", digits(found)),
+                words: format!(
+                    "{name}: {}{unit} ({side} {bound})",
+                    digits(found, |shown| misses(shown, bound))
+                ),
                 remedy: remedy.to_owned(),
             });
         }
@@ -115,14 +118,16 @@ impl Judge<'_> {
     }
 }
 
-/// Three digits, or all before the point.
-fn digits(value: f64) -> String {
+/// Three digits, or all before the point; more, until the figure as it is shown misses the bound.
+fn digits(value: f64, misses: impl Fn(f64) -> bool) -> String {
     let decimals = match value.abs() {
         0.0..9.995 => 2,
         0.0..99.95 => 1,
         _ => 0,
     };
-    let text = format!("{value:.decimals$}");
+    let mut rounded = (decimals..decimals + 6).map(|decimals| format!("{value:.decimals$}"));
+    let missing = rounded.find(|text| text.parse().is_ok_and(&misses));
+    let text = missing.unwrap_or_else(|| value.to_string());
     match text.contains('.') {
         true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
         false => text,
@@ -131,13 +136,23 @@ fn digits(value: f64) -> String {
 
 fn signs(judge: &mut Judge<'_>, trial: &Trial) {
     let Trial { manifest, observed, frames, .. } = trial;
-    judge.sign(
-        !Trunk::ALL.into_iter().any(|trunk| frames.iter().any(|it| it.point(trunk).is_some())),
-        Sign::NoScene,
-        "no frame has a position along the body's axes: the box did not know which way is forward",
-        "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
-         `plumb replay TRIAL --tables --scene scene.toml`",
-    );
+    let is_any = |has: fn(&Frame, Trunk) -> bool| {
+        frames.iter().any(|frame| Trunk::ALL.into_iter().any(|trunk| has(frame, trunk)))
+    };
+    let (words, remedy) = if is_any(|frame, trunk| frame.cam_from_target(trunk).is_some()) {
+        (
+            "no frame has a position along the body's axes: the box did not know which way is \
+             forward",
+            "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
+             `plumb replay TRIAL --tables --scene scene.toml`",
+        )
+    } else {
+        (
+            "no frame has a position along the body's axes: neither trunk's target was seen",
+            "aim the camera with `plumb aim` until both targets are seen, and record again",
+        )
+    };
+    judge.sign(!is_any(|frame, trunk| frame.point(trunk).is_some()), Sign::NoScene, words, remedy);
     judge.sign(
         trial.config.is_none(),
         Sign::NoConfiguration,
@@ -217,8 +232,8 @@ fn time(judge: &mut Judge<'_>, trial: &Trial) {
             name: "frames per second on average".to_owned(),
             found: rate_hz,
             unit: "",
-            remedy: "give rate_hz in the box file, more light, or a shorter exposure: the \
-                     posturography standard of the ISPGR asks for 50 Hz",
+            remedy: "unless frames were lost, give rate_hz in the box file, more light, or a \
+                     shorter exposure: the posturography standard of the ISPGR asks for 50 Hz",
         },
         |it| it.rate_hz_min,
     );
@@ -230,7 +245,8 @@ fn time(judge: &mut Judge<'_>, trial: &Trial) {
                 name: format!("frames per second, of the {} that were asked for", capture.rate_hz),
                 found: 100.0 * rate_hz / f64::from(capture.rate_hz),
                 unit: " %",
-                remedy: "find what slowed the camera or the box down: `plumb doctor`",
+                remedy: "unless frames were lost, find what slowed the camera or the box down: \
+                         `plumb doctor`",
             },
             |it| it.rate_percent_min,
         );
@@ -334,7 +350,10 @@ fn packets(judge: &mut Judge<'_>, trial: &Trial) {
 fn trunks(trial: &Trial) -> Vec<Trunk> {
     let is_wanted = |trunk: &Trunk| match &trial.config {
         Some(config) => config.targets.iter().any(|it| it.geometry.role() == trunk.role()),
-        None => trial.frames.iter().any(|frame| frame.sees(*trunk)),
+        None => trial
+            .frames
+            .iter()
+            .any(|frame| frame.point(*trunk).is_some() || frame.cam_from_target(*trunk).is_some()),
     };
     Trunk::ALL.into_iter().filter(is_wanted).collect()
 }

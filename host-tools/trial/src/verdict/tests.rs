@@ -316,6 +316,26 @@ fn a_laboratory_has_its_own_criteria() {
     assert_reasons(&made, &[("duration_s", Unusable)]);
 }
 
+/// 24.995 s are no 25 s, also where three digits would say so.
+#[test]
+fn a_figure_is_shown_with_the_digits_by_which_it_misses_its_bound() {
+    let verdict = assert_reasons(&Made::of(&config(), 1530), &[("duration_s", Doubtful)]);
+    let words = &verdict.reasons[0].words;
+    assert_eq!(words, "from t = 0 to the last frame: 24.995 s (at least 25)");
+}
+
+#[test]
+fn a_trial_that_saw_no_target_is_not_said_to_lack_a_scene() {
+    let mut made = Made::good();
+    without(&mut made, Role::Upper, 0, 1800);
+    without(&mut made, Role::Lower, 0, 1800);
+    let verdict = made.verdict();
+    let said = verdict.lines();
+    assert_eq!((verdict.is, &*verdict.reasons[0].key), (Unusable, "no_scene"), "{said}");
+    assert!(said.contains("neither trunk's target was seen"), "{said}");
+    assert!(!said.contains("plumb scene") && said.contains("frames in which it is seen: 0 %"));
+}
+
 #[test]
 fn a_person_overrules_and_says_why() {
     let mut made = Made::of(&config(), 60 * 20);

@@ -19,6 +19,7 @@ pub(super) use check::{Check, Verdict};
 pub(super) use findings::Findings;
 pub(super) use judge::all as judged;
 pub(super) use report::print_amiss;
+pub(super) use watch::{LAST_ANSWERS, VIEW_EVERY};
 
 use crate::arguments::{LinkArguments, seconds};
 use crate::setup;

@@ -16,10 +16,10 @@ use crate::{background, snapshot};
 const PING_EVERY: Duration = Duration::from_millis(97);
 
 /// A view costs the box less than a search, and the light changes slowly.
-const VIEW_EVERY: Duration = Duration::from_millis(480);
+pub const VIEW_EVERY: Duration = Duration::from_millis(480);
 
 /// What was asked last is answered by then.
-const LAST_ANSWERS: Duration = Duration::from_millis(300);
+pub const LAST_ANSWERS: Duration = Duration::from_millis(300);
 
 /// Finds out all that can be found out about the box in this time.
 ///

@@ -13,8 +13,10 @@ use thin_lens::Optics;
 /// Choose a camera, a lens and the light: what they see, how sharply, and whether it will do.
 ///
 /// Without options it lists cameras and lenses that suit a person of up to 1.9 m at 1 m. With
-/// them it says the same of yours. These are estimates (a thin lens); `plumb aim` and `plumb
-/// doctor` look at the real picture.
+/// --sensor, --pixel-um and --focal-mm it says the same of yours. These are estimates (a thin lens);
+/// `plumb aim` and `plumb doctor` look at the real picture.
+///
+/// Exit code 0: every camera shown will do; 1: one will not; 2: a wrong command line.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   plumb optics
@@ -71,7 +73,7 @@ const SUITABLE: [(&str, [u16; 2], f64, f64); 4] = [
     ("IMX264", [2448, 2048], 3.45, 8.0),
 ];
 
-/// Runs the subcommand. Gives whether the options' camera will do; the list's do.
+/// Runs the subcommand. Gives whether every camera shown will do.
 pub fn run(arguments: &Arguments) -> bool {
     let own = arguments.sensor.zip(arguments.pixel_um).zip(arguments.focal_mm);
     let optics = |size_px, pixel_um, focal_mm| Optics {
@@ -90,12 +92,27 @@ pub fn run(arguments: &Arguments) -> bool {
             let all = SUITABLE.map(|(name, size_px, pixel_um, focal_mm)| {
                 (name, optics(size_px, pixel_um, focal_mm))
             });
-            (table(&all, arguments.pitch_mm).text(), true)
+            list(&all, arguments.pitch_mm)
         }
     };
     // A closed pipe must not hide the result.
     let _ = write!(std::io::stdout(), "{text}");
     will_do
+}
+
+/// A line for each camera, what is amiss with those that will not do at another distance, aperture,
+/// exposure or pitch than the list was made for, and whether all will do.
+fn list(cameras: &[(&str, Optics)], pitch_mm: f64) -> (String, bool) {
+    let mut text = table(cameras, pitch_mm).text();
+    let mut will_do = true;
+    for (name, optics) in cameras {
+        let (seen, does) = of_one(optics, pitch_mm);
+        will_do &= does;
+        for line in seen.lines().filter(|line| line.starts_with("FAIL")) {
+            text += &format!("{name}: {line}\n");
+        }
+    }
+    (text, will_do)
 }
 
 /// A line for each camera.
@@ -244,6 +261,19 @@ mod tests {
             let (text, will_do) = of_one(&optics, PITCH_MM);
             assert!(!will_do && text.contains("FAIL") && text.contains(part), "{part}: {text}");
         }
+    }
+
+    #[test]
+    fn the_list_says_which_of_its_cameras_will_not_do_farther_away() {
+        let (text, will_do) = list(&suitable(), PITCH_MM);
+        assert!(will_do && !text.contains("FAIL"), "{text}");
+        let farther =
+            suitable().map(|(name, optics)| (name, Optics { distance_mm: 1300.0, ..optics }));
+        let (text, will_do) = list(&farther, PITCH_MM);
+        assert!(
+            !will_do && text.contains("OV9281: FAIL  a square of 12 mm takes 11.7 px"),
+            "{text}"
+        );
     }
 
     #[test]

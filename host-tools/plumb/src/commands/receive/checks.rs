@@ -3,9 +3,9 @@
 //! Usually they come first, and a failure leaves nothing on the disk. With --anyway the recording
 //! does not wait: the checks look at the packets that are being recorded.
 
-use std::io::{IsTerminal as _, Write as _};
 use std::time::{Duration, Instant};
 
+use indicatif::ProgressBar;
 use plumbline::packet::{Action, Command, LinkKind, Message};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
@@ -15,13 +15,7 @@ use plumbline_stream::transport::Event;
 use plumbline_trial::manifest::{CheckSeen, CheckVerdict};
 use plumbline_trial::recording::Recording;
 
-use crate::commands::doctor::{self, Check, Findings, Verdict};
-
-/// A view costs the box less than a search.
-const VIEW_EVERY: Duration = Duration::from_millis(480);
-
-/// What was asked last is answered by then.
-const LAST_ANSWERS: Duration = Duration::from_millis(300);
+use crate::commands::doctor::{self, Check, Findings, LAST_ANSWERS, VIEW_EVERY, Verdict};
 
 /// Checks a box for this time and says what is amiss; `None` if it should not be recorded.
 ///
@@ -68,19 +62,21 @@ impl Recorded {
         Self { recording, beside: None }
     }
 
-    /// A recording that began at this moment, of a box that is checked meanwhile.
+    /// A recording that began at this moment, of a box that is checked meanwhile. `bar` makes room
+    /// for what is said.
     pub(super) fn unchecked(
         recording: Recording,
         link: &BoxLink,
         begun: Instant,
         duration: Duration,
+        bar: ProgressBar,
     ) -> Self {
         let findings = Findings {
             place: link.place().to_owned(),
             is_serial: link.kind() == LinkKind::Serial,
             ..Findings::default()
         };
-        let beside = Beside { findings, begun, duration, first: None, view_at: begun };
+        let beside = Beside { findings, begun, duration, first: None, view_at: begun, bar };
         Self { recording, beside: Some(beside) }
     }
 
@@ -99,11 +95,7 @@ impl Recorded {
             - findings.heard_ns as f64 * 1e-9;
         findings.config = self.recording.config().map(Ok);
         let checks = doctor::judged(&findings);
-        if std::io::stderr().is_terminal() {
-            // Over the status line, which is drawn again below.
-            let _ = write!(std::io::stderr(), "\r\x1b[K");
-        }
-        doctor::print_amiss(&checks);
+        beside.bar.suspend(|| doctor::print_amiss(&checks));
         self.recording.note(amiss(&checks))
     }
 }
@@ -138,6 +130,8 @@ struct Beside {
     /// When the first packet came.
     first: Option<Instant>,
     view_at: Instant,
+    /// What the terminal shows meanwhile.
+    bar: ProgressBar,
 }
 
 impl Beside {

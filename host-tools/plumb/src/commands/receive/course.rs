@@ -42,11 +42,6 @@ impl Course {
         Self { begun, duration, zeroing, first_frame: None, zero: None, news: Vec::new() }
     }
 
-    /// The checks are done, and the recording begins.
-    pub(super) fn begin(&mut self, now: Instant) {
-        self.begun = now;
-    }
-
     /// Frames have come.
     pub(super) fn frame(&mut self, now: Instant) {
         self.first_frame.get_or_insert(now);
@@ -79,6 +74,11 @@ impl Course {
         std::mem::take(&mut self.news)
     }
 
+    /// When the mark came that is t = 0, so far.
+    pub(super) fn zero(&self) -> Option<Instant> {
+        self.zero.map(|(at, _)| at)
+    }
+
     /// Whether the mark that is t = 0 has not come.
     pub(super) fn awaits_mark(&self) -> bool {
         self.zeroing == Zeroing::Mark && self.zero.is_none()
@@ -86,7 +86,7 @@ impl Course {
 
     /// Since when time counts: t = 0, or until it comes the start.
     fn counts_from(&self) -> Instant {
-        self.zero.map_or(self.start(), |(at, _)| at)
+        self.zero().unwrap_or(self.start())
     }
 
     /// The first frame, or until it comes the beginning of the recording.
@@ -128,7 +128,7 @@ impl Course {
     /// What the user has to know of t = 0.
     pub(super) fn note(&self) -> Option<&'static str> {
         match self.zeroing {
-            Zeroing::Mark if self.zero.is_none() => Some("waiting for the mark: Enter sets t = 0"),
+            Zeroing::Mark if self.awaits_mark() => Some("waiting for the mark: Enter sets t = 0"),
             Zeroing::Onset => Some("t = 0 is found afterwards; the time counts from the start"),
             _ => None,
         }

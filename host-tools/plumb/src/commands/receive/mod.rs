@@ -14,10 +14,10 @@ use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::link::BoxLink;
 use plumbline_stream::receiver::Receiver;
-use plumbline_stream::reception::{Limits, Tap, receive};
+use plumbline_stream::reception::{Tap, receive};
 use plumbline_stream::recorder::Recorder;
-use plumbline_trial::manifest::{Manifest, Zero};
-use plumbline_trial::mark::Mark;
+use plumbline_trial::manifest::{CheckSeen, Manifest, Zero};
+use plumbline_trial::mark::{Mark, Marks};
 use plumbline_trial::recording::{Recording, exists_already};
 use plumbline_trial::verdict::Criteria;
 
@@ -44,16 +44,18 @@ use screen::Screen;
 /// what is amiss. If a check fails it records nothing and leaves no folder, unless --anyway is given:
 /// then the recording begins with the first packet, and the checks look at what is recorded. What
 /// failed or was warned of stands in trial.toml. To see whether the camera was moved since `plumb
-/// scene`, it asks for one small picture, in set-up mode. A recording that the box replays needs
-/// --anyway if it is to be recorded from its first frame.
+/// scene`, it asks for one small picture, in set-up mode; with --anyway it does not. A recording that
+/// the box replays needs --anyway if it is to be recorded from its first frame.
 ///
 /// Counts what is lost, repeated, late, corrupt or implausible. When the box restarts, the recording
 /// goes on, with a gap. Another box that sends here is left out and counted; once it has taken this
-/// one's place, the recording ends with an error and is kept. Press Enter to mark an event; type its
-/// name first if it has one. The mark called zero,
-/// or else the first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration
-/// after t = 0, after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or unusable, with the
-/// reasons.
+/// one's place, the recording ends with an error and is kept. Meanwhile it shows GOOD, LOOK or
+/// STOP: by the criteria for gaps and lost frames, the trial would now be good, doubtful or unusable.
+///
+/// Press Enter to mark an event; type its name first if it has one. The mark called zero, or else the
+/// first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
+/// after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or
+/// unusable, with the reasons.
 ///
 /// Exit code 0: done; 1: a check failed, and nothing was recorded; 2: an input or the link could not
 /// be used, or nothing came.
@@ -142,8 +144,8 @@ impl Arguments {
 
     /// From when --duration counts.
     fn zeroing(&self) -> Zeroing {
-        let can_be_marked =
-            self.mark_udp.is_some() || self.mark_serial.is_some() || marks::has_keyboard();
+        let can_be_marked = self.out.is_some()
+            && (self.mark_udp.is_some() || self.mark_serial.is_some() || marks::has_keyboard());
         match self.zero {
             Zero::Mark if can_be_marked => Zeroing::Mark,
             Zero::Mark | Zero::Start => Zeroing::Start,
@@ -159,18 +161,32 @@ impl Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let mut link = arguments.link.open()?;
     let place = link.place().to_owned();
-    let mut recorded = None;
-    let course = Rc::new(RefCell::new(Course::new(
-        Instant::now(),
-        arguments.duration,
-        if arguments.out.is_some() { arguments.zeroing() } else { Zeroing::Start },
-    )));
-    if let Some(out) = &arguments.out {
-        recorded = begin(arguments, out, &mut link, &course)?;
-        if recorded.is_none() {
-            return Ok(false);
+    let criteria = arguments.criteria()?;
+    let prepared = match &arguments.out {
+        None => None,
+        Some(out) => match prepare(arguments, out, &mut link)? {
+            None => return Ok(false),
+            prepared => prepared,
+        },
+    };
+    // Until here Ctrl-C ends the program, and leaves no folder.
+    let stop = stop_on_signals()?;
+    let now = Instant::now();
+    let course = Rc::new(RefCell::new(Course::new(now, arguments.duration, arguments.zeroing())));
+    let mut screen =
+        Screen::new(&place, &arguments.title(&place), criteria.clone(), arguments.quiet);
+    let mut recorded = match prepared {
+        None => None,
+        Some(prepared) => {
+            let recording = begin(arguments, prepared, criteria, now, &course)?;
+            Some(if arguments.anyway {
+                let duration = arguments.check_seconds;
+                Recorded::unchecked(recording, &link, now, duration, screen.bar())
+            } else {
+                Recorded::checked(recording)
+            })
         }
-    }
+    };
     let recorder = match &recorded {
         Some(Recorded { recording, .. }) => {
             let csv = recording.csv();
@@ -178,26 +194,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         }
         None => None,
     };
-    let stop = stop_on_signals()?;
-
     let mut receiver = Receiver::new(recorder);
-    let mut screen =
-        Screen::new(&place, &arguments.title(&place), arguments.criteria()?, arguments.quiet);
-    let limits = Limits { duration: None, frames: arguments.frames };
     let tap: &mut dyn Tap = match &mut recorded {
         Some(recorded) => recorded,
         None => &mut (),
     };
     let mut transport = link.into_transport();
-    let result = receive(&mut *transport, &mut receiver, tap, limits, &stop, |receiver| {
-        let now = Instant::now();
-        let mut course = course.borrow_mut();
-        if receiver.counts().received > 0 {
-            course.frame(now);
-        }
-        screen.show(receiver, &mut course);
-        if course.is_over(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    });
+    let result =
+        receive(&mut *transport, &mut receiver, tap, arguments.frames, &stop, |receiver| {
+            let now = Instant::now();
+            let mut course = course.borrow_mut();
+            if receiver.counts().received > 0 {
+                course.frame(now);
+            }
+            screen.show(receiver, &mut course);
+            if course.is_over(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
     screen.end();
     // A closed pipe must not hide the result.
     let _ = writeln!(std::io::stdout(), "{}", screen::summary(&receiver));
@@ -221,19 +233,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     Ok(true)
 }
 
-/// Checks the box and begins to record it; `None` if a check failed.
-fn begin(
+/// What is there before a recording begins.
+struct Prepared<'a> {
+    out: &'a Path,
+    marks: Marks,
+    amiss: Vec<CheckSeen>,
+}
+
+/// Checks the box, unless it is to be recorded anyway; `None` if a check failed.
+fn prepare<'a>(
     arguments: &Arguments,
-    out: &Path,
+    out: &'a Path,
     link: &mut BoxLink,
-    course: &Rc<RefCell<Course>>,
-) -> Result<Option<Recorded>, BadInput> {
+) -> Result<Option<Prepared<'a>>, BadInput> {
     // Before anybody waits for the checks.
     if out.exists() {
         return Err(exists_already(out));
     }
     let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
-    let criteria = arguments.criteria()?;
     let mut amiss = Vec::new();
     if !arguments.anyway {
         let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
@@ -241,7 +258,17 @@ fn begin(
         // What was marked meanwhile belongs to no recording.
         while marks.next().is_some() {}
     }
-    let now = Instant::now();
+    Ok(Some(Prepared { out, marks, amiss }))
+}
+
+/// Begins to record, now.
+fn begin(
+    arguments: &Arguments,
+    Prepared { out, marks, amiss }: Prepared<'_>,
+    criteria: Criteria,
+    now: Instant,
+    course: &Rc<RefCell<Course>>,
+) -> Result<Recording, BadInput> {
     let manifest = Manifest {
         checks: amiss,
         criteria,
@@ -253,15 +280,9 @@ fn begin(
             arguments.zero,
         )
     };
-    course.borrow_mut().begin(now);
     let heard = Rc::clone(course);
     let heard = move |mark: &Mark, since_s| heard.borrow_mut().mark(mark, since_s);
-    let recording = Recording::begin(out, &manifest, marks, now, Box::new(heard))?;
-    Ok(Some(if arguments.anyway {
-        Recorded::unchecked(recording, link, now, arguments.check_seconds)
-    } else {
-        Recorded::checked(recording)
-    }))
+    Recording::begin(out, &manifest, marks, now, Box::new(heard))
 }
 
 /// Ends a recording, and says what is in it.

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
+use anstream::{AutoStream, ColorChoice};
 use anstyle::AnsiColor;
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -36,7 +37,11 @@ pub(super) struct Screen {
     terminal: bool,
     last: Option<Instant>,
     live: Live,
-    awaited_mark: bool,
+    /// The t = 0 from which movement counts.
+    zero: Option<Instant>,
+    /// What a dot of the large digits is made of.
+    dot: char,
+    is_coloured: bool,
 }
 
 impl Screen {
@@ -55,7 +60,9 @@ impl Screen {
             terminal,
             last: None,
             live: Live::new(criteria),
-            awaited_mark: false,
+            zero: None,
+            dot: dot(),
+            is_coloured: AutoStream::choice(&std::io::stderr()) != ColorChoice::Never,
         };
         if !terminal {
             screen.say(&format!("listening at {place}"));
@@ -63,13 +70,17 @@ impl Screen {
         screen
     }
 
+    /// What is drawn on the terminal, to be put aside while something else is written there.
+    pub(super) fn bar(&self) -> ProgressBar {
+        self.bar.clone()
+    }
+
     pub(super) fn show<W: Write>(&mut self, receiver: &mut Receiver<W>, course: &mut Course) {
         for notice in receiver.take_notices().into_iter().chain(course.news()) {
             self.say(&notice);
         }
         let now = Instant::now();
-        if std::mem::replace(&mut self.awaited_mark, course.awaits_mark()) && !course.awaits_mark()
-        {
+        if std::mem::replace(&mut self.zero, course.zero()) != course.zero() {
             self.live.start_over();
         }
         if let Some(latest) = receiver.latest(now) {
@@ -83,9 +94,8 @@ impl Screen {
         let text =
             format!("{}\n{}", time(course, now), status(receiver, &self.live, &self.place, now));
         if self.terminal {
-            let large = clock(course, now).join("\n");
-            let is_plain = std::env::var_os("NO_COLOR").is_some_and(|it| !it.is_empty());
-            let text = if is_plain { text } else { coloured(&text) };
+            let large = clock(course, self.dot, now).join("\n");
+            let text = if self.is_coloured { coloured(&text) } else { text };
             self.bar.set_message(format!("{}\n{large}\n{text}", self.title));
             self.bar.tick();
         } else {
@@ -123,7 +133,7 @@ fn coloured(text: &str) -> String {
 }
 
 /// The time since t = 0 or the start, and what remains of it, in large digits.
-fn clock(course: &Course, now: Instant) -> [String; 5] {
+fn clock(course: &Course, dot: char, now: Instant) -> [String; 5] {
     let minutes = |time: Duration| format!("{}:{:02}", time.as_secs() / 60, time.as_secs() % 60);
     let mut text = minutes(course.elapsed(now).0);
     if let Some((to_go, _)) = course.remaining(now).filter(|_| !course.awaits_mark()) {
@@ -131,11 +141,16 @@ fn clock(course: &Course, now: Instant) -> [String; 5] {
         let to_go = minutes(to_go + Duration::from_millis(999));
         text += &format!(" {to_go}");
     }
+    big::lines(&text, dot)
+}
+
+/// A block, where the terminal has one.
+fn dot() -> char {
     let locale = ["LC_ALL", "LC_CTYPE", "LANG"]
         .into_iter()
         .find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()));
     let is_utf8 = locale.is_some_and(|it| it.to_lowercase().replace('-', "").contains("utf8"));
-    big::lines(&text, if is_utf8 { '█' } else { '#' })
+    if is_utf8 { '█' } else { '#' }
 }
 
 /// How far the recording has come.

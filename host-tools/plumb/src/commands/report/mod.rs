@@ -29,8 +29,8 @@ mod verdict;
 /// all figures, how good the data are and, with --camera, how well the figures are known (see `plumb
 /// budget`) and, with --reference, how well the trial agrees with motion capture (see `plumb
 /// validate`). Figures, filter and span are those of `plumb analyze`; a table of another system,
-/// such as a force plate, gets the same page with --table. Of a study: path lengths by direction, condition and
-/// time, and their statistics. The page is one file that needs nothing else.
+/// such as a force plate, gets the same page with --table. Of a study: the figures that it compares,
+/// by condition and time, and their statistics. The page is one file that needs nothing else.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 #[command(group(clap::ArgGroup::new("input").required(true).args(["source", "table"])))]

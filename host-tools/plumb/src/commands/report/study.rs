@@ -38,7 +38,7 @@ pub fn report(figures: &StudyFigures) -> Result<String, BadInput> {
         }
         @for plot in &plots { (plot) }
         section {
-            h2 { "What acts on it" }
+            h2 { "Effects" }
             @for part in &parts {
                 (annotated(&format!("{}: effects on each response", part.title), &part.effects))
                 @if let Some(adjusted) = &part.adjusted { p.method { (adjusted) } }
@@ -51,7 +51,7 @@ pub fn report(figures: &StudyFigures) -> Result<String, BadInput> {
             }
         }
         section {
-            h2 { "The conditions at each time" }
+            h2 { "Comparisons of conditions" }
             @for part in &parts {
                 (annotated(&format!("{}: each condition against the first", part.title), &part.comparisons))
             }

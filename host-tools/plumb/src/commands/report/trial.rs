@@ -84,8 +84,7 @@ fn method(analysis: &Analysis) -> Markup {
         @if analysis.uncertainty_contains.is_empty() {
             "Figures have no ±: the noise of these positions is not known. "
         } @else {
-            "± noise: the standard uncertainty from the noise of the poses, from frame to frame; "
-            (tables::NOT_IN_NOISE) " (--camera shows them here). \"Noise alone\" is "
+            (tables::NOISE) " (--camera shows them here). \"Noise alone\" is "
             "the path that this noise would give for a person who stands perfectly still. "
         }
         "95 % prediction ellipse: Schubert and Kirchner (2014). Sway density: Baratto et "
@@ -295,10 +294,7 @@ fn smooth(series: &Series, filter: Design) -> Series {
 
 /// The ellipse of the span, about the mean of its positions in the transverse plane.
 fn outline(smooth: &Series, settings: &Settings, ellipse: &Ellipse) -> Option<Outline> {
-    let span = match &settings.span_s {
-        Some(span_s) => smooth.between(span_s.clone())?,
-        None => smooth.clone(),
-    };
+    let span = settings.cut(smooth)?;
     let mean = |axis: Axis| {
         let values = span.along(axis)?;
         Some(values.iter().sum::<f64>() / values.len() as f64)

@@ -1,27 +1,26 @@
 //! Photographs of a calibration board, and of the same board standing in the scene.
 
-use std::path::Path;
-
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_files::BadInput;
-use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
-use plumbline_files::scene::{self, SceneFile};
 use plumbline_render::simulate::photographs::BoardPhotographs;
 use plumbline_render::simulate::recorded::Form;
 use plumbline_render::simulate::render::Picture;
 
 use super::video::{Video, standard_output};
-use super::{SimulateArguments, refuse_existing, save_png};
+use super::{SimulateArguments, refuse_existing, save_png, write_camera, write_scene};
 
 /// In a stream, each photograph lasts as long as `plumb aim --stills --every 5` takes for one.
 const HOLD_S: f64 = 5.0;
 /// Frames of the board that stands upright: more than `plumb scene` needs.
 pub(super) const STANDING_FRAMES: u64 = 30;
 
-/// Renders the board of `--board`.
-pub(super) fn run(arguments: &SimulateArguments, [columns, rows]: [u8; 2]) -> anyhow::Result<()> {
-    let pitch_mm = arguments.pitch_mm.expect("--board requires --pitch-mm");
+/// Renders the board of `--board` and `--pitch-mm`.
+pub(super) fn run(
+    arguments: &SimulateArguments,
+    [columns, rows]: [u8; 2],
+    pitch_mm: f64,
+) -> anyhow::Result<()> {
     let geometry =
         TargetGeometry::checker(columns, rows, pitch_mm, Origin::Center, Role::Scene, [0.0; 3])
             .map_err(|error| {
@@ -42,7 +41,7 @@ fn stream(arguments: &SimulateArguments, photographs: &BoardPhotographs) -> anyh
     let held = (HOLD_S * arguments.fps).ceil() as u64;
     let shown = photographs.held().len() as u64 + 1;
     let mut current: Option<(u64, Picture)> = None;
-    video(photographs, arguments.fps, held * shown).write(
+    Video::of(photographs.camera(), arguments.fps, Form::Grey8, held * shown).write(
         |frame, samples| {
             let number = frame / held;
             let picture = match current.take().filter(|(of, _)| *of == number) {
@@ -77,7 +76,9 @@ fn write(arguments: &SimulateArguments, photographs: &BoardPhotographs) -> anyho
     for directory in [&directory.join("photos"), &truth] {
         plumbline_files::make_directory(directory)?;
     }
-    describe(arguments, photographs, &camera_path, &scene_path)?;
+    let source = format!("plumb simulate --board, seed {}: exact", arguments.seed);
+    write_camera(&camera_path, photographs.camera(), 0, &source)?;
+    write_scene(&scene_path, &photographs.cam_from_scene(), source)?;
     let mut samples = Vec::new();
     for (number, path) in pictures.iter().enumerate() {
         photographs.expose(&photographs.photograph(number), number as u64, &mut samples);
@@ -86,7 +87,7 @@ fn write(arguments: &SimulateArguments, photographs: &BoardPhotographs) -> anyho
     let standing = photographs.standing();
     let place = video_path.display().to_string();
     let file = plumbline_files::create(&video_path, true)?;
-    video(photographs, arguments.fps, STANDING_FRAMES).write(
+    Video::of(photographs.camera(), arguments.fps, Form::Grey8, STANDING_FRAMES).write(
         |frame, samples| {
             photographs.expose(&standing, count as u64 + frame, samples);
             Ok(())
@@ -104,26 +105,4 @@ fn write(arguments: &SimulateArguments, photographs: &BoardPhotographs) -> anyho
         truth.display()
     );
     Ok(())
-}
-
-/// A video of 8 bits by this camera.
-fn video(photographs: &BoardPhotographs, rate_hz: f64, frames: u64) -> Video {
-    let lens = photographs.camera();
-    let size_px = [lens.width_px, lens.height_px].map(usize::from);
-    Video { size_px, rate_hz, form: Form::Grey8, frames }
-}
-
-/// Writes the true camera and the true scene.
-fn describe(
-    arguments: &SimulateArguments,
-    photographs: &BoardPhotographs,
-    camera_path: &Path,
-    scene_path: &Path,
-) -> Result<(), BadInput> {
-    let source = format!("plumb simulate --board, seed {}: exact", arguments.seed);
-    let provenance = Provenance { source: Some(source.clone()), ..Provenance::default() };
-    let camera = Camera { lens: *photographs.camera(), readout_ns: 0, provenance };
-    camera::write(camera_path, &camera)?;
-    let scene = SceneFile { cam_from_scene_theta: photographs.cam_from_scene().theta(), source };
-    scene::write(scene_path, &scene)
 }

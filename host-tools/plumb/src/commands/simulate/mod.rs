@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use plumbline::lens::Lens;
+use plumbline::pose::{Cam, Pose, Scene};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
@@ -166,8 +167,8 @@ fn three_numbers(text: &str) -> Result<[f64; 3], String> {
 /// # Errors
 /// When a setting is impossible, files are in the way, or writing fails.
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
-    if let Some(size) = arguments.board {
-        return board::run(arguments, size);
+    if let Some((size, pitch_mm)) = arguments.board.zip(arguments.pitch_mm) {
+        return board::run(arguments, size, pitch_mm);
     }
     let form = arguments.form()?;
     let settings = arguments.settings(form);
@@ -185,7 +186,7 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
             "--png needs a directory to write into, and --out is `-`; give --out a directory"
         );
         let simulation = prepared(&settings)?;
-        return video(&simulation, form, arguments.frames).write(
+        return Video::of(simulation.camera(), arguments.fps, form, arguments.frames).write(
             |frame, luma| Ok(form.render(&simulation, frame, luma)?),
             standard_output()?,
             "standard output",
@@ -211,7 +212,8 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<()> {
     let place = frames.display().to_string();
     let file = plumbline_files::create(&frames, true)?;
     let render = |frame: u64, luma: &mut Vec<u8>| Ok(form.render(&simulation, frame, luma)?);
-    video(&simulation, form, arguments.frames).write(render, file, &place, |frame, samples| {
+    let video = Video::of(simulation.camera(), arguments.fps, form, arguments.frames);
+    video.write(render, file, &place, |frame, samples| {
         for (row, outside) in truth_rows(&simulation, frame).iter().zip(&mut outside) {
             truth.write(row)?;
             *outside += u64::from(row.points == Some(0));
@@ -257,10 +259,7 @@ fn describe(
     scene_path: &Path,
 ) -> Result<(), BadInput> {
     let source = format!("plumb simulate, seed {}: exact", simulation.settings().seed);
-    let provenance = Provenance { source: Some(source.clone()), ..Provenance::default() };
-    let camera =
-        Camera { lens: *simulation.camera(), readout_ns: simulation.readout_ns(), provenance };
-    camera::write(camera_path, &camera)?;
+    write_camera(camera_path, simulation.camera(), simulation.readout_ns(), &source)?;
     let descriptions: Vec<_> = simulation
         .targets()
         .iter()
@@ -276,15 +275,20 @@ fn describe(
         })
         .collect();
     targets::write(targets_path, &descriptions)?;
-    let scene = SceneFile { cam_from_scene_theta: simulation.cam_from_scene().theta(), source };
-    scene::write(scene_path, &scene)
+    write_scene(scene_path, &simulation.cam_from_scene(), source)
 }
 
-/// The video of a simulation.
-fn video(simulation: &Simulation, form: Form, frames: u64) -> Video {
-    let lens = simulation.camera();
-    let size_px = [lens.width_px, lens.height_px].map(usize::from);
-    Video { size_px, rate_hz: simulation.settings().frame_rate_hz, form, frames }
+fn write_camera(path: &Path, lens: &Lens, readout_ns: i32, source: &str) -> Result<(), BadInput> {
+    let provenance = Provenance { source: Some(source.to_owned()), ..Provenance::default() };
+    camera::write(path, &Camera { lens: *lens, readout_ns, provenance })
+}
+
+fn write_scene(
+    path: &Path,
+    cam_from_scene: &Pose<Cam, Scene>,
+    source: String,
+) -> Result<(), BadInput> {
+    scene::write(path, &SceneFile { cam_from_scene_theta: cam_from_scene.theta(), source })
 }
 
 fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> anyhow::Result<()> {

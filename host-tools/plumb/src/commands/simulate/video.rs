@@ -6,19 +6,26 @@ use std::os::fd::AsFd;
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
+use plumbline::lens::Lens;
 use plumbline_files::BadInput;
 use plumbline_render::simulate::recorded::{Form, frame_rate};
 
 /// A video that is to be rendered and written.
 pub(super) struct Video {
     /// Width and height.
-    pub size_px: [usize; 2],
-    pub rate_hz: f64,
-    pub form: Form,
-    pub frames: u64,
+    size_px: [usize; 2],
+    rate_hz: f64,
+    form: Form,
+    frames: u64,
 }
 
 impl Video {
+    /// A video by this camera.
+    pub(super) fn of(lens: &Lens, rate_hz: f64, form: Form, frames: u64) -> Self {
+        let size_px = [lens.width_px, lens.height_px].map(usize::from);
+        Self { size_px, rate_hz, form, frames }
+    }
+
     /// Renders and writes; `render` overwrites the bytes of a frame's luma with those of the frame
     /// of this number, and `each` sees every frame before it is written.
     ///

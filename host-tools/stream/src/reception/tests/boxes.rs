@@ -24,8 +24,7 @@ fn a_second_box_is_not_mixed_in() {
     }
     send(&boxes[0], &sent(&pose(1)));
     let (mut receiver, csv) = receiver();
-    receive(&mut udp, &mut receiver, &mut (), until_frames(2), &AtomicBool::new(false), on)
-        .unwrap();
+    receive(&mut udp, &mut receiver, &mut (), Some(2), &AtomicBool::new(false), on()).unwrap();
     assert_eq!(receiver.left_out(), LeftOut { other_box: 6, ..LeftOut::default() });
     assert_eq!(rows(&csv.text()).len(), 4);
     let notices = receiver.take_notices();
@@ -118,7 +117,7 @@ fn a_reception_ends_when_another_box_has_taken_the_place_of_the_first() {
     });
     let (mut receiver, csv) = receiver();
     let stop = AtomicBool::new(false);
-    let ended = receive(&mut udp, &mut receiver, &mut (), until_frames(100), &stop, on);
+    let ended = receive(&mut udp, &mut receiver, &mut (), Some(100), &stop, on());
     sender.join().unwrap();
     let error = ended.unwrap_err().to_string();
     assert!(error.starts_with("ward 3 (PL-0001): it has been silent for 3 s"), "{error}");

@@ -37,8 +37,7 @@ fn frames_come_through_a_serial_line() {
         boxside
     });
     let (mut receiver, csv) = receiver();
-    receive(&mut serial, &mut receiver, &mut (), until_frames(48), &AtomicBool::new(false), on)
-        .unwrap();
+    receive(&mut serial, &mut receiver, &mut (), Some(48), &AtomicBool::new(false), on()).unwrap();
     drop(sender.join().unwrap());
     assert_eq!(receiver.counts().lost, 1);
     let bad = receiver.bad();
@@ -99,7 +98,7 @@ fn what_is_kept_of_a_damaged_line_reads_as_it_came() {
     let (mut receiver, _) = receiver();
     let mut kept = Kept::default();
     let stop = AtomicBool::new(false);
-    receive(&mut serial, &mut receiver, &mut kept, until_frames(3), &stop, on).unwrap();
+    receive(&mut serial, &mut receiver, &mut kept, Some(3), &stop, on()).unwrap();
     assert_eq!(receiver.bad().corrupt, 1);
     let mut deframer = Deframer::new();
     let read: Vec<_> = kept.0.iter().map(|raw| raw.decode(&mut deframer)).collect();
@@ -127,8 +126,7 @@ fn a_line_that_vanishes_is_waited_for() {
     });
     let mut serial = Serial::new(opener).unwrap();
     let (mut receiver, csv) = receiver();
-    receive(&mut serial, &mut receiver, &mut (), until_frames(3), &AtomicBool::new(false), on)
-        .unwrap();
+    receive(&mut serial, &mut receiver, &mut (), Some(3), &AtomicBool::new(false), on()).unwrap();
     assert_eq!(receiver.line_losses(), 1);
     assert_eq!((receiver.counts().received, receiver.counts().lost), (3, 1));
     // The half frame was forgotten with its line.

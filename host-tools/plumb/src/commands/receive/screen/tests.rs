@@ -1,10 +1,12 @@
 //! The words for a reception.
 
-use plumbline::packet::{CameraState, Health, Log, LogLevel, Message};
+use plumbline::packet::{AnatomicalPoint, CameraState, Health, Log, LogLevel, Message, PosePacket};
 use plumbline_stream::fixture::adversity::hello_of;
 use plumbline_stream::fixture::{self, take};
 use plumbline_stream::transport::Event;
+use plumbline_trial::mark::{Mark, Source};
 
+use super::super::course::Zeroing;
 use super::*;
 
 fn status(receiver: &Heard, place: &str, now: Instant) -> String {
@@ -163,6 +165,32 @@ fn what_was_wrong_with_the_power_is_in_the_summary() {
     take(&mut receiver, now, &[power(Some(true), Some(false)), power(Some(false), Some(true))]);
     let words = summary(&receiver);
     assert!(words.contains("too weak") && words.contains("slowed down"), "{words}");
+}
+
+/// A mark called zero takes the place of an earlier one.
+#[test]
+fn movement_counts_from_the_mark_that_is_t_0() {
+    let begun = Instant::now();
+    let mut course = Course::new(begun, None, Zeroing::Mark);
+    let mut screen = Screen::new("UDP", "", Criteria::default(), true);
+    let mut receiver = Heard::new(None);
+    take(&mut receiver, begun, &[hello()]);
+    let packet = |sequence, ap_mm| PosePacket {
+        upper_trunk: Some(AnatomicalPoint { ap_mm, ml_mm: 0.0, si_mm: 0.0 }),
+        ..fixture::pose_packet(sequence)
+    };
+    for (sequence, ap_mm, label) in [(0, 1.0, None), (1, 2.0, Some("turn")), (2, 4.0, Some("zero"))]
+    {
+        if let Some(label) = label {
+            course.mark(&Mark::new(Source::Key, label), begun.elapsed().as_secs_f64());
+        }
+        let pose = Message::Pose(packet(sequence, ap_mm));
+        take(&mut receiver, Instant::now(), &[pose]);
+        screen.show(&mut receiver, &mut course);
+        let since = if label.is_some() { 8.0 - ap_mm } else { 7.0 };
+        let line = &screen.live.movement(&packet(3, 8.0))[0];
+        assert!(line.contains(&format!("AP {since:+7.1}")), "{label:?}: {line}");
+    }
 }
 
 #[test]

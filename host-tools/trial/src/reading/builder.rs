@@ -1,0 +1,423 @@
+//! Builds a trial from the entries of its journal, in their order: each packet is judged as it was
+//! when it came, put right where the box was told something wrong, and becomes a frame or part of
+//! what is known of the circumstances.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+use plumbline::config::Config;
+use plumbline::packet::{
+    AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply,
+    ReplyOutcome,
+};
+use plumbline::scene::SceneFrame;
+use plumbline::target::Role;
+use plumbline_analysis::statistics::describe::median;
+use plumbline_stream::clock::Exchange;
+use plumbline_stream::others::name;
+use plumbline_stream::sessions::{self, Judged, Sessions};
+
+use super::{Frame, Observed, Point, Trial, Trunk};
+use crate::correction::{Correction, corrected};
+use crate::journal::{Content, Entry};
+use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
+use crate::mark::Mark;
+use crate::run::Run;
+use crate::verdict::{Verdict, judge};
+
+/// Builds a trial from its packets.
+pub(super) struct Builder {
+    /// What the box was told, and what it should have been told.
+    recorded: Option<Config>,
+    correction: Option<Correction>,
+    sessions: Sessions,
+    scene: Option<(SceneFrame, Vector3<f64>)>,
+    runs: BTreeMap<u32, Run>,
+    pub(super) frames: Vec<Frame>,
+    marks: Vec<(u64, Mark)>,
+    hello: Option<Hello>,
+    pub(super) observed: Observed,
+    corrupt: u64,
+    /// Packets with a number that no measurement gives.
+    beyond: u64,
+    instant: Option<MarkedInstant>,
+    deframer: Deframer,
+}
+
+impl Builder {
+    pub(super) fn new(recorded: Option<Config>, correction: Option<Correction>) -> Self {
+        let config = correction.as_ref().map(Correction::config).or(recorded.as_ref());
+        Self {
+            scene: config.and_then(scene_of),
+            recorded,
+            correction,
+            sessions: Sessions::default(),
+            runs: BTreeMap::new(),
+            frames: Vec::new(),
+            marks: Vec::new(),
+            hello: None,
+            observed: Observed::default(),
+            corrupt: 0,
+            beyond: 0,
+            instant: None,
+            deframer: Deframer::new(),
+        }
+    }
+
+    pub(super) fn take(&mut self, entry: Entry) {
+        let outcome = match entry.content {
+            Content::Mark(mark) => {
+                self.marks.push((entry.host_ns, mark));
+                return;
+            }
+            Content::About(_) => return,
+            Content::Raw(raw) => raw.decode(&mut self.deframer),
+        };
+        match outcome {
+            Ok(packet) => {
+                let packet = corrected(self.correction.as_ref(), packet);
+                self.sessions.take(packet, entry.host_ns);
+                self.take_judged(entry.host_ns);
+            }
+            Err(PacketError::Fragment) => {}
+            Err(PacketError::Number) => self.beyond += 1,
+            Err(_) => self.corrupt += 1,
+        }
+    }
+
+    fn take_judged(&mut self, host_ns: u64) {
+        while let Some(judged) = self.sessions.next_judged() {
+            match judged {
+                Judged::Begins { hello, .. } => self.hello(hello),
+                Judged::Frame(frame) => self.frame(&frame),
+                Judged::Message(message) => self.message(message, host_ns),
+                Judged::OtherBox(hello) => note(&mut self.observed.others, name(&hello)),
+                Judged::Unnamed(_) | Judged::Conflict(_) => {}
+            }
+        }
+    }
+
+    fn message(&mut self, message: Message, host_ns: u64) {
+        match message {
+            Message::Health(health) => {
+                self.observed.power.take(&health);
+            }
+            // It says once more who it is.
+            Message::Hello(hello) => self.hello(hello),
+            Message::View(view) => self.observed.views.push(view),
+            Message::Reply(Reply {
+                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
+                ..
+            }) => {
+                let exchange = Exchange {
+                    host_sent_ns,
+                    box_received_ns,
+                    box_sent_ns,
+                    host_received_ns: host_ns,
+                };
+                // An answer before its question was given to another recording.
+                if host_sent_ns <= host_ns {
+                    self.runs.entry(self.sessions.count()).or_default().answer(exchange);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn hello(&mut self, hello: Hello) {
+        let told = self.hello.as_ref().map(|before| before.config_crc);
+        let known = told.or(self.recorded.as_ref().map(Config::crc));
+        self.observed.config_changed |= known.is_some_and(|crc| crc != hello.config_crc);
+        self.hello = Some(hello);
+    }
+
+    fn frame(&mut self, frame: &sessions::Frame) {
+        let sessions::Frame { session, clock, packet, .. } = frame;
+        self.instant = Some(packet.instant);
+        self.runs.entry(*session).or_default().frame(frame);
+        let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
+        let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
+            let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
+            let frame_ns = packet.capture_time_ns;
+            let own_ns = pose.map_or(frame_ns, |pose| pose.own_time_ns(frame_ns));
+            Some(Point {
+                time_s: clock.time_s(own_ns),
+                position_mm: [ap_mm, ml_mm, si_mm].map(f64::from),
+                covariance_mm2: self
+                    .scene
+                    .zip(pose)
+                    .map(|((scene, _), pose)| covariance_mm2(&scene, pose, lever_mm)),
+            })
+        };
+        let lever_mm = self.scene.map(|(_, lever_mm)| lever_mm).unwrap_or_default();
+        self.frames.push(Frame {
+            session: *session,
+            sequence: packet.sequence,
+            time_s: clock.time_s(packet.capture_time_ns),
+            upper: point(packet.upper_trunk, upper, Vector3::zeros()),
+            lower: point(packet.lower_trunk, lower, lever_mm),
+            theta: [upper, lower].map(|pose| {
+                let MeasuredPose { theta_rad: [a, b, c], translation_mm: [x, y, z], .. } = pose?;
+                Some([*a, *b, *c, *x, *y, *z])
+            }),
+            rms_px: [upper, lower].map(|pose| pose.map(|pose| pose.rms_px)),
+        });
+    }
+
+    /// An event of the run that was under way or, before the first frame, of the first.
+    fn event(&self, host_ns: u64, mark: &Mark) -> Option<EventSeen> {
+        let has_begun = |run: &&Run| run.begun_ns().is_some_and(|begun_ns| begun_ns <= host_ns);
+        let of_its_run = self.runs.values().rev().find(has_begun);
+        let first = self.runs.values().find(|run| run.begun_ns().is_some());
+        of_its_run.or(first)?.event(host_ns, mark)
+    }
+
+    pub(super) fn finish(
+        mut self,
+        folder: &Path,
+        mut manifest: Manifest,
+        mut warnings: Vec<String>,
+    ) -> Trial {
+        self.sessions.finish();
+        self.take_judged(u64::MAX);
+        // The network may reorder packets.
+        self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        if self.observed.config_changed {
+            warnings.push(
+                "the box was given another configuration during the trial: positions before and \
+                 after are not of one calibration"
+                    .to_owned(),
+            );
+        }
+        let (counts, left_out) = (self.sessions.counts(), self.sessions.left_out());
+        let packets = Packets {
+            frames: counts.received,
+            lost: counts.lost,
+            late: counts.late,
+            repeated: counts.repeated,
+            corrupt: self.corrupt,
+            implausible: counts.implausible + self.beyond,
+            other_box: left_out.other_box,
+            conflicting: left_out.conflicting,
+            unknown_start: left_out.unknown_start,
+            sessions: self.sessions.count(),
+        };
+        warnings.extend(packets.warnings());
+        warnings.extend(self.observed.power.warnings().into_iter().map(str::to_owned));
+        manifest.the_box = self.hello.as_ref().map(|hello| BoxSeen {
+            device: hello.device.to_string(),
+            serial_number: hello.serial_number.to_string(),
+            firmware: hello.firmware.to_string(),
+            config_crc: format!("{:08x}", hello.config_crc),
+        });
+        manifest.instant = self.instant;
+        manifest.packets = Some(packets);
+        manifest.clocks =
+            self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
+        manifest.noise =
+            Trunk::ALL.into_iter().filter_map(|trunk| noise(&self.frames, trunk)).collect();
+        manifest.events =
+            self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark)).collect();
+        let first_frame_utc_s = manifest.started.parse::<jiff::Timestamp>().ok().and_then(|it| {
+            let first_s = self.runs.values().find_map(Run::first_capture_s)?;
+            Some(1e-9 * it.as_nanosecond() as f64 + first_s)
+        });
+        let config = self.correction.map(|it| it.config().clone()).or(self.recorded);
+        let (frames, observed) = (self.frames, self.observed);
+        let folder = folder.to_owned();
+        let mut trial =
+            Trial { folder, manifest, config, observed, frames, first_frame_utc_s, warnings };
+        let computed = judge(&trial, &trial.manifest.criteria);
+        let Verdict { overruled, by, why, .. } = trial.manifest.verdict();
+        trial.manifest.verdict = Some(Verdict { overruled, by, why, ..computed });
+        trial
+    }
+}
+
+/// Takes note of a name, once.
+fn note(names: &mut Vec<String>, name: String) {
+    if !names.contains(&name) {
+        names.push(name);
+    }
+}
+
+/// The scene, and the lower trunk's lever on its target.
+fn scene_of(config: &Config) -> Option<(SceneFrame, Vector3<f64>)> {
+    let scene = SceneFrame::new(config.cam_from_scene()?);
+    let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower);
+    let lever_mm = lower.map(|it| it.geometry.virtual_point_mm());
+    Some((scene, lever_mm.unwrap_or_default()))
+}
+
+/// The covariance along AP, ML and SI of a point that is fixed to a target, `lever_mm` from its
+/// origin.
+fn covariance_mm2(scene: &SceneFrame, pose: &MeasuredPose, lever_mm: Vector3<f64>) -> Matrix3<f64> {
+    let by_increment = pose.cam_from_target().point_by_increment(&lever_mm);
+    let jacobian = scene.anatomical_from_cam() * by_increment;
+    let covariance = jacobian * pose.covariance() * jacobian.transpose();
+    let covariance = 0.5 * (covariance + covariance.transpose());
+    if covariance.cholesky().is_some() {
+        return covariance;
+    }
+    // Correlations come rounded to 1/127, which can leave a variance below 0 in some direction:
+    // the nearest covariance has none there.
+    let mut eigen = covariance.symmetric_eigen();
+    eigen.eigenvalues.apply(|it| *it = it.max(0.0));
+    eigen.recompose()
+}
+
+fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
+    let sd_mm = |axis: usize| {
+        let of = frames.iter().filter_map(|frame| frame.point(trunk)?.covariance_mm2);
+        median(of.map(|it| it[(axis, axis)].max(0.0).sqrt()))
+    };
+    Some(NoiseSeen {
+        trunk: trunk.word().to_owned(),
+        ap_mm: sd_mm(0)?,
+        ml_mm: sd_mm(1)?,
+        si_mm: sd_mm(2)?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use plumbline::packet::{Health, PACKET_BYTES_MAX, Packet, encode_datagram};
+    use plumbline_analysis::series::Series;
+    use plumbline_stream::fixture::adversity::{self, Adversity};
+    use plumbline_stream::fixture::health;
+    use plumbline_stream::receiver::Receiver;
+    use plumbline_stream::transport::{Event, Raw};
+
+    use super::*;
+    use crate::manifest::Zero;
+
+    fn finished(builder: Builder) -> Trial {
+        let manifest =
+            Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
+        builder.finish(Path::new("trial"), manifest, Vec::new())
+    }
+
+    /// The trial in what a recording has kept of these packets.
+    fn trial(packets: &[(u64, Packet)]) -> Trial {
+        let mut builder = Builder::new(None, None);
+        for (host_ns, Packet { start, message }) in packets {
+            let mut buffer = [0; PACKET_BYTES_MAX];
+            let datagram = encode_datagram(*start, message, &mut buffer).unwrap().to_vec();
+            let content = Content::Raw(Raw::Datagram(datagram));
+            builder.take(Entry { host_ns: *host_ns, content });
+        }
+        finished(builder)
+    }
+
+    /// Receives packets at their times, while time is seen to pass.
+    fn received(packets: &[(u64, Packet)]) -> Receiver<Vec<u8>> {
+        let mut receiver = Receiver::new(None);
+        // Half a second after the recording began.
+        let begun = Instant::now() + Duration::from_millis(500);
+        let mut passed_ns = 0;
+        for (host_ns, packet) in packets {
+            for now_ns in (passed_ns..*host_ns).step_by(100_000_000) {
+                receiver.tick(begun + Duration::from_nanos(now_ns)).unwrap();
+            }
+            passed_ns = *host_ns;
+            let now = begun + Duration::from_nanos(*host_ns);
+            receiver.handle(Event::Packet(packet.clone()), now).unwrap();
+        }
+        receiver.finish(begun).unwrap();
+        receiver
+    }
+
+    #[test]
+    fn a_recording_says_of_its_packets_what_was_said_when_they_came() {
+        for Adversity { name, packets, sessions, counts, left_out, boxes } in adversity::all() {
+            let receiver = received(&packets);
+            assert_eq!((receiver.counts(), receiver.left_out()), (counts, left_out), "{name}");
+            assert_eq!(receiver.sessions(), sessions, "{name}");
+            let error = receiver.exchanged().map(|error| error.to_string()).unwrap_or_default();
+            assert_eq!(boxes.1.is_some(), error.contains("another box sends now: "), "{error}");
+            assert!(boxes.1.is_none_or(|other| error.contains(other)), "{name}: {error}");
+
+            let trial = trial(&packets);
+            let expected = Packets {
+                frames: counts.received,
+                lost: counts.lost,
+                late: counts.late,
+                repeated: counts.repeated,
+                corrupt: 0,
+                implausible: counts.implausible,
+                other_box: left_out.other_box,
+                conflicting: left_out.conflicting,
+                unknown_start: left_out.unknown_start,
+                sessions,
+            };
+            assert_eq!(trial.manifest.packets, Some(expected), "{name}");
+            assert_eq!(trial.manifest.the_box.unwrap().device, boxes.0, "{name}");
+            // Late frames are in their places.
+            let numbers = trial.frames.iter().map(|frame| (frame.session, frame.sequence));
+            assert!(numbers.is_sorted(), "{name}");
+            assert!(trial.frames.iter().map(|it| it.time_s).is_sorted(), "{name}");
+            let is_worth_a_warning = left_out != Default::default() || counts.implausible > 0;
+            let warned = trial.warnings.iter().any(|it| it.starts_with("left out: "));
+            assert_eq!(warned, is_worth_a_warning, "{name}: {:?}", trial.warnings);
+        }
+    }
+
+    #[test]
+    fn a_border_between_sessions_is_a_gap() {
+        // The next start's frames are 100 mm away, and come as soon as the last one's have ended.
+        let frames = |start: u32, away_mm: f32| {
+            (0..300).map(move |number| {
+                let mut packet = adversity::frame_of(start, number, 60);
+                if let Message::Pose(pose) = &mut packet.message {
+                    let point = AnatomicalPoint { ap_mm: away_mm, ml_mm: 0.0, si_mm: 1400.0 };
+                    pose.upper_trunk = Some(point);
+                }
+                (u64::from(number) * 16_666_667, packet)
+            })
+        };
+        let mut packets = vec![(0, adversity::hello_of("ward 3", 1))];
+        packets.extend(frames(1, 0.0));
+        let next_ns = 300 * 16_666_667;
+        packets.push((next_ns, adversity::hello_of("ward 3", 2)));
+        packets.extend(frames(2, 100.0).map(|(at_ns, packet)| (next_ns + at_ns, packet)));
+        let trial = trial(&packets);
+        assert_eq!(trial.manifest.packets.unwrap().sessions, 2);
+        let points: Vec<Point> = trial.frames.iter().filter_map(|frame| frame.upper).collect();
+        assert_eq!(points.len(), 600);
+        let along = |axis: usize| points.iter().map(|it| it.position_mm[axis]).collect();
+        let time_s = points.iter().map(|it| it.time_s).collect();
+        let series = Series::new(time_s, [along(0), along(1), along(2)]).unwrap();
+        let segments: Vec<_> = series.segments().collect();
+        assert_eq!(segments, [0..300, 300..600], "no step leads from one session to the next");
+    }
+
+    #[test]
+    fn positions_that_no_room_holds_are_no_part_of_a_trial() {
+        let mut packets: Vec<_> =
+            (0..60).map(|number| (u64::from(number), adversity::frame_of(1, number, 60))).collect();
+        if let Message::Pose(pose) = &mut packets[30].1.message {
+            let point = AnatomicalPoint { ap_mm: 1e30, ml_mm: 0.0, si_mm: 1400.0 };
+            pose.upper_trunk = Some(point);
+        }
+        packets.insert(0, (0, adversity::hello_of("ward 3", 1)));
+        let found = trial(&packets).manifest.packets.unwrap();
+        assert_eq!((found.frames, found.lost, found.implausible), (59, 1, 1));
+    }
+
+    #[test]
+    fn a_trial_tells_that_the_box_had_too_little_power() {
+        let trial = |undervoltages: &[bool]| {
+            let mut builder = Builder::new(None, None);
+            for undervoltage in undervoltages.iter().copied().map(Some) {
+                builder.message(Message::Health(Health { undervoltage, ..health() }), 0);
+            }
+            finished(builder)
+        };
+        assert_eq!(trial(&[false, false]).warnings, [""; 0]);
+        let warnings = trial(&[false, true, true, false]).warnings;
+        assert!(matches!(&warnings[..], [one] if one.contains("power supply")), "{warnings:?}");
+    }
+}
