@@ -39,11 +39,10 @@ const SEED: u64 = 1;
 const COUNT: u64 = 150;
 
 /// Fewest found of the targets whose place is certain, and certain of the target, percent. Under
-/// 250 covers of another seed, 91 % and 89 % were found. The bounds lie two and a half standard
-/// deviations of the share of 53 and of 89 covers below. Most of the missed ones are straps that
-/// leave one line of corners on each side, which make no lattice, and covers that look like paper, or
-/// like the end of the board.
-const FOUND_PERCENT_MIN: [u64; 2] = [80, 84];
+/// 250 covers of each of nine other seeds, 95 % and 92 % were found. The bounds lie two and a half
+/// standard deviations of the share of 53 and of 89 covers below. Most of the missed ones are under
+/// covers that look like paper, or like the end of the board.
+const FOUND_PERCENT_MIN: [u64; 2] = [87, 84];
 
 /// The sizes of the other boards: larger and smaller than the targets.
 const OTHER_SIZES: [[u8; 2]; 14] = [

@@ -1,18 +1,19 @@
 //! Where a target lies of which hair, a sleeve or a strap covers a part.
 //!
 //! The pieces of a lattice on both sides of a cover are joined by the plane of their corners, and
-//! squares that are seen beyond a cover are added. Then the place of the target follows from the
-//! [`sides`] at which it is seen to end. Its columns and rows are known, so one end of an axis fixes
-//! the place along it. What is demanded is more: one end of each axis, and either both ends of one
-//! axis, as far apart as the target's columns or rows are, or squares in all of its columns and
-//! rows. No other missing target and no other place may fit what is seen, nor may paper be seen
-//! where the hidden squares should be. So a cover may hide one whole side of the target, but not
-//! two. A target that the frame's border hides is not accepted.
+//! squares that are seen beyond a cover are added. Where a strap leaves one line of corners on each
+//! side, exactly one number of hidden lines has to fit what is seen. Then the place of the target
+//! follows from the [`sides`] at which it is seen to end. Its columns and rows are known, so one end
+//! of an axis fixes the place along it. What is demanded is more: one end of each axis, and either
+//! both ends of one axis, as far apart as the target's columns or rows are, or squares in all of its
+//! columns and rows. No other missing target and no other place may fit what is seen, nor may paper
+//! be seen where the hidden squares should be. So a cover may hide one whole side of the target, but
+//! not two. A target that the frame's border hides is not accepted.
 //!
 //! What it cannot detect: a board that has as many columns as the target, or as many rows, and of
 //! which a side is hidden that would show the difference.
 
-use super::lattice::{Bounds, Lattice, Line};
+use super::lattice::{Bounds, Lattice, Least, Line};
 use super::plane::Plane;
 use super::sides::{self, Side, Sides, Votes};
 use super::view::View;
@@ -39,9 +40,49 @@ const PAPER_MAX: f32 = 0.3;
 /// Most border lines of clutter that are removed.
 const CLUTTER_LINES_MAX: usize = 4;
 
+/// The grid of the one shape that has exactly one place in a lattice around a seed, and its index in
+/// `wanted`. If that lattice has none, the line of corners beside the seed may be no neighbour: a
+/// strap covers the lines between them. Then one number of hidden lines has to fit what is seen, no
+/// other may, and none may join more corners. What was joined belongs to no other lattice.
+pub(super) fn place_at<P: Pixel>(
+    image: &GreyImage<'_, P>,
+    lattice: &mut Lattice,
+    corners: &[Corner],
+    seed: u16,
+    wanted: &[GridShape],
+) -> Option<(usize, Grid)> {
+    let mut most = (0, 1);
+    let mut only: Option<(usize, (usize, Grid))> = None;
+    let mut is_ambiguous = false;
+    for gap in 1..=GAP_MAX + 1 {
+        if lattice.grow(corners, seed, Least::Piece { gap }).is_none() {
+            continue;
+        }
+        let placed = place(image, lattice, corners, wanted);
+        if gap == 1 && placed.is_some() {
+            return placed;
+        }
+        let joined = lattice.cells().count();
+        lattice.release();
+        if joined > most.0 {
+            most = (joined, gap);
+        }
+        if let Some(placed) = placed {
+            is_ambiguous |= only.as_ref().is_some_and(|(_, other)| *other != placed);
+            only = Some((joined, placed));
+        }
+    }
+    // As it was, with all that was joined.
+    let (joined, gap) = most;
+    if joined > 0 && lattice.grow(corners, seed, Least::Piece { gap }).is_some() {
+        let _ = place(image, lattice, corners, wanted);
+    }
+    only.filter(|(count, _)| !is_ambiguous && *count == joined).map(|(_, placed)| placed)
+}
+
 /// The grid of the one shape that has exactly one place in a lattice, and its index in `wanted`.
 /// The lattice has just been grown; it is extended over the gaps.
-pub(super) fn place<P: Pixel>(
+fn place<P: Pixel>(
     image: &GreyImage<'_, P>,
     lattice: &mut Lattice,
     corners: &[Corner],

@@ -33,8 +33,9 @@ const PLANE_ERROR_MAX: f32 = 0.2;
 pub(super) enum Least {
     /// 3 x 3 corners: the smallest target.
     Target,
-    /// 2 x 3 corners: what a cover may leave of a target on one of its sides.
-    Piece,
+    /// 2 x 3 corners: what a cover may leave of a target on one of its sides, or on both. The first
+    /// two lines are `gap` steps apart.
+    Piece { gap: i32 },
 }
 
 impl Least {
@@ -42,7 +43,14 @@ impl Least {
     const fn lines(self) -> [usize; 2] {
         match self {
             Self::Target => [3, 3],
-            Self::Piece => [2, 3],
+            Self::Piece { .. } => [2, 3],
+        }
+    }
+
+    const fn gap(self) -> i32 {
+        match self {
+            Self::Target => 1,
+            Self::Piece { gap } => gap,
         }
     }
 }
@@ -223,7 +231,7 @@ impl Lattice {
             return None;
         }
         self.clear();
-        let bounds = self.place_first_cell(corners, seed).and_then(|()| {
+        let bounds = self.place_first_cell(corners, seed, least.gap()).and_then(|()| {
             // Beside a gap a corner can often be predicted only once its other neighbours have been
             // placed, so the rounds go on as long as they add something.
             for _ in 0..ROUNDS_MAX {
@@ -249,14 +257,18 @@ impl Lattice {
             large.then_some(bounds)
         });
         if bounds.is_none() {
-            // Its corners may belong to another lattice.
-            for n in 0..self.count {
-                if let Some(index) = self.corner(self.queue[n].map(i32::from)) {
-                    self.used[usize::from(index)] = false;
-                }
-            }
+            self.release();
         }
         bounds
+    }
+
+    /// Lets the corners belong to another lattice.
+    pub(super) fn release(&mut self) {
+        for n in 0..self.count {
+            if let Some(index) = self.corner(self.queue[n].map(i32::from)) {
+                self.used[usize::from(index)] = false;
+            }
+        }
     }
 
     fn bounds(&self) -> Bounds {
@@ -356,8 +368,10 @@ impl Lattice {
 
     /// Places the seed and three neighbours around one square, such that both ways to the opposite
     /// corner agree. Of the squares around the seed it takes the smallest: at a board's border the
-    /// others extend to whatever lies beyond.
-    fn place_first_cell(&mut self, corners: &[Corner], seed: u16) -> Option<()> {
+    /// others extend to whatever lies beyond. Along v its corners are `gap` steps apart: after an
+    /// odd number of steps, the roles of a corner's edges are exchanged.
+    fn place_first_cell(&mut self, corners: &[Corner], seed: u16, gap: i32) -> Option<()> {
+        let gap_is_odd = gap % 2 != 0;
         let [edge0, mut edge1] = self.edges[usize::from(seed)];
         if cross(edge0, edge1) < 0.0 {
             edge1 = edge1.map(|value| -value);
@@ -368,11 +382,11 @@ impl Lattice {
         for turn in 0..4 {
             let (along_u, along_v) = (turns[turn], turns[(turn + 1) % 4]);
             let edge_u = turn % 2;
-            let square = self.neighbour(corners, seed, along_u, edge_u).and_then(|right| {
-                let below = self.neighbour(corners, seed, along_v, 1 - edge_u)?;
-                // At a neighbour the roles are exchanged.
-                let far = self.neighbour(corners, right, along_v, edge_u)?;
-                let also_far = self.neighbour(corners, below, along_u, 1 - edge_u)?;
+            let square = self.neighbour(corners, seed, along_u, edge_u, true).and_then(|right| {
+                let below = self.neighbour(corners, seed, along_v, 1 - edge_u, gap_is_odd)?;
+                let far = self.neighbour(corners, right, along_v, edge_u, gap_is_odd)?;
+                let edge_below = if gap_is_odd { 1 - edge_u } else { edge_u };
+                let also_far = self.neighbour(corners, below, along_u, edge_below, true)?;
                 (far == also_far).then_some([right, below, far])
             });
             let Some([right, below, far]) = square else { continue };
@@ -382,7 +396,7 @@ impl Lattice {
             let within = |ratio: f32, a: f32, b: f32| a < ratio * b && b < ratio * a;
             if within(SIDES_RATIO_MAX, u, far_u)
                 && within(SIDES_RATIO_MAX, v, far_v)
-                && within(ASPECT_MAX, u, v)
+                && within(ASPECT_MAX, u, v / gap as f32)
                 && smallest.is_none_or(|(least, ..)| u + v < least)
             {
                 smallest = Some((u + v, edge_u, [right, below, far]));
@@ -392,23 +406,26 @@ impl Lattice {
         self.seed_edge = edge_u;
         self.place([0, 0], seed);
         self.place([1, 0], right);
-        self.place([0, 1], below);
-        self.place([1, 1], far);
+        self.place([0, gap], below);
+        self.place([1, gap], far);
         Some(())
     }
 
-    /// The nearest unused corner in a direction, along edge `edge` of corner `from`.
+    /// The nearest unused corner in a direction, along edge `edge` of corner `from`, an odd or an
+    /// even number of steps away.
     fn neighbour(
         &self,
         corners: &[Corner],
         from: u16,
         direction: [f32; 2],
         edge: usize,
+        is_odd: bool,
     ) -> Option<u16> {
         let own = self.edges[usize::from(from)];
         // The edge itself, oriented along the direction.
         let sign = if dot(own[edge], direction) < 0.0 { -1.0 } else { 1.0 };
         let line = own[edge].map(|value| sign * value);
+        let other_edge = if is_odd { 1 - edge } else { edge };
         let mut nearest: Option<(f32, u16)> = None;
         for index in 0..corners.len() {
             let offset = between(corners, from, index as u16);
@@ -419,8 +436,8 @@ impl Lattice {
             let reach = LINE_SINE_MAX * length(offset);
             let other = self.edges[index];
             if cross(line, offset).abs() < reach
-                && cross(other[1 - edge], offset).abs() < reach
-                && cross(other[edge], own[1 - edge]).abs() < EDGE_SINE_MAX
+                && cross(other[other_edge], offset).abs() < reach
+                && cross(other[1 - other_edge], own[1 - edge]).abs() < EDGE_SINE_MAX
                 && !self.used[index]
             {
                 nearest = Some((ahead, index as u16));

@@ -10,8 +10,8 @@
 //!
 //! What it cannot detect: a board whose whole border line, with the squares beyond it, is hidden by
 //! something looks like a smaller board. A board cut by the frame's border is recognised and
-//! rejected, unless the caller allows it ([`FrameBorder`]); so is one with a line too blurred to be detected, because the squares beyond it are
-//! still seen to alternate.
+//! rejected, unless the caller allows it ([`FrameBorder`]); so is one with a line too blurred to be
+//! detected, because the squares beyond it are still seen to alternate.
 //!
 //! The work is bounded by the square of [`CORNERS_MAX`]; with the one or two
 //! hundred corners of a room it is a fraction of a millisecond.
@@ -237,11 +237,8 @@ impl GridFinder {
         let mut placed: Vec<Option<Grid>, SHAPES_MAX> = missing.iter().map(|_| None).collect();
         let mut ambiguous = [false; SHAPES_MAX];
         for &seed in &self.order[..corners.len()] {
-            let lattice = &mut self.lattice;
-            if lattice.grow(corners, seed, Least::Piece).is_none() {
-                continue;
-            }
-            if let Some((place, grid)) = covered::place(image, lattice, corners, &missing) {
+            let at_seed = covered::place_at(image, &mut self.lattice, corners, seed, &missing);
+            if let Some((place, grid)) = at_seed {
                 ambiguous[place] |= placed[place].replace(grid).is_some();
             }
         }

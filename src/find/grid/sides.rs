@@ -156,14 +156,21 @@ pub(super) fn votes<P: Pixel>(view: &View<'_, P>, line: &Line) -> Votes {
         let (Some(inside), Some(outside)) = (level(INSIDE), level(OUTSIDE)) else { continue };
         let Some(error) = end_error(view, &square) else { continue };
         let outside_dark = view.is_dark(square.cell);
-        let (light, dark) = if outside_dark { (inside, outside) } else { (outside, inside) };
-        if light - dark < SEEN_SHARE * view.contrast {
-            continue;
-        }
+        // Where the square on their other side is covered, though the corners are seen, one is seen
+        // by its difference from what would be there.
+        let are_corners_seen = (number.max(0)..=(number + 1).min(line.length() as i32 - 1))
+            .all(|number| view.is_seen(line.cell(number)));
+        let uncovered = || view.square_level(place(INSIDE), !outside_dark);
+        let is_seen = |inside: &f32| {
+            let difference = if outside_dark { inside - outside } else { outside - inside };
+            difference >= SEEN_SHARE * view.contrast
+        };
+        let inside = [Some(inside), are_corners_seen.then(uncovered)];
+        let Some(inside) = inside.into_iter().flatten().find(is_seen) else { continue };
         votes.seen += 1;
         votes.dark += u32::from(outside_dark);
         let is_paper = view.is_paper(place(FARTHER));
-        let end = end_of_square(level, 0.5 * (light + dark), OUTSIDE);
+        let end = end_of_square(level, 0.5 * (inside + outside), OUTSIDE);
         let ends_there = end.is_some_and(|end| (end - 1.0).abs() < error);
         let ends_about_there = end.is_some_and(|end| (end - 1.0).abs() < MAYBE_END_ERROR);
         let early = end.filter(|&end| end < 1.0 - MAYBE_END_ERROR);

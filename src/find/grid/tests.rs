@@ -101,6 +101,34 @@ fn other_dimensions_are_refused() {
 }
 
 #[test]
+fn a_strap_may_leave_one_line_of_corners_on_each_side() {
+    let pitch_px = 20.0;
+    for (columns, rows) in [(5, 3), (5, 4), (6, 5)] {
+        let board = Board::new([columns, rows], [210.0, 150.0], pitch_px, 0.0, 0.0, 0.0);
+        let Scene { mut bytes, .. } = Scene::new(core::slice::from_ref(&board), 9);
+        // From side to side of the frame, over all rows of corners but the first and the last. It
+        // leaves most of the squares beside these.
+        let [from, to] = [(0, 0.7), (rows - 1, -0.7)]
+            .map(|(row, off)| (board.corner_px(0, row)[1] + off * pitch_px) as usize);
+        bytes[from * SIZE[0]..to * SIZE[0]].fill(110);
+        let scene = Scene::of(bytes);
+        for other in 3..=7_u8 {
+            let shape = GridShape { columns: columns as u8, rows: other };
+            let found = &scene.find(&[shape])[0];
+            let is_right = i32::from(other) == rows;
+            assert_eq!(found.is_ok(), is_right, "{columns} x {rows}: {shape:?}, {found:?}");
+            let Ok(grid) = found else { continue };
+            for (place, corner) in grid.corners.iter().enumerate() {
+                let (row, column) = (place as i32 / columns, place as i32 % columns);
+                let is_seen = row == 0 || row == rows - 1;
+                let expected = scene.index_at(board.corner_px(column, row)) as u16;
+                assert_eq!(*corner, is_seen.then_some(expected), "{column} {row}");
+            }
+        }
+    }
+}
+
+#[test]
 fn something_dark_beside_the_margin_is_no_further_column() {
     let pitch_px = 22.0;
     let board = Board::new([5, 4], [210.0, 150.0], pitch_px, 0.0, 0.0, 0.0);

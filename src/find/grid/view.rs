@@ -61,6 +61,11 @@ impl<'a, P: Pixel> View<'a, P> {
         self.light.dot(&Shading::from([1.0, u, v]))
     }
 
+    /// The brightness of a light or of a dark square at a place.
+    pub(super) fn square_level(&self, place: [f32; 2], is_dark: bool) -> f32 {
+        self.paper_level(place) - if is_dark { self.contrast } else { 0.0 }
+    }
+
     /// Whether paper is seen at a place.
     pub(super) fn is_paper(&self, place: [f32; 2]) -> bool {
         self.is_near_paper(place, PAPER_SHARE)
@@ -82,6 +87,11 @@ impl<'a, P: Pixel> View<'a, P> {
         self.level(place).is_some_and(|level| (level - paper).abs() < share * self.contrast)
     }
 
+    /// Whether the corner at a place is seen.
+    pub(super) fn is_seen(&self, cell: [i32; 2]) -> bool {
+        self.lattice.corner(cell).is_some()
+    }
+
     /// Whether the square from a place along u and v is dark.
     pub(super) fn is_dark(&self, cell: [i32; 2]) -> bool {
         self.lattice.edge_along_u(cell) == 0
@@ -95,18 +105,34 @@ impl<'a, P: Pixel> View<'a, P> {
     }
 
     /// The brightness of the light or of the dark squares, from those of which all four corners are
-    /// seen; `None` where there are none.
+    /// seen, or, if there are none, from those just outside with two corners; `None` where there are
+    /// none of these.
     fn shading(&self, extent: Bounds, is_dark: bool) -> Option<Shading> {
+        let outside = extent.squares().cells().filter(|&cell| {
+            !(extent.contains(cell) && extent.contains([cell[0] + 1, cell[1] + 1]))
+        });
+        self.shading_of(extent.cells(), 4, is_dark).or_else(|| self.shading_of(outside, 2, is_dark))
+    }
+
+    /// The brightness of those squares of which this many corners are seen.
+    fn shading_of(
+        &self,
+        squares: impl Iterator<Item = [i32; 2]>,
+        corners: usize,
+        is_dark: bool,
+    ) -> Option<Shading> {
         let slopes = Shading::from([0.0, SLOPE_WEIGHT, SLOPE_WEIGHT]);
         let mut normal = SMatrix::<f32, 3, 3>::from_diagonal(&slopes);
         let mut right = Shading::zeros();
-        for cell in extent.cells().filter(|&cell| self.is_dark(cell) == is_dark) {
+        for cell in squares.filter(|&cell| self.is_dark(cell) == is_dark) {
             let [u, v] = cell;
-            let is_whole = [[u, v], [u + 1, v], [u, v + 1], [u + 1, v + 1]]
+            let seen = [[u, v], [u + 1, v], [u, v + 1], [u + 1, v + 1]]
                 .into_iter()
-                .all(|cell| self.lattice.corner(cell).is_some());
+                .filter(|&cell| self.is_seen(cell));
             let middle = [u as f32 + 0.5, v as f32 + 0.5];
-            if is_whole && let Some(level) = self.level(middle) {
+            if seen.count() == corners
+                && let Some(level) = self.level(middle)
+            {
                 let terms = Shading::from([1.0, middle[0], middle[1]]);
                 normal += terms * terms.transpose();
                 right += terms * level;
