@@ -13,6 +13,9 @@
 //!   boards of other sizes. Mostly one side is wholly hidden: nobody can tell whether the board has
 //!   more squares there, except by knowing that it is the target. The other target needs no
 //!   comparison, as it is seen elsewhere.
+//! - It is *disguised* if the cover itself looks like another print: where dark squares should be it
+//!   is as bright as paper, or where light ones should be, as dark as ink, over half of a square. A
+//!   smaller board on the same paper looks like that, and must not be taken for the target.
 //!
 //! A board of another size is excluded if each place of the target on its lattice is. The others
 //! look like the target, and most of them are taken for it.
@@ -38,11 +41,10 @@ use rayon::prelude::*;
 const SEED: u64 = 1;
 const COUNT: u64 = 150;
 
-/// Fewest found of the targets whose place is certain, and certain of the target, percent. Under
-/// 250 covers of each of nine other seeds, 95 % and 92 % were found. The bounds lie two and a half
-/// standard deviations of the share of 53 and of 89 covers below. Most of the missed ones are under
-/// covers that look like paper, or like the end of the board.
-const FOUND_PERCENT_MIN: [u64; 2] = [87, 84];
+/// Fewest found of the targets whose place is certain, certain of the target, and disguised, percent.
+/// Under 250 covers of each of seven seeds, 98, 97 and 87 % were found. The bounds lie two and a half
+/// standard deviations of the share of 36, 50 and 58 covers below.
+const FOUND_PERCENT_MIN: [u64; 3] = [92, 92, 76];
 
 /// The sizes of the other boards: larger and smaller than the targets.
 const OTHER_SIZES: [[u8; 2]; 14] = [
@@ -76,6 +78,18 @@ const LENS: Lens = Lens {
 const PITCH_MM: f64 = 12.0;
 /// White paper around the squares.
 const MARGIN_MM: f64 = 11.0;
+
+/// What differs by less than this share of the contrast looks like print: the brightness of a sheet
+/// that is slightly bent differs as much from one end to the other.
+const LIKE_PRINT: f64 = 0.1;
+const INK: Ink = Ink { black: 30.0, white: 210.0 };
+/// How much the light changes over the width of the frame, at most.
+const LIGHT_SLOPE_MAX: f64 = 0.3;
+
+/// The light at a column of the frame.
+fn light(slope: f64, x_px: f64) -> f64 {
+    0.85 + slope * (x_px / f64::from(LENS.width_px) - 0.5)
+}
 
 /// Something in front of a target: a half of the frame, or a band of it.
 struct Cover {
@@ -170,6 +184,7 @@ struct Case {
     poses: [Pose<Cam, Target>; 2],
     samples: Vec<u8>,
     cover: Cover,
+    light_slope: f64,
 }
 
 impl Case {
@@ -189,9 +204,7 @@ impl Case {
             let x_mm = side * 250.0 / LENS.fx_px * z_mm;
             Pose::from_theta([turns[0], turns[1], turns[2], x_mm, 0.02 * z_mm * side, z_mm])
         });
-        let prints = boards
-            .each_ref()
-            .map(|target| Board::new(target, MARGIN_MM, Ink { black: 30.0, white: 210.0 }));
+        let prints = boards.each_ref().map(|target| Board::new(target, MARGIN_MM, INK));
         let placed: Vec<_> = prints
             .iter()
             .zip(&poses)
@@ -199,8 +212,8 @@ impl Case {
             .collect();
         let (width, height) = (usize::from(LENS.width_px), usize::from(LENS.height_px));
         let mut picture = Picture::uniform(width, height, 110.0);
-        let slope = random.random_range(-0.3..0.3);
-        let gain = |x: f64, _: f64| 0.85 + slope * (x / f64::from(LENS.width_px) - 0.5);
+        let light_slope = random.random_range(-LIGHT_SLOPE_MAX..LIGHT_SLOPE_MAX);
+        let gain = |x: f64, _: f64| light(light_slope, x);
         render_targets(&LENS, random.random_range(0.5..1.2), &placed, gain, &mut picture);
         let share = random.random_range(0.15..0.4);
         // The target's squares, evenly.
@@ -219,7 +232,7 @@ impl Case {
         let mut samples = vec![0_u8; width * height];
         let noise_levels = random.random_range(0.5..3.0);
         Sensor { noise_levels, bits: 8 }.expose(&other, seed, number, &mut samples);
-        Self { boards, share, covered, poses, samples, cover }
+        Self { boards, share, covered, poses, samples, cover, light_slope }
     }
 
     /// Where a point of the covered target is in the frame, in squares from corner 0.
@@ -242,6 +255,26 @@ impl Case {
         all.filter(|&(point, _)| !self.cover.hides(&self.point_px(point), EDGE_PX)).collect()
     }
 
+    /// The colours of print that the cover seems to show, where it is as bright as paper, or as dark as
+    /// ink.
+    fn disguise(&self) -> Vec<([f64; 2], bool)> {
+        let width = usize::from(LENS.width_px);
+        let colour = |(point, _)| {
+            let point_px = self.point_px(point);
+            let [x, y] = [point_px.x, point_px.y].map(|px| px.round().max(0.0) as usize);
+            let is_inside = x < width && y < usize::from(LENS.height_px);
+            if !is_inside || !self.cover.hides(&point_px, -EDGE_PX) {
+                return None;
+            }
+            let gain = light(self.light_slope, point_px.x);
+            let from_ink = (f64::from(self.samples[y * width + x]) / gain - INK.black)
+                / (INK.white - INK.black);
+            let is_like = |colour: f64| (from_ink - colour).abs() < LIKE_PRINT;
+            (is_like(0.0) || is_like(1.0)).then(|| (point, is_like(0.0)))
+        };
+        self.print().samples().filter_map(colour).collect()
+    }
+
     /// How certain the place of the covered target is; `None` if it is not, or where too few corners
     /// are seen for a lattice.
     fn certainty(&self) -> Option<Certainty> {
@@ -255,6 +288,9 @@ impl Case {
             return None;
         }
         let (print, colours) = (self.print(), self.colours());
+        if is_excluded(&self.disguise(), |point| print.is_dark(point)) {
+            return Some(Certainty::Disguised);
+        }
         let is_fixed = other_places()
             .all(|place| is_excluded(&colours, |point| print.is_dark(place.of(point))));
         let is_other = |size: [i32; 2]| {
@@ -353,6 +389,8 @@ enum Certainty {
     Whatever,
     /// If it is the target.
     OfTheTarget,
+    /// Not at all: the cover looks like print.
+    Disguised,
 }
 
 /// Whether a print that has these colours is excluded by those that are seen: enough of them differ.
@@ -497,7 +535,7 @@ fn a_covered_target_is_found_at_its_place_or_not_at_all() {
         })
         .collect();
     // By share, and by certainty.
-    let (mut found, mut all) = ([[0; 3]; 2], [[0; 3]; 2]);
+    let (mut found, mut all) = ([[0; 4]; 2], [[0; 4]; 2]);
     let mut lost = 0;
     for Outcome { number, off, covered, share, certainty } in results {
         for (index, off) in off.into_iter().enumerate() {
@@ -511,7 +549,7 @@ fn a_covered_target_is_found_at_its_place_or_not_at_all() {
         }
         lost += u64::from(off[1 - covered].is_none());
         let class = usize::from(share >= 0.25);
-        let kind = certainty.map_or(2, |certainty| certainty as usize);
+        let kind = certainty.map_or(3, |certainty| certainty as usize);
         all[class][kind] += 1;
         found[class][kind] += u64::from(off[covered].is_some());
     }
@@ -521,8 +559,8 @@ fn a_covered_target_is_found_at_its_place_or_not_at_all() {
         let (found, all) = (found[class], all[class]);
         println!(
             "covers of {name}: found are {} of {} certain places, {} of {} that are certain of the \
-             target, {} of {} others; none at a wrong place",
-            found[0], all[0], found[1], all[1], found[2], all[2]
+             target, {} of {} that are disguised, {} of {} others; none at a wrong place",
+            found[0], all[0], found[1], all[1], found[2], all[2], found[3], all[3]
         );
     }
     for (kind, percent_min) in FOUND_PERCENT_MIN.into_iter().enumerate() {
