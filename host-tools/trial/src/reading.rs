@@ -194,11 +194,16 @@ impl Trial {
         time_s(self.frames.last()) - time_s(self.frames.first())
     }
 
-    /// Frames per second on average, pauses included; `None` where they have no length.
+    /// The camera's frames per second on average over the runs of the box, pauses included: frames
+    /// that were lost on the way count, too. `None` where the runs have no length.
     #[must_use]
     pub fn rate_hz(&self) -> Option<f64> {
-        let length_s = self.length_s();
-        (length_s > 0.0).then(|| (self.frames.len() - 1) as f64 / length_s)
+        let pairs = self.frames.windows(2).filter(|pair| pair[0].session == pair[1].session);
+        let (steps, length_s) = pairs.fold((0_u64, 0.0), |(steps, length_s), pair| {
+            (steps + 1, length_s + (pair[1].time_s - pair[0].time_s))
+        });
+        let lost = self.manifest.packets.map_or(0, |packets| packets.lost);
+        (length_s > 0.0).then(|| (steps + lost) as f64 / length_s)
     }
 
     /// The participant and the condition or, without them, the folder's name.

@@ -181,10 +181,15 @@ fn signs(judge: &mut Judge<'_>, trial: &Trial) {
     );
     // Frames that the box replays have times that no clock gives.
     let is_live = manifest.instant.is_some_and(|it| it != MarkedInstant::Recording);
+    // One relation for each run of the box, in their order.
+    let is_related = |frame: &Frame| {
+        manifest.clocks.binary_search_by_key(&frame.session, |clock| clock.session).is_ok()
+    };
     judge.sign(
-        is_live && manifest.clocks.is_empty(),
+        is_live && !frames.iter().all(is_related),
         Sign::ClockUnrelated,
-        "the box's clock was not related to this computer's: marks are uncertain by 0.1 s",
+        "the box's clock was not related to this computer's in every run of the box: marks in such \
+         a run are uncertain by 0.1 s",
         "check that the box hears this computer: `plumb doctor`",
     );
     judge.sign(
@@ -229,10 +234,10 @@ fn time(judge: &mut Judge<'_>, trial: &Trial) {
     judge.at_least(
         Figure {
             key: "rate_hz",
-            name: "frames per second on average".to_owned(),
+            name: "frames per second of the camera, on average".to_owned(),
             found: rate_hz,
             unit: "",
-            remedy: "unless frames were lost, give rate_hz in the box file, more light, or a \
+            remedy: "give rate_hz in the box file, more light, or a \
                      shorter exposure: the posturography standard of the ISPGR asks for 50 Hz",
         },
         |it| it.rate_hz_min,
@@ -245,7 +250,7 @@ fn time(judge: &mut Judge<'_>, trial: &Trial) {
                 name: format!("frames per second, of the {} that were asked for", capture.rate_hz),
                 found: 100.0 * rate_hz / f64::from(capture.rate_hz),
                 unit: " %",
-                remedy: "unless frames were lost, find what slowed the camera or the box down: \
+                remedy: "find what slowed the camera or the box down: \
                          `plumb doctor`",
             },
             |it| it.rate_percent_min,
