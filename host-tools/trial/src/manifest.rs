@@ -224,6 +224,14 @@ pub struct CheckSeen {
     pub seen: String,
 }
 
+impl CheckSeen {
+    /// It as an entry of `packets.bin`; `None` where it is too long for one.
+    pub(crate) fn said(&self) -> Option<Content> {
+        let text = toml::to_string(self).ok().filter(|text| text.len() <= CONTENT_BYTES_MAX);
+        text.map(Content::Check)
+    }
+}
+
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -326,6 +334,12 @@ impl Manifest {
         Ok(manifest)
     }
 
+    /// What `packets.bin` is told of a trial that begins.
+    pub(crate) fn said(&self) -> impl Iterator<Item = Content> {
+        let checks = self.checks.iter().filter_map(CheckSeen::said);
+        self.about().map(Content::About).into_iter().chain(checks)
+    }
+
     /// The text for `packets.bin` from which [`restore`](Self::restore) makes it again: what
     /// persons have said, and how far the recording came. `None` where that is too long for an
     /// entry.
@@ -358,7 +372,7 @@ impl Manifest {
             Err(error) => return Err(BadInput::io(path.display(), &error)),
         };
         let mut warnings = Vec::new();
-        let told = if let Some(text) = read {
+        let (told, checks) = if let Some(text) = read {
             let error = match Self::parse(&text, &path.display().to_string()) {
                 Ok(manifest) => return Ok((manifest, warnings)),
                 Err(error) if format_of(&text).is_some_and(|it| it != FORMAT) => return Err(error),
@@ -385,7 +399,7 @@ impl Manifest {
             ));
             Self::begin(UNKNOWN.to_owned(), None, None, None, Zero::default())
         };
-        Ok((manifest, warnings))
+        Ok((Self { checks, ..manifest }, warnings))
     }
 
     /// Writes it into a trial's folder, in place of the one that is there.
@@ -410,16 +424,18 @@ fn format_of(text: &str) -> Option<u32> {
     toml::from_str(text).ok().map(|Format { format }| format)
 }
 
-/// The latest manifest in a trial's packets.
-fn told(folder: &Path) -> Result<Option<Manifest>, BadInput> {
+/// The latest manifest in a trial's packets, and all checks that were not passed.
+fn told(folder: &Path) -> Result<(Option<Manifest>, Vec<CheckSeen>), BadInput> {
     let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
-    let mut told = None;
+    let (mut told, mut checks) = (None, Vec::new());
     while let Some(entry) = reader.next_entry()? {
-        if let Content::About(text) = entry.content {
-            told = Manifest::parse(&text, names::JOURNAL).ok().or(told);
+        match entry.content {
+            Content::About(text) => told = Manifest::parse(&text, names::JOURNAL).ok().or(told),
+            Content::Check(text) => checks.extend(toml::from_str::<CheckSeen>(&text)),
+            Content::Raw(_) | Content::Mark(_) => {}
         }
     }
-    Ok(told)
+    Ok((told, checks))
 }
 
 /// A name beside a file that no other has: `trial.toml.bad`, `trial.toml.bad2` and so on.
@@ -440,7 +456,15 @@ mod tests {
     use crate::test_trial::Made;
 
     fn lost() -> (tempfile::TempDir, PathBuf) {
-        let (folder, trial) = Made::good().trial();
+        let mut made = Made::good();
+        let check = |subject: &str, verdict| CheckSeen {
+            subject: subject.to_owned(),
+            verdict,
+            seen: format!("the {subject}, \"as it was\": 3 (at most 2)"),
+        };
+        made.manifest.checks =
+            vec![check("rate", CheckVerdict::Warn), check("light", CheckVerdict::Fail)];
+        let (folder, trial) = made.trial();
         (folder, trial.folder)
     }
 
@@ -452,6 +476,7 @@ mod tests {
         let after = remake(&path, &Changes::default()).unwrap();
         assert_eq!(after.manifest, before.manifest);
         assert_eq!(after.manifest.participant.as_deref(), Some("P01"));
+        assert_eq!(after.manifest.checks.len(), 2);
         let said = after.warnings.join("; ");
         assert!(said.contains("made again from the packets"), "{said}");
         assert_eq!(Trial::open(&path).unwrap().manifest, before.manifest);
@@ -498,6 +523,7 @@ mod tests {
         let after = remake(&path, &Changes::default()).unwrap();
         assert_eq!((after.manifest.participant, &*after.manifest.started), (None, "unknown"));
         assert_eq!(after.first_frame_utc_s, None);
+        assert_eq!(after.manifest.checks.len(), 2);
         let said = after.warnings.join("; ");
         assert!(said.contains("do not tell participant, condition"), "{said}");
         assert_eq!(after.frames.len(), 1800);

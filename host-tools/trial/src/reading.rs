@@ -143,14 +143,17 @@ impl Trial {
     /// When there is no trial in it, or it cannot be read.
     pub fn open(folder: &Path) -> Result<Self, BadInput> {
         check_folder(folder)?;
-        Self::open_as(folder, Manifest::read(folder)?)
+        Ok(Self::open_as(folder, Manifest::read(folder)?)?.0)
     }
 
-    /// Reads a trial's folder, whose manifest is this one.
+    /// Reads a trial's folder, whose manifest is this one; also returns what corrects its packets.
     ///
     /// # Errors
     /// When its packets or its configuration cannot be read.
-    pub(crate) fn open_as(folder: &Path, manifest: Manifest) -> Result<Self, BadInput> {
+    pub(crate) fn open_as(
+        folder: &Path,
+        manifest: Manifest,
+    ) -> Result<(Self, Option<Correction>), BadInput> {
         let mut warnings = Vec::new();
         let recorded = read_config(folder, &mut warnings)?;
         let correction = Correction::read(folder, recorded.as_ref())?;
@@ -164,7 +167,7 @@ impl Trial {
             ));
         }
         let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
-        let mut builder = Builder::new(recorded, correction);
+        let mut builder = Builder::new(recorded.as_ref(), correction.as_ref());
         while let Some(entry) = reader.next_entry()? {
             builder.take(entry);
             if builder.frames.len() > FRAMES_MAX {
@@ -184,7 +187,8 @@ impl Trial {
             ));
         }
         builder.observed.damaged_bytes = reader.damaged_bytes();
-        Ok(builder.finish(folder, manifest, warnings))
+        let trial = builder.finish(folder, manifest, warnings);
+        Ok((trial, correction))
     }
 
     /// From the first frame to the last.

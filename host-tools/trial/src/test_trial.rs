@@ -190,8 +190,9 @@ impl Made {
                 .unwrap();
         }
         let mut journal = Writer::create(&folder.join(names::JOURNAL)).unwrap();
-        let about = Content::About(self.manifest.about().unwrap());
-        journal.write(&Entry { host_ns: 0, content: about }).unwrap();
+        for content in self.manifest.said() {
+            journal.write(&Entry { host_ns: 0, content }).unwrap();
+        }
         for entry in &self.entries {
             journal.write(entry).unwrap();
         }
