@@ -263,16 +263,19 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
 
 /// The folders that patterns match, and the listed trials: where one is listed as well, its entry
 /// counts.
-fn with_entries(folders: Vec<PathBuf>, mut entries: Vec<Entry>) -> Vec<Entry> {
+fn with_entries(folders: Vec<PathBuf>, entries: Vec<Entry>) -> Vec<Entry> {
     let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let mut listed: Vec<(PathBuf, Entry)> =
+        entries.into_iter().map(|entry| (real(entry.path()), entry)).collect();
     let mut trials: Vec<Entry> = folders
         .into_iter()
         .map(|folder| {
-            let listed = entries.iter().position(|it| real(it.path()) == real(&folder));
-            listed.map_or_else(|| Entry::of_folder(folder), |at| entries.remove(at))
+            let matched = real(&folder);
+            let at = listed.iter().position(|(path, _)| *path == matched);
+            at.map_or_else(|| Entry::of_folder(folder), |at| listed.remove(at).1)
         })
         .collect();
-    trials.extend(entries);
+    trials.extend(listed.into_iter().map(|(_, entry)| entry));
     trials
 }
 
