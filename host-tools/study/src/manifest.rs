@@ -12,7 +12,6 @@ use crate::measures::{self, Chosen};
 use crate::patterns::{self, Matched};
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
-use crate::verdict::Unusable;
 
 /// The text of a new study.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -84,6 +83,17 @@ pub struct Recordings {
     pub zero_s: Option<f64>,
     /// When the person begins to rise, seconds from t = 0.
     pub transition_s: Option<f64>,
+}
+
+/// What becomes of a trial that is unusable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unusable {
+    /// The study stops, and names it.
+    #[default]
+    Refuse,
+    /// It is left out, with a warning.
+    LeaveOut,
 }
 
 /// Where a trial's positions are.

@@ -10,7 +10,7 @@ use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_analysis::filter::Design;
 use plumbline_analysis::series::{Axis, Plane, Series};
 use plumbline_analysis::sway::{Lengths, Prepared, Settings};
-use plumbline_trial::reading::Trunk;
+use plumbline_trial::frame::Trunk;
 use plumbline_uncertainty::inputs::Inputs;
 use plumbline_uncertainty::response::{LENS_NUMBERS, shapes};
 use plumbline_uncertainty::{Body, FigureBudget, LensUncertainty, Measured, Quantity};

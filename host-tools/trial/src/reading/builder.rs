@@ -18,13 +18,14 @@ use plumbline_stream::clock::Exchange;
 use plumbline_stream::others::name;
 use plumbline_stream::sessions::{self, Judged, Sessions};
 
-use super::{Frame, Observed, Point, Trial, Trunk};
 use crate::correction::{Correction, corrected};
+use crate::frame::{Frame, Point, Trunk};
 use crate::journal::{Content, Entry};
 use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
 use crate::mark::Mark;
 use crate::run::Run;
 use crate::verdict::{Verdict, judge};
+use crate::{Observed, Trial};
 
 /// Builds a trial from its packets.
 pub(super) struct Builder<'a> {

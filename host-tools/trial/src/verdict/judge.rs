@@ -9,16 +9,15 @@
 //! at all where none came.
 
 use plumbline::packet::{MarkedInstant, View};
-use plumbline::target::Role;
 use plumbline::view::TargetView;
 use plumbline_analysis::series::{GAP_PERIODS, usual_period_s};
 use plumbline_analysis::statistics::describe::median;
 
 use super::{Criteria, Grade, Limits, Reason, Sign, Verdict};
 use crate::Trial;
+use crate::frame::{Frame, Trunk};
 use crate::manifest::{State, Zero};
 use crate::points::stand_onset_of;
-use crate::reading::{Frame, Trunk};
 
 /// What is wrong with a trial, by these criteria.
 #[must_use]
@@ -507,16 +506,6 @@ impl Sign {
             Self::Undervoltage => "undervoltage",
             Self::Throttled => "throttled",
             Self::CutOff => "cut_off",
-        }
-    }
-}
-
-impl Trunk {
-    /// The role of the target that its point is fixed to.
-    pub(crate) fn role(self) -> Role {
-        match self {
-            Self::Upper => Role::Upper,
-            Self::Lower => Role::Lower,
         }
     }
 }

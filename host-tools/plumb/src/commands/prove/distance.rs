@@ -14,7 +14,8 @@ use serde::Serialize;
 
 use super::live::Advice;
 use super::output::{Output, Proof, millimetres};
-use super::source::{Board, Input, Recording};
+use super::recording::{Board, Recording};
+use super::source::Input;
 use super::words::{rounded, signed, spread, verdict, with_u};
 use super::{picture, plots};
 use crate::ui::page::{figure, table};
