@@ -18,5 +18,6 @@ pub mod filter;
 pub mod onset;
 pub mod physiology;
 pub mod series;
+pub mod standard;
 pub mod statistics;
 pub mod sway;

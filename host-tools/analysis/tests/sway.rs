@@ -8,7 +8,7 @@ use plumbline_analysis::series::{Axis, Series};
 use plumbline_analysis::sway::figure::{Absent, ByAxis, Figure, Figures};
 use plumbline_analysis::sway::noise::{Noise, NoiseError};
 use plumbline_analysis::sway::{
-    PathNoises, Settings, Sway, SwayError, SwayFigures, analyze, lengths, path_errors,
+    PathNoises, Prepared, Settings, Sway, SwayError, SwayFigures, analyze,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -233,16 +233,16 @@ fn lengths_alone_are_those_among_all_figures() {
     let noise = independent_noise(&series, [0.02, 0.01, 0.01]);
     let settings = Settings { span_s: Some(1.0..5.0), ..Default::default() };
     let all = analyze(&series, Some(&noise), &settings).unwrap();
-    let (alone, copies) = lengths(&series, Some(&noise), &settings).unwrap();
-    let effect = path_errors(&series, &noise, &settings).unwrap().noise;
+    let prepared = Prepared::of(&series, &settings).unwrap();
+    let (alone, copies) = prepared.lengths(Some(&noise)).unwrap();
+    let effect = prepared.path_errors(&noise).unwrap().noise;
     assert_eq!((&alone.path, &alone.extent), (&all.figures.path, &all.figures.extent));
     assert_eq!(alone.ellipse, all.figures.ellipse);
     let noises = all.noise.unwrap();
     assert_eq!((effect, copies), (noises.total, noises.copies));
-    assert_eq!(
-        lengths(&series, None, &Settings { covered_min: -1.0, ..settings }).unwrap_err(),
-        SwayError::Setting("share of a bin")
-    );
+    let wrong = Settings { covered_min: -1.0, ..settings.clone() };
+    let error = Prepared::of(&series, &wrong).err();
+    assert_eq!(error, Some(SwayError::Setting("share of a bin")));
 }
 
 #[test]

@@ -7,6 +7,8 @@
 use nalgebra::{DMatrix, Matrix3, SVector, Vector2, Vector3};
 use plumbline::pose::{Cam, Pose, Target};
 
+use crate::rotation::nearest_rotation;
+
 /// A point of the board, millimetres, and where it is seen, raw pixels.
 pub type Pair = (Vector2<f64>, Vector2<f64>);
 
@@ -167,10 +169,5 @@ fn board(homography: &Matrix3<f64>, camera: &Pinhole) -> Pose<Cam, Target> {
     let [x, y, translation_mm]: [Vector3<f64>; 3] =
         [0, 1, 2].map(|column| columns.column(column).into_owned());
     let rough = Matrix3::from_columns(&[x, y, x.cross(&y)]);
-    let decomposed = rough.svd(true, true);
-    let rotation = match (decomposed.u, decomposed.v_t) {
-        (Some(left), Some(right)) => left * right,
-        _ => Matrix3::identity(),
-    };
-    Pose::new(rotation, translation_mm)
+    Pose::new(nearest_rotation(&rough), translation_mm)
 }

@@ -35,6 +35,7 @@ mod model;
 pub mod models;
 pub mod observe;
 pub mod readout;
+pub mod rotation;
 pub mod scene;
 mod search;
 pub mod verdict;

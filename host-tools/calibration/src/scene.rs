@@ -3,6 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use plumbline::pose::{Cam, Pose, Scene, Target};
 
+use crate::rotation::mean_pose;
+
 /// The mean pose of a board at rest, and the spread of single poses about it.
 pub struct Mean {
     /// The mean.
@@ -14,16 +16,10 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// The mean of poses. The rotation is the one nearest to the mean of the matrices (chordal
-    /// mean).
+    /// The [mean](mean_pose) of poses.
     pub fn of(poses: &[Pose<Cam, Target>]) -> Self {
         let count = poses.len() as f64;
-        let sum: Matrix3<f64> = poses.iter().map(|pose| pose.rotation).sum();
-        let decomposed = sum.svd(true, true);
-        let (left, right) = decomposed.u.zip(decomposed.v_t).expect("both were asked for");
-        let rotation = left * right;
-        let translation_mm =
-            poses.iter().map(|pose| pose.translation_mm).sum::<Vector3<f64>>() / count;
+        let Pose { rotation, translation_mm, .. } = mean_pose(poses);
         let squares: f64 =
             poses.iter().map(|pose| angle_rad(&pose.rotation, &rotation).powi(2)).sum();
         let squares_mm2: f64 =

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3};
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline_calibration::rotation::mean_pose;
 
 /// One board in one frame.
 #[derive(Debug, Clone, Copy)]
@@ -73,13 +74,14 @@ pub struct Deviations {
 }
 
 impl Deviations {
-    /// The mean rotation is the one nearest to the mean of the matrices.
+    /// The deviations from the [mean pose](mean_pose).
     ///
     /// # Panics
     /// When there are no sightings: a caller's bug.
     #[must_use]
     pub fn of(sightings: &[Sighting]) -> Self {
-        let mean = mean_pose(sightings);
+        let poses: Vec<Pose<Cam, Target>> = sightings.iter().map(|it| it.cam_from_board).collect();
+        let mean = mean_pose(&poses);
         let board_from_cam = mean.rotation.transpose();
         let of = |sighting: &Sighting| -> [f64; 6] {
             let pose = &sighting.cam_from_board;
@@ -101,16 +103,6 @@ impl Deviations {
             }),
         }
     }
-}
-
-fn mean_pose(sightings: &[Sighting]) -> Pose<Cam, Target> {
-    assert!(!sightings.is_empty(), "a mean needs a sighting");
-    let poses = || sightings.iter().map(|it| &it.cam_from_board);
-    let sum: Matrix3<f64> = poses().map(|pose| pose.rotation).sum();
-    let decomposed = sum.svd(true, true);
-    let (left, right) = decomposed.u.zip(decomposed.v_t).expect("both were asked for");
-    let sum_mm: Vector3<f64> = poses().map(|pose| pose.translation_mm).sum();
-    Pose::new(left * right, sum_mm / sightings.len() as f64)
 }
 
 #[cfg(test)]

@@ -25,8 +25,8 @@ mod toml_text;
 
 pub use error::BadInput;
 pub use output::{
-    Late, Made, create, directory_of, make_directory, print, refuse_overwriting, replace,
-    replace_with, sync_directory, write_all, write_text,
+    Late, Made, create, directory_of, make_directory, refuse_overwriting, replace, replace_with,
+    sync_directory, write_all, write_text,
 };
 pub use toml_text::from_toml;
 

@@ -4,7 +4,8 @@
 //! mode 0600, also where they replace one that others could read, and directories that are made
 //! have 0700. Directories that exist stay as they are.
 //!
-//! The directories above an output are made. Nothing is overwritten unasked, and an output that
+//! The directories above an output are made. Where it is a symbolic link, the link stays, and the file
+//! that it names is written. Nothing is overwritten unasked, and an output that
 //! fails leaves nothing behind, neither a part of a file nor an empty directory.
 
 use std::fs::{DirBuilder, File, Permissions};
@@ -16,6 +17,9 @@ use crate::BadInput;
 
 const FILE_MODE: u32 = 0o600;
 const DIRECTORY_MODE: u32 = 0o700;
+
+/// As many symbolic links as Linux follows, one after the other.
+const LINKS_MAX: usize = 40;
 
 /// Writes a text file, in place of one that exists.
 ///
@@ -127,20 +131,6 @@ impl Write for Late {
     }
 }
 
-/// Writes a result to standard output. A program that reads no further, such as `head`, is no fault.
-///
-/// # Errors
-/// When the operating system refuses, as on a full disk.
-pub fn print(text: &str) -> Result<(), BadInput> {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(BadInput::io("standard output", &error))
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Writes several files: all of them or none. Where one exists and `force` is not given, or the
 /// disk is full, nothing is left behind. Each file is renamed atomically: no other program ever
 /// sees a part of it.
@@ -154,16 +144,17 @@ pub fn write_all(outputs: &[(PathBuf, Vec<u8>)], force: bool) -> Result<(), BadI
     let mut made = Made::default();
     let mut staged = Vec::new();
     for (path, bytes) in outputs {
-        if is_device(path) {
-            let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
-            create(path, force)?.write_all(bytes).map_err(failed)?;
+        let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
+        let path = followed(path)?;
+        if is_device(&path) {
+            create(&path, force)?.write_all(bytes).map_err(failed)?;
         } else {
-            made.add(directory_of(path)).map_err(|error| BadInput::io(path.display(), &error))?;
-            staged.push((beside(path, |file| write_bytes(file, path, bytes))?, path));
+            made.add(directory_of(&path)).map_err(failed)?;
+            staged.push((beside(&path, |file| write_bytes(file, &path, bytes))?, path));
         }
     }
     for (file, path) in staged {
-        file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
+        file.persist(&path).map_err(|error| BadInput::io(path.display(), &error.error))?;
     }
     made.keep();
     Ok(())
@@ -186,15 +177,28 @@ pub fn replace_with(
     path: &Path,
     fill: impl FnOnce(&File) -> Result<(), BadInput>,
 ) -> Result<(), BadInput> {
-    if is_device(path) {
-        return fill(&create(path, true)?);
+    let path = followed(path)?;
+    if is_device(&path) {
+        return fill(&create(&path, true)?);
     }
-    let made = Made::directories(directory_of(path))?;
-    let file = beside(path, fill)?;
-    file.persist(path).map_err(|error| BadInput::io(path.display(), &error.error))?;
+    let made = Made::directories(directory_of(&path))?;
+    let file = beside(&path, fill)?;
+    file.persist(&path).map_err(|error| BadInput::io(path.display(), &error.error))?;
     made.keep();
-    sync_directory(directory_of(path));
+    sync_directory(directory_of(&path));
     Ok(())
+}
+
+/// The file to which a path leads through symbolic links; it need not exist. A file that is renamed
+/// to the link itself would take the link's place.
+fn followed(path: &Path) -> Result<PathBuf, BadInput> {
+    let mut file = path.to_owned();
+    for _ in 0..LINKS_MAX {
+        let Ok(target) = std::fs::read_link(&file) else { return Ok(file) };
+        file = directory_of(&file).join(target);
+    }
+    // They lead in a circle, for which the operating system has its own words.
+    std::fs::metadata(path).map(|_| file).map_err(|error| BadInput::io(path.display(), &error))
 }
 
 /// Whether there is a device or a pipe, which must not be replaced by a file: it is written to.
@@ -354,6 +358,41 @@ mod tests {
         replace(&path, b"nothing").unwrap();
         write_all(&[(path.clone(), b"nothing".to_vec())], true).unwrap();
         assert_eq!(std::fs::read_link(&path).unwrap(), Path::new("/dev/null"));
+    }
+
+    #[test]
+    fn a_symbolic_link_stays_and_the_file_that_it_names_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("elsewhere")).unwrap();
+        std::fs::write(at("elsewhere/file"), "old").unwrap();
+        let linked = |link: &str, target: &str| {
+            std::os::unix::fs::symlink(target, at(link)).unwrap();
+            at(link)
+        };
+        let absolute = at("elsewhere/absolute").display().to_string();
+        for (link, target, file) in [
+            (linked("link", "elsewhere/file"), "elsewhere/file", "elsewhere/file"),
+            (linked("elsewhere/chain", "../link"), "../link", "elsewhere/file"),
+            // The files that these name do not exist yet.
+            (linked("ahead", "elsewhere/new"), "elsewhere/new", "elsewhere/new"),
+            (linked("absolute", &absolute), &absolute, "elsewhere/absolute"),
+            (linked("deeper", "made/for/it"), "made/for/it", "made/for/it"),
+        ] {
+            for text in ["first", "second"] {
+                replace(&link, text.as_bytes()).unwrap();
+                assert_eq!(std::fs::read_to_string(at(file)).unwrap(), text, "{target}");
+                write_all(&[(link.clone(), format!("{text} again").into())], true).unwrap();
+                assert_eq!(std::fs::read_to_string(at(file)).unwrap(), format!("{text} again"));
+            }
+            assert_eq!(std::fs::read_link(&link).unwrap(), Path::new(target));
+            assert_eq!(mode(&at(file)), 0o600, "{target}");
+        }
+        // A link to itself leads nowhere.
+        let circle = linked("circle", "circle");
+        assert!(replace(&circle, b"new").unwrap_err().to_string().contains("circle"));
+        assert!(write_all(&[(circle.clone(), Vec::new())], true).is_err());
+        assert_eq!(std::fs::read_link(&circle).unwrap(), Path::new("circle"));
     }
 
     #[test]

@@ -16,6 +16,7 @@
 
 use std::path::Path;
 
+use plumbline::config::is_visible;
 use plumbline::limits::{NAME_BYTES_MAX, TARGET_CORNERS_MAX, TARGETS_MAX};
 use plumbline::target::{Origin, Role, TargetError, TargetGeometry};
 use serde::{Deserialize, Serialize};
@@ -170,12 +171,14 @@ pub fn check(descriptions: &[TargetDescription], place: &str) -> Result<Targets,
     let mut targets = Targets { targets: Vec::new(), warnings: Vec::new() };
     for (index, description) in descriptions.iter().enumerate() {
         let name = &description.name;
-        if name.is_empty() || name.len() > NAME_BYTES_MAX || name.chars().any(char::is_control) {
+        if name.is_empty() || name.len() > NAME_BYTES_MAX || !name.chars().all(is_visible) {
             return Err(BadInput::new(
                 place,
                 format!("name of target {}", index + 1),
                 format!("{name:?}"),
-                format!("give a name of 1 to {NAME_BYTES_MAX} bytes without control characters"),
+                format!(
+                    "give a name of 1 to {NAME_BYTES_MAX} bytes, all of whose characters can be seen"
+                ),
             ));
         }
         let geometry = geometry(description, place)?;

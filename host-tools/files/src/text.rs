@@ -1,17 +1,19 @@
 //! Text from outside, made safe to show and to put into tables.
 //!
-//! [`printable`] is applied once, where text enters: names and messages of a box, labels of marks.
+//! [`printable`] is applied once, where text enters: messages of a box, labels of marks. The texts of
+//! a configuration need it not: one with a character that cannot be seen is refused where it is made
+//! and where it is read.
 //! [`cell`] is applied where a text becomes a cell of a table, and [`from_cell`] is its inverse.
 
 use std::borrow::Cow;
+
+use plumbline::config::is_visible;
 
 /// What stands for a character that cannot be seen. It has one byte, so that no text grows.
 const HIDDEN: char = '?';
 
 /// A text as it can be shown: white space is a space, and each character that a reader cannot see
-/// is a question mark. These are control characters, with which a text could command the terminal,
-/// and those that have no width or turn the direction of writing, with which it could look like
-/// another.
+/// is a question mark: see [`is_visible`].
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if text.chars().all(|letter| shown(letter) == letter) {
@@ -25,32 +27,9 @@ pub fn printable(text: &str) -> Cow<'_, str> {
 pub fn shown(letter: char) -> char {
     match letter {
         '\t'..='\r' | '\u{85}' | '\u{2028}' | '\u{2029}' => ' ',
-        _ if letter.is_control() || is_hidden(letter) => HIDDEN,
+        _ if !is_visible(letter) => HIDDEN,
         _ => letter,
     }
-}
-
-/// Unicode's default-ignorable characters and those of category Cf that are marks of direction.
-/// Joiners and variation selectors are among them: no name of a target or a trial needs them.
-fn is_hidden(letter: char) -> bool {
-    matches!(
-        letter,
-        '\u{ad}'
-            | '\u{34f}'
-            | '\u{61c}'
-            | '\u{115f}'..='\u{1160}'
-            | '\u{17b4}'..='\u{17b5}'
-            | '\u{180b}'..='\u{180f}'
-            | '\u{200b}'..='\u{200f}'
-            | '\u{202a}'..='\u{202e}'
-            | '\u{2060}'..='\u{206f}'
-            | '\u{3164}'
-            | '\u{fe00}'..='\u{fe0f}'
-            | '\u{feff}'
-            | '\u{ffa0}'
-            | '\u{fff0}'..='\u{fffb}'
-            | '\u{e0000}'..='\u{e0fff}'
-    )
 }
 
 /// A text as a cell of a table. Spreadsheets compute a cell that begins as a formula, and a formula

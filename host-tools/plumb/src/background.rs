@@ -6,13 +6,14 @@
 //! one measured scene, whose numbers name it, so that it does not matter by which way the scene
 //! reaches the box.
 
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::{GrayImage, ImageFormat};
+use image::GrayImage;
 use plumbline::packet::document_crc;
 use plumbline_calibration::background::Picture;
 use plumbline_files::BadInput;
+
+use crate::ui::png;
 
 /// Pixels of the frame for one of the picture, each way: a turn of 0.1 degrees still shifts it by
 /// 0.4 px at f 1740 px, and nobody can be recognised in it.
@@ -38,11 +39,7 @@ fn keep_in(folder: &Path, scene_theta: &[f64; 6], picture: &Picture) -> Result<P
     let path = path(folder, scene_theta);
     let [width, height] = [picture.width, picture.height].map(|side| side as u32);
     let grey = GrayImage::from_raw(width, height, picture.samples.clone());
-    let mut file = Cursor::new(Vec::new());
-    grey.expect("as many samples as pixels")
-        .write_to(&mut file, ImageFormat::Png)
-        .map_err(|error| BadInput::whole(path.display(), error, "try again"))?;
-    plumbline_files::replace(&path, file.get_ref())?;
+    png::write(&path, &grey.expect("as many samples as pixels"))?;
     Ok(path)
 }
 

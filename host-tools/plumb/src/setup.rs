@@ -248,7 +248,9 @@ pub fn bad_config(error: &ConfigError, places: &Places) -> BadInput {
         ConfigError::Scene => &places.scene,
         ConfigError::Udp => &places.udp,
         ConfigError::Serial => &places.serial,
-        ConfigError::Capture(_) | ConfigError::Machine(_) => &places.settings,
+        ConfigError::Text { .. } | ConfigError::Capture(_) | ConfigError::Machine(_) => {
+            &places.settings
+        }
         _ => &places.targets,
     };
     BadInput::whole(place, error, "correct this value")

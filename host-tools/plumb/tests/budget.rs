@@ -10,7 +10,7 @@ use plumbline::pipeline::Pipeline;
 use plumbline::scene::Anatomical;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_analysis::series::Series;
-use plumbline_analysis::sway::{Settings, lengths};
+use plumbline_analysis::sway::{Prepared, Settings};
 use plumbline_files::camera::{Camera, Details, Deviations, Provenance, to_toml};
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 use plumbline_stream::fixture::adversity::hello_of;
@@ -175,7 +175,8 @@ fn true_path_mm(role: Role) -> f64 {
     let along = |of: fn(&Anatomical) -> f64| points.iter().map(of).collect();
     let series =
         Series::new(time_s, [along(|it| it.ap_mm), along(|it| it.ml_mm), along(|it| it.si_mm)]);
-    let (figures, _) = lengths(&series.unwrap(), None, &Settings::default()).unwrap();
+    let settings = Settings::default();
+    let (figures, _) = Prepared::of(&series.unwrap(), &settings).unwrap().lengths(None).unwrap();
     figures.path.length_mm.planes.transverse.value().unwrap()
 }
 

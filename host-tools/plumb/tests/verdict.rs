@@ -83,7 +83,7 @@ fn a_trial_spoiled_in_each_of_eight_ways_is_caught_and_named() {
                 frames.iter_mut().for_each(|it| it.sequence /= 6);
             },
             "doubtful",
-            "frames per second on average: 10 (at least 49.5)",
+            "frames per second of the camera, on average: 10 (at least 49.5)",
         ),
         (
             "stalled",

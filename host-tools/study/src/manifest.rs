@@ -12,7 +12,6 @@ use crate::measures::{self, Chosen};
 use crate::patterns::{self, Matched};
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
-use crate::verdict::Unusable;
 
 /// The text of a new study.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -84,6 +83,17 @@ pub struct Recordings {
     pub zero_s: Option<f64>,
     /// When the person begins to rise, seconds from t = 0.
     pub transition_s: Option<f64>,
+}
+
+/// What becomes of a trial that is unusable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unusable {
+    /// The study stops, and names it.
+    #[default]
+    Refuse,
+    /// It is left out, with a warning.
+    LeaveOut,
 }
 
 /// Where a trial's positions are.
@@ -263,16 +273,19 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
 
 /// The folders that patterns match, and the listed trials: where one is listed as well, its entry
 /// counts.
-fn with_entries(folders: Vec<PathBuf>, mut entries: Vec<Entry>) -> Vec<Entry> {
+fn with_entries(folders: Vec<PathBuf>, entries: Vec<Entry>) -> Vec<Entry> {
     let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let mut listed: Vec<(PathBuf, Entry)> =
+        entries.into_iter().map(|entry| (real(entry.path()), entry)).collect();
     let mut trials: Vec<Entry> = folders
         .into_iter()
         .map(|folder| {
-            let listed = entries.iter().position(|it| real(it.path()) == real(&folder));
-            listed.map_or_else(|| Entry::of_folder(folder), |at| entries.remove(at))
+            let matched = real(&folder);
+            let at = listed.iter().position(|(path, _)| *path == matched);
+            at.map_or_else(|| Entry::of_folder(folder), |at| listed.remove(at).1)
         })
         .collect();
-    trials.extend(entries);
+    trials.extend(listed.into_iter().map(|(_, entry)| entry));
     trials
 }
 

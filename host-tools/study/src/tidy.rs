@@ -12,9 +12,9 @@ use plumbline_analysis::sway::{self, Settings, Sway};
 use plumbline_files::BadInput;
 use plumbline_files::text::as_cell;
 use plumbline_trial::Trial;
+use plumbline_trial::frame::Trunk;
 use plumbline_trial::manifest::{Manifest, Zero};
 use plumbline_trial::points::{Point, Points};
-use plumbline_trial::reading::Trunk;
 use serde::Serialize;
 
 use crate::measures::{Direction, MEASURES, Measure};

@@ -5,20 +5,8 @@ use plumbline_files::counting::counted;
 use plumbline_trial::Trial;
 use plumbline_trial::verdict::{Grade, Verdict};
 use rayon::prelude::*;
-use serde::Deserialize;
 
-use crate::manifest::{Entry, Source, Study};
-
-/// What becomes of a trial that is unusable.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Unusable {
-    /// The study stops, and names it.
-    #[default]
-    Refuse,
-    /// It is left out, with a warning.
-    LeaveOut,
-}
+use crate::manifest::{Entry, Source, Study, Unusable};
 
 /// The trials that take part, and warnings that name those that are doubtful or left out.
 ///

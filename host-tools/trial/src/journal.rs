@@ -2,7 +2,7 @@
 //! of the trial, so that `trial.toml` can be made again.
 //!
 //! ```text
-//! "PLUMBLINE JOURNAL 2\n"
+//! "PLUMBLINE JOURNAL 3\n"
 //! entry: 0, COBS of [kind (1 byte), time (8), content, CRC-32 of all of these (4)], 0
 //! ```
 //!
@@ -27,7 +27,7 @@ use plumbline_stream::transport::Raw;
 
 use super::mark::Mark;
 
-const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 2\n";
+const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 3\n";
 
 /// The beginning of files of every version.
 const ANY_MAGIC: &[u8] = b"PLUMBLINE JOURNAL ";
@@ -58,6 +58,8 @@ pub enum Content {
     /// What was said of the trial: the manifest that is to be written if `trial.toml` is lost. The
     /// latest counts.
     About(String),
+    /// One check of the box that was not passed, likewise for `trial.toml`. All count.
+    Check(String),
 }
 
 /// One entry.
@@ -76,6 +78,7 @@ impl Entry {
             Content::Raw(Raw::Frame(bytes)) => (2, Cow::from(bytes)),
             Content::Mark(mark) => (3, Cow::from(mark.text().into_bytes())),
             Content::About(text) => (4, Cow::from(text.as_bytes())),
+            Content::Check(text) => (5, Cow::from(text.as_bytes())),
         };
         let content = &content[..content.len().min(CONTENT_BYTES_MAX)];
         let mut entry = vec![kind];
@@ -99,6 +102,7 @@ impl Entry {
             2 => Content::Raw(Raw::Frame(content.to_vec())),
             3 => Content::Mark(Mark::read(std::str::from_utf8(content).ok()?)?),
             4 => Content::About(String::from_utf8(content.to_vec()).ok()?),
+            5 => Content::Check(String::from_utf8(content.to_vec()).ok()?),
             _ => return None,
         };
         Some(Self { host_ns: u64::from_le_bytes(*time), content })
@@ -325,6 +329,7 @@ mod tests {
                     0 => Content::Mark(Mark::new(Source::Key, "stands")),
                     1 => Content::Raw(Raw::Frame(vec![at as u8 | 1; 200])),
                     2 => Content::About("format = 2\n".to_owned()),
+                    3 => Content::Check("subject = \"rate\"\n".to_owned()),
                     _ => Content::Raw(Raw::Datagram(vec![at as u8; at as usize % 254])),
                 },
             })

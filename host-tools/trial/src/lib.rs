@@ -18,6 +18,7 @@
 mod c3d;
 pub mod correction;
 pub mod export;
+pub mod frame;
 pub mod journal;
 pub mod manifest;
 pub mod mark;
@@ -25,17 +26,18 @@ pub mod markers;
 pub mod points;
 pub mod poses;
 pub mod positions;
-pub mod reading;
+mod reading;
 pub mod recording;
 mod run;
 pub mod tables;
 #[cfg(test)]
 mod test_trial;
+mod trial;
 pub mod verdict;
 
 pub use manifest::Manifest;
-pub use reading::Trial;
 pub use recording::Recording;
+pub use trial::{Observed, Trial};
 pub use verdict::Verdict;
 
 /// The names of the files in a trial's folder.

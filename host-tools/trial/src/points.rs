@@ -10,9 +10,9 @@ use plumbline_analysis::sway::noise::Noise;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 
+use crate::frame::{Frame, Point as TrunkPoint, Trunk};
 use crate::manifest::Zero;
 use crate::positions::Table;
-use crate::reading::{Frame, Point as TrunkPoint, Trunk};
 use crate::{Trial, Verdict, manifest::EventSeen};
 
 /// One point over time, its t = 0 where the trial's is.

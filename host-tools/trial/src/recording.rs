@@ -75,8 +75,8 @@ impl Recording {
         }
         let made = Made::directories(folder)?;
         let mut journal = Writer::create(&folder.join(names::JOURNAL))?;
-        if let Some(about) = manifest.about() {
-            journal.write(&Entry { host_ns: 0, content: Content::About(about) })?;
+        for content in manifest.said() {
+            journal.write(&Entry { host_ns: 0, content })?;
         }
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
@@ -94,13 +94,16 @@ impl Recording {
         })
     }
 
-    /// Writes down what was found amiss of the box, in place of what was written before.
+    /// Writes down what was found amiss of the box meanwhile.
     ///
     /// # Errors
     /// When the operating system refuses.
-    pub fn note(&self, checks: Vec<CheckSeen>) -> Result<(), BadInput> {
+    pub fn note(&mut self, checks: Vec<CheckSeen>) -> Result<(), BadInput> {
+        for check in checks.iter().filter_map(CheckSeen::said) {
+            self.write(Instant::now(), check)?;
+        }
         let mut manifest = Manifest::read(&self.folder)?;
-        manifest.checks = checks;
+        manifest.checks.extend(checks);
         manifest.write(&self.folder)
     }
 
@@ -278,9 +281,7 @@ fn take_back(folder: &Path) -> Result<(), BadInput> {
 fn make(folder: &Path, manifest: Manifest) -> Result<Trial, BadInput> {
     // First of all what a person has said, whatever comes of the rest.
     manifest.write(folder)?;
-    let trial = Trial::open_as(folder, manifest)?;
-    let recorded = read_config(folder, &mut Vec::new())?;
-    let correction = Correction::read(folder, recorded.as_ref())?;
+    let (trial, correction) = Trial::open_as(folder, manifest)?;
     tables::write(folder, correction.as_ref(), &trial.manifest.verdict())?;
     trial.manifest.write(folder)?;
     Ok(trial)
@@ -400,12 +401,19 @@ mod tests {
                 recording.event(&event(message), now).unwrap();
             }
         }
+        let check = CheckSeen {
+            subject: "rate".to_owned(),
+            verdict: crate::manifest::CheckVerdict::Warn,
+            seen: "10 Hz of 60".to_owned(),
+        };
+        recording.note(vec![check.clone()]).unwrap();
         // However it goes on: the file is lost before the recording is over.
         let lost = path.join(names::MANIFEST);
         let written = std::fs::read(&lost).unwrap();
         std::fs::remove_file(&lost).unwrap();
         let after = remake(&path, &Changes::default()).unwrap();
         assert_eq!(after.manifest.participant.as_deref(), Some("P07"));
+        assert_eq!(after.manifest.checks, [check]);
         assert_eq!((after.manifest.zero, after.manifest.state), (Zero::Start, State::Recording));
         std::fs::write(&lost, written).unwrap();
 

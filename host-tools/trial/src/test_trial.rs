@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::Vector3;
 use plumbline::config::Config;
 use plumbline::packet::{
-    AnatomicalPoint, MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, Reply, ReplyOutcome,
-    Start, encode_datagram,
+    AnatomicalPoint, Hello, MeasuredPose, Message, PACKET_BYTES_MAX, PosePacket, Reply,
+    ReplyOutcome, Start, encode_datagram,
 };
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::SceneFrame;
@@ -78,7 +78,11 @@ fn measured(cam_from_target: &Pose<Cam, Target>) -> MeasuredPose {
 
 /// As a start of the box sends it: of a Hello, the one that it names.
 pub fn raw(message: &Message) -> Content {
-    let start = if let Message::Hello(hello) = message { hello.boot_id } else { START };
+    raw_of(if let Message::Hello(hello) = message { hello.boot_id } else { START }, message)
+}
+
+/// As this start of the box sends it.
+fn raw_of(start: u32, message: &Message) -> Content {
     let mut buffer = [0; PACKET_BYTES_MAX];
     let datagram = encode_datagram(Start::new(start), message, &mut buffer).unwrap().to_vec();
     Content::Raw(Raw::Datagram(datagram))
@@ -153,6 +157,22 @@ impl Made {
         })
     }
 
+    /// The box starts anew with this entry, and answers nothing from then on.
+    pub fn restart_at(&mut self, entry: usize) -> &mut Self {
+        let start = START + 1;
+        let mut after = self.entries.split_off(entry);
+        after.retain_mut(|entry| {
+            let Content::Raw(bytes) = &entry.content else { return true };
+            let packet = bytes.decode(&mut plumbline::packet::Deframer::new()).unwrap();
+            entry.content = raw_of(start, &packet.message);
+            !matches!(packet.message, Message::Reply(_))
+        });
+        let anew = Hello { boot_id: start, ..hello(&plumbline_stream::fixture::config()) };
+        self.push(&Message::Hello(anew));
+        self.entries.extend(after);
+        self
+    }
+
     /// Adds a message at the end.
     pub fn push(&mut self, message: &Message) -> &mut Self {
         let host_ns = self.entries.last().unwrap().host_ns;
@@ -170,8 +190,9 @@ impl Made {
                 .unwrap();
         }
         let mut journal = Writer::create(&folder.join(names::JOURNAL)).unwrap();
-        let about = Content::About(self.manifest.about().unwrap());
-        journal.write(&Entry { host_ns: 0, content: about }).unwrap();
+        for content in self.manifest.said() {
+            journal.write(&Entry { host_ns: 0, content }).unwrap();
+        }
         for entry in &self.entries {
             journal.write(entry).unwrap();
         }

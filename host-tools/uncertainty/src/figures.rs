@@ -176,7 +176,7 @@ fn mean_mm(
 
 #[cfg(test)]
 mod tests {
-    use plumbline_trial::reading::Trunk;
+    use plumbline_trial::frame::Trunk;
 
     use super::*;
 

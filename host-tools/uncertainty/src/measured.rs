@@ -10,9 +10,9 @@ use plumbline_analysis::series::Series;
 use plumbline_files::BadInput;
 use plumbline_files::camera::Camera;
 use plumbline_trial::Trial;
+use plumbline_trial::frame::Trunk;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::{Points, frames_of};
-use plumbline_trial::reading::Trunk;
 use rayon::prelude::*;
 
 use crate::lens::LensUncertainty;

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_2_PI;
 use nalgebra::{Matrix3, SVector, Vector3};
 use plumbline_analysis::series::{Axis, Series};
 use plumbline_analysis::sway::noise::Noise;
-use plumbline_analysis::sway::{Lengths, PathErrors, Settings, lengths, path_errors};
+use plumbline_analysis::sway::{Lengths, PathErrors, Prepared, Settings};
 use plumbline_files::BadInput;
 use rayon::prelude::*;
 
@@ -108,13 +108,16 @@ impl Propagation<'_> {
 
     /// The random causes, one after the other: their noises are as large as the trial.
     fn random(&self, body: &Body) -> Result<Random, BadInput> {
+        let prepared =
+            Prepared::of(&body.series, self.settings).map_err(|error| self.refuse(error))?;
+        let lengths =
+            |noise: &Noise| prepared.lengths(Some(noise)).map_err(|error| self.refuse(error));
         let noise = self.noise(body, &body.covariance_mm2)?;
-        let (noisy, copies) = self.noisy(body, &noise)?;
-        let path = path_errors(&body.series, &noise, self.settings);
-        let path = path.map_err(|error| self.refuse(error))?;
+        let (noisy, copies) = lengths(&noise)?;
+        let path = prepared.path_errors(&noise).map_err(|error| self.refuse(error))?;
         drop(noise);
         let jitter_mm2 = jitter_mm2(body, self.inputs.timing.jitter_u_s);
-        let (jittered, _) = self.noisy(body, &self.noise(body, &jitter_mm2)?)?;
+        let (jittered, _) = lengths(&self.noise(body, &jitter_mm2)?)?;
         Ok(Random { noisy, jittered, path, copies })
     }
 
@@ -219,7 +222,8 @@ impl Propagation<'_> {
 
     fn figures(&self, series: &[&Series], settings: &Settings) -> Result<Vec<Listed>, BadInput> {
         let of = |series: &&Series| {
-            lengths(series, None, settings).map(|it| it.0).map_err(|error| self.refuse(error))
+            let figures = Prepared::of(series, settings).and_then(|it| it.lengths(None));
+            figures.map(|it| it.0).map_err(|error| self.refuse(error))
         };
         let all: Vec<Lengths> = series.iter().map(of).collect::<Result<_, _>>()?;
         Ok(self.listed(all.iter(), series, settings))
@@ -245,12 +249,6 @@ impl Propagation<'_> {
 
     fn noise(&self, body: &Body, covariance_mm2: &[Matrix3<f64>]) -> Result<Noise, BadInput> {
         Noise::per_sample(&body.series, covariance_mm2).map_err(|error| self.refuse(error))
-    }
-
-    /// The figures of a point, with the uncertainty from independent errors of its positions, and
-    /// the number of noisy copies that it comes from.
-    fn noisy(&self, body: &Body, noise: &Noise) -> Result<(Lengths, usize), BadInput> {
-        lengths(&body.series, Some(noise), self.settings).map_err(|error| self.refuse(error))
     }
 
     /// The error for a span that is lost in the uncertainty of t = 0.

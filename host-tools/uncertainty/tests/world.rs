@@ -9,8 +9,8 @@ use plumbline::scene::SceneFrame;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_analysis::filter::Design;
 use plumbline_analysis::series::{Axis, Plane, Series};
-use plumbline_analysis::sway::{Lengths, Settings, lengths};
-use plumbline_trial::reading::Trunk;
+use plumbline_analysis::sway::{Lengths, Prepared, Settings};
+use plumbline_trial::frame::Trunk;
 use plumbline_uncertainty::inputs::Inputs;
 use plumbline_uncertainty::response::{LENS_NUMBERS, shapes};
 use plumbline_uncertainty::{Body, FigureBudget, LensUncertainty, Measured, Quantity};
@@ -324,7 +324,7 @@ fn true_figures(
     }
     let (fine_s, fine_mm): (Vec<f64>, Vec<Vector3<f64>>) = fine.into_iter().unzip();
     let unfiltered = Settings { filter: Design::None, ..settings.clone() };
-    let of = |series: &Series| lengths(series, None, &unfiltered).unwrap().0;
+    let of = |series: &Series| Prepared::of(series, &unfiltered).unwrap().lengths(None).unwrap().0;
     let (coarse, fine) = (of(&phases[0]), of(&series(fine_s, &fine_mm)));
     let inside_s = settings.span_s.clone().unwrap();
     let mut figures = listed(&coarse);
@@ -371,7 +371,10 @@ fn listed(lengths: &Lengths) -> Vec<f64> {
 
 /// The figures of a trial's points as they were measured.
 pub fn figures(bodies: &[Body], settings: &Settings) -> Vec<f64> {
-    let of = |body: &Body| listed(&lengths(&body.series, None, settings).unwrap().0);
+    let of = |body: &Body| {
+        let prepared = Prepared::of(&body.series, settings).unwrap();
+        listed(&prepared.lengths(None).unwrap().0)
+    };
     bodies.iter().flat_map(of).collect()
 }
 

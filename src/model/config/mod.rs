@@ -27,9 +27,11 @@ use crate::model::target::{Role, TargetGeometry};
 
 mod capture;
 mod machine;
+mod text;
 
 pub use capture::{Capture, CaptureDriver, CaptureError, PixelFormat};
 pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
+pub use text::is_visible;
 
 /// Changes when the blob's content changes.
 pub const FORMAT_VERSION: u16 = 4;
@@ -149,7 +151,12 @@ pub enum ConfigError {
     Readout,
     /// There is no target.
     NoTarget,
-    /// A target's name is empty or holds a control character.
+    /// A text has a character that [cannot be seen](is_visible).
+    Text {
+        /// The field.
+        field: &'static str,
+    },
+    /// A target's name is empty, or has a character that [cannot be seen](is_visible).
     TargetName {
         /// Position in the list of targets.
         index: usize,
@@ -216,9 +223,13 @@ impl core::fmt::Display for ConfigError {
                  between two frames at the capture's rate_hz",
             ),
             Self::NoTarget => formatter.write_str("targets: there must be at least one"),
+            Self::Text { field } => {
+                write!(formatter, "{field}: must not contain characters that cannot be seen")
+            }
             Self::TargetName { index } => write!(
                 formatter,
-                "targets[{index}].name: must not be empty or contain control characters"
+                "targets[{index}].name: must not be empty, or contain characters that cannot be \
+                 seen"
             ),
             Self::SameName { first, second } => {
                 write!(formatter, "targets[{first}].name and targets[{second}].name are the same")
@@ -276,6 +287,7 @@ impl Config {
     /// # Errors
     /// The first [`ConfigError`] found.
     pub fn check(&self) -> Result<(), ConfigError> {
+        self.check_texts()?;
         self.lens.check()?;
         self.check_readout()?;
         self.check_targets()?;
@@ -303,6 +315,21 @@ impl Config {
         Ok(())
     }
 
+    fn check_texts(&self) -> Result<(), ConfigError> {
+        let camera = self.capture.as_ref().map_or("", |capture| &capture.device);
+        let line = self.links.serial.as_ref().map_or("", |serial| &serial.path);
+        let texts = [
+            ("device", self.device.as_str()),
+            ("serial_number", &self.serial_number),
+            ("capture.device", camera),
+            ("links.serial", line),
+        ];
+        match texts.into_iter().find(|(_, text)| !is_readable(text)) {
+            Some((field, _)) => Err(ConfigError::Text { field }),
+            None => Ok(()),
+        }
+    }
+
     fn check_readout(&self) -> Result<(), ConfigError> {
         let readout_ns = self.readout_ns.unsigned_abs();
         let interval_ns = self.capture.as_ref().map(|capture| 1e9 / f64::from(capture.rate_hz));
@@ -318,7 +345,7 @@ impl Config {
             return Err(ConfigError::NoTarget);
         }
         for (second, target) in self.targets.iter().enumerate() {
-            if target.name.is_empty() || target.name.chars().any(char::is_control) {
+            if target.name.is_empty() || !is_readable(&target.name) {
                 return Err(ConfigError::TargetName { index: second });
             }
             for (first, earlier) in self.targets[..second].iter().enumerate() {
@@ -400,6 +427,10 @@ impl Config {
         digest.update(&header(body_bytes));
         postcard::serialize_with_flavor(self, Digested(digest)).unwrap_or(0)
     }
+}
+
+fn is_readable(text: &str) -> bool {
+    text.chars().all(is_visible)
 }
 
 fn header(body_bytes: usize) -> [u8; HEADER_BYTES] {

@@ -144,7 +144,20 @@ fn the_largest_config_fits_its_buffer() {
 #[test]
 fn every_fault_of_a_value_is_named() {
     type Change = fn(&mut Config);
-    let table: [(Change, ConfigError); 26] = [
+    let table: [(Change, ConfigError); 31] = [
+        (|c| c.device.push('\u{1b}').unwrap(), ConfigError::Text { field: "device" }),
+        (
+            |c| c.serial_number.push('\u{202e}').unwrap(),
+            ConfigError::Text { field: "serial_number" },
+        ),
+        (
+            |c| c.capture.as_mut().unwrap().device.push('\n').unwrap(),
+            ConfigError::Text { field: "capture.device" },
+        ),
+        (
+            |c| c.links.serial.as_mut().unwrap().path.push('\u{2028}').unwrap(),
+            ConfigError::Text { field: "links.serial" },
+        ),
         (|c| c.lens.fx_px = f64::NAN, ConfigError::Lens(LensError::FocalLength)),
         (|c| (c.readout_ns, c.capture) = (1_000_000_001, None), ConfigError::Readout),
         (|c| (c.readout_ns, c.capture) = (i32::MIN, None), ConfigError::Readout),
@@ -153,6 +166,7 @@ fn every_fault_of_a_value_is_named() {
         (|c| c.targets.clear(), ConfigError::NoTarget),
         (|c| c.targets[1].name.clear(), ConfigError::TargetName { index: 1 }),
         (|c| c.targets[0].name.push('\n').unwrap(), ConfigError::TargetName { index: 0 }),
+        (|c| c.targets[0].name.push('\u{200b}').unwrap(), ConfigError::TargetName { index: 0 }),
         (
             |c| c.targets[1].name = c.targets[0].name.clone(),
             ConfigError::SameName { first: 0, second: 1 },

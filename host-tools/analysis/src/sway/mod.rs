@@ -223,8 +223,9 @@ pub fn analyze(
     noise: Option<&Noise>,
     settings: &Settings,
 ) -> Result<Sway, SwayError> {
-    let prepared = Prepared::of(series, noise, settings)?;
-    let Prepared { smooth, filter, noise, spans, span, .. } = &prepared;
+    let prepared = Prepared::of(series, settings)?;
+    let Prepared { smooth, filter, spans, span, .. } = &prepared;
+    let noise = noise.map(|noise| prepared.kept_noise(noise)).transpose()?;
     let of = |smooth: &Series| SwayFigures::of(smooth, spans, settings);
     let mut figures = of(smooth).ok_or(SwayError::EmptySpan)?;
     let noise = noise.as_ref().map(|noise| {
@@ -262,33 +263,6 @@ pub fn analyze(
     })
 }
 
-/// Computes only the figures that are lengths, areas or velocities, for callers that need them many
-/// times; also returns the number of noisy copies that their uncertainties come from, 0 without
-/// noise.
-///
-/// # Errors
-/// As [`analyze`].
-pub fn lengths(
-    series: &Series,
-    noise: Option<&Noise>,
-    settings: &Settings,
-) -> Result<(Lengths, usize), SwayError> {
-    let prepared = Prepared::of(series, noise, settings)?;
-    let Prepared { smooth, filter, noise, spans, .. } = &prepared;
-    let of = |smooth: &Series| Lengths::of(smooth, spans, settings);
-    let mut lengths = of(smooth).ok_or(SwayError::EmptySpan)?;
-    let copies = noise.as_ref().map_or(0, |noise| {
-        let measured = lengths.ellipse.clone();
-        let again = |noisy: &Series| {
-            let mut lengths = of(noisy)?;
-            ellipse::turn_towards(&mut lengths.ellipse, &measured);
-            Some(lengths)
-        };
-        noise::uncertainties(&mut lengths, noise, smooth, filter, again)
-    });
-    Ok((lengths, copies))
-}
-
 /// What moves the length of the total path away from its true one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathErrors {
@@ -298,52 +272,79 @@ pub struct PathErrors {
     pub shortfall: Shortfall,
 }
 
-/// Computes only what moves the length of the total path away from its true one.
-///
-/// # Errors
-/// As [`analyze`].
-pub fn path_errors(
-    series: &Series,
-    noise: &Noise,
-    settings: &Settings,
-) -> Result<PathErrors, SwayError> {
-    let Prepared { smooth, filter, noise, spans, span, .. } =
-        Prepared::of(series, Some(noise), settings)?;
-    let noise = noise.expect("noise was given");
-    let steps = noise::step_factors(&noise, &smooth, &filter);
-    Ok(PathErrors {
-        noise: noise::path_noise(&smooth, &spans.total, &steps),
-        shortfall: path::shortfall(&span),
-    })
-}
-
-/// A series as its figures need it.
-struct Prepared {
+/// A filtered series, for callers that need more than one thing of it: it is filtered once.
+pub struct Prepared<'a> {
+    settings: &'a Settings,
     filter: Filter,
     /// The filtered positions.
     smooth: Series,
+    /// The parts of the original that the filter kept, and how many samples it has.
+    kept: Vec<Range<usize>>,
+    samples: usize,
     left_out_samples: usize,
-    /// The noise of the samples that the filter kept.
-    noise: Option<Noise>,
     spans: Spans,
     /// The part that is analysed.
     span: Series,
 }
 
-impl Prepared {
-    fn of(series: &Series, noise: Option<&Noise>, settings: &Settings) -> Result<Self, SwayError> {
+impl<'a> Prepared<'a> {
+    /// Filters a series.
+    ///
+    /// # Errors
+    /// When the settings are invalid or do not suit the series.
+    pub fn of(series: &Series, settings: &'a Settings) -> Result<Self, SwayError> {
         settings.check()?;
-        if noise.is_some_and(|noise| !noise.fits(series.samples())) {
-            return Err(SwayError::NoiseLength);
-        }
         let filter = settings.filter.at(series.rate_hz()).map_err(SwayError::Filter)?;
         let Filtered { series: smooth, kept, left_out_samples } = filter
             .apply(series)
             .ok_or(SwayError::OnlyFragments { needed: filter.samples_min() })?;
-        let noise = noise.map(|noise| noise.only(&kept));
         let spans = Spans::of(&smooth, settings);
         let span = settings.cut(&smooth).ok_or(SwayError::EmptySpan)?;
-        Ok(Self { filter, smooth, left_out_samples, noise, spans, span })
+        let samples = series.samples();
+        Ok(Self { settings, filter, smooth, kept, samples, left_out_samples, spans, span })
+    }
+
+    /// Only the figures that are lengths, areas or velocities, for callers that need them many
+    /// times; also returns the number of noisy copies that their uncertainties come from, 0 without
+    /// noise.
+    ///
+    /// # Errors
+    /// When the noise is not of this series, or fewer than two samples lie in the span.
+    pub fn lengths(&self, noise: Option<&Noise>) -> Result<(Lengths, usize), SwayError> {
+        let of = |smooth: &Series| Lengths::of(smooth, &self.spans, self.settings);
+        let mut lengths = of(&self.smooth).ok_or(SwayError::EmptySpan)?;
+        let Some(noise) = noise else { return Ok((lengths, 0)) };
+        let measured = lengths.ellipse.clone();
+        let again = |noisy: &Series| {
+            let mut lengths = of(noisy)?;
+            ellipse::turn_towards(&mut lengths.ellipse, &measured);
+            Some(lengths)
+        };
+        let noise = self.kept_noise(noise)?;
+        let copies = noise::uncertainties(&mut lengths, &noise, &self.smooth, &self.filter, again);
+        Ok((lengths, copies))
+    }
+
+    /// Only what moves the length of the total path away from its true one.
+    ///
+    /// # Errors
+    /// When the noise is not of this series.
+    pub fn path_errors(&self, noise: &Noise) -> Result<PathErrors, SwayError> {
+        let noise = self.kept_noise(noise)?;
+        let steps = noise::step_factors(&noise, &self.smooth, &self.filter);
+        Ok(PathErrors {
+            noise: noise::path_noise(&self.smooth, &self.spans.total, &steps),
+            shortfall: path::shortfall(&self.span),
+        })
+    }
+
+    /// The noise of the samples that the filter kept.
+    fn kept_noise(&self, noise: &Noise) -> Result<Noise, SwayError> {
+        if noise.fits(self.samples) {
+            Ok(noise.only(&self.kept))
+        } else {
+            Err(SwayError::NoiseLength)
+        }
     }
 }
 

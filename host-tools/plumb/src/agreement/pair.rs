@@ -10,10 +10,10 @@ use plumbline_analysis::series::{Axis, Series};
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::{directory_of, from_toml, read_text};
+use plumbline_trial::frame::Trunk;
 use plumbline_trial::markers::Markers;
 use plumbline_trial::points::Points;
 use plumbline_trial::positions::Unit;
-use plumbline_trial::reading::Trunk;
 use serde::{Deserialize, Serialize};
 
 use crate::arguments::table::TableColumns;

@@ -10,6 +10,7 @@ use plumbline_trial::points::Points;
 
 use crate::arguments::method::Method;
 use crate::arguments::table::TableColumns;
+use crate::ui::stdout;
 
 /// The sway figures of a trial: path length, extent, ellipse, frequencies, and more.
 ///
@@ -92,6 +93,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&analysis)? + "\n";
         write_all(&[(path.clone(), text.into_bytes())], arguments.force)?;
     }
-    plumbline_files::print(&tables::text(&analysis))?;
+    stdout::print(&tables::text(&analysis))?;
     Ok(())
 }

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use crate::arguments::method::Method;
 use crate::ui::progress::Progress;
+use crate::ui::stdout;
 
 /// All figures of many trials as one table, for pandas, R and spreadsheets.
 ///
@@ -91,7 +92,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     }
     let text = tidy::csv(&table);
     if is_stdout {
-        plumbline_files::print(&String::from_utf8_lossy(&text))?;
+        stdout::print(&String::from_utf8_lossy(&text))?;
     } else {
         write_all(&[(out.clone(), text)], *force)?;
         let trials = counted(trials.len() - broken, "trial");

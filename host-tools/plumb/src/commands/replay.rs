@@ -179,7 +179,7 @@ fn send(folder: &Path, speed: f64, to: SocketAddr, stop: &AtomicBool) -> Result<
             Content::Mark(mark) => {
                 bar.suspend(|| eprintln!("{:8.2} s  {}", 1e-9 * host_ns as f64, mark.label));
             }
-            Content::About(_) => {}
+            Content::About(_) | Content::Check(_) => {}
             Content::Raw(raw) => sent += u64::from(forward(&socket, to, &raw, &mut deframer)),
         }
     }

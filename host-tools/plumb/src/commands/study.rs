@@ -9,6 +9,8 @@ use plumbline_files::counting::counted;
 use plumbline_files::write_all;
 use plumbline_study::{figures, inference, long, manifest};
 
+use crate::ui::stdout;
+
 /// The statistics of a study: many trials, or any table of measurements within subjects.
 ///
 /// A study.toml names the trials (trials = ["trials/*"]), which say themselves who was measured
@@ -98,7 +100,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.json {
         write_all(&[(path.clone(), (json + "\n").into_bytes())], arguments.force)?;
     }
-    plumbline_files::print(&text)?;
+    stdout::print(&text)?;
     Ok(())
 }
 

@@ -10,6 +10,8 @@ use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
 use plumbline_render::sheet::{self, Page, Paper};
 use plumbline_stream::recorder::role_word;
 
+use crate::ui::stdout;
+
 /// The smallest square, mm. A printer's edges are off by up to 0.05 mm, already 2.5 % of it.
 const PITCH_MM_MIN: f64 = 2.0;
 /// The largest that the core takes.
@@ -128,7 +130,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "Print at 100 % (\"actual size\"); the ruler must measure 100 mm. Then measure the squares, many at once, and correct pitch_mm if it differs."
     );
     if arguments.targets.is_none() {
-        plumbline_files::print(&entry)?;
+        stdout::print(&entry)?;
     }
     Ok(())
 }

@@ -20,8 +20,8 @@ use plumbline_files::{camera, refuse_overwriting};
 
 use crate::setup::Descriptions;
 use crate::tracking;
-use crate::ui::draw;
 use crate::ui::progress::Progress;
+use crate::ui::{draw, png};
 
 /// Track the targets in recorded frames and write their poses.
 ///
@@ -166,7 +166,7 @@ fn track(
         rows.flush()?;
         if let Some(directory) = &arguments.draw {
             let path = directory.join(format!("frame_{:06}.png", frame.index));
-            draw::write(&path, &draw::annotated(&frame, config, &report))?;
+            png::write(&path, &draw::annotated(&frame, config, &report))?;
         }
     }
     Ok(())

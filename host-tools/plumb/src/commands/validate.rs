@@ -7,6 +7,7 @@ use plumbline_files::write_all;
 
 use crate::agreement::pair::Pair;
 use crate::agreement::{Against, Validation, plot, print};
+use crate::ui::stdout;
 
 /// How well trials agree with a reference, such as motion capture.
 ///
@@ -78,7 +79,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in &validation.warnings {
         eprintln!("warning: {warning}");
     }
-    plumbline_files::print(&print::text(&validation))?;
+    stdout::print(&print::text(&validation))?;
     Ok(())
 }
 

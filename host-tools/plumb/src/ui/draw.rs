@@ -5,23 +5,19 @@
 //! axes are x red, y green, z (into the target) blue. On a picture too small for
 //! rings the outermost corners are joined instead.
 
-use std::io::Cursor;
-use std::path::Path;
-
 use embedded_graphics::mono_font::ascii::{FONT_6X10, FONT_10X20};
 use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::*;
 use embedded_graphics::primitives::{Circle, Line, Polyline, PrimitiveStyle};
 use embedded_graphics::text::{Baseline, Text};
-use image::{ImageFormat, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use nalgebra::Vector3;
 use plumbline::config::{Config, TargetConfig};
 use plumbline::lens::Lens;
 use plumbline::packet::{MeasuredPose, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::{NoPose, Report, TargetState};
-use plumbline_files::BadInput;
 use plumbline_files::camera::is_stand_in;
 use plumbline_files::frames::{Frame, Pixels};
 
@@ -103,18 +99,6 @@ pub fn annotated(frame: &Frame<'_>, config: &Config, report: &Report) -> RgbImag
         Err(reason) => Drawn::Missing(found.state, *reason),
     });
     annotate(picture, config, drawn)
-}
-
-/// Writes a picture as PNG, in place of one that exists.
-///
-/// # Errors
-/// When the operating system refuses.
-pub fn write(path: &Path, picture: &RgbImage) -> Result<(), BadInput> {
-    let mut file = Cursor::new(Vec::new());
-    picture
-        .write_to(&mut file, ImageFormat::Png)
-        .map_err(|error| BadInput::whole(path.display(), error, "draw a larger picture"))?;
-    plumbline_files::replace(path, file.get_ref())
 }
 
 /// What a pose packet says of each target of the configuration, in its order.

@@ -1,19 +1,7 @@
-//! What clinical stabilometry asks of a recording, whatever the instrument.
-//!
-//! Scoppa, Capra, Gallamini & Shiffer 2013, "Clinical stabilometry standardization: basic
-//! definitions - acquisition interval - sampling frequency", Gait Posture 37:290, for the
-//! International Society for Posture and Gait Research (ISPGR): at least 25 s, at 50 Hz or more.
+//! Warnings of figures from less than clinical stabilometry asks for.
 
+use plumbline_analysis::standard::{DURATION_MIN_S, RATE_ACCEPTED_HZ, RATE_MIN_HZ};
 use plumbline_analysis::sway::Sway;
-
-/// The shortest recording, seconds.
-const DURATION_MIN_S: f64 = 25.0;
-
-/// The lowest rate, Hz.
-const RATE_MIN_HZ: f64 = 50.0;
-
-/// A camera that is set to a rate keeps it this well, as a fraction.
-const RATE_TOLERANCE: f64 = 0.01;
 
 /// What falls below it, in words, of the points of one trial.
 pub(super) fn below<'a>(points: impl Iterator<Item = &'a Sway>) -> Vec<String> {
@@ -24,7 +12,7 @@ pub(super) fn below<'a>(points: impl Iterator<Item = &'a Sway>) -> Vec<String> {
         measured_s = measured_s.min(point.measured_s + point.rate_hz.recip());
     }
     let mut warnings = Vec::new();
-    if rate_hz < (1.0 - RATE_TOLERANCE) * RATE_MIN_HZ {
+    if rate_hz < RATE_ACCEPTED_HZ {
         warnings.push(format!(
             "the rate is {rate_hz:.1} Hz; stabilometry asks for at least {RATE_MIN_HZ} Hz (Scoppa \
              et al. 2013)"

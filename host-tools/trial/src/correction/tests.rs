@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::Trial;
-use crate::reading::Trunk;
+use crate::frame::Trunk;
 use crate::recording::{Changes, remake};
 use crate::test_trial::{Made, scene_from_target};
 use crate::verdict::Grade;

@@ -13,8 +13,8 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use plumbline::config::Config;
 
 use crate::Trial;
+use crate::frame::Trunk;
 use crate::points::{Points, frames_of};
-use crate::reading::Trunk;
 
 /// An orientation.
 pub type Orientation = UnitQuaternion<f64>;

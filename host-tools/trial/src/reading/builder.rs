@@ -18,19 +18,20 @@ use plumbline_stream::clock::Exchange;
 use plumbline_stream::others::name;
 use plumbline_stream::sessions::{self, Judged, Sessions};
 
-use super::{Frame, Observed, Point, Trial, Trunk};
 use crate::correction::{Correction, corrected};
+use crate::frame::{Frame, Point, Trunk};
 use crate::journal::{Content, Entry};
 use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
 use crate::mark::Mark;
 use crate::run::Run;
 use crate::verdict::{Verdict, judge};
+use crate::{Observed, Trial};
 
 /// Builds a trial from its packets.
-pub(super) struct Builder {
+pub(super) struct Builder<'a> {
     /// What the box was told, and what it should have been told.
-    recorded: Option<Config>,
-    correction: Option<Correction>,
+    recorded: Option<&'a Config>,
+    correction: Option<&'a Correction>,
     sessions: Sessions,
     scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
@@ -45,9 +46,9 @@ pub(super) struct Builder {
     deframer: Deframer,
 }
 
-impl Builder {
-    pub(super) fn new(recorded: Option<Config>, correction: Option<Correction>) -> Self {
-        let config = correction.as_ref().map(Correction::config).or(recorded.as_ref());
+impl<'a> Builder<'a> {
+    pub(super) fn new(recorded: Option<&'a Config>, correction: Option<&'a Correction>) -> Self {
+        let config = correction.map(Correction::config).or(recorded);
         Self {
             scene: config.and_then(scene_of),
             recorded,
@@ -71,12 +72,12 @@ impl Builder {
                 self.marks.push((entry.host_ns, mark));
                 return;
             }
-            Content::About(_) => return,
+            Content::About(_) | Content::Check(_) => return,
             Content::Raw(raw) => raw.decode(&mut self.deframer),
         };
         match outcome {
             Ok(packet) => {
-                let packet = corrected(self.correction.as_ref(), packet);
+                let packet = corrected(self.correction, packet);
                 self.sessions.take(packet, entry.host_ns);
                 self.take_judged(entry.host_ns);
             }
@@ -127,7 +128,7 @@ impl Builder {
 
     fn hello(&mut self, hello: Hello) {
         let told = self.hello.as_ref().map(|before| before.config_crc);
-        let known = told.or(self.recorded.as_ref().map(Config::crc));
+        let known = told.or(self.recorded.map(Config::crc));
         self.observed.config_changed |= known.is_some_and(|crc| crc != hello.config_crc);
         self.hello = Some(hello);
     }
@@ -223,7 +224,7 @@ impl Builder {
             let first_s = self.runs.values().find_map(Run::first_capture_s)?;
             Some(1e-9 * it.as_nanosecond() as f64 + first_s)
         });
-        let config = self.correction.map(|it| it.config().clone()).or(self.recorded);
+        let config = self.correction.map(Correction::config).or(self.recorded).cloned();
         let (frames, observed) = (self.frames, self.observed);
         let folder = folder.to_owned();
         let mut trial =
@@ -294,7 +295,7 @@ mod tests {
     use super::*;
     use crate::manifest::Zero;
 
-    fn finished(builder: Builder) -> Trial {
+    fn finished(builder: Builder<'_>) -> Trial {
         let manifest =
             Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
         builder.finish(Path::new("trial"), manifest, Vec::new())

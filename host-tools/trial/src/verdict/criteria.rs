@@ -47,7 +47,8 @@ pub struct Limits {
     /// Time from t = 0 to the last frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_s_min: Option<f64>,
-    /// Frames per second on average, pauses included.
+    /// Frames per second of the camera on average, pauses and the frames that never arrived
+    /// included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_hz_min: Option<f64>,
     /// The same as a share of the rate in the box's configuration.
@@ -212,6 +213,8 @@ impl Limits {
 
 #[cfg(test)]
 mod tests {
+    use plumbline_analysis::standard;
+
     use super::*;
 
     fn refused(text: &str) -> String {
@@ -227,6 +230,13 @@ mod tests {
         }
         // Their number; a new sign needs a line in the example.
         assert_eq!(criteria.doubtful.when.len() + criteria.unusable.when.len(), 9);
+    }
+
+    #[test]
+    fn the_bounds_of_the_posturography_standard_are_the_standards() {
+        let doubtful = Criteria::default().doubtful;
+        assert_eq!(doubtful.duration_s_min, Some(standard::DURATION_MIN_S));
+        assert_eq!(doubtful.rate_hz_min, Some(standard::RATE_ACCEPTED_HZ));
     }
 
     #[test]

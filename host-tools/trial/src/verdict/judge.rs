@@ -9,21 +9,21 @@
 //! at all where none came.
 
 use plumbline::packet::{MarkedInstant, View};
-use plumbline::target::Role;
 use plumbline::view::TargetView;
 use plumbline_analysis::series::{GAP_PERIODS, usual_period_s};
 use plumbline_analysis::statistics::describe::median;
 
-use super::{Criteria, Grade, Limits, Reason, Sign, Verdict};
+use super::reasons::{Figure, Judge};
+use super::{Criteria, Sign, Verdict};
 use crate::Trial;
+use crate::frame::{Frame, Trunk};
 use crate::manifest::{State, Zero};
 use crate::points::stand_onset_of;
-use crate::reading::{Frame, Trunk};
 
 /// What is wrong with a trial, by these criteria.
 #[must_use]
 pub fn judge(trial: &Trial, criteria: &Criteria) -> Verdict {
-    let mut judge = Judge { criteria, reasons: Vec::new() };
+    let mut judge = Judge::new(criteria);
     signs(&mut judge, trial);
     time(&mut judge, trial);
     packets(&mut judge, trial);
@@ -32,106 +32,7 @@ pub fn judge(trial: &Trial, criteria: &Criteria) -> Verdict {
         light(&mut judge, &trial.observed.views, trunk);
     }
     order(&mut judge, &trial.frames);
-    let mut reasons = judge.reasons;
-    // The order of equals stays.
-    reasons.sort_by_key(|reason| std::cmp::Reverse(reason.is));
-    let is = reasons.first().map_or(Grade::Good, |worst| worst.is);
-    Verdict { is, reasons, ..Verdict::default() }
-}
-
-/// The reasons so far.
-struct Judge<'a> {
-    criteria: &'a Criteria,
-    reasons: Vec<Reason>,
-}
-
-/// One bound of a grade.
-type Bound = fn(&Limits) -> Option<f64>;
-
-/// A figure of the trial.
-struct Figure<'a> {
-    /// As the criteria name it.
-    key: &'a str,
-    /// For people.
-    name: String,
-    /// Its value.
-    found: f64,
-    /// Its unit, with a space before it.
-    unit: &'a str,
-    /// What can be done where it misses a bound.
-    remedy: &'a str,
-}
-
-impl Judge<'_> {
-    fn at_least(&mut self, figure: Figure<'_>, bound: Bound) {
-        self.bounded(figure, bound, "at least", |found, bound| found < bound);
-    }
-
-    fn at_most(&mut self, figure: Figure<'_>, bound: Bound) {
-        self.bounded(figure, bound, "at most", |found, bound| found > bound);
-    }
-
-    fn bounded(
-        &mut self,
-        figure: Figure<'_>,
-        bound: Bound,
-        side: &str,
-        misses: fn(f64, f64) -> bool,
-    ) {
-        let Figure { key, name, found, unit, remedy } = figure;
-        let missed = self.criteria.graded().into_iter().find_map(|(grade, limits)| {
-            // What is no number meets no bound.
-            let is_missed = |bound: &f64| found.is_nan() || misses(found, *bound);
-            bound(limits).filter(is_missed).map(|bound| (grade, bound))
-        });
-        if let Some((is, bound)) = missed {
-            self.reasons.push(Reason {
-                key: key.to_owned(),
-                is,
-                found: Some(found),
-                bound: Some(bound),
-                words: format!(
-                    "{name}: {}{unit} ({side} {bound})",
-                    digits(found, |shown| misses(shown, bound))
-                ),
-                remedy: remedy.to_owned(),
-            });
-        }
-    }
-
-    fn sign(&mut self, is_so: bool, sign: Sign, words: &str, remedy: &str) {
-        let graded = self.criteria.graded();
-        let Some((is, _)) = graded.into_iter().find(|(_, limits)| limits.when.contains(&sign))
-        else {
-            return;
-        };
-        if is_so {
-            self.reasons.push(Reason {
-                key: sign.key().to_owned(),
-                is,
-                found: None,
-                bound: None,
-                words: words.to_owned(),
-                remedy: remedy.to_owned(),
-            });
-        }
-    }
-}
-
-/// Three digits, or all before the point; more, until the figure as it is shown misses the bound.
-fn digits(value: f64, misses: impl Fn(f64) -> bool) -> String {
-    let decimals = match value.abs() {
-        0.0..9.995 => 2,
-        0.0..99.95 => 1,
-        _ => 0,
-    };
-    let mut rounded = (decimals..decimals + 6).map(|decimals| format!("{value:.decimals$}"));
-    let missing = rounded.find(|text| text.parse().is_ok_and(&misses));
-    let text = missing.unwrap_or_else(|| value.to_string());
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-        false => text,
-    }
+    judge.verdict()
 }
 
 fn signs(judge: &mut Judge<'_>, trial: &Trial) {
@@ -181,10 +82,15 @@ fn signs(judge: &mut Judge<'_>, trial: &Trial) {
     );
     // Frames that the box replays have times that no clock gives.
     let is_live = manifest.instant.is_some_and(|it| it != MarkedInstant::Recording);
+    // One relation for each run of the box, in their order.
+    let is_related = |frame: &Frame| {
+        manifest.clocks.binary_search_by_key(&frame.session, |clock| clock.session).is_ok()
+    };
     judge.sign(
-        is_live && manifest.clocks.is_empty(),
+        is_live && !frames.iter().all(is_related),
         Sign::ClockUnrelated,
-        "the box's clock was not related to this computer's: marks are uncertain by 0.1 s",
+        "the box's clock was not related to this computer's in every run of the box: marks in such \
+         a run are uncertain by 0.1 s",
         "check that the box hears this computer: `plumb doctor`",
     );
     judge.sign(
@@ -229,10 +135,10 @@ fn time(judge: &mut Judge<'_>, trial: &Trial) {
     judge.at_least(
         Figure {
             key: "rate_hz",
-            name: "frames per second on average".to_owned(),
+            name: "frames per second of the camera, on average".to_owned(),
             found: rate_hz,
             unit: "",
-            remedy: "unless frames were lost, give rate_hz in the box file, more light, or a \
+            remedy: "give rate_hz in the box file, more light, or a \
                      shorter exposure: the posturography standard of the ISPGR asks for 50 Hz",
         },
         |it| it.rate_hz_min,
@@ -245,7 +151,7 @@ fn time(judge: &mut Judge<'_>, trial: &Trial) {
                 name: format!("frames per second, of the {} that were asked for", capture.rate_hz),
                 found: 100.0 * rate_hz / f64::from(capture.rate_hz),
                 unit: " %",
-                remedy: "unless frames were lost, find what slowed the camera or the box down: \
+                remedy: "find what slowed the camera or the box down: \
                          `plumb doctor`",
             },
             |it| it.rate_percent_min,
@@ -486,32 +392,5 @@ fn order(judge: &mut Judge<'_>, frames: &[Frame]) {
             },
             |it| it.upper_above_lower_mm_min,
         );
-    }
-}
-
-impl Sign {
-    /// Its name in files.
-    fn key(self) -> &'static str {
-        match self {
-            Self::NoScene => "no_scene",
-            Self::NoConfiguration => "no_configuration",
-            Self::ConfigurationChanged => "configuration_changed",
-            Self::NoMark => "no_mark",
-            Self::NoOnset => "no_onset",
-            Self::ClockUnrelated => "clock_unrelated",
-            Self::Undervoltage => "undervoltage",
-            Self::Throttled => "throttled",
-            Self::CutOff => "cut_off",
-        }
-    }
-}
-
-impl Trunk {
-    /// The role of the target that its point is fixed to.
-    pub(crate) fn role(self) -> Role {
-        match self {
-            Self::Upper => Role::Upper,
-            Self::Lower => Role::Lower,
-        }
     }
 }

@@ -14,6 +14,7 @@
 
 mod criteria;
 mod judge;
+mod reasons;
 #[cfg(test)]
 mod tests;
 

@@ -10,7 +10,7 @@ use super::session::{Progress, Session, Taken};
 use super::stills::Stills;
 use super::terminal::resized;
 use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
-use crate::ui::draw;
+use crate::ui::png;
 
 /// The numbers come this often.
 const LINES_EVERY: Duration = Duration::from_secs(1);
@@ -172,7 +172,7 @@ impl<'a> Plain<'a> {
         if let Some(png) = &mut self.png {
             let picture = decoded(taken, self.session)?;
             let size_px = picture.dimensions().into();
-            draw::write(png.path, &annotated(resized(&picture, size_px), taken, self.session))?;
+            png::write(png.path, &annotated(resized(&picture, size_px), taken, self.session))?;
             png.is_written = true;
         }
         Ok(())

@@ -24,7 +24,7 @@ use plumbline::report::{Report, TargetReport};
 
 use self::figures::Figures;
 use self::the_box::TheBox;
-use crate::ui::draw;
+use crate::ui::{draw, png};
 use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::poses::Writer;
 use plumbline_render::simulate::recorded::truth_rows;
@@ -243,7 +243,7 @@ fn write_picture(
         white_level: 255,
         pixels: Pixels::Grey8(&pixels),
     };
-    Ok(draw::write(path, &draw::annotated(&frame, config, &report(packet, config)))?)
+    Ok(png::write(path, &draw::annotated(&frame, config, &report(packet, config)))?)
 }
 
 /// The part of a report that a packet carries and a picture needs.

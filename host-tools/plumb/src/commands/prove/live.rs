@@ -10,7 +10,7 @@ use plumbline_stream::link::BoxLink;
 use plumbline_stream::sessions::{Judged, Sessions};
 use plumbline_stream::transport::Event;
 
-use super::source::Recording;
+use super::recording::Recording;
 use crate::arguments::LinkArguments;
 use crate::delivery;
 use crate::setup;

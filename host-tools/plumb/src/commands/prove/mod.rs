@@ -6,6 +6,7 @@ mod live;
 mod output;
 mod picture;
 mod plots;
+mod recording;
 mod repeatability;
 mod source;
 mod step;

@@ -7,7 +7,8 @@ use maud::{Markup, html};
 use plumbline_files::{BadInput, refuse_overwriting, write_all};
 use serde::Serialize;
 
-use super::source::{Input, Recording};
+use super::recording::Recording;
+use super::source::Input;
 use crate::ui::page::{facts, page, warnings};
 
 /// Where a proof is written.

@@ -13,7 +13,8 @@ use serde::Serialize;
 use super::live::Advice;
 use super::output::{Output, Proof};
 use super::plots;
-use super::source::{Board, Input, Recording};
+use super::recording::{Board, Recording};
+use super::source::Input;
 use super::words::{rounded, signed, spread};
 use crate::ui::page::{figure, table};
 

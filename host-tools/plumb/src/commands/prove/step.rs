@@ -14,7 +14,8 @@ use serde::Serialize;
 use super::live::Advice;
 use super::output::{Output, Proof, millimetres};
 use super::plots;
-use super::source::{Board, Input, Recording};
+use super::recording::{Board, Recording};
+use super::source::Input;
 use super::words::{rounded, signed, verdict, with_u};
 use crate::ui::page::{figure, table};
 

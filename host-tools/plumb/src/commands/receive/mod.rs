@@ -295,7 +295,9 @@ fn end(mut recorded: Recorded, frames: u64) -> Result<(), BadInput> {
     if let Some(trial) = recording.end(frames)? {
         let events = counted(trial.manifest.events.len(), "mark");
         let frames = counted(trial.frames.len(), "frame");
-        let rate = trial.rate_hz().map_or(String::new(), |rate_hz| format!(" ({rate_hz:.1} Hz)"));
+        let rate = trial
+            .rate_hz()
+            .map_or(String::new(), |rate_hz| format!(" (the camera at {rate_hz:.1} Hz)"));
         let length_s = trial.length_s();
         text = format!("recorded in {folder}: {frames} in {length_s:.1} s{rate}, {events}");
         if dropped > 0 {

@@ -3,10 +3,9 @@
 mod board;
 mod video;
 
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use image::{ImageBuffer, Luma};
 use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Scene};
 use plumbline_files::BadInput;
@@ -22,6 +21,7 @@ use plumbline_render::simulate::sway::SwaySettings;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 use self::video::{Video, standard_output};
+use crate::ui::png;
 
 /// Render a swaying person with both targets, and the true poses; or a board to calibrate with.
 ///
@@ -291,13 +291,10 @@ fn write_scene(
     scene::write(path, &SceneFile { cam_from_scene_theta: cam_from_scene.theta(), source })
 }
 
-fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> anyhow::Result<()> {
+fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> Result<(), BadInput> {
     let (width, height) = (u32::from(lens.width_px), u32::from(lens.height_px));
-    let mut png = Cursor::new(Vec::new());
-    let (grey, format) = (image::ExtendedColorType::L8, image::ImageFormat::Png);
-    image::write_buffer_with_format(&mut png, samples, width, height, grey, format)
-        .with_context(|| path.display().to_string())?;
-    Ok(plumbline_files::replace(path, png.get_ref())?)
+    let picture = ImageBuffer::<Luma<u8>, _>::from_raw(width, height, samples);
+    png::write(path, &picture.expect("as many samples as pixels"))
 }
 
 #[cfg(test)]

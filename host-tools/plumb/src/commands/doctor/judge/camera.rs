@@ -2,6 +2,7 @@
 
 use plumbline::packet::{CameraState, Health};
 use plumbline::report::NoPose;
+use plumbline_analysis::standard::{RATE_ACCEPTED_HZ, RATE_MIN_HZ};
 use plumbline_analysis::statistics::describe::median;
 use plumbline_files::counting::counted;
 
@@ -15,9 +16,6 @@ const RATE_WARN: f64 = 0.02;
 
 /// Off by a tenth: the exposure time or the light's flicker determines the rate.
 const RATE_FAIL: f64 = 0.1;
-
-/// The posturography standard's least rate (ISPGR, Scoppa et al. 2013).
-const RATE_STANDARD_HZ: f64 = 50.0;
 
 /// A recording is replayed at its own pace; below this share of it, something holds it up.
 const PACE_MIN: f64 = 0.9;
@@ -138,12 +136,11 @@ fn rate_of_replay(findings: &Findings, rate_hz: f64) -> Check {
 }
 
 fn by_standard(rate_hz: f64, seen: String) -> Check {
-    // A camera of 50 Hz may run at 49.9.
-    let is_slow = rate_hz < (1.0 - RATE_WARN) * RATE_STANDARD_HZ;
+    let is_slow = rate_hz < RATE_ACCEPTED_HZ;
     Check::new(
         Verdict::warn_if(is_slow),
         "rate",
-        if is_slow { format!("{seen}; ISPGR: at least {RATE_STANDARD_HZ:.0} Hz") } else { seen },
+        if is_slow { format!("{seen}; ISPGR: at least {RATE_MIN_HZ:.0} Hz") } else { seen },
         "give rate_hz = 60 and a camera that has it: the posturography standard asks for 50 Hz",
     )
 }
@@ -249,6 +246,10 @@ mod tests {
             assert_says(&slow, Verdict::Warn, &["10.00 Hz", "ISPGR: at least 50 Hz", "rate_hz"]);
         }
         assert_eq!(check(&at(49.95, Some(50.0)), "rate").verdict, Verdict::Good);
+        // As the verdict on a trial and the study's warnings have it: clocks differ by 1 %.
+        for (rate_hz, verdict) in [(49.51, Verdict::Good), (49.49, Verdict::Warn)] {
+            assert_eq!(check(&at(rate_hz, None), "rate").verdict, verdict, "{rate_hz}");
+        }
         // One that is not what was asked for is named first.
         assert_says(&check(&at(10.0, Some(60.0)), "rate"), Verdict::Fail, &["10.00 Hz of 60.00"]);
     }
