@@ -97,6 +97,15 @@ impl Verdict {
         self.overruled.unwrap_or(self.is)
     }
 
+    /// The same without what the rest of a recording can still mend: that it is short, and that
+    /// its t = 0 has not come.
+    #[must_use]
+    pub fn so_far(mut self) -> Self {
+        self.reasons.retain(|it| !["duration_s", "no_mark", "no_onset"].contains(&&*it.key));
+        self.is = self.reasons.first().map_or(Grade::Good, |worst| worst.is);
+        self
+    }
+
     /// What people and files are told in one line.
     #[must_use]
     pub fn line(&self) -> String {
