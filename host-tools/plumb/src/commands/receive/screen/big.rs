@@ -9,7 +9,7 @@ const COLUMNS: usize = 7;
 pub(super) const ROWS: usize = 5;
 
 /// The characters that can be written, each with its rows of three dots from the top.
-const DOTS: [(char, [u8; ROWS]); 22] = [
+const DOTS: [(char, [u8; ROWS]); 23] = [
     ('0', [0b111, 0b101, 0b101, 0b101, 0b111]),
     ('1', [0b010, 0b110, 0b010, 0b010, 0b111]),
     ('2', [0b111, 0b001, 0b111, 0b100, 0b111]),
@@ -21,6 +21,7 @@ const DOTS: [(char, [u8; ROWS]); 22] = [
     ('8', [0b111, 0b101, 0b111, 0b101, 0b111]),
     ('9', [0b111, 0b101, 0b111, 0b001, 0b111]),
     (':', [0b000, 0b010, 0b000, 0b010, 0b000]),
+    ('-', [0b000, 0b000, 0b111, 0b000, 0b000]),
     ('A', [0b010, 0b101, 0b111, 0b101, 0b101]),
     ('D', [0b110, 0b101, 0b101, 0b101, 0b110]),
     ('G', [0b111, 0b100, 0b101, 0b101, 0b111]),

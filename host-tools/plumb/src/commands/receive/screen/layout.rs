@@ -227,7 +227,7 @@ fn large(seen: &Seen, columns: usize, glyphs: Glyphs) -> Option<Vec<Row>> {
     let word = seen.judgement.word;
     let text = word.map_or("", Word::text);
     let elapsed = minutes(seen.elapsed);
-    let both = to_go(seen).map(|to_go| format!("{elapsed} {to_go}"));
+    let both = to_go(seen).map(|to_go| format!("{elapsed} -{to_go}"));
     let room = columns.checked_sub(big::columns(text) + BETWEEN)?;
     let clock = both.into_iter().chain([elapsed]).find(|it| big::columns(it) <= room)?;
     let (word_lines, clock_lines) = (big::lines(text, glyphs.dot), big::lines(&clock, glyphs.dot));
@@ -284,7 +284,9 @@ fn bars(seen: &Seen, thick: usize, columns: usize, glyphs: Glyphs) -> Option<Vec
     // An odd number: the origin is in the middle.
     let bar = (room + room % 2).checked_sub(1).filter(|bar| *bar >= BAR_MIN)?;
     let scale_mm = scale_mm(&seen.movement);
-    let mut rows = vec![scale(scale_mm, bar, seen.since)];
+    let has_bars = seen.movement.iter().any(|it| it.along.is_ok());
+    let scale = has_bars.then(|| scale(scale_mm, bar, seen.since));
+    let mut rows = vec![scale.unwrap_or_default()];
     for movement in &seen.movement {
         for at in 0..AXES.len() {
             let axis_rows = axis_rows(movement, at, scale_mm, bar, glyphs);
