@@ -125,17 +125,26 @@ pub(super) fn rows(seen: &Seen, news: &[String], size: [usize; 2], glyphs: Glyph
         }
         blocks
     });
-    let news_rows = height - total(&blocks);
-    let news = &news[news.len().saturating_sub(news_rows)..];
-    let mut news: Vec<Row> = news.iter().map(Row::plain).collect();
-    // The latest is the one to be noticed.
-    if let Some(last) = news.last_mut() {
-        last.0.iter_mut().for_each(|span| span.style = span.style.bold());
-    }
-    news.resize(news_rows, Row::default());
+    let news = news_rows(news, height - total(&blocks), columns);
     let prompt = prompt(seen).filter(|_| blocks.iter().any(|block| block.keep == PROMPT));
     blocks.retain(|block| block.keep != PROMPT);
     blocks.into_iter().flat_map(|block| block.rows).chain(news).chain(prompt).collect()
+}
+
+/// The latest news that fit; the very latest are the ones to be noticed.
+fn news_rows(news: &[String], height: usize, columns: usize) -> Vec<Row> {
+    let (before, latest) = news.split_at(news.len().saturating_sub(1));
+    let lines = |news: &[String], style| {
+        let lines: Vec<String> = news.iter().flat_map(|line| wrapped(line, columns)).collect();
+        lines.into_iter().map(move |line| Row::default().and(style, line))
+    };
+    // Each takes a row at least.
+    let before = &before[before.len().saturating_sub(height)..];
+    let rows: Vec<Row> =
+        lines(before, Style::new()).chain(lines(latest, Style::new().bold())).collect();
+    let mut rows = rows[rows.len().saturating_sub(height)..].to_vec();
+    rows.resize(height, Row::default());
+    rows
 }
 
 /// The news have at least so many rows.
@@ -162,13 +171,17 @@ fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec
     let block = |keep, rows| Block { keep, rows };
     let blank = || block(BLANK, vec![Row::default()]);
     let (head, reasons, movement) = match form {
-        Form::Large { thick } => {
-            (large(seen, columns, glyphs)?, reasons(seen, 3), bars(seen, thick, columns, glyphs)?)
+        Form::Large { thick } => (
+            large(seen, columns, glyphs)?,
+            reasons(seen, 3, columns),
+            bars(seen, thick, columns, glyphs)?,
+        ),
+        Form::Bars => {
+            (vec![small(seen)], reasons(seen, 2, columns), bars(seen, 1, columns, glyphs)?)
         }
-        Form::Bars => (vec![small(seen)], reasons(seen, 2), bars(seen, 1, columns, glyphs)?),
         Form::Numbers => {
             let movement = seen.movement.iter().map(|it| Row::plain(numbers(it))).collect();
-            (vec![small(seen)], reasons(seen, 1), movement)
+            (vec![small(seen)], reasons(seen, 1, columns), movement)
         }
     };
     let title = Row::default().and(Style::new().bold(), seen.title.join(" · "));
@@ -249,16 +262,42 @@ fn small(seen: &Seen) -> Row {
     row.and(Style::new().bold(), minutes(seen.elapsed) + &to_go)
 }
 
-/// Why, in always as many rows, so that nothing below moves. More reasons than rows are counted.
-fn reasons(seen: &Seen, rows: usize) -> Vec<Row> {
+/// Why, in always as many rows, so that nothing below moves. Reasons for which there is no room are
+/// counted.
+fn reasons(seen: &Seen, rows: usize, columns: usize) -> Vec<Row> {
     let style = seen.judgement.word.map_or(Style::new(), colour);
-    let reasons = &seen.judgement.reasons;
-    let mut shown: Vec<String> = reasons.iter().take(rows).cloned().collect();
-    if let Some(last) = shown.last_mut().filter(|_| reasons.len() > rows) {
-        *last = format!("(and {} more) {last}", reasons.len() - rows);
+    let reasons = seen.judgement.reasons.iter().map(|reason| wrapped(reason, columns));
+    let mut shown: Vec<String> = Vec::new();
+    let mut left_out = 0;
+    for lines in reasons {
+        // Of the worst one, at least the beginning is shown.
+        if shown.is_empty() || shown.len() + lines.len() <= rows {
+            shown.extend(lines);
+        } else {
+            left_out += 1;
+        }
     }
     shown.resize(rows, String::new());
+    if let Some(last) = shown.last_mut().filter(|_| left_out > 0) {
+        *last = format!("(and {left_out} more) {last}");
+    }
     shown.into_iter().map(|text| Row::default().and(style, text)).collect()
+}
+
+/// A text in lines that are no wider than this, but for single words that are.
+fn wrapped(text: &str, columns: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.is_empty() => word.clone_into(line),
+            Some(line) if width(line) + 1 + width(word) <= columns => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// The line in which a mark's name is typed.

@@ -80,6 +80,25 @@ fn the_more_room_the_larger_and_the_verdict_is_the_last_to_go() {
 }
 
 #[test]
+fn what_is_too_long_for_a_row_goes_on_in_the_next() {
+    let long = "no frame has a position along the body's axes: the box did not know the way";
+    let mut seen = seen();
+    seen.judgement.reasons = vec![long.to_owned(), "second".to_owned()];
+    let rows = drawn(&seen, [60, 15]);
+    assert_eq!(rows[3], "no frame has a position along the body's axes: the box did");
+    assert_eq!(rows[4], "(and 1 more) not know the way");
+    let rows = rows_of_news(&[long, "last"], [60, 20]);
+    assert_eq!(rows, [&long[..58], "not know the way", "last"]);
+    assert_eq!(wrapped("a  b", 9).concat(), "a  b");
+}
+
+fn rows_of_news(news: &[&str], [columns, height]: [usize; 2]) -> Vec<String> {
+    let news: Vec<String> = news.iter().map(ToString::to_string).collect();
+    let rows = news_rows(&news, height, columns).into_iter();
+    rows.map(|row| row.written(columns, ASCII, false)).filter(|row| !row.is_empty()).collect()
+}
+
+#[test]
 fn what_remains_is_large_where_it_fits() {
     // The middle row of the large letters.
     let clock = |columns| drawn(&seen(), [columns, 40])[4].clone();
