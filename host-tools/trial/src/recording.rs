@@ -497,7 +497,10 @@ mod tests {
             assert_eq!(live.is == Grade::Good, wanted.is_empty(), "{name}: {keys:?}");
             // What the rest of the recording can mend is no reason to look up yet.
             let is_open = matches!(wanted[..], ["duration_s" | "no_mark"]);
-            assert_eq!(live.so_far().is == Grade::Good, wanted.is_empty() || is_open, "{name}");
+            let so_far = |awaits_mark| live.clone().so_far(awaits_mark).is == Grade::Good;
+            assert_eq!(so_far(true), wanted.is_empty() || is_open, "{name}");
+            // A mark that cannot come any more is.
+            assert_eq!(so_far(false), so_far(true) && name != "unmarked", "{name}");
         }
     }
 

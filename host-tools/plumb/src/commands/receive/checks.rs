@@ -101,7 +101,7 @@ impl Recorded {
             return;
         }
         let begun = Instant::now();
-        let verdict = self.recording.verdict().so_far();
+        let verdict = self.recording.verdict().so_far(course.awaits_mark());
         let capture = self.recording.config().and_then(|config| config.capture.as_ref());
         course.judged(verdict, capture.map(|capture| capture.rate_hz));
         self.judge_at = Some(now + JUDGED_EVERY.max(JUDGING_SHARE * begun.elapsed()));

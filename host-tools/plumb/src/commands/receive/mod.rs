@@ -53,8 +53,14 @@ use screen::Screen;
 ///
 /// Counts what is lost, repeated, late, corrupt or implausible. When the box restarts, the recording
 /// goes on, with a gap. Another box that sends here is left out and counted; once it has taken this
-/// one's place, the recording ends with an error and is kept. Meanwhile it shows GOOD, LOOK or
-/// STOP: by the criteria for gaps and lost frames, the trial would now be good, doubtful or unusable.
+/// one's place, the recording ends with an error and is kept.
+///
+/// A terminal becomes a screen that can be read from two metres, if it has 80 x 24 characters or
+/// more. It shows GOOD, LOOK or STOP: by its criteria the trial would now be good, doubtful or
+/// unusable. WAIT stands there for the first three seconds. What only the end can tell, the duration
+/// and the mark, is left to the end. Movement is in mm from where the trunk was on average in the
+/// second before t = 0 and, until t = 0 comes, in the last second. Elsewhere a line is written
+/// every ten seconds.
 ///
 /// Press Enter to mark an event; type its name first if it has one. The mark called zero, or else the
 /// first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
