@@ -1,7 +1,7 @@
 //! Reads a trial from its packets: the only way to read a recording, whether it was ended properly
 //! or cut off.
 
-mod builder;
+pub(crate) mod builder;
 
 use std::path::Path;
 
@@ -48,14 +48,15 @@ impl Trial {
             ));
         }
         let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
-        let mut builder = Builder::new(recorded.as_ref(), correction.as_ref());
+        let state = manifest.state;
+        let mut builder = Builder::new(folder, manifest, recorded, correction);
         while let Some(entry) = reader.next_entry()? {
             builder.take(entry);
-            if builder.frames.len() > FRAMES_MAX {
+            if builder.trial.frames.len() > FRAMES_MAX {
                 return Err(too_long(folder));
             }
         }
-        if manifest.state == State::Recording {
+        if state == State::Recording {
             warnings.push(
                 "the recording was cut off: this is what was on the disk until then".to_owned(),
             );
@@ -67,9 +68,9 @@ impl Trial {
                 names::JOURNAL
             ));
         }
-        builder.observed.damaged_bytes = reader.damaged_bytes();
-        let trial = builder.finish(folder, manifest, warnings);
-        Ok((trial, correction))
+        builder.trial.observed.damaged_bytes = reader.damaged_bytes();
+        builder.trial.warnings = warnings;
+        Ok(builder.finish())
     }
 }
 

@@ -17,8 +17,9 @@ use super::correction::{Corrected, Correction, Replacements};
 use super::journal::{Content, Entry, Writer};
 use super::manifest::{CheckSeen, Manifest, State};
 use super::mark::{Mark, Marks};
-use super::reading::{check_folder, read_config};
-use super::verdict::Criteria;
+use super::reading::builder::Builder;
+use super::reading::{FRAMES_MAX, check_folder, read_config, too_long};
+use super::verdict::{Criteria, Verdict};
 use super::{Trial, names, tables};
 
 /// The box's clock is asked for this often.
@@ -49,6 +50,8 @@ pub struct Recording {
     /// The folder and those above it that were made for it.
     made: Made,
     journal: Writer,
+    /// The trial as far as it has come.
+    builder: Builder,
     begun: Instant,
     marks: Marks,
     heard: Heard,
@@ -80,10 +83,12 @@ impl Recording {
         }
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
+        let as_if_over = Manifest { state: State::Finished, ..manifest.clone() };
         Ok(Self {
             folder: folder.to_owned(),
             made,
             journal,
+            builder: Builder::new(folder, as_if_over, None, None),
             begun: now,
             marks,
             heard,
@@ -114,8 +119,14 @@ impl Recording {
 
     /// The box's configuration, once it has come.
     #[must_use]
-    pub fn config(&self) -> Option<Config> {
-        Config::decode(&std::fs::read(self.folder.join(names::CONFIG)).ok()?).ok()
+    pub fn config(&self) -> Option<&Config> {
+        self.builder.trial().config.as_ref()
+    }
+
+    /// The verdict on the trial, if it ended now: the one that [`end`](Self::end) then writes. It
+    /// looks at all frames until now.
+    pub fn verdict(&mut self) -> Verdict {
+        self.builder.judged()
     }
 
     /// The trial's folder.
@@ -171,8 +182,14 @@ impl Recording {
     }
 
     fn write(&mut self, at: Instant, content: Content) -> Result<(), BadInput> {
-        let host_ns = self.host_ns(at);
-        self.journal.write(&Entry { host_ns, content })
+        let entry = Entry { host_ns: self.host_ns(at), content };
+        self.journal.write(&entry)?;
+        self.builder.take(entry);
+        // A trial of more frames could not be read.
+        if self.builder.trial().frames.len() >= FRAMES_MAX {
+            return Err(too_long(&self.folder));
+        }
+        Ok(())
     }
 
     fn host_ns(&self, at: Instant) -> u64 {
@@ -196,6 +213,9 @@ impl Recording {
                     self.fetch = Fetch::Done;
                 } else if let Some(blob) = download.file() {
                     plumbline_files::replace(&self.folder.join(names::CONFIG), blob)?;
+                    if let Ok(config) = Config::decode(blob) {
+                        self.builder.take_config(config);
+                    }
                     self.fetch = Fetch::Done;
                 }
             }
@@ -297,6 +317,7 @@ impl Tap for Recording {
     }
 
     fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
+        self.builder.pass(self.host_ns(now));
         while let Some((at, mark)) = self.marks.next() {
             let since_s = at.saturating_duration_since(self.begun).as_secs_f64();
             (self.heard)(&mark, since_s);
@@ -333,13 +354,176 @@ impl Tap for Recording {
 
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::{Command, Hello};
-    use plumbline_stream::fixture::{config, event, hello, pose_packet, view};
+    use plumbline::packet::{Command, Deframer, Health, Hello, PART_BYTES_MAX, Part, PosePacket};
+    use plumbline::report::NoPose;
+    use plumbline_stream::fixture::{config, event, health, hello, pose_packet, view};
 
     use super::*;
     use crate::manifest::Zero;
     use crate::mark;
-    use crate::test_trial::raw;
+    use crate::test_trial::{Made, raw};
+    use crate::verdict::Grade;
+
+    /// The box tells its configuration.
+    fn tell(recording: &mut Recording, config: &Config, now: Instant) {
+        let mut blob = vec![0; BLOB_BYTES_MAX];
+        let blob = config.encode(&mut blob).unwrap();
+        let (bytes, crc) = (blob.len() as u32, config.crc());
+        let outcome = ReplyOutcome::Config { bytes, crc, next_crc: crc };
+        let mut messages = vec![Message::Reply(Reply { id: 1, outcome })];
+        messages.extend(blob.chunks(PART_BYTES_MAX).enumerate().map(|(at, piece)| {
+            let offset = (at * PART_BYTES_MAX) as u32;
+            let bytes = piece.iter().copied().collect();
+            Message::Part(Part { document: Document::Config, offset, bytes })
+        }));
+        for message in messages {
+            recording.event(&event(message), now).unwrap();
+        }
+        assert_eq!(recording.config().map(Config::crc), Some(config.crc()));
+    }
+
+    /// Records this trial as if it came from a box: what the verdict was five seconds after its
+    /// last packet, and the one of the trial on the disk.
+    fn recorded(made: &Made) -> (Verdict, Verdict) {
+        let folder = tempfile::tempdir().unwrap();
+        let start = Instant::now();
+        let (sender, marks) = mark::channel();
+        let manifest = Manifest { state: State::Recording, ..made.manifest.clone() };
+        let path = folder.path().join("p01");
+        let heard = Box::new(|_: &Mark, _| {});
+        let mut recording = Recording::begin(&path, &manifest, marks, start, heard).unwrap();
+        let mut deframer = Deframer::new();
+        for (at, Entry { host_ns, content }) in made.entries.iter().enumerate() {
+            let now = start + Duration::from_nanos(*host_ns);
+            match content {
+                Content::Mark(mark) => assert!(sender.send(now, mark.clone())),
+                Content::About(_) | Content::Check(_) => {}
+                Content::Raw(raw) => {
+                    recording.event(&Event::Raw(raw.clone()), now).unwrap();
+                    recording.event(&Event::of(raw.decode(&mut deframer)), now).unwrap();
+                }
+            }
+            recording.turn(now).unwrap();
+            // As late as a slow line has it.
+            if let Some(config) = made.config.as_ref().filter(|_| at == 100) {
+                tell(&mut recording, config, now);
+            }
+        }
+        // A box is believed to have restarted once the start before is silent.
+        let last_ns = made.entries.last().unwrap().host_ns;
+        recording.turn(start + Duration::from_nanos(last_ns) + Duration::from_secs(5)).unwrap();
+        let live = recording.verdict();
+        (live, recording.end(1).unwrap().unwrap().manifest.verdict())
+    }
+
+    #[test]
+    fn the_verdict_while_it_is_recorded_is_the_one_in_the_folder() {
+        let spoiled = |change: &dyn Fn(&mut Made)| {
+            let mut made = Made::good();
+            change(&mut made);
+            made
+        };
+        let thinned = |keep: fn(u32) -> bool| {
+            spoiled(&|made| {
+                made.each_pose(|packet| keep(packet.sequence).then_some(packet));
+            })
+        };
+        let half_the_rate = spoiled(&|made| {
+            made.each_pose(|packet| {
+                let PosePacket { sequence, .. } = packet;
+                let slower = PosePacket { sequence: sequence / 2, ..packet };
+                (sequence % 2 == 0).then_some(slower)
+            });
+        });
+        let covered = spoiled(&|made| {
+            made.each_pose(|mut packet| {
+                if packet.sequence > 1000 {
+                    packet.lower_trunk = None;
+                    packet.targets.iter_mut().for_each(|it| it.pose = Err(NoPose::Searching));
+                }
+                Some(packet)
+            });
+        });
+        let exchanged = spoiled(&|made| {
+            made.each_pose(|mut packet| {
+                std::mem::swap(&mut packet.upper_trunk, &mut packet.lower_trunk);
+                Some(packet)
+            });
+        });
+        let with = |message: Message| {
+            let mut made = Made::good();
+            made.push(&message);
+            made
+        };
+        let without_scene = Config { cam_from_scene_theta: None, ..config() };
+        let serial_number = "PL-0002".try_into().unwrap();
+        let cases = [
+            ("good", Made::good(), vec![]),
+            ("loss", thinned(|it| it % 4 != 3), vec!["lost_percent"]),
+            ("late frames", late(), vec![]),
+            ("half the rate", half_the_rate, vec!["rate_percent", "rate_hz"]),
+            ("covered", covered, vec!["gap_s", "poses_percent", "gaps_percent"]),
+            ("exchanged", exchanged, vec!["upper_above_lower_mm"]),
+            ("no scene", Made::of(&without_scene, 1800), vec!["no_scene"]),
+            ("short", Made::of(&config(), 600), vec!["duration_s"]),
+            ("unmarked", unmarked(), vec!["no_mark"]),
+            (
+                "restarted",
+                with(Message::Hello(Hello { boot_id: 8, ..hello(&config()) })),
+                vec!["starts"],
+            ),
+            (
+                "another box",
+                with(Message::Hello(Hello { serial_number, boot_id: 9, ..hello(&config()) })),
+                vec!["others"],
+            ),
+            (
+                "another configuration",
+                with(Message::Hello(Hello { config_crc: 1, ..hello(&config()) })),
+                vec!["configuration_changed"],
+            ),
+            (
+                "weak supply",
+                with(Message::Health(Health { undervoltage: Some(true), ..health() })),
+                vec!["undervoltage"],
+            ),
+        ];
+        for (name, made, wanted) in cases {
+            let (live, written) = recorded(&made);
+            assert_eq!(live, written, "{name}");
+            let keys: Vec<&str> = live.reasons.iter().map(|it| &*it.key).collect();
+            for key in &wanted {
+                assert!(keys.contains(key), "{name}: no {key} in {keys:?}");
+            }
+            assert_eq!(live.is == Grade::Good, wanted.is_empty(), "{name}: {keys:?}");
+            // What the rest of the recording can mend is no reason to look up yet.
+            let is_open = matches!(wanted[..], ["duration_s" | "no_mark"]);
+            let so_far = |awaits_mark| live.clone().so_far(awaits_mark).is == Grade::Good;
+            assert_eq!(so_far(true), wanted.is_empty() || is_open, "{name}");
+            // A mark that cannot come any more is.
+            assert_eq!(so_far(false), so_far(true) && name != "unmarked", "{name}");
+        }
+    }
+
+    /// Each hundredth frame comes half a second late.
+    fn late() -> Made {
+        let mut made = Made::good();
+        for entry in &mut made.entries {
+            let Content::Raw(raw) = &entry.content else { continue };
+            let message = raw.decode(&mut Deframer::new()).unwrap().message;
+            if matches!(message, Message::Pose(pose) if pose.sequence % 100 == 50) {
+                entry.host_ns += 500_000_000;
+            }
+        }
+        made.entries.sort_by_key(|entry| entry.host_ns);
+        made
+    }
+
+    fn unmarked() -> Made {
+        let mut made = Made::good();
+        made.entries.retain(|entry| !matches!(entry.content, Content::Mark(_)));
+        made
+    }
 
     fn begun(folder: &Path, now: Instant) -> Recording {
         let (_, marks) = mark::channel();

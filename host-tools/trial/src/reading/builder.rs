@@ -1,6 +1,7 @@
 //! Builds a trial from the entries of its journal, in their order: each packet is judged as it was
 //! when it came, put right where the box was told something wrong, and becomes a frame or part of
-//! what is known of the circumstances.
+//! what is known of the circumstances. A recording builds its trial while the entries come, so that
+//! it is judged by the same facts as afterwards.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -28,17 +29,17 @@ use crate::verdict::{Verdict, judge};
 use crate::{Observed, Trial};
 
 /// Builds a trial from its packets.
-pub(super) struct Builder<'a> {
-    /// What the box was told, and what it should have been told.
-    recorded: Option<&'a Config>,
-    correction: Option<&'a Correction>,
+pub(crate) struct Builder {
+    /// As far as it has come; its manifest says of the packets what [`sum_up`](Self::sum_up) wrote.
+    pub(super) trial: Trial,
+    /// The checksum of what the box was told.
+    recorded_crc: Option<u32>,
+    correction: Option<Correction>,
     sessions: Sessions,
     scene: Option<(SceneFrame, Vector3<f64>)>,
     runs: BTreeMap<u32, Run>,
-    pub(super) frames: Vec<Frame>,
     marks: Vec<(u64, Mark)>,
     hello: Option<Hello>,
-    pub(super) observed: Observed,
     corrupt: u64,
     /// Packets with a number that no measurement gives.
     beyond: u64,
@@ -46,19 +47,36 @@ pub(super) struct Builder<'a> {
     deframer: Deframer,
 }
 
-impl<'a> Builder<'a> {
-    pub(super) fn new(recorded: Option<&'a Config>, correction: Option<&'a Correction>) -> Self {
-        let config = correction.map(Correction::config).or(recorded);
+impl Builder {
+    /// Before the first entry of a trial in this folder; `recorded` is what the box was told, and
+    /// `correction` what it should have been told.
+    pub(crate) fn new(
+        folder: &Path,
+        manifest: Manifest,
+        recorded: Option<Config>,
+        correction: Option<Correction>,
+    ) -> Self {
+        let recorded_crc = recorded.as_ref().map(Config::crc);
+        let config = correction.as_ref().map(|it| it.config().clone()).or(recorded);
+        let scene = config.as_ref().and_then(scene_of);
+        let trial = Trial {
+            folder: folder.to_owned(),
+            manifest,
+            config,
+            observed: Observed::default(),
+            frames: Vec::new(),
+            first_frame_utc_s: None,
+            warnings: Vec::new(),
+        };
         Self {
-            scene: config.and_then(scene_of),
-            recorded,
+            trial,
+            recorded_crc,
             correction,
             sessions: Sessions::default(),
+            scene,
             runs: BTreeMap::new(),
-            frames: Vec::new(),
             marks: Vec::new(),
             hello: None,
-            observed: Observed::default(),
             corrupt: 0,
             beyond: 0,
             instant: None,
@@ -66,7 +84,23 @@ impl<'a> Builder<'a> {
         }
     }
 
-    pub(super) fn take(&mut self, entry: Entry) {
+    /// The configuration has come, while the trial is being recorded.
+    pub(crate) fn take_config(&mut self, config: Config) {
+        let crc = config.crc();
+        // A Hello that differs from those before has been noticed already.
+        let told = self.hello.as_ref().map(|hello| hello.config_crc);
+        self.trial.observed.config_changed |= told.is_some_and(|told| told != crc);
+        self.recorded_crc = Some(crc);
+        self.scene = scene_of(&config);
+        self.trial.config = Some(config);
+    }
+
+    /// The trial so far; its manifest is that of the last [`judged`](Self::judged).
+    pub(crate) fn trial(&self) -> &Trial {
+        &self.trial
+    }
+
+    pub(crate) fn take(&mut self, entry: Entry) {
         let outcome = match entry.content {
             Content::Mark(mark) => {
                 self.marks.push((entry.host_ns, mark));
@@ -77,7 +111,7 @@ impl<'a> Builder<'a> {
         };
         match outcome {
             Ok(packet) => {
-                let packet = corrected(self.correction, packet);
+                let packet = corrected(self.correction.as_ref(), packet);
                 self.sessions.take(packet, entry.host_ns);
                 self.take_judged(entry.host_ns);
             }
@@ -87,13 +121,19 @@ impl<'a> Builder<'a> {
         }
     }
 
+    /// Lets time pass: packets do not wait for a Hello for ever.
+    pub(crate) fn pass(&mut self, host_ns: u64) {
+        self.sessions.pass(host_ns);
+        self.take_judged(host_ns);
+    }
+
     fn take_judged(&mut self, host_ns: u64) {
         while let Some(judged) = self.sessions.next_judged() {
             match judged {
                 Judged::Begins { hello, .. } => self.hello(hello),
                 Judged::Frame(frame) => self.frame(&frame),
                 Judged::Message(message) => self.message(message, host_ns),
-                Judged::OtherBox(hello) => note(&mut self.observed.others, name(&hello)),
+                Judged::OtherBox(hello) => note(&mut self.trial.observed.others, name(&hello)),
                 Judged::Unnamed(_) | Judged::Conflict(_) => {}
             }
         }
@@ -102,11 +142,11 @@ impl<'a> Builder<'a> {
     fn message(&mut self, message: Message, host_ns: u64) {
         match message {
             Message::Health(health) => {
-                self.observed.power.take(&health);
+                self.trial.observed.power.take(&health);
             }
             // It says once more who it is.
             Message::Hello(hello) => self.hello(hello),
-            Message::View(view) => self.observed.views.push(view),
+            Message::View(view) => self.trial.observed.views.push(view),
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
                 ..
@@ -128,8 +168,8 @@ impl<'a> Builder<'a> {
 
     fn hello(&mut self, hello: Hello) {
         let told = self.hello.as_ref().map(|before| before.config_crc);
-        let known = told.or(self.recorded.map(Config::crc));
-        self.observed.config_changed |= known.is_some_and(|crc| crc != hello.config_crc);
+        let known = told.or(self.recorded_crc);
+        self.trial.observed.config_changed |= known.is_some_and(|crc| crc != hello.config_crc);
         self.hello = Some(hello);
     }
 
@@ -152,7 +192,7 @@ impl<'a> Builder<'a> {
             })
         };
         let lever_mm = self.scene.map(|(_, lever_mm)| lever_mm).unwrap_or_default();
-        self.frames.push(Frame {
+        self.trial.frames.push(Frame {
             session: *session,
             sequence: packet.sequence,
             time_s: clock.time_s(packet.capture_time_ns),
@@ -174,23 +214,35 @@ impl<'a> Builder<'a> {
         of_its_run.or(first)?.event(host_ns, mark)
     }
 
-    pub(super) fn finish(
-        mut self,
-        folder: &Path,
-        mut manifest: Manifest,
-        mut warnings: Vec<String>,
-    ) -> Trial {
+    /// The verdict on the trial, if it ended here.
+    pub(crate) fn judged(&mut self) -> Verdict {
+        self.sum_up();
+        judge(&self.trial, &self.trial.manifest.criteria)
+    }
+
+    /// Nothing more comes. Also returns what corrected the packets.
+    pub(super) fn finish(mut self) -> (Trial, Option<Correction>) {
         self.sessions.finish();
         self.take_judged(u64::MAX);
+        let computed = self.judged();
+        let Self { mut trial, correction, runs, .. } = self;
+        trial.manifest.noise =
+            Trunk::ALL.into_iter().filter_map(|trunk| noise(&trial.frames, trunk)).collect();
+        let started = trial.manifest.started.parse::<jiff::Timestamp>().ok();
+        trial.first_frame_utc_s = started.and_then(|it| {
+            let first_s = runs.values().find_map(Run::first_capture_s)?;
+            Some(1e-9 * it.as_nanosecond() as f64 + first_s)
+        });
+        trial.warnings.extend(warnings(&trial));
+        let Verdict { overruled, by, why, .. } = trial.manifest.verdict();
+        trial.manifest.verdict = Some(Verdict { overruled, by, why, ..computed });
+        (trial, correction)
+    }
+
+    /// Writes into the manifest what the packets say of the trial so far.
+    fn sum_up(&mut self) {
         // The network may reorder packets.
-        self.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        if self.observed.config_changed {
-            warnings.push(
-                "the box was given another configuration during the trial: positions before and \
-                 after are not of one calibration"
-                    .to_owned(),
-            );
-        }
+        self.trial.frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let (counts, left_out) = (self.sessions.counts(), self.sessions.left_out());
         let packets = Packets {
             frames: counts.received,
@@ -204,36 +256,35 @@ impl<'a> Builder<'a> {
             unknown_start: left_out.unknown_start,
             sessions: self.sessions.count(),
         };
-        warnings.extend(packets.warnings());
-        warnings.extend(self.observed.power.warnings().into_iter().map(str::to_owned));
-        manifest.the_box = self.hello.as_ref().map(|hello| BoxSeen {
+        let the_box = self.hello.as_ref().map(|hello| BoxSeen {
             device: hello.device.to_string(),
             serial_number: hello.serial_number.to_string(),
             firmware: hello.firmware.to_string(),
             config_crc: format!("{:08x}", hello.config_crc),
         });
+        let clocks =
+            self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
+        let events =
+            self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark)).collect();
+        let manifest = &mut self.trial.manifest;
+        manifest.the_box = the_box;
         manifest.instant = self.instant;
         manifest.packets = Some(packets);
-        manifest.clocks =
-            self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
-        manifest.noise =
-            Trunk::ALL.into_iter().filter_map(|trunk| noise(&self.frames, trunk)).collect();
-        manifest.events =
-            self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark)).collect();
-        let first_frame_utc_s = manifest.started.parse::<jiff::Timestamp>().ok().and_then(|it| {
-            let first_s = self.runs.values().find_map(Run::first_capture_s)?;
-            Some(1e-9 * it.as_nanosecond() as f64 + first_s)
-        });
-        let config = self.correction.map(Correction::config).or(self.recorded).cloned();
-        let (frames, observed) = (self.frames, self.observed);
-        let folder = folder.to_owned();
-        let mut trial =
-            Trial { folder, manifest, config, observed, frames, first_frame_utc_s, warnings };
-        let computed = judge(&trial, &trial.manifest.criteria);
-        let Verdict { overruled, by, why, .. } = trial.manifest.verdict();
-        trial.manifest.verdict = Some(Verdict { overruled, by, why, ..computed });
-        trial
+        manifest.clocks = clocks;
+        manifest.events = events;
     }
+}
+
+/// What a user should know of a trial's packets.
+fn warnings(trial: &Trial) -> Vec<String> {
+    let changed = trial.observed.config_changed.then(|| {
+        "the box was given another configuration during the trial: positions before and after are \
+         not of one calibration"
+            .to_owned()
+    });
+    let packets = trial.manifest.packets.iter().flat_map(Packets::warnings);
+    let power = trial.observed.power.warnings().into_iter().map(str::to_owned);
+    changed.into_iter().chain(packets).chain(power).collect()
 }
 
 /// Takes note of a name, once.
@@ -295,22 +346,22 @@ mod tests {
     use super::*;
     use crate::manifest::Zero;
 
-    fn finished(builder: Builder<'_>) -> Trial {
+    fn builder() -> Builder {
         let manifest =
             Manifest::begin("2026-01-01T00:00:00Z".to_owned(), None, None, None, Zero::Mark);
-        builder.finish(Path::new("trial"), manifest, Vec::new())
+        Builder::new(Path::new("trial"), manifest, None, None)
     }
 
     /// The trial in what a recording has kept of these packets.
     fn trial(packets: &[(u64, Packet)]) -> Trial {
-        let mut builder = Builder::new(None, None);
+        let mut builder = builder();
         for (host_ns, Packet { start, message }) in packets {
             let mut buffer = [0; PACKET_BYTES_MAX];
             let datagram = encode_datagram(*start, message, &mut buffer).unwrap().to_vec();
             let content = Content::Raw(Raw::Datagram(datagram));
             builder.take(Entry { host_ns: *host_ns, content });
         }
-        finished(builder)
+        builder.finish().0
     }
 
     /// Receives packets at their times, while time is seen to pass.
@@ -411,11 +462,11 @@ mod tests {
     #[test]
     fn a_trial_tells_that_the_box_had_too_little_power() {
         let trial = |undervoltages: &[bool]| {
-            let mut builder = Builder::new(None, None);
+            let mut builder = builder();
             for undervoltage in undervoltages.iter().copied().map(Some) {
                 builder.message(Message::Health(Health { undervoltage, ..health() }), 0);
             }
-            finished(builder)
+            builder.finish().0
         };
         assert_eq!(trial(&[false, false]).warnings, [""; 0]);
         let warnings = trial(&[false, true, true, false]).warnings;

@@ -98,6 +98,19 @@ impl Verdict {
         self.overruled.unwrap_or(self.is)
     }
 
+    /// The same without what the rest of a recording can still mend: that it is short, that
+    /// nobody has stood up and, while `awaits_mark`, that there is no mark.
+    #[must_use]
+    pub fn so_far(mut self, awaits_mark: bool) -> Self {
+        self.reasons.retain(|reason| match &*reason.key {
+            "duration_s" | "no_onset" => false,
+            "no_mark" => !awaits_mark,
+            _ => true,
+        });
+        self.is = self.reasons.first().map_or(Grade::Good, |worst| worst.is);
+        self
+    }
+
     /// What people and files are told in one line.
     #[must_use]
     pub fn line(&self) -> String {

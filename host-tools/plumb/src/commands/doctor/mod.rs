@@ -18,7 +18,7 @@ use plumbline_stream::link::BoxLink;
 pub(super) use check::{Check, Verdict};
 pub(super) use findings::Findings;
 pub(super) use judge::all as judged;
-pub(super) use report::print_amiss;
+pub(super) use report::{amiss_in_words, print_amiss};
 pub(super) use watch::{LAST_ANSWERS, VIEW_EVERY};
 
 use crate::arguments::{LinkArguments, seconds};

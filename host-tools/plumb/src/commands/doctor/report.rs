@@ -27,6 +27,11 @@ pub fn print_amiss(checks: &[Check]) {
     let _ = anstream::stderr().write_all(amiss(checks).as_bytes());
 }
 
+/// The same as a text without colours.
+pub fn amiss_in_words(checks: &[Check]) -> String {
+    anstream::adapter::strip_str(&amiss(checks)).to_string()
+}
+
 fn text(checks: &[Check]) -> String {
     lines(checks) + &counts(checks)
 }

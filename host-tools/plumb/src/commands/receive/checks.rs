@@ -3,9 +3,10 @@
 //! Usually they come first, and a failure leaves nothing on the disk. With --anyway the recording
 //! does not wait: the checks look at the packets that are being recorded.
 
+use std::cell::RefCell;
+use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use indicatif::ProgressBar;
 use plumbline::packet::{Action, Command, LinkKind, Message};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
@@ -15,6 +16,8 @@ use plumbline_stream::transport::Event;
 use plumbline_trial::manifest::{CheckSeen, CheckVerdict};
 use plumbline_trial::recording::Recording;
 
+use super::course::Course;
+use super::screen::Voice;
 use crate::commands::doctor::{self, Check, Findings, LAST_ANSWERS, VIEW_EVERY, Verdict};
 
 /// Checks a box for this time and says what is amiss; `None` if it should not be recorded.
@@ -50,34 +53,58 @@ fn amiss(checks: &[Check]) -> Vec<CheckSeen> {
     checks.iter().filter_map(seen).collect()
 }
 
-/// A recording, and the checks beside it until they are done.
+/// The trial is judged this often, or less often if that takes more than [`JUDGING_SHARE`] of the
+/// time: it looks at all frames.
+const JUDGED_EVERY: Duration = Duration::from_secs(1);
+
+/// Judging takes one part in so many of the time at most.
+const JUDGING_SHARE: u32 = 50;
+
+/// A recording, what it is worth so far, and the checks beside it until they are done.
 pub(super) struct Recorded {
     pub(super) recording: Recording,
+    /// Is told what the recording is worth.
+    course: Rc<RefCell<Course>>,
+    judge_at: Option<Instant>,
     beside: Option<Beside>,
 }
 
 impl Recorded {
     /// A recording of a box that was checked.
-    pub(super) fn checked(recording: Recording) -> Self {
-        Self { recording, beside: None }
+    pub(super) fn checked(recording: Recording, course: Rc<RefCell<Course>>) -> Self {
+        Self { recording, course, judge_at: None, beside: None }
     }
 
-    /// A recording that began at this moment, of a box that is checked meanwhile. `bar` makes room
-    /// for what is said.
+    /// A recording that began at this moment, of a box that is checked meanwhile. What is amiss is
+    /// said by `voice`.
     pub(super) fn unchecked(
         recording: Recording,
+        course: Rc<RefCell<Course>>,
         link: &BoxLink,
         begun: Instant,
         duration: Duration,
-        bar: ProgressBar,
+        voice: Option<Voice>,
     ) -> Self {
         let findings = Findings {
             place: link.place().to_owned(),
             is_serial: link.kind() == LinkKind::Serial,
             ..Findings::default()
         };
-        let beside = Beside { findings, begun, duration, first: None, view_at: begun, bar };
-        Self { recording, beside: Some(beside) }
+        let beside = Beside { findings, begun, duration, first: None, view_at: begun, voice };
+        Self { beside: Some(beside), ..Self::checked(recording, course) }
+    }
+
+    /// Judges the trial, if it is time.
+    fn judge(&mut self, now: Instant) {
+        let mut course = self.course.borrow_mut();
+        if !course.is_settled(now) || self.judge_at.is_some_and(|at| now < at) {
+            return;
+        }
+        let begun = Instant::now();
+        let verdict = self.recording.verdict().so_far(course.awaits_mark());
+        let capture = self.recording.config().and_then(|config| config.capture.as_ref());
+        course.judged(verdict, capture.map(|capture| capture.rate_hz));
+        self.judge_at = Some(now + JUDGED_EVERY.max(JUDGING_SHARE * begun.elapsed()));
     }
 
     /// The checks are over: says what is amiss, and writes it down. A recording without a packet
@@ -93,9 +120,12 @@ impl Recorded {
         let mut findings = beside.findings;
         findings.silence_s = now.saturating_duration_since(beside.begun).as_secs_f64()
             - findings.heard_ns as f64 * 1e-9;
-        findings.config = self.recording.config().map(Ok);
+        findings.config = self.recording.config().cloned().map(Ok);
         let checks = doctor::judged(&findings);
-        beside.bar.suspend(|| doctor::print_amiss(&checks));
+        match beside.voice {
+            Some(voice) => voice.say(&doctor::amiss_in_words(&checks)),
+            None => doctor::print_amiss(&checks),
+        }
         self.recording.note(amiss(&checks))
     }
 }
@@ -113,7 +143,8 @@ impl Tap for Recorded {
             self.conclude(now)?;
         }
         let question = self.recording.turn(now)?;
-        let Self { recording, beside: Some(beside) } = self else { return Ok(question) };
+        self.judge(now);
+        let Self { recording, beside: Some(beside), .. } = self else { return Ok(question) };
         if let Some(Message::Command(Command { action: Action::Ping { .. }, .. })) = question {
             beside.findings.pings += usize::from(beside.asks(now));
         }
@@ -130,8 +161,8 @@ struct Beside {
     /// When the first packet came.
     first: Option<Instant>,
     view_at: Instant,
-    /// What the terminal shows meanwhile.
-    bar: ProgressBar,
+    /// What the user is told by; without it, standard error.
+    voice: Option<Voice>,
 }
 
 impl Beside {

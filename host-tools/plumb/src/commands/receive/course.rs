@@ -6,12 +6,17 @@
 use std::time::{Duration, Instant};
 
 use plumbline_trial::mark::Mark;
+use plumbline_trial::verdict::Verdict;
 
 /// A mark is waited for no longer than this.
 const AWAITED_MAX: Duration = Duration::from_secs(600);
 
 /// The last frame of the duration has come by then.
 const FRAME_DELAY_MAX: Duration = Duration::from_millis(250);
+
+/// The trial is not judged before its first frame is so long past: the box searches for its targets,
+/// and of a few frames a single one is a large share. As long as the checks before a recording last.
+pub(super) const SETTLING: Duration = Duration::from_secs(3);
 
 /// What t = 0 is, as far as it can be known while the recording goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,11 +40,24 @@ pub(super) struct Course {
     zero: Option<(Instant, bool)>,
     /// The marks that wait to be shown, in words.
     news: Vec<String>,
+    /// What the trial is worth, as far as it has come.
+    verdict: Option<Verdict>,
+    /// The rate that the box was asked for.
+    asked_hz: Option<f32>,
 }
 
 impl Course {
     pub(super) fn new(begun: Instant, duration: Option<Duration>, zeroing: Zeroing) -> Self {
-        Self { begun, duration, zeroing, first_frame: None, zero: None, news: Vec::new() }
+        Self {
+            begun,
+            duration,
+            zeroing,
+            first_frame: None,
+            zero: None,
+            news: Vec::new(),
+            verdict: None,
+            asked_hz: None,
+        }
     }
 
     /// Frames have come.
@@ -67,6 +85,28 @@ impl Course {
             text += &format!(", {since:.2} s after t = 0");
         }
         self.news.push(text);
+    }
+
+    /// Whether the trial can be judged.
+    pub(super) fn is_settled(&self, now: Instant) -> bool {
+        self.first_frame.is_some_and(|first| now.saturating_duration_since(first) >= SETTLING)
+    }
+
+    /// The trial has been judged as far as it has come; `asked_hz` is the rate that the box was
+    /// asked for.
+    pub(super) fn judged(&mut self, verdict: Verdict, asked_hz: Option<f32>) {
+        self.verdict = Some(verdict);
+        self.asked_hz = asked_hz;
+    }
+
+    /// The verdict so far.
+    pub(super) fn verdict(&self) -> Option<&Verdict> {
+        self.verdict.as_ref()
+    }
+
+    /// The rate that the box was asked for, once it is known.
+    pub(super) fn asked_hz(&self) -> Option<f32> {
+        self.asked_hz
     }
 
     /// The marks since the last call.

@@ -16,11 +16,14 @@ const LINE_WAIT: Duration = Duration::from_secs(3600);
 /// The longest line that a device may send.
 const LINE_BYTES_MAX: u64 = 1024;
 
-/// Listens to the keyboard, if there is one, and to what is named.
+/// Listens to what is named. Further marks may be sent by the sender: those of the keyboard.
 ///
 /// # Errors
 /// When an address or a device cannot be used.
-pub(super) fn listen(udp: Option<SocketAddr>, serial: Option<&str>) -> Result<Marks, BadInput> {
+pub(super) fn listen(
+    udp: Option<SocketAddr>,
+    serial: Option<&str>,
+) -> Result<(MarkSender, Marks), BadInput> {
     let (sender, marks) = channel();
     if let Some(address) = udp {
         let place = format!("--mark-udp {address}");
@@ -40,11 +43,15 @@ pub(super) fn listen(udp: Option<SocketAddr>, serial: Option<&str>) -> Result<Ma
         let sender = sender.clone();
         thread::spawn(move || lines(BufReader::new(port), Source::Serial, &sender));
     }
+    Ok((sender, marks))
+}
+
+/// Takes lines from the keyboard, if there is one, where the terminal is not a screen.
+pub(super) fn listen_to_lines(sender: MarkSender) {
     // A script's standard input is not this program's to read.
     if has_keyboard() {
         thread::spawn(move || lines(std::io::stdin().lock(), Source::Key, &sender));
     }
-    Ok(marks)
 }
 
 /// Whether somebody can type a mark.
@@ -109,7 +116,7 @@ mod tests {
     #[test]
     fn a_datagram_is_a_mark() {
         let address = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        let marks = listen(Some(address), None).unwrap();
+        let (_, marks) = listen(Some(address), None).unwrap();
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let sent = Instant::now();
         socket.send_to(b"eyes closed\n", address).unwrap();

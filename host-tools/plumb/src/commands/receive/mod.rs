@@ -6,6 +6,7 @@ use std::net::SocketAddr;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -17,7 +18,7 @@ use plumbline_stream::receiver::Receiver;
 use plumbline_stream::reception::{Tap, receive};
 use plumbline_stream::recorder::Recorder;
 use plumbline_trial::manifest::{CheckSeen, Manifest, Zero};
-use plumbline_trial::mark::{Mark, Marks};
+use plumbline_trial::mark::{Mark, MarkSender, Marks};
 use plumbline_trial::recording::{Recording, exists_already};
 use plumbline_trial::verdict::Criteria;
 
@@ -26,11 +27,14 @@ use crate::ui::stop::stop_on_signals;
 
 mod checks;
 mod course;
+mod keys;
 mod marks;
 mod screen;
+mod words;
 
 use checks::Recorded;
 use course::{Course, Zeroing};
+use keys::Keys;
 use screen::Screen;
 
 /// Receive the poses of a box, show them and record them.
@@ -49,8 +53,14 @@ use screen::Screen;
 ///
 /// Counts what is lost, repeated, late, corrupt or implausible. When the box restarts, the recording
 /// goes on, with a gap. Another box that sends here is left out and counted; once it has taken this
-/// one's place, the recording ends with an error and is kept. Meanwhile it shows GOOD, LOOK or
-/// STOP: by the criteria for gaps and lost frames, the trial would now be good, doubtful or unusable.
+/// one's place, the recording ends with an error and is kept.
+///
+/// A terminal becomes a screen that can be read from two metres, if it has 80 x 24 characters or
+/// more. It shows GOOD, LOOK or STOP: by its criteria the trial would now be good, doubtful or
+/// unusable. WAIT stands there for the first three seconds. What only the end can tell, the duration
+/// and the mark, is left to the end. Movement is in mm from where the trunk was on average in the
+/// second before t = 0 and, until t = 0 comes, in the last second. Elsewhere a line is written
+/// every ten seconds.
 ///
 /// Press Enter to mark an event; type its name first if it has one. The mark called zero, or else the
 /// first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
@@ -131,10 +141,12 @@ pub struct Arguments {
 
 impl Arguments {
     /// Which trial this is, for people.
-    fn title(&self, place: &str) -> String {
-        let Some(out) = &self.out else { return format!("{place}, not recorded") };
-        let of = [self.participant.clone(), self.condition.clone()].into_iter().flatten();
-        [out.display().to_string()].into_iter().chain(of).collect::<Vec<_>>().join(", ")
+    fn title(&self, place: &str) -> Vec<String> {
+        let Some(out) = &self.out else { return vec![place.to_owned()] };
+        let of = |name: &str, text: &Option<String>| text.as_ref().map(|it| format!("{name} {it}"));
+        let participant = of("participant", &self.participant);
+        let condition = of("condition", &self.condition);
+        [Some(out.display().to_string()), participant, condition].into_iter().flatten().collect()
     }
 
     /// By what the trial is judged.
@@ -173,20 +185,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let stop = stop_on_signals()?;
     let now = Instant::now();
     let course = Rc::new(RefCell::new(Course::new(now, arguments.duration, arguments.zeroing())));
-    let mut screen =
-        Screen::new(&place, &arguments.title(&place), criteria.clone(), arguments.quiet);
+    let judged_by = prepared.is_some().then(|| criteria.clone());
+    let mut screen = Screen::new(&place, &arguments.title(&place), judged_by, arguments.quiet);
+    let mut sender = None;
     let mut recorded = match prepared {
         None => None,
-        Some(prepared) => {
+        Some(mut prepared) => {
+            sender = prepared.sender.take();
             let recording = begin(arguments, prepared, criteria, now, &course)?;
+            let course = Rc::clone(&course);
             Some(if arguments.anyway {
                 let duration = arguments.check_seconds;
-                Recorded::unchecked(recording, &link, now, duration, screen.bar())
+                Recorded::unchecked(recording, course, &link, now, duration, screen.voice())
             } else {
-                Recorded::checked(recording)
+                Recorded::checked(recording, course)
             })
         }
     };
+    let marks_typed = sender.is_some();
+    // Without it the recording goes on; Ctrl-C is still a signal.
+    let keys = (screen::is_screen(arguments.quiet) && marks::has_keyboard())
+        .then(|| Keys::open(sender, Arc::clone(&stop)).ok())
+        .flatten();
     let recorder = match &recorded {
         Some(Recorded { recording, .. }) => {
             let csv = recording.csv();
@@ -207,13 +227,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
             if receiver.counts().received > 0 {
                 course.frame(now);
             }
-            screen.show(receiver, &mut course);
+            let typed = || keys.as_ref().filter(|_| marks_typed).map(Keys::typed);
+            screen.show(receiver, &mut course, typed);
             if course.is_over(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-    screen.end();
-    // A closed pipe must not hide the result.
-    let _ = writeln!(std::io::stdout(), "{}", screen::summary(&receiver));
+    // First of all the trial: a terminal that has stalled takes nothing now.
     let ended = recorded.map(|recorded| end(recorded, receiver.counts().received));
+    drop(keys);
+    drop(screen);
+    let mut text = words::summary(&receiver);
+    if let Some(Ok(words)) = &ended {
+        text += &format!("\n{words}");
+    }
+    // A closed pipe must not hide the result.
+    let _ = writeln!(std::io::stdout(), "{text}");
     // The reason for the end matters more than a fault while closing.
     result?;
     ended.transpose()?;
@@ -228,7 +255,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         .into());
     }
     if receiver.counts().received == 0 && !stop.load(Ordering::Relaxed) {
-        return Err(screen::no_pose(&receiver, place, Instant::now()).into());
+        return Err(words::no_pose(&receiver, place, Instant::now()).into());
     }
     Ok(true)
 }
@@ -236,6 +263,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
 /// What is there before a recording begins.
 struct Prepared<'a> {
     out: &'a Path,
+    /// For marks from the keyboard, where the terminal is a screen.
+    sender: Option<MarkSender>,
     marks: Marks,
     amiss: Vec<CheckSeen>,
 }
@@ -250,7 +279,13 @@ fn prepare<'a>(
     if out.exists() {
         return Err(exists_already(out));
     }
-    let marks = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
+    let (sender, marks) = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
+    let sender = if screen::is_screen(arguments.quiet) {
+        Some(sender)
+    } else {
+        marks::listen_to_lines(sender);
+        None
+    };
     let mut amiss = Vec::new();
     if !arguments.anyway {
         let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
@@ -258,13 +293,13 @@ fn prepare<'a>(
         // What was marked meanwhile belongs to no recording.
         while marks.next().is_some() {}
     }
-    Ok(Some(Prepared { out, marks, amiss }))
+    Ok(Some(Prepared { out, sender, marks, amiss }))
 }
 
 /// Begins to record, now.
 fn begin(
     arguments: &Arguments,
-    Prepared { out, marks, amiss }: Prepared<'_>,
+    Prepared { out, marks, amiss, .. }: Prepared<'_>,
     criteria: Criteria,
     now: Instant,
     course: &Rc<RefCell<Course>>,
@@ -285,8 +320,8 @@ fn begin(
     Recording::begin(out, &manifest, marks, now, Box::new(heard))
 }
 
-/// Ends a recording, and says what is in it.
-fn end(mut recorded: Recorded, frames: u64) -> Result<(), BadInput> {
+/// Ends a recording; what is in it, in words.
+fn end(mut recorded: Recorded, frames: u64) -> Result<String, BadInput> {
     recorded.conclude(Instant::now())?;
     let recording = recorded.recording;
     let folder = recording.folder().display().to_string();
@@ -309,7 +344,5 @@ fn end(mut recorded: Recorded, frames: u64) -> Result<(), BadInput> {
         }
         text += &format!("\n{}", trial.manifest.verdict().lines());
     }
-    // A closed pipe must not hide the result.
-    let _ = writeln!(std::io::stdout(), "{text}");
-    Ok(())
+    Ok(text)
 }

@@ -1,202 +1,105 @@
-//! The words for a reception.
+//! The live view of a reception.
 
-use plumbline::packet::{AnatomicalPoint, CameraState, Health, Log, LogLevel, Message, PosePacket};
-use plumbline_stream::fixture::adversity::hello_of;
+use plumbline::packet::{AnatomicalPoint, Message, PosePacket};
 use plumbline_stream::fixture::{self, take};
-use plumbline_stream::transport::Event;
 use plumbline_trial::mark::{Mark, Source};
 
 use super::super::course::Zeroing;
 use super::*;
 
-fn status(receiver: &Heard, place: &str, now: Instant) -> String {
-    super::status(receiver, &Live::new(Criteria::default()), place, now)
+/// Without a terminal.
+fn screen(criteria: Option<Criteria>) -> Screen {
+    Screen::new("UDP", &["trials/p01".to_owned()], criteria, true)
 }
 
-type Heard = Receiver<Vec<u8>>;
-
-fn pose(sequence: u32) -> Message {
-    Message::Pose(fixture::pose_packet(sequence))
-}
-
-fn hello() -> Message {
-    Message::Hello(Hello { config_crc: 7, ..fixture::hello(&fixture::config()) })
-}
-
-fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
-    let camera_losses = u32::from(frames > 0 && camera == CameraState::Lost);
-    Message::Health(Health { camera, uptime_ms, frames, camera_losses, ..fixture::health() })
-}
-
-fn log(uptime_ms: u64, text: &str) -> Message {
-    let (target, text) = ("camera".try_into().unwrap(), text.try_into().unwrap());
-    Message::Log(Log { uptime_ms, level: LogLevel::Error, target, text, cut: 0 })
-}
-
-#[test]
-fn lost_frames_are_a_share_of_all() {
-    let mut receiver = Heard::new(None);
-    let frames = [0, 1, 2, 4, 5, 6, 8].map(pose);
-    take(&mut receiver, Instant::now(), &[vec![hello()], frames.to_vec()].concat());
-    let words = summary(&receiver);
-    assert!(words.contains("2 (22.22 %)"), "{words}");
-}
-
-#[test]
-fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
-    let mut receiver = Heard::new(None);
-    let start = Instant::now();
-    let error = no_pose(&receiver, "UDP".into(), start).to_string();
-    assert!(error.contains("check that the box is on"), "{error}");
-
-    let why = log(41_000, "camera: cannot be opened");
-    let lost = health(CameraState::Lost, 42_000, 0);
-    let now = take(&mut receiver, start, &[lost.clone(), hello(), why.clone(), lost, why]);
-    let words = status(&receiver, "UDP", now);
-    assert!(words.contains("the box is heard, no pose yet, camera lost: "), "{words}");
-    assert!(words.contains("no frame since the box's start 42 s ago"), "{words}");
-    let error = no_pose(&receiver, "UDP".into(), now).to_string();
-    assert!(
-        error.contains("it says: camera: cannot be opened; check the camera's plug"),
-        "{error}"
-    );
-    let words = summary(&receiver);
-    assert!(words.contains("never gave a frame"), "{words}");
-    // The box repeats it for those who have not heard it.
-    assert_eq!(receiver.take_notices(), ["box ERROR camera: camera: cannot be opened"]);
-
-    // A box that refuses its configuration has no Health.
-    let mut receiver = Heard::new(None);
-    take(&mut receiver, start, &[log(10, "configuration refused: checksum")]);
-    let error = no_pose(&receiver, "UDP".into(), now).to_string();
-    assert!(error.contains("configuration refused: checksum; correct what"), "{error}");
-}
-
-#[test]
-fn an_old_pose_is_not_shown_as_the_latest() {
-    let mut receiver = Heard::new(None);
-    let start = Instant::now();
-    let running = health(CameraState::Running, 5000, 2);
-    let now = take(&mut receiver, start, &[hello(), pose(0), pose(1), running]);
-    assert!(status(&receiver, "UDP", now).contains("upper trunk"));
-
-    let now = take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
-    let later = now + Duration::from_secs(3);
-    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
-    assert_eq!(receiver.unheard(later), None);
-    let words = status(&receiver, "UDP", later);
-    assert!(words.starts_with("no pose for 3 s, camera lost for 3 s; 2 frames"), "{words}");
-    assert!(!words.contains("upper trunk"), "{words}");
-    let words = summary(&receiver);
-    assert!(words.contains("lost 1 time, absent at the end"), "{words}");
-
-    // Whoever begins to listen now does not know since when.
-    let mut receiver = Heard::new(None);
-    take(&mut receiver, now, &[health(CameraState::Lost, 6000, 2)]);
-    take(&mut receiver, later, &[health(CameraState::Lost, 9000, 2)]);
-    let words = status(&receiver, "UDP", later);
-    assert!(words.ends_with("camera lost for more than 3 s"), "{words}");
-}
-
-#[test]
-fn a_box_that_fell_silent_is_not_said_to_run() {
-    let mut receiver = Heard::new(None);
-    let running = health(CameraState::Running, 5000, 2);
-    let now = take(&mut receiver, Instant::now(), &[hello(), pose(0), running]);
-    let words = status(&receiver, "UDP", now + Duration::from_secs(7));
-    assert!(words.starts_with("the box is no longer heard, for 7 s; 1 frame,"), "{words}");
-}
-
-#[test]
-fn frames_belong_to_the_start_that_sent_them() {
-    let mut receiver = Heard::new(None);
-    let now = take(&mut receiver, Instant::now(), &[hello(), pose(0), pose(1)]);
-    // It restarts with another configuration, without a camera: what was measured is over.
-    let mut restart = |start: u32, config_crc: u32, after_s: u64, then: Message| {
-        let anew = Hello { boot_id: start, config_crc, ..fixture::hello(&fixture::config()) };
-        let now = now + Duration::from_secs(after_s);
-        for message in [Message::Hello(anew), then] {
-            let packet = fixture::packet(start, message);
-            receiver.handle(Event::Packet(packet), now).unwrap();
-        }
-        (status(&receiver, "UDP", now), summary(&receiver))
-    };
-    let (words, table) = restart(8, 9, 5, health(CameraState::Lost, 3000, 0));
-    assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");
-    assert!(!words.contains("upper trunk"), "{words}");
-    let firmware = fixture::hello(&fixture::config()).firmware;
-    let box_with = |crc| format!("ward 3 (PL-0001), {firmware}, configuration 0000000{crc}: ");
-    for row in [box_with(7) + "2 frames", box_with(9) + "0 frames"] {
-        assert!(table.contains(&row), "{row}: {table}");
+fn upper(sequence: u32, ap_mm: f32) -> PosePacket {
+    PosePacket {
+        upper_trunk: Some(AnatomicalPoint { ap_mm, ml_mm: 0.0, si_mm: 0.0 }),
+        ..fixture::pose_packet(sequence)
     }
-    // And once more with the first, with frames.
-    let (_, table) = restart(10, 7, 9, pose(0));
-    assert!(table.contains(&(box_with(7) + "3 frames")), "{table}");
 }
 
-#[test]
-fn what_was_left_out_is_in_the_summary() {
-    let mut receiver = Heard::new(None);
-    let start = Instant::now();
-    take(&mut receiver, start, &[hello(), pose(0)]);
-    assert!(!summary(&receiver).contains("another box"));
-    for packet in [hello_of("ward 4", 9), fixture::packet(9, pose(0)), fixture::packet(5, pose(0))]
-    {
-        receiver.handle(Event::Packet(packet), start).unwrap();
-    }
-    receiver.finish(start).unwrap();
-    let words = summary(&receiver);
-    let rows: Vec<&str> = words.lines().collect();
-    let has = |what: &str, count: &str| {
-        rows.iter()
-            .any(|row| row.contains(what) && row.trim_end_matches(['│', ' ']).ends_with(count))
-    };
-    assert!(has("of another box", "2") && has("of a start without a name", "1"), "{words}");
-}
-
-#[test]
-fn what_was_wrong_with_the_power_is_in_the_summary() {
-    let mut receiver = Heard::new(None);
-    let power = |undervoltage, throttled| {
-        Message::Health(Health { undervoltage, throttled, ..fixture::health() })
-    };
-    let now = take(&mut receiver, Instant::now(), &[power(Some(false), Some(false))]);
-    assert!(!summary(&receiver).contains("too weak"));
-    take(&mut receiver, now, &[power(Some(true), Some(false)), power(Some(false), Some(true))]);
-    let words = summary(&receiver);
-    assert!(words.contains("too weak") && words.contains("slowed down"), "{words}");
-}
-
-/// A mark called zero takes the place of an earlier one.
+/// A mark called zero takes the place of an earlier one, and the range is of the time since.
 #[test]
 fn movement_counts_from_the_mark_that_is_t_0() {
     let begun = Instant::now();
     let mut course = Course::new(begun, None, Zeroing::Mark);
-    let mut screen = Screen::new("UDP", "", Criteria::default(), true);
-    let mut receiver = Heard::new(None);
-    take(&mut receiver, begun, &[hello()]);
-    let packet = |sequence, ap_mm| PosePacket {
-        upper_trunk: Some(AnatomicalPoint { ap_mm, ml_mm: 0.0, si_mm: 0.0 }),
-        ..fixture::pose_packet(sequence)
-    };
-    for (sequence, ap_mm, label) in [(0, 1.0, None), (1, 2.0, Some("turn")), (2, 4.0, Some("zero"))]
-    {
+    let mut screen = screen(Some(Criteria::default()));
+    let mut receiver = Receiver::<Vec<u8>>::new(None);
+    take(&mut receiver, begun, &[Message::Hello(fixture::hello(&fixture::config()))]);
+    for sequence in 0..300 {
+        let label = match sequence {
+            90 => Some("turn"),
+            200 => Some("zero"),
+            _ => None,
+        };
         if let Some(label) = label {
             course.mark(&Mark::new(Source::Key, label), begun.elapsed().as_secs_f64());
         }
-        let pose = Message::Pose(packet(sequence, ap_mm));
-        take(&mut receiver, Instant::now(), &[pose]);
-        screen.show(&mut receiver, &mut course);
-        let since = if label.is_some() { 8.0 - ap_mm } else { 7.0 };
-        let line = &screen.live.movement(&packet(3, 8.0))[0];
-        assert!(line.contains(&format!("AP {since:+7.1}")), "{label:?}: {line}");
+        // It moves by 40 mm between the two marks.
+        let ap_mm = if sequence < 120 { 10.0 } else { 50.0 };
+        take(&mut receiver, Instant::now(), &[Message::Pose(upper(sequence, ap_mm))]);
+        screen.show(&mut receiver, &mut course, || None);
+        let seen = screen.seen(&receiver, &course, Instant::now());
+        let [ap, ..] = seen.movement[0].along.unwrap();
+        let range_mm = ap.range_mm.map(|[low_mm, high_mm]| high_mm - low_mm);
+        let wanted = match sequence {
+            0..90 => (0.0, None, "from the last second"),
+            90..120 => (0.0, Some(0.0), "since t = 0"),
+            120..200 => (40.0, Some(40.0), "since t = 0"),
+            _ => (0.0, Some(0.0), "since t = 0"),
+        };
+        assert_eq!((ap.now_mm, range_mm, seen.since), wanted, "{sequence}");
     }
 }
 
 #[test]
-fn the_verdict_alone_is_coloured() {
-    let text = coloured("2 s\nSTOP: lower target not seen for 11 s\n  60.0 Hz");
-    let lines: Vec<&str> = text.lines().collect();
-    assert!(lines[1].starts_with("\u{1b}[") && lines[1].contains("31m"), "{text:?}");
-    assert_eq!((lines[0], lines[2]), ("2 s", "  60.0 Hz"));
+fn without_a_terminal_all_of_it_is_one_line() {
+    let begun = Instant::now();
+    let mut course = Course::new(begun, Some(Duration::from_secs(60)), Zeroing::Start);
+    course.frame(begun);
+    let mut screen = screen(Some(Criteria::default()));
+    let mut receiver = Receiver::<Vec<u8>>::new(None);
+    let hello = Message::Hello(fixture::hello(&fixture::config()));
+    take(&mut receiver, begun, &[hello, Message::Pose(upper(0, 1.0))]);
+    screen.show(&mut receiver, &mut course, || None);
+    let line = screen.seen(&receiver, &course, begun).line();
+    assert_eq!(
+        line,
+        "0 s since the first frame, 60 s to go of 60 s; WAIT: the trial is judged 3 s after its \
+         first frame; 0.0 Hz, 0 lost (0.0 %), 1 frame, latency 1.2 ms, 0 late, 0 corrupt; \
+         upper trunk  AP   +0.0  ML   +0.0  SI   +0.0 mm; \
+         lower trunk  seen; the box has no scene, so no AP, ML and SI"
+    );
+    assert!(!line.contains('\n'));
+}
+
+#[test]
+fn a_box_that_falls_silent_is_seen_before_any_packet_tells() {
+    let begun = Instant::now();
+    let mut course = Course::new(begun, None, Zeroing::Start);
+    let mut screen = screen(Some(Criteria::default()));
+    let mut receiver = Receiver::<Vec<u8>>::new(None);
+    let hello = Message::Hello(fixture::hello(&fixture::config()));
+    take(&mut receiver, begun, &[hello, Message::Pose(upper(0, 1.0))]);
+    course.frame(begun);
+    course.judged(Default::default(), Some(60.0));
+    screen.show(&mut receiver, &mut course, || None);
+    let word_at = |after_s: f64| {
+        let now = begun + Duration::from_secs_f64(after_s);
+        let Judgement { word, reasons } = screen.judgement(&receiver, &course, now);
+        (word.unwrap().text(), reasons.join("; "))
+    };
+    assert_eq!(word_at(0.5), ("GOOD", String::new()));
+    assert_eq!(word_at(4.5), ("LOOK", "the box is no longer heard, for 4 s".to_owned()));
+    assert_eq!(word_at(11.5), ("STOP", "the box is no longer heard, for 11 s".to_owned()));
+}
+
+#[test]
+fn what_is_not_recorded_has_no_verdict() {
+    let course = Course::new(Instant::now(), None, Zeroing::Start);
+    let receiver = Receiver::<Vec<u8>>::new(None);
+    let judged = screen(None).judgement(&receiver, &course, Instant::now());
+    assert_eq!(judged.word, None);
+    assert!(judged.reasons[0].starts_with("not recorded"), "{judged:?}");
 }
