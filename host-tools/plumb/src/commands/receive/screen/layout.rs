@@ -184,7 +184,7 @@ fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec
             (vec![small(seen)], reasons(seen, 1, columns), movement)
         }
     };
-    let title = Row::default().and(Style::new().bold(), seen.title.join(" · "));
+    let title = Row::default().and(Style::new().bold(), seen.title.join(", "));
     let mut blocks = vec![
         block(TITLE, vec![title]),
         block(HEAD, head),
