@@ -1,7 +1,8 @@
 //! The doctor's checks of a box that is about to be recorded.
 //!
 //! Usually they come first, and a failure leaves nothing on the disk. With --anyway the recording
-//! does not wait: the checks look at the packets that are being recorded.
+//! does not wait: the checks look at the packets that are being recorded. While it is recorded, the
+//! trial itself is judged, again and again.
 
 use std::cell::RefCell;
 use std::rc::Rc;

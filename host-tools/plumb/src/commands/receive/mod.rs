@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -203,10 +203,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         }
     };
     let marks_typed = sender.is_some();
-    // Without it the recording goes on; Ctrl-C is still a signal.
-    let keys = (screen::is_screen(arguments.quiet) && marks::has_keyboard())
-        .then(|| Keys::open(sender, Arc::clone(&stop)).ok())
-        .flatten();
+    let keys = keyboard(sender, &stop, arguments.quiet);
     let recorder = match &recorded {
         Some(Recorded { recording, .. }) => {
             let csv = recording.csv();
@@ -244,20 +241,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     // The reason for the end matters more than a fault while closing.
     result?;
     ended.transpose()?;
-    if let Some(silence) =
-        receiver.unheard(Instant::now()).filter(|_| !stop.load(Ordering::Relaxed))
-    {
-        return Err(BadInput::whole(
-            place,
-            format!("nothing was heard from the box in the last {} s", silence.as_secs()),
-            "check the box's power and its link",
-        )
-        .into());
-    }
-    if receiver.counts().received == 0 && !stop.load(Ordering::Relaxed) {
-        return Err(words::no_pose(&receiver, place, Instant::now()).into());
+    // Whoever ends it by hand has seen the screen.
+    if !stop.load(Ordering::Relaxed) {
+        words::check_heard(&receiver, place, Instant::now())?;
     }
     Ok(true)
+}
+
+/// The keyboard of a terminal that is a screen.
+fn keyboard(sender: Option<MarkSender>, stop: &Arc<AtomicBool>, is_quiet: bool) -> Option<Keys> {
+    if !screen::is_screen(is_quiet) || !marks::has_keyboard() {
+        return None;
+    }
+    let keys = Keys::open(sender.clone(), Arc::clone(stop)).ok();
+    // A terminal that takes no keys one by one gives lines; Ctrl-C is still a signal.
+    if let Some(sender) = sender.filter(|_| keys.is_none()) {
+        marks::listen_to_lines(sender);
+    }
+    keys
 }
 
 /// What is there before a recording begins.

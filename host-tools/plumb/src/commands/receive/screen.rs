@@ -33,7 +33,9 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Whether the terminal becomes a screen.
 pub(super) fn is_screen(is_quiet: bool) -> bool {
-    !is_quiet && std::io::stderr().is_terminal()
+    // One that can only append lines.
+    let is_dumb = std::env::var_os("TERM").is_some_and(|name| name == "dumb");
+    !is_quiet && !is_dumb && std::io::stderr().is_terminal()
 }
 
 /// The live view, on standard error.

@@ -50,8 +50,30 @@ fn camera_now<W: Write>(receiver: &Receiver<W>, now: Instant) -> Option<String> 
     Some(format!("camera {state} for {more}{lost_s} s"))
 }
 
+/// Checks that the box was heard until the end, and sent poses.
+///
+/// # Errors
+/// When it was not, or did not.
+pub(super) fn check_heard<W: Write>(
+    receiver: &Receiver<W>,
+    place: String,
+    now: Instant,
+) -> Result<(), BadInput> {
+    if let Some(silence) = receiver.unheard(now) {
+        return Err(BadInput::whole(
+            place,
+            format!("nothing was heard from the box in the last {} s", silence.as_secs()),
+            "check the box's power and its link",
+        ));
+    }
+    if receiver.counts().received == 0 {
+        return Err(no_pose(receiver, place, now));
+    }
+    Ok(())
+}
+
 /// Why no pose was received, as far as can be told from here.
-pub(super) fn no_pose<W: Write>(receiver: &Receiver<W>, place: String, now: Instant) -> BadInput {
+fn no_pose<W: Write>(receiver: &Receiver<W>, place: String, now: Instant) -> BadInput {
     if !receiver.is_heard() {
         return BadInput::whole(
             place,

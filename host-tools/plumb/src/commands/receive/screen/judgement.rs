@@ -34,7 +34,21 @@ impl Word {
 pub(super) struct Judgement {
     /// Absent where nothing is recorded.
     pub(super) word: Option<Word>,
-    pub(super) reasons: Vec<String>,
+    pub(super) reasons: Vec<Why>,
+}
+
+/// A reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Why {
+    pub(super) words: String,
+    /// What can be done; empty where the reason says it.
+    pub(super) remedy: String,
+}
+
+impl Why {
+    pub(super) fn new(words: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { words: words.into(), remedy: remedy.into() }
+    }
 }
 
 /// No pose has come for so long.
@@ -52,12 +66,12 @@ pub(super) fn of_recording(
     verdict: Option<&Verdict>,
     silence: Option<Silence>,
 ) -> Judgement {
-    let mut reasons: Vec<(Grade, String)> = Vec::new();
+    let mut reasons: Vec<(Grade, Why)> = Vec::new();
     if let Some(silence) = silence {
-        reasons.push((grade(criteria, &silence), silence.words));
+        reasons.push((grade(criteria, &silence), Why::new(silence.words, "")));
     }
     let of_verdict = verdict.map(|verdict| &verdict.reasons).into_iter().flatten();
-    reasons.extend(of_verdict.map(|reason| (reason.is, reason.words.clone())));
+    reasons.extend(of_verdict.map(|it| (it.is, Why::new(it.words.clone(), it.remedy.clone()))));
     // The order of equals stays.
     reasons.sort_by_key(|(grade, _)| std::cmp::Reverse(*grade));
     let word = match reasons.first().map_or(Grade::Good, |(worst, _)| *worst) {
@@ -66,13 +80,12 @@ pub(super) fn of_recording(
         Grade::Good if verdict.is_some() => Word::Good,
         Grade::Good => Word::Wait,
     };
+    let mut reasons: Vec<Why> = reasons.into_iter().map(|(_, why)| why).collect();
     if reasons.is_empty() && word == Word::Wait {
-        reasons.push((
-            Grade::Good,
-            format!("the trial is judged {} s after its first frame", SETTLING.as_secs()),
-        ));
+        let words = format!("the trial is judged {} s after its first frame", SETTLING.as_secs());
+        reasons.push(Why::new(words, ""));
     }
-    Judgement { word: Some(word), reasons: reasons.into_iter().map(|(_, words)| words).collect() }
+    Judgement { word: Some(word), reasons }
 }
 
 /// What a pause until now is worth. A box that falls silent is worth a look by any criteria; one
@@ -90,8 +103,8 @@ fn grade(criteria: &Criteria, silence: &Silence) -> Grade {
 
 /// Where nothing is recorded there is nothing to judge.
 pub(super) fn of_nothing(silence: Option<Silence>) -> Judgement {
-    let mut reasons = vec!["not recorded: `--out FOLDER` records".to_owned()];
-    reasons.extend(silence.map(|silence| silence.words));
+    let mut reasons = vec![Why::new("not recorded: `--out FOLDER` records", "")];
+    reasons.extend(silence.map(|silence| Why::new(silence.words, "")));
     Judgement { word: None, reasons }
 }
 
@@ -117,7 +130,7 @@ mod tests {
             found: None,
             bound: None,
             words: "a gap".to_owned(),
-            remedy: String::new(),
+            remedy: "record again".to_owned(),
         };
         let reasons = if is == Grade::Good { Vec::new() } else { vec![reason] };
         Verdict { is, reasons, ..Verdict::default() }
@@ -160,13 +173,15 @@ mod tests {
     fn the_worst_comes_first() {
         let judged =
             of_recording(&Criteria::default(), Some(&verdict(Grade::Unusable)), silence(2.0, true));
-        assert_eq!(judged.reasons, ["a gap", "no pose"]);
+        let words: Vec<&str> = judged.reasons.iter().map(|it| &*it.words).collect();
+        assert_eq!(words, ["a gap", "no pose"]);
+        assert_eq!(judged.reasons[0].remedy, "record again");
     }
 
     #[test]
     fn what_is_not_recorded_is_not_called_good() {
         let judged = of_nothing(None);
         assert_eq!(judged.word, None);
-        assert!(judged.reasons[0].contains("--out FOLDER"));
+        assert!(judged.reasons[0].words.contains("--out FOLDER"));
     }
 }

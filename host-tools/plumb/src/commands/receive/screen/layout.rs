@@ -11,7 +11,7 @@ use anstyle::{AnsiColor, Style};
 use unicode_width::UnicodeWidthChar as _;
 
 use super::big;
-use super::judgement::Word;
+use super::judgement::{Why, Word};
 use super::seen::{Seen, no_minus_zero, numbers};
 use super::sway::{AXES, Along, Movement};
 
@@ -173,7 +173,7 @@ fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec
     let (head, reasons, movement) = match form {
         Form::Large { thick } => (
             large(seen, columns, glyphs)?,
-            reasons(seen, 3, columns),
+            if thick > 1 { advice(seen, columns) } else { reasons(seen, 3, columns) },
             bars(seen, thick, columns, glyphs)?,
         ),
         Form::Bars => {
@@ -184,7 +184,7 @@ fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec
             (vec![small(seen)], reasons(seen, 1, columns), movement)
         }
     };
-    let title = Row::default().and(Style::new().bold(), seen.title.join(" · "));
+    let title = Row::default().and(Style::new().bold(), seen.title.join(", "));
     let mut blocks = vec![
         block(TITLE, vec![title]),
         block(HEAD, head),
@@ -262,11 +262,26 @@ fn small(seen: &Seen) -> Row {
     row.and(Style::new().bold(), minutes(seen.elapsed) + &to_go)
 }
 
-/// Why, in always as many rows, so that nothing below moves. Reasons for which there is no room are
-/// counted.
+/// Why.
 fn reasons(seen: &Seen, rows: usize, columns: usize) -> Vec<Row> {
+    let words = seen.judgement.reasons.iter().map(|why| why.words.clone()).collect();
+    stacked(seen, words, rows, columns)
+}
+
+/// Why, and what can be done.
+fn advice(seen: &Seen, columns: usize) -> Vec<Row> {
+    let whole = |why: &Why| match &*why.remedy {
+        "" => why.words.clone(),
+        remedy => format!("{}: {remedy}", why.words),
+    };
+    stacked(seen, seen.judgement.reasons.iter().map(whole).collect(), ADVICE, columns)
+}
+
+/// Reasons in always as many rows, so that nothing below moves. Those for which there is no room are
+/// counted.
+fn stacked(seen: &Seen, reasons: Vec<String>, rows: usize, columns: usize) -> Vec<Row> {
     let style = seen.judgement.word.map_or(Style::new(), colour);
-    let reasons = seen.judgement.reasons.iter().map(|reason| wrapped(reason, columns));
+    let reasons = reasons.iter().map(|reason| wrapped(reason, columns));
     let mut shown: Vec<String> = Vec::new();
     let mut left_out = 0;
     for lines in reasons {
@@ -307,6 +322,9 @@ fn prompt(seen: &Seen) -> Option<Row> {
     let row = row.and(Style::new().invert(), " ");
     Some(row.and(Style::new().dimmed(), "  Enter marks it, Ctrl-C ends"))
 }
+
+/// Rows for reasons with their remedies.
+const ADVICE: usize = 5;
 
 /// Columns of the name of a trunk and an axis.
 const NAME: usize = 9;

@@ -31,6 +31,7 @@ impl Seen {
     pub(super) fn line(&self) -> String {
         let Judgement { word, reasons } = &self.judgement;
         let judgement = word.map(|word| word.text().to_owned());
+        let reasons: Vec<&str> = reasons.iter().map(|why| &*why.words).collect();
         let judgement: Vec<String> = judgement.into_iter().chain([reasons.join(", ")]).collect();
         let judgement = judgement.iter().filter(|it| !it.is_empty()).cloned().collect::<Vec<_>>();
         let mut parts = vec![self.time.clone(), judgement.join(": "), self.counts.join(", ")];

@@ -14,8 +14,9 @@ use plumbline::target::Role;
 /// The origin is the mean over this time.
 const ORIGIN_S: f64 = 1.0;
 
-/// Frames of a camera that gives more in that time are thinned out.
-const POINTS_MAX: usize = 1024;
+/// Twice what the fastest camera gives in that time: a box whose times hardly rise must not fill the
+/// memory.
+const POINTS_MAX: usize = 2048;
 
 /// AP, ML and SI.
 pub(super) const AXES: [&str; 3] = ["AP", "ML", "SI"];

@@ -88,7 +88,7 @@ fn a_box_that_falls_silent_is_seen_before_any_packet_tells() {
     let word_at = |after_s: f64| {
         let now = begun + Duration::from_secs_f64(after_s);
         let Judgement { word, reasons } = screen.judgement(&receiver, &course, now);
-        (word.unwrap().text(), reasons.join("; "))
+        (word.unwrap().text(), reasons.into_iter().map(|why| why.words).collect::<String>())
     };
     assert_eq!(word_at(0.5), ("GOOD", String::new()));
     assert_eq!(word_at(4.5), ("LOOK", "the box is no longer heard, for 4 s".to_owned()));
@@ -101,5 +101,5 @@ fn what_is_not_recorded_has_no_verdict() {
     let receiver = Receiver::<Vec<u8>>::new(None);
     let judged = screen(None).judgement(&receiver, &course, Instant::now());
     assert_eq!(judged.word, None);
-    assert!(judged.reasons[0].starts_with("not recorded"), "{judged:?}");
+    assert!(judged.reasons[0].words.starts_with("not recorded"), "{judged:?}");
 }

@@ -10,7 +10,7 @@ fn seen() -> Seen {
         title: vec!["trials/p01".to_owned(), "participant P01".to_owned()],
         judgement: Judgement {
             word: Some(Word::Look),
-            reasons: ["first", "second", "third", "fourth"].map(str::to_owned).to_vec(),
+            reasons: ["first", "second", "third", "fourth"].map(|it| Why::new(it, "mend")).to_vec(),
         },
         elapsed: Duration::from_secs(42),
         remaining: Some(Duration::from_secs_f64(17.3)),
@@ -77,13 +77,15 @@ fn the_more_room_the_larger_and_the_verdict_is_the_last_to_go() {
     }
     assert_eq!(drawn(&seen(), [30, 1]), [" LOOK   0:42   0:18 to go"]);
     assert!(has(&drawn(&seen(), [40, 10]), "(and 3 more) first"));
+    // With room for it, also what can be done.
+    assert!(has(&drawn(&seen(), [120, 40]), "first: mend"));
 }
 
 #[test]
 fn what_is_too_long_for_a_row_goes_on_in_the_next() {
     let long = "no frame has a position along the body's axes: the box did not know the way";
     let mut seen = seen();
-    seen.judgement.reasons = vec![long.to_owned(), "second".to_owned()];
+    seen.judgement.reasons = vec![Why::new(long, ""), Why::new("second", "")];
     let rows = drawn(&seen, [60, 15]);
     assert_eq!(rows[3], "no frame has a position along the body's axes: the box did");
     assert_eq!(rows[4], "(and 1 more) not know the way");
