@@ -34,9 +34,10 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), BadInput> {
 /// # Errors
 /// When it exists, or the operating system refuses.
 pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
-    let made = Made::directories(directory_of(path))?;
-    let file = open_new(path, force).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => exists_already(path, "give another --out"),
+    let path = followed(path)?;
+    let made = Made::directories(directory_of(&path))?;
+    let file = open_new(&path, force).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => exists_already(&path, "give another --out"),
         _ => BadInput::io(path.display(), &error),
     })?;
     made.keep();
@@ -97,17 +98,18 @@ impl Late {
     /// # Errors
     /// As [`create`].
     pub fn new(path: &Path, force: bool) -> Result<Self, BadInput> {
+        let path = followed(path)?;
         if !(force && path.exists()) {
             // Removed again when this goes out of scope.
-            let _made = Made::directories(directory_of(path))?;
-            create(path, false)?;
-            std::fs::remove_file(path).map_err(|error| BadInput::io(path.display(), &error))?;
+            let _made = Made::directories(directory_of(&path))?;
+            create(&path, false)?;
+            std::fs::remove_file(&path).map_err(|error| BadInput::io(path.display(), &error))?;
         } else if path.is_file() || path.is_dir() {
             // Only files and directories: opening a device or a pipe can have effects.
-            let opened = File::options().append(true).open(path);
+            let opened = File::options().append(true).open(&path);
             opened.map_err(|error| BadInput::io(path.display(), &error))?;
         }
-        Ok(Self { path: path.to_owned(), force, file: None })
+        Ok(Self { path, force, file: None })
     }
 
     fn open(&self) -> std::io::Result<File> {
@@ -387,6 +389,21 @@ mod tests {
             }
             assert_eq!(std::fs::read_link(&link).unwrap(), Path::new(target));
             assert_eq!(mode(&at(file)), 0o600, "{target}");
+        }
+        // What is written as it comes, too.
+        for (link, file) in [("early", "by/and/by"), ("late", "bye/and/bye")] {
+            let link = linked(link, file);
+            for force in [false, true] {
+                let mut late = Late::new(&link, force).unwrap();
+                assert!(force || !at(file).exists());
+                late.write_all(b"late").unwrap();
+                std::fs::remove_file(at(file)).unwrap();
+                create(&link, force).unwrap().write_all(b"now").unwrap();
+                assert_eq!(std::fs::read_to_string(at(file)).unwrap(), "now");
+                assert!(create(&link, false).unwrap_err().to_string().contains("--force"));
+                std::fs::remove_file(at(file)).unwrap();
+            }
+            assert_eq!(std::fs::read_link(&link).unwrap(), Path::new(file));
         }
         // A link to itself leads nowhere.
         let circle = linked("circle", "circle");

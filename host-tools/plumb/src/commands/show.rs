@@ -142,7 +142,8 @@ fn texts(config: &Config, source: &str) -> Vec<(&'static str, String)> {
 mod tests {
     use std::sync::LazyLock;
 
-    use plumbline::config::{Links, Machine, TargetConfig};
+    use plumbline::config::{BLOB_BYTES_MAX, Links, Machine, TargetConfig};
+    use plumbline::packet::document_crc;
     use plumbline::target::{Role, TargetGeometry};
 
     use super::*;
@@ -203,5 +204,23 @@ mod tests {
         assert_eq!(again(&config).crc(), config.crc());
         config.cam_from_scene_theta = None;
         assert_eq!(again(&config), config);
+    }
+
+    #[test]
+    fn a_configuration_whose_texts_cannot_be_seen_is_refused_without_showing_them() {
+        let mut config = CONFIG.clone();
+        config.device = "ward~3".try_into().unwrap();
+        let mut blob = config.encode(&mut [0; BLOB_BYTES_MAX]).unwrap().to_vec();
+        let at = blob.windows(6).position(|part| part == b"ward~3").unwrap();
+        blob[at + 4] = 0x1b;
+        let covered = blob.len() - 4;
+        let crc = document_crc(&blob[..covered]);
+        blob[covered..].copy_from_slice(&crc.to_le_bytes());
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("config.plb");
+        std::fs::write(&path, blob).unwrap();
+        let error = setup::read_blob(&path).unwrap_err().to_string();
+        assert!(error.contains("device: must not contain characters that cannot be seen"));
+        assert!(!error.contains('\u{1b}'), "{error:?}");
     }
 }

@@ -25,14 +25,16 @@ mod blocks;
 mod expose;
 mod exposure;
 mod live;
+mod picture;
 mod plain;
 mod reading;
 mod session;
 mod stills;
 mod terminal;
 
+use picture::Taken;
 use reading::{BestFocus, Reading};
-use session::{Session, Taken, silence_words};
+use session::{Session, silence_words};
 use stills::Stills;
 use terminal::Graphics;
 

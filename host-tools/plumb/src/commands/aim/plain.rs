@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_files::BadInput;
 
-use super::session::{Progress, Session, Taken};
+use super::picture::{Progress, Taken};
+use super::session::Session;
 use super::stills::Stills;
 use super::terminal::resized;
 use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};

@@ -1,20 +1,21 @@
 //! The set-up mode of a box, kept up while the program runs.
 //!
 //! Everything goes on side by side: the mode is renewed, poses and health come by themselves,
-//! numbers are asked for, and a picture is taken and fetched in parts, which over a serial line
-//! takes longer than the mode lasts. [`Session::turn`] does what is due and returns soon.
+//! numbers are asked for, and a picture is taken and fetched in parts ([`Arriving`]), which over a
+//! serial line takes longer than the mode lasts. [`Session::turn`] does what is due and returns soon.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
 use plumbline::packet::{
-    AIM_S_MAX, Action, CameraState, Document, Health, Hello, LinkKind, Message, Picture,
-    PosePacket, Refusal, Reply, ReplyOutcome, View, document_crc,
+    AIM_S_MAX, Action, CameraState, Health, Hello, LinkKind, Message, PosePacket, Refusal,
+    ReplyOutcome, View,
 };
 use plumbline_files::BadInput;
-use plumbline_stream::link::{BoxLink, Download, SILENT_AFTER, Stopped, is_of_box};
+use plumbline_stream::link::{BoxLink, SILENT_AFTER, Stopped, is_of_box};
 
+use super::picture::{Arriving, Progress, Taken};
 use crate::arguments::LinkArguments;
 use crate::ui::waiting::Waiting;
 
@@ -37,57 +38,9 @@ const ANSWER_WITHIN: Duration = Duration::from_millis(700);
 /// The approximate time of one turn, short enough for keys.
 const TURN: Duration = Duration::from_millis(30);
 
-/// A picture is announced with the next frame; otherwise the request was lost. A camera that
-/// was reopened takes a second for its first frame, and a whole frame some time to become a file.
-const PICTURE_WITHIN: Duration = Duration::from_secs(3);
-
-/// A picture that is refused or damaged this often in a row will not come.
-const FAILURES_MAX: usize = 5;
-
 /// The pose packets that are kept, to find that of a picture's frame: at 60 Hz a picture comes four
 /// seconds later, or its pose is found as soon as word of it comes.
 const POSES: usize = 256;
-
-/// The pose of a picture's frame is waited for this long.
-const POSE_WITHIN: Duration = Duration::from_millis(250);
-
-/// A picture larger than this is an error.
-const PICTURE_BYTES_MAX: u32 = 64 << 20;
-
-/// A complete picture.
-pub struct Taken {
-    /// Its file.
-    pub file: Vec<u8>,
-    /// What was found in its frame, if that came.
-    pub pose: Option<PosePacket>,
-}
-
-/// How far a picture has come.
-#[derive(Debug, Clone, Copy)]
-pub struct Progress {
-    /// Bytes that have come.
-    pub there: usize,
-    /// All of its bytes.
-    pub total: usize,
-    /// How long the rest takes, once that can be told.
-    pub left: Option<Duration>,
-}
-
-/// A picture under way.
-enum Taking {
-    Nothing,
-    Asked { reduction: u8, id: u16, at: Instant },
-    Coming(Box<Coming>),
-}
-
-struct Coming {
-    picture: Picture,
-    download: Download,
-    since: Instant,
-    pose: Option<PosePacket>,
-    /// When all of it had come.
-    complete: Option<Instant>,
-}
 
 /// When the box was last heard.
 #[derive(Debug, Clone, Copy)]
@@ -135,8 +88,7 @@ pub struct Session {
     view: Option<View>,
     health: Option<Health>,
     poses: VecDeque<PosePacket>,
-    taking: Taking,
-    failures: usize,
+    picture: Arriving,
 }
 
 impl Session {
@@ -164,8 +116,7 @@ impl Session {
             view: None,
             health: None,
             poses: VecDeque::with_capacity(POSES),
-            taking: Taking::Nothing,
-            failures: 0,
+            picture: Arriving::default(),
         })
     }
 
@@ -235,9 +186,7 @@ impl Session {
         self.hello = hello;
         self.restarts += 1;
         self.forget();
-        if let Taking::Coming(coming) = &self.taking {
-            self.take(coming.picture.reduction);
-        }
+        self.picture.take_again(&mut self.link);
         self.renew(Instant::now());
         Ok(())
     }
@@ -285,7 +234,7 @@ impl Session {
 
     /// What was found in a frame, if that came and is not long ago.
     pub fn pose_of(&self, sequence: u32) -> Option<&PosePacket> {
-        self.poses.iter().rev().find(|pose| pose.sequence == sequence)
+        pose_in(&self.poses, sequence)
     }
 
     /// Why there are no frames, if so.
@@ -301,25 +250,18 @@ impl Session {
 
     /// Nothing is being taken.
     pub fn is_free(&self) -> bool {
-        matches!(self.taking, Taking::Nothing)
+        self.picture.is_nothing()
     }
 
     /// Asks for a picture, in place of one that was under way; [`turn`](Self::turn) returns
     /// it when it has come.
     pub fn take(&mut self, reduction: u8) {
-        let id = self.link.send(Action::TakePicture { reduction });
-        self.taking = Taking::Asked { reduction, id, at: Instant::now() };
+        self.picture.take(&mut self.link, reduction);
     }
 
     /// How far the picture under way has come.
     pub fn progress(&self) -> Option<Progress> {
-        let Taking::Coming(coming) = &self.taking else { return None };
-        let (there, total) = (coming.download.there(), coming.download.total());
-        let elapsed = coming.since.elapsed();
-        let left = (there > 0)
-            .then(|| elapsed.mul_f64((total - there) as f64 / there as f64))
-            .filter(|_| elapsed >= Duration::from_secs(1));
-        Some(Progress { there, total, left })
+        self.picture.progress()
     }
 
     /// Asks the box for this exposure until the mode ends.
@@ -368,9 +310,11 @@ impl Session {
             self.viewed = now;
             self.link.send(Action::SendView);
         }
-        if self.silence.is_none() {
-            // A silent box's missing answers are not failures of the picture.
-            self.ask_for_picture(now)?;
+        // A silent box's missing answers are not failures of the picture.
+        if self.silence.is_none()
+            && let Err(stopped) = self.picture.ask(&mut self.link, now)
+        {
+            self.failed(&stopped)?;
         }
         let mut messages = Vec::new();
         // From now: the first turn after a pause listens as well.
@@ -382,7 +326,10 @@ impl Session {
         for message in messages {
             self.message(message)?;
         }
-        self.complete()
+        match self.picture.complete(|sequence| pose_in(&self.poses, sequence)) {
+            Ok(taken) => Ok(taken),
+            Err(stopped) => self.failed(&stopped).map(|()| None),
+        }
     }
 
     /// Forgets what was seen when the box falls silent: the old is not shown as new, then or when
@@ -415,31 +362,8 @@ impl Session {
         self.link.send(Action::Aim { seconds: MODE_S });
     }
 
-    fn ask_for_picture(&mut self, now: Instant) -> Result<(), BadInput> {
-        match &mut self.taking {
-            Taking::Nothing => {}
-            Taking::Asked { reduction, at, .. } => {
-                let reduction = *reduction;
-                if now - *at >= PICTURE_WITHIN {
-                    self.take(reduction);
-                }
-            }
-            Taking::Coming(coming) => match coming.download.due(now) {
-                Ok(None) => {}
-                Ok(Some(action)) => {
-                    let id = self.link.send(action);
-                    coming.download.asked(id, now);
-                }
-                Err(stopped) => return self.failed(&stopped),
-            },
-        }
-        Ok(())
-    }
-
     fn message(&mut self, message: Message) -> Result<(), BadInput> {
-        if let Taking::Coming(coming) = &mut self.taking
-            && let Err(stopped) = coming.download.take(&message, Instant::now())
-        {
+        if let Err(stopped) = self.picture.message(&message) {
             return self.failed(&stopped);
         }
         match message {
@@ -451,92 +375,33 @@ impl Session {
             }
             Message::View(view) => self.view = Some(view),
             Message::Health(health) => self.health = Some(health),
-            Message::Picture(picture) => self.word_of(picture)?,
-            Message::Reply(reply) => self.reply(&reply)?,
+            Message::Picture(picture) => {
+                let pose = pose_in(&self.poses, picture.sequence);
+                self.picture.word_of(picture, pose, self.link.place())?;
+            }
             // Not needed here, or for another program on this computer.
             Message::Hello(hello) => self.take_hello(hello)?,
-            Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
+            Message::Reply(_) | Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
         }
         Ok(())
     }
 
-    fn word_of(&mut self, picture: Picture) -> Result<(), BadInput> {
-        let Taking::Asked { reduction, .. } = &self.taking else { return Ok(()) };
-        if picture.reduction != *reduction {
-            return Ok(());
-        }
-        if picture.bytes > PICTURE_BYTES_MAX {
-            return Err(BadInput::whole(
-                self.link.place(),
-                format!("the box announces a picture of {} bytes", picture.bytes),
-                "update the older of the two programs",
-            ));
-        }
-        self.taking = Taking::Coming(Box::new(Coming {
-            picture,
-            download: Download::new(Document::Picture(picture.number), picture.bytes as usize),
-            since: Instant::now(),
-            pose: self.pose_of(picture.sequence).cloned(),
-            complete: None,
-        }));
-        Ok(())
-    }
-
-    fn reply(&mut self, reply: &Reply) -> Result<(), BadInput> {
-        let ReplyOutcome::Refused { refusal, reason } = &reply.outcome else { return Ok(()) };
-        match &mut self.taking {
-            Taking::Asked { id, .. } if *id == reply.id => {
-                self.failed(&Stopped::Refused(*refusal, reason.to_string()))
-            }
-            // Everything else is asked for again anyway.
-            _ => Ok(()),
-        }
-    }
-
-    /// The picture under way does not come: takes it again, unless that is of no use.
+    /// The picture under way does not come, and is taken again, unless that is of no use.
     fn failed(&mut self, stopped: &Stopped) -> Result<(), BadInput> {
-        self.failures += 1;
-        let is_final =
-            matches!(stopped, Stopped::Refused(Refusal::NotSupported, _) | Stopped::Barren);
-        if is_final || self.failures == FAILURES_MAX {
+        if self.picture.fail(stopped) {
             return Err(self.link.stopped(stopped));
         }
         if matches!(stopped, Stopped::Refused(Refusal::NotAiming, _)) {
             // It has restarted, or has not heard the renewals.
             self.renew(Instant::now());
         }
-        let reduction = match &self.taking {
-            Taking::Nothing => return Ok(()),
-            Taking::Asked { reduction, .. } => *reduction,
-            Taking::Coming(coming) => coming.picture.reduction,
-        };
-        // Asked for again after the usual wait: "busy" passes.
-        self.taking = Taking::Asked { reduction, id: 0, at: Instant::now() };
         Ok(())
     }
+}
 
-    /// Hands out the picture under way when it and its pose are here.
-    fn complete(&mut self) -> Result<Option<Taken>, BadInput> {
-        let Taking::Coming(coming) = &mut self.taking else { return Ok(None) };
-        let Some(file) = coming.download.file() else { return Ok(None) };
-        if coming.pose.is_none() {
-            let sequence = coming.picture.sequence;
-            coming.pose = self.poses.iter().find(|pose| pose.sequence == sequence).cloned();
-        }
-        let since = *coming.complete.get_or_insert_with(Instant::now);
-        if coming.pose.is_none() && since.elapsed() < POSE_WITHIN {
-            return Ok(None);
-        }
-        if document_crc(file) != coming.picture.crc {
-            // Two programs that ask the same box for pictures mix them up.
-            let reason = "a picture that does not match its checksum".to_owned();
-            return self.failed(&Stopped::Refused(Refusal::Busy, reason)).map(|()| None);
-        }
-        let taken = Taken { file: file.to_vec(), pose: coming.pose.take() };
-        self.taking = Taking::Nothing;
-        self.failures = 0;
-        Ok(Some(taken))
-    }
+/// What was found in a frame.
+fn pose_in(poses: &VecDeque<PosePacket>, sequence: u32) -> Option<&PosePacket> {
+    poses.iter().rev().find(|pose| pose.sequence == sequence)
 }
 
 #[cfg(test)]
