@@ -146,6 +146,12 @@ impl Trial {
         Self::open_as(folder, Manifest::read(folder)?)
     }
 
+    /// Whether a trunk's target was seen in any frame.
+    pub(crate) fn sees_a_target(&self) -> bool {
+        let is_seen = |frame: &Frame, trunk| frame.cam_from_target(trunk).is_some();
+        self.frames.iter().any(|frame| Trunk::ALL.into_iter().any(|trunk| is_seen(frame, trunk)))
+    }
+
     /// Reads a trial's folder, whose manifest is this one.
     ///
     /// # Errors

@@ -103,8 +103,11 @@ pub struct Limits {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sign {
-    /// No frame has a trunk point: the box did not know which way is forward, or saw neither target.
+    /// The targets were seen, and no frame has a trunk point: the box did not know which way is
+    /// forward.
     NoScene,
+    /// No frame has a pose of a trunk's target.
+    NoTarget,
     /// The box's configuration is not in the trial.
     NoConfiguration,
     /// The box was given another configuration during the trial.

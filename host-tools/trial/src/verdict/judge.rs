@@ -136,23 +136,20 @@ fn digits(value: f64, misses: impl Fn(f64) -> bool) -> String {
 
 fn signs(judge: &mut Judge<'_>, trial: &Trial) {
     let Trial { manifest, observed, frames, .. } = trial;
-    let is_any = |has: fn(&Frame, Trunk) -> bool| {
-        frames.iter().any(|frame| Trunk::ALL.into_iter().any(|trunk| has(frame, trunk)))
-    };
-    let (words, remedy) = if is_any(|frame, trunk| frame.cam_from_target(trunk).is_some()) {
-        (
-            "no frame has a position along the body's axes: the box did not know which way is \
-             forward",
-            "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
-             `plumb replay TRIAL --tables --scene scene.toml`",
-        )
-    } else {
-        (
-            "no frame has a position along the body's axes: neither trunk's target was seen",
-            "aim the camera with `plumb aim` until both targets are seen, and record again",
-        )
-    };
-    judge.sign(!is_any(|frame, trunk| frame.point(trunk).is_some()), Sign::NoScene, words, remedy);
+    let has_point = |frame: &Frame| Trunk::ALL.into_iter().any(|it| frame.point(it).is_some());
+    judge.sign(
+        trial.sees_a_target() && !frames.iter().any(has_point),
+        Sign::NoScene,
+        "no frame has a position along the body's axes: the box did not know which way is forward",
+        "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
+         `plumb replay TRIAL --tables --scene scene.toml`",
+    );
+    judge.sign(
+        !trial.sees_a_target(),
+        Sign::NoTarget,
+        "neither trunk's target was seen in any frame",
+        "aim the camera with `plumb aim` until both targets are seen, and record again",
+    );
     judge.sign(
         trial.config.is_none(),
         Sign::NoConfiguration,
@@ -494,6 +491,7 @@ impl Sign {
     fn key(self) -> &'static str {
         match self {
             Self::NoScene => "no_scene",
+            Self::NoTarget => "no_target",
             Self::NoConfiguration => "no_configuration",
             Self::ConfigurationChanged => "configuration_changed",
             Self::NoMark => "no_mark",

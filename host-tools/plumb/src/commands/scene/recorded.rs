@@ -29,6 +29,7 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
     let (_, mut pipeline) = tracking::pipeline(&camera, &targets, None, &source, &places)?;
     let mut seen = Seen {
         place: inputs[0].display().to_string(),
+        lens: camera.lens,
         frames: 0,
         poses: Vec::new(),
         background: None,

@@ -12,6 +12,7 @@ use plumbline::pose::{Cam, Pose, Scene};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
+use plumbline_files::lens_id::LensId;
 use plumbline_files::poses::Writer;
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, OriginName, TargetDescription, grid_size};
@@ -275,7 +276,7 @@ fn describe(
         })
         .collect();
     targets::write(targets_path, &descriptions)?;
-    write_scene(scene_path, &simulation.cam_from_scene(), source)
+    write_scene(scene_path, simulation.camera(), &simulation.cam_from_scene(), source)
 }
 
 fn write_camera(path: &Path, lens: &Lens, readout_ns: i32, source: &str) -> Result<(), BadInput> {
@@ -285,10 +286,12 @@ fn write_camera(path: &Path, lens: &Lens, readout_ns: i32, source: &str) -> Resu
 
 fn write_scene(
     path: &Path,
+    lens: &Lens,
     cam_from_scene: &Pose<Cam, Scene>,
     source: String,
 ) -> Result<(), BadInput> {
-    scene::write(path, &SceneFile { cam_from_scene_theta: cam_from_scene.theta(), source })
+    let (cam_from_scene_theta, camera) = (cam_from_scene.theta(), Some(LensId::of(lens)));
+    scene::write(path, &SceneFile { cam_from_scene_theta, source, camera })
 }
 
 fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> anyhow::Result<()> {
