@@ -19,10 +19,6 @@ use crate::kept;
 /// The folder of these pictures.
 const KIND: &str = "scenes";
 
-/// Pixels of the frame for one of the picture, each way: a turn of 0.1 degrees still shifts it by
-/// 0.4 px at f 1740 px, and nobody can be recognised in it.
-pub const REDUCTION: u8 = 8;
-
 /// Keeps the picture of a scene; returns its file.
 ///
 /// # Errors

@@ -106,7 +106,7 @@ pub enum Sign {
     /// The targets were seen, and no frame has a trunk point: the box did not know which way is
     /// forward.
     NoScene,
-    /// No frame has a pose of a trunk's target.
+    /// No frame has a trunk point, and neither target was seen.
     NoTarget,
     /// The box's configuration is not in the trial.
     NoConfiguration,
@@ -229,7 +229,7 @@ mod tests {
             assert!(doubtful.or(unusable).is_some(), "{name}");
         }
         // Their number; a new sign needs a line in the example.
-        assert_eq!(criteria.doubtful.when.len() + criteria.unusable.when.len(), 9);
+        assert_eq!(criteria.doubtful.when.len() + criteria.unusable.when.len(), 10);
     }
 
     #[test]

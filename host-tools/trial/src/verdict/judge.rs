@@ -137,15 +137,16 @@ fn digits(value: f64, misses: impl Fn(f64) -> bool) -> String {
 fn signs(judge: &mut Judge<'_>, trial: &Trial) {
     let Trial { manifest, observed, frames, .. } = trial;
     let has_point = |frame: &Frame| Trunk::ALL.into_iter().any(|it| frame.point(it).is_some());
+    let is_without = !frames.iter().any(has_point);
     judge.sign(
-        trial.sees_a_target() && !frames.iter().any(has_point),
+        is_without && trial.sees_a_target(),
         Sign::NoScene,
         "no frame has a position along the body's axes: the box did not know which way is forward",
         "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
          `plumb replay TRIAL --tables --scene scene.toml`",
     );
     judge.sign(
-        !trial.sees_a_target(),
+        is_without && !trial.sees_a_target(),
         Sign::NoTarget,
         "neither trunk's target was seen in any frame",
         "aim the camera with `plumb aim` until both targets are seen, and record again",

@@ -4,6 +4,7 @@
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{Action, LinkKind};
+use plumbline_calibration::background::{REDUCTION, motion};
 use plumbline_files::BadInput;
 use plumbline_stream::link::{BoxLink, HEARD_WITHIN, Introduction};
 
@@ -87,10 +88,8 @@ fn compare(link: &mut BoxLink, scene_theta: &[f64; 6]) -> Background {
         }
         Err(error) => return Background::NotCompared(error.to_string()),
     };
-    match snapshot::take(link, background::REDUCTION) {
-        Ok(now) => {
-            Background::Compared(plumbline_calibration::background::motion(&reference, &now))
-        }
+    match snapshot::take(link, REDUCTION) {
+        Ok(now) => Background::Compared(motion(&reference, &now)),
         Err(error) => Background::NotCompared(error.to_string()),
     }
 }

@@ -7,11 +7,11 @@ use plumbline::packet::{Hello, Message, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::NoPose;
 use plumbline::target::Role;
+use plumbline_calibration::background::REDUCTION;
 use plumbline_files::BadInput;
 use plumbline_stream::link::BoxLink;
 
 use super::Seen;
-use crate::background::REDUCTION;
 use crate::snapshot;
 use crate::ui::missing::{self, Missing};
 use crate::ui::waiting::Waiting;

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use plumbline::target::Role;
+use plumbline_calibration::background::REDUCTION;
 use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
 
 use super::Seen;
-use crate::background::REDUCTION;
 use crate::setup::Descriptions;
 use crate::tracking;
 

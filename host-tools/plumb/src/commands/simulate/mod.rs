@@ -343,7 +343,9 @@ mod tests {
         assert!(png.into_raw() == expected);
 
         assert_eq!(camera::read(&at("camera.toml")).unwrap().lens, *simulation.camera());
-        let scene = scene::read(&at("scene.toml")).unwrap().cam_from_scene();
+        let scene = scene::read(&at("scene.toml")).unwrap();
+        assert_eq!(scene.check_lens(simulation.camera(), ""), Ok(None));
+        let scene = scene.cam_from_scene();
         assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
         let read = targets::read(&at("targets.toml")).unwrap();
         assert!(read.warnings.is_empty());
@@ -381,7 +383,9 @@ mod tests {
         assert_eq!(frames, board::STANDING_FRAMES);
         let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
         assert_eq!(camera::read(&at("truth/camera.toml")).unwrap().lens, *simulation.camera());
-        let scene = scene::read(&at("truth/scene.toml")).unwrap().cam_from_scene();
+        let scene = scene::read(&at("truth/scene.toml")).unwrap();
+        assert_eq!(scene.check_lens(simulation.camera(), ""), Ok(None));
+        let scene = scene.cam_from_scene();
         assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
 
         let again = simulate(directory.path(), &board).unwrap_err().to_string();

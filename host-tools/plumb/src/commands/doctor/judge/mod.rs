@@ -7,8 +7,6 @@ mod configuration;
 mod light;
 mod link;
 mod machine;
-#[cfg(test)]
-mod moved_camera;
 mod order;
 mod scale;
 mod scene;

@@ -1,19 +1,18 @@
-//! Test: how surely a camera that was moved after its scene had been measured is told from one that
-//! was not, over random rooms: with a person in front in place of the board, other lamps, another
-//! exposure, noise, and the JPEG of the box's pictures.
+//! How surely a camera that was moved after its scene had been measured is told from one that was
+//! not, over random rooms: with a person in front in place of the board, other lamps, another
+//! exposure, noise, and the JPEG of the box's pictures. The bounds are those of `plumb doctor`.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use plumbline_calibration::background::{Motion, Picture, Unclear, motion};
+use plumbline_calibration::background::{
+    Motion, Picture, TURNED_FAIL_DEG, TURNED_WARN_DEG, Unclear, motion,
+};
 use plumbline_render::simulate::background::{Background, empty_room};
 use plumbline_render::simulate::render;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
-
-use super::scene::{TURNED_FAIL_DEG, TURNED_WARN_DEG};
-use crate::background;
 
 const WIDTH: usize = 1456;
 const HEIGHT: usize = 1088;
@@ -24,7 +23,7 @@ const MARGIN: usize = 128;
 const FOCAL_PX: f64 = 1740.0;
 
 /// As the box reduces its pictures for this.
-const REDUCTION: usize = background::REDUCTION as usize;
+const REDUCTION: usize = plumbline_calibration::background::REDUCTION as usize;
 
 /// Every other pixel of every other row is drawn.
 const DRAWN: usize = REDUCTION / 2;
