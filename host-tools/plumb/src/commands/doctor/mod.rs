@@ -53,7 +53,8 @@ use crate::setup;
 /// much. So measure once, for each lens and print, from the front of the lens to the middle of a
 /// target, and give that as --distance-mm. A pitch of 12 mm for one of 13 fails; 3 %, as of a print
 /// that was scaled to the page, only the ruler on the sheet shows. That both agreed is kept on this
-/// computer, so that `plumb receive` does not ask for it again.
+/// computer, so that `plumb receive` does not ask for it again. A target of the same pitch counts as
+/// compared too: both are on one sheet.
 ///
 /// Exit code 0: nothing failed; 1: something did; 2: a wrong command line, or this computer
 /// cannot listen there.

@@ -94,7 +94,7 @@ impl Comparison<'_> {
         Check::fail(
             SUBJECT,
             format!(
-                "{compared}: lengths are {percent:.1} % too {is}; pitch_mm of \"{name}\" is {pitch_mm}, and \
+                "{compared}: lengths are {percent:.1} % too {is}; pitch_mm of \"{name}\" is {pitch_mm:.2}, and \
                  {:.2} would fit",
                 pitch_mm / (1.0 + too_long)
             ),
@@ -106,21 +106,22 @@ impl Comparison<'_> {
     }
 }
 
-/// `None` where the box looks for no trunk's target, or is not calibrated yet.
+/// `None` without a tape, where the box is not calibrated yet, or looks for no trunk's target.
 pub fn check(findings: &Findings) -> Option<Check> {
-    let config = findings.config().filter(|_| findings.is_calibrated())?;
-    let Some(tape) = &findings.tape else { return remembered(findings, config) };
-    Some(match comparison(findings) {
-        Some(comparison) => comparison.check(),
-        None => not_compared(config, tape),
-    })
+    let config = calibrated(findings);
+    let Some(tape) = &findings.tape else { return remembered(findings, config?) };
+    let comparison = comparison(findings).map(|it| it.check());
+    Some(comparison.unwrap_or_else(|| not_compared(config, tape)))
+}
+
+fn calibrated(findings: &Findings) -> Option<&Config> {
+    findings.config().filter(|_| findings.is_calibrated())
 }
 
 /// What the box sees of the target to which the tape was held; `None` where that is too little.
 pub fn comparison(findings: &Findings) -> Option<Comparison<'_>> {
-    let config = findings.config().filter(|_| findings.is_calibrated())?;
     let tape = findings.tape.as_ref()?;
-    let target = taped(config, tape)?;
+    let target = taped(calibrated(findings)?, tape)?;
     let seen = findings.target(target.geometry.role())?;
     if seen.poses.len() < POSES_MIN {
         return None;
@@ -149,7 +150,14 @@ fn taped<'a>(config: &'a Config, tape: &Tape) -> Option<&'a TargetConfig> {
     }
 }
 
-fn not_compared(config: &Config, tape: &Tape) -> Check {
+fn not_compared(config: Option<&Config>, tape: &Tape) -> Check {
+    let Some(config) = config else {
+        return Check::fail(
+            SUBJECT,
+            "not compared: the box's targets and its calibrated camera are not known",
+            "calibrate the camera, and reach the box over a link on which it answers",
+        );
+    };
     match taped(config, tape) {
         Some(target) => Check::fail(
             SUBJECT,
@@ -180,10 +188,9 @@ fn remembered(findings: &Findings, config: &Config) -> Option<Check> {
     let is_known = |target: &&TargetConfig| {
         trunk_targets(config).any(|it| compared(it).is_some() && of_one_sheet(target, it))
     };
-    let unknown = usual(config).filter(|it| !is_known(it));
-    let unknown = unknown.or_else(|| trunk_targets(config).find(|it| !is_known(it)));
-    if let Some(target) = unknown {
-        let is_usual = usual(config) == Some(target);
+    let mut targets = usual(config).into_iter().chain(trunk_targets(config));
+    if let Some(target) = targets.find(|it| !is_known(it)) {
+        let is_usual = usual(config).is_some_and(|it| it.name == target.name);
         let which =
             if is_usual { String::new() } else { format!(" --distance-to {}", target.name) };
         return Some(Check::warn(
@@ -243,7 +250,7 @@ mod tests {
             &[
                 "969 mm away by the box, and 1050 by the tape, 1030 and 20 within the lens",
                 "lengths are 7.7 % too short",
-                "pitch_mm of \"lumbar\" is 12, and 13.00 would fit",
+                "pitch_mm of \"lumbar\" is 12.00, and 13.00 would fit",
                 "plumb provision --send",
                 "plumb replay FOLDER --tables --targets targets.toml",
             ],
@@ -320,5 +327,10 @@ mod tests {
         let Some(Ok(config)) = &mut findings.config else { panic!("a healthy box tells it") };
         config.lens = plumbline_files::camera::stand_in(config.lens.width_px, 1088);
         assert_eq!(super::check(&findings), None);
+        // Whoever has measured is told.
+        findings.tape = Some(Tape { target: None, distance_mm: 1030.0 });
+        assert_says(&check(&findings, SUBJECT), Verdict::Fail, &["not compared", "calibrate"]);
+        findings.config = None;
+        assert_says(&check(&findings, SUBJECT), Verdict::Fail, &["not compared", "answers"]);
     }
 }
