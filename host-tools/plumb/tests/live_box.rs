@@ -469,7 +469,7 @@ fn a_wrong_pitch_is_found_by_a_tape_and_a_right_one_is_remembered() {
     bench.plumb(&taped).exits(1).says(&[
         "FAIL  scale ",
         "\"lumbar\" is 1113 mm away by the box, and 1027 by the tape",
-        "pitch_mm of \"lumbar\" is 13.00, and 12.00 would fit",
+        "pitch_mm of \"lumbar\" is 13.00, and about 12.0 would fit",
         "plumb replay FOLDER --tables --targets targets.toml",
         ", 1 failed",
     ]);

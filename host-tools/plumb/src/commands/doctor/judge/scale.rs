@@ -91,11 +91,12 @@ impl Comparison<'_> {
         let is = if too_long > 0.0 { "long" } else { "short" };
         let pitch_mm = target.geometry.pitch_mm();
         let percent = 100.0 * too_long.abs();
+        // No more digits than a tape knows.
         Check::fail(
             SUBJECT,
             format!(
-                "{compared}: lengths are {percent:.1} % too {is}; pitch_mm of \"{name}\" is {pitch_mm:.2}, and \
-                 {:.2} would fit",
+                "{compared}: lengths are about {percent:.0} % too {is}; pitch_mm of \"{name}\" is {pitch_mm:.2}, \
+                 and about {:.1} would fit",
                 pitch_mm / (1.0 + too_long)
             ),
             "measure the print with a ruler over many squares, correct pitch_mm in targets.toml and send \
@@ -249,14 +250,14 @@ mod tests {
             Verdict::Fail,
             &[
                 "969 mm away by the box, and 1050 by the tape, 1030 and 20 within the lens",
-                "lengths are 7.7 % too short",
-                "pitch_mm of \"lumbar\" is 12.00, and 13.00 would fit",
+                "lengths are about 8 % too short",
+                "pitch_mm of \"lumbar\" is 12.00, and about 13.0 would fit",
                 "plumb provision --send",
                 "plumb replay FOLDER --tables --targets targets.toml",
             ],
         );
         let other = check(&at(1050.0 * 12.0 / 11.0, 1030.0), SUBJECT);
-        assert_says(&other, Verdict::Fail, &["9.1 % too long", "11.00 would fit"]);
+        assert_says(&other, Verdict::Fail, &["about 9 % too long", "about 11.0 would fit"]);
     }
 
     /// Whatever the lens, and however the tape was held.
