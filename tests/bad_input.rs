@@ -7,6 +7,10 @@ use std::process::{Output, Stdio};
 
 use common::binary;
 use common::photographer::y4m;
+use plumbline::lens::Lens;
+use plumbline_files::camera;
+use plumbline_files::lens_id::LensId;
+use plumbline_files::scene::{self, SceneFile};
 use tempfile::TempDir;
 
 const WIDTH: usize = 320;
@@ -336,6 +340,39 @@ fn a_negative_number_is_a_value_and_not_an_option() {
     assert_refused(&simulate("-5"), &["--gradient: -5; give a value from -1 to 1"]);
     let darker = simulate("-0.5");
     assert_eq!(darker.status.code(), Some(0), "{}", binary::messages(&darker));
+}
+
+/// Through another lens the same board would have had another pose.
+#[test]
+fn a_scene_of_another_camera_is_refused_and_one_of_no_camera_warned_of() {
+    let setting = Setting::new();
+    let lens = camera::parse(CAMERA, "").expect("a good camera").lens;
+    let with_scene = |camera: Option<Lens>, arguments: &[&str]| {
+        let camera = camera.as_ref().map(LensId::of);
+        let scene = SceneFile { cam_from_scene_theta: [0.0; 6], source: String::new(), camera };
+        setting.write("scene.toml", scene::to_toml(&scene).as_bytes());
+        binary::plumb()
+            .args(arguments)
+            .args(["--camera", "camera.toml", "--targets", "targets.toml"])
+            .args(["--scene", "scene.toml", "--force"])
+            .current_dir(setting.0.path())
+            .output()
+            .expect("plumb runs")
+    };
+    for arguments in [
+        &["provision", "--udp", "127.0.0.1:5005", "--out", "config.plb"][..],
+        &["track", "--out", "poses.csv", "frames.y4m"],
+    ] {
+        let other = Lens { cx_px: lens.cx_px + 1.0, ..lens };
+        let parts = ["scene.toml: camera: ", "another lens, 320 x 240 px", "`plumb scene`"];
+        assert_refused(&with_scene(Some(other), arguments), &parts);
+        let own = binary::messages(&with_scene(Some(lens), arguments));
+        assert!(!own.contains("warning") && !own.contains("error"), "{own}");
+        let unsaid = with_scene(None, arguments);
+        let text = binary::messages(&unsaid);
+        assert_eq!(unsaid.status.code(), Some(0), "{text}");
+        assert!(text.contains("warning: scene.toml: it does not say through which"), "{text}");
+    }
 }
 
 #[test]

@@ -65,6 +65,25 @@ fn errors_are_as_large_as_they_are_said_to_be() {
     assert!((mean - 7.0).abs() < 4.0 * 0.37, "{mean}");
 }
 
+/// One camera does not see how large a board is: a wrong --pitch-mm makes its distances wrong by as
+/// much, of which nothing is kept.
+#[test]
+fn the_size_of_the_board_does_not_matter_to_the_camera() {
+    let photographs = photographs(&LENS, &board(), 8, 3);
+    let (columns, rows) = (board().columns() as u8, board().rows() as u8);
+    let larger = PITCH_MM * 13.0 / 12.0;
+    let larger =
+        TargetGeometry::checker(columns, rows, larger, Origin::Center, Role::Scene, [0.0; 3]);
+    let right = calibrated(&LENS, &photographs);
+    let mut start = LENS.distortion;
+    start.coefficients_mut().fill(0.0);
+    let wrong = calibrate(&photographs, &larger.unwrap(), Choice::Alone(start), || ()).unwrap();
+    let apart = (numbers(&wrong.lens) - numbers(&right.lens)).abs();
+    // Where the fit ends depends on its steps, which are in millimetres too.
+    let share = apart.component_div(&DVector::from_column_slice(&right.sd));
+    assert!(share.amax() < 1e-2, "{share}");
+}
+
 #[test]
 fn a_flat_board_is_not_said_to_be_bent() {
     let lens = LENS;

@@ -74,7 +74,10 @@ fn from_photographs_of_a_board_to_the_sway_of_a_person() {
     let measure = ["scene", "--camera", "camera.toml", "--targets", "board.toml"];
     let text = done(directory, &[&measure[..], &["--out", "scene.toml", "dry/scene.y4m"]].concat());
     assert!(!text.contains("warning"), "{text}");
-    let measured = scene::read(&directory.join("scene.toml")).unwrap().cam_from_scene();
+    let measured = scene::read(&directory.join("scene.toml")).unwrap();
+    let lens = camera::read(&directory.join("camera.toml")).unwrap().lens;
+    assert_eq!(measured.check_lens(&lens, ""), Ok(None));
+    let measured = measured.cam_from_scene();
     let known = scene::read(&directory.join("dry/truth/scene.toml")).unwrap().cam_from_scene();
     // The axes along which sway is measured are right to a twentieth of a degree.
     let off = Rotation3::from_matrix_unchecked(measured.rotation.transpose() * known.rotation);

@@ -6,6 +6,7 @@ mod camera_formats;
 mod covered_targets;
 mod first_trial;
 mod held_boards;
+mod moved_camera;
 mod photographs;
 mod photographs_grid;
 mod precision;

@@ -15,6 +15,7 @@ pub mod columns;
 pub mod counting;
 mod error;
 pub mod frames;
+pub mod lens_id;
 mod output;
 pub mod poses;
 pub mod room;

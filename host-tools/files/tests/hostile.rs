@@ -7,6 +7,7 @@ use image::{GrayImage, ImageFormat, Luma};
 use plumbline::pose::{Cam, Pose};
 use plumbline_files::columns::TextTable;
 use plumbline_files::frames::FrameSource;
+use plumbline_files::lens_id::LensId;
 use plumbline_files::{camera, poses, scene, targets};
 use plumbline_test_support::mutations;
 
@@ -63,6 +64,7 @@ fn targets_and_scenes() {
     let good = scene::to_toml(&scene::SceneFile {
         cam_from_scene_theta: [0.1, -0.2, 0.3, 10.0, -20.0, 1500.0],
         source: "board.y4m".to_owned(),
+        camera: Some(LensId::of(&camera::stand_in(640, 480))),
     });
     for text in texts(&good) {
         let Ok(found) = scene::parse(&text, "scene.toml") else { continue };

@@ -13,18 +13,18 @@ use plumbline::packet::document_crc;
 use plumbline_calibration::background::Picture;
 use plumbline_files::BadInput;
 
+use crate::kept;
 use crate::ui::png;
 
-/// Pixels of the frame for one of the picture, each way: a turn of 0.1 degrees still shifts it by
-/// 0.4 px at f 1740 px, and nobody can be recognised in it.
-pub const REDUCTION: u8 = 8;
+/// The folder of these pictures.
+const KIND: &str = "scenes";
 
 /// Keeps the picture of a scene; returns its file.
 ///
 /// # Errors
 /// When it cannot be written.
 pub fn keep(scene_theta: &[f64; 6], picture: &Picture) -> Result<PathBuf, BadInput> {
-    keep_in(&folder()?, scene_theta, picture)
+    keep_in(&kept::folder(KIND)?, scene_theta, picture)
 }
 
 /// The picture of a scene, if this computer has it.
@@ -32,7 +32,7 @@ pub fn keep(scene_theta: &[f64; 6], picture: &Picture) -> Result<PathBuf, BadInp
 /// # Errors
 /// When it is there and cannot be read.
 pub fn kept(scene_theta: &[f64; 6]) -> Result<Option<Picture>, BadInput> {
-    kept_in(&folder()?, scene_theta)
+    kept_in(&kept::folder(KIND)?, scene_theta)
 }
 
 fn keep_in(folder: &Path, scene_theta: &[f64; 6], picture: &Picture) -> Result<PathBuf, BadInput> {
@@ -59,16 +59,6 @@ fn kept_in(folder: &Path, scene_theta: &[f64; 6]) -> Result<Option<Picture>, Bad
 fn path(folder: &Path, scene_theta: &[f64; 6]) -> PathBuf {
     let bytes: Vec<u8> = scene_theta.iter().flat_map(|value| value.to_le_bytes()).collect();
     folder.join(format!("{:08x}.png", document_crc(&bytes)))
-}
-
-/// Where this user's programs keep data, by the XDG Base Directory Specification.
-fn folder() -> Result<PathBuf, BadInput> {
-    let data = std::env::var_os("XDG_DATA_HOME").map(PathBuf::from).filter(|it| it.is_absolute());
-    let home = || std::env::home_dir().map(|home| home.join(".local/share"));
-    let data = data.or_else(home).ok_or_else(|| {
-        BadInput::whole("HOME", "this user has no home directory", "set XDG_DATA_HOME")
-    })?;
-    Ok(data.join("plumbline/scenes"))
 }
 
 #[cfg(test)]

@@ -228,6 +228,15 @@ fn warnings(old: &Config, new: &Config) -> Vec<String> {
                 .into(),
         );
     }
+    let keeps_scene =
+        new.cam_from_scene_theta.is_some() && old.cam_from_scene_theta == new.cam_from_scene_theta;
+    if keeps_scene && old.lens != new.lens {
+        warnings.push(
+            "the box gets another camera and keeps its scene, which was measured with the camera \
+             from before: measure it again with `plumb scene --store`"
+                .into(),
+        );
+    }
     let size = |config: &Config| (config.lens.width_px, config.lens.height_px);
     if size(old) != size(new) {
         let ((width, height), (next_width, next_height)) = (size(old), size(new));
@@ -285,6 +294,20 @@ mod tests {
         assert!(exposure.contains("4000 us") && exposure.contains("--expose"), "{exposure}");
         old.cam_from_scene_theta = None;
         old.capture = None;
+        assert_eq!(warnings(&old, &new), [""; 0]);
+    }
+
+    /// A scene file that a person has written does not say through which camera it was measured.
+    #[test]
+    fn a_scene_that_outlives_its_camera_is_warned_of() {
+        let old = plumbline_stream::fixture::config();
+        let mut new = old.clone();
+        new.lens.fx_px += 1.0;
+        let texts = warnings(&old, &new);
+        let [scene] = &texts[..] else { panic!("{texts:?}") };
+        assert!(scene.contains("another camera") && scene.contains("plumb scene --store"));
+        // One that was measured anew is none.
+        new.cam_from_scene_theta.as_mut().unwrap()[0] += 1e-9;
         assert_eq!(warnings(&old, &new), [""; 0]);
     }
 

@@ -12,6 +12,8 @@ mod budget;
 mod cli;
 mod commands;
 mod delivery;
+mod kept;
+mod scale;
 mod setup;
 mod snapshot;
 mod tracking;

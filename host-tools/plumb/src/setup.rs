@@ -57,14 +57,14 @@ impl Descriptions {
         }
     }
 
-    /// Reads the files; prints the targets' warnings on standard error.
+    /// Reads the files; prints the targets' and the scene's warnings on standard error.
     ///
     /// # Errors
-    /// When one of them cannot be read or used.
+    /// When one of them cannot be read or used, or the scene is of another camera.
     pub fn read(&self) -> Result<(Camera, Targets, Option<SceneFile>), BadInput> {
         let camera = camera::read(&self.camera)?;
         let targets = self.read_targets()?;
-        let scene = self.scene.as_deref().map(scene::read).transpose()?;
+        let scene = self.scene.as_deref().map(|path| read_scene(path, &camera.lens)).transpose()?;
         Ok((camera, targets, scene))
     }
 
@@ -79,6 +79,15 @@ impl Descriptions {
         }
         Ok(targets)
     }
+}
+
+/// The scene of a file, which was measured through this lens.
+fn read_scene(path: &Path, lens: &Lens) -> Result<SceneFile, BadInput> {
+    let scene = scene::read(path)?;
+    if let Some(warning) = scene.check_lens(lens, &path.display().to_string())? {
+        eprintln!("warning: {warning}");
+    }
+    Ok(scene)
 }
 
 /// The names that errors give to the description files.

@@ -18,10 +18,11 @@ use plumbline::packet::{
 };
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline_files::lens_id::LensId;
 use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
 use plumbline_render::simulate::sensor::Sensor;
 use plumbline_trial::Trial;
-use plumbline_trial::manifest::CheckVerdict;
+use plumbline_trial::manifest::{CheckSeen, CheckVerdict};
 use tempfile::TempDir;
 
 const CAMERA: &str = "width_px = 640
@@ -56,9 +57,12 @@ rows = 6
 pitch_mm = 12.0
 ";
 
-/// Where the three of them are: x, y, z. The board hangs upright, turned by 0.1 rad; the shoulder
+/// A print's columns and rows, and where it is: x, y, z.
+type Place = (u8, u8, [f64; 3]);
+
+/// Where the three of them are. The board hangs upright, turned by 0.1 rad; the shoulder
 /// is 70 mm above the lower back.
-const PLACES: [(u8, u8, [f64; 3]); 3] =
+const PLACES: [Place; 3] =
     [(6, 5, [-120.0, 110.0, 650.0]), (5, 4, [110.0, 40.0, 650.0]), (9, 6, [10.0, -80.0, 650.0])];
 
 const BOARD_TURN_RAD: f64 = 0.1;
@@ -84,6 +88,10 @@ fn wall(moved_px: f64) -> Picture {
 /// The recording that the box replays; its camera is turned to the left by this since it was
 /// first set up.
 fn recording(turned_deg: f64) -> Vec<u8> {
+    recording_of(PLACES, turned_deg)
+}
+
+fn recording_of(places: [Place; 3], turned_deg: f64) -> Vec<u8> {
     let lens = Lens {
         width_px: 640,
         height_px: 480,
@@ -94,14 +102,14 @@ fn recording(turned_deg: f64) -> Vec<u8> {
         skew_px: 0.0,
         distortion: Distortion::Radial2([0.0; 2]),
     };
-    let prints = PLACES.map(|(columns, rows, _)| {
+    let prints = places.map(|(columns, rows, _)| {
         let checker =
             TargetGeometry::checker(columns, rows, 12.0, Origin::Center, Role::Scene, [0.0; 3]);
         Board::new(&checker.unwrap(), 12.0, Ink { black: 25.0, white: 210.0 })
     });
     let placed: Vec<PlacedBoard<'_>> = prints
         .iter()
-        .zip(PLACES)
+        .zip(places)
         .map(|(board, (_, _, [x, y, z]))| {
             let before = Pose::<Cam, Target>::from_theta([0.0, BOARD_TURN_RAD, 0.0, x, y, z]);
             let turn = [0.0, turned_deg.to_radians(), 0.0, 0.0, 0.0, 0.0];
@@ -180,6 +188,7 @@ impl Bench {
         let udp = self.udp.to_string();
         let output = command(env!("CARGO_BIN_EXE_plumb"))
             .args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }))
+            .env("XDG_DATA_HOME", self.path("data"))
             .current_dir(self.folder.path())
             .output()
             .unwrap();
@@ -349,6 +358,7 @@ fn a_live_box_measures_its_scene_and_the_doctor_finds_it_well() {
     let stored = bench.config("box.plb").cam_from_scene_theta.unwrap();
     let written = plumbline_files::scene::read(&bench.path("scene.toml")).unwrap();
     assert_eq!(stored, written.cam_from_scene_theta);
+    assert_eq!(written.camera, Some(LensId::of(&bench.config("box.plb").lens)));
     let [_, turn_rad, _, x_mm, y_mm, z_mm] = stored;
     assert!((turn_rad - BOARD_TURN_RAD).abs() < 2e-3, "{turn_rad}");
     let [x, y, z] = PLACES[2].2;
@@ -411,11 +421,17 @@ fn exchanged_targets_are_not_recorded_unless_told_to() {
         "not recorded: 1 check failed",
     ]);
     assert!(!bench.path("trial").exists());
-    bench.plumb(&format!("{receive} --anyway")).exits(0).says(&["FAIL  upper above lower"]);
+    bench.plumb(&format!("{receive} --anyway")).exits(0).says(&[
+        "FAIL  upper above lower",
+        "skip  background",
+        "with --anyway",
+    ]);
     let amiss = |folder: &str| Trial::open(&bench.path(folder)).unwrap().manifest.checks;
     let failed: Vec<_> =
         amiss("trial").into_iter().filter(|check| check.verdict == CheckVerdict::Fail).collect();
     let [check] = &failed[..] else { panic!("{failed:?}") };
+    let skipped = |check: &CheckSeen| check.verdict == CheckVerdict::Skipped;
+    assert!(amiss("trial").iter().any(|it| skipped(it) && it.subject == "background"));
     assert!(
         check.subject == "upper above lower" && check.seen.contains("70 mm below"),
         "{check:?}"
@@ -429,8 +445,54 @@ fn exchanged_targets_are_not_recorded_unless_told_to() {
     let said = bench.plumb(&receive.replace("trial", "right")).exits(0);
     said.says(&["warn  rate", "ISPGR", "0 failed"]);
     let checks = amiss("right");
-    assert!(checks.iter().all(|check| check.verdict == CheckVerdict::Warn), "{checks:?}");
+    assert!(checks.iter().all(|check| check.verdict != CheckVerdict::Fail), "{checks:?}");
     assert!(checks.iter().any(|check| check.subject == "rate"), "{checks:?}");
+}
+
+/// A print of 12 mm that is described as one of 13: everything else is as it should be.
+#[test]
+fn a_wrong_pitch_is_found_by_a_tape_and_a_right_one_is_remembered() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(&PAIR.replace("12.0", "13.0"));
+    let scene = "theta1_rad = 0\ntheta2_rad = 0\ntheta3_rad = 0\nx_mm = 0\ny_mm = 0\nz_mm = 1000\n";
+    bench.write("scene.toml", scene);
+    // The lumbar target is 1027 mm away: 1007 from the front of the lens.
+    let places = PLACES.map(|(columns, rows, [x, y, _])| (columns, rows, [x, y, 1014.0]));
+    std::fs::write(bench.path("trial.y4m"), recording_of(places, 0.0)).unwrap();
+    let provision = "--scene scene.toml --box box.toml --out box.plb --force";
+    bench.provision(provision).exits(0).says(&["warning: scene.toml: it does not say", "camera"]);
+    let running = Running::start(&board, bench.folder.path(), true);
+    let doctor = "doctor --udp UDP --seconds 1";
+    let taped = format!("{doctor} --distance-mm 1007");
+    bench.plumb(doctor).exits(0).says(&["warn  scale ", "--distance-mm MM`", ", 0 failed"]);
+    bench.plumb(&format!("{doctor} --distance-mm 700")).exits(2).says(&["850 to 10000"]);
+    bench.plumb(&taped).exits(1).says(&[
+        "FAIL  scale ",
+        "\"lumbar\" is 1113 mm away by the box, and 1027 by the tape",
+        "pitch_mm of \"lumbar\" is 13.00, and about 12.0 would fit",
+        "plumb replay FOLDER --tables --targets targets.toml",
+        ", 1 failed",
+    ]);
+    // Nobody is stopped from recording by what nobody has measured; the trial says so.
+    let receive = "receive --udp UDP --check-seconds 1 --frames 30 --out";
+    bench.plumb(&format!("{receive} wrong")).exits(0).says(&["warn  scale ", "nobody has"]);
+    let manifest = Trial::open(&bench.path("wrong")).unwrap().manifest;
+    let warned = manifest.checks.iter().find(|check| check.subject == "scale").unwrap();
+    assert_eq!(warned.verdict, CheckVerdict::Warn);
+    assert!(manifest.verdict().reasons.iter().all(|reason| !reason.words.contains("scale")));
+
+    drop(running);
+    bench.write("targets.toml", PAIR);
+    bench.provision(provision).exits(0);
+    let _running = Running::start(&board, bench.folder.path(), true);
+    bench.plumb(&taped).exits(0).says(&["ok    scale ", "is 1027 mm away by", "is kept in"]);
+    let known = ["ok    scale ", "\"lumbar\" was compared with a tape on 20", "1027 mm by the box"];
+    bench.plumb(&format!("{receive} right")).exits(0).says(&known);
+    let checks = Trial::open(&bench.path("right")).unwrap().manifest.checks;
+    assert!(checks.iter().all(|check| check.subject != "scale"), "{checks:?}");
+    // A tape that does not agree any more takes it back.
+    bench.plumb(&format!("{doctor} --distance-mm 1100")).exits(1).says(&["FAIL  scale "]);
+    bench.plumb(doctor).exits(0).says(&["warn  scale "]);
 }
 
 #[test]

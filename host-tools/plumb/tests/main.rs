@@ -11,7 +11,6 @@ mod export;
 mod expose;
 mod figures;
 mod live_box;
-mod moved_camera;
 mod physiology;
 mod pictures;
 mod prove;

@@ -6,7 +6,9 @@ use crate::common::trial::{self, Frame};
 use std::path::Path;
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::lens::Lens;
 use plumbline::packet::{Message, PACKET_BYTES_MAX, Start, encode_datagram};
+use plumbline_files::lens_id::LensId;
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_stream::fixture;
 use plumbline_stream::transport::Raw;
@@ -99,7 +101,7 @@ fn a_trial_spoiled_in_each_of_eight_ways_is_caught_and_named() {
                 frames.iter_mut().for_each(|it| (it.lower_mm, it.upper_mm) = (None, None));
             },
             "unusable",
-            "no frame has a position along the body's axes",
+            "neither trunk's target was seen in any frame",
         ),
     ];
     for (name, spoil, grade, words) in cases {
@@ -114,8 +116,7 @@ fn a_trial_spoiled_in_each_of_eight_ways_is_caught_and_named() {
         assert_eq!(manifest["verdict"]["is"].as_str(), Some(grade), "{name}");
         assert!(manifest["criteria"]["doubtful"]["duration_s_min"].as_float() == Some(25.0));
         if name == "blind" {
-            let remedy = "plumb replay TRIAL --tables --scene scene.toml";
-            refused(folder.path(), "analyze blind", &[remedy]);
+            refused(folder.path(), "analyze blind", &[words, "`plumb doctor`"]);
             continue;
         }
         let analyze = format!("analyze {name} --bins 0-10 --json {name}.json");
@@ -315,9 +316,17 @@ fn a_trial_without_a_scene_is_given_one() {
     assert!(said.contains("verdict: unusable") && said.contains("--scene scene.toml"), "{said}");
 
     let cam_from_scene_theta = fixture::config().cam_from_scene_theta.unwrap();
-    let scene = SceneFile { cam_from_scene_theta, source: "measured later".to_owned() };
-    std::fs::write(folder.path().join("scene.toml"), scene::to_toml(&scene)).unwrap();
-    done(folder.path(), "replay p01 --tables --scene scene.toml");
+    let of = |lens: Lens| {
+        let (source, camera) = ("measured later".to_owned(), Some(LensId::of(&lens)));
+        scene::to_toml(&SceneFile { cam_from_scene_theta, source, camera })
+    };
+    let path = folder.path().join("scene.toml");
+    let replace = "replay p01 --tables --scene scene.toml";
+    let lens = fixture::config().lens;
+    std::fs::write(&path, of(Lens { fx_px: lens.fx_px + 1.0, ..lens })).unwrap();
+    refused(folder.path(), replace, &["scene.toml: camera: ", "another lens", "`plumb scene`"]);
+    std::fs::write(&path, of(lens)).unwrap();
+    done(folder.path(), replace);
     let analysed = done(folder.path(), analyze);
     assert!(analysed.stdout.contains("noise alone"), "{}", analysed.stdout);
     assert!(analysed.stderr.contains("scene by scene.toml"), "{}", analysed.stderr);

@@ -21,7 +21,7 @@
 //! 1 % of focal length and 5 px of its centre, 0.0005 mm are left of 8.6 mm).
 //!
 //! A grid that the box did not look for, or a frame of another size, cannot be replaced: nothing was
-//! measured of it.
+//! measured of it. A scene that was measured with another camera than the trial's is refused.
 
 use std::path::{Path, PathBuf};
 
@@ -132,6 +132,7 @@ impl Correction {
     pub fn of(
         replacements: &Replacements,
         recorded: &Config,
+        warnings: &mut Vec<String>,
     ) -> Result<(Self, Corrected), BadInput> {
         let Replacements { scene, camera, targets } = replacements;
         let mut corrected = recorded.clone();
@@ -143,7 +144,12 @@ impl Correction {
         }
         let mut correction = Self { recorded: recorded.clone(), corrected };
         correction.corrected.cam_from_scene_theta = match scene {
-            Some(path) => Some(scene::read(path)?.cam_from_scene_theta),
+            Some(path) => {
+                let scene = scene::read(path)?;
+                let lens = &correction.corrected.lens;
+                warnings.extend(scene.check_lens(lens, &path.display().to_string())?);
+                Some(scene.cam_from_scene_theta)
+            }
             None => correction.scene_anew(camera.as_ref().or(targets.as_ref()))?,
         };
         let given = [("scene", scene), ("camera", camera), ("targets", targets)];

@@ -76,7 +76,7 @@ pub struct Manifest {
     /// Noise of each trunk point: see [`NoiseSeen`].
     #[serde(default, rename = "noise", skip_serializing_if = "Vec::is_empty")]
     pub noise: Vec<NoiseSeen>,
-    /// What was amiss of the box when the recording began.
+    /// What was amiss of the box when the recording began, or was not looked at.
     #[serde(default, rename = "check", skip_serializing_if = "Vec::is_empty")]
     pub checks: Vec<CheckSeen>,
     /// What happened.
@@ -229,6 +229,8 @@ pub struct CheckSeen {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CheckVerdict {
+    /// It was not looked at.
+    Skipped,
     /// It measures, and could measure better.
     Warn,
     /// It does not measure, or what it measures is not to be used.

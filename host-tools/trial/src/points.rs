@@ -118,13 +118,20 @@ impl Points {
             }
         }
         if points.is_empty() {
-            return Err(BadInput::whole(
-                place,
-                "no frame has a position along the body's axes",
-                "if the box did not know which way is forward, measure it while the camera stands \
-                 where it stood: `plumb scene --out scene.toml`, then `plumb replay TRIAL --tables \
-                 --scene scene.toml`; if it did not see the targets: `plumb doctor`",
-            ));
+            let (found, remedy) = if trial.sees_a_target() {
+                (
+                    "no frame has a position along the body's axes",
+                    "the box did not know which way is forward: measure it while the camera stands \
+                     where it stood, `plumb scene --out scene.toml`, then `plumb replay TRIAL \
+                     --tables --scene scene.toml`",
+                )
+            } else {
+                (
+                    "neither trunk's target was seen in any frame",
+                    "find out why with `plumb doctor`, and record again",
+                )
+            };
+            return Err(BadInput::whole(place, found, remedy));
         }
         let (zero_s, zero, is_zero_set) = zero_of(trial, &points, zero, &place)?;
         let mut shifted = Vec::new();

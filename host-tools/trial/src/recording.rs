@@ -256,9 +256,11 @@ pub struct Changes {
 pub fn remake(folder: &Path, changes: &Changes) -> Result<Trial, BadInput> {
     check_folder(folder)?;
     // Before anything is changed: the files may not suit.
+    let mut warnings = Vec::new();
     let replaced = changes.replaced.as_ref();
-    let replaced = replaced.map(|it| correction_by(folder, it)).transpose()?;
-    let (mut manifest, warnings) = Manifest::restore(folder)?;
+    let replaced = replaced.map(|it| correction_by(folder, it, &mut warnings)).transpose()?;
+    let (mut manifest, restored) = Manifest::restore(folder)?;
+    warnings.extend(restored);
     if let Some(criteria) = &changes.criteria {
         manifest.criteria = criteria.clone();
     }
@@ -277,6 +279,7 @@ pub fn remake(folder: &Path, changes: &Changes) -> Result<Trial, BadInput> {
 fn correction_by(
     folder: &Path,
     replacements: &Replacements,
+    warnings: &mut Vec<String>,
 ) -> Result<(Correction, Corrected), BadInput> {
     let Some(recorded) = read_config(folder, &mut Vec::new())? else {
         return Err(BadInput::whole(
@@ -285,7 +288,7 @@ fn correction_by(
             "copy the box's config.plb, as `plumb provision` wrote it, to this place first",
         ));
     };
-    Correction::of(replacements, &recorded)
+    Correction::of(replacements, &recorded, warnings)
 }
 
 fn take_back(folder: &Path) -> Result<(), BadInput> {

@@ -6,7 +6,7 @@ use plumbline::config::Config;
 use plumbline::packet::View;
 use plumbline_stream::power::PowerSeen;
 
-use super::frame::Frame;
+use super::frame::{Frame, Trunk};
 use super::manifest::Manifest;
 
 /// A recording.
@@ -44,6 +44,12 @@ pub struct Observed {
 }
 
 impl Trial {
+    /// Whether a trunk's target was seen in any frame.
+    pub(crate) fn sees_a_target(&self) -> bool {
+        let is_seen = |frame: &Frame, trunk| frame.cam_from_target(trunk).is_some();
+        self.frames.iter().any(|frame| Trunk::ALL.into_iter().any(|trunk| is_seen(frame, trunk)))
+    }
+
     /// From the first frame to the last.
     #[must_use]
     pub fn length_s(&self) -> f64 {

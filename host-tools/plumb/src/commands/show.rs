@@ -6,6 +6,7 @@ use plumbline::config::Config;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{Camera, Provenance};
 use plumbline_files::counting::counted;
+use plumbline_files::lens_id::LensId;
 use plumbline_files::scene::SceneFile;
 use plumbline_files::{camera, scene, targets};
 use plumbline_stream::link::BoxLink;
@@ -131,7 +132,8 @@ fn texts(config: &Config, source: &str) -> Vec<(&'static str, String)> {
         ("targets.toml", targets::to_toml(&described)),
     ];
     if let Some(cam_from_scene_theta) = config.cam_from_scene_theta {
-        let scene = SceneFile { cam_from_scene_theta, source: source.to_owned() };
+        let (source, camera) = (source.to_owned(), Some(LensId::of(&config.lens)));
+        let scene = SceneFile { cam_from_scene_theta, source, camera };
         texts.push(("scene.toml", scene::to_toml(&scene)));
     }
     texts.push(("box.toml", BoxSettings::of(config).to_toml()));

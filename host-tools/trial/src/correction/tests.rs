@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector2};
 use plumbline::config::Config;
 use plumbline::target::Origin;
 use plumbline_files::camera::{Camera, Provenance};
+use plumbline_files::lens_id::LensId;
 use plumbline_files::scene::SceneFile;
 use plumbline_files::targets::{description, to_toml};
 use plumbline_stream::fixture::config;
@@ -33,7 +34,8 @@ fn write(folder: &TempDir, name: &str, text: &str) -> Option<PathBuf> {
 
 fn scene_file(folder: &TempDir, config: &Config) -> Option<PathBuf> {
     let cam_from_scene_theta = config.cam_from_scene_theta.unwrap();
-    let scene = SceneFile { cam_from_scene_theta, source: "a test".to_owned() };
+    let (source, camera) = ("a test".to_owned(), Some(LensId::of(&config.lens)));
+    let scene = SceneFile { cam_from_scene_theta, source, camera };
     write(folder, "scene.toml", &scene::to_toml(&scene))
 }
 
@@ -169,6 +171,31 @@ fn a_scene_given_afterwards_is_as_good_as_one_given_before() {
     let back = remake(&wrong.folder, &back).unwrap();
     assert_eq!((back.frames, back.manifest.corrected), (wrong.frames, None));
     assert!(!wrong.folder.join(names::CORRECTED).exists());
+}
+
+/// Of a camera of the same frame size, whose poses it would turn by as much as it is another's.
+#[test]
+fn a_scene_of_another_camera_is_refused_and_one_of_no_camera_warned_of() {
+    let truth = config();
+    let told = Config { cam_from_scene_theta: None, ..truth.clone() };
+    let [_, (folder, trial)] = pair(&truth, &told, SHORT, same_role);
+    let mut other = truth.clone();
+    other.lens.cx_px += 20.0;
+    let scene = scene_file(&folder, &other);
+    let with_scene = |camera| Replacements { scene: scene.clone(), camera, targets: None };
+    let error = replace(&trial, with_scene(None)).unwrap_err();
+    assert_eq!(error.field, "camera");
+    assert!(error.place.ends_with("scene.toml") && error.remedy.contains("plumb scene"), "{error}");
+    assert!(!trial.folder.join(names::CORRECTED).exists());
+    // With its own camera beside it, it fits.
+    let found = replace(&trial, with_scene(camera_file(&folder, &other))).unwrap();
+    assert!(!found.warnings.iter().any(|it| it.contains("through which camera")));
+
+    let path = folder.path().join("scene.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, &text[..text.find("[camera]").unwrap()]).unwrap();
+    let found = replace(&trial, with_scene(None)).unwrap();
+    assert!(found.warnings[0].contains("through which camera"), "{:?}", found.warnings);
 }
 
 #[test]

@@ -104,8 +104,11 @@ pub struct Limits {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sign {
-    /// No frame has a trunk point: the box did not know which way is forward, or saw neither target.
+    /// The targets were seen, and no frame has a trunk point: the box did not know which way is
+    /// forward.
     NoScene,
+    /// No frame has a trunk point, and neither target was seen.
+    NoTarget,
     /// The box's configuration is not in the trial.
     NoConfiguration,
     /// The box was given another configuration during the trial.
@@ -229,7 +232,7 @@ mod tests {
             assert!(doubtful.or(unusable).is_some(), "{name}");
         }
         // Their number; a new sign needs a line in the example.
-        assert_eq!(criteria.doubtful.when.len() + criteria.unusable.when.len(), 9);
+        assert_eq!(criteria.doubtful.when.len() + criteria.unusable.when.len(), 10);
     }
 
     #[test]

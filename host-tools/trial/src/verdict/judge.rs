@@ -37,23 +37,21 @@ pub fn judge(trial: &Trial, criteria: &Criteria) -> Verdict {
 
 fn signs(judge: &mut Judge<'_>, trial: &Trial) {
     let Trial { manifest, observed, frames, .. } = trial;
-    let is_any = |has: fn(&Frame, Trunk) -> bool| {
-        frames.iter().any(|frame| Trunk::ALL.into_iter().any(|trunk| has(frame, trunk)))
-    };
-    let (words, remedy) = if is_any(|frame, trunk| frame.cam_from_target(trunk).is_some()) {
-        (
-            "no frame has a position along the body's axes: the box did not know which way is \
-             forward",
-            "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
-             `plumb replay TRIAL --tables --scene scene.toml`",
-        )
-    } else {
-        (
-            "no frame has a position along the body's axes: neither trunk's target was seen",
-            "aim the camera with `plumb aim` until both targets are seen, and record again",
-        )
-    };
-    judge.sign(!is_any(|frame, trunk| frame.point(trunk).is_some()), Sign::NoScene, words, remedy);
+    let has_point = |frame: &Frame| Trunk::ALL.into_iter().any(|it| frame.point(it).is_some());
+    let is_without = !frames.iter().any(has_point);
+    judge.sign(
+        is_without && trial.sees_a_target(),
+        Sign::NoScene,
+        "no frame has a position along the body's axes: the box did not know which way is forward",
+        "while the camera stands where it stood: `plumb scene --out scene.toml`, then \
+         `plumb replay TRIAL --tables --scene scene.toml`",
+    );
+    judge.sign(
+        is_without && !trial.sees_a_target(),
+        Sign::NoTarget,
+        "neither trunk's target was seen in any frame",
+        "aim the camera with `plumb aim` until both targets are seen, and record again",
+    );
     judge.sign(
         trial.config.is_none(),
         Sign::NoConfiguration,

@@ -119,6 +119,7 @@ impl Sign {
     fn key(self) -> &'static str {
         match self {
             Self::NoScene => "no_scene",
+            Self::NoTarget => "no_target",
             Self::NoConfiguration => "no_configuration",
             Self::ConfigurationChanged => "configuration_changed",
             Self::NoMark => "no_mark",

@@ -60,7 +60,8 @@ pub struct Arguments {
     /// Columns x rows of INNER corners, where four squares meet: 9x7 for 10 x 8 squares.
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = targets::grid_size, required_unless_present = "flicker_hz")]
     board: Option<[u8; 2]>,
-    /// From one inner corner to the next, measured on the print over many squares.
+    /// From one inner corner to the next, measured on the print over many squares. The camera comes
+    /// out the same with any other value; distances and speeds that are printed do not.
     #[arg(long, value_name = "MM", required_unless_present = "flicker_hz")]
     pitch_mm: Option<f64>,
     /// Lens distortion. Every model is fitted, and each is tried on photographs that it was not

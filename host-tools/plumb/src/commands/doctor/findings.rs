@@ -19,6 +19,9 @@ use plumbline_stream::complaints::text_of;
 use plumbline_stream::power::PowerSeen;
 use plumbline_stream::transport::Event;
 
+use super::judge::Tape;
+use crate::scale::Compared;
+
 /// A capture time that goes back while the frames' numbers go on by no more than this is a
 /// fault of the clock; more than this is another start.
 const AHEAD_MAX: u32 = 1000;
@@ -131,6 +134,10 @@ pub struct Findings {
     pub expected: Option<Expected>,
     /// The background, where there is a scene.
     pub background: Option<Background>,
+    /// A distance that a person has measured, to be compared now.
+    pub tape: Option<Tape>,
+    /// What was compared before, on this computer.
+    pub compared: Vec<(Role, Compared)>,
 }
 
 impl Findings {
@@ -153,6 +160,12 @@ impl Findings {
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         !self.config().is_some_and(|config| camera::is_stand_in(&config.lens))
+    }
+
+    /// A target, where frames with it came.
+    #[must_use]
+    pub fn target(&self, role: Role) -> Option<&TargetSeen> {
+        self.targets.iter().find(|target| target.role == role)
     }
 
     /// Whether another of the box's targets was measured.

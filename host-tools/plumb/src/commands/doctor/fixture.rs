@@ -11,6 +11,7 @@ pub use plumbline_stream::fixture::*;
 use super::check::Check;
 use super::findings::{Background, Findings};
 use super::judge;
+use crate::scale::Compared;
 
 /// Five seconds of a healthy box.
 pub fn healthy() -> Findings {
@@ -31,6 +32,9 @@ pub fn healthy() -> Findings {
         blocks: 120,
         agreeing: 70,
     })));
+    let date = "2026-11-24".to_owned();
+    let compared = Compared { date, tape_mm: 1030.0, measured_mm: 1046.0 };
+    findings.compared = vec![(Role::Lower, compared)];
     findings.pings = 50;
     findings.exchanges = (0..50)
         .map(|index| {

@@ -4,12 +4,13 @@
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{Action, LinkKind};
+use plumbline_calibration::background::{REDUCTION, motion};
 use plumbline_files::BadInput;
 use plumbline_stream::link::{BoxLink, HEARD_WITHIN, Introduction};
 
 use super::findings::{Background, Expected, Findings};
 use crate::ui::waiting::Waiting;
-use crate::{background, snapshot};
+use crate::{background, scale, snapshot};
 
 /// Ten questions for the time a second, out of step with the frames of every usual camera: a
 /// box looks for questions between frames, and the soonest answer counts.
@@ -68,6 +69,7 @@ pub fn watch(
         let _waiting = Waiting::new(format!("watching it for {} s", duration.as_secs_f64()));
         look(link, duration, started, &mut findings)?;
     }
+    findings.compared = findings.config().map(scale::all_kept).unwrap_or_default();
     let scene_theta = findings.config().and_then(|config| config.cam_from_scene_theta);
     findings.background = scene_theta.map(|theta| compare(link, &theta));
     Ok(findings)
@@ -86,10 +88,8 @@ fn compare(link: &mut BoxLink, scene_theta: &[f64; 6]) -> Background {
         }
         Err(error) => return Background::NotCompared(error.to_string()),
     };
-    match snapshot::take(link, background::REDUCTION) {
-        Ok(now) => {
-            Background::Compared(plumbline_calibration::background::motion(&reference, &now))
-        }
+    match snapshot::take(link, REDUCTION) {
+        Ok(now) => Background::Compared(motion(&reference, &now)),
         Err(error) => Background::NotCompared(error.to_string()),
     }
 }

@@ -19,7 +19,14 @@ use plumbline_trial::recording::Recording;
 
 use super::course::Course;
 use super::screen::Voice;
-use crate::commands::doctor::{self, Check, Findings, LAST_ANSWERS, VIEW_EVERY, Verdict};
+use crate::commands::doctor::{
+    self, Background, Check, Findings, LAST_ANSWERS, VIEW_EVERY, Verdict,
+};
+use crate::scale;
+
+/// Why --anyway does not look at the background.
+const NO_PICTURE: &str = "with --anyway the recording does not wait for a picture, so that a camera \
+                          that was turned since `plumb scene` would not be noticed";
 
 /// Checks a box for this time and says what is amiss; `None` if it should not be recorded.
 ///
@@ -45,9 +52,10 @@ pub(super) fn before(
 fn amiss(checks: &[Check]) -> Vec<CheckSeen> {
     let seen = |check: &Check| {
         let verdict = match check.verdict {
+            Verdict::Good => return None,
+            Verdict::Skipped => CheckVerdict::Skipped,
             Verdict::Warn => CheckVerdict::Warn,
             Verdict::Fail => CheckVerdict::Fail,
-            Verdict::Good | Verdict::Skipped => return None,
         };
         Some(CheckSeen { subject: check.subject.clone(), verdict, seen: check.seen.clone() })
     };
@@ -122,6 +130,9 @@ impl Recorded {
         findings.silence_s = now.saturating_duration_since(beside.begun).as_secs_f64()
             - findings.heard_ns as f64 * 1e-9;
         findings.config = self.recording.config().cloned().map(Ok);
+        findings.compared = findings.config().map(scale::all_kept).unwrap_or_default();
+        let has_scene = findings.config().is_some_and(|it| it.cam_from_scene_theta.is_some());
+        findings.background = has_scene.then(|| Background::NotCompared(NO_PICTURE.into()));
         let checks = doctor::judged(&findings);
         match beside.voice {
             Some(voice) => voice.say(&doctor::amiss_in_words(&checks)),

@@ -47,7 +47,7 @@ use screen::Screen;
 /// Before it records, it checks the box as `plumb doctor` does, with the targets in sight, and says
 /// what is amiss. If a check fails it records nothing and leaves no folder, unless --anyway is given:
 /// then the recording begins with the first packet, and the checks look at what is recorded. What
-/// failed or was warned of stands in trial.toml. To see whether the camera was moved since `plumb
+/// failed, was warned of or was skipped stands in trial.toml. To see whether the camera was moved since `plumb
 /// scene`, it asks for one small picture, in set-up mode; with --anyway it does not. A recording that
 /// the box replays needs --anyway if it is to be recorded from its first frame.
 ///

@@ -2,15 +2,16 @@
 
 use std::time::{Duration, Instant};
 
+use plumbline::lens::Lens;
 use plumbline::packet::{Hello, Message, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::NoPose;
 use plumbline::target::Role;
+use plumbline_calibration::background::REDUCTION;
 use plumbline_files::BadInput;
 use plumbline_stream::link::BoxLink;
 
 use super::Seen;
-use crate::background::REDUCTION;
 use crate::snapshot;
 use crate::ui::missing::{self, Missing};
 use crate::ui::waiting::Waiting;
@@ -43,10 +44,11 @@ pub(super) fn check_board(place: &str, hello: &Hello) -> Result<(), BadInput> {
     ))
 }
 
-/// Listens to the box for a while.
+/// Listens for a while to the box, which sees through this lens.
 pub(super) fn listen(
     link: &mut BoxLink,
     hello: &Hello,
+    lens: Lens,
     duration: Duration,
 ) -> Result<Seen, BadInput> {
     let mut heard = Heard::default();
@@ -65,6 +67,7 @@ pub(super) fn listen(
         .ok();
     Ok(Seen {
         place: format!("{} ({})", hello.device, hello.serial_number),
+        lens,
         frames: heard.frames,
         remedy: heard.remedy(),
         poses: heard.poses,

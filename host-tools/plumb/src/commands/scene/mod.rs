@@ -6,6 +6,7 @@ mod recorded;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use plumbline::lens::Lens;
 use plumbline::pose::{Cam, Pose, Target};
 
 use crate::arguments::{LinkArguments, seconds};
@@ -17,6 +18,7 @@ use plumbline_calibration::scene::{Mean, lean_deg};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_files::counting::counted;
+use plumbline_files::lens_id::LensId;
 use plumbline_files::refuse_overwriting;
 use plumbline_files::scene::{self, SceneFile};
 
@@ -25,7 +27,8 @@ use plumbline_files::scene::{self, SceneFile};
 /// Stand the board (role "scene" in the targets file) upright where the person will stand, its
 /// face towards the camera, its columns' axis level, with nobody near. The mean pose of the
 /// board becomes scene.toml, which `plumb track` and `plumb provision` take: trunk points are
-/// given along its axes.
+/// given along its axes. It holds for the camera that it was measured with, and names it: with the
+/// file of another camera, or of another calibration, it is refused.
 ///
 /// Without INPUT the box that this computer hears is watched while it looks at the board.
 /// --store then puts the scene into the box's own configuration, and restarts it.
@@ -106,6 +109,8 @@ const MOVED_MM: f64 = 10.0 * SPREAD_MM_MAX;
 struct Seen {
     /// The recording or the box.
     place: String,
+    /// What it was seen through.
+    lens: Lens,
     frames: usize,
     poses: Vec<Pose<Cam, Target>>,
     /// What the camera saw, small; `None` where no picture came.
@@ -149,7 +154,7 @@ fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
     if camera::is_stand_in(&old.lens) {
         return Err(setup::not_calibrated(link.place()));
     }
-    let seen = live::listen(&mut link, &hello, arguments.seconds)?;
+    let seen = live::listen(&mut link, &hello, old.lens, arguments.seconds)?;
     let measured = measure(arguments, &seen)?;
     if !arguments.store {
         return Ok(());
@@ -202,6 +207,7 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
             mean.spread_mm,
             jiff::Zoned::now().date()
         ),
+        camera: Some(LensId::of(&seen.lens)),
     };
     if let Some(out) = &arguments.out {
         plumbline_files::write_all(

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use plumbline::target::Role;
+use plumbline_calibration::background::REDUCTION;
 use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
 
 use super::Seen;
-use crate::background::REDUCTION;
 use crate::setup::Descriptions;
 use crate::tracking;
 
@@ -29,6 +29,7 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
     let (_, mut pipeline) = tracking::pipeline(&camera, &targets, None, &source, &places)?;
     let mut seen = Seen {
         place: inputs[0].display().to_string(),
+        lens: camera.lens,
         frames: 0,
         poses: Vec::new(),
         background: None,

@@ -78,7 +78,7 @@ fn write(arguments: &SimulateArguments, photographs: &BoardPhotographs) -> anyho
     }
     let source = format!("plumb simulate --board, seed {}: exact", arguments.seed);
     write_camera(&camera_path, photographs.camera(), 0, &source)?;
-    write_scene(&scene_path, &photographs.cam_from_scene(), source)?;
+    write_scene(&scene_path, photographs.camera(), &photographs.cam_from_scene(), source)?;
     let mut samples = Vec::new();
     for (number, path) in pictures.iter().enumerate() {
         photographs.expose(&photographs.photograph(number), number as u64, &mut samples);

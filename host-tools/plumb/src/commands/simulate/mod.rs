@@ -11,6 +11,7 @@ use plumbline::pose::{Cam, Pose, Scene};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera, Provenance};
 use plumbline_files::counting::counted;
+use plumbline_files::lens_id::LensId;
 use plumbline_files::poses::Writer;
 use plumbline_files::scene::{self, SceneFile};
 use plumbline_files::targets::{self, OriginName, TargetDescription, grid_size};
@@ -275,7 +276,7 @@ fn describe(
         })
         .collect();
     targets::write(targets_path, &descriptions)?;
-    write_scene(scene_path, &simulation.cam_from_scene(), source)
+    write_scene(scene_path, simulation.camera(), &simulation.cam_from_scene(), source)
 }
 
 fn write_camera(path: &Path, lens: &Lens, readout_ns: i32, source: &str) -> Result<(), BadInput> {
@@ -285,10 +286,12 @@ fn write_camera(path: &Path, lens: &Lens, readout_ns: i32, source: &str) -> Resu
 
 fn write_scene(
     path: &Path,
+    lens: &Lens,
     cam_from_scene: &Pose<Cam, Scene>,
     source: String,
 ) -> Result<(), BadInput> {
-    scene::write(path, &SceneFile { cam_from_scene_theta: cam_from_scene.theta(), source })
+    let (cam_from_scene_theta, camera) = (cam_from_scene.theta(), Some(LensId::of(lens)));
+    scene::write(path, &SceneFile { cam_from_scene_theta, source, camera })
 }
 
 fn save_png(lens: &Lens, samples: &[u8], path: &Path) -> Result<(), BadInput> {
@@ -337,7 +340,9 @@ mod tests {
         assert!(png.into_raw() == expected);
 
         assert_eq!(camera::read(&at("camera.toml")).unwrap().lens, *simulation.camera());
-        let scene = scene::read(&at("scene.toml")).unwrap().cam_from_scene();
+        let scene = scene::read(&at("scene.toml")).unwrap();
+        assert_eq!(scene.check_lens(simulation.camera(), ""), Ok(None));
+        let scene = scene.cam_from_scene();
         assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
         let read = targets::read(&at("targets.toml")).unwrap();
         assert!(read.warnings.is_empty());
@@ -375,7 +380,9 @@ mod tests {
         assert_eq!(frames, board::STANDING_FRAMES);
         let simulation = Simulation::new(&SimulationSettings::default()).unwrap();
         assert_eq!(camera::read(&at("truth/camera.toml")).unwrap().lens, *simulation.camera());
-        let scene = scene::read(&at("truth/scene.toml")).unwrap().cam_from_scene();
+        let scene = scene::read(&at("truth/scene.toml")).unwrap();
+        assert_eq!(scene.check_lens(simulation.camera(), ""), Ok(None));
+        let scene = scene.cam_from_scene();
         assert!((scene.rotation - simulation.cam_from_scene().rotation).norm() < 1e-12);
 
         let again = simulate(directory.path(), &board).unwrap_err().to_string();

@@ -8,8 +8,11 @@ mod light;
 mod link;
 mod machine;
 mod order;
+mod scale;
 mod scene;
 mod target;
+
+pub use scale::{Comparison, SUBJECT as SCALE, TAPE_MM_MAX, TAPE_MM_MIN, Tape, comparison};
 
 use super::check::Check;
 use super::findings::Findings;
@@ -39,6 +42,7 @@ pub fn all(findings: &Findings) -> Vec<Check> {
         checks.extend(configuration::checks(findings));
         checks.extend(target::checks(findings));
         checks.extend(order::check(findings));
+        checks.extend(scale::check(findings));
         checks.extend(light::checks(findings));
     }
     checks

@@ -17,10 +17,7 @@ const SUBJECT: &str = "upper above lower";
 
 /// `None` where not both are seen.
 pub fn check(findings: &Findings) -> Option<Check> {
-    let seen = |role| {
-        let target = findings.targets.iter().find(|target| target.role == role)?;
-        (!target.poses.is_empty()).then_some(target)
-    };
+    let seen = |role| findings.target(role).filter(|target| !target.poses.is_empty());
     let (upper, lower) = (seen(Role::Upper)?, seen(Role::Lower)?);
     let scene = findings.config().and_then(|config| config.cam_from_scene()).map(SceneFrame::new);
     let height_mm = |target: &TargetSeen| {

@@ -3,18 +3,11 @@
 use plumbline::config::Config;
 use plumbline::pose::{Cam, Pose, Scene};
 use plumbline::target::Role;
-use plumbline_calibration::background::Unclear;
+use plumbline_calibration::background::{REDUCTION, TURNED_FAIL_DEG, TURNED_WARN_DEG, Unclear};
 use plumbline_calibration::scene::{Mean, between};
 
 use super::super::check::{Check, Verdict};
 use super::super::findings::{Background, Findings};
-use crate::background::REDUCTION;
-
-/// A camera that is turned by this mixes 0.35 % of the motion along one axis into another: 0.07 mm
-/// of 20. The mean of a second of a board's poses is known to 0.01 degrees, and a background to
-/// 0.03.
-const TURNED_FAIL_DEG: f64 = 0.2;
-const TURNED_WARN_DEG: f64 = 0.1;
 
 /// A camera that is moved by this is not turned yet, but was touched. The mean of a board's poses
 /// is known to 0.1 mm.
@@ -48,7 +41,7 @@ fn missing(config: &Config) -> Check {
 
 /// A board that is in sight hangs where it hung, unless the camera was moved, or the board.
 fn board(findings: &Findings, then: &Pose<Cam, Scene>) -> Option<Check> {
-    let board = findings.targets.iter().find(|target| target.role == Role::Scene)?;
+    let board = findings.target(Role::Scene)?;
     if board.poses.len() < POSES_MIN {
         return None;
     }

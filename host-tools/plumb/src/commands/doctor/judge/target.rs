@@ -78,7 +78,6 @@ fn precision(name: &str, target: &TargetSeen) -> [Check; 2] {
     let [x_mm, y_mm, z_mm] =
         [middle(|pose| pose.sd_mm[0]), middle(|pose| pose.sd_mm[1]), middle(|pose| pose.sd_mm[2])]
             .map(|sd_mm| f64::from(COVERAGE) * sd_mm);
-    // A wrong pitch scales every figure, and shows in nothing else that one camera sees.
     let distance_mm =
         middle(|pose| pose.translation_mm.map(|it| it * it).iter().sum::<f32>().sqrt());
     let depth = Check::new(
@@ -86,7 +85,7 @@ fn precision(name: &str, target: &TargetSeen) -> [Check; 2] {
         format!("{name} depth"),
         format!(
             "+-{z_mm:.3} mm promised (at most {DEPTH_WARN_MM}); x +-{x_mm:.3}, y +-{y_mm:.3}; \
-             {distance_mm:.0} mm from the camera: if a tape says otherwise, check pitch_mm"
+             {distance_mm:.0} mm from the camera"
         ),
         "go nearer, give more light, focus, or print the target larger",
     );

@@ -1,10 +1,12 @@
 //! How surely a camera that was moved after its scene had been measured is told from one that was
 //! not, over random rooms: with a person in front in place of the board, other lamps, another
-//! exposure, noise, and the JPEG of the box's pictures.
+//! exposure, noise, and the JPEG of the box's pictures. The bounds are those of `plumb doctor`.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use plumbline_calibration::background::{Motion, Picture, Unclear, motion};
+use plumbline_calibration::background::{
+    Motion, Picture, TURNED_FAIL_DEG, TURNED_WARN_DEG, Unclear, motion,
+};
 use plumbline_render::simulate::background::{Background, empty_room};
 use plumbline_render::simulate::render;
 use rand::{RngExt, SeedableRng};
@@ -21,7 +23,7 @@ const MARGIN: usize = 128;
 const FOCAL_PX: f64 = 1740.0;
 
 /// As the box reduces its pictures for this.
-const REDUCTION: usize = 8;
+const REDUCTION: usize = plumbline_calibration::background::REDUCTION as usize;
 
 /// Every other pixel of every other row is drawn.
 const DRAWN: usize = REDUCTION / 2;
@@ -29,12 +31,8 @@ const DRAWN: usize = REDUCTION / 2;
 /// The noise of a frame, 2 levels, after 64 pixels have become one.
 const NOISE_LEVELS: f64 = 0.25;
 
-/// What the doctor fails at, and what has to be found.
-const FAIL_DEG: f64 = 0.2;
+/// What has to be found.
 const TURN_DEG: f64 = 0.3;
-
-/// The doctor warns from here on.
-const WARN_DEG: f64 = 0.1;
 
 const ROOMS: u64 = 8;
 
@@ -169,7 +167,8 @@ fn a_turn_of_0_3_degrees_is_found_and_a_person_or_a_lamp_is_none() {
     let count = |index: usize, bound_deg: f64| {
         both.iter().filter(|measured| measured[index].angle_deg > bound_deg).count()
     };
-    let (found, failed, warned) = (count(0, FAIL_DEG), count(1, FAIL_DEG), count(1, WARN_DEG));
+    let found = count(0, TURNED_FAIL_DEG);
+    let (failed, warned) = (count(1, TURNED_FAIL_DEG), count(1, TURNED_WARN_DEG));
     println!(
         "{ROOMS} rooms, {CASES} times with a person who was not there before: of \
          turns by {TURN_DEG} degrees {found} fail (the least is measured as {least_deg:.3}); of still cameras {failed} fail and \
@@ -177,9 +176,9 @@ fn a_turn_of_0_3_degrees_is_found_and_a_person_or_a_lamp_is_none() {
          {worst_deg:.4} at worst"
     );
     assert_eq!((found, failed, warned), (both.len(), 0, 0));
-    // Half of what lies between the doctor's bounds, and between its failure and what is to be
-    // found.
-    assert!(worst_deg < 0.05, "{worst_deg}");
+    // Half of what lies between the bounds, and between the failure and what is to be found.
+    let apart_deg = (TURNED_FAIL_DEG - TURNED_WARN_DEG).min(TURN_DEG - TURNED_FAIL_DEG);
+    assert!(worst_deg < apart_deg / 2.0, "{worst_deg}");
 }
 
 /// What is measured of one turn.
@@ -206,7 +205,7 @@ fn turned_and_still(seed: u64) -> impl Iterator<Item = [Measured; 2]> {
     })
 }
 
-/// The bounds are the doctor's; a camera that looks elsewhere is not taken for one that does not.
+/// A camera that looks elsewhere is not taken for one that does not.
 #[test]
 fn a_camera_that_looks_elsewhere_is_not_recognised() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
