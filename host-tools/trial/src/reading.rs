@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use self::builder::Builder;
 use super::correction::Correction;
-use super::journal::Reader;
+use super::journal::{Content, Reader};
 use super::manifest::{Manifest, State};
 use super::names;
 
@@ -150,7 +150,7 @@ impl Trial {
     ///
     /// # Errors
     /// When its packets or its configuration cannot be read.
-    pub(crate) fn open_as(folder: &Path, manifest: Manifest) -> Result<Self, BadInput> {
+    pub(crate) fn open_as(folder: &Path, mut manifest: Manifest) -> Result<Self, BadInput> {
         let mut warnings = Vec::new();
         let recorded = read_config(folder, &mut warnings)?;
         let correction = Correction::read(folder, recorded.as_ref())?;
@@ -166,6 +166,10 @@ impl Trial {
         let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
         let mut builder = Builder::new(recorded, correction);
         while let Some(entry) = reader.next_entry()? {
+            // A file of which the end is missing, as after a copy to a full disk, is cut off too.
+            if let Content::About(text) = &entry.content {
+                manifest.state = State::told(text).unwrap_or(manifest.state);
+            }
             builder.take(entry);
             if builder.frames.len() > FRAMES_MAX {
                 return Err(too_long(folder));
