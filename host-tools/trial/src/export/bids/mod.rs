@@ -89,7 +89,9 @@ fn labels(
         let given = given.map_or("", String::as_str);
         let letters: String = given.chars().filter(char::is_ascii_alphanumeric).collect();
         let label = if letters.is_empty() { otherwise.to_owned() } else { letters };
-        if label != given {
+        if given.is_empty() {
+            warnings.push(format!("the trial has no {what}: it is {label:?} in the data set"));
+        } else if label != given {
             warnings.push(format!(
                 "the {what} {given:?} is {label:?} in the data set, whose labels have letters and \
                  digits only"
