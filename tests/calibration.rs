@@ -412,3 +412,17 @@ fn the_model_that_made_the_photographs_describes_them_as_well_as_any() {
         assert!(is_true_model || worst_px < 0.1, "{:?}: {worst_px} px", found.lens.distortion);
     }
 }
+
+#[test]
+fn a_model_that_is_too_small_for_the_lens_is_warned_of_and_one_that_suffices_is_not() {
+    let [radial, tangential, _] = lenses_of_three_models();
+    for (truth, is_too_small) in [(tangential, true), (radial, false)] {
+        let session = Session::new(&photographs(&truth, &board(), 12, 410));
+        let output = session.calibrate(&["--board", "9x7", "--model", "radial2"]);
+        let text = binary::messages(&output);
+        assert_eq!(output.status.code(), Some(0), "{text}");
+        let words = "describes photographs that it was not fitted to better than radial2 does; \
+                     leave out --model";
+        assert_eq!(text.contains(words), is_too_small, "{:?}: {text}", truth.distortion);
+    }
+}

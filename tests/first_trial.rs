@@ -2,6 +2,7 @@
 //! photographed, the camera calibrated, the scene measured, the box's configuration made, and a
 //! person tracked through it. Only the photographs and the person are rendered.
 
+use std::f64::consts::PI;
 use std::path::Path;
 use std::process::Output;
 
@@ -145,6 +146,14 @@ fn a_scene_that_cannot_be_trusted_is_refused_or_warned_of() {
     let leaning = Pose::from_theta([0.14, 0.1, 0.0, 20.0, 10.0, 900.0]);
     let (code, text) = scene("board.toml", &record("leaning", &[leaning; 10]));
     assert!(code == Some(0) && text.contains("the board leans by 8.0 degrees"), "{text}");
+
+    for (turn, degrees) in [(PI, "180.0"), (PI / 2.0, "90.0")] {
+        let overturned = Pose::from_theta([turn, 0.0, 0.0, 20.0, 10.0, 900.0]);
+        let (code, text) = scene("board.toml", &record("overturned", &[overturned; 10]));
+        let words = format!("leans by {degrees} degrees from upright");
+        assert!(code == Some(0) && text.contains(&words), "{text}");
+        assert!(text.contains("on its side or upside down"), "{text}");
+    }
 
     let moving: Vec<_> = (0..10)
         .map(|frame| Pose::from_theta([0.0, 0.1, 0.0, 20.0 + f64::from(frame), 10.0, 900.0]))

@@ -2,6 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -23,12 +24,15 @@ pub struct FileLink {
 }
 
 impl FileLink {
-    /// Appends to `path`, which is created if it does not exist.
+    /// Appends to `path`. If it does not exist it is created, to be read by its owner alone: it is
+    /// what a person's body did.
     ///
     /// # Errors
     /// When the file cannot be opened for writing.
     pub fn open(path: &Path) -> Result<Self> {
-        let file = OpenOptions::new().append(true).create(true).open(path).with_context(|| {
+        let mut options = OpenOptions::new();
+        options.append(true).create(true).mode(0o600);
+        let file = options.open(path).with_context(|| {
             format!(
                 "the packet file {} cannot be written: check the directory and its permissions",
                 path.display()
@@ -82,5 +86,24 @@ impl FileLink {
 impl std::fmt::Display for FileLink {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(formatter, "file {}", self.path.display())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    #[test]
+    fn a_new_file_is_its_owners_alone_and_an_old_one_stays_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        let path = folder.path().join("packets.bin");
+        FileLink::open(&path).unwrap().send(&[1, 0]);
+        assert_eq!(mode(&path), 0o600);
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o640)).unwrap();
+        FileLink::open(&path).unwrap().send(&[2, 0]);
+        assert_eq!((mode(&path), std::fs::read(&path).unwrap()), (0o640, vec![1, 0, 2, 0]));
     }
 }

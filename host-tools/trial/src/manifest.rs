@@ -97,6 +97,17 @@ pub enum State {
     Finished,
 }
 
+impl State {
+    /// As the text of [`Manifest::about`] has it, whatever else is in it.
+    pub(crate) fn told(about: &str) -> Option<Self> {
+        #[derive(Deserialize)]
+        struct Told {
+            state: State,
+        }
+        toml::from_str(about).ok().map(|Told { state }| state)
+    }
+}
+
 /// What t = 0 of a trial is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]

@@ -10,7 +10,7 @@ use plumbline_files::BadInput;
 
 use self::builder::Builder;
 use super::correction::Correction;
-use super::journal::Reader;
+use super::journal::{Content, Reader};
 use super::manifest::{Manifest, State};
 use super::{Trial, names};
 
@@ -48,15 +48,19 @@ impl Trial {
             ));
         }
         let mut reader = Reader::open(&folder.join(names::JOURNAL))?;
-        let state = manifest.state;
         let mut builder = Builder::new(folder, manifest, recorded, correction);
         while let Some(entry) = reader.next_entry()? {
+            // A file of which the end is missing, as after a copy to a full disk, is cut off too.
+            if let Content::About(text) = &entry.content {
+                let state = &mut builder.trial.manifest.state;
+                *state = State::told(text).unwrap_or(*state);
+            }
             builder.take(entry);
             if builder.trial.frames.len() > FRAMES_MAX {
                 return Err(too_long(folder));
             }
         }
-        if state == State::Recording {
+        if builder.trial.manifest.state == State::Recording {
             warnings.push(
                 "the recording was cut off: this is what was on the disk until then".to_owned(),
             );

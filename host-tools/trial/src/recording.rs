@@ -614,4 +614,39 @@ mod tests {
         std::fs::remove_file(&lost).unwrap();
         assert_eq!(remake(&path, &Changes::default()).unwrap().manifest.state, State::Finished);
     }
+
+    /// A copy that a full disk has cut off between two entries has no damaged byte; its
+    /// `trial.toml`, which was copied whole, does not know of it.
+    #[test]
+    fn a_file_that_lacks_its_end_is_cut_off_whatever_the_manifest_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p07");
+        let start = Instant::now();
+        let mut recording = begun(&path, start);
+        for at in 0..60 {
+            let message = Message::Pose(pose_packet(at));
+            let Content::Raw(bytes) = raw(&message) else { unreachable!() };
+            recording.event(&Event::Raw(bytes), start + Duration::from_millis(16) * at).unwrap();
+        }
+        let whole = recording.end(60).unwrap().unwrap();
+        assert_eq!(whole.manifest.state, State::Finished);
+
+        let journal = path.join(names::JOURNAL);
+        let bytes = std::fs::read(&journal).unwrap();
+        // Before the last entry, which says that the recording has ended.
+        let end = bytes.windows(2).rposition(|pair| pair == [0, 0]).unwrap() + 1;
+        std::fs::write(&journal, &bytes[..end]).unwrap();
+        let cut = Trial::open(&path).unwrap();
+        assert_eq!((cut.frames.len(), cut.observed.damaged_bytes), (whole.frames.len(), 0));
+        assert_eq!(cut.manifest.state, State::Recording);
+        let reasons = cut.manifest.verdict().reasons;
+        assert!(reasons.iter().any(|it| it.key == "cut_off"), "{reasons:?}");
+        assert!(cut.warnings.iter().any(|it| it.contains("cut off")), "{:?}", cut.warnings);
+
+        // The whole file is there again, and the trial is what it was.
+        remake(&path, &Changes::default()).unwrap();
+        std::fs::write(&journal, &bytes).unwrap();
+        let again = remake(&path, &Changes::default()).unwrap();
+        assert_eq!(again.manifest.state, State::Finished);
+    }
 }

@@ -111,7 +111,7 @@ impl fmt::Display for DesignError {
             Self::Missing(it) => (&it.subject, &it.cell, "has no value"),
             Self::Duplicate { subject, cell } => (subject, cell, "has two values"),
             Self::NotFinite { subject, cell } => {
-                (subject, cell, "has a value that is not a number")
+                (subject, cell, "has a value that is no number within +-1e100")
             }
         };
         write!(formatter, "subject {subject} {fault} in {}", cell.join(", "))
@@ -396,9 +396,11 @@ mod tests {
         rows.push(rows[0].clone());
         let error = design(&rows).unwrap_err();
         assert_eq!(error.to_string(), "subject Z has two values in b, z");
-        rows[0].value = f64::NAN;
-        let error = design(&rows).unwrap_err();
-        assert_eq!(error.to_string(), "subject Z has a value that is not a number in b, z");
+        for value in [f64::NAN, f64::INFINITY, -1e101] {
+            rows[0].value = value;
+            let error = design(&rows).unwrap_err().to_string();
+            assert_eq!(error, "subject Z has a value that is no number within +-1e100 in b, z");
+        }
         assert_eq!(design(&[]), Err(DesignError::Empty));
         for factors in [&[][..], &["time", "time"]] {
             assert_eq!(WithinDesign::new(factors, &rows), Err(DesignError::Factors));

@@ -431,6 +431,45 @@ fn a_study_becomes_one_data_set() {
     );
 }
 
+/// Labels have letters and digits only: two persons, or two conditions, may not become one.
+#[test]
+fn a_label_that_is_another_ones_is_refused() {
+    let folder = bench();
+    let folder = folder.path();
+    for (name, participant, condition, started) in [
+        ("a", "P-1", "eyes open", "2026-01-01T10:00:00Z"),
+        ("b", "P1", "eyes open", "2026-01-01T10:05:00Z"),
+        ("c", "P-1", "eyes-open", "2026-01-01T10:10:00Z"),
+        ("d", "P-1", "eyes closed", "2026-01-01T10:15:00Z"),
+        ("e", "P-1", "eyes open", "2026-01-01T10:20:00Z"),
+    ] {
+        trial_of(folder, name, participant, condition, started);
+    }
+    let first = bids(folder, "a", &["--session", "pre"]);
+    assert_eq!(first.code, Some(0), "{}", first.stderr);
+    let set = folder.join("sway-bids");
+    let before = names_below(&set);
+    for (trial, part) in [
+        ("b", "ParticipantCode: this label is of \"P-1\" there, and the trial is of \"P1\""),
+        ("c", "TaskName: this label is of \"eyes open\" there, and the trial is of \"eyes-open\""),
+    ] {
+        // In another session it is the same participant too.
+        let refused = bids(folder, trial, &["--session", "post"]);
+        assert_eq!(refused.code, Some(2), "{trial}: {}", refused.stderr);
+        assert!(refused.stderr.contains(part), "{trial}: {}", refused.stderr);
+        assert_eq!(names_below(&set), before, "{trial}");
+    }
+    for trial in ["d", "e"] {
+        let done = bids(folder, trial, &["--session", "pre"]);
+        assert_eq!(done.code, Some(0), "{trial}: {}", done.stderr);
+    }
+    if let Some(python) = python() {
+        let said = read(&python, "bids", &set);
+        let issues = said["issues"].as_array().unwrap();
+        assert!(said["code"] == 0 && issues.iter().all(|it| it[0] != "error"), "{said}");
+    }
+}
+
 #[test]
 fn a_data_set_that_cannot_be_written_whole_leaves_nothing() {
     let folder = bench();

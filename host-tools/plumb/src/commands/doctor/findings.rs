@@ -193,12 +193,14 @@ impl Findings {
         self.frames.last().is_some_and(|frame| frame.instant == MarkedInstant::Recording)
     }
 
-    /// Frames per second as they came here.
+    /// Frames per second by their numbers and by when they came here: what was lost on the way did
+    /// not hold the box up.
     #[must_use]
     pub fn arrivals_hz(&self) -> Option<f64> {
         let (first, last) = (self.frames.first()?, self.frames.last()?);
+        let numbers = last.sequence.wrapping_sub(first.sequence).cast_signed();
         let time_ns = last.arrived_ns.checked_sub(first.arrived_ns)?;
-        (time_ns > 0).then(|| 1e9 * (self.frames.len() - 1) as f64 / time_ns as f64)
+        (numbers > 0 && time_ns > 0).then(|| 1e9 * f64::from(numbers) / time_ns as f64)
     }
 
     /// Frames per second, by their numbers and times: what was lost on the way is no slower

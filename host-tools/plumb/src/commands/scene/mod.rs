@@ -105,6 +105,9 @@ const SPREAD_MM_MAX: f64 = 0.5;
 const MOVED_DEG: f64 = 10.0 * SPREAD_DEG_MAX;
 const MOVED_MM: f64 = 10.0 * SPREAD_MM_MAX;
 
+/// A board that leans further has not slipped: it was put there the wrong way round.
+const OVERTURNED_DEG: f64 = 45.0;
+
 /// What was seen of the board.
 struct Seen {
     /// The recording or the box.
@@ -223,8 +226,13 @@ fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
         mean.spread_mm
     );
     if leans_deg > arguments.upright_deg {
+        let remedy = if leans_deg > OVERTURNED_DEG {
+            "it stands on its side or upside down, unless the camera does: turn it so that its arrow points up, and measure again"
+        } else {
+            "set it upright with a level, or say with --camera-pitch-deg how far the camera looks down"
+        };
         eprintln!(
-            "warning: the board leans by {leans_deg:.1} degrees from upright (more than --upright-deg {}); up and forward lean with it: set it upright with a level, or say with --camera-pitch-deg how far the camera looks down",
+            "warning: the board leans by {leans_deg:.1} degrees from upright (more than --upright-deg {}); up and forward lean with it: {remedy}",
             arguments.upright_deg
         );
     }

@@ -21,15 +21,25 @@ pub const SYSTEM: &str = "plumbline";
 
 const DESCRIPTION: &str = "dataset_description.json";
 
-/// Whose recording, and of what.
+/// The field of a recording's description that holds [`Labels::participant_code`]; ours.
+pub const PARTICIPANT_CODE: &str = "ParticipantCode";
+
+/// The standard's field that holds [`Labels::task_name`].
+pub const TASK_NAME: &str = "TaskName";
+
+/// Whose recording, and of what. Labels have letters and digits only.
 #[derive(Debug, Clone)]
 pub struct Labels {
     /// The participant.
     pub participant: String,
+    /// The participant's code, of which the label is made.
+    pub participant_code: String,
     /// The session, in studies that have several.
     pub session: Option<String>,
     /// The task.
     pub task: String,
+    /// The task's name, of which the label is made.
+    pub task_name: String,
 }
 
 impl Labels {
@@ -134,6 +144,51 @@ impl<'a> DataSet<'a> {
             _ => return Ok(()),
         };
         Err(BadInput::whole(subject.display(), found, remedy))
+    }
+
+    /// Refuses a participant or a task whose label is another one's there: "P-1" and "P1" have the
+    /// same. Recordings that do not tell of what their labels are made are taken to agree.
+    pub fn check_names(&self, labels: &Labels) -> Result<(), BadInput> {
+        let task = format!("_task-{}_", labels.task);
+        for path in self.descriptions(labels)? {
+            let Ok(about) = serde_json::from_str::<Value>(&read_text(&path)?) else { continue };
+            let other = |field: &str, ours: &str| {
+                let name = about[field].as_str().filter(|name| *name != ours)?;
+                Some(BadInput::new(
+                    path.display(),
+                    field,
+                    format!("this label is of {name:?} there, and the trial is of {ours:?}"),
+                    "if they are the same, write it into trial.toml as it is there; otherwise give \
+                     it other letters or digits",
+                ))
+            };
+            let is_task = path.to_string_lossy().contains(&task);
+            let other_task = || other(TASK_NAME, &labels.task_name).filter(|_| is_task);
+            if let Some(error) =
+                other(PARTICIPANT_CODE, &labels.participant_code).or_else(other_task)
+            {
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    /// The files that describe the participant's recordings of this system, in all sessions.
+    fn descriptions(&self, labels: &Labels) -> Result<Vec<PathBuf>, BadInput> {
+        let subject = self.subject(labels);
+        let is_session = |name: &String| name.starts_with("ses-");
+        let sessions = entries(&subject)?.into_iter().filter(is_session);
+        let mut paths = Vec::new();
+        for folder in sessions.map(|name| subject.join(name)).chain([subject.clone()]) {
+            let motion = folder.join("motion");
+            let is_ours = |name: &String| {
+                name.contains(&format!("_tracksys-{SYSTEM}_")) && name.ends_with("_motion.json")
+            };
+            paths.extend(
+                entries(&motion)?.iter().filter(|it| is_ours(it)).map(|it| motion.join(it)),
+            );
+        }
+        Ok(paths)
     }
 
     /// The list of participants with this one in it; none of them is taken out.

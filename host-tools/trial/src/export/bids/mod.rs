@@ -12,7 +12,7 @@ use plumbline_analysis::series::Axis;
 use plumbline_files::{BadInput, write_all};
 use serde_json::{Value, json};
 
-use self::data_set::{DataSet, Labels, SYSTEM};
+use self::data_set::{DataSet, Labels, PARTICIPANT_CODE, SYSTEM, TASK_NAME};
 use self::table::{MISSING, Table, word};
 use super::events::{Event, ZERO};
 use super::orientation::{COMPONENTS, QUATERNION, components};
@@ -47,6 +47,7 @@ pub fn write(
     let data_set = DataSet::at(out)?;
     let (labels, warnings) = labels(trial, recording.session, &data_set)?;
     data_set.check_sessions(&labels)?;
+    data_set.check_names(&labels)?;
     let started = started(trial);
     let path = data_set.scans(&labels);
     let mut scans = Table::read(&path, "filename")?;
@@ -63,7 +64,7 @@ pub fn write(
     }
     let parts = [
         ("motion.tsv", motion(rows)),
-        ("motion.json", pretty(&motion_json(rows, trial, &labels.task))),
+        ("motion.json", pretty(&motion_json(rows, trial, &labels))),
         ("channels.tsv", channels(rows)),
         ("channels.json", pretty(&channels_json())),
         ("events.tsv", events_table(events)),
@@ -88,13 +89,16 @@ fn labels(
         let given = given.map_or("", String::as_str);
         let letters: String = given.chars().filter(char::is_ascii_alphanumeric).collect();
         let label = if letters.is_empty() { otherwise.to_owned() } else { letters };
-        if label != given {
+        if given.is_empty() {
+            warnings.push(format!("the trial has no {what}: it is {label:?} in the data set"));
+        } else if label != given {
             warnings.push(format!(
                 "the {what} {given:?} is {label:?} in the data set, whose labels have letters and \
                  digits only"
             ));
         }
-        label
+        let name = if given.is_empty() { label.clone() } else { given.to_owned() };
+        (label, name)
     };
     if trial.manifest.participant.is_none() && !data_set.is_new {
         // Whoever is called 01 there may be another person.
@@ -105,14 +109,15 @@ fn labels(
             "write it there: participant = \"P01\"",
         ));
     }
-    let participant = label(trial.manifest.participant.as_ref(), "participant", "01");
-    let task = label(trial.manifest.condition.as_ref(), "condition", "standing");
+    let (participant, participant_code) =
+        label(trial.manifest.participant.as_ref(), "participant", "01");
+    let (task, task_name) = label(trial.manifest.condition.as_ref(), "condition", "standing");
     let session = session.map(str::to_owned);
     if let Some(session) = session.iter().find(|it| !is_label(it)) {
         let found = format!("{session:?} is no label of a session");
         return Err(BadInput::whole("--session", found, "use letters and digits only"));
     }
-    Ok((Labels { participant, session, task }, warnings))
+    Ok((Labels { participant, participant_code, session, task, task_name }, warnings))
 }
 
 fn is_label(text: &str) -> bool {
@@ -198,13 +203,13 @@ fn motion(rows: &Rows) -> String {
     text
 }
 
-fn motion_json(rows: &Rows, trial: &Trial, task: &str) -> Value {
+fn motion_json(rows: &Rows, trial: &Trial, labels: &Labels) -> Value {
     let points = rows.points.len();
     let [positions, orientations] = [Axis::ALL.len() * points, COMPONENTS.len() * points];
     let seen = rows.points.iter().flat_map(|point| &point.position_mm).flatten().count();
     let cells = rows.time_s.len() * rows.points.len();
     let mut about = json!({
-        "TaskName": task,
+        TASK_NAME: labels.task_name,
         "SamplingFrequency": rows.rate_hz,
         "SamplingFrequencyEffective": rows.rate_hz,
         "TrackingSystemName": SYSTEM,
@@ -221,7 +226,8 @@ fn motion_json(rows: &Rows, trial: &Trial, task: &str) -> Value {
         "SubjectArtefactDescription":
             format!("{:.1} % of the positions are missing", 100.0 * (1.0 - seen as f64 / cells as f64)),
     });
-    // The standard allows further fields; these two are ours.
+    // The standard allows further fields; these are ours.
+    about[PARTICIPANT_CODE] = json!(labels.participant_code);
     let verdict = trial.manifest.verdict();
     about["Verdict"] = json!(verdict.grade().word());
     about["VerdictDescription"] = json!(verdict.line());

@@ -52,11 +52,14 @@ fn of_one(findings: &Findings, target: &TargetSeen) -> Vec<Check> {
     if target.poses.is_empty() {
         return checks;
     }
-    checks.push(corners(findings, &name, target));
     if findings.is_calibrated() {
+        checks.push(corners(findings, &name, target));
         checks.extend(precision(&name, target));
     } else {
-        checks.push(Check::skipped(format!("{name} fit"), "the camera is not calibrated yet"));
+        // Corners that an unknown lens displaces are left out of the pose as if they were hidden.
+        let skipped =
+            |what| Check::skipped(format!("{name} {what}"), "the camera is not calibrated yet");
+        checks.extend(["corners", "fit"].map(skipped));
     }
     checks.extend(size(findings, &name, target.role));
     checks
@@ -223,12 +226,16 @@ mod tests {
     }
 
     #[test]
-    fn before_the_calibration_there_is_neither_a_fit_nor_a_distance() {
+    fn before_the_calibration_nothing_is_said_of_corners_fit_or_distance() {
         let mut findings = healthy();
         let Some(Ok(config)) = &mut findings.config else { panic!("a healthy box tells it") };
         config.lens = camera::stand_in(config.lens.width_px, config.lens.height_px);
-        let fit = check(&findings, "lumbar fit");
-        assert_says(&fit, Verdict::Skipped, &["not calibrated"]);
+        for poses in findings.targets.iter_mut().map(|target| &mut target.poses) {
+            poses.iter_mut().for_each(|pose| pose.corners = 12);
+        }
+        for subject in ["lumbar fit", "lumbar corners"] {
+            assert_says(&check(&findings, subject), Verdict::Skipped, &["not calibrated"]);
+        }
         assert!(!super::super::all(&findings).iter().any(|check| check.subject == "lumbar depth"));
     }
 
