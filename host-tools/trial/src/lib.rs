@@ -22,6 +22,7 @@ pub mod journal;
 pub mod manifest;
 pub mod mark;
 pub mod markers;
+pub mod parquet;
 pub mod points;
 pub mod poses;
 pub mod positions;
