@@ -12,7 +12,7 @@ use crate::measures::{self, Chosen};
 use crate::patterns::{self, Matched};
 use crate::protocol::{Physiology, PhysiologyToml};
 use crate::time::SECONDS_MAX;
-use crate::verdict::Unusable;
+use crate::verdict::{Doubtful, Unusable};
 
 /// The text of a new study.
 pub const EXAMPLE: &str = include_str!("study.toml");
@@ -38,6 +38,8 @@ pub struct Study {
     pub figures: Vec<Chosen>,
     /// What becomes of a trial that is unusable.
     pub unusable: Unusable,
+    /// What becomes of a trial that is doubtful.
+    pub doubtful: Doubtful,
     /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
@@ -108,6 +110,8 @@ struct StudyToml {
     figures: Option<FiguresToml>,
     #[serde(default)]
     unusable: Unusable,
+    #[serde(default)]
+    doubtful: Doubtful,
     physiology: Option<PhysiologyToml>,
     #[serde(default, rename = "trials")]
     patterns: Vec<String>,
@@ -257,6 +261,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
         average_repeats: matches!(study.repeats, Some(Repeats::Mean)),
         figures: figures.unwrap_or_else(measures::default_choice),
         unusable: study.unusable,
+        doubtful: study.doubtful,
         physiology,
     })
 }
@@ -328,6 +333,7 @@ impl Study {
             bins_s: paper_bins().into_iter().map(|[from, to]| from..to).collect(),
             drop_incomplete: false,
             unusable: Unusable::default(),
+            doubtful: Doubtful::default(),
             average_repeats: false,
             figures: measures::default_choice(),
             physiology: None,
@@ -356,6 +362,8 @@ mod tests {
         std::fs::write(&path, EXAMPLE.lines().map(offered).collect::<String>()).unwrap();
         let study = read(&path).unwrap();
         assert!(study.drop_incomplete && study.average_repeats);
+        let verdicts = (study.unusable, study.doubtful);
+        assert_eq!(verdicts, (Unusable::LeaveOut, Doubtful::LeaveOut));
         let measures: Vec<&str> = study.figures.iter().map(|it| it.measure.name).collect();
         assert!(measures.contains(&"path length") && measures.contains(&"ellipse area"));
         // One by the pattern, whose [[trial]] is its entry; and the table.

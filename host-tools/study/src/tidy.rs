@@ -12,8 +12,8 @@ use plumbline_analysis::sway::{self, Settings, Sway};
 use plumbline_files::BadInput;
 use plumbline_files::text::as_cell;
 use plumbline_trial::Trial;
-use plumbline_trial::parquet::{self, Values};
 use plumbline_trial::manifest::{Manifest, Zero};
+use plumbline_trial::parquet::{self, Values};
 use plumbline_trial::points::{Point, Points};
 use plumbline_trial::reading::Trunk;
 use serde::Serialize;
@@ -133,11 +133,9 @@ pub fn csv(rows: &[Row]) -> Vec<u8> {
 /// Never: the columns are of one length, with a name each.
 #[must_use]
 pub fn parquet(rows: &[Row]) -> Vec<u8> {
-    let texts = |of: fn(&Row) -> &str| {
-        Values::Texts(rows.iter().map(|row| of(row).to_owned()).collect())
-    };
-    let numbers =
-        |of: fn(&Row) -> Option<f64>| Values::SomeNumbers(rows.iter().map(of).collect());
+    let texts =
+        |of: fn(&Row) -> &str| Values::Texts(rows.iter().map(|row| of(row).to_owned()).collect());
+    let numbers = |of: fn(&Row) -> Option<f64>| Values::SomeNumbers(rows.iter().map(of).collect());
     let columns = [
         ("participant", texts(|it| &it.participant)),
         ("condition", texts(|it| &it.condition)),
@@ -322,9 +320,8 @@ mod tests {
             let row = row.unwrap();
             let names: Vec<&str> = row.get_column_iter().map(|(name, _)| name.as_str()).collect();
             assert_eq!(names, columns);
-            let named = |name: &str| {
-                row.get_column_iter().find(|(it, _)| *it == name).unwrap().1.clone()
-            };
+            let named =
+                |name: &str| row.get_column_iter().find(|(it, _)| *it == name).unwrap().1.clone();
             ["participant", "value", "end_s", "unit", "reason"].map(named)
         });
         let text = |text: &str| Field::Str(text.to_owned());

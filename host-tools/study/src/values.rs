@@ -222,7 +222,7 @@ impl<'a, M: PartialEq> Values<'a, M> {
                 }
             }
         }
-        without.unwrap_or_else(|| "there is no trial".to_owned())
+        without.unwrap_or_else(|| "no trial takes part".to_owned())
     }
 }
 
@@ -323,13 +323,13 @@ mod tests {
         let mut fewer = trials();
         fewer.remove(0);
         let error = of(&study(false), &fewer).unwrap_err();
-        assert!(error.contains("HR: participant P2 has no value in hypo, T1: there is no"));
+        assert!(error.contains("HR: participant P2 has no value in hypo, T1: no trial"));
         let found = of(&study(true), &fewer).unwrap();
         assert_eq!((found.n, &*found.inference.subjects), (1, &["P10".to_owned()][..]));
         let left_out = LeftOut {
             participant: "P2".to_owned(),
             cell: vec!["hypo".to_owned(), "T1".to_owned()],
-            reason: "there is no trial".to_owned(),
+            reason: "no trial takes part".to_owned(),
         };
         assert_eq!(found.left_out, [left_out]);
         let without_late: Vec<_> = trials()

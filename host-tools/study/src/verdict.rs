@@ -20,6 +20,17 @@ pub enum Unusable {
     LeaveOut,
 }
 
+/// What becomes of a trial that is doubtful.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Doubtful {
+    /// It takes part, with a warning.
+    #[default]
+    TakePart,
+    /// It is left out, with a warning.
+    LeaveOut,
+}
+
 /// The trials that take part, and warnings that name those that are doubtful or left out.
 ///
 /// Each trial is read for this alone, and again for its figures: the study stops before any are
@@ -41,6 +52,9 @@ pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
                 refused.push(format!("\n  {place}: verdict: {line}"));
             }
             Grade::Unusable => warnings.push(format!("{place} is left out: {line}")),
+            Grade::Doubtful if study.doubtful == Doubtful::LeaveOut => {
+                warnings.push(format!("{place} is left out: {line}"));
+            }
             grade => {
                 if grade == Grade::Doubtful || verdict.overruled.is_some() {
                     warnings.push(format!("{place} is {line}"));

@@ -30,8 +30,8 @@ pub mod reading;
 pub mod recording;
 mod run;
 pub mod tables;
-#[cfg(test)]
-mod test_trial;
+#[cfg(any(test, feature = "fixture"))]
+pub mod test_trial;
 pub mod verdict;
 
 pub use manifest::Manifest;
