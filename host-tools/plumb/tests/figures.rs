@@ -205,6 +205,7 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
             "participant P1 has no value in calm, T3: ./short.csv, positions: 40 to 60 s: 5.0 of 20 s measured (25 %); at least 90 % are needed",
         ),
         (format!("bins_s = [[0, 1e12]]\n{whole}"), "bins_s"),
+        (format!("bins_s = [[0, 9], [9, 18], [0, 9]]\n{whole}"), "bins_s: one is given twice"),
     ];
     for (text_of_study, part) in cases {
         write(&text_of_study);

@@ -209,6 +209,9 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             "give pairs of seconds, [[0, 20], [20, 40]]",
         );
     }
+    if (1..study.bins_s.len()).any(|at| study.bins_s[..at].contains(&study.bins_s[at])) {
+        return wrong("bins_s", "one is given twice", "give each once: times are compared");
+    }
     if study.entries.is_empty() && study.patterns.is_empty() {
         return wrong(
             "trials",
@@ -240,7 +243,8 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     let entries: Vec<Entry> =
         entries.map(|(at, it)| it.entry(base, &place, at)).collect::<Result<_, _>>()?;
     for (at, entry) in entries.iter().enumerate() {
-        if let Some(first) = entries[..at].iter().position(|it| it.path() == entry.path()) {
+        let is_same = |it: &Entry| real(it.path()) == real(entry.path());
+        if let Some(first) = entries[..at].iter().position(is_same) {
             return Err(BadInput::new(
                 &place,
                 format!("[[trial]] {}", at + 1),
@@ -266,10 +270,14 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     })
 }
 
+/// A path without its links and detours; of what is not there, the path as it is.
+fn real(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
 /// The folders that patterns match, and the listed trials: where one is listed as well, its entry
 /// counts.
 fn with_entries(folders: Vec<PathBuf>, mut entries: Vec<Entry>) -> Vec<Entry> {
-    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let mut trials: Vec<Entry> = folders
         .into_iter()
         .map(|folder| {
