@@ -267,7 +267,6 @@ fn a_trial_that_cannot_be_read_is_named_and_the_others_are_written() {
         ("figures b c --out new.csv", &["c: it is not the folder", "none of them can be read"][..]),
         ("figures a --out there.csv", &["there.csv", "--force"]),
         ("figures a ./a --out new.csv", &["./a: this trial is given twice"]),
-        ("figures a --out new.parquet", &["CSV, not Parquet"]),
         ("figures --out new.csv", &["<TRIAL>"]),
     ] {
         let finished = run(arguments);
@@ -278,6 +277,8 @@ fn a_trial_that_cannot_be_read_is_named_and_the_others_are_written() {
     }
     assert_eq!(std::fs::read(folder.path().join("there.csv")).unwrap(), b"kept");
     assert!(!folder.path().join("new.csv").exists());
+    assert_eq!(run("figures a --out new.parquet").code, Some(0));
+    assert!(std::fs::read(folder.path().join("new.parquet")).unwrap().starts_with(b"PAR1"));
 }
 
 #[test]

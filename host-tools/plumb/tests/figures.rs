@@ -205,6 +205,7 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
             "participant P1 has no value in calm, T3: ./short.csv, positions: 40 to 60 s: 5.0 of 20 s measured (25 %); at least 90 % are needed",
         ),
         (format!("bins_s = [[0, 1e12]]\n{whole}"), "bins_s"),
+        (format!("bins_s = [[0, 9], [9, 18], [0, 9]]\n{whole}"), "bins_s: one is given twice"),
     ];
     for (text_of_study, part) in cases {
         write(&text_of_study);
@@ -213,6 +214,34 @@ fn a_study_of_circles_has_their_circumferences_in_its_table() {
         assert_eq!(output.status.code(), Some(2), "{part}: {said}");
         assert!(said.contains(part), "no {part}: {said}");
     }
+}
+
+/// Its factor time has one level: with it, no effect would be tested.
+#[test]
+fn a_study_with_a_single_time_compares_its_conditions() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = format!("bins_s = [[0, 30]]\n{}", study(&folder));
+    std::fs::write(folder.path().join("study.toml"), whole).unwrap();
+    let found = json(&folder, &["study", "study.toml"]);
+    for response in found["sway"].as_array().unwrap() {
+        let inference = &response["inference"];
+        assert_eq!(inference["factors"].as_array().unwrap().len(), 1, "{inference}");
+        assert_eq!(inference["anova"]["effects"][0]["effect"], "condition");
+        assert_eq!(response["adjusted"][0]["tests"], 3, "{response}");
+    }
+    // Six turns in 30 s: the first row of the table has the same means as the statistics.
+    let mean = found["sway"][2]["inference"]["cells"][0]["raw"]["mean"].as_f64().unwrap();
+    assert!((mean / (6.0 * TAU * 16.0 / 3.0) - 1.0).abs() < 3e-4, "{mean}");
+    let said = text(&plumb(&folder, &["study", "study.toml"]));
+    for part in
+        ["There is a single time, so only conditions are compared.", &format!("{mean:.1} ±")]
+    {
+        assert!(said.contains(part), "no {part}: {said}");
+    }
+    assert_eq!(plumb(&folder, &["report", "study.toml"]).status.code(), Some(0));
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 3);
+    assert!(page.contains("There is a single time"), "{page}");
 }
 
 #[test]

@@ -17,5 +17,6 @@ mod prove;
 mod prove_live;
 mod recording;
 mod report_in_browser;
+mod spoiled_study;
 mod validate;
 mod verdict;

@@ -117,8 +117,8 @@ impl LongFigures {
 /// `drop_incomplete`, left out and listed.
 ///
 /// # Errors
-/// When the file cannot be read, a column is missing, a value is not a number, or a cell has no
-/// value or two. The error names the line, or the subject and the cell.
+/// When the file cannot be read, a column is missing, a value is not a number, a cell has no value
+/// or two, or a factor has one level only. The error names the line, or the subject and the cell.
 pub fn read(
     path: &Path,
     columns: &Columns,
@@ -154,12 +154,21 @@ pub fn read(
     let factors: Vec<&str> = columns.within.iter().map(String::as_str).collect();
     let (design, dropped) = WithinDesign::of_complete_subjects(&factors, &observations)
         .map_err(|error| unusable(&place, &error))?;
-    match dropped.first() {
-        Some(first) if !drop_incomplete => {
-            Err(unusable(&place, &DesignError::Missing(first.clone())))
-        }
-        _ => Ok((design, dropped)),
+    if let Some(first) = dropped.first()
+        && !drop_incomplete
+    {
+        return Err(unusable(&place, &DesignError::Missing(first.clone())));
     }
+    // Neither it nor the other factor would be tested, and the tables would be empty.
+    if let Some(factor) = design.factors().iter().find(|it| it.levels.len() < 2) {
+        return Err(BadInput::new(
+            &place,
+            &factor.name,
+            format!("only one level, {:?}: there is nothing to compare", factor.levels[0]),
+            "leave it out of --within, or name the column that tells the measurements apart",
+        ));
+    }
+    Ok((design, dropped))
 }
 
 fn unusable(place: &str, error: &DesignError) -> BadInput {
@@ -247,6 +256,10 @@ mod tests {
             (WHOLE.replace("a,2,y,8.5", ",2,y,8.5"), "line 5: a subject or a level is empty"),
             (WHOLE.replace("a,2,y,8.5", "a,2,y"), "3 cells, and the header has 4"),
             ("who,day,time,resp\n".to_owned(), "there are no measurements"),
+            (
+                "who,day,time,resp\na,1,x,5\na,1,y,6\nb,1,x,4\nb,1,y,3\n".to_owned(),
+                "day: only one level, \"1\": there is nothing to compare; leave it out of --within",
+            ),
             (
                 WHOLE.replace("8.5", "many").replace('\n', "\r\n"),
                 "resp (line 5): \"many\" is not a number",

@@ -37,6 +37,8 @@ pub struct Study {
     pub figures: Vec<Chosen>,
     /// What becomes of a trial that is unusable.
     pub unusable: Unusable,
+    /// What becomes of a trial that is doubtful.
+    pub doubtful: Doubtful,
     /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
     /// The trials.
@@ -96,6 +98,17 @@ pub enum Unusable {
     LeaveOut,
 }
 
+/// What becomes of a trial that is doubtful.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Doubtful {
+    /// It takes part, with a warning.
+    #[default]
+    TakePart,
+    /// It is left out, with a warning.
+    LeaveOut,
+}
+
 /// Where a trial's positions are.
 #[derive(Debug, Clone)]
 pub enum Source {
@@ -118,6 +131,8 @@ struct StudyToml {
     figures: Option<FiguresToml>,
     #[serde(default)]
     unusable: Unusable,
+    #[serde(default)]
+    doubtful: Doubtful,
     physiology: Option<PhysiologyToml>,
     #[serde(default, rename = "trials")]
     patterns: Vec<String>,
@@ -215,6 +230,9 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
             "give pairs of seconds, [[0, 20], [20, 40]]",
         );
     }
+    if (1..study.bins_s.len()).any(|at| study.bins_s[..at].contains(&study.bins_s[at])) {
+        return wrong("bins_s", "one is given twice", "give each once: times are compared");
+    }
     if study.entries.is_empty() && study.patterns.is_empty() {
         return wrong(
             "trials",
@@ -243,10 +261,11 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     }
     let figures = study.figures.map(|it| it.choose(&place)).transpose()?;
     let entries = study.entries.into_iter().enumerate();
-    let entries: Vec<Entry> =
-        entries.map(|(at, it)| it.entry(base, &place, at)).collect::<Result<_, _>>()?;
-    for (at, entry) in entries.iter().enumerate() {
-        if let Some(first) = entries[..at].iter().position(|it| it.path() == entry.path()) {
+    let listed: Vec<(PathBuf, Entry)> = entries
+        .map(|(at, it)| it.entry(base, &place, at).map(|entry| (real(entry.path()), entry)))
+        .collect::<Result<_, _>>()?;
+    for (at, (path, entry)) in listed.iter().enumerate() {
+        if let Some(first) = listed[..at].iter().position(|(before, _)| before == path) {
             return Err(BadInput::new(
                 &place,
                 format!("[[trial]] {}", at + 1),
@@ -257,7 +276,7 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     }
     let Matched { folders, skipped } = patterns::matched(&study.patterns, base, &place)?;
     Ok(Study {
-        trials: with_entries(folders, entries),
+        trials: with_entries(folders, listed),
         skipped,
         place,
         title: study.title,
@@ -267,16 +286,19 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
         average_repeats: matches!(study.repeats, Some(Repeats::Mean)),
         figures: figures.unwrap_or_else(measures::default_choice),
         unusable: study.unusable,
+        doubtful: study.doubtful,
         physiology,
     })
 }
 
-/// The folders that patterns match, and the listed trials: where one is listed as well, its entry
-/// counts.
-fn with_entries(folders: Vec<PathBuf>, entries: Vec<Entry>) -> Vec<Entry> {
-    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let mut listed: Vec<(PathBuf, Entry)> =
-        entries.into_iter().map(|entry| (real(entry.path()), entry)).collect();
+/// A path without its links and detours; of what is not there, the path as it is.
+fn real(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+/// The folders that patterns match, and the listed trials, each with its real path: where one is
+/// listed as well, its entry counts.
+fn with_entries(folders: Vec<PathBuf>, mut listed: Vec<(PathBuf, Entry)>) -> Vec<Entry> {
     let mut trials: Vec<Entry> = folders
         .into_iter()
         .map(|folder| {
@@ -341,6 +363,7 @@ impl Study {
             bins_s: paper_bins().into_iter().map(|[from, to]| from..to).collect(),
             drop_incomplete: false,
             unusable: Unusable::default(),
+            doubtful: Doubtful::default(),
             average_repeats: false,
             figures: measures::default_choice(),
             physiology: None,
@@ -369,6 +392,8 @@ mod tests {
         std::fs::write(&path, EXAMPLE.lines().map(offered).collect::<String>()).unwrap();
         let study = read(&path).unwrap();
         assert!(study.drop_incomplete && study.average_repeats);
+        let verdicts = (study.unusable, study.doubtful);
+        assert_eq!(verdicts, (Unusable::LeaveOut, Doubtful::LeaveOut));
         let measures: Vec<&str> = study.figures.iter().map(|it| it.measure.name).collect();
         assert!(measures.contains(&"path length") && measures.contains(&"ellipse area"));
         // One by the pattern, whose [[trial]] is its entry; and the table.

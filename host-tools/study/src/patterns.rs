@@ -1,5 +1,6 @@
 //! The folders of trials that patterns such as `trials/*` match.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use glob::{MatchOptions, Pattern};
@@ -30,6 +31,7 @@ pub struct Matched {
 /// When a pattern is not one, cannot be followed, or matches no trial.
 pub fn matched(patterns: &[String], base: &Path, place: &str) -> Result<Matched, BadInput> {
     let mut matched = Matched::default();
+    let mut seen = HashSet::new();
     for pattern in patterns {
         let wrong = |found: String, remedy: &str| {
             BadInput::new(place, format!("trials, {pattern:?}"), found, remedy)
@@ -49,7 +51,9 @@ pub fn matched(patterns: &[String], base: &Path, place: &str) -> Result<Matched,
                 [names::MANIFEST, names::JOURNAL].iter().any(|it| path.join(it).exists());
             if is_trial {
                 trials += 1;
-                if !matched.folders.contains(&path) {
+                // By another name, too, it is the same trial.
+                let is_new = seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone()));
+                if is_new {
                     matched.folders.push(path);
                 }
             } else if path.is_dir() {
@@ -116,6 +120,8 @@ mod tests {
         let [folders, skipped] = names(&["trials/b", "trials/?*", "*/b"]).unwrap();
         assert_eq!(folders, ["b", "a10", "a9"]);
         assert_eq!(skipped, ["notes"]);
+        let [folders, _] = names(&["trials/*", "./trials/b", "trials/../trials/*"]).unwrap();
+        assert_eq!(folders, ["a10", "a9", "b"]);
     }
 
     #[test]

@@ -223,13 +223,22 @@ impl StudyFigures {
         let from_transition = self.windows.iter().filter(|it| it.from == Event::Transition);
         let from_transition = from_transition
             .map(|it| format!(" (of the {} from when the person begins to rise)", it.name));
+        let marks = if self.windows.len() > 1 {
+            format!(
+                "* differs from {control} at that time; a letter: differs from that time under the \
+                 same condition (paired t tests, p < {SIGNIFICANT} after Bonferroni's correction, \
+                 for the times and for the pairs of times)."
+            )
+        } else {
+            format!(
+                "{ONE_TIME} * differs from {control} (paired t tests, p < {SIGNIFICANT} after \
+                 Bonferroni's correction for all conditions)."
+            )
+        };
         vec![
             self.participants_note(&responses),
             format!(
-                "Mean ± SEM; seconds from t = 0{}. * differs from {control} at that time; a \
-                 letter: differs from that time under the same condition (paired t tests, p < \
-                 {SIGNIFICANT} after Bonferroni's correction, for the times and for the pairs of \
-                 times).",
+                "Mean ± SEM; seconds from t = 0{}. {marks}",
                 from_transition.collect::<String>()
             ),
             "HR: heart rate. MAP, SBP, DBP: mean, systolic, diastolic arterial pressure. SV: \
@@ -271,7 +280,7 @@ impl StudyFigures {
             notes: self.sway_notes(
                 all,
                 &format!("Mean ± SEM, {unit}. {}.", times.join("; ")),
-                true,
+                self.bins_s.len(),
             ),
         }
     }
@@ -301,7 +310,7 @@ impl StudyFigures {
             stub: vec!["figure", "direction"],
             groups: self.groups_of_points(),
             sections: sections.collect(),
-            notes: self.sway_notes(all, "Mean ± SEM.", false),
+            notes: self.sway_notes(all, "Mean ± SEM.", 0),
         }
     }
 
@@ -329,23 +338,25 @@ impl StudyFigures {
             .collect()
     }
 
+    /// The notes of a table with this number of times; 0 where figures are of all of them together.
     fn sway_notes<'a>(
         &self,
         responses: impl Iterator<Item = &'a SwayResponse>,
         values: &str,
-        by_time: bool,
+        times: usize,
     ) -> Vec<String> {
         let control = &self.conditions[0];
         let responses: Vec<(&str, &Response)> =
             responses.map(|it| (point_name(&it.figure.point), &it.response)).collect();
-        let (at, times) = if by_time { (" at that time", " and times") } else { ("", "") };
+        let (at, and_times) = if times > 1 { (" at that time", " and times") } else { ("", "") };
+        let one_time = if times == 1 { format!(" {ONE_TIME}") } else { String::new() };
         vec![
             self.participants_note(&responses),
-            values.to_owned(),
+            format!("{values}{one_time}"),
             format!(
                 "d: Cohen's d of the condition against {control}. * differs from {control}{at} (by \
                  ranks: ANOVA-type statistic, p < {SIGNIFICANT} after Bonferroni's correction for \
-                 all conditions{times} of this figure)."
+                 all conditions{and_times} of this figure)."
             ),
             "AP: anterior-posterior; ML: medial-lateral; SI: superior-inferior; APML, APSI, MLSI: \
              in the transverse, sagittal and coronal plane."
@@ -390,7 +401,8 @@ impl StudyFigures {
     /// The asterisk and letters of a cell of Table I.
     fn physiology_marks(&self, inference: &Inference, condition: &str, time: &str) -> String {
         let mut marks = String::new();
-        let differs = inference.comparison([&self.conditions[0], condition], Some(time));
+        let under = level_of_time(inference, Some(time));
+        let differs = inference.comparison([&self.conditions[0], condition], under);
         let is_significant =
             |p: Option<f64>| p.is_some_and(|p_bonferroni| p_bonferroni < SIGNIFICANT);
         if is_significant(differs.and_then(|it| Some(it.t_test.known()?.p_bonferroni))) {
@@ -419,7 +431,8 @@ impl StudyFigures {
         let control = &self.conditions[0];
         let mut cells = vec![unmarked(mean(inference, control, time, decimals))];
         for condition in &self.conditions[1..] {
-            let comparison = inference.comparison([control, condition], time);
+            let under = level_of_time(inference, time);
+            let comparison = inference.comparison([control, condition], under);
             let p = comparison.and_then(|it| Some(it.ranks.known()?.p_bonferroni));
             let marks = if p.is_some_and(|p| p < SIGNIFICANT) { "*" } else { "" };
             let d = comparison.and_then(|it| it.d.known());
@@ -447,6 +460,14 @@ fn letter(time: usize) -> char {
         .map_or('?', char::from)
 }
 
+/// A time as a level of the design, in which a single time is none.
+fn level_of_time<'a>(inference: &Inference, time: Option<&'a str>) -> Option<&'a str> {
+    time.filter(|_| inference.factors.len() > 1)
+}
+
+/// What is said of a table with a single time.
+const ONE_TIME: &str = "There is a single time, so only conditions are compared.";
+
 /// The decimals of the paper's means and errors.
 const DECIMALS: Option<usize> = Some(1);
 
@@ -457,6 +478,7 @@ fn mean(
     time: Option<&str>,
     decimals: Option<usize>,
 ) -> String {
+    let time = level_of_time(inference, time);
     let levels: Vec<&str> = [condition].into_iter().chain(time).collect();
     let cell = inference.cells.iter().find(|it| it.levels == levels);
     let description = cell.and_then(|it| it.normalised.known());

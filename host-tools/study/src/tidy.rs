@@ -14,6 +14,7 @@ use plumbline_files::text::as_cell;
 use plumbline_trial::Trial;
 use plumbline_trial::frame::Trunk;
 use plumbline_trial::manifest::{Manifest, Zero};
+use plumbline_trial::parquet::{self, Values};
 use plumbline_trial::points::{Point, Points};
 use serde::Serialize;
 
@@ -126,6 +127,38 @@ pub fn csv(rows: &[Row]) -> Vec<u8> {
     writer.into_inner().expect("memory has no end of writing")
 }
 
+/// The table as Parquet, with the same columns. A text is as it was given: here none is a formula.
+///
+/// # Panics
+/// Never: the columns are of one length, with a name each.
+#[must_use]
+pub fn parquet(rows: &[Row]) -> Vec<u8> {
+    let texts =
+        |of: fn(&Row) -> &str| Values::Texts(rows.iter().map(|row| of(row).to_owned()).collect());
+    let numbers = |of: fn(&Row) -> Option<f64>| Values::SomeNumbers(rows.iter().map(of).collect());
+    let columns = [
+        ("participant", texts(|it| &it.participant)),
+        ("condition", texts(|it| &it.condition)),
+        ("trial", texts(|it| &it.trial)),
+        ("verdict", texts(|it| it.verdict)),
+        ("trunk", texts(|it| it.trunk)),
+        ("segment", texts(|it| &it.segment)),
+        ("start_s", numbers(|it| it.start_s)),
+        ("end_s", numbers(|it| it.end_s)),
+        ("measured_s", numbers(|it| it.measured_s)),
+        ("direction", texts(|it| it.direction)),
+        ("figure", texts(|it| it.figure)),
+        ("value", numbers(|it| it.value)),
+        ("standard_uncertainty", numbers(|it| it.standard_uncertainty)),
+        ("unit", texts(|it| it.unit)),
+        ("filter", texts(|it| &it.filter)),
+        ("rate_hz", numbers(|it| it.rate_hz)),
+        ("reason", texts(|it| &it.reason)),
+    ];
+    let columns = columns.map(|(name, values)| (name.to_owned(), values));
+    parquet::bytes("figures", &columns, Vec::new()).expect("a row is flat")
+}
+
 impl Row {
     /// What all rows of a trial have in common.
     fn of(folder: &Path, manifest: &Manifest, settings: &Settings) -> Self {
@@ -230,6 +263,8 @@ impl Segment<'_> {
 
 #[cfg(test)]
 mod tests {
+    use ::parquet::file::reader::{FileReader as _, SerializedFileReader};
+    use ::parquet::record::Field;
     use plumbline_analysis::sway::figure::Absent;
 
     use super::*;
@@ -263,6 +298,38 @@ mod tests {
         let found = whole.row(row);
         assert_eq!((found.start_s, found.end_s, &*found.reason), (Some(0.0), None, NOT_SEEN));
         assert!(!String::from_utf8(csv(&[found])).unwrap().contains("inf"));
+    }
+
+    #[test]
+    fn parquet_has_the_columns_of_csv_and_the_texts_as_given() {
+        let manifest = Manifest::begin(String::new(), None, None, None, Zero::Mark);
+        let absent = Row {
+            participant: "=P1".to_owned(),
+            reason: "gone".to_owned(),
+            ..Row::of(Path::new("t"), &manifest, &Settings::default())
+        };
+        let known = Row { value: Some(-1.5e-7), end_s: Some(60.0), unit: "mm²", ..absent.clone() };
+        let rows = [absent, known];
+        let text = String::from_utf8(csv(&rows)).unwrap();
+        let columns: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("figures.parquet");
+        std::fs::write(&path, parquet(&rows)).unwrap();
+        let reader = SerializedFileReader::try_from(path.as_path()).unwrap();
+        let read = reader.get_row_iter(None).unwrap().map(|row| {
+            let row = row.unwrap();
+            let names: Vec<&str> = row.get_column_iter().map(|(name, _)| name.as_str()).collect();
+            assert_eq!(names, columns);
+            let named =
+                |name: &str| row.get_column_iter().find(|(it, _)| *it == name).unwrap().1.clone();
+            ["participant", "value", "end_s", "unit", "reason"].map(named)
+        });
+        let text = |text: &str| Field::Str(text.to_owned());
+        let expected = [
+            [text("=P1"), Field::Null, Field::Null, text(""), text("gone")],
+            [text("=P1"), Field::Double(-1.5e-7), Field::Double(60.0), text("mm²"), text("gone")],
+        ];
+        assert_eq!(read.collect::<Vec<_>>(), expected);
     }
 
     #[test]

@@ -90,7 +90,8 @@ pub fn never_measured<M: PartialEq>(trials: &[TrialValues<M>], response: &M) -> 
     Some(reason.map_or_else(|| "no trial has it".to_owned(), String::clone))
 }
 
-/// The statistics of one response at these times; without times, of its only value. Trials of one
+/// The statistics of one response at these times; without times, of its only value. A single time
+/// has nothing to be compared with: the design is then that of the conditions alone. Trials of one
 /// participant under one condition are first averaged, separately for each time, as in the paper.
 ///
 /// # Errors
@@ -104,6 +105,7 @@ pub fn analyse<M: PartialEq>(
     response: &M,
     name: &str,
 ) -> Result<Response, BadInput> {
+    let times = if times.len() > 1 { times } else { &[] };
     let values = Values { times, trials, response };
     let observations = values.means(study);
     let wrong = |found: String, remedy| BadInput::new(&study.place, name, found, remedy);
@@ -220,7 +222,7 @@ impl<'a, M: PartialEq> Values<'a, M> {
                 }
             }
         }
-        without.unwrap_or_else(|| "there is no trial".to_owned())
+        without.unwrap_or_else(|| "no trial takes part".to_owned())
     }
 }
 
@@ -321,13 +323,13 @@ mod tests {
         let mut fewer = trials();
         fewer.remove(0);
         let error = of(&study(false), &fewer).unwrap_err();
-        assert!(error.contains("HR: participant P2 has no value in hypo, T1: there is no"));
+        assert!(error.contains("HR: participant P2 has no value in hypo, T1: no trial"));
         let found = of(&study(true), &fewer).unwrap();
         assert_eq!((found.n, &*found.inference.subjects), (1, &["P10".to_owned()][..]));
         let left_out = LeftOut {
             participant: "P2".to_owned(),
             cell: vec!["hypo".to_owned(), "T1".to_owned()],
-            reason: "there is no trial".to_owned(),
+            reason: "no trial takes part".to_owned(),
         };
         assert_eq!(found.left_out, [left_out]);
         let without_late: Vec<_> = trials()
@@ -339,5 +341,18 @@ mod tests {
             .collect();
         let error = of(&study(true), &without_late).unwrap_err();
         assert!(error.contains("nobody has a value in T2: lasts 20 s"), "{error}");
+    }
+
+    #[test]
+    fn a_single_time_is_no_factor() {
+        let found = analyse(&study(false), &[time_name(0)], &trials(), &"HR", "HR").unwrap();
+        let inference = found.inference;
+        assert_eq!(inference.factors.len(), 1);
+        assert_eq!(inference.cells[1].levels, ["hypo"]);
+        // Both participants have a higher value in hypo: 1 to 3, and 10 to 31.
+        let test = inference.comparison(["control", "hypo"], None).unwrap().t_test.known();
+        assert_eq!(test.unwrap().mean_difference, 11.5);
+        let effects = &inference.anova.known().unwrap().effects;
+        assert_eq!(effects.iter().map(|it| &*it.effect).collect::<Vec<_>>(), ["condition"]);
     }
 }

@@ -6,7 +6,7 @@ use plumbline_trial::Trial;
 use plumbline_trial::verdict::{Grade, Verdict};
 use rayon::prelude::*;
 
-use crate::manifest::{Entry, Source, Study, Unusable};
+use crate::manifest::{Doubtful, Entry, Source, Study, Unusable};
 
 /// The trials that take part, and warnings that name those that are doubtful or left out.
 ///
@@ -29,6 +29,9 @@ pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
                 refused.push(format!("\n  {place}: verdict: {line}"));
             }
             Grade::Unusable => warnings.push(format!("{place} is left out: {line}")),
+            Grade::Doubtful if study.doubtful == Doubtful::LeaveOut => {
+                warnings.push(format!("{place} is left out: {line}"));
+            }
             grade => {
                 if grade == Grade::Doubtful || verdict.overruled.is_some() {
                     warnings.push(format!("{place} is {line}"));

@@ -23,6 +23,7 @@ pub mod journal;
 pub mod manifest;
 pub mod mark;
 pub mod markers;
+pub mod parquet;
 pub mod points;
 pub mod poses;
 pub mod positions;
@@ -30,8 +31,8 @@ mod reading;
 pub mod recording;
 mod run;
 pub mod tables;
-#[cfg(test)]
-mod test_trial;
+#[cfg(any(test, feature = "fixture"))]
+pub mod test_trial;
 mod trial;
 pub mod verdict;
 

@@ -171,7 +171,8 @@ impl Packets {
         if self.sessions > 1 {
             warnings.push(format!(
                 "the box has started {} times: between its runs times are only as good as the \
-                 arrival of its packets, and nothing is measured across them",
+                 arrival of its packets, and no path is measured across them; RMS, range and \
+                 ellipse are of all runs together, and wrong if the camera was moved in between",
                 self.sessions
             ));
         }

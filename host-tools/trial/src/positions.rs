@@ -202,6 +202,11 @@ impl Table {
             "all positions exactly 0, as of dropped rows",
             &remove_dropped(&mut rows),
         ));
+        if rows.len() < 2 && !warnings.is_empty() {
+            let found = format!("fewer than two samples: {}", warnings.join("; "));
+            let remedy = "name columns that hold positions";
+            return Err(BadInput::whole(place, found, remedy));
+        }
         self.series(&place, &rows, warnings)
     }
 
@@ -215,7 +220,8 @@ impl Table {
             return Err(BadInput::new(
                 place,
                 format!("{} (line {})", self.columns.time, pair[1].line),
-                format!("{} s comes after {} s", pair[1].time_s, pair[0].time_s),
+                // As short as it can be: a damaged time may have hundreds of digits.
+                format!("{:?} s comes after {:?} s", pair[1].time_s, pair[0].time_s),
                 "time must increase: give a table of one trial, in its order",
             ));
         }
@@ -318,7 +324,8 @@ fn gap_words(what: &str, lines: &[usize]) -> Option<String> {
     } else {
         format!("lines {}", named.join(", "))
     };
-    Some(format!("{} became gaps ({what}): {lines_word}", counted(lines.len(), "row")))
+    let became = if lines.len() == 1 { "became a gap" } else { "became gaps" };
+    Some(format!("{} {became} ({what}): {lines_word}", counted(lines.len(), "row")))
 }
 
 #[cfg(test)]
@@ -364,6 +371,12 @@ mod tests {
     }
 
     #[test]
+    fn one_row_is_one_gap() {
+        let found = read("t,x,y\n0,1,2\n0.1,NaN,2\n0.2,2,3\n0.3,1,1\n", Unit::Mm).unwrap();
+        assert_eq!(found.warnings[0], "1 row became a gap (no value): line 3");
+    }
+
+    #[test]
     fn a_walk_from_zero_begins_there() {
         let text = "t,x,y\n0,0,0\n0.1,1,3\n0.2,3,2\n0.3,0,0\n0.4,2,1\n0.5,1,2\n";
         let found = read(text, Unit::Mm).unwrap();
@@ -380,6 +393,11 @@ mod tests {
             ("t,x,y\n0,1,2\n,1,2\n", "t (line 3): there is no time"),
             ("t,x,y\n0,1,2\n0.2,1,2\n0.1,1,2\n", "t (line 4): 0.1 s comes after 0.2 s"),
             ("t,x,y\n0,1,2\n", "fewer than two samples"),
+            (
+                "t,x,y\n0,,2\n0.1,,2\n0.2,,3\n",
+                "fewer than two samples: 3 rows became gaps (no value): lines 2, 3, 4",
+            ),
+            ("t,x,y\n0,1,2\n1e160,1,2\n0.2,1,2\n", "t (line 4): 0.2 s comes after 1e160 s"),
             ("t,x,y\n0,1,2\n17,1,3\n33,2,2\n", "is the time in seconds?"),
             (
                 "t;x;y\n0;1,5;2\n",

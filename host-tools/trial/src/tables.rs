@@ -2,16 +2,13 @@
 //! packets. The verdict on the trial is in the Parquet file's metadata, under `verdict`.
 
 use std::fs::File;
-use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
-use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
+use parquet::basic::{Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::errors::Result as ParquetResult;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 use plumbline::packet::Deframer;
@@ -23,6 +20,7 @@ use plumbline_stream::transport::Event;
 
 use super::correction::{Correction, corrected};
 use super::journal::{Content, Reader};
+use super::parquet::{field, properties, put, text_field};
 use super::{Verdict, names};
 
 /// Rows per group of the Parquet file; one group is held in memory.
@@ -97,22 +95,17 @@ impl Columns {
     }
 
     fn schema() -> ParquetResult<Type> {
-        let column = |name: &str, physical, repetition, logical| {
-            let column = Type::primitive_type_builder(name, physical);
-            column.with_repetition(repetition).with_logical_type(logical).build().map(Arc::new)
-        };
         let required = Repetition::REQUIRED;
         let mut fields = Vec::new();
         for name in WHOLE {
-            fields.push(column(name, Physical::INT64, required, None)?);
+            fields.push(field(name, Physical::INT64, required, None)?);
         }
         for name in TEXT {
-            let text = Some(LogicalType::String);
-            fields.push(column(name, Physical::BYTE_ARRAY, required, text)?);
+            fields.push(text_field(name)?);
         }
-        fields.push(column("time_s", Physical::DOUBLE, required, None)?);
+        fields.push(field("time_s", Physical::DOUBLE, required, None)?);
         for name in number_columns() {
-            fields.push(column(name, Physical::DOUBLE, Repetition::OPTIONAL, None)?);
+            fields.push(field(name, Physical::DOUBLE, Repetition::OPTIONAL, None)?);
         }
         Type::group_type_builder("samples").with_fields(fields).build()
     }
@@ -132,19 +125,6 @@ impl Columns {
     }
 }
 
-/// Writes the next column of a group. `there` is 1 for each row with a value, and 0 for a null.
-pub(crate) fn put<T: DataType, W: Write + Send>(
-    group: &mut SerializedRowGroupWriter<'_, W>,
-    values: &[T::T],
-    there: Option<&[i16]>,
-) -> ParquetResult<()> {
-    if let Some(mut column) = group.next_column()? {
-        column.typed::<T>().write_batch(values, there, None)?;
-        column.close()?;
-    }
-    Ok(())
-}
-
 /// Made from the rows of the CSV, so that both tables agree.
 fn parquet_of(csv: &Path, verdict: &Verdict, file: &File, place: &Path) -> Result<(), BadInput> {
     let unwritable =
@@ -152,12 +132,9 @@ fn parquet_of(csv: &Path, verdict: &Verdict, file: &File, place: &Path) -> Resul
     let unreadable =
         |error| BadInput::whole(csv.display(), error, "report it: plumb wrote this file");
     let schema = Columns::schema().map_err(unwritable)?;
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::SNAPPY)
-        .set_key_value_metadata(Some(vec![KeyValue::new("verdict".to_owned(), verdict.line())]))
-        .build();
-    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
-        .map_err(unwritable)?;
+    let properties = properties(vec![("verdict", verdict.line())]);
+    let mut writer =
+        SerializedFileWriter::new(file, Arc::new(schema), properties).map_err(unwritable)?;
     let mut rows = csv::Reader::from_path(csv).map_err(unreadable)?;
     let mut columns = Columns::default();
     let header = rows.headers().map_err(unreadable)?.clone();

@@ -20,6 +20,7 @@ use crate::manifest::{Manifest, State, Zero};
 use crate::mark::{Mark, Source};
 use crate::{Trial, Verdict, names};
 
+/// One second.
 pub const SECOND_NS: u64 = 1_000_000_000;
 
 /// From a frame's capture to its packet, by clocks that agree but for their zero.
@@ -27,9 +28,11 @@ const DELAY_NS: u64 = 5_000_000;
 
 /// A trial that is not on the disk yet.
 pub struct Made {
+    /// Who was measured.
     pub manifest: Manifest,
     /// What the box tells of itself, and `config.plb`.
     pub config: Option<Config>,
+    /// The packets and the mark.
     pub entries: Vec<Entry>,
 }
 
@@ -207,6 +210,7 @@ impl Made {
         (folder, Trial::open(&path).unwrap())
     }
 
+    /// The verdict on it.
     pub fn verdict(&self) -> Verdict {
         self.trial().1.manifest.verdict()
     }

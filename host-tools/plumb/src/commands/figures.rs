@@ -20,18 +20,20 @@ use crate::ui::stdout;
 /// its value, its standard uncertainty from the noise of the poses, and its unit; beside them
 /// participant, condition, the span, how much of it was measured, the filter and the rate. Every
 /// trial has the same rows: where a figure cannot be computed, the value is empty and the column
-/// `reason` says why. The values are those of `plumb analyze --json`.
+/// `reason` says why. The values are those of `plumb analyze --json`. A file whose name ends with
+/// .parquet becomes Parquet, with the same columns, and null for what is empty; any other CSV.
 ///
 /// A trial that cannot be read is named, and the others are written; the exit code is then 1.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  plumb figures trials/* --out figures.csv\n  \
-    plumb figures trials/* --bins 0-30,30-60 --out - | head")]
+    plumb figures trials/* --bins 0-30,30-60 --out - | head\n  \
+    plumb figures trials/* --span 0-30 --out figures.parquet")]
 pub struct Arguments {
     /// The trials' folders
     #[arg(required = true, value_name = "TRIAL")]
     trials: Vec<PathBuf>,
 
-    /// The table (CSV); - writes it to standard output
+    /// The table: CSV, or Parquet by its name; - writes CSV to standard output
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
 
@@ -56,7 +58,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let Arguments { trials, out, method, zero, force } = arguments;
     let is_stdout = out.as_os_str() == "-";
     if !is_stdout {
-        check_out(out, *force)?;
+        // Many trials take a while: whether the table can be written is found out before.
+        Late::new(out, *force)?;
     }
     refuse_twice(trials)?;
     let progress = Progress::of_trials(trials.len());
@@ -90,11 +93,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         let remedy = "give folders that `plumb receive --out` has made";
         return Err(BadInput::whole("trials", "none of them can be read", remedy).into());
     }
-    let text = tidy::csv(&table);
     if is_stdout {
-        stdout::print(&String::from_utf8_lossy(&text))?;
+        stdout::print(&String::from_utf8_lossy(&tidy::csv(&table)))?;
     } else {
-        write_all(&[(out.clone(), text)], *force)?;
+        let bytes = if is_parquet(out) { tidy::parquet(&table) } else { tidy::csv(&table) };
+        write_all(&[(out.clone(), bytes)], *force)?;
         let trials = counted(trials.len() - broken, "trial");
         let _ = writeln!(
             std::io::stdout(),
@@ -106,13 +109,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     Ok(broken == 0)
 }
 
-/// Many trials take a while: whether the table can be written is found out before.
-fn check_out(out: &Path, force: bool) -> Result<(), BadInput> {
-    if out.extension().is_some_and(|it| it.eq_ignore_ascii_case("parquet")) {
-        let remedy = "give a name that ends with .csv; pandas and R convert it";
-        return Err(BadInput::new("--out", out.display(), "the table is CSV, not Parquet", remedy));
-    }
-    Late::new(out, force).map(drop)
+fn is_parquet(out: &Path) -> bool {
+    out.extension().is_some_and(|it| it.eq_ignore_ascii_case("parquet"))
 }
 
 /// A trial that stands twice in a table would count twice.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::prelude::*;
 use plumbline_analysis::series::{Axis, Plane, Series};
-use plumbline_analysis::statistics::inference::Inference;
+use plumbline_analysis::statistics::inference::{Cell, Inference};
 use plumbline_analysis::sway::spectrum::power_density;
 use plumbline_files::BadInput;
 
@@ -284,8 +284,8 @@ pub enum Scale {
     OfTheData,
 }
 
-/// The means of each condition over time, with their standard errors; `None` where there are
-/// none, as of one participant.
+/// The means of each condition over time, or of the conditions alone, with their standard errors;
+/// `None` where there are none, as of one participant.
 ///
 /// # Errors
 /// When it cannot be drawn.
@@ -295,16 +295,22 @@ pub fn means(
     axis: &str,
     scale: Scale,
 ) -> Result<Option<String>, BadInput> {
-    let [conditions, times] = &inference.factors[..] else {
-        return Err(BadInput::whole("a plot of the study", "not condition by time", "report it"));
+    // A named line for each condition over time; or one line over the conditions.
+    let (names, along) = match &inference.factors[..] {
+        [conditions, times] => (&conditions.levels[..], times),
+        [conditions] => (&[][..], conditions),
+        _ => {
+            let found = "neither condition by time nor condition";
+            return Err(BadInput::whole("a plot of the study", found, "report it"));
+        }
     };
-    let of = |condition: usize| -> Vec<(f64, f64, f64)> {
-        let cells = inference.cells.iter().skip(condition * times.levels.len());
-        let known = cells.take(times.levels.len()).map(|cell| cell.normalised.known());
-        let known = known.enumerate().filter_map(|(at, it)| Some((at as f64 + 1.0, it?)));
+    let of = |cells: &[Cell]| -> Vec<(f64, f64, f64)> {
+        let known = cells.iter().map(|cell| cell.normalised.known()).enumerate();
+        let known = known.filter_map(|(at, it)| Some((at as f64 + 1.0, it?)));
         known.map(|(at, it)| (at, it.mean, it.sem)).collect()
     };
-    let all: Vec<Vec<(f64, f64, f64)>> = (0..conditions.levels.len()).map(of).collect();
+    let all: Vec<Vec<(f64, f64, f64)>> =
+        inference.cells.chunks(along.levels.len()).map(of).collect();
     let ends = all.iter().flatten().flat_map(|(_, mean, sem)| [mean - sem, mean + sem]);
     let ends: Vec<f64> = ends.collect();
     if ends.is_empty() {
@@ -318,26 +324,27 @@ pub fn means(
     // Above it is room for the key.
     let y = start..end + (0.35 * (end - start)).max(1e-3);
     svg(PLANE_PX, |root| {
-        let mut chart = chart_of_levels(root, title, &times.levels, y, [&times.name, axis])?;
+        let mut chart = chart_of_levels(root, title, &along.levels, y, [&along.name, axis])?;
         // Side by side, so that no error bar covers another.
         let apart = 0.08;
-        for (at, (condition, name)) in all.iter().zip(&conditions.levels).enumerate() {
+        for (at, line) in all.iter().enumerate() {
             let shift = apart * (at as f64 - 0.5 * (all.len() as f64 - 1.0));
             let colour = colour(at);
-            let points = condition.iter().map(|(x, mean, _)| (x + shift, *mean));
-            chart
-                .draw_series(LineSeries::new(points.clone(), colour.stroke_width(2)))?
-                .label(name)
-                .legend(move |(x, y)| {
+            let points = line.iter().map(|(x, mean, _)| (x + shift, *mean));
+            let drawn =
+                chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(2)))?;
+            if let Some(name) = names.get(at) {
+                drawn.label(name).legend(move |(x, y)| {
                     PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2))
                 });
+            }
             chart.draw_series(points.map(|point| Circle::new(point, 3, colour.filled())))?;
-            chart.draw_series(condition.iter().map(|(x, mean, sem)| {
+            chart.draw_series(line.iter().map(|(x, mean, sem)| {
                 let bar = [(x + shift, mean - sem), (x + shift, mean + sem)];
                 PathElement::new(bar, colour.stroke_width(2))
             }))?;
         }
-        drawing::key(&mut chart)
+        if names.is_empty() { Ok(()) } else { drawing::key(&mut chart) }
     })
     .map(Some)
 }
