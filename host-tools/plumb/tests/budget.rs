@@ -295,7 +295,7 @@ fn what_a_budget_cannot_be_made_of_is_named() {
     let cases = [
         ("budget p01", "--camera <FILE>"),
         ("budget", "--new"),
-        ("budget empty --camera camera.toml", "no frame has a position"),
+        ("budget empty --camera camera.toml", "neither trunk's target was seen in any frame"),
         ("budget bare --camera camera.toml", "the box's configuration is not known"),
         ("budget nowhere --camera camera.toml", "not the folder of a trial"),
         ("budget p01 --camera old.toml", "calibration.correlations"),

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use plumbline::packet::{Hello, Message, PosePacket};
+use plumbline::packet::{Deframer, Hello, Message, PosePacket, Reply, ReplyOutcome};
 use plumbline::report::NoPose;
 use plumbline::target::Role;
 use plumbline_render::simulate::sway::SwaySettings;
@@ -101,32 +101,39 @@ fn of_its_configuration(made: &mut Made) {
 /// In the middle the box starts anew: it counts frames and time from its start, and its camera was
 /// moved by a hand's width.
 fn restart(made: &mut Made) {
+    const EARLIER_NS: u64 = 10 * SECOND_NS;
     let start = fixture::START + 1;
-    let mut again = Vec::new();
-    let config = made.config.clone().unwrap();
-    let mut is_said = false;
-    for entry in std::mem::take(&mut made.entries) {
-        let Some(mut packet) = pose_of(&entry).filter(|it| it.sequence >= MIDDLE) else {
-            again.push(entry);
-            continue;
+    let is_middle =
+        |entry: &Entry| matches!(message(entry), Some(Message::Pose(it)) if it.sequence == MIDDLE);
+    let middle = made.entries.iter().position(is_middle).unwrap();
+    let hello = Hello { boot_id: start, ..fixture::hello(made.config.as_ref().unwrap()) };
+    for entry in &mut made.entries[middle..] {
+        let anew = match message(entry) {
+            Some(Message::Pose(mut packet)) => {
+                packet.sequence -= MIDDLE;
+                packet.capture_time_ns -= EARLIER_NS;
+                for point in [&mut packet.upper_trunk, &mut packet.lower_trunk] {
+                    point.as_mut().unwrap().ap_mm += 100.0;
+                }
+                Message::Pose(packet)
+            }
+            Some(Message::Reply(Reply {
+                id,
+                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
+            })) => {
+                let [box_received_ns, box_sent_ns] =
+                    [box_received_ns, box_sent_ns].map(|ns| ns - EARLIER_NS);
+                let outcome = ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns };
+                Message::Reply(Reply { id, outcome })
+            }
+            Some(other) => other,
+            None => continue,
         };
-        let hello = Hello { boot_id: start, ..fixture::hello(&config) };
-        let mut send = |message| {
-            let content = trial::content(&fixture::packet(start, message));
-            again.push(Entry { host_ns: entry.host_ns, content });
-        };
-        if !is_said {
-            send(Message::Hello(hello));
-            is_said = true;
-        }
-        packet.sequence -= MIDDLE;
-        packet.capture_time_ns -= 10 * SECOND_NS;
-        for point in [&mut packet.upper_trunk, &mut packet.lower_trunk].into_iter().flatten() {
-            point.ap_mm += 100.0;
-        }
-        send(Message::Pose(packet));
+        entry.content = trial::content(&fixture::packet(start, anew));
     }
-    made.entries = again;
+    let host_ns = made.entries[middle].host_ns;
+    let content = trial::content(&fixture::packet(start, Message::Hello(hello)));
+    made.entries.insert(middle, Entry { host_ns, content });
 }
 
 /// Another box sends to the same computer.
@@ -144,12 +151,10 @@ fn forget_the_mark(made: &mut Made) {
 }
 
 /// The pose packet of an entry.
-fn pose_of(entry: &Entry) -> Option<PosePacket> {
+/// The message of an entry that is a packet.
+fn message(entry: &Entry) -> Option<Message> {
     let Content::Raw(raw) = &entry.content else { return None };
-    match raw.decode(&mut plumbline::packet::Deframer::new()).unwrap().message {
-        Message::Pose(packet) => Some(packet),
-        _ => None,
-    }
+    Some(raw.decode(&mut Deframer::new()).unwrap().message)
 }
 
 /// The frames of a person who sways half as far again under the second condition, and each more than
