@@ -13,9 +13,10 @@
 //!   boards of other sizes. Mostly one side is wholly hidden: nobody can tell whether the board has
 //!   more squares there, except by knowing that it is the target. The other target needs no
 //!   comparison, as it is seen elsewhere.
-//! - It is *disguised* if the cover itself looks like another print: where dark squares should be it
-//!   is as bright as paper, or where light ones should be, as dark as ink, over half of a square. A
-//!   smaller board on the same paper looks like that, and must not be taken for the target.
+//!
+//! Either may be *disguised*: the cover itself looks like another print, where dark squares should be
+//! as bright as paper, or where light ones should be as dark as ink, over half of a square. A smaller
+//! board on the same paper looks like that, and must not be taken for the target.
 //!
 //! A board of another size is excluded if each place of the target on its lattice is. The others
 //! look like the target, and most of them are taken for it.
@@ -41,10 +42,11 @@ use rayon::prelude::*;
 const SEED: u64 = 1;
 const COUNT: u64 = 150;
 
-/// Fewest found of the targets whose place is certain, certain of the target, and disguised, percent.
-/// Under 250 covers of each of seven seeds, 98, 97 and 87 % were found. The bounds lie two and a half
-/// standard deviations of the share of 36, 50 and 58 covers below.
-const FOUND_PERCENT_MIN: [u64; 3] = [92, 92, 76];
+/// Fewest found of the targets whose place is certain, and certain of the target, percent: of all, and
+/// of those that are not disguised. Under these covers and 250 of each of four other seeds, 93 % and
+/// 90 % were found, and of those that are not disguised 97 % of either. The bounds lie two and a half
+/// standard deviations of the share of 53 and of 89 covers below, and of 36 and 50.
+const FOUND_PERCENT_MIN: [[u64; 2]; 2] = [[87, 84], [92, 92]];
 
 /// The sizes of the other boards: larger and smaller than the targets.
 const OTHER_SIZES: [[u8; 2]; 14] = [
@@ -255,9 +257,8 @@ impl Case {
         all.filter(|&(point, _)| !self.cover.hides(&self.point_px(point), EDGE_PX)).collect()
     }
 
-    /// The colours of print that the cover seems to show, where it is as bright as paper, or as dark as
-    /// ink.
-    fn disguise(&self) -> Vec<([f64; 2], bool)> {
+    /// Whether the cover looks like another print, see the top.
+    fn is_disguised(&self) -> bool {
         let width = usize::from(LENS.width_px);
         let colour = |(point, _)| {
             let point_px = self.point_px(point);
@@ -272,7 +273,9 @@ impl Case {
             let is_like = |colour: f64| (from_ink - colour).abs() < LIKE_PRINT;
             (is_like(0.0) || is_like(1.0)).then(|| (point, is_like(0.0)))
         };
-        self.print().samples().filter_map(colour).collect()
+        let print = self.print();
+        let colours: Vec<_> = print.samples().filter_map(colour).collect();
+        is_excluded(&colours, |point| print.is_dark(point))
     }
 
     /// How certain the place of the covered target is; `None` if it is not, or where too few corners
@@ -288,9 +291,6 @@ impl Case {
             return None;
         }
         let (print, colours) = (self.print(), self.colours());
-        if is_excluded(&self.disguise(), |point| print.is_dark(point)) {
-            return Some(Certainty::Disguised);
-        }
         let is_fixed = other_places()
             .all(|place| is_excluded(&colours, |point| print.is_dark(place.of(point))));
         let is_other = |size: [i32; 2]| {
@@ -383,14 +383,12 @@ impl Print {
 }
 
 /// How certain a place is, see the top.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Certainty {
     /// Whatever boards there are.
     Whatever,
     /// If it is the target.
     OfTheTarget,
-    /// Not at all: the cover looks like print.
-    Disguised,
 }
 
 /// Whether a print that has these colours is excluded by those that are seen: enough of them differ.
@@ -516,12 +514,20 @@ struct Outcome {
     covered: usize,
     share: f64,
     certainty: Option<Certainty>,
+    is_disguised: bool,
+}
+
+/// How many of the covered targets that `is_one` chooses are found, and how many they are.
+fn found_of(outcomes: &[Outcome], is_one: impl Fn(&Outcome) -> bool) -> [u64; 2] {
+    outcomes.iter().filter(|outcome| is_one(outcome)).fold([0; 2], |[found, all], outcome| {
+        [found + u64::from(outcome.off[outcome.covered].is_some()), all + 1]
+    })
 }
 
 #[test]
 fn a_covered_target_is_found_at_its_place_or_not_at_all() {
     let [seed, count] = covers();
-    let results: Vec<_> = (0..count)
+    let outcomes: Vec<Outcome> = (0..count)
         .into_par_iter()
         .map_init(pipeline, |pipeline, number| {
             let case = Case::random(seed, number, None);
@@ -531,14 +537,13 @@ fn a_covered_target_is_found_at_its_place_or_not_at_all() {
                 covered: case.covered,
                 share: case.share,
                 certainty: case.certainty(),
+                is_disguised: case.is_disguised(),
             }
         })
         .collect();
-    // By share, and by certainty.
-    let (mut found, mut all) = ([[0; 4]; 2], [[0; 4]; 2]);
     let mut lost = 0;
-    for Outcome { number, off, covered, share, certainty } in results {
-        for (index, off) in off.into_iter().enumerate() {
+    for Outcome { number, off, covered, share, .. } in &outcomes {
+        for (index, off) in off.iter().enumerate() {
             // A tenth of a square is far more than any error of measurement, and far less than a
             // corner's index.
             assert!(
@@ -548,28 +553,45 @@ fn a_covered_target_is_found_at_its_place_or_not_at_all() {
             );
         }
         lost += u64::from(off[1 - covered].is_none());
-        let class = usize::from(share >= 0.25);
-        let kind = certainty.map_or(3, |certainty| certainty as usize);
-        all[class][kind] += 1;
-        found[class][kind] += u64::from(off[covered].is_some());
     }
     // What a light cover leaves of one target can look like the other one, seen twice then.
     assert!(50 * lost <= count, "{lost} of {count} targets without a cover are lost");
-    for (class, name) in ["15 to 25 %", "25 to 40 %"].into_iter().enumerate() {
-        let (found, all) = (found[class], all[class]);
-        println!(
-            "covers of {name}: found are {} of {} certain places, {} of {} that are certain of the \
-             target, {} of {} that are disguised, {} of {} others; none at a wrong place",
-            found[0], all[0], found[1], all[1], found[2], all[2], found[3], all[3]
-        );
-    }
-    for (kind, percent_min) in FOUND_PERCENT_MIN.into_iter().enumerate() {
-        let [found, all] = [found, all].map(|count| count[0][kind] + count[1][kind]);
-        if !is_emulated() {
-            assert!(all > 0, "kind {kind}: no place is certain");
-            assert!(100 * found >= percent_min * all, "kind {kind}: {found} of {all}");
+    let kinds = [
+        ("certain", Some(Certainty::Whatever)),
+        ("certain of the target", Some(Certainty::OfTheTarget)),
+        ("others", None),
+    ];
+    for (name, certainty) in kinds {
+        for (shares, percents) in [(0.0..0.25, "15 to 25 %"), (0.25..1.0, "25 to 40 %")] {
+            let is_one = |it: &Outcome| it.certainty == certainty && shares.contains(&it.share);
+            let [found, all] = found_of(&outcomes, is_one);
+            let [plain, all_plain] = found_of(&outcomes, |it| is_one(it) && !it.is_disguised);
+            println!(
+                "{name}, covers of {percents}: {found} of {all} found, {plain} of {all_plain} that \
+                 are not disguised; none at a wrong place"
+            );
         }
     }
+    for (percent_min, with_disguised) in FOUND_PERCENT_MIN.into_iter().zip([true, false]) {
+        for (percent_min, (name, certainty)) in percent_min.into_iter().zip(kinds) {
+            let is_one =
+                |it: &Outcome| it.certainty == certainty && (with_disguised || !it.is_disguised);
+            let [found, all] = found_of(&outcomes, is_one);
+            if !is_emulated() {
+                assert!(all > 0, "{name}: there is none");
+                assert!(100 * found >= percent_min * all, "{name}: {found} of {all}");
+            }
+        }
+    }
+}
+
+/// Two squares that ended in hair as bright as paper were taken for the end of the board, 6.5 squares
+/// from where it was.
+#[test]
+fn hair_that_is_here_and_there_as_bright_as_paper_is_no_margin() {
+    let case = Case::random(2, 180, None);
+    let off = case.search(&mut pipeline())[case.covered];
+    assert!(off.is_none_or(|off| off < 0.1), "{off:?}");
 }
 
 #[test]

@@ -194,6 +194,10 @@ pub fn replace_with(
 /// The file to which a path leads through symbolic links; it need not exist. A file that is renamed
 /// to the link itself would take the link's place.
 fn followed(path: &Path) -> Result<PathBuf, BadInput> {
+    // The links of /proc/self/fd, to which /dev/stdout leads, name no path where there is a pipe.
+    if is_device(path) {
+        return Ok(path.to_owned());
+    }
     let mut file = path.to_owned();
     for _ in 0..LINKS_MAX {
         let Ok(target) = std::fs::read_link(&file) else { return Ok(file) };
@@ -328,6 +332,9 @@ pub fn refuse_overwriting<'a>(
 
 #[cfg(test)]
 mod tests {
+    use std::io::Read as _;
+    use std::os::fd::AsRawFd as _;
+
     use super::*;
 
     fn mode(path: &Path) -> u32 {
@@ -360,6 +367,21 @@ mod tests {
         replace(&path, b"nothing").unwrap();
         write_all(&[(path.clone(), b"nothing".to_vec())], true).unwrap();
         assert_eq!(std::fs::read_link(&path).unwrap(), Path::new("/dev/null"));
+    }
+
+    /// As `--out /dev/stdout` before a `|`.
+    #[test]
+    fn a_pipe_that_the_system_names_is_written_to() {
+        let (mut reader, writer) = std::io::pipe().unwrap();
+        let path = PathBuf::from(format!("/proc/self/fd/{}", writer.as_raw_fd()));
+        replace(&path, b"replace ").unwrap();
+        write_all(&[(path.clone(), b"write_all ".to_vec())], true).unwrap();
+        create(&path, true).unwrap().write_all(b"create ").unwrap();
+        Late::new(&path, true).unwrap().write_all(b"late").unwrap();
+        drop(writer);
+        let mut text = String::new();
+        reader.read_to_string(&mut text).unwrap();
+        assert_eq!(text, "replace write_all create late");
     }
 
     #[test]

@@ -91,6 +91,8 @@ mod tests {
             ("\u{202e}original\u{202c}", "?original?"),
             ("lum\u{200b}bar\u{feff}", "lum?bar?"),
             ("\u{2066}\u{61c}\u{e0041}\u{fe0f}\0\u{7f}", "??????"),
+            // Default-ignorable marks of shorthand and of music.
+            ("\u{1bca0}\u{1bca3}\u{1d173}\u{1d17a}", "????"),
         ];
         for (text, wanted) in cases {
             assert_eq!(printable(text), wanted);

@@ -150,7 +150,6 @@ fn forget_the_mark(made: &mut Made) {
     made.entries.retain(|entry| !matches!(entry.content, Content::Mark(_)));
 }
 
-/// The pose packet of an entry.
 /// The message of an entry that is a packet.
 fn message(entry: &Entry) -> Option<Message> {
     let Content::Raw(raw) = &entry.content else { return None };

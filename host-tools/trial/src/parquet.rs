@@ -51,7 +51,7 @@ impl Values {
 /// A file with these columns, all of the same length; `about` is its metadata.
 ///
 /// # Errors
-/// When the columns are not of the same length, or two have the same name.
+/// When the columns are not of the same length.
 pub fn bytes(
     name: &str,
     columns: &[(String, Values)],

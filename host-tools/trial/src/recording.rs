@@ -163,6 +163,8 @@ impl Recording {
         }
         self.journal.sync()?;
         self.made.keep();
+        // All frames are read once more: there need not be room for them twice.
+        drop(self.builder);
         make(&self.folder, manifest).map(Some)
     }
 

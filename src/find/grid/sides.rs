@@ -16,6 +16,8 @@ use crate::model::image::Pixel;
 const INSIDE: f32 = -0.5;
 const OUTSIDE: f32 = 0.5;
 const FARTHER: f32 = 1.3;
+/// And beside that, in steps across.
+const BESIDE: f32 = 0.25;
 /// A square is seen if it has this share of the board's contrast to its neighbour.
 const SEEN_SHARE: f32 = 0.5;
 /// A square ends where it should within this part of a step, and this many pixels.
@@ -183,12 +185,18 @@ pub(super) fn votes<P: Pixel>(view: &View<'_, P>, line: &Line) -> Votes {
             u32::from(outside_dark && ends_there && view.is_nearly_paper(place(FARTHER)));
         match (outside_dark, end) {
             (true, Some(_)) if ends_there && is_paper => votes.dark_ends += 1,
-            (false, None) if is_paper => votes.margins += 1,
+            (false, None) if is_paper && is_plain(view, &square) => votes.margins += 1,
             (false, Some(_)) if ends_there => votes.more += 1,
             _ => votes.covered += 1,
         }
     }
     votes
+}
+
+/// Whether what follows a light square is paper all over: hair and folds are as bright as paper here
+/// and there.
+fn is_plain<P: Pixel>(view: &View<'_, P>, square: &Square) -> bool {
+    [-BESIDE, BESIDE].into_iter().all(|beside| view.is_paper(square.place_beside(FARTHER, beside)))
 }
 
 /// The bounds, with the lines of corners that a cover hides before squares that are seen.
@@ -283,8 +291,16 @@ impl Square {
 
     /// A place in the middle across its direction, in steps outwards from its inner side.
     fn place(&self, out: f32) -> [f32; 2] {
+        self.place_beside(out, 0.0)
+    }
+
+    /// A place beside the middle across its direction, in steps.
+    fn place_beside(&self, out: f32, beside: f32) -> [f32; 2] {
         let from_middle = out - 0.5;
-        [0, 1].map(|axis| self.cell[axis] as f32 + 0.5 + from_middle * self.outwards[axis] as f32)
+        [0, 1].map(|axis| {
+            let across = beside * self.outwards[1 - axis] as f32;
+            self.cell[axis] as f32 + 0.5 + from_middle * self.outwards[axis] as f32 + across
+        })
     }
 }
 

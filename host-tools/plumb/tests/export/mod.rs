@@ -442,6 +442,7 @@ fn a_label_that_is_another_ones_is_refused() {
         ("c", "P-1", "eyes-open", "2026-01-01T10:10:00Z"),
         ("d", "P-1", "eyes closed", "2026-01-01T10:15:00Z"),
         ("e", "P-1", "eyes open", "2026-01-01T10:20:00Z"),
+        ("f", " ", "eyes open", "2026-01-01T10:25:00Z"),
     ] {
         trial_of(folder, name, participant, condition, started);
     }
@@ -452,6 +453,7 @@ fn a_label_that_is_another_ones_is_refused() {
     for (trial, part) in [
         ("b", "ParticipantCode: this label is of \"P-1\" there, and the trial is of \"P1\""),
         ("c", "TaskName: this label is of \"eyes open\" there, and the trial is of \"eyes-open\""),
+        ("f", "it is not known whose recording this is"),
     ] {
         // In another session it is the same participant too.
         let refused = bids(folder, trial, &["--session", "post"]);

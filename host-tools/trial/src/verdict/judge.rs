@@ -24,8 +24,10 @@ use crate::points::stand_onset_of;
 #[must_use]
 pub fn judge(trial: &Trial, criteria: &Criteria) -> Verdict {
     let mut judge = Judge::new(criteria);
-    signs(&mut judge, trial);
-    time(&mut judge, trial);
+    let is_by_onset = trial.manifest.zero == Zero::Onset;
+    let onset_s = is_by_onset.then(|| stand_onset_of(trial)).flatten();
+    signs(&mut judge, trial, onset_s);
+    time(&mut judge, trial, onset_s);
     packets(&mut judge, trial);
     for trunk in trunks(trial) {
         sight(&mut judge, &trial.frames, trunk);
@@ -35,7 +37,7 @@ pub fn judge(trial: &Trial, criteria: &Criteria) -> Verdict {
     judge.verdict()
 }
 
-fn signs(judge: &mut Judge<'_>, trial: &Trial) {
+fn signs(judge: &mut Judge<'_>, trial: &Trial, onset_s: Option<f64>) {
     let Trial { manifest, observed, frames, .. } = trial;
     let has_point = |frame: &Frame| Trunk::ALL.into_iter().any(|it| frame.point(it).is_some());
     let is_without = !frames.iter().any(has_point);
@@ -73,7 +75,7 @@ fn signs(judge: &mut Judge<'_>, trial: &Trial) {
          moment of standing up",
     );
     judge.sign(
-        manifest.zero == Zero::Onset && stand_onset_of(trial).is_none(),
+        manifest.zero == Zero::Onset && onset_s.is_none(),
         Sign::NoOnset,
         "t = 0 is to be the moment of standing up, and nobody rises",
         "write zero = \"mark\" or zero = \"start\" into trial.toml",
@@ -112,12 +114,12 @@ fn signs(judge: &mut Judge<'_>, trial: &Trial) {
 }
 
 /// How long, and how fast.
-fn time(judge: &mut Judge<'_>, trial: &Trial) {
+fn time(judge: &mut Judge<'_>, trial: &Trial, onset_s: Option<f64>) {
     // Times count from the first frame.
     let zero_s = match trial.manifest.zero {
         Zero::Start => 0.0,
         Zero::Mark => trial.manifest.zero_mark().map_or(0.0, |mark| mark.time_s),
-        Zero::Onset => stand_onset_of(trial).unwrap_or(0.0),
+        Zero::Onset => onset_s.unwrap_or(0.0),
     };
     judge.at_least(
         Figure {

@@ -131,14 +131,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     Ok(checks.iter().all(|check| check.verdict != Verdict::Fail))
 }
 
-/// Keeps a comparison with a tape on this computer if both agreed, and forgets an earlier one if not.
+/// Keeps a comparison with a tape on this computer if both agreed, and forgets those of
+/// its sheet if not.
 fn remember(findings: &Findings) -> Result<(), BadInput> {
     let Some((config, comparison)) = findings.config().zip(judge::comparison(findings)) else {
         return Ok(());
     };
     let (lens, target) = (&config.lens, &comparison.target.geometry);
     if !comparison.agrees() {
-        return scale::forget(lens, target);
+        let mut sheet = comparison.sheet(config);
+        return sheet.try_for_each(|target| scale::forget(lens, &target.geometry));
     }
     let date = jiff::Zoned::now().date().to_string();
     let Comparison { tape_mm, measured_mm, .. } = comparison;

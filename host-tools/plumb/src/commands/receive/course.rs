@@ -144,6 +144,16 @@ impl Course {
         (now.saturating_duration_since(self.counts_from()), since)
     }
 
+    /// From where movement counts, in words.
+    pub(super) fn movement_since(&self) -> &'static str {
+        match self.zeroing {
+            Zeroing::Mark if self.awaits_mark() => "from the last second",
+            Zeroing::Mark | Zeroing::Start => "since t = 0",
+            // Its t = 0 is not known yet.
+            Zeroing::Onset => "since the start",
+        }
+    }
+
     /// How long it still goes on, and until what, in words; `None` without an end.
     pub(super) fn remaining(&self, now: Instant) -> Option<(Duration, String)> {
         let duration = self.duration?;
@@ -232,6 +242,8 @@ mod tests {
             let (mut course, begun) = course(zeroing);
             course.mark(&Mark::new(Source::Udp, "turn"), 30.0);
             assert_eq!(course.news(), ["mark \"turn\" at 29.00 s"]);
+            // A t = 0 that is found afterwards is not said to be there.
+            assert_eq!(course.movement_since() == "since t = 0", zeroing == Zeroing::Start);
             assert!(!course.is_over(begun + s(61.2)) && course.is_over(begun + s(61.3)));
         }
         // Without a frame it ends, too.

@@ -134,7 +134,7 @@ impl Screen {
                 .filter(|_| !course.awaits_mark()),
             time: time(course, now),
             movement: movement.unwrap_or_default(),
-            since: if course.awaits_mark() { "from the last second" } else { "since t = 0" },
+            since: course.movement_since(),
             counts: counts(receiver, course, now),
             typed: None,
         }

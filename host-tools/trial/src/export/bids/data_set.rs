@@ -147,7 +147,7 @@ impl<'a> DataSet<'a> {
     }
 
     /// Refuses a participant or a task whose label is another one's there: "P-1" and "P1" have the
-    /// same. Recordings that do not tell of what their labels are made are taken to agree.
+    /// same. Recordings that do not say what their labels are made of are taken to agree.
     pub fn check_names(&self, labels: &Labels) -> Result<(), BadInput> {
         let task = format!("_task-{}_", labels.task);
         for path in self.descriptions(labels)? {
@@ -162,7 +162,7 @@ impl<'a> DataSet<'a> {
                      it other letters or digits",
                 ))
             };
-            let is_task = path.to_string_lossy().contains(&task);
+            let is_task = path.file_name().is_some_and(|it| it.to_string_lossy().contains(&task));
             let other_task = || other(TASK_NAME, &labels.task_name).filter(|_| is_task);
             if let Some(error) =
                 other(PARTICIPANT_CODE, &labels.participant_code).or_else(other_task)

@@ -86,7 +86,7 @@ fn labels(
 ) -> Result<(Labels, Vec<String>), BadInput> {
     let mut warnings = Vec::new();
     let mut label = |given: Option<&String>, what: &str, otherwise: &str| {
-        let given = given.map_or("", String::as_str);
+        let given = given.map_or("", |given| given.trim());
         let letters: String = given.chars().filter(char::is_ascii_alphanumeric).collect();
         let label = if letters.is_empty() { otherwise.to_owned() } else { letters };
         if given.is_empty() {
@@ -100,7 +100,8 @@ fn labels(
         let name = if given.is_empty() { label.clone() } else { given.to_owned() };
         (label, name)
     };
-    if trial.manifest.participant.is_none() && !data_set.is_new {
+    let is_named = trial.manifest.participant.as_ref().is_some_and(|it| !it.trim().is_empty());
+    if !is_named && !data_set.is_new {
         // Whoever is called 01 there may be another person.
         return Err(BadInput::new(
             trial.folder.join(crate::names::MANIFEST).display(),

@@ -75,6 +75,11 @@ impl Comparison<'_> {
         (self.measured_mm - self.expected_mm()).abs() <= self.bound_mm()
     }
 
+    /// The targets of one sheet with this one: a comparison of any of them counts for all.
+    pub fn sheet<'c>(&self, config: &'c Config) -> impl Iterator<Item = &'c TargetConfig> {
+        trunk_targets(config).filter(|it| of_one_sheet(it, self.target))
+    }
+
     fn check(&self) -> Check {
         let Self { target, tape_mm, measured_mm } = self;
         let name = target.name.as_str();
@@ -144,6 +149,12 @@ fn usual(config: &Config) -> Option<&TargetConfig> {
     config.target(Role::Lower).or_else(|| trunk_targets(config).next())
 }
 
+/// Targets of one pitch are taken to be of one sheet.
+fn of_one_sheet(one: &TargetConfig, other: &TargetConfig) -> bool {
+    let [one_mm, other_mm] = [one, other].map(|it| it.geometry.pitch_mm());
+    (one_mm - other_mm).abs() <= SAME_PITCH * one_mm
+}
+
 fn taped<'a>(config: &'a Config, tape: &Tape) -> Option<&'a TargetConfig> {
     match &tape.target {
         Some(name) => trunk_targets(config).find(|target| target.name == name.as_str()),
@@ -176,15 +187,11 @@ fn not_compared(config: Option<&Config>, tape: &Tape) -> Check {
     }
 }
 
-/// What was compared before. Targets of one pitch are taken to be of one sheet.
+/// What was compared before.
 fn remembered(findings: &Findings, config: &Config) -> Option<Check> {
     let compared = |target: &TargetConfig| -> Option<&Compared> {
         let role = target.geometry.role();
         findings.compared.iter().find(|(is, _)| *is == role).map(|(_, compared)| compared)
-    };
-    let of_one_sheet = |one: &TargetConfig, other: &TargetConfig| {
-        let [one_mm, other_mm] = [one, other].map(|it| it.geometry.pitch_mm());
-        (one_mm - other_mm).abs() <= SAME_PITCH * one_mm
     };
     let is_known = |target: &&TargetConfig| {
         trunk_targets(config).any(|it| compared(it).is_some() && of_one_sheet(target, it))
@@ -320,6 +327,25 @@ mod tests {
         let compared = findings.compared[0].1.clone();
         findings.compared.push((Role::Upper, compared));
         assert_says(&check(&findings, SUBJECT), Verdict::Good, &["lumbar", "; \"shoulder\" was"]);
+    }
+
+    /// Otherwise the comparison of one would go on to speak for the other, which has failed.
+    #[test]
+    fn a_comparison_that_fails_is_of_the_whole_sheet() {
+        let mut findings = at(969.0, 1030.0);
+        let names = |findings: &Findings| -> Vec<String> {
+            let comparison = comparison(findings).unwrap();
+            assert!(!comparison.agrees());
+            let config = findings.config().unwrap();
+            comparison.sheet(config).map(|it| it.name.to_string()).collect()
+        };
+        assert_eq!(names(&findings), ["lumbar", "shoulder"]);
+        let config = findings.config.as_mut().unwrap().as_mut().unwrap();
+        let upper = config.targets.iter_mut().find(|it| it.geometry.role() == Role::Upper).unwrap();
+        let origin = Origin::Center;
+        upper.geometry =
+            TargetGeometry::checker(5, 4, 13.0, origin, Role::Upper, [0.0; 3]).unwrap();
+        assert_eq!(names(&findings), ["lumbar"]);
     }
 
     #[test]

@@ -5,10 +5,12 @@
 //! line by line, [`SAID_MAX`] lines at most; how many there was no room for is said afterwards.
 //!
 //! On a terminal, only rows that have changed are written, and the size is asked for each time, so
-//! that a resize is followed. What was said is written once more when the screen is left.
+//! that a resize is followed. The latest of what was said, as many lines, is written once more when
+//! the screen is left.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 
@@ -157,7 +159,8 @@ fn write_lines(shared: &Shared, mut out: impl Write) -> io::Result<()> {
 fn paint(shared: &Shared, mut canvas: Canvas<impl Write>) -> io::Result<()> {
     let mut said = Vec::new();
     let mut seen = None;
-    let painted = canvas.open().and_then(|()| {
+    let paint = || {
+        canvas.open()?;
         loop {
             let waiting = next(shared);
             said.extend(waiting.said);
@@ -171,9 +174,11 @@ fn paint(shared: &Shared, mut canvas: Canvas<impl Write>) -> io::Result<()> {
                 canvas.draw(seen, &said, terminal::size().unwrap_or(SIZE))?;
             }
         }
-    });
+    };
+    // Whatever happens, the terminal is left as it was.
+    let painted = catch_unwind(AssertUnwindSafe(paint));
     canvas.close(&said)?;
-    painted
+    painted.unwrap_or_else(|panic| resume_unwind(panic))
 }
 
 /// A terminal as a screen.
@@ -307,6 +312,29 @@ mod tests {
         // The terminal is left as it was.
         let [opened, closed] = ["\u{1b}[?1049h", "\u{1b}[?1049l"].map(|it| text.find(it).unwrap());
         assert!(opened < closed);
+    }
+
+    #[test]
+    fn a_painter_that_panics_leaves_the_terminal_as_it_was() {
+        struct Panics(Arc<Mutex<Vec<u8>>>);
+        impl Write for Panics {
+            fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+                assert!(!bytes.windows(3).any(|it| it == b"p01"), "as a bug would");
+                self.0.lock().unwrap().extend(bytes);
+                Ok(bytes.len())
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let taken = Arc::default();
+        let looks = Looks { glyphs: layout::ASCII, is_coloured: false };
+        let mut painter = Painter::screen(Panics(Arc::clone(&taken)), looks);
+        painter.show(seen(1));
+        assert!(painter.thread.take().unwrap().join().is_err());
+        let text = String::from_utf8(taken.lock().unwrap().clone()).unwrap();
+        assert!(text.ends_with("\u{1b}[?1049l"), "{text:?}");
     }
 
     #[test]
