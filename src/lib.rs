@@ -147,7 +147,7 @@ pub mod pipeline;
 mod tell;
 
 pub use model::{config, image, lens, lens_table, pose, scene, target};
-pub use tell::{packet, report, view};
+pub use tell::{packet, report, seal, view};
 
 #[cfg(test)]
 mod test_support;

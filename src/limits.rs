@@ -89,3 +89,13 @@ pub const CORNERS_MAX: usize = SELECTED.corners;
 // There is room for the corners of all targets and for as many spurious ones; a corner's index
 // takes two bytes.
 const _: () = assert!(2 * TARGETS_MAX * TARGET_CORNERS_MAX <= CORNERS_MAX && CORNERS_MAX < 65_536);
+
+/// Packets of the stream that a box keeps for listeners that have missed some: a minute at 200 Hz,
+/// and the other messages of that minute.
+pub const RING_PACKETS: usize = 12_288;
+
+/// Bytes of the ring in which they are kept: a minute at 200 Hz of the longest sealed packets of two
+/// targets, which with their length take 191 bytes as long as their counter has four, that is for
+/// the first two weeks. Packets of three targets are kept for two thirds of that, and at 60 Hz any
+/// are kept for much longer.
+pub const RING_BYTES: usize = 12_000 * 192;

@@ -43,9 +43,10 @@ const SEED: u64 = 1;
 const COUNT: u64 = 150;
 
 /// Fewest found of the targets whose place is certain, and certain of the target, percent: of all, and
-/// of those that are not disguised. Under 250 covers of each of fifteen other seeds, 94 % and 90 % were
-/// found, and of those that are not disguised 97 % and 95 %; none at a wrong place. The bounds lie one to
-/// two standard deviations of the usual covers' share below.
+/// of those that are not disguised. Under 250 covers of each of 36 seeds, 94 % and 91 % were found, and
+/// of those that are not disguised 98 % and 96 %; none at a wrong place. Of 7,476 boards of other sizes
+/// whose difference was seen, one was taken for a target, under a strap as bright as the paper. The
+/// bounds lie one to two standard deviations of the usual covers' share below.
 const FOUND_PERCENT_MIN: [[u64; 2]; 2] = [[87, 84], [92, 92]];
 
 /// The sizes of the other boards: larger and smaller than the targets.
@@ -235,6 +236,10 @@ impl Case {
         let noise_levels = random.random_range(0.5..3.0);
         Sensor { noise_levels, bits: 8 }.expose(&other, seed, number, &mut samples);
         Self { boards, share, covered, poses, samples, cover, light_slope }
+    }
+
+    fn of_other_size(seed: u64, number: u64) -> Self {
+        Self::random(seed, number, Some(OTHER_SIZES[number as usize % OTHER_SIZES.len()]))
     }
 
     /// Where a point of the covered target is in the frame, in squares from corner 0.
@@ -594,14 +599,28 @@ fn hair_that_is_here_and_there_as_bright_as_paper_is_no_margin() {
     assert!(off.is_none_or(|off| off < 0.1), "{off:?}");
 }
 
+/// Squares were seen beyond a strap, farther from their extrapolated places than was allowed, or one
+/// alone; or a smaller board lay under a strap as bright as the paper, which would have had to hide
+/// squares on both sides of others that were seen.
+#[test]
+fn what_is_seen_beside_a_cover_shows_the_size_of_a_board() {
+    let mut pipeline = pipeline();
+    for (seed, number) in
+        [(4, 168), (6, 115), (12, 154), (14, 215), (20, 100), (20, 112), (4414, 121)]
+    {
+        let case = Case::of_other_size(seed, number);
+        let off = case.search(&mut pipeline)[case.covered];
+        assert!(off.is_none(), "seed {seed}, board {number}");
+    }
+}
+
 #[test]
 fn a_covered_board_of_another_size_is_not_taken_for_a_target() {
     let [seed, count] = covers();
     let results: Vec<_> = (0..count)
         .into_par_iter()
         .map_init(pipeline, |pipeline, number| {
-            let size = OTHER_SIZES[number as usize % OTHER_SIZES.len()];
-            let case = Case::random(seed, number, Some(size));
+            let case = Case::of_other_size(seed, number);
             let off = case.search(pipeline);
             let is_other_right = off[1 - case.covered].is_none_or(|off| off < 0.1);
             assert!(is_other_right, "seed {seed}, board {number}: the target beside it");

@@ -4,13 +4,16 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use crate::key_store;
 use crate::source::rate::Rate;
 
 /// Tracks the two targets and sends pose packets: the program of the Plumbline box.
 ///
 /// Frames come from the camera that the configuration names, or from a recording;
-/// every frame becomes one packet, which goes to every link at once. Hello and
-/// Health packets are sent once a second. A camera that is absent or lost is
+/// every frame becomes one packet, which goes to every host that listens, over UDP or a serial
+/// line, and to a file. Hosts listen with the box's key; without a key the box tracks, and takes
+/// none but one that comes over its serial line. Hello and Health packets are sent once a
+/// second. A camera that is absent or lost is
 /// reopened until it is back. A host may send another configuration (`plumb provision`),
 /// which replaces FILE.plb and takes effect at the next start. Stop it with Ctrl-C or SIGTERM:
 /// the current frame is finished and sent first.
@@ -43,6 +46,10 @@ pub struct Cli {
     #[arg(long, value_name = "FILE.plb")]
     pub config: PathBuf,
 
+    /// The key by which the box and its hosts know each other [default: box.key beside FILE.plb]
+    #[arg(long, value_name = "FILE")]
+    pub key: Option<PathBuf>,
+
     /// Track a recording instead of the camera: a Y4M file, 8-bit grey or the luma of 4:2:0;
     /// - reads standard input
     #[arg(long, value_name = "FILE|-")]
@@ -56,9 +63,14 @@ pub struct Cli {
     #[arg(long, value_name = "RATE", requires = "replay")]
     pub fps: Option<Rate>,
 
-    /// Send packets to this host, instead of the configuration's
+    /// Announce the box to this host, instead of the configuration's; whoever has the box's key may
+    /// listen, wherever it is
     #[arg(long, value_name = "HOST:PORT")]
     pub udp: Option<String>,
+
+    /// The UDP port on which hosts reach the box [default: any that is free]
+    #[arg(long, value_name = "PORT")]
+    pub listen: Option<u16>,
 
     /// Send packets over this serial device, instead of the configuration's
     #[arg(long, value_name = "DEVICE")]
@@ -68,11 +80,12 @@ pub struct Cli {
     #[arg(long, value_name = "BITS_PER_S")]
     pub baud: Option<u32>,
 
-    /// Append packets to this file; what cannot be written is dropped, and tracking goes on
+    /// Append packets to this file, in clear; what cannot be written is dropped, and tracking goes on
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 
-    /// Count starts in this file and report the count to the host
+    /// Count starts in this file and report the count to the host; needed for a serial line on which
+    /// nothing comes back
     #[arg(long, value_name = "FILE")]
     pub boot_count_file: Option<PathBuf>,
 
@@ -81,17 +94,35 @@ pub struct Cli {
     pub supervised: bool,
 
     /// Only check that a box could run with this configuration: that it is valid and names a
-    /// camera and a link
+    /// camera and a link, and that the key, if there is one, can be read
     #[arg(
         long,
-        conflicts_with_all = ["replay", "udp", "serial", "baud", "record", "boot_count_file", "supervised"]
+        conflicts_with_all = ["replay", "udp", "listen", "serial", "baud", "record", "boot_count_file", "supervised"]
     )]
     pub check: bool,
+}
+
+impl Cli {
+    /// The file of the key, which need not exist.
+    #[must_use]
+    pub fn key_file(&self) -> PathBuf {
+        self.key.clone().unwrap_or_else(|| key_store::beside(&self.config))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_key_is_beside_the_configuration_unless_it_is_named() {
+        let file = |arguments: &[&str]| {
+            let program = ["plumbline-board", "--config", "/boot/ward-3.plb"];
+            Cli::try_parse_from(program.iter().chain(arguments)).unwrap().key_file()
+        };
+        assert_eq!(file(&[]), PathBuf::from("/boot/box.key"));
+        assert_eq!(file(&["--key", "ward-3.key"]), PathBuf::from("ward-3.key"));
+    }
 
     #[test]
     fn a_camera_has_neither_a_pace_nor_a_rate_of_a_recording() {

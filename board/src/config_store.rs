@@ -1,66 +1,42 @@
-//! Where the box's configuration is kept, and how a new one takes its place.
-//!
-//! The power may fail at any moment, and either the old or the new configuration must survive
-//! it. A new one is first written to a second file beside the old one, the journal
-//! ([`journal_of`]). Most file systems then rename the journal atomically. FAT, which a box's card
-//! has, does not. There the configuration is written twice, and each step is on the disk before
-//! the next begins:
-//!
-//! 1. the new configuration is written to the journal;
-//! 2. it is written over the old one, in place;
-//! 3. the journal is removed.
-//!
-//! After a power cut in step 2 the journal is intact and the file in place is not: the next start
-//! uses the journal, and repeats steps 2 and 3. Whenever the file in place is intact it is the one
-//! that is used, so that a configuration which a person copies there is never overruled.
+//! Where the box's configuration is kept: a [`StoredFile`], in whose place a new one comes so that a
+//! power cut leaves either.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, ErrorKind, Read, Write};
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::Result;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 
-use crate::machine::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::machine::read_only_partition::ReadOnlyPartition;
+use crate::stored_file::{Kind, StoredFile};
 
-/// The journal of a configuration: where a new one is written first.
-#[must_use]
-pub fn journal_of(config: &Path) -> PathBuf {
-    config.with_extension("new")
-}
+static CONFIGURATION: Kind =
+    Kind { bytes_max: BLOB_BYTES_MAX, mode: 0o666, is_whole: |blob| Config::decode(blob).is_ok() };
 
 /// Where one configuration is kept.
 #[derive(Debug, Clone)]
-pub struct ConfigStore {
-    path: PathBuf,
-    /// The partition it is on, if that is mounted read-only.
-    partition: Option<ReadOnlyPartition>,
-}
+pub struct ConfigStore(StoredFile);
 
 impl ConfigStore {
     /// A file that can be written at any time.
     #[must_use]
     pub fn file(path: &Path) -> Self {
-        Self { path: path.to_owned(), partition: None }
+        Self(StoredFile::file(&CONFIGURATION, path))
     }
 
     /// A file of this name on a partition.
     #[must_use]
     pub fn on_partition(partition: &ReadOnlyPartition, name: &str) -> Self {
-        Self { path: partition.file(name), partition: Some(partition.clone()) }
+        Self(StoredFile::on_partition(&CONFIGURATION, partition, name))
     }
 
     /// The configuration's bytes, which are not checked; an error of the kind
-    /// [`ErrorKind::NotFound`] if there are none.
+    /// [`io::ErrorKind::NotFound`] if there are none.
     ///
     /// # Errors
     /// When they cannot be read.
     pub fn read(&self) -> io::Result<Vec<u8>> {
-        let in_place = read_bounded(&self.path);
-        match self.journal() {
-            Some(journal) if !in_place.as_ref().is_ok_and(|blob| is_whole(blob)) => Ok(journal),
-            _ => in_place,
-        }
+        self.0.read()
     }
 
     /// Finishes a replacement that was interrupted: the next one must not be written over the
@@ -69,11 +45,7 @@ impl ConfigStore {
     /// # Errors
     /// When the disk cannot be written.
     pub fn complete(&self) -> Result<()> {
-        if self.journal().is_none() {
-            return Ok(());
-        }
-        let blob = self.read()?;
-        self.written_to(|| self.put_in_place(&blob))
+        self.0.complete()
     }
 
     /// Stores a configuration; on return it is on the disk.
@@ -81,79 +53,14 @@ impl ConfigStore {
     /// # Errors
     /// When the disk cannot be written. The previous configuration is then still stored.
     pub fn store(&self, blob: &[u8]) -> Result<()> {
-        self.complete()?;
-        if self.read().is_ok_and(|stored| stored == blob) {
-            return Ok(());
-        }
-        self.written_to(|| {
-            write_to_disk(&journal_of(&self.path), blob)?;
-            self.put_in_place(blob)
-        })?;
-        ensure!(self.read()? == blob, "the disk does not give back what was written to it");
-        Ok(())
+        self.0.store(blob)
     }
-
-    /// The journal that an interrupted replacement left, if it is intact.
-    fn journal(&self) -> Option<Vec<u8>> {
-        read_bounded(&journal_of(&self.path)).ok().filter(|blob| is_whole(blob))
-    }
-
-    /// The last step, once the configuration is on the disk, in the journal or in place.
-    fn put_in_place(&self, blob: &[u8]) -> Result<()> {
-        let journal = journal_of(&self.path);
-        let is_there = read_bounded(&self.path).is_ok_and(|there| there == blob);
-        if is_there || self.partition.is_some() {
-            if !is_there {
-                write_to_disk(&self.path, blob)?;
-            }
-            std::fs::remove_file(&journal)
-        } else {
-            std::fs::rename(&journal, &self.path)
-        }
-        .with_context(|| journal.display().to_string())?;
-        sync_disk_of(&self.path)
-    }
-
-    fn written_to(&self, write: impl FnOnce() -> Result<()>) -> Result<()> {
-        match &self.partition {
-            Some(partition) => partition.while_writable(write),
-            None => write(),
-        }
-    }
-}
-
-fn is_whole(blob: &[u8]) -> bool {
-    Config::decode(blob).is_ok()
-}
-
-/// Writes a file in place, so that its directory entry stays, and waits for the disk.
-fn write_to_disk(path: &Path, blob: &[u8]) -> Result<()> {
-    let write = || -> io::Result<()> {
-        let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
-        file.write_all(blob)?;
-        file.set_len(blob.len() as u64)?;
-        file.sync_all()
-    };
-    write().with_context(|| format!("{} cannot be written", path.display()))?;
-    sync_disk_of(path)
-}
-
-/// One byte more than the largest is enough to see that a file is too long.
-fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
-    let mut blob = Vec::new();
-    File::open(path)?.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?;
-    Ok(blob)
-}
-
-/// Whether the file does not exist, rather than cannot be read.
-#[must_use]
-pub fn is_absent(error: &io::Error) -> bool {
-    error.kind() == ErrorKind::NotFound
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stored_file::is_absent;
     use crate::test_config::config;
 
     fn blob(device: &str) -> Vec<u8> {
@@ -227,10 +134,5 @@ mod tests {
         let error = format!("{:#}", ConfigStore::file(&path).store(&blob("new")).unwrap_err());
         assert!(error.contains("config.new cannot be written"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), blob("old"));
-    }
-
-    #[test]
-    fn a_file_without_end_is_not_read_to_its_end() {
-        assert_eq!(read_bounded(Path::new("/dev/zero")).unwrap().len(), BLOB_BYTES_MAX + 1);
     }
 }

@@ -4,10 +4,10 @@
 //! so that none of them accepts what another refuses.
 
 use anyhow::{Result, bail};
-use plumbline::config::{Config, ConfigError, NO_LINK};
+use plumbline::config::{Config, ConfigError, Links, NO_LINK};
 use plumbline::lens_table::LensTable;
 
-use crate::link::{Link, Links, SerialLink, UdpLink};
+use crate::link::{Ports, SerialLink, UdpLink};
 use crate::source::chosen::Source;
 
 /// What a box measures with. Neither the camera nor the other end of a link needs to be there
@@ -15,7 +15,7 @@ use crate::source::chosen::Source;
 #[derive(Debug)]
 pub struct Equipment {
     /// Where the packets go.
-    pub links: Links,
+    pub ports: Ports,
     /// Where the frames come from.
     pub source: Source,
 }
@@ -30,17 +30,19 @@ impl Equipment {
         // Too large for a small stack.
         let mut table = Box::new(LensTable::new());
         table.fill(&config.lens).map_err(ConfigError::from)?;
-        Ok(Self { links: links(config)?, source: Source::camera(config)? })
+        Ok(Self { ports: ports(&config.links)?, source: Source::camera(config)? })
     }
 }
 
-fn links(config: &Config) -> Result<Links> {
-    let udp = config.links.udp.map(|host| UdpLink::to(host).map(Link::Udp));
-    let serial = config.links.serial.as_ref();
-    let serial = serial.map(|line| SerialLink::absent(&line.path, line.baud).map(Link::Serial));
-    let links: Links = udp.into_iter().chain(serial).collect::<Result<_>>()?;
-    if links.is_empty() {
+/// The ports of these links.
+fn ports(links: &Links) -> Result<Ports> {
+    let udp = links.udp.map(UdpLink::to).transpose()?;
+    let line = links.serial.as_ref();
+    let serial = line.map(|line| SerialLink::absent(&line.path, line.baud)).transpose()?;
+    let is_one_way = line.is_some_and(|line| line.one_way);
+    let ports = Ports { udp, serial, is_one_way, file: None };
+    if ports.is_empty() {
         bail!("links: {NO_LINK}");
     }
-    Ok(links)
+    Ok(ports)
 }

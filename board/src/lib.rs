@@ -19,9 +19,12 @@
 //! |---|---|
 //! | [`source`] | gives frames: a camera that may vanish and come back, or a recording |
 //! | [`session`] | the loop: a frame, the pipeline, a packet; a heartbeat; what hosts ask for |
-//! | [`link`] | takes packets, and hands over what hosts send |
+//! | [`link`] | seals packets for whoever listens, and hands over what hosts send |
+//! | [`random`] | random bytes |
 //! | [`equipment`] | the links and the camera of a configuration, if a box can use it |
 //! | [`provisioning`], [`config_store`] | a new configuration from a host, and where it is kept |
+//! | [`key_store`] | the key of the box, and where it is kept |
+//! | [`stored_file`] | how either takes the place of the old one, whatever happens to the power |
 //! | [`boot`] | everything that a box does before its session, beside it, and when it fails |
 //! | [`cli`], [`boot_count`] | the same session as a program among others |
 //! | [`status`], [`logger`] | what the box is doing, and what it logs, for hosts and the panel |
@@ -34,14 +37,18 @@ pub mod boot_count;
 pub mod cli;
 pub mod config_store;
 pub mod equipment;
+pub mod key_store;
 pub mod link;
 pub mod logger;
 pub mod machine;
 pub mod provisioning;
+pub mod random;
 pub mod session;
 pub mod source;
-mod start;
 pub mod status;
+pub mod stored_file;
 
 #[cfg(test)]
 mod test_config;
+#[cfg(test)]
+mod test_listeners;

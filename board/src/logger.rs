@@ -116,6 +116,14 @@ pub fn take(started: Instant) -> Option<Log> {
     })
 }
 
+/// While nobody hears them, keeps the latest records, with room for more, until somebody does.
+pub fn keep_latest() {
+    let mut waiting = LOGGER.lock();
+    while waiting.len() > WAITING_MAX / 2 {
+        let _ = waiting.pop_front();
+    }
+}
+
 /// Number of records for which there was no room.
 pub fn dropped() -> u32 {
     LOGGER.dropped.load(Ordering::Relaxed)

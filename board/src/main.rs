@@ -10,16 +10,19 @@ use clap::Parser;
 use plumbline::config::Config;
 use plumbline::packet::ResetReason;
 use plumbline::pipeline::Pipeline;
+use plumbline::seal::StreamRing;
 use plumbline_board::allocation::CountingAllocator;
 use plumbline_board::boot::{self, Role};
 use plumbline_board::boot_count::count_start;
 use plumbline_board::cli::Cli;
 use plumbline_board::config_store::ConfigStore;
 use plumbline_board::equipment::Equipment;
-use plumbline_board::link::{FileLink, Link, Links, SerialLink, UdpLink};
+use plumbline_board::key_store::{self, KeyStore};
+use plumbline_board::link::{FileLink, Identity, Links, Ports, SerialLink, UdpLink};
 use plumbline_board::logger;
 use plumbline_board::machine::realtime;
 use plumbline_board::machine::watchdog::Watchdog;
+use plumbline_board::random;
 use plumbline_board::session::{self, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::chosen::Source;
@@ -33,6 +36,9 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// Every buffer of the measurement, in static memory.
 static PIPELINE: ConstStaticCell<Pipeline> = ConstStaticCell::new(Pipeline::new());
 
+/// The packets that can be sent again.
+static RING: ConstStaticCell<StreamRing> = ConstStaticCell::new(StreamRing::new());
+
 /// The rate of a serial line for which neither the command line nor the configuration gives one.
 const BAUD_DEFAULT: u32 = 115_200;
 
@@ -41,7 +47,7 @@ fn main() -> ExitCode {
         std::env::args_os().map(|it| it.to_string_lossy().into_owned()).collect();
     let (called, rest) = arguments.split_first().map_or(("", &[][..]), |(it, rest)| (it, rest));
     let result = match Role::of(std::process::id(), called) {
-        Role::Box => boot::run(PIPELINE.take()),
+        Role::Box => boot::run(PIPELINE.take(), RING.take()),
         Role::Network => {
             logger::install(log::LevelFilter::Info);
             boot::network::run(rest)
@@ -76,6 +82,7 @@ fn run(cli: &Cli) -> Result<()> {
         let name = cli.config.display();
         Equipment::of(&config)
             .with_context(|| format!("the configuration {name} cannot be used by a box"))?;
+        KeyStore::file(&cli.key_file()).read()?;
         let _ = writeln!(std::io::stdout(), "{name}: a box can run with it");
         return Ok(());
     }
@@ -84,16 +91,28 @@ fn run(cli: &Cli) -> Result<()> {
         .configure(&config)
         .with_context(|| format!("the configuration {} cannot be used", cli.config.display()))?;
     refuse_recording_onto_inputs(cli)?;
-    let links = open_links(cli, &config)?;
+    let ports = open_ports(cli, &config)?;
+    let key_store = KeyStore::file(&cli.key_file());
+    let key = key_store.read();
+    key_store::report(&key);
     let boot_count = cli.boot_count_file.as_deref().map(count_start).transpose()?;
 
     let Some(mut source) = open_source(cli, &config, &stop)? else { return Ok(()) };
+    let identity = Identity {
+        start: random::start(),
+        name: Identity::name_of(&config),
+        key,
+        store: Some(key_store),
+        // The reason for the computer's start may be known, the one for this program's is not.
+        reset_reason: ResetReason::Unknown,
+        start_count: boot_count,
+        refusal: None,
+    };
     // A recording can be replayed on any computer, whose settings are then left alone.
     let live = cli.replay.is_none();
     let setup = Setup {
-        links,
+        links: Links::new(ports, identity, Some(RING.take())),
         boot_count,
-        // The reason for the computer's start may be known, the one for this program's is not.
         reset_reason: ResetReason::Unknown,
         watchdog: if live { Watchdog::of(&config.machine) } else { None },
         store: Some(ConfigStore::file(&cli.config)),
@@ -166,7 +185,8 @@ fn refuse_recording_onto_inputs(cli: &Cli) -> Result<()> {
     let Some(record) = &cli.record else { return Ok(()) };
     // A file that does not exist yet is not an input.
     let Ok(existing) = record.canonicalize() else { return Ok(()) };
-    let inputs = [Some(&cli.config), cli.replay.as_ref(), cli.boot_count_file.as_ref()];
+    let key = cli.key_file();
+    let inputs = [Some(&cli.config), Some(&key), cli.replay.as_ref(), cli.boot_count_file.as_ref()];
     let is_input = |input: &std::path::PathBuf| input.canonicalize().is_ok_and(|it| it == existing);
     if inputs.into_iter().flatten().any(is_input) {
         bail!(
@@ -179,8 +199,7 @@ fn refuse_recording_onto_inputs(cli: &Cli) -> Result<()> {
 }
 
 /// The links of the command line, and those of the configuration that it does not replace.
-fn open_links(cli: &Cli, config: &Config) -> Result<Links> {
-    let mut links = Links::new();
+fn open_ports(cli: &Cli, config: &Config) -> Result<Ports> {
     let udp = cli.udp.clone().or_else(|| config.links.udp.map(|address| address.to_string()));
     let configured = config.links.serial.as_ref();
     let serial = cli.serial.as_deref().or(configured.map(|serial| serial.path.as_str()));
@@ -192,21 +211,31 @@ fn open_links(cli: &Cli, config: &Config) -> Result<Links> {
             cli.config.display()
         );
     }
-    let opened = [
-        udp.map(|destination| UdpLink::open(&destination).map(Link::Udp)),
-        serial.map(|device| SerialLink::open(device, baud).map(Link::Serial)),
-        cli.record.as_deref().map(|path| FileLink::open(path).map(Link::File)),
-    ];
-    for link in opened.into_iter().flatten() {
-        // One of each kind: there is room for all of them.
-        let _ = links.push(link?);
+    let mut udp = udp.map(|destination| UdpLink::open(&destination)).transpose()?;
+    if let Some(port) = cli.listen {
+        let Some(udp) = &mut udp else {
+            bail!(
+                "--listen: the box is announced to nobody over UDP, neither here nor in the \
+                 configuration {}: add --udp HOST:PORT, or leave --listen out",
+                cli.config.display()
+            );
+        };
+        udp.listen_on(port).with_context(|| {
+            format!("--listen: the UDP port {port} cannot be used: give another, or leave it out")
+        })?;
     }
-    if links.is_empty() {
+    let ports = Ports {
+        udp,
+        serial: serial.map(|device| SerialLink::open(device, baud)).transpose()?,
+        is_one_way: configured.is_some_and(|line| line.one_way),
+        file: cli.record.as_deref().map(FileLink::open).transpose()?,
+    };
+    if ports.is_empty() {
         bail!(
             "packets have nowhere to go: the configuration {} names no link; \
              add --udp HOST:PORT, --serial DEVICE or --record FILE",
             cli.config.display()
         );
     }
-    Ok(links)
+    Ok(ports)
 }

@@ -1,6 +1,7 @@
 //! Messages and exit codes when an input or a device is at fault.
 
 use plumbline::config::{BLOB_BYTES_MAX, CaptureDriver, Config};
+use plumbline::seal::Key;
 
 use crate::common::{
     Board, Finished, config, config_with_camera, folder, messages, poses, write_config,
@@ -84,6 +85,12 @@ fn bad_input_is_named_with_a_remedy() {
 
     let idle_baud = [&["--replay", trial, "--baud", "9600"][..], &udp].concat();
     assert_refused(&run(&good, &idle_baud), &["--baud", "--serial"]);
+    let idle_listen = ["--replay", trial, "--record", "/dev/null", "--listen", "4211"];
+    assert_refused(&run(&good, &idle_listen), &["--listen", "--udp"]);
+    let taken = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let taken_port = [&["--replay", trial, "--listen", &port][..], &udp].concat();
+    assert_refused(&run(&good, &taken_port), &["--listen", &port]);
     let port_0 = ["--replay", trial, "--udp", "127.0.0.1:0"];
     assert_refused(&run(&good, &port_0), &["127.0.0.1:0", "port"]);
 
@@ -175,4 +182,36 @@ fn starts_are_counted() {
         let plumbline::packet::Message::Hello(hello) = &all[0] else { panic!("{:?}", all[0]) };
         assert_eq!(hello.boot_count, Some(start));
     }
+}
+
+#[test]
+fn the_key_is_beside_the_configuration_and_a_damaged_one_is_not_taken_for_none() {
+    let folder = folder();
+    let (config, trial) = (write_config(&folder, &config()), write_recording(&folder, 1));
+    let [beside, elsewhere, packets] =
+        ["box.key", "ward-3.key", "packets.bin"].map(|name| folder.path().join(name));
+    let run = |more: &[&str]| {
+        let replay = ["--replay", trial.to_str().unwrap(), "--unpaced", "--record"];
+        Board::start(&config, &[&replay[..], more].concat()).wait()
+    };
+    let packets = packets.to_str().unwrap();
+    let done = |more: &[&str]| {
+        let finished = run(&[&[packets], more].concat());
+        assert!(finished.status.success(), "{}", finished.stderr);
+        finished.stderr
+    };
+    assert!(!done(&[]).contains("key"));
+    let [one, other] = [1, 2].map(|seed| Key::new([seed; 32]).unwrap());
+    std::fs::write(&beside, one.text().as_str()).unwrap();
+    std::fs::write(&elsewhere, other.text().as_str()).unwrap();
+    assert!(done(&[]).contains(&one.id().to_string()));
+    assert!(done(&["--key", elsewhere.to_str().unwrap()]).contains(&other.id().to_string()));
+    // Packets are appended, which would spoil it.
+    assert_refused(&run(&[beside.to_str().unwrap()]), &["--record", "box.key"]);
+    std::fs::write(&beside, &one.text().as_str()[..80]).unwrap();
+    let said = done(&[]);
+    for part in ["the box's key cannot be used", "box.key", "80 characters", "plumb keys export"] {
+        assert!(said.contains(part), "{said}: {part}");
+    }
+    assert!(!said.contains(&one.text().as_str()[16..40]), "{said}");
 }

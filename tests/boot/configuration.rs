@@ -1,7 +1,8 @@
-//! A configuration that cannot be used: refused by its name, said on the console
-//! and on the links of the kernel's command line, and nothing is tracked.
+//! A configuration that cannot be used: refused by its name, said on the console and, to hosts with
+//! the box's key, on the links of the kernel's command line; and nothing is tracked.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
+use plumbline::seal::{BoxState, Key};
 
 use crate::machine::{Host, logs, poses};
 use crate::scene;
@@ -25,6 +26,35 @@ fn assert_refused(blob: &[u8], words: &str) {
             assert!(text.contains(words), "{place} does not say {words:?}: {text}");
         }
         assert_eq!(poses(&seen.udp).chain(poses(&seen.serial)).count(), 0, "it tracks");
+    });
+}
+
+#[test]
+fn a_refused_box_says_why_to_hosts_with_its_key_alone() {
+    let host = Host::with_key(Key::new([8; 32]).unwrap());
+    let directory = tempfile::tempdir().unwrap();
+    let mut blob = sound();
+    blob[30] ^= 1;
+    let disk = scene::boot_disk(directory.path(), &blob);
+    let options = format!("plumbline.udp={} plumbline.serial=/dev/ttyS0:115200", host.address());
+    let machine = crate::boot_with_camera(&host, &disk, &options);
+    machine.wait_for("the refusal on the console, and announcements", |seen| {
+        let said = seen.console.contains("configuration refused");
+        let announced = [&seen.udp_packets, &seen.serial_packets]
+            .iter()
+            .all(|packets| packets.announcements().count() >= 8);
+        (said && announced).then_some(())
+    });
+    machine.look(|seen| {
+        assert!(seen.udp.is_empty() && seen.serial.is_empty(), "it is heard with another key");
+        for packets in [&seen.udp_packets, &seen.serial_packets] {
+            assert!(packets.are_announcements());
+            for announcement in packets.announcements() {
+                assert_eq!(announcement.key_id, Some(scene::key().id()));
+                assert_eq!(announcement.state, BoxState::Refusing);
+                assert_eq!(announcement.text, "");
+            }
+        }
     });
 }
 

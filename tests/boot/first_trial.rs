@@ -20,6 +20,10 @@ use common::photographer::{photographs, posed};
 /// The checks of `plumb doctor` that compare the box's time with this computer's.
 const TIMED: [&str; 3] = ["frames", "latency", "rate"];
 
+/// Those that fail where frames are missing: the body moves further from one frame to the next, so
+/// that a target is searched for again.
+const FOLLOWING: [&str; 2] = ["lumbar poses", "shoulder poses"];
+
 /// Where other work takes the processor, the emulated box is slower than its own clock says, and
 /// those checks rightly fail. This is how much slower it must have been: the rate's tolerance.
 const SLOWER_PPM: f64 = -20_000.0;
@@ -110,7 +114,7 @@ fn board() -> TargetGeometry {
 fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let ward = Ward::new();
     let simulation = &SCENE.simulation;
-    // Print, and describe the box: it has nothing yet, not even a configuration.
+    // Print, and describe the box.
     ward.plumb("target --standard --out pair.pdf --targets targets.toml");
     ward.plumb("target --grid 9x6 --pitch-mm 20 --out board.pdf --targets targets.toml --add");
     ward.plumb("provision --new-box box.toml");
@@ -120,6 +124,12 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
         .replace("192.168.1.20:4210", &format!("{a}.{b}.{c}.{d}:{}", ward.port))
         .replace("rate_hz = 60.0", "rate_hz = 24.0\ngain = 45.0");
     std::fs::write(ward.path("box.toml"), settings).expect("it is edited");
+    // The box has nothing yet. Its card gets a key and what it takes to look for the board.
+    let said = ward.plumb(
+        "provision --uncalibrated 1280x720 --targets targets.toml --box box.toml --new-key \
+         --card boot.img",
+    );
+    assert!(said.contains("a new key"), "{said}");
 
     // The board is held before the camera, here and there.
     let shown = photographs(simulation.camera(), &board(), 24, 1);
@@ -127,10 +137,6 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     std::fs::write(ward.path("board.grey"), shown).expect("the frames are written");
     let (machine, _host) = ward.switch_on(&ward.path("board.grey"));
     ward.wait_for_the_box();
-    ward.plumb_here(
-        "provision --uncalibrated 1280x720 --targets targets.toml --box box.toml --send",
-        "--via-udp",
-    );
     ward.plumb_here("aim --stills photos --count 12 --every 1 --board 9x6", "--udp");
     drop(machine);
     let photographs: Vec<String> = (1..=12).map(|n| format!("photos/still-{n:02}.png")).collect();
@@ -159,11 +165,16 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     ward.wait_for_the_box();
     ward.plumb_here("receive --anyway --frames 150 --out received", "--udp");
     let (code, said) = ward.doctor();
-    let failed: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("FAIL")).collect();
-    let is_timed = |check: &&str| TIMED.contains(&check.split_whitespace().next().unwrap_or(""));
-    let is_slow = drift_ppm(&said).is_some_and(|drift| drift < SLOWER_PPM);
-    assert!(failed.is_empty() || is_slow && failed.iter().all(is_timed), "{said}");
-    assert_eq!(code, Some(i32::from(!failed.is_empty())), "{said}");
+    let failed: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("FAIL  ")).collect();
+    let is_one_of = |checks: &[&str], line: &str| checks.iter().any(|it| line.starts_with(it));
+    let lacks_frames = failed.iter().any(|line| line.starts_with("frames"));
+    let is_timed =
+        |line: &&str| is_one_of(&TIMED, line) || lacks_frames && is_one_of(&FOLLOWING, line);
+    let drift_ppm = drift_ppm(&said);
+    let is_slow = drift_ppm.is_some_and(|drift| drift < SLOWER_PPM);
+    let is_excused = failed.is_empty() || is_slow && failed.iter().all(is_timed);
+    assert!(is_excused, "the clocks' drift {drift_ppm:?} ppm: {failed:?}");
+    assert_eq!(code, Some(i32::from(!failed.is_empty())), "{:?}", said.lines().next());
     drop(machine);
     assert_sways_as(
         &poses::read(&ward.path("received/samples.csv")).expect("a recording"),

@@ -9,7 +9,7 @@ use plumbline::packet::Health;
 use plumbline_board::source::Pixels;
 use plumbline_board::source::v4l2::luma::Luma;
 
-use crate::machine::{Host, Machine, Parts, image as built, is_measured, poses, read};
+use crate::machine::{Host, Machine, Parts, image as built, in_order, is_measured, poses, read};
 use crate::scene::{self, Grey, Position, SCENE, distance_mm};
 
 /// As the virtual camera plays them: an emulated machine decodes them slowly.
@@ -89,7 +89,8 @@ impl Sent {
         let here = self.tracked_here();
         machine.look(|seen| {
             let mut largest_mm = [0.0_f64; 2];
-            for pose in poses(&seen.udp).skip_while(|pose| !is_measured(pose)).skip(SETTLING) {
+            let messages = in_order(&seen.udp);
+            for pose in poses(&messages).skip_while(|pose| !is_measured(pose)).skip(SETTLING) {
                 for (target, largest_mm) in largest_mm.iter_mut().enumerate() {
                     let found = pose.targets[target].pose.expect("once it tracks, it goes on");
                     let found = found.translation_mm.map(f64::from);

@@ -5,18 +5,24 @@
 //! does not depend on how busy this machine is: it takes longer here, and that is
 //! all.
 
-use std::io::Read;
+use std::io::{Read, Write};
 use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::{Arc, Mutex};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{
-    Deframer, Health, Hello, Message, PACKET_BYTES_MAX, PosePacket, decode_datagram,
+use plumbline::packet::{Health, Hello, Message, PosePacket, frame_packet};
+use plumbline::seal::{Announcement, Key, Peer, SEALED_FRAME_BYTES_MAX};
+use plumbline_files::BadInput;
+use plumbline_stream::transport::{
+    Arrived, Carrier, Event, KnownBox, Line, Link, Serial, Transport as _, Udp, WAIT,
 };
+
+use crate::scene;
 
 /// Everything that is waited for comes within this, on a machine that is busy with
 /// other things, or never.
@@ -46,16 +52,21 @@ pub struct Parts<'a> {
 /// The network and the serial line as the box's host sees them, there before the machine is.
 pub struct Host {
     socket: UdpSocket,
+    key: Key,
 }
 
 impl Host {
+    /// A host that has the key of the tests' boxes.
     pub fn new() -> Self {
-        let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
-        socket.set_read_timeout(Some(Duration::from_millis(100))).expect("a timeout");
-        Self { socket }
+        Self::with_key(scene::key())
     }
 
-    /// Where the box is to send its packets.
+    /// A host that has this key alone.
+    pub fn with_key(key: Key) -> Self {
+        Self { socket: UdpSocket::bind("127.0.0.1:0").expect("a socket"), key }
+    }
+
+    /// Where the box is to announce itself.
     pub fn address(&self) -> SocketAddr {
         let port = self.socket.local_addr().expect("it is bound").port();
         (HOST, port).into()
@@ -66,10 +77,56 @@ impl Host {
 #[derive(Default)]
 pub struct Seen {
     pub console: String,
+    /// What was opened of that which came over UDP, as from a box with the host's key.
     pub udp: Vec<Message>,
     pub serial: Vec<Message>,
-    /// Frames on the serial line that were no packets.
-    pub serial_damaged: usize,
+    /// The packets themselves.
+    pub udp_packets: Packets,
+    pub serial_packets: Packets,
+}
+
+/// The packets of a link, as they are on their way.
+#[derive(Default, Clone)]
+pub struct Packets {
+    pub all: Vec<Vec<u8>>,
+    /// The number of those that were not the box's, or had come before.
+    pub not_authentic: usize,
+    /// Datagrams, or frames on the serial line, that were no packets.
+    pub damaged: usize,
+}
+
+impl Packets {
+    /// What the box says of itself in clear.
+    pub fn announcements(&self) -> impl Iterator<Item = Announcement> {
+        self.all.iter().filter_map(|packet| Announcement::parse(packet))
+    }
+
+    /// Whether the box says nothing but who it is.
+    pub fn are_announcements(&self) -> bool {
+        self.announcements().count() == self.all.len()
+    }
+
+    /// Whether these words can be read in one of them.
+    pub fn show(&self, words: &str) -> bool {
+        let shows = |packet: &Vec<u8>| packet.windows(words.len()).any(|it| it == words.as_bytes());
+        self.all.iter().any(shows)
+    }
+}
+
+/// One of the ways out of the machine.
+#[derive(Debug, Clone, Copy)]
+pub enum Way {
+    Udp,
+    Serial,
+}
+
+impl Way {
+    fn of(self, seen: &mut Seen) -> (&mut Vec<Message>, &mut Packets) {
+        match self {
+            Self::Udp => (&mut seen.udp, &mut seen.udp_packets),
+            Self::Serial => (&mut seen.serial, &mut seen.serial_packets),
+        }
+    }
 }
 
 impl Seen {
@@ -108,6 +165,17 @@ pub fn logs(messages: &[Message]) -> String {
     texts.collect::<Vec<_>>().join(" ")
 }
 
+/// The messages with the poses in the order of their frames: what the box has sent before it was
+/// heard comes between what it sends now.
+pub fn in_order(messages: &[Message]) -> Vec<Message> {
+    let mut messages = messages.to_vec();
+    messages.sort_by_key(|message| match message {
+        Message::Pose(pose) => pose.sequence,
+        _ => 0,
+    });
+    messages
+}
+
 /// Every target was measured.
 pub fn is_measured(pose: &PosePacket) -> bool {
     pose.targets.iter().all(|target| target.pose.is_ok())
@@ -117,6 +185,8 @@ pub fn is_measured(pose: &PosePacket) -> bool {
 pub struct Machine {
     child: Child,
     seen: Arc<Mutex<Seen>>,
+    /// The host's end of the serial line.
+    line: UnixStream,
     /// Of the initramfs, of the serial line.
     _directory: tempfile::TempDir,
 }
@@ -156,9 +226,22 @@ impl Machine {
         let seen = Arc::new(Mutex::new(Seen::default()));
         let console = child.stdout.take().expect("it is piped");
         watch_console(console, &seen);
-        watch_udp(host.socket.try_clone().expect("a second handle"), &seen);
-        watch_serial(connect(&line, &mut child), &seen, |_| {});
-        Self { child, seen, _directory: directory }
+        let socket = host.socket.try_clone().expect("a second handle");
+        let udp = move || {
+            let socket = socket.try_clone().expect("one more handle");
+            Udp::new(socket).expect("it takes a time-out")
+        };
+        watch(udp, Way::Udp, &host.key, &seen, &Arc::default());
+        let line = connect(&line, &mut child);
+        watch_serial(&line, &host.key, &seen, &Arc::default());
+        Self { child, seen, line, _directory: directory }
+    }
+
+    /// Sends a packet over the serial line.
+    pub fn say_on_line(&self, packet: &[u8]) {
+        let mut buffer = [0; SEALED_FRAME_BYTES_MAX];
+        let frame = frame_packet(packet, &mut buffer).expect("a packet");
+        (&self.line).write_all(frame).expect("the line takes it");
     }
 
     /// As the function of this name.
@@ -234,40 +317,98 @@ fn watch_console(mut console: impl Read + Send + 'static, seen: &Arc<Mutex<Seen>
     });
 }
 
-/// Ends when the machine is gone: nobody else keeps what is seen.
-fn watch_udp(socket: UdpSocket, seen: &Arc<Mutex<Seen>>) {
-    let seen = Arc::downgrade(seen);
+/// Takes the packets from the host's end of a serial line.
+pub fn watch_serial(
+    line: &UnixStream,
+    key: &Key,
+    seen: &Arc<Mutex<Seen>>,
+    is_paused: &Arc<AtomicBool>,
+) {
+    // What is not taken in this time is lost, as on a line.
+    line.set_read_timeout(Some(WAIT)).expect("a time-out");
+    line.set_write_timeout(Some(WAIT)).expect("a time-out");
+    let line = line.try_clone().expect("a second handle");
+    let open = move || {
+        let line = line.try_clone().expect("one more handle");
+        // A line that is gone does not come back.
+        let mut line = Some(Box::new(line) as Box<dyn Line>);
+        let gone = || std::io::ErrorKind::NotFound.into();
+        Serial::new(Box::new(move || line.take().ok_or_else(gone))).expect("it is there")
+    };
+    watch(open, Way::Serial, key, seen, is_paused);
+}
+
+/// Listens to the box as a host does, with what the box has kept of the time before, except while
+/// it `is_paused`. Ends when the machine is gone: nobody else keeps what is seen.
+fn watch<C: Carrier>(
+    open: impl Fn() -> C + Send + 'static,
+    way: Way,
+    key: &Key,
+    seen: &Arc<Mutex<Seen>>,
+    is_paused: &Arc<AtomicBool>,
+) {
+    let (seen, is_paused) = (Arc::downgrade(seen), Arc::clone(is_paused));
+    let known = KnownBox { name: "boot test".into(), key: key.clone(), address: None };
     thread::spawn(move || {
-        let mut datagram = [0; PACKET_BYTES_MAX];
-        loop {
-            let received = socket.recv(&mut datagram);
-            let Some(seen) = seen.upgrade() else { return };
-            let Ok(mut seen) = seen.lock() else { return };
-            if let Ok(count) = received {
-                let packet = decode_datagram(&datagram[..count]).expect("an intact datagram");
-                seen.udp.push(packet.message);
+        let mut link = None;
+        while seen.strong_count() > 0 {
+            if is_paused.load(Ordering::Relaxed) {
+                link = None;
+                thread::sleep(WAIT);
+                continue;
+            }
+            let link = link.get_or_insert_with(|| {
+                let carrier = Watched { carrier: open(), way, seen: seen.clone() };
+                Link::new(carrier, vec![known.clone()], "boot test").with_past()
+            });
+            let polled = link.poll(&mut |event| {
+                let Some(seen) = seen.upgrade() else { return };
+                let Ok(mut seen) = seen.lock() else { return };
+                let (messages, packets) = way.of(&mut seen);
+                match event {
+                    Event::Packet(packet) => messages.push(packet.message),
+                    Event::NotAuthentic => packets.not_authentic += 1,
+                    Event::Bad(_) => packets.damaged += 1,
+                    _ => {}
+                }
+            });
+            if polled.is_err() {
+                return;
             }
         }
     });
 }
 
-/// Takes the packets from a serial line; hands its bytes on as they come.
-pub fn watch_serial(
-    mut line: UnixStream,
-    seen: &Arc<Mutex<Seen>>,
-    mut hand_on: impl FnMut(&[u8]) + Send + 'static,
-) {
-    let seen = Arc::clone(seen);
-    thread::spawn(move || {
-        let mut bytes = [0; 4096];
-        let mut deframer: Deframer = Deframer::new();
-        while let Ok(count @ 1..) = line.read(&mut bytes) {
-            hand_on(&bytes[..count]);
-            let Ok(mut seen) = seen.lock() else { return };
-            deframer.push(&bytes[..count], |outcome| match outcome {
-                Ok(packet) => seen.serial.push(packet.message),
-                Err(_) => seen.serial_damaged += 1,
-            });
-        }
-    });
+/// A carrier whose packets are kept as they come.
+struct Watched<C> {
+    carrier: C,
+    way: Way,
+    seen: Weak<Mutex<Seen>>,
+}
+
+impl<C: Carrier> Carrier for Watched<C> {
+    fn poll(&mut self, wait: Duration, take: &mut dyn FnMut(Arrived<'_>)) -> Result<(), BadInput> {
+        let Self { carrier, way, seen } = self;
+        carrier.poll(wait, &mut |arrived| {
+            if let Arrived::Packet { bytes, .. } = &arrived
+                && let Some(seen) = seen.upgrade()
+                && let Ok(mut seen) = seen.lock()
+            {
+                way.of(&mut seen).1.all.push(bytes.to_vec());
+            }
+            take(arrived);
+        })
+    }
+
+    fn send(&mut self, to: Peer, packet: &[u8]) {
+        self.carrier.send(to, packet);
+    }
+
+    fn only_peer(&self) -> Option<Peer> {
+        self.carrier.only_peer()
+    }
+
+    fn dropped_here(&self) -> Option<u64> {
+        self.carrier.dropped_here()
+    }
 }

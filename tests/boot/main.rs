@@ -19,9 +19,11 @@ mod first_trial;
 mod formats;
 mod libcamera;
 mod package;
+mod pairing;
 mod pi;
 mod poses;
 mod provisioning;
+mod strangers;
 mod trouble;
 
 use std::path::Path;

@@ -7,8 +7,9 @@ use std::time::Instant;
 
 use plumbline::config::Config;
 use plumbline::packet::{Action, Hello, LinkKind, Message};
+use plumbline::seal::KEY_FILE_NAME;
 use plumbline_stream::link::BoxLink;
-use plumbline_stream::transport::Udp;
+use plumbline_stream::transport::{KnownBox, Link, Udp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -19,7 +20,13 @@ use crate::scene::{self, file_on, files_on};
 fn link() -> (BoxLink, SocketAddr) {
     let udp = Udp::bind((Ipv4Addr::LOCALHOST, 0).into()).expect("a free port");
     let port = udp.local_address().expect("it is bound").port();
-    (BoxLink::new(Box::new(udp), "the box".to_owned(), LinkKind::Udp), (HOST, port).into())
+    let link = Link::new(udp, vec![known_box()], "boot test");
+    (BoxLink::new(Box::new(link), "the box".to_owned(), LinkKind::Udp), (HOST, port).into())
+}
+
+/// The tests' boxes as a host knows them.
+pub fn known_box() -> KnownBox {
+    KnownBox { name: "boot test".into(), key: scene::key(), address: None }
 }
 
 /// Who the box is, once it says so by itself: it may be starting.
@@ -99,6 +106,7 @@ pub fn assert_power_cuts_leave_one(
     assert!(configs.contains(&config));
     let files = files_on(&computer.disk());
     assert!(!files.iter().any(|name| name == "config.new"), "{files:?}");
+    assert_eq!(file_on(&computer.disk(), KEY_FILE_NAME), Some(scene::key_file(&scene::key())));
     computer.cut_power();
 }
 

@@ -10,10 +10,12 @@ use std::sync::LazyLock;
 
 use cpio::newc::ModeFileType;
 use plumbline::config::{
-    BLOB_BYTES_MAX, Capture, CaptureDriver, Config, Machine, Network, PixelFormat, SerialLink,
+    BLOB_BYTES_MAX, Capture, CaptureDriver, Config, FILE_NAME, Machine, Network, PixelFormat,
+    SerialLink,
 };
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::pipeline::Pipeline;
+use plumbline::seal::{KEY_FILE_NAME, Key};
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 use rayon::prelude::*;
@@ -154,7 +156,7 @@ pub fn config(host: SocketAddr) -> Config {
     config.device = "boot test".try_into().expect("a short name");
     config.links.udp = Some(host);
     let path = "/dev/ttyS0".try_into().expect("a short path");
-    config.links.serial = Some(SerialLink { path, baud: 115_200 });
+    config.links.serial = Some(SerialLink { path, baud: 115_200, one_way: false });
     config.capture = Some(Capture {
         driver: CaptureDriver::V4l2,
         device: "/dev/video0".try_into().expect("a short path"),
@@ -185,18 +187,42 @@ pub fn empty_disk(directory: &Path) -> PathBuf {
 }
 
 /// The same with a configuration.
-pub fn boot_disk(directory: &Path, blob: &[u8]) -> PathBuf {
+pub fn unpaired_disk(directory: &Path, blob: &[u8]) -> PathBuf {
     let disk = empty_disk(directory);
-    copy_config(&disk, 0, directory, blob);
+    copy(&disk, 0, FILE_NAME, blob);
     disk
 }
 
-/// Puts the configuration into the file system that starts at `start_bytes` of the disk.
-pub fn copy_config(disk: &Path, start_bytes: u64, directory: &Path, blob: &[u8]) {
-    let file = directory.join("config.plb");
-    std::fs::write(&file, blob).expect("the configuration is written");
+/// The same with the key of the tests' boxes, too.
+pub fn boot_disk(directory: &Path, blob: &[u8]) -> PathBuf {
+    let disk = unpaired_disk(directory, blob);
+    copy_key(&disk, 0);
+    disk
+}
+
+/// The key of the tests' boxes.
+pub fn key() -> Key {
+    Key::new([7; 32]).expect("a key")
+}
+
+/// The file of a box's key.
+pub fn key_file(key: &Key) -> Vec<u8> {
+    format!("{}\n", key.text().as_str()).into_bytes()
+}
+
+/// Puts the key of the tests' boxes into the file system that starts at `start_bytes` of the disk.
+pub fn copy_key(disk: &Path, start_bytes: u64) {
+    copy(disk, start_bytes, KEY_FILE_NAME, &key_file(&key()));
+}
+
+/// Puts a file into the file system that starts at `start_bytes` of the disk.
+pub fn copy(disk: &Path, start_bytes: u64, name: &str, bytes: &[u8]) {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let file = directory.path().join(name);
+    std::fs::write(&file, bytes).expect("the file is written");
     let image = format!("{}@@{start_bytes}", disk.display());
-    run("mcopy", &["-o", "-i", &image, file.to_str().expect("a plain path"), "::config.plb"]);
+    let (file, name) = (file.to_str().expect("a plain path"), format!("::{name}"));
+    run("mcopy", &["-o", "-i", &image, file, &name]);
 }
 
 /// The names of the files in the file system of a disk, written as mtools take it.

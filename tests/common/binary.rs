@@ -6,6 +6,8 @@ use std::sync::OnceLock;
 
 use plumbline_test_support::{command, program};
 
+use crate::keys::data;
+
 /// The program, built once per test process, wherever cargo puts it.
 pub fn plumb() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
@@ -36,6 +38,7 @@ pub fn plumb_judges_in(directory: &Path, arguments: &str) -> (Option<i32>, Strin
     let output = plumb()
         .args(arguments.split_whitespace())
         .current_dir(directory)
+        .env("XDG_DATA_HOME", data(directory))
         .output()
         .expect("plumb runs");
     let said = messages(&output) + &String::from_utf8_lossy(&output.stdout);

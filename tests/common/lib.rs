@@ -3,5 +3,6 @@
 pub mod binary;
 pub mod booth;
 pub mod coloured;
+pub mod keys;
 pub mod photographer;
 pub mod scene;

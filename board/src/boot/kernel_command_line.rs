@@ -75,7 +75,7 @@ fn parse(text: &str, mut complain: impl FnMut(String)) -> Options {
 fn serial(value: &str) -> Option<SerialLink> {
     let (path, baud) = value.rsplit_once(':')?;
     let path = path.try_into().ok().filter(|path: &heapless::String<_>| !path.is_empty())?;
-    Some(SerialLink { path, baud: baud.parse().ok()? })
+    Some(SerialLink { path, baud: baud.parse().ok()?, one_way: false })
 }
 
 #[cfg(test)]

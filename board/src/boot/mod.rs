@@ -17,14 +17,15 @@
 //!
 //! The kernel has opened the console as standard input, output and error before
 //! this starts. Measuring does not wait for the network; packets leave as soon
-//! as there is a route. Only a configuration that a host sends, and the mark of an
-//! orderly restart, are written to a disk, in such a way that the power may be
+//! as there is a route. Only a configuration or a key that a host sends, the mark of an
+//! orderly restart, and the count of starts that a line without a way back needs are written to a disk, in such a way that the power may be
 //! pulled at any time.
 //!
 //! The same program has three smaller roles besides, told apart by the name under
 //! which it is run: see [`Role`].
 
 mod announce;
+mod card;
 mod children;
 mod failure;
 mod gate;
@@ -44,15 +45,19 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, Result, bail};
 use plumbline::config::{Config, FILE_NAME, Network};
 use plumbline::pipeline::Pipeline;
+use plumbline::seal::StreamRing;
 
-use crate::config_store::ConfigStore;
+use crate::boot_count::count_start_on;
 use crate::equipment::Equipment;
-use crate::link::Links;
+use crate::link::{Identity, Links, Ports};
 use crate::logger;
+use crate::machine::read_only_partition::ReadOnlyPartition;
 use crate::machine::watchdog::Watchdog;
 use crate::machine::{clock, realtime};
+use crate::random;
 use crate::session::{self, Setup};
 use crate::source::chosen::Source;
+use card::Card;
 use gate::Gate;
 
 /// What this process is.
@@ -85,7 +90,7 @@ impl Role {
 const MODULES: &str = "/etc/plumbline/modules";
 
 /// Boots the box, and measures until the computer restarts.
-pub fn run(pipeline: &'static mut Pipeline) -> ! {
+pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! {
     logger::install(log::LevelFilter::Info);
     failure::take_panics();
     if let Err(error) = mounts::mount_all() {
@@ -95,31 +100,27 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
     panel::start();
     step("started");
     let options = kernel_command_line::read();
-    failure::tell(&options.links, None);
+    failure::tell(&options.links, None, None);
     let modules = modules::load_all(Path::new(MODULES));
     step(&modules.to_string());
 
     let partition::Found { partition, config } = partition::find();
-    let store = partition.as_ref().map(|it| ConfigStore::on_partition(it, FILE_NAME));
-    let marked = partition.as_ref().is_some_and(restart::take_mark);
-    if let Some(store) = &store
-        && let Err(error) = store.complete()
-    {
-        log::warn!(
-            "the configuration that was being stored is used, but its journal remains: {error:#}"
-        );
-    }
-    let (config, Equipment { links, source }) = match config.and_then(configuration) {
+    let card = Card::read(partition.as_ref());
+    let (config, Equipment { ports, source }) = match config.and_then(configuration) {
         Ok(usable) => usable,
         Err(error) => {
+            failure::tell(&options.links, card.usable_key(), None);
             children::look_after(Network::Dhcp);
-            refusal::stay(&options.links, store, &error);
+            let reason = restart::reason(None, card.is_marked);
+            refusal::stay(&options.links, card, reason, ring, &error);
             restart::in_good_order(partition.as_ref())
         }
     };
-    failure::tell(&config.links, config.machine.watchdog_s);
+    failure::tell(&config.links, card.usable_key(), config.machine.watchdog_s);
     children::look_after(config.machine.network);
-    match measure(pipeline, &config, links, store, Gate::new(source, &options), marked) {
+    let start_count = partition.as_ref().and_then(|it| start_count(&config, it));
+    let links = Prepared { ports, card, start_count, ring };
+    match measure(pipeline, &config, links, Gate::new(source, &options)) {
         Ok(()) => restart::in_good_order(partition.as_ref()),
         Err(error) => failure::end(&format!("{error:#}")),
     }
@@ -130,7 +131,8 @@ pub fn run(pipeline: &'static mut Pipeline) -> ! {
 fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Equipment)> {
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;
     panel::name(&config);
-    let equipment = Equipment::of(&config).with_context(|| in_config(&device))?;
+    let mut equipment = Equipment::of(&config).with_context(|| in_config(&device))?;
+    equipment.ports.listen_where_hosts_look();
     step(&format!("configuration {:08x} on {device}", config.crc()));
     Ok((config, equipment))
 }
@@ -139,25 +141,51 @@ fn in_config(device: &str) -> String {
     format!("{FILE_NAME} on {device}")
 }
 
+/// Counts this start, where hosts need the count: otherwise the card is left alone.
+fn start_count(config: &Config, partition: &ReadOnlyPartition) -> Option<u32> {
+    let is_needed = config.links.serial.as_ref().is_some_and(|line| line.one_way);
+    if !is_needed {
+        return None;
+    }
+    let count = count_start_on(partition);
+    count.inspect_err(|error| log::error!("this start is not counted: {error:#}")).ok()
+}
+
+/// What the links of a session are made of.
+struct Prepared {
+    ports: Ports,
+    card: Card,
+    start_count: Option<u32>,
+    ring: &'static mut StreamRing,
+}
+
 /// Measures until a host asks for a restart.
 fn measure(
     pipeline: &mut Pipeline,
     config: &Config,
-    links: Links,
-    store: Option<ConfigStore>,
+    Prepared { ports, card, start_count, ring }: Prepared,
     mut source: Gate<Source>,
-    marked: bool,
 ) -> Result<()> {
     self_test::run(pipeline).context("self-test")?;
     pipeline.configure(config).context("the configuration")?;
     step("self-test passed");
     let watchdog = Watchdog::of(&config.machine);
+    let reset_reason = restart::reason(watchdog.as_ref(), card.is_marked);
+    let identity = Identity {
+        start: random::start(),
+        name: Identity::name_of(config),
+        key: card.key,
+        store: card.key_store,
+        reset_reason,
+        start_count,
+        refusal: None,
+    };
     let setup = Setup {
-        links,
-        boot_count: None,
-        reset_reason: restart::reason(watchdog.as_ref(), marked),
+        links: Links::new(ports, identity, Some(ring)),
+        boot_count: start_count,
+        reset_reason,
         watchdog,
-        store,
+        store: card.config_store,
         may_reboot: true,
     };
     realtime::set_up(&config.machine);

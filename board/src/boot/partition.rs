@@ -10,8 +10,9 @@ use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount, umount};
 use plumbline::config::FILE_NAME;
 
-use crate::config_store::{ConfigStore, is_absent};
+use crate::config_store::ConfigStore;
 use crate::machine::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
+use crate::stored_file::is_absent;
 
 /// Where the partition is mounted.
 const PLACE: &str = "/boot";

@@ -12,7 +12,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use plumbline::packet::{Deframer, FRAME_BYTES_MAX, Message, Packet};
+use plumbline::packet::{Deframer, frame_packet};
+use plumbline::seal::{SEALED_BYTES_MAX, SEALED_FRAME_BYTES_MAX};
 use serialport::TTYPort;
 
 use super::Counts;
@@ -23,6 +24,12 @@ const WAITING_BYTES_MAX: usize = 2048;
 
 /// The permitted bit rates.
 const BAUD: std::ops::RangeInclusive<u32> = 1200..=4_000_000;
+
+/// Bytes that are read at once.
+const READ_BYTES: usize = 256;
+
+/// Reads in search of one packet; more noise than that waits.
+const READS_MAX: usize = 16;
 
 /// How often opening an absent line is tried again.
 const REOPEN_EVERY: Duration = Duration::from_secs(1);
@@ -39,8 +46,17 @@ pub struct SerialLink {
     name: String,
     baud: u32,
     waiting: Vec<u8>,
-    incoming: Deframer,
+    incoming: Incoming,
     counts: Counts,
+}
+
+/// What has been read and not yet looked at.
+#[derive(Debug)]
+struct Incoming {
+    deframer: Deframer<SEALED_FRAME_BYTES_MAX>,
+    bytes: [u8; READ_BYTES],
+    /// Of those bytes.
+    unread: std::ops::Range<usize>,
 }
 
 /// The open device.
@@ -83,7 +99,7 @@ impl SerialLink {
             name: device.into(),
             baud,
             waiting: Vec::with_capacity(WAITING_BYTES_MAX),
-            incoming: Deframer::new(),
+            incoming: Incoming::default(),
             counts: Counts::default(),
         })
     }
@@ -100,10 +116,19 @@ impl SerialLink {
         self.service();
     }
 
+    /// Sends one packet, as a frame.
+    pub fn send_packet(&mut self, packet: &[u8]) {
+        let mut frame = [0; SEALED_FRAME_BYTES_MAX];
+        match frame_packet(packet, &mut frame) {
+            Ok(frame) => self.send(frame),
+            Err(_) => unreachable!("a packet longer than {SEALED_BYTES_MAX} bytes"),
+        }
+    }
+
     /// Whether there is room for a packet and for two more after it.
     #[must_use]
     pub fn has_room(&self) -> bool {
-        self.line.is_some() && self.waiting.len() + 3 * FRAME_BYTES_MAX <= WAITING_BYTES_MAX
+        self.line.is_some() && self.waiting.len() + 3 * SEALED_FRAME_BYTES_MAX <= WAITING_BYTES_MAX
     }
 
     /// Sends as many bytes as the line accepts now.
@@ -144,25 +169,30 @@ impl SerialLink {
         }
         self.line = Line::open(&self.name, self.baud).ok();
         if self.line.is_some() {
+            self.incoming = Incoming::default();
             log::info!("{} is open", self.name);
         }
     }
 
-    /// Passes on the messages from the host; anything else is ignored.
-    pub fn receive(&mut self, mut take: impl FnMut(Message)) {
-        let mut bytes = [0; 256];
-        let Some(line) = &mut self.line else { return };
-        for _ in 0..super::RECEIVED_PER_TURN_MAX {
-            match line.device.read(&mut bytes) {
-                Ok(count) if count > 0 => self.incoming.push(&bytes[..count], |outcome| {
-                    if let Ok(Packet { start: None, message }) = outcome {
-                        take(message);
-                    }
-                }),
+    /// The next packet, of `buffer`'s first bytes; frames that are damaged are left out.
+    pub fn receive(&mut self, buffer: &mut [u8; SEALED_FRAME_BYTES_MAX]) -> Option<usize> {
+        let Incoming { deframer, bytes, unread } = &mut self.incoming;
+        for _ in 0..READS_MAX {
+            for index in unread.by_ref() {
+                if let Some(Ok(packet)) = deframer.frame(bytes[index])
+                    && let Some(place) = buffer.get_mut(..packet.len())
+                {
+                    place.copy_from_slice(packet);
+                    return Some(packet.len());
+                }
+            }
+            match self.line.as_mut()?.device.read(bytes) {
+                Ok(count) if count > 0 => *unread = 0..count,
                 // Nothing to read, or the line failed, which sending notices.
-                _ => return,
+                _ => return None,
             }
         }
+        None
     }
 
     /// Sends what is left in the buffer, for at most `limit`.
@@ -184,6 +214,12 @@ impl SerialLink {
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counts
+    }
+}
+
+impl Default for Incoming {
+    fn default() -> Self {
+        Self { deframer: Deframer::new(), bytes: [0; READ_BYTES], unread: 0..0 }
     }
 }
 
@@ -213,7 +249,6 @@ impl std::fmt::Display for SerialLink {
     }
 }
 
-#[cfg(test)]
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::symlink;

@@ -1,41 +1,40 @@
-//! One packet per UDP datagram, to one host.
+//! One packet per UDP datagram, to and from any address.
 
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, bail};
-use plumbline::packet::{Message, PACKET_BYTES_MAX, Packet, decode_datagram};
+use nix::sys::socket::{setsockopt, sockopt};
+use plumbline::seal::SEALED_BYTES_MAX;
 
 use super::Counts;
 
-/// A non-blocking socket on a port of the system's choice, in the address family of `to`.
-pub(crate) fn socket_for(to: SocketAddr) -> std::io::Result<UdpSocket> {
-    let any: SocketAddr = if to.is_ipv4() {
-        (Ipv4Addr::UNSPECIFIED, 0).into()
-    } else {
-        (Ipv6Addr::UNSPECIFIED, 0).into()
-    };
-    let socket = UdpSocket::bind(any)?;
-    socket.set_nonblocking(true)?;
-    Ok(socket)
-}
+/// On which hosts find a box that chooses its port itself, unless another program has it.
+pub const BOX_PORT: u16 = 4211;
 
-/// A connected UDP socket.
+/// Datagrams that come between two turns wait here: some thousand, of which the kernel counts a
+/// kilobyte each and more.
+const RECEIVE_BUFFER_BYTES: usize = 4 << 20;
+
+/// A byte more than the longest packet, to notice longer ones.
+pub const DATAGRAM_BYTES_MAX: usize = SEALED_BYTES_MAX + 1;
+
+/// A non-blocking socket that is heard by whoever knows its port, and the address to which the box
+/// announces itself.
 ///
-/// Being connected, it learns on the next send that nobody listens
-/// (ECONNREFUSED). That packet counts as dropped; sending goes on, because the
-/// host may start at any time. It is connected as soon as there is a route to
-/// the host: a box may get its own address only after its first frame.
+/// There need not be a route to that address yet: a box may get its own address only after its first
+/// frame. Until there is one, packets count as dropped.
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
     to: SocketAddr,
-    connected: bool,
+    /// That there is no route is logged once, until there is one.
+    has_route: bool,
     counts: Counts,
 }
 
 impl UdpLink {
-    /// A socket to `destination`, `HOST:PORT`.
+    /// A socket on any free port, announced to `destination`, `HOST:PORT`.
     ///
     /// # Errors
     /// When the name cannot be resolved or its port is 0.
@@ -56,78 +55,58 @@ impl UdpLink {
         Self::to(to)
     }
 
-    /// A socket to an address, to which there need not be a route yet.
+    /// A socket on any free port, of the family of the address to which it is announced.
     ///
     /// # Errors
     /// When the system has no socket left.
     pub fn to(to: SocketAddr) -> Result<Self> {
-        let socket = socket_for(to).context("no UDP socket can be opened")?;
-        let mut link = Self { socket, to, connected: false, counts: Counts::default() };
-        if let Err(error) = link.connect() {
-            log::info!(
-                "there is no route to {to} (UDP) yet: {error}; packets are dropped until there is"
-            );
-        }
-        Ok(link)
+        let socket = bound(to, 0).context("no UDP socket can be opened")?;
+        Ok(Self { socket, to, has_route: true, counts: Counts::default() })
     }
 
-    fn connect(&mut self) -> std::io::Result<()> {
-        if !self.connected {
-            self.socket.connect(self.to)?;
-            self.connected = true;
-        }
+    /// Moves to this port.
+    ///
+    /// # Errors
+    /// When another program has it; the port is then still the one before.
+    pub fn listen_on(&mut self, port: u16) -> std::io::Result<()> {
+        self.socket = bound(self.to, port)?;
         Ok(())
     }
 
+    /// Where the box announces itself.
+    #[must_use]
+    pub fn destination(&self) -> SocketAddr {
+        self.to
+    }
+
     /// Sends one datagram.
-    pub fn send(&mut self, datagram: &[u8]) {
-        if self.connect().is_err() {
-            self.counts.dropped += 1;
-            return;
-        }
-        // A refusal that the socket reports here belongs to an EARLIER datagram,
-        // and this one was not sent: try once more, now that the report is read.
-        let refused = |error: &std::io::Error| error.kind() == ErrorKind::ConnectionRefused;
-        let mut result = self.socket.send(datagram);
-        if result.as_ref().is_err_and(refused) {
-            self.counts.dropped += 1;
-            self.counts.sent = self.counts.sent.saturating_sub(1);
-            result = self.socket.send(datagram);
-        }
-        match result {
-            Ok(count) if count == datagram.len() => self.counts.sent += 1,
-            // A full queue, or a host that does not listen: the route is still right.
-            Err(error) if refused(&error) || error.kind() == ErrorKind::WouldBlock => {
-                self.counts.dropped += 1;
+    pub fn send(&mut self, packet: &[u8], to: SocketAddr) {
+        match self.socket.send_to(packet, to) {
+            Ok(_) => {
+                self.counts.sent += 1;
+                self.has_route |= to == self.to;
             }
-            // The network or this box's own address has changed: look up the route again.
-            _ => {
+            Err(error) => {
                 self.counts.dropped += 1;
-                self.connected = false;
+                // The network or this box's own address may come later, or change: the route is
+                // looked up again each time.
+                if to == self.to && error.kind() != ErrorKind::WouldBlock && self.has_route {
+                    self.has_route = false;
+                    log::info!(
+                        "there is no route to {to} (UDP) yet: {error}; the box announces itself \
+                         there again and again"
+                    );
+                }
             }
         }
     }
 
-    /// Passes on the messages from the host; anything else is ignored.
-    pub fn receive(&mut self, mut take: impl FnMut(Message)) {
-        if !self.connected {
-            // Unconnected, it would receive from anybody.
-            return;
-        }
-        let mut datagram = [0; PACKET_BYTES_MAX];
-        // A bound: a host that floods the box must not keep it from tracking.
-        for _ in 0..super::RECEIVED_PER_TURN_MAX {
-            match self.socket.recv(&mut datagram) {
-                Ok(length) => {
-                    if let Ok(Packet { start: None, message }) =
-                        decode_datagram(&datagram[..length])
-                    {
-                        take(message);
-                    }
-                }
-                Err(_) => return,
-            }
-        }
+    /// The next datagram, of `buffer`'s first bytes, and who has sent it.
+    pub fn receive(
+        &mut self,
+        buffer: &mut [u8; DATAGRAM_BYTES_MAX],
+    ) -> Option<(usize, SocketAddr)> {
+        self.socket.recv_from(buffer).ok()
     }
 
     /// What became of the packets so far.
@@ -137,8 +116,66 @@ impl UdpLink {
     }
 }
 
+fn bound(to: SocketAddr, port: u16) -> std::io::Result<UdpSocket> {
+    let any: SocketAddr = if to.is_ipv4() {
+        (Ipv4Addr::UNSPECIFIED, port).into()
+    } else {
+        (Ipv6Addr::UNSPECIFIED, port).into()
+    };
+    let socket = UdpSocket::bind(any)?;
+    socket.set_nonblocking(true)?;
+    // The destination may be all hosts of the network.
+    socket.set_broadcast(true)?;
+    // The administrator may have more than the system's limit. A smaller one only loses datagrams
+    // sooner, when somebody sends floods of them.
+    if setsockopt(&socket, sockopt::RcvBufForce, &RECEIVE_BUFFER_BYTES).is_err() {
+        let _ = setsockopt(&socket, sockopt::RcvBuf, &RECEIVE_BUFFER_BYTES);
+    }
+    Ok(socket)
+}
+
 impl std::fmt::Display for UdpLink {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(formatter, "udp {}", self.to)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_is_taken_leaves_the_one_before() {
+        let taken = UdpSocket::bind("0.0.0.0:0").unwrap();
+        let port = taken.local_addr().unwrap().port();
+        let mut link = UdpLink::open("127.0.0.1:4210").unwrap();
+        let before = link.socket.local_addr().unwrap();
+        assert!(link.listen_on(port).is_err());
+        assert_eq!(link.socket.local_addr().unwrap(), before);
+        drop(taken);
+        link.listen_on(port).unwrap();
+        assert_eq!(link.socket.local_addr().unwrap().port(), port);
+    }
+
+    #[test]
+    fn both_families_are_heard() {
+        for (address, port) in [("127.0.0.1", 4210), ("::1", 4210)] {
+            let to = SocketAddr::new(address.parse().unwrap(), port);
+            let Ok(mut link) = UdpLink::to(to) else {
+                // A computer without IPv6.
+                assert!(to.is_ipv6());
+                continue;
+            };
+            let own = SocketAddr::new(to.ip(), link.socket.local_addr().unwrap().port());
+            let Ok(host) = UdpSocket::bind(SocketAddr::new(to.ip(), 0)) else { continue };
+            host.send_to(&[7; 300], own).unwrap();
+            let from = host.local_addr().unwrap();
+            let heard = link.receive(&mut [0; DATAGRAM_BYTES_MAX]);
+            assert_eq!(heard, Some((DATAGRAM_BYTES_MAX, from)));
+            link.send(&[1], from);
+            let mut answer = [0; 9];
+            assert_eq!(host.recv_from(&mut answer).unwrap().0, 1);
+            assert_eq!(link.counts(), Counts { sent: 1, dropped: 0, waiting: 0 });
+        }
     }
 }

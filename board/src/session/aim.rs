@@ -1,5 +1,5 @@
-//! Set-up mode: as long as a host keeps asking for it, pictures may leave the box, over the
-//! host's own link.
+//! Set-up mode: as long as a host keeps asking for it, pictures may leave the box, to that host
+//! alone.
 //!
 //! It ends by itself when the host has been silent for the time it asked for, and at the
 //! latest after [`TOTAL_MAX`]: a terminal left open must not keep a ward in view. At its end
@@ -8,6 +8,7 @@
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{AIM_S_MAX, Picture, document_crc};
+use plumbline::seal::ListenerId;
 
 use super::picture;
 use crate::source::Frame;
@@ -29,13 +30,13 @@ pub struct Aim {
 struct Lease {
     began: Instant,
     until: Instant,
-    /// The link's index.
-    link: usize,
+    /// Who has asked for it.
+    listener: ListenerId,
 }
 
 impl Aim {
     /// Enters set-up mode, or extends it, until `seconds` from now; 0 ends it.
-    pub fn renew(&mut self, link: usize, seconds: u16, now: Instant) {
+    pub fn renew(&mut self, listener: ListenerId, seconds: u16, now: Instant) {
         if self.lease.is_none() {
             if seconds == 0 {
                 return;
@@ -44,22 +45,29 @@ impl Aim {
         }
         let began = self.lease.as_ref().map_or(now, |lease| lease.began);
         let asked = now + Duration::from_secs(seconds.min(AIM_S_MAX).into());
-        self.lease = Some(Lease { began, until: asked.min(began + TOTAL_MAX), link });
+        self.lease = Some(Lease { began, until: asked.min(began + TOTAL_MAX), listener });
     }
 
     /// Leaves set-up mode if its time is over; returns whether it did.
     pub fn end_in_time(&mut self, now: Instant) -> bool {
         let is_over = self.lease.as_ref().is_some_and(|lease| lease.until <= now);
         if is_over {
-            log::info!("set-up mode is over: no picture leaves this box");
-            *self = Self { pictures: self.pictures, ..Self::default() };
+            self.end();
         }
         is_over
     }
 
-    /// Whether pictures may leave over this link.
-    pub fn is_on(&self, link: usize) -> bool {
-        self.lease.as_ref().is_some_and(|lease| lease.link == link)
+    /// Leaves set-up mode.
+    pub fn end(&mut self) {
+        if self.lease.is_some() {
+            log::info!("set-up mode is over: no picture leaves this box");
+            *self = Self { pictures: self.pictures, ..Self::default() };
+        }
+    }
+
+    /// Whether pictures may leave for this listener.
+    pub fn is_on(&self, listener: ListenerId) -> bool {
+        self.lease.as_ref().is_some_and(|lease| lease.listener == listener)
     }
 
     /// Seconds left, rounded up; 0 outside set-up mode only, not in the instant between the
@@ -74,9 +82,9 @@ impl Aim {
         self.wanted = Some(reduction);
     }
 
-    /// Makes the picture, if one was asked for; returns it with the link over which to announce it.
-    pub fn take(&mut self, frame: &Frame<'_>, sequence: u32) -> Option<(usize, Picture)> {
-        let link = self.lease.as_ref()?.link;
+    /// Makes the picture, if one was asked for; returns it with the listener to be told of it.
+    pub fn take(&mut self, frame: &Frame<'_>, sequence: u32) -> Option<(ListenerId, Picture)> {
+        let listener = self.lease.as_ref()?.listener;
         let reduction = self.wanted.take()?;
         let file = match picture::file(&frame.pixels, reduction) {
             Ok(file) => file,
@@ -94,7 +102,7 @@ impl Aim {
             crc: document_crc(&file),
         };
         self.last = Some((picture, file));
-        Some((link, picture))
+        Some((listener, picture))
     }
 
     /// The file of the last picture, if that is its number.
@@ -111,6 +119,7 @@ mod tests {
 
     use super::*;
     use crate::source::Pixels;
+    use crate::test_listeners::listened_to;
 
     const GREY: [u8; 64 * 64] = [7; 64 * 64];
 
@@ -128,40 +137,42 @@ mod tests {
     fn it_ends_when_the_host_is_silent_and_deletes_the_picture() {
         let start = Instant::now();
         let after = |seconds: f64| start + Duration::from_secs_f64(seconds);
+        let (_, [one, other]) = listened_to();
         let mut aim = Aim::default();
         aim.want(1);
-        assert!(aim.take(&frame(), 5).is_none() && !aim.is_on(1) && aim.left_s(start) == 0);
-        aim.renew(1, 10, start);
-        assert!(aim.is_on(1) && !aim.is_on(0));
-        let (link, picture) = aim.take(&frame(), 5).unwrap();
-        assert_eq!((link, picture.number, picture.sequence, picture.reduction), (1, 1, 5, 1));
+        assert!(aim.take(&frame(), 5).is_none() && !aim.is_on(one) && aim.left_s(start) == 0);
+        aim.renew(one, 10, start);
+        assert!(aim.is_on(one) && !aim.is_on(other));
+        let (listener, picture) = aim.take(&frame(), 5).unwrap();
+        assert_eq!((listener, picture.number, picture.sequence, picture.reduction), (one, 1, 5, 1));
         assert_eq!(document_crc(aim.file(1).unwrap()), picture.crc);
         // One picture for each request.
         assert!(aim.take(&frame(), 6).is_none() && aim.file(2).is_none());
-        aim.renew(1, 10, after(8.0));
+        aim.renew(one, 10, after(8.0));
         assert!(!aim.end_in_time(after(17.9)));
         assert_eq!(aim.left_s(after(17.5)), 1);
         // Its time is over, but it has not been ended: 0 must mean that pictures are refused.
-        assert!(aim.is_on(1) && aim.left_s(after(18.0)) == 1);
+        assert!(aim.is_on(one) && aim.left_s(after(18.0)) == 1);
         assert!(aim.end_in_time(after(18.0)) && !aim.end_in_time(after(18.0)));
-        assert!(!aim.is_on(1) && aim.file(1).is_none() && aim.left_s(after(18.0)) == 0);
+        assert!(!aim.is_on(one) && aim.file(1).is_none() && aim.left_s(after(18.0)) == 0);
     }
 
     #[test]
     fn its_total_time_and_the_time_of_one_request_are_bounded() {
         let start = Instant::now();
+        let (_, [_, other]) = listened_to();
         let mut aim = Aim::default();
-        aim.renew(0, u16::MAX, start);
+        aim.renew(other, u16::MAX, start);
         assert_eq!(aim.left_s(start), AIM_S_MAX);
         let mut now = start;
         while !aim.end_in_time(now) {
-            aim.renew(0, AIM_S_MAX, now);
+            aim.renew(other, AIM_S_MAX, now);
             now += Duration::from_secs(30);
         }
         assert_eq!(now - start, TOTAL_MAX);
         // A host can end it at once.
-        aim.renew(0, 10, now);
-        aim.renew(0, 0, now);
+        aim.renew(other, 10, now);
+        aim.renew(other, 0, now);
         assert!(aim.end_in_time(now));
     }
 }

@@ -3,28 +3,22 @@
 use std::time::Instant;
 
 use plumbline::config::Capture;
-use plumbline::packet::{Action, Command, Document, Refusal, Reply, ReplyOutcome};
+use plumbline::packet::{Action, Document, Refusal, ReplyOutcome};
+use plumbline::seal::ListenerId;
 
 use super::Session;
-use crate::machine::clock;
 use crate::provisioning::refused;
 use crate::source::{Exposure, FrameSource};
 
 impl Session {
-    /// Carries out a command that was received over the link with this index.
+    /// Carries out what a listener has asked for.
     pub(super) fn carry_out(
         &mut self,
-        command: Command,
-        link: usize,
-        box_received_ns: u64,
+        action: Action,
+        listener: ListenerId,
         source: &mut impl FrameSource,
-    ) -> Reply {
-        let outcome = match command.action {
-            Action::Ping { host_sent_ns } => ReplyOutcome::Pong {
-                host_sent_ns,
-                box_received_ns,
-                box_sent_ns: clock::monotonic_ns(),
-            },
+    ) -> ReplyOutcome {
+        match action {
             Action::QueryConfig => ReplyOutcome::Config {
                 crc: self.hello.config_crc,
                 bytes: self.blob.len() as u32,
@@ -39,26 +33,26 @@ impl Session {
                 ReplyOutcome::Accepted
             }
             Action::SendView => {
-                self.views_wanted[link] = true;
+                self.views_wanted[listener.place] = Some(listener);
                 ReplyOutcome::Accepted
             }
             Action::SendParts { document, offset, bytes } => {
-                self.start_sending(link, document, offset, bytes)
+                self.start_sending(listener, document, offset, bytes)
             }
             Action::StoreConfig { bytes, crc } => {
                 self.counters.forget_allocations();
-                let outcome = self.provisioning.keep(bytes, crc);
+                let outcome = self.provisioning.keep(listener, bytes, crc);
                 if let ReplyOutcome::Stored { crc } = outcome {
                     self.next_crc = crc;
                 }
                 outcome
             }
             Action::Aim { seconds } => {
-                self.aim.renew(link, seconds, Instant::now());
+                self.aim.renew(listener, seconds, Instant::now());
                 self.send_health();
                 ReplyOutcome::Accepted
             }
-            Action::TakePicture { .. } | Action::Expose { .. } if !self.aim.is_on(link) => {
+            Action::TakePicture { .. } | Action::Expose { .. } if !self.aim.is_on(listener) => {
                 refused(Refusal::NotAiming, "pictures and exposures are for set-up mode")
             }
             Action::TakePicture { reduction } => {
@@ -77,19 +71,23 @@ impl Session {
                 Refusal::NotSupported,
                 "this program does not restart itself: stop and start it where it runs",
             ),
-        };
-        Reply { id: command.id, outcome }
+            Action::Ping { .. }
+            | Action::Resend { .. }
+            | Action::Record { .. }
+            | Action::SendPoses { .. }
+            | Action::Leave => unreachable!("the link takes these itself"),
+        }
     }
 
     fn start_sending(
         &mut self,
-        link: usize,
+        listener: ListenerId,
         document: Document,
         offset: u32,
         bytes: u32,
     ) -> ReplyOutcome {
         if let Document::Picture(number) = document {
-            if !self.aim.is_on(link) {
+            if !self.aim.is_on(listener) {
                 return refused(Refusal::NotAiming, "");
             }
             if self.aim.file(number).is_none() {
@@ -97,7 +95,7 @@ impl Session {
             }
         }
         let start = offset as usize;
-        self.outgoing.start(link, document, start..start.saturating_add(bytes as usize));
+        self.outgoing.start(listener, document, start..start.saturating_add(bytes as usize));
         ReplyOutcome::Accepted
     }
 

@@ -88,13 +88,10 @@ impl Counters {
     pub fn health(&mut self, links: &Links, aiming_s: u16) -> Health {
         let power = self.power.read();
         let latency_max = std::mem::take(&mut self.latency_max_since_health);
-        let links = links.iter().map(|link| {
-            let counts = link.counts();
-            LinkHealth {
-                kind: link.kind(),
-                packets_sent: saturated(counts.sent),
-                packets_dropped: saturated(counts.dropped),
-            }
+        let links = links.counts().into_iter().map(|(kind, counts)| LinkHealth {
+            kind,
+            packets_sent: saturated(counts.sent),
+            packets_dropped: saturated(counts.dropped),
         });
         Health {
             uptime_ms: self.started.elapsed().as_millis() as u64,

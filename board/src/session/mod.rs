@@ -18,15 +18,15 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::{BLOB_BYTES_MAX, Capture, Config};
 use plumbline::packet::{
-    CameraState, Command, Document, Hello, LINKS_MAX, LinkKind, Message, PosePacket, ResetReason,
-    Start, TargetInfo, View,
+    CameraState, Command, Document, Hello, Message, PosePacket, Reply, ResetReason, TargetInfo,
+    View,
 };
 use plumbline::pipeline::Pipeline;
+use plumbline::seal::{LISTENERS_MAX, ListenerId};
 
 use crate::config_store::ConfigStore;
-use crate::link::{Link, Links, send};
+use crate::link::{Links, MESSAGES_PER_TURN_MAX};
 use crate::logger;
-use crate::machine::clock;
 use crate::machine::watchdog::Watchdog;
 use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
@@ -44,6 +44,9 @@ const TURN_MAX: Duration = Duration::from_millis(20);
 
 /// How long the links may take at the end to send their waiting packets.
 const FINISH: Duration = Duration::from_secs(2);
+
+/// Commands that are carried out in one turn: as many as the links pass on.
+const COMMANDS_PER_TURN_MAX: usize = 2 * MESSAGES_PER_TURN_MAX;
 
 /// How often a pose is sent over a serial line that is also sending a document.
 const POSE_BESIDE_DOCUMENT: Duration = Duration::from_millis(200);
@@ -81,8 +84,6 @@ pub fn run(
 
 struct Session {
     started: Instant,
-    /// The number of this start, in each of its packets.
-    start: Start,
     hello: Hello,
     /// The configuration in use, encoded for hosts.
     blob: heapless::Vec<u8, BLOB_BYTES_MAX>,
@@ -99,8 +100,8 @@ struct Session {
     aim: Aim,
     outgoing: Outgoing,
     provisioning: Provisioning,
-    /// Whether a View of the next frame is wanted, per link.
-    views_wanted: [bool; LINKS_MAX],
+    /// Who wants a View of the next frame, by their places.
+    views_wanted: [Option<ListenerId>; LISTENERS_MAX],
     /// When the last pose was sent beside a document.
     pose_beside: Instant,
 }
@@ -113,11 +114,9 @@ impl Session {
         let _ = blob.resize(BLOB_BYTES_MAX, 0);
         let bytes = config.encode(&mut blob).map_or(0, <[u8]>::len);
         blob.truncate(bytes);
-        let start = crate::start::draw();
         Self {
             started,
-            start,
-            hello: hello(config, &setup, start),
+            hello: hello(config, &setup),
             blob,
             next_crc: config.crc(),
             capture: config.capture.clone(),
@@ -130,7 +129,7 @@ impl Session {
             aim: Aim::default(),
             outgoing: Outgoing::default(),
             provisioning: Provisioning::new(setup.store),
-            views_wanted: [false; LINKS_MAX],
+            views_wanted: [None; LISTENERS_MAX],
             pose_beside: started,
         }
     }
@@ -224,33 +223,39 @@ impl Session {
         sequence: u32,
         Exposure { exposure_us, gain }: Exposure,
     ) {
-        if self.views_wanted.contains(&true) {
+        if self.views_wanted.iter().any(Option::is_some) {
             let (whole, targets) = match &frame.pixels {
                 Pixels::Grey8(image) => pipeline.view(image),
                 Pixels::Grey16(image) => pipeline.view(image),
             };
             let view = View { sequence, exposure_us, gain, frame: whole, targets };
             let wanted = std::mem::take(&mut self.views_wanted);
-            let links = self.links.iter_mut().zip(wanted).filter(|(_, wanted)| *wanted);
-            send(links.map(|(link, _)| link), self.start, &Message::View(view));
+            let view = Message::View(view);
+            for listener in wanted.into_iter().flatten() {
+                self.links.send_to(listener, &view);
+            }
         }
-        if let Some((link, picture)) = self.aim.take(frame, sequence) {
+        if let Some((listener, picture)) = self.aim.take(frame, sequence) {
             self.counters.forget_allocations();
-            send(self.links.get_mut(link), self.start, &Message::Picture(picture));
+            self.links.send_to(listener, &Message::Picture(picture));
         }
     }
 
-    /// Sends a pose to every link, except where a document needs the room.
+    /// Sends a pose to every listener, except where a document needs the room.
     fn send_pose(&mut self, packet: PosePacket) {
         let is_due = self.pose_beside.elapsed() >= POSE_BESIDE_DOCUMENT;
         if is_due {
             self.pose_beside = Instant::now();
         }
-        let links = self.links.iter_mut().enumerate().filter(|(index, link)| {
-            let is_needed = self.outgoing.is_busy(*index) && self.aim.is_on(*index);
-            is_due || !is_needed || link.kind() != LinkKind::Serial
-        });
-        send(links.map(|(_, link)| link), self.start, &Message::Pose(packet));
+        // There is at most one listener on the line.
+        let needs_room =
+            |listener: ListenerId| self.outgoing.is_busy(listener) && self.aim.is_on(listener);
+        let spared = self
+            .outgoing
+            .receivers()
+            .find(|&listener| !is_due && needs_room(listener) && self.links.is_on_serial(listener));
+        let is_spared = |listener| Some(listener) == spared;
+        self.links.send_unless(&Message::Pose(packet), is_spared);
     }
 
     fn send_hello(&mut self) {
@@ -264,7 +269,12 @@ impl Session {
         self.send(&health);
     }
 
+    /// Sends what has been logged; as long as nobody hears it, the latest of it waits.
     fn send_logs(&mut self) {
+        if !self.links.has_audience() {
+            logger::keep_latest();
+            return;
+        }
         while let Some(log) = logger::take(self.started) {
             self.send(&Message::Log(log));
         }
@@ -273,30 +283,40 @@ impl Session {
     /// Sends what has been logged, carries out commands, and sends waiting packets.
     fn serve_links(&mut self, source: &mut impl FrameSource) {
         self.send_logs();
-        for index in 0..self.links.len() {
-            let mut commands = heapless::Vec::<Command, 8>::new();
-            self.links[index].receive(|message| match message {
-                // More at once than there is room for are a flood; the host asks again.
-                Message::Command(command) => drop(commands.push(command)),
-                Message::Part(part) => self.provisioning.take(&part),
-                _ => {}
-            });
-            let received_ns = clock::monotonic_ns();
-            for command in commands {
-                let reply = self.carry_out(command, index, received_ns, source);
-                send(self.links.get_mut(index), self.start, &Message::Reply(reply));
-            }
-            let file = |document| match document {
-                Document::Config => Some(&self.blob[..]),
-                Document::Picture(number) => self.aim.file(number),
-            };
-            self.outgoing.serve(index, &mut self.links[index], self.start, file);
-            self.links[index].service();
+        let mut commands = heapless::Vec::<(ListenerId, Command), COMMANDS_PER_TURN_MAX>::new();
+        let arrivals = self.links.receive(|listener, message| match message {
+            // There is room for all of them.
+            Message::Command(command) => drop(commands.push((listener, command))),
+            Message::Part(part) => self.provisioning.take(listener, &part),
+            _ => {}
+        });
+        if arrivals.is_paired {
+            // Those who listened with the key before have no part in what follows.
+            commands.clear();
+            self.outgoing = Outgoing::default();
+            self.views_wanted = Default::default();
+            self.aim.end();
+            self.counters.forget_allocations();
         }
+        if arrivals.has_joined {
+            self.send_hello();
+            self.send_health();
+        }
+        for (listener, command) in commands {
+            let outcome = self.carry_out(command.action, listener, source);
+            let reply = Message::Reply(Reply { id: command.id, outcome });
+            self.links.send_to(listener, &reply);
+        }
+        let file = |document| match document {
+            Document::Config => Some(&self.blob[..]),
+            Document::Picture(number) => self.aim.file(number),
+        };
+        self.outgoing.serve(&mut self.links, file);
+        self.links.service();
     }
 
     fn send(&mut self, message: &Message) {
-        send(&mut self.links, self.start, message);
+        self.links.send(message);
     }
 
     /// Tells the hosts that the session ends, and sends waiting packets. Returns the figures,
@@ -306,17 +326,14 @@ impl Session {
         self.counters.source.camera = CameraState::Ended;
         self.send_logs();
         self.send_health();
-        let give_up = Instant::now() + FINISH;
-        for link in &mut self.links {
-            link.finish(give_up.saturating_duration_since(Instant::now()));
-        }
-        let unrecorded = self.links.iter().find_map(Link::fault).map(str::to_owned);
+        self.links.finish(FINISH);
+        let unrecorded = self.links.fault().map(str::to_owned);
         let summary = Summary {
             frames: self.counters.frames,
             late: self.counters.late,
             source,
             allocations: self.counters.allocations(),
-            links: self.links.iter().map(|link| (link.to_string(), link.counts())).collect(),
+            links: self.links.summary(),
             step: self.counters.step,
             latency: self.counters.latency,
         };
@@ -324,7 +341,7 @@ impl Session {
     }
 }
 
-fn hello(config: &Config, setup: &Setup, start: Start) -> Hello {
+fn hello(config: &Config, setup: &Setup) -> Hello {
     let targets = config.targets.iter().map(|target| TargetInfo {
         name: target.name.clone(),
         role: target.geometry.role(),
@@ -336,7 +353,7 @@ fn hello(config: &Config, setup: &Setup, start: Start) -> Hello {
         serial_number: config.serial_number.clone(),
         firmware: concat!("plumbline ", env!("CARGO_PKG_VERSION")).try_into().unwrap_or_default(),
         config_crc: config.crc(),
-        boot_id: start.get(),
+        boot_id: setup.links.start().get(),
         boot_count: setup.boot_count,
         reset_reason: setup.reset_reason,
         width_px: config.lens.width_px,

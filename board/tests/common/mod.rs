@@ -1,6 +1,9 @@
-//! The real program, its inputs, and bounded waits.
+//! The real program, its inputs, a host that listens to it, and bounded waits.
+
+mod host;
+
 use std::collections::BTreeSet;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -13,6 +16,8 @@ use plumbline::packet::{Deframer, Message, Packet, PosePacket, Start};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_test_support::command;
 use tempfile::TempDir;
+
+pub use host::{Host, STREAM, key};
 
 /// A test that waits this long has failed.
 pub const PATIENCE: Duration = Duration::from_secs(30);
@@ -75,6 +80,11 @@ pub fn write_config(folder: &TempDir, config: &Config) -> PathBuf {
     path
 }
 
+/// Gives the box with this configuration the key of the hosts here.
+pub fn write_key(config: &Path) {
+    std::fs::write(config.with_file_name("box.key"), key().text().as_str()).unwrap();
+}
+
 /// Y4M bytes of `frames` grey frames at 100 Hz.
 pub fn recording(frames: usize) -> Vec<u8> {
     let (width, height) = (usize::from(SIZE_PX.0), usize::from(SIZE_PX.1));
@@ -119,6 +129,28 @@ impl Board {
             .spawn()
             .expect("the program starts");
         Self { child }
+    }
+
+    /// A box with the key of the hosts here, whose camera the test plays by [`Self::feed`].
+    pub fn start_fed(config: &Path, arguments: &[&str]) -> Self {
+        write_key(config);
+        let mut board = Self::start(config, &[&["--replay", "-", "--unpaced"], arguments].concat());
+        board.write(&recording(0));
+        board
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        self.child.stdin.as_mut().expect("an open camera").write_all(bytes).unwrap();
+    }
+
+    /// The camera takes this number of frames.
+    pub fn feed(&mut self, frames: usize) {
+        self.write(&recording(frames)[recording(0).len()..]);
+    }
+
+    /// The camera has taken its last frame.
+    pub fn end_feed(&mut self) {
+        drop(self.child.stdin.take());
     }
 
     pub fn signal(&self, name: &str) {
@@ -186,6 +218,8 @@ pub fn assert_whole(messages: &[Message], frames: usize) {
         assert_eq!(pose.capture_time_ns, index as u64 * 10_000_000);
         assert_eq!(pose.targets.len(), 2);
     }
-    assert!(matches!(messages[0], Message::Hello(_)), "{:?}", messages[0]);
+    let first = |is_it: fn(&Message) -> bool| messages.iter().position(is_it).unwrap();
+    let hello = first(|it| matches!(it, Message::Hello(_)));
+    assert!(hello < first(|it| matches!(it, Message::Pose(_))), "{messages:?}");
     assert!(matches!(messages.last(), Some(Message::Health(_))));
 }

@@ -10,6 +10,7 @@
 
 use std::env;
 use std::fs;
+use std::hint::black_box;
 use std::io::Read;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -22,9 +23,11 @@ use nalgebra::Vector3;
 use plumbline::config::Config;
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::lens_table::LensTable;
+use plumbline::packet::{MarkedInstant, Message, PosePacket, SCHEMA_HASH, Start};
 use plumbline::pipeline::Pipeline;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Report;
+use plumbline::seal::{Key, OneWay, SEALED_BYTES_MAX, StreamSealer};
 
 mod paper;
 mod stages;
@@ -141,16 +144,23 @@ impl<P: Pixel> Bench<P> {
     fn tracking(&self) -> Result<()> {
         let mut pipeline = self.pipeline()?;
         pipeline.step(&self.view(0), 0);
-        let mut times = Vec::new();
+        let (mut times, mut sealing) = (Vec::new(), Vec::new());
         let mut errors = Errors::new(&self.config);
+        let mut seal = sealer()?;
         for frame in 1..self.frames.len() {
             let view = self.view(frame);
             let start = Instant::now();
             let report = pipeline.step(&view, self.time_ns(frame));
             times.push(start.elapsed());
             errors.add(&self.truth[frame], positions(&report));
+            let packet = PosePacket::from_report(&report, MarkedInstant::ExposureMiddle, 0);
+            let message = Message::Pose(packet);
+            let start = Instant::now();
+            seal.seal(black_box(&message), &mut [0; SEALED_BYTES_MAX])?;
+            sealing.push(start.elapsed());
         }
         say_times("tracking", &mut times);
+        say_times("sealing", &mut sealing);
         errors.say("tracking");
         Ok(())
     }
@@ -205,6 +215,20 @@ impl<P: Pixel> Bench<P> {
         }
         (times, errors)
     }
+}
+
+/// What seals a box's packets.
+fn sealer() -> Result<StreamSealer> {
+    let key = Key::new([1; 32])?;
+    let start = OneWay {
+        key_id: key.id(),
+        start: Start::MIN,
+        start_count: 1,
+        schema_hash: SCHEMA_HASH,
+        salt: [2; 16],
+        next: 0,
+    };
+    Ok(StreamSealer::one_way(&key, &start))
 }
 
 /// The positions that a report holds.

@@ -174,8 +174,12 @@ fn hello(simulation: &Simulation) -> Message {
 /// The answer to a question of the box's clock.
 fn pong(host_sent_ns: u64) -> Message {
     let box_received_ns = box_ns(host_sent_ns + WAY_NS);
-    let outcome =
-        ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns: box_received_ns };
+    let outcome = ReplyOutcome::Pong {
+        host_sent_ns,
+        box_received_ns,
+        box_sent_ns: box_received_ns,
+        stream_next: 0,
+    };
     Message::Reply(Reply { id: 1, outcome })
 }
 

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, figures, optics, prove, provision,
-    receive, replay, report, scene, show, simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, doctor, export, figures, keys, optics, pair, prove,
+    provision, receive, replay, report, scene, show, simulate, study, target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -28,6 +28,8 @@ enum Command {
     Scene(scene::Arguments),
     Track(track::Arguments),
     Provision(provision::Arguments),
+    Keys(keys::Arguments),
+    Pair(pair::Arguments),
     Aim(aim::Arguments),
     Show(show::Arguments),
     Doctor(doctor::Arguments),
@@ -80,6 +82,8 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Scene(arguments) => scene::run(arguments),
         Command::Track(arguments) => track::run(arguments),
         Command::Provision(arguments) => provision::run(arguments),
+        Command::Keys(arguments) => keys::run(arguments),
+        Command::Pair(arguments) => pair::run(arguments),
         Command::Aim(arguments) => aim::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),

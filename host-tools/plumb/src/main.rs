@@ -5,17 +5,9 @@
 
 mod agreement;
 mod arguments;
-mod background;
-mod bounds;
-mod box_settings;
 mod budget;
 mod cli;
 mod commands;
-mod delivery;
-mod kept;
-mod scale;
-mod setup;
-mod snapshot;
 mod tracking;
 mod ui;
 

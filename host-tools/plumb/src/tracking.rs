@@ -5,6 +5,7 @@ use plumbline::image::{GreyImage, Pixel};
 use plumbline::pipeline::{FoundTarget, Pipeline};
 use plumbline::report::Report;
 use plumbline::target::GridShape;
+use plumbline_bedside::setup::{self, Places};
 use plumbline_calibration::background::Picture;
 use plumbline_calibration::{Found, Search};
 use plumbline_files::BadInput;
@@ -12,8 +13,6 @@ use plumbline_files::camera::{self, Camera};
 use plumbline_files::frames::{Frame, FrameSource, Pixels};
 use plumbline_files::scene::SceneFile;
 use plumbline_files::targets::Targets;
-
-use crate::setup::{self, Places};
 
 /// The configuration of these files, and a pipeline that has it, for the frames of a source.
 ///

@@ -1,6 +1,8 @@
 //! `plumb aim` and the box's real program, which replays a rendered recording without end.
 
-use crate::common::finished;
+use crate::common::{finished, keys};
+use plumbline_stream::fixture::known_box;
+use plumbline_stream::transport::{Event, Link, Transport, Udp};
 use plumbline_test_support::{board_beside, command};
 use std::io::Write;
 use std::net::UdpSocket;
@@ -10,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::finished::{Finished, plumb};
 use image::Rgb;
-use plumbline::packet::{Message, Packet, decode_datagram};
+use plumbline::packet::{Message, Packet};
 use plumbline_files::{camera, poses};
 
 const FRAMES: usize = 6;
@@ -38,6 +40,7 @@ impl TheBox {
         let settings = "device = \"ward 3\"\nserial_number = \"7\"\n[capture]\ndriver = \"v4l2\"\n\
                         pixel_format = \"grey\"\nrate_hz = 10.0\n";
         std::fs::write(folder.path().join("box.toml"), settings).unwrap();
+        keys::known(folder.path());
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let udp = format!("127.0.0.1:{port}");
         let mut provision = vec!["provision", "--box", "box.toml", "--out", "box.plb"];
@@ -82,19 +85,18 @@ impl TheBox {
     /// the mode would end 20 s after the last request.
     #[track_caller]
     fn assert_has_left_set_up_mode(&self) {
-        let socket = UdpSocket::bind(("127.0.0.1", self.port)).unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let udp = Udp::bind(([127, 0, 0, 1], self.port).into()).unwrap();
+        let mut link = Link::new(udp, vec![known_box()], "a test");
         let give_up = Instant::now() + Duration::from_secs(30);
         let mut left_s = Vec::new();
-        let mut datagram = [0; 2048];
         while left_s.len() < 3 && !left_s.contains(&0) {
             assert!(Instant::now() < give_up, "no health in time");
-            let length = socket.recv(&mut datagram).expect("a packet in time");
-            if let Ok(Packet { message: Message::Health(health), .. }) =
-                decode_datagram(&datagram[..length])
-            {
-                left_s.push(health.aiming_s);
-            }
+            let mut take = |event| {
+                if let Event::Packet(Packet { message: Message::Health(health), .. }) = event {
+                    left_s.push(health.aiming_s);
+                }
+            };
+            link.poll(&mut take).unwrap();
         }
         assert!(left_s.contains(&0), "{left_s:?} s are left");
     }
@@ -181,6 +183,7 @@ fn a_box_that_falls_silent_is_given_up() {
     command.args(["aim", "--udp", &udp, "--png", "view.png"]);
     command.args(["--stills", "photos", "--count", "900", "--every", "0.5"]);
     command.current_dir(the_box.folder.path()).stdin(Stdio::null());
+    command.env("XDG_DATA_HOME", keys::data(the_box.folder.path()));
     let running = std::thread::spawn(move || finished::ended(command));
     let give_up = Instant::now() + Duration::from_secs(60);
     while !(the_box.path("view.png").exists() && the_box.path("photos/still-01.png").exists()) {
@@ -203,6 +206,7 @@ fn a_box_that_falls_silent_is_given_up() {
 #[test]
 fn wrong_inputs_are_named_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
+    keys::known(folder.path());
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let udp = format!("127.0.0.1:{port}");
     std::fs::create_dir(folder.path().join("directory.png")).unwrap();

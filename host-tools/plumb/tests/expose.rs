@@ -1,31 +1,33 @@
 //! `plumb aim --expose` and a box that is played here: its camera is linear, with a black level,
 //! and its lamp is known.
 
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crate::common::finished::{Finished, plumb};
+use crate::common::keys;
 use plumbline::config::{
     BLOB_BYTES_MAX, Capture, CaptureDriver, Config, Links, Machine, PixelFormat, TargetConfig,
 };
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{
-    Action, CameraState, Command, Document, Health, Hello, Message, PACKET_BYTES_MAX,
-    PART_BYTES_MAX, Part, Refusal, Reply, ReplyOutcome, ResetReason, Start, View, decode_datagram,
-    encode_datagram,
+    Action, CameraState, Command, Document, Health, Hello, Message, PART_BYTES_MAX, Part, Refusal,
+    ReplyOutcome, ResetReason, View,
 };
+use plumbline::seal::ListenerId;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline::view::FrameView;
 use plumbline::view::TargetView;
+use plumbline_stream::fixture::SealedBox;
 
 const NAME: &str = "played";
 const BLACK: f32 = 0.03;
 
 /// A box without a sensor: it answers as a real one does, and believes its lamp.
 struct PlayedBox {
-    socket: UdpSocket,
-    host: String,
+    sealed: SealedBox,
+    host: SocketAddr,
     config: Config,
     /// Level of the light squares per microsecond at gain 1.
     light_per_us: f32,
@@ -52,11 +54,11 @@ struct Left {
 
 impl PlayedBox {
     fn new(light_per_us: f32, takes_gain: bool) -> (Self, String) {
-        let host = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
-        let socket = socket();
+        let address = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let host = address.to_string();
         let played = Self {
-            socket,
-            host: host.clone(),
+            sealed: SealedBox::new(address, 1),
+            host: address,
             config: config(&host),
             light_per_us,
             takes_gain,
@@ -79,37 +81,35 @@ impl PlayedBox {
         std::thread::spawn(move || {
             let mut quiet = 0;
             // Two seconds, or twenty before anybody comes.
-            while quiet < if self.is_asked { 40 } else { 400 } {
-                let mut datagram = [0; 2048];
-                match self.socket.recv(&mut datagram) {
-                    Ok(length) => {
-                        (self.is_asked, quiet) = (true, 0);
-                        let packet = decode_datagram(&datagram[..length]).expect("ours");
-                        self.take(packet.message);
-                    }
-                    Err(_) => {
-                        quiet += 1;
-                        self.send(&Message::Hello(self.hello()));
-                        self.send(&Message::Health(self.health()));
-                    }
+            while quiet < if self.is_asked { 20 } else { 200 } {
+                let asked = self.sealed.wait();
+                if asked.is_empty() {
+                    quiet += 1;
+                    self.send(&Message::Hello(self.hello()));
+                    self.send(&Message::Health(self.health()));
+                } else {
+                    (self.is_asked, quiet) = (true, 0);
+                }
+                for (listener, message) in asked {
+                    self.take(listener, message);
                 }
             }
             Left { stored: self.stored, is_aiming: self.is_aiming, starts: self.boot_id }
         })
     }
 
-    fn send(&self, message: &Message) {
-        let mut buffer = [0; PACKET_BYTES_MAX];
-        let datagram = encode_datagram(Start::new(self.boot_id), message, &mut buffer).unwrap();
-        // Nobody may be there yet.
-        let _ = self.socket.send_to(datagram, &self.host);
+    fn send(&mut self, message: &Message) {
+        self.sealed.send(message);
     }
 
-    fn take(&mut self, message: Message) {
+    fn take(&mut self, listener: ListenerId, message: Message) {
         match message {
-            Message::Command(Command { id, action }) => {
-                let outcome = self.carry_out(action);
-                self.send(&Message::Reply(Reply { id, outcome }));
+            Message::Command(Command { id, action, .. }) => {
+                let outcome = self.carry_out(listener, action);
+                self.sealed.answer(listener, id, outcome);
+                if action == Action::Reboot {
+                    self.start_anew();
+                }
             }
             Message::Part(part) => {
                 self.incoming[part.offset as usize..][..part.bytes.len()]
@@ -119,7 +119,7 @@ impl PlayedBox {
         }
     }
 
-    fn carry_out(&mut self, action: Action) -> ReplyOutcome {
+    fn carry_out(&mut self, listener: ListenerId, action: Action) -> ReplyOutcome {
         let refused = |refusal| ReplyOutcome::Refused { refusal, reason: "so".try_into().unwrap() };
         match action {
             Action::SendHello => self.send(&Message::Hello(self.hello())),
@@ -128,11 +128,11 @@ impl PlayedBox {
                 let crc = self.config.crc();
                 return ReplyOutcome::Config { crc, bytes, next_crc: crc };
             }
-            Action::SendParts { document: Document::Config, .. } => self.send_config(),
+            Action::SendParts { document: Document::Config, .. } => self.send_config(listener),
             Action::SendView if self.restarts > 0 && self.exposure_us.is_some() => self.restart(),
             Action::SendView => {
                 let view = self.view();
-                self.send(&Message::View(view));
+                self.sealed.send_to(listener, &Message::View(view));
             }
             Action::Aim { seconds } => self.is_aiming = seconds > 0,
             Action::Expose { .. } if !self.is_aiming => return refused(Refusal::NotAiming),
@@ -150,30 +150,36 @@ impl PlayedBox {
             }
             Action::Reboot => {
                 self.config = self.stored.clone().expect("restarted with what was stored");
-                self.boot_id += 1;
             }
             other => panic!("{other:?}"),
         }
         ReplyOutcome::Accepted
     }
 
-    /// As another start of a real box: another port, its own exposure, no set-up mode.
+    /// Another start of a real box has another port.
+    fn start_anew(&mut self) {
+        self.sealed.live(Duration::from_millis(50));
+        self.boot_id += 1;
+        self.sealed = SealedBox::new(self.host, self.boot_id);
+    }
+
+    /// As another start of a real box: its own exposure, no set-up mode.
     fn restart(&mut self) {
         self.restarts -= 1;
-        self.boot_id += 1;
         (self.exposure_us, self.gain, self.is_aiming) = (None, None, false);
         self.config.device = self.restarts_as.try_into().unwrap();
-        self.socket = socket();
+        self.start_anew();
         // Another box is not heard at once.
         self.is_asked = false;
         self.send(&Message::Hello(self.hello()));
     }
 
-    fn send_config(&self) {
+    fn send_config(&mut self, listener: ListenerId) {
         for (index, bytes) in blob(&self.config).chunks(PART_BYTES_MAX).enumerate() {
             let offset = (index * PART_BYTES_MAX) as u32;
             let bytes = bytes.iter().copied().collect();
-            self.send(&Message::Part(Part { document: Document::Config, offset, bytes }));
+            let part = Part { document: Document::Config, offset, bytes };
+            self.sealed.send_to(listener, &Message::Part(part));
         }
     }
 
@@ -235,12 +241,6 @@ impl PlayedBox {
     }
 }
 
-fn socket() -> UdpSocket {
-    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-    socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
-    socket
-}
-
 fn config(host: &str) -> Config {
     let geometry = TargetGeometry::checker(6, 5, 12.0, Origin::Center, Role::Lower, [0.0; 3]);
     let name = "lumbar".try_into().unwrap();
@@ -285,6 +285,7 @@ fn expose(light_per_us: f32, takes_gain: bool, more: &[&str]) -> (Finished, Left
 fn expose_with(played: PlayedBox, host: &str, more: &[&str]) -> (Finished, Left) {
     let playing = played.play();
     let folder = tempfile::tempdir().unwrap();
+    keys::known(folder.path());
     let finished = plumb(folder.path(), &[&["aim", "--udp", host, "--expose"], more].concat());
     (finished, playing.join().expect("the played box plays on"))
 }

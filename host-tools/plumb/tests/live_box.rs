@@ -13,17 +13,22 @@ use std::time::{Duration, Instant};
 use plumbline::config::Config;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::packet::{
-    Action, Command as Question, Document, Hello, Log, LogLevel, Message, PACKET_BYTES_MAX,
-    Refusal, Reply, ReplyOutcome, ResetReason, Start, decode_datagram, encode_datagram,
+    Action, Command as Question, Document, Hello, Log, LogLevel, Message, Refusal, ReplyOutcome,
+    ResetReason,
 };
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline::seal::{KEY_FILE_NAME, Key};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_files::lens_id::LensId;
 use plumbline_render::simulate::render::{Board, Ink, Picture, PlacedBoard, render_targets};
 use plumbline_render::simulate::sensor::Sensor;
+use plumbline_stream::fixture::SealedBox;
 use plumbline_trial::Trial;
 use plumbline_trial::manifest::{CheckSeen, CheckVerdict};
 use tempfile::TempDir;
+
+use crate::common::finished::interrupt;
+use crate::common::keys;
 
 const CAMERA: &str = "width_px = 640
 height_px = 480
@@ -35,7 +40,7 @@ model = \"radial2\"
 distortion = [0.0, 0.0]
 ";
 
-const PAIR: &str = "[[target]]
+pub const PAIR: &str = "[[target]]
 name = \"lumbar\"
 role = \"lower\"
 columns = 6
@@ -87,7 +92,7 @@ fn wall(moved_px: f64) -> Picture {
 
 /// The recording that the box replays; its camera is turned to the left by this since it was
 /// first set up.
-fn recording(turned_deg: f64) -> Vec<u8> {
+pub fn recording(turned_deg: f64) -> Vec<u8> {
     recording_of(PLACES, turned_deg)
 }
 
@@ -160,6 +165,7 @@ impl Bench {
         bench.write("camera.toml", CAMERA);
         bench.write("targets.toml", targets);
         bench.write("box.toml", &bench.settings("PL-0001", bench.udp));
+        keys::known(bench.folder.path());
         bench
     }
 
@@ -188,7 +194,7 @@ impl Bench {
         let udp = self.udp.to_string();
         let output = command(env!("CARGO_BIN_EXE_plumb"))
             .args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }))
-            .env("XDG_DATA_HOME", self.path("data"))
+            .env("XDG_DATA_HOME", keys::data(self.folder.path()))
             .current_dir(self.folder.path())
             .output()
             .unwrap();
@@ -219,6 +225,10 @@ impl Said {
         let text = [&output.stdout[..], &output.stderr].concat();
         let text = String::from_utf8(text).unwrap();
         Self { arguments: arguments.to_owned(), code: output.status.code(), text }
+    }
+
+    pub fn text(&self) -> &str {
+        &self.text
     }
 
     #[track_caller]
@@ -320,6 +330,43 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     let kept = ["in use from the box's next start"];
     bench.provision(&format!("{away} --no-restart")).exits(0).says(&[&warning]).says(&kept);
     bench.provision(away).exits(0).says(&[&warning, "no longer heard here"]);
+}
+
+/// While it lasts, nobody changes the box.
+#[test]
+fn a_recording_that_is_stopped_frees_the_box_at_once() {
+    let Some(board) = board() else { return };
+    let bench = Bench::new(PAIR);
+    let _running = bench.start(&board, true);
+    let udp = bench.udp.to_string();
+    let mut receive = command(env!("CARGO_BIN_EXE_plumb"))
+        .args(["receive", "--udp", &udp, "--anyway", "--out", "trial"])
+        .env("XDG_DATA_HOME", keys::data(bench.folder.path()))
+        .current_dir(bench.folder.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let provision = "--box box.toml --send --via-udp";
+    // The recording is begun before the box is heard, and grows from then on.
+    let packets = bench.path("trial/packets.bin");
+    let length = || std::fs::metadata(&packets).map_or(0, |it| it.len());
+    let wait_until_longer = |than: u64| {
+        let give_up = Instant::now() + Duration::from_secs(60);
+        while length() <= than && Instant::now() < give_up {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        length()
+    };
+    wait_until_longer(wait_until_longer(0));
+    // Its port is taken: the other one calls the box where it was met last.
+    let other = bench.provision(&format!("{provision} {}", free_port()));
+    interrupt(&receive);
+    assert_eq!(receive.wait().unwrap().code(), Some(0));
+    other.exits(2).says(&["records a trial", "--force"]);
+    bench.provision(&format!("{provision} UDP")).exits(0).says(&["stored, checksum"]);
+    assert_eq!(Trial::open(&bench.path("trial")).unwrap().warnings, Vec::<String>::new());
 }
 
 #[test]
@@ -530,35 +577,35 @@ fn of_two_boxes_on_one_port_one_is_shown_and_the_other_named() {
     let bench = Bench::new(PAIR);
     let beside = Bench::new(PAIR);
     beside.write("box.toml", &beside.settings("PL-0002", bench.udp));
+    let other = Key::new([9; 32]).unwrap();
+    beside.write(KEY_FILE_NAME, other.text().as_str());
+    keys::know(bench.folder.path(), &other, "ward 3", "PL-0002");
     let _running = [bench.start(&board, false), beside.start(&board, false)];
     let said = bench.plumb("show --udp UDP").exits(0);
     let names = ["ward 3 (PL-0001)", "ward 3 (PL-0002)"];
     let first = usize::from(!said.text.contains(&format!("{}, plumbline", names[0])));
     let config = [&bench, &beside][first].config("box.plb");
     let met = format!("{}, plumbline {}, configuration", names[first], env!("CARGO_PKG_VERSION"));
-    let others = format!("other boxes send here too: {} at 127.0.0.1:", names[1 - first]);
+    let number = ["PL-0001", "PL-0002"][1 - first];
+    let others = format!("another box is heard: \"ward 3\" ({number}) (at 127.0.0.1:");
     let shown = format!("checksum {:08x}", config.crc());
-    said.says(&[&met, &shown, &others, "a port of its own (links.udp in its box file)"]);
+    said.says(&[&met, &shown, &others, "--box-name chooses"]);
+    // And the other one, by its number.
+    let chosen = bench.plumb(&format!("show --udp UDP --box-name {number}")).exits(0);
+    chosen.says(&[&format!("{}, plumbline", names[1 - first])]);
 }
 
 /// A box that refuses its configuration, until it has been sent a better one.
 fn refusing_box(host: SocketAddr, stop: &AtomicBool) {
     const WHY: &str = "configuration refused: links.udp: neither address nor port may be 0";
-    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-    socket.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-    let send = |message: &Message| {
-        let mut buffer = [0; PACKET_BYTES_MAX];
-        // Nobody may listen yet.
-        let datagram = encode_datagram(Some(Start::MIN), message, &mut buffer).unwrap();
-        let _ = socket.send_to(datagram, host);
-    };
+    let mut sealed = SealedBox::new(host, 1);
     let mut blob = Vec::new();
     let (mut restarted_with, mut say_at) = (None, Instant::now());
     let mut stored = None;
     while !stop.load(Ordering::Relaxed) {
         if Instant::now() >= say_at {
             say_at = Instant::now() + Duration::from_millis(200);
-            send(&restarted_with.map_or_else(
+            sealed.send(&restarted_with.map_or_else(
                 || {
                     Message::Log(Log {
                         uptime_ms: 9000,
@@ -571,33 +618,32 @@ fn refusing_box(host: SocketAddr, stop: &AtomicBool) {
                 hello,
             ));
         }
-        let mut datagram = [0; PACKET_BYTES_MAX];
-        let Ok(length) = socket.recv(&mut datagram) else { continue };
-        let Ok(packet) = decode_datagram(&datagram[..length]) else { continue };
-        match packet.message {
-            Message::Part(part) if part.document == Document::Config => {
-                blob.truncate(part.offset as usize);
-                blob.extend_from_slice(&part.bytes);
-            }
-            Message::Command(Question { id, action }) => {
-                let outcome = match action {
-                    Action::StoreConfig { crc, .. } => {
-                        assert_eq!(Config::decode(&blob).unwrap().crc(), crc);
-                        stored = Some(crc);
-                        ReplyOutcome::Stored { crc }
-                    }
-                    Action::Reboot => ReplyOutcome::Accepted,
-                    _ => ReplyOutcome::Refused {
-                        refusal: Refusal::NotSupported,
-                        reason: WHY.try_into().unwrap(),
-                    },
-                };
-                send(&Message::Reply(Reply { id, outcome }));
-                if action == Action::Reboot {
-                    restarted_with = stored;
+        for (listener, message) in sealed.wait() {
+            match message {
+                Message::Part(part) if part.document == Document::Config => {
+                    blob.truncate(part.offset as usize);
+                    blob.extend_from_slice(&part.bytes);
                 }
+                Message::Command(Question { id, action, .. }) => {
+                    let outcome = match action {
+                        Action::StoreConfig { crc, .. } => {
+                            assert_eq!(Config::decode(&blob).unwrap().crc(), crc);
+                            stored = Some(crc);
+                            ReplyOutcome::Stored { crc }
+                        }
+                        Action::Reboot => ReplyOutcome::Accepted,
+                        _ => ReplyOutcome::Refused {
+                            refusal: Refusal::NotSupported,
+                            reason: WHY.try_into().unwrap(),
+                        },
+                    };
+                    sealed.answer(listener, id, outcome);
+                    if action == Action::Reboot {
+                        restarted_with = stored;
+                    }
+                }
+                _ => (),
             }
-            _ => (),
         }
     }
 }

@@ -12,6 +12,7 @@ use plumbline_test_support::command;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::common::keys;
 use crate::live_box::{Bench, Running, Said, board};
 use crate::prove::{CAMERA, GOOD, LENGTH_MM, TARGETS, assert_covers, figures, lens, record};
 use crate::prove::{rests, upright};
@@ -116,6 +117,7 @@ fn a_board_that_stands_still_is_proven_until_the_user_ends_it() {
     let begun = Instant::now();
     let mut child = command(env!("CARGO_BIN_EXE_plumb"))
         .args(["prove", "repeatability", "--udp", &udp, "--seconds", "60"])
+        .env("XDG_DATA_HOME", keys::data(bench.folder.path()))
         .current_dir(bench.folder.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

@@ -17,6 +17,8 @@ use plumbline_trial::manifest::State;
 use plumbline_trial::{Trial, names};
 use tempfile::TempDir;
 
+use crate::common::keys;
+
 /// A test that waits this long has failed.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -46,6 +48,7 @@ impl Bench {
         let settings =
             format!("device = \"ward 3\"\nserial_number = \"PL-0001\"\n[links]\nudp = \"{udp}\"\n");
         std::fs::write(bench.path("box.toml"), settings).unwrap();
+        keys::known(bench.folder.path());
         bench.done(&format!("simulate --frames {} --fps {RATE_HZ} --out person", FRAMES));
         bench.done(
             "provision --camera person/camera.toml --targets person/targets.toml \
@@ -63,6 +66,7 @@ impl Bench {
         let udp = self.udp.to_string();
         command.args(arguments.split_whitespace().map(|it| if it == "UDP" { &udp } else { it }));
         command.current_dir(self.folder.path());
+        command.env("XDG_DATA_HOME", keys::data(self.folder.path()));
         command
     }
 
@@ -81,7 +85,7 @@ impl Bench {
     /// Starts `plumb receive`, and returns once it listens. The replay is over before it could be
     /// checked, and is wanted from its first frame on.
     fn receive(&self, arguments: &str) -> Running {
-        let mut command = self.command(&format!("receive --udp UDP --anyway {arguments}"));
+        let mut command = self.command(&format!("receive --udp UDP --anyway --past {arguments}"));
         let running = Running::start(command.stdout(Stdio::null()).stderr(Stdio::null()));
         // The port is free for as long as nobody listens at it.
         wait_for(|| UdpSocket::bind(self.udp).is_err());
@@ -186,11 +190,13 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
         "--out p01 --participant P01 --condition control --mark-udp {marks} --frames {}",
         FRAMES
     ));
-    let _box = bench.start("sent.bin");
+    let mut the_box = bench.start("sent.bin");
     wait_for(|| recorded(&bench.path("p01")) > FRAMES / 3);
     let before = recorded(&bench.path("p01"));
     UdpSocket::bind("127.0.0.1:0").unwrap().send_to(b"stands\n", marks).unwrap();
     assert_eq!(receiver.ends(), Some(0));
+    // As long as it is there, it sends its frames again to whoever wants them.
+    assert_eq!(the_box.ends(), Some(0));
 
     let trial = Trial::open(&bench.path("p01")).unwrap();
     assert_eq!(trial.warnings, [""; 0]);
@@ -317,11 +323,13 @@ fn a_recording_that_is_killed_loses_at_most_its_last_second() {
 fn a_full_disk_ends_a_recording_with_what_is_there() {
     let Some(bench) = Bench::new() else { return };
     // A file may have 24 KiB: the error is another one than that of a full disk, its way the same.
-    let receive = format!("receive --udp {} --anyway --out full --frames {FRAMES}", bench.udp);
+    let receive =
+        format!("receive --udp {} --anyway --past --out full --frames {FRAMES}", bench.udp);
     let script =
         format!("ulimit -f 48; trap '' XFSZ; exec {} {receive}", env!("CARGO_BIN_EXE_plumb"));
     let mut shell = Command::new("sh");
     shell.args(["-c", &script]).current_dir(bench.folder.path());
+    shell.env("XDG_DATA_HOME", keys::data(bench.folder.path()));
     let child = shell.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     wait_for(|| UdpSocket::bind(bench.udp).is_err());
     let _box = bench.start("sent.bin");

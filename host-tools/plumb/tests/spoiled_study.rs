@@ -119,11 +119,13 @@ fn restart(made: &mut Made) {
             }
             Some(Message::Reply(Reply {
                 id,
-                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
+                outcome:
+                    ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns, stream_next },
             })) => {
                 let [box_received_ns, box_sent_ns] =
                     [box_received_ns, box_sent_ns].map(|ns| ns - EARLIER_NS);
-                let outcome = ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns };
+                let outcome =
+                    ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns, stream_next };
                 Message::Reply(Reply { id, outcome })
             }
             Some(other) => other,

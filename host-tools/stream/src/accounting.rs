@@ -13,6 +13,8 @@
 
 use std::collections::BTreeMap;
 
+use plumbline::limits::RING_PACKETS;
+
 /// The shortest period of a camera: the configuration allows 1 to 1,000 Hz.
 const PERIOD_NS_MIN: u64 = 1_000_000;
 
@@ -20,9 +22,12 @@ const PERIOD_NS_MIN: u64 = 1_000_000;
 /// frame's arrival at the box, a few come at once after a computer was busy.
 const BURST_MAX: u64 = 8;
 
-/// A frame's packet is no longer under way than this. If the box's clock goes on by more between
-/// two packets than this computer's does, one of the two times is not true.
+/// A frame's packet is no longer under way than this, unless the box sends it again. If the box's
+/// clock has gone on by more than this computer's since a packet that was not, a time is not true.
 const DELAY_NS_MAX: u64 = 10_000_000_000;
+
+/// The longest period of a camera.
+const PERIOD_NS_MAX: u64 = 1_000_000_000;
 
 /// Two quartz clocks differ by less.
 const CLOCKS_PPM: u64 = 1000;
@@ -107,6 +112,14 @@ impl Place {
         let frames = self.number.abs_diff(before.number);
         passed_ns > 0 && frames <= passed_ns / PERIOD_NS_MIN + BURST_MAX
     }
+
+    /// Whether `before` can have been kept in the box's ring until `self` was taken, so that both
+    /// came at once: the frames from the one to the other take that long.
+    fn may_come_with(self, before: Self) -> bool {
+        let frames = self.number.abs_diff(before.number);
+        let passed_ns = self.capture_ns.saturating_sub(before.capture_ns);
+        frames <= RING_PACKETS as u64 && passed_ns <= frames * PERIOD_NS_MAX
+    }
 }
 
 /// Frames that are missing: up to this number, and captured between these times.
@@ -117,9 +130,9 @@ struct Gap {
     before_ns: u64,
 }
 
-/// The highest number that came, and when.
+/// A frame, and when its packet came.
 #[derive(Debug, Clone, Copy)]
-struct Highest {
+struct Come {
     place: Place,
     arrival_ns: u64,
 }
@@ -129,12 +142,15 @@ struct Highest {
 pub struct Accounting {
     counts: Counts,
     first: Option<Place>,
-    highest: Option<Highest>,
+    /// The highest number that came.
+    highest: Option<Place>,
+    /// The packet that came soonest after its frame was taken, as far as is known.
+    soonest: Option<Come>,
     /// What is missing, by the first number of each gap.
     gaps: BTreeMap<i64, Gap>,
     /// The latest packet that came too far ahead of this computer's clock, and how many before it
     /// agree with it.
-    ahead: Option<(Highest, u32)>,
+    ahead: Option<(Come, u32)>,
 }
 
 impl Accounting {
@@ -167,14 +183,15 @@ impl Accounting {
         let (Some(first), Some(highest)) = (self.first, self.highest) else {
             let place = Place { number: sequence.into(), capture_ns };
             self.first = Some(place);
-            self.highest = Some(Highest { place, arrival_ns });
+            self.highest = Some(place);
+            self.soonest = Some(Come { place, arrival_ns });
             return Arrival::First;
         };
         // Numbers wrap after two years at 60 Hz; their difference is right all the same.
-        let ahead = sequence.wrapping_sub(highest.place.number as u32).cast_signed();
-        let place = Place { number: highest.place.number + i64::from(ahead), capture_ns };
+        let ahead = sequence.wrapping_sub(highest.number as u32).cast_signed();
+        let place = Place { number: highest.number + i64::from(ahead), capture_ns };
         if ahead > 0 {
-            return self.beyond(highest, Highest { place, arrival_ns });
+            return self.beyond(highest, Come { place, arrival_ns });
         }
         if place.number < first.number {
             return self.before(first, place);
@@ -183,11 +200,12 @@ impl Accounting {
     }
 
     /// A number higher than all before.
-    fn beyond(&mut self, highest: Highest, now: Highest) -> Arrival {
-        if !now.place.may_follow(highest.place) {
+    fn beyond(&mut self, highest: Place, now: Come) -> Arrival {
+        if !now.place.may_follow(highest) {
             return Arrival::Implausible;
         }
-        if !now.is_in_time(highest) {
+        let is_in_time = self.soonest.is_some_and(|soonest| now.is_in_time(soonest));
+        if !is_in_time && !now.place.may_come_with(highest) {
             let agreeing = match self.ahead {
                 Some((last, agreeing))
                     if now.place.may_follow(last.place) && now.is_in_time(last) =>
@@ -202,10 +220,13 @@ impl Accounting {
             }
         }
         self.ahead = None;
-        self.highest = Some(now);
-        let skipped = now.place.number.abs_diff(highest.place.number) - 1;
+        self.highest = Some(now.place);
+        if self.soonest.is_none_or(|soonest| now.came_as_soon_as(soonest)) {
+            self.soonest = Some(now);
+        }
+        let skipped = now.place.number.abs_diff(highest.number) - 1;
         if skipped > 0 {
-            self.miss(highest.place, now.place);
+            self.miss(highest, now.place);
         }
         Arrival::New { skipped }
     }
@@ -259,13 +280,25 @@ impl Accounting {
     }
 }
 
-impl Highest {
+impl Come {
     /// Whether the box's clock has gone on by no more than this computer's and the longest delay.
     fn is_in_time(self, before: Self) -> bool {
+        let [box_ns, host_ns, drift_ns] = self.passed_ns(before);
+        box_ns <= host_ns.saturating_add(drift_ns).saturating_add(DELAY_NS_MAX)
+    }
+
+    /// Whether its delay was no longer, as far as the clocks tell.
+    fn came_as_soon_as(self, before: Self) -> bool {
+        let [box_ns, host_ns, drift_ns] = self.passed_ns(before);
+        host_ns <= box_ns.saturating_add(drift_ns)
+    }
+
+    /// The time that has passed by the box's clock and by this computer's, and by how much the two
+    /// may differ.
+    fn passed_ns(self, before: Self) -> [u64; 3] {
         let box_ns = self.place.capture_ns.saturating_sub(before.place.capture_ns);
         let host_ns = self.arrival_ns.saturating_sub(before.arrival_ns);
-        let drift_ns = host_ns / 1_000_000 * CLOCKS_PPM;
-        box_ns <= host_ns.saturating_add(drift_ns).saturating_add(DELAY_NS_MAX)
+        [box_ns, host_ns, host_ns / 1_000_000 * CLOCKS_PPM]
     }
 }
 
@@ -417,13 +450,54 @@ mod tests {
         assert_eq!(pose(last + 500, HOUR_NS + 9_000_000_000), after(498));
     }
 
+    /// The network was down for 50 s; then the box sends all of that time again, in any order with
+    /// what it takes meanwhile, and last of all what it took before its camera stood still.
+    #[test]
+    fn what_the_box_has_kept_comes_at_once_and_counts() {
+        const RATE_HZ: u64 = 60;
+        let orders: [fn(u64) -> u64; 3] = [
+            |index| index,
+            // Two of the old ones, and one of the new ones.
+            |index| if index % 3 == 2 { 3000 + index / 3 } else { index / 3 * 2 + index % 3 },
+            |index| 4499 - index,
+        ];
+        for (number, order) in orders.into_iter().enumerate() {
+            for first in [0, 60] {
+                let mut accounting = Accounting::default();
+                let mut pose =
+                    |index: u64, at_ns: u64| accounting.pose(index as u32, index * FRAME_NS, at_ns);
+                // Heard before, or not.
+                for index in 0..first {
+                    assert!(pose(index, index * FRAME_NS).is_frame());
+                }
+                let now_ns = 4500 * FRAME_NS;
+                for index in (0..4500).map(order).filter(|it| *it >= first) {
+                    let arrival = pose(index, now_ns + 1_000 * index);
+                    let is_counted = arrival.is_frame() || arrival == Early;
+                    assert!(is_counted, "order {number}, frame {index} is {arrival:?}");
+                }
+                assert_eq!(accounting.counts().lost, 0, "order {number}");
+            }
+        }
+        // A camera that stood still for 40 s of it: one frame, and the next.
+        let mut accounting = Accounting::default();
+        assert_eq!(accounting.pose(0, FRAME_NS, FRAME_NS), First);
+        let back_ns = 50 * RATE_HZ * FRAME_NS;
+        assert_eq!(accounting.pose(1, 2 * FRAME_NS, back_ns), NEXT);
+        assert_eq!(accounting.pose(2, back_ns, back_ns + 1), NEXT);
+    }
+
     /// As a spoiled recording may have them.
     #[test]
     fn times_at_the_ends_of_their_range_are_judged() {
         let mut accounting = Accounting::default();
         assert_eq!(accounting.pose(0, 0, 0), First);
         assert_eq!(accounting.pose(1, 1, u64::MAX), NEXT);
-        assert_eq!(accounting.pose(2, u64::MAX, u64::MAX), Implausible);
+        // As much time has passed as since the first, by both clocks.
+        assert_eq!(accounting.pose(2, u64::MAX, u64::MAX), NEXT);
+        let mut accounting = Accounting::default();
+        assert_eq!(accounting.pose(0, 0, u64::MAX), First);
+        assert_eq!(accounting.pose(1, u64::MAX, u64::MAX), Implausible);
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub struct BadPackets {
     pub malformed: u64,
     /// Messages with a number that no measurement in a room gives.
     pub numbers: u64,
+    /// Not of the box's session: forged, damaged, repeated, or late from before.
+    pub not_authentic: u64,
 }
 
 impl BadPackets {

@@ -16,6 +16,12 @@ use plumbline::view::TargetView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 pub mod adversity;
+mod other_release;
+mod sealed_box;
+
+pub use crate::sealed_box::SealedBox;
+pub use other_release::OtherRelease;
+pub use sealed_box::{key, known_box};
 
 use crate::receiver::Receiver;
 use crate::transport::Event;

@@ -25,6 +25,7 @@ pub mod questions;
 pub mod receiver;
 pub mod reception;
 pub mod recorder;
+pub mod sealed_box;
 pub mod sessions;
 mod text;
 pub mod transport;

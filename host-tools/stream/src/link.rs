@@ -130,8 +130,8 @@ impl BoxLink {
                     Event::Packet(packet) if is_of_box(&packet.message) => {
                         *heard = Some(Instant::now());
                     }
-                    Event::OtherSender { from, packet } => {
-                        let _ = others.take(*from, &packet.message);
+                    Event::Other { from, name, announcement } => {
+                        let _ = others.take(*from, name.as_deref(), announcement);
                     }
                     _ => {}
                 }
@@ -173,7 +173,21 @@ impl BoxLink {
     pub fn wait_until_heard_within(&mut self, limit: Duration) -> Result<Message, BadInput> {
         let until = Instant::now() + limit;
         let heard = self.messages(until, |message| Some(message.clone()))?;
-        heard.ok_or_else(|| BadInput::whole(&self.place, "no box is heard", NOT_HEARD_REMEDY))
+        heard.ok_or_else(|| self.not_heard())
+    }
+
+    /// Why nothing is heard of the box, in words, and what to do, if something is known of that.
+    #[must_use]
+    pub fn obstacle(&self) -> Option<(String, String)> {
+        self.transport.obstacle()
+    }
+
+    /// That no box is heard, or why none listens to this computer.
+    fn not_heard(&self) -> BadInput {
+        match self.obstacle() {
+            Some((why, remedy)) => BadInput::whole(&self.place, why, remedy),
+            None => BadInput::whole(&self.place, "no box is heard", NOT_HEARD_REMEDY),
+        }
     }
 
     /// Who the box is, or why it runs with no configuration.
@@ -253,6 +267,12 @@ impl BoxLink {
             format!("another box is heard now: {now}, no longer {met}"),
             "nothing was changed; check which boxes are on and send here, and start again",
         )
+    }
+
+    /// From now on, what changes the box is to be done even while somebody records a trial, which it
+    /// spoils.
+    pub fn force(&mut self) {
+        self.questions.force();
     }
 
     /// Sends a question without waiting for the answer; returns its number.
@@ -399,12 +419,8 @@ impl BoxLink {
         met: Option<&Hello>,
         config: &Config,
     ) -> Result<(Option<Hello>, u32), BadInput> {
-        // From the answer to who it is until all is stored.
-        self.transport.hold(true);
-        let stored =
-            self.met_again(met).and_then(|hello| Ok((hello, self.store_config_there(config)?)));
-        self.transport.hold(false);
-        stored
+        let hello = self.met_again(met)?;
+        Ok((hello, self.store_config_there(config)?))
     }
 
     /// The Hello that the box that was met sends now.
@@ -460,6 +476,10 @@ impl BoxLink {
         let (why, remedy) = match refusal {
             Refusal::NotSupported => ("it does not do that", "see `plumb doctor`"),
             Refusal::Busy => ("not now", "try again in a moment"),
+            Refusal::Recording => (
+                "somebody records a trial",
+                "wait until it is over; --force does it all the same, and spoils the trial",
+            ),
             Refusal::NotAiming => ("it is not in set-up mode", "start `plumb aim` again"),
             Refusal::Incomplete { .. } => ("not all of it arrived", "try again"),
             Refusal::Unusable => ("it cannot be used", "correct what is named"),
@@ -472,9 +492,7 @@ impl BoxLink {
     }
 
     fn no_answer(&self, what: &str) -> BadInput {
-        let Some(heard) = self.heard else {
-            return BadInput::whole(&self.place, "no box is heard", NOT_HEARD_REMEDY);
-        };
+        let Some(heard) = self.heard else { return self.not_heard() };
         let silence = heard.elapsed();
         if silence >= SILENT_AFTER {
             return BadInput::whole(

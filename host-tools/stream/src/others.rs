@@ -2,7 +2,10 @@
 
 use std::net::SocketAddr;
 
-use plumbline::packet::{Hello, Message};
+use plumbline::packet::Hello;
+use plumbline::seal::Announcement;
+
+use crate::transport::words_of_other;
 
 /// Whether two Hellos have the same name and serial number.
 #[must_use]
@@ -19,43 +22,37 @@ pub fn name(hello: &Hello) -> String {
 /// More than this would not be an oversight.
 const OTHERS_MAX: usize = 8;
 
-/// The boxes that are not listened to: each by its address, and by its name once that is known.
+/// The boxes that are not listened to: what is said of each.
 #[derive(Debug, Default)]
-pub struct Others(Vec<(SocketAddr, Option<String>)>);
+pub struct Others(Vec<(Option<SocketAddr>, String)>);
 
 impl Others {
-    /// Takes note of a packet; returns what is new about its sender, for people.
-    pub fn take(&mut self, from: SocketAddr, message: &Message) -> Option<String> {
-        let name = match message {
-            Message::Hello(hello) => Some(name(hello)),
-            _ => None,
-        };
-        if let Some((_, known)) = self.0.iter_mut().find(|(address, _)| *address == from) {
-            let name = name.filter(|name| known.as_ref() != Some(name))?;
-            let news = format!("{name} is the box at {from}");
-            *known = Some(name);
-            return Some(news);
-        }
-        if self.0.len() == OTHERS_MAX {
+    /// Takes note of a box; returns what is new about it, for people.
+    pub fn take(
+        &mut self,
+        from: Option<SocketAddr>,
+        name: Option<&str>,
+        announcement: &Announcement,
+    ) -> Option<String> {
+        let (what, remedy) = words_of_other(name, announcement);
+        if self.0.len() == OTHERS_MAX || self.0.iter().any(|known| *known == (from, what.clone())) {
             return None;
         }
-        let other = (from, name);
-        let news = format!("{} sends here too", words(&other));
-        self.0.push(other);
-        Some(news)
+        self.0.push((from, what.clone()));
+        Some(format!("{}: {remedy}", words(&(from, what))))
     }
 
     /// All of them; `None` when there are none.
     #[must_use]
     pub fn words(&self) -> Option<String> {
         let all: Vec<String> = self.0.iter().map(words).collect();
-        (!all.is_empty()).then(|| all.join(", "))
+        (!all.is_empty()).then(|| all.join("; "))
     }
 }
 
-fn words((address, name): &(SocketAddr, Option<String>)) -> String {
-    match name {
-        Some(name) => format!("{name} at {address}"),
-        None => address.to_string(),
+fn words((address, what): &(Option<SocketAddr>, String)) -> String {
+    match address {
+        Some(address) => format!("{what} (at {address})"),
+        None => what.clone(),
     }
 }

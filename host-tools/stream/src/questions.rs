@@ -17,6 +17,7 @@ const OF_TAP: RangeInclusive<u16> = 0x8000..=0xFFFF;
 pub struct Questions {
     numbers: RangeInclusive<u16>,
     next: u16,
+    is_forced: bool,
 }
 
 impl Questions {
@@ -33,14 +34,21 @@ impl Questions {
     }
 
     fn numbered(numbers: RangeInclusive<u16>) -> Self {
-        Self { next: *numbers.start(), numbers }
+        Self { next: *numbers.start(), numbers, is_forced: false }
+    }
+
+    /// From now on, commands that change the box are to be carried out even while somebody records a
+    /// trial.
+    pub fn force(&mut self) {
+        self.is_forced = true;
     }
 
     /// A question and its number. After the last number the first one is used again.
     pub fn ask(&mut self, action: Action) -> (u16, Message) {
         let id = self.next;
         self.next = if id == *self.numbers.end() { *self.numbers.start() } else { id + 1 };
-        (id, Message::Command(Command { id, action }))
+        let is_forced = self.is_forced && action.changes_box();
+        (id, Message::Command(Command { id, action, is_forced }))
     }
 }
 
@@ -54,8 +62,28 @@ mod tests {
         for _ in 0..0x1_0000 {
             let (id, message) = link.ask(Action::SendHello);
             assert!((1..0x8000).contains(&id), "{id}");
-            assert_eq!(message, Message::Command(Command { id, action: Action::SendHello }));
+            assert_eq!(
+                message,
+                Message::Command(Command { id, action: Action::SendHello, is_forced: false })
+            );
             assert!(tap.ask(Action::SendHealth).0 >= 0x8000);
         }
+    }
+
+    #[test]
+    fn only_what_changes_a_box_is_forced_and_only_where_that_was_said() {
+        let mut questions = Questions::of_link();
+        let mut forced = |is_said: bool, action| {
+            if is_said {
+                questions.force();
+            }
+            match questions.ask(action).1 {
+                Message::Command(command) => command.is_forced,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert!(!forced(false, Action::Reboot));
+        assert!(forced(true, Action::Reboot) && forced(true, Action::Aim { seconds: 10 }));
+        assert!(!forced(true, Action::SendHello));
     }
 }

@@ -60,6 +60,9 @@ pub enum Content {
     About(String),
     /// One check of the box that was not passed, likewise for `trial.toml`. All count.
     Check(String),
+    /// The number of packets until now that came damaged or were not the box's. They are counted
+    /// and not kept. The latest counts.
+    NotAuthentic(u64),
 }
 
 /// One entry.
@@ -79,6 +82,7 @@ impl Entry {
             Content::Mark(mark) => (3, Cow::from(mark.text().into_bytes())),
             Content::About(text) => (4, Cow::from(text.as_bytes())),
             Content::Check(text) => (5, Cow::from(text.as_bytes())),
+            Content::NotAuthentic(count) => (6, Cow::from(count.to_le_bytes().to_vec())),
         };
         let content = &content[..content.len().min(CONTENT_BYTES_MAX)];
         let mut entry = vec![kind];
@@ -103,6 +107,7 @@ impl Entry {
             3 => Content::Mark(Mark::read(std::str::from_utf8(content).ok()?)?),
             4 => Content::About(String::from_utf8(content.to_vec()).ok()?),
             5 => Content::Check(String::from_utf8(content.to_vec()).ok()?),
+            6 => Content::NotAuthentic(u64::from_le_bytes(content.try_into().ok()?)),
             _ => return None,
         };
         Some(Self { host_ns: u64::from_le_bytes(*time), content })

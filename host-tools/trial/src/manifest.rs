@@ -148,8 +148,12 @@ pub struct Packets {
     pub late: u64,
     /// Packets that arrived again.
     pub repeated: u64,
-    /// Packets that arrived damaged.
+    /// Packets in the recording that are damaged.
     pub corrupt: u64,
+    /// Packets that were not the box's, by their seal: forged, damaged on the way, or of before. They
+    /// are counted and change nothing.
+    #[serde(default)]
+    pub not_authentic: u64,
     /// Packets that no box sends: with a number or a time that cannot be true, or a position that no
     /// room holds.
     pub implausible: u64,
@@ -259,6 +263,9 @@ pub struct EventSeen {
     pub label: String,
     /// Where it comes from.
     pub source: Source,
+    /// The name of the computer that sent it, if that is another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sender: Option<String>,
     /// Bound of the error of its time: from the clocks' relation or, without one, from the delay of
     /// frames.
     pub uncertain_s: f64,

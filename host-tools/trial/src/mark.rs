@@ -18,16 +18,21 @@ pub enum Source {
     Udp,
     /// A line from a serial device.
     Serial,
+    /// A marker of a stream of the Lab Streaming Layer.
+    Lsl,
 }
 
 impl Source {
-    const ALL: [Self; 3] = [Self::Key, Self::Udp, Self::Serial];
+    const ALL: [Self; 4] = [Self::Key, Self::Udp, Self::Serial, Self::Lsl];
 
-    fn word(self) -> &'static str {
+    /// The word for it in files and streams.
+    #[must_use]
+    pub fn word(self) -> &'static str {
         match self {
             Self::Key => "key",
             Self::Udp => "udp",
             Self::Serial => "serial",
+            Self::Lsl => "lsl",
         }
     }
 }
@@ -43,6 +48,8 @@ const UNNAMED: &str = "mark";
 pub struct Mark {
     /// Where it comes from.
     pub source: Source,
+    /// The name of the computer that sent it, if that is another one.
+    pub sender: Option<String>,
     /// Its label.
     pub label: String,
 }
@@ -52,21 +59,37 @@ impl Mark {
     #[must_use]
     pub fn new(source: Source, label: &str) -> Self {
         let label: String = printable(label).trim().chars().take(LABEL_LETTERS_MAX).collect();
-        Self { source, label: if label.is_empty() { UNNAMED.to_owned() } else { label } }
+        let label = if label.is_empty() { UNNAMED.to_owned() } else { label };
+        Self { source, sender: None, label }
+    }
+
+    /// The same, sent by a computer of this name, which has no white space in it.
+    #[must_use]
+    pub fn sent_by(self, name: &str) -> Self {
+        Self { sender: Some(name.to_owned()), ..self }
     }
 
     /// The text for the journal.
     #[must_use]
     pub fn text(&self) -> String {
-        format!("{} {}", self.source.word(), self.label)
+        let from = self.sender.as_ref().map_or(String::new(), |name| format!(":{name}"));
+        format!("{}{from} {}", self.source.word(), self.label)
     }
 
     /// The mark of a text of the journal.
     #[must_use]
     pub fn read(text: &str) -> Option<Self> {
-        let (word, label) = text.split_once(' ')?;
+        let (from, label) = text.split_once(' ')?;
+        let (word, sender) = match from.split_once(':') {
+            Some((word, sender)) => (word, Some(sender)),
+            None => (from, None),
+        };
         let source = Source::ALL.into_iter().find(|source| source.word() == word)?;
-        Some(Self::new(source, label))
+        let mark = Self::new(source, label);
+        Some(match sender {
+            Some(name) => mark.sent_by(&printable(name)),
+            None => mark,
+        })
     }
 }
 
@@ -148,8 +171,10 @@ mod tests {
         assert_eq!(label("\u{1b}[2J\u{202e}up\u{200b}\n"), "?[2J?up?");
         assert_eq!(label(&"x".repeat(200)).len(), LABEL_LETTERS_MAX);
         for source in Source::ALL {
-            let mark = Mark::new(source, "eyes closed");
-            assert_eq!(Mark::read(&mark.text()), Some(mark));
+            let mark = Mark::new(source, "eyes closed: now");
+            assert_eq!(Mark::read(&mark.text()), Some(mark.clone()));
+            let sent = mark.sent_by("treadmill");
+            assert_eq!(Mark::read(&sent.text()), Some(sent));
         }
         assert_eq!(Mark::read("telegraph stop"), None);
     }

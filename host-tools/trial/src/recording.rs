@@ -32,6 +32,12 @@ const VIEW_EVERY: Duration = Duration::from_secs(10);
 /// before the box was first heard never reaches it.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
+/// The box is told this often that a trial is being recorded.
+const TELL_EVERY: Duration = Duration::from_secs(5);
+
+/// What is counted and not kept is noted at most this often.
+const NOTE_EVERY: Duration = Duration::from_secs(1);
+
 /// How far the box's configuration has come.
 enum Fetch {
     /// It is asked for again at this time.
@@ -59,6 +65,15 @@ pub struct Recording {
     ping_at: Instant,
     view_at: Instant,
     fetch: Fetch,
+    /// Whether the box has said anything.
+    is_heard: bool,
+    /// When the box is told again that a trial is being recorded.
+    tell_at: Instant,
+    /// Packets that came damaged or were not the box's; how many of them the journal knows of, and
+    /// when it may be told of more.
+    not_authentic: u64,
+    noted: u64,
+    note_at: Instant,
 }
 
 impl Recording {
@@ -96,6 +111,11 @@ impl Recording {
             ping_at: now,
             view_at: now,
             fetch: Fetch::Ask(now),
+            is_heard: false,
+            tell_at: now,
+            not_authentic: 0,
+            noted: 0,
+            note_at: now,
         })
     }
 
@@ -210,7 +230,7 @@ impl Recording {
                 self.fetch = Fetch::Coming(Download::new(Document::Config, *bytes as usize));
             }
             (Fetch::Coming(download), message) => {
-                // A box that refuses or does not answer is not asked again.
+                // A box that refuses is not asked again.
                 if download.take(message, now).is_err() {
                     self.fetch = Fetch::Done;
                 } else if let Some(blob) = download.file() {
@@ -316,7 +336,14 @@ impl Tap for Recording {
     fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
         match event {
             Event::Raw(raw) => self.write(now, Content::Raw(raw.clone())),
-            Event::Packet(packet) => self.message(&packet.message, now),
+            Event::Packet(packet) => {
+                self.is_heard = true;
+                self.message(&packet.message, now)
+            }
+            Event::NotAuthentic | Event::Bad(_) => {
+                self.not_authentic += 1;
+                Ok(())
+            }
             _ => Ok(()),
         }
     }
@@ -327,6 +354,19 @@ impl Tap for Recording {
             let since_s = at.saturating_duration_since(self.begun).as_secs_f64();
             (self.heard)(&mark, since_s);
             self.write(at, Content::Mark(mark))?;
+        }
+        if self.noted != self.not_authentic && now >= self.note_at {
+            self.note_at = now + NOTE_EVERY;
+            self.noted = self.not_authentic;
+            self.write(now, Content::NotAuthentic(self.not_authentic))?;
+        }
+        // Without a session there is nobody to ask.
+        if !self.is_heard {
+            return Ok(None);
+        }
+        if now >= self.tell_at {
+            self.tell_at = now + TELL_EVERY;
+            return Ok(Some(self.questions.ask(Action::Record { on: true }).1));
         }
         match &mut self.fetch {
             Fetch::Ask(at) if now >= *at => {
@@ -340,7 +380,8 @@ impl Tap for Recording {
                     return Ok(Some(question));
                 }
                 Ok(None) => {}
-                Err(_) => self.fetch = Fetch::Done,
+                // The network may be down for any time.
+                Err(_) => self.fetch = Fetch::Ask(now + ASK_AGAIN),
             },
             Fetch::Ask(_) | Fetch::Done => {}
         }
@@ -402,7 +443,7 @@ mod tests {
             let now = start + Duration::from_nanos(*host_ns);
             match content {
                 Content::Mark(mark) => assert!(sender.send(now, mark.clone())),
-                Content::About(_) | Content::Check(_) => {}
+                Content::About(_) | Content::Check(_) | Content::NotAuthentic(_) => {}
                 Content::Raw(raw) => {
                     recording.event(&Event::Raw(raw.clone()), now).unwrap();
                     recording.event(&Event::of(raw.decode(&mut deframer)), now).unwrap();
@@ -542,11 +583,39 @@ mod tests {
         Recording::begin(folder, &manifest, marks, now, Box::new(|_, _| {})).unwrap()
     }
 
+    /// The network fails for a minute, between the answer to the first question and the first part.
+    #[test]
+    fn the_configuration_is_asked_for_until_it_has_come() {
+        let folder = tempfile::tempdir().unwrap();
+        let start = Instant::now();
+        let path = folder.path().join("p07");
+        let mut recording = begun(&path, start);
+        recording.event(&event(Message::Health(health())), start).unwrap();
+        let outcome = ReplyOutcome::Config { bytes: 1000, crc: 1, next_crc: 1 };
+        let answer = event(Message::Reply(Reply { id: 1, outcome }));
+        recording.event(&answer, start).unwrap();
+        let mut asked = [0; 2];
+        for at_ds in 0..600_u32 {
+            let now = start + Duration::from_millis(100) * at_ds;
+            if let Some(Message::Command(Command { action, .. })) = recording.turn(now).unwrap() {
+                asked[0] += usize::from(matches!(action, Action::SendParts { .. }));
+                asked[1] += usize::from(action == Action::QueryConfig);
+            }
+        }
+        // Six times for the parts, as a document is, and then every two seconds what it is.
+        assert!(asked[0] == 6 && (20..30).contains(&asked[1]), "{asked:?}");
+        tell(&mut recording, &config(), start + Duration::from_secs(61));
+        assert!(path.join(names::CONFIG).exists());
+    }
+
     #[test]
     fn light_and_focus_are_asked_for_until_they_come_and_then_every_ten_seconds() {
         let folder = tempfile::tempdir().unwrap();
         let start = Instant::now();
         let mut recording = begun(&folder.path().join("p07"), start);
+        // There is nobody to ask.
+        assert_eq!(recording.turn(start).unwrap(), None);
+        recording.event(&event(Message::Health(health())), start).unwrap();
         let mut asked_ds = Vec::new();
         for at_ds in 0..350_u32 {
             let now = start + Duration::from_millis(100) * at_ds;
@@ -555,14 +624,14 @@ mod tests {
                 continue;
             };
             asked_ds.push(at_ds);
-            // The box is not heard before the fourth second.
+            // The box does not answer before the fourth second.
             if at_ds > 40 {
                 recording.event(&event(Message::View(view())), now).unwrap();
             }
         }
         let steps_ds: Vec<u32> = asked_ds.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let expected_ds = [20, 20, 100, 100, 100];
-        assert!(asked_ds[0] <= 2 && steps_ds.len() == expected_ds.len(), "{asked_ds:?}");
+        assert!(asked_ds[0] <= 3 && steps_ds.len() == expected_ds.len(), "{asked_ds:?}");
         for (step_ds, expected_ds) in steps_ds.into_iter().zip(expected_ds) {
             // Other questions go first, one in each turn.
             assert!((expected_ds..expected_ds + 3).contains(&step_ds), "{asked_ds:?}");

@@ -93,6 +93,7 @@ impl Run {
             time_s: whole_us(self.clock.time_s(first.capture_ns) + since_first_s),
             label: mark.label.clone(),
             source: mark.source,
+            sender: mark.sender.clone(),
             uncertain_s,
         })
     }

@@ -129,6 +129,7 @@ impl Made {
                     host_sent_ns: host_ns - 1_000_000,
                     box_received_ns: host_ns - 600_000,
                     box_sent_ns: host_ns - 500_000,
+                    stream_next: 0,
                 };
                 let pong = Message::Reply(Reply { id: 1, outcome });
                 entries.push(Entry { host_ns, content: raw(&pong) });

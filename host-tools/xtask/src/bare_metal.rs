@@ -3,7 +3,8 @@
 //! The package `tests/bare-metal` is linked with start-up code, a configuration and one rendered
 //! frame: no operating system, no allocator. On each board it measures the frame a few times,
 //! prints the poses and ends the emulator. The same package, run on this machine with the same
-//! limits, must print the same poses.
+//! limits, must print the same poses. The board also prints its poses as sealed packets, which the
+//! package opens on this machine as a host would: they must say the same.
 //!
 //! The stack depth of `Pipeline::step` is measured there, and on this machine, by painting the
 //! stack; it is also computed from the same programs with the compiler's stack sizes. memory.md
@@ -38,11 +39,17 @@ const STATIC_BYTES_MAX: u64 = 1024;
 /// An allowance for functions whose frame size is unknown: the C library's `memcpy` and the like.
 const UNTOLD_BYTES_MAX: u64 = 256;
 
+/// The largest difference of what packets say: half a step of a 32-bit number at 2 to 4 m, in mm.
+const PACKET_DIFFERENCE_MAX: f64 = 1.25e-4;
+
 /// The time limit for an emulator, in seconds; a run takes a few.
 const WITHIN_S: &str = "120";
 
 /// The variable that tells the firmware's build where its frame and its configuration are.
 const STORED: &str = "PLUMBLINE_STORED";
+
+/// What the board has printed, in the directory of its frame and its configuration.
+const PRINTED_FILE: &str = "printed.txt";
 
 /// The name of `Pipeline::step` in the program.
 const STEP: &str = "plumbline_bare_metal::step";
@@ -158,11 +165,7 @@ impl Board {
     pub fn check(&self, recordings: &Path, document: Document) -> Result<()> {
         let stored = target_directory().join("bare-metal").join(self.name);
         self.store(recordings, &stored)?;
-        let expected = Task::cargo()
-            .args(["run", "--quiet", "--package", PACKAGE])
-            .args(self.features)
-            .args([Path::new("--"), &stored])
-            .output()?;
+        let expected = self.here(&[&stored])?;
         let expected = Printed::read(&expected.lines().map(str::to_owned).collect::<Vec<_>>())?;
         let program = self.build(&stored)?;
         let start = Instant::now();
@@ -187,6 +190,7 @@ impl Board {
             "the poses differ from this machine's by {:e} mm or rad, more than {DIFFERENCE_MAX:e}",
             compared.largest
         );
+        self.check_packets(&expected.table, &stored)?;
         let symbols = Task::new(format!("{}nm", self.processor.binutils))
             .args(["--print-size", "--demangle"])
             .args([&program])
@@ -201,6 +205,35 @@ impl Board {
         }
         let deepest = Program::read(&program, &self.processor)?.deepest_from(STEP)?;
         self.check_stack(&deepest, printed.step_stack_bytes, document)
+    }
+
+    /// Runs the program on this machine; what it prints.
+    fn here(&self, arguments: &[&Path]) -> Result<String> {
+        Task::cargo()
+            .args(["run", "--quiet", "--package", PACKAGE])
+            .args(self.features)
+            .args(["--"])
+            .args(arguments)
+            .output()
+    }
+
+    /// Opens the packets that the board has printed, and compares what they say with this machine's
+    /// poses.
+    fn check_packets(&self, expected: &str, stored: &Path) -> Result<()> {
+        let opened = self.here(&[stored, &stored.join(PRINTED_FILE)])?;
+        let compared = compare_rows(expected, &opened).context("the sealed packets")?;
+        println!("{}: in sealed packets {compared}", self.name);
+        ensure!(
+            compared.rows == ROWS && compared.poses == ROWS,
+            "there should be {ROWS} poses in the packets"
+        );
+        ensure!(
+            compared.largest <= PACKET_DIFFERENCE_MAX,
+            "the poses in the packets differ from this machine's by {:e} mm or rad, more than \
+             {PACKET_DIFFERENCE_MAX:e}",
+            compared.largest
+        );
+        Ok(())
     }
 
     /// Compares both stack depths with the bound, with each other, and with memory.md.
@@ -251,6 +284,8 @@ impl Board {
         };
         let mut printed = Vec::new();
         task.run_and_read(|line| printed.push(line.to_owned()))?;
+        let place = stored.join(PRINTED_FILE);
+        fs::write(&place, printed.join("\n")).with_context(|| place.display().to_string())?;
         Printed::read(&printed)
     }
 

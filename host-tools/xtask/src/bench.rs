@@ -87,8 +87,19 @@ fn count_instructions(directory: &Path) -> Result<Figures> {
     setup::ensure(&[setup::QEMU_SYSTEM])?;
     render(directory, instructions::FRAMES, &[])?;
     let debian = DebianRoot::fetch()?;
-    figures_of(|each_line| instructions::count(&debian, directory, each_line))
+    let figures = figures_of(|each_line| instructions::count(&debian, directory, each_line))?;
+    let thousands = |run: &str| anyhow::Ok(get(&figures, run)?.parse::<f64>()?);
+    let (sealing, tracking) = (thousands("sealing_median_us")?, thousands("tracking_median_us")?);
+    ensure!(
+        sealing <= SEALING_SHARE_MAX * tracking,
+        "to seal a packet takes {sealing} thousand instructions, more than {SEALING_SHARE_MAX} of a \
+         tracked frame's {tracking}"
+    );
+    Ok(figures)
 }
+
+/// The most that sealing may take of a tracked frame.
+const SEALING_SHARE_MAX: f64 = 0.05;
 
 fn measure_all(arguments: &Arguments, directory: &Path) -> Result<()> {
     if !arguments.host_only {
@@ -307,6 +318,7 @@ fn tables(measured: &Measured) -> Result<String> {
         ("its edges fitted to their pixels", "stage_fit", None),
         ("its poses solved", "stage_solve", None),
         ("its edges located first, where it is not where it was expected", "stage_locate", None),
+        ("its packet sealed", "sealing", None),
         ("**a search of the whole frame** (`step`)", "search", Some("search")),
         ("its detector", "stage_detector", None),
         ("its grid finder", "stage_grid", None),

@@ -90,6 +90,13 @@ pub const RENDERERS: &[Need] = &[
     },
 ];
 
+/// Lays cables between network namespaces.
+pub const NETWORKS: &[Need] = &[Need {
+    probe: Probe::Program("ip"),
+    package: "iproute2",
+    why: "the tests of the link have strangers on other computers, where root runs them",
+}];
+
 /// Shows and prints pages.
 pub const BROWSER: &[Need] = &[Need {
     probe: Probe::Program("chromium"),
@@ -101,7 +108,7 @@ pub const BROWSER: &[Need] = &[Need {
 pub const PYTHON: &[Need] = &[Need {
     probe: Probe::PythonModule("ensurepip"),
     package: "python3-venv",
-    why: "other people's readers open what `plumb export` writes",
+    why: "other people's readers open what `plumb export` writes, and receive from the box",
 }];
 
 /// A whole emulated computer.

@@ -86,7 +86,8 @@ impl Part {
             }
             Self::Native => {
                 let build = [setup::LINKER, setup::VIDEO, setup::BINUTILS];
-                setup::ensure(&[&build[..], &[setup::RENDERERS, setup::PYTHON]].concat())?;
+                let tests = [setup::RENDERERS, setup::PYTHON, setup::NETWORKS];
+                setup::ensure(&[build, tests].concat())?;
                 setup::ensure_components()
             }
             Self::Arm => {
@@ -323,6 +324,10 @@ fn bare_metal(journal: &mut Journal, document: Document) {
 /// tests.
 const BOOT_TESTS: [&str; 5] = ["test", "--workspace", "--test", "boot", "--"];
 
+/// A box that is watched as at the bedside, by programs that want a processor core of their own. With
+/// another machine beside it, it would be too slow for its camera.
+const ALONE: &str = "first_trial::from_a_printed_sheet_to_the_sway_of_a_person";
+
 /// The test that boots a box with a camera; it prints its figures in the same format as the bench.
 pub fn boot_with_camera() -> Result<Task> {
     let images = image::make_for_tests(image::Profile::Release)?;
@@ -331,8 +336,8 @@ pub fn boot_with_camera() -> Result<Task> {
     Ok(Task::cargo().args(test).env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and observes it from outside, on two machines at a time: each keeps one processor
-/// core busy.
+/// Boots the box and observes it from outside, on two machines at a time, since each keeps one
+/// processor core busy; and on one [`ALONE`].
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
@@ -340,10 +345,15 @@ fn boot(journal: &mut Journal) {
         Ok(())
     });
     if made {
-        let test = [&BOOT_TESTS[..], &["--test-threads=2", "--nocapture"]].concat();
-        let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
-        let task = task.env(SKIPS, &journal.skips.to_string_lossy());
-        journal.tests("tests", |each_line| task.run_and_read(each_line));
+        for (name, how) in [
+            ("tests", ["--test-threads=2", "--skip", ALONE].as_slice()),
+            ("first trial", ["--test-threads=1", "--exact", ALONE].as_slice()),
+        ] {
+            let test = [&BOOT_TESTS[..], &["--nocapture"], how].concat();
+            let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
+            let task = task.env(SKIPS, &journal.skips.to_string_lossy());
+            journal.tests(name, |each_line| task.run_and_read(each_line));
+        }
     }
 }
 

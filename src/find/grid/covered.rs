@@ -10,18 +10,21 @@
 //! be seen where the hidden squares should be. So a cover may hide one whole side of the target, but
 //! not two. A target that the frame's border hides is not accepted.
 //!
+//! What is seen beside the cover may still [contradict](super::contradiction) the place: squares
+//! outside of the board, or print between two places that the cover would have to hide.
+//!
 //! What it cannot detect: a board that has as many columns as the target, or as many rows, and of
-//! which a side is hidden that would show the difference. It is not free of errors on boards of other
-//! sizes either: of some 3,100 whose difference was seen beside the cover, five were taken for a
-//! target, one of them because the squares beyond a wide strap ended farther than allowed from their
-//! extrapolated places.
+//! which a side is hidden that would show the difference. Nor is it free of errors on smaller boards
+//! under a strap as bright as the paper, which cannot be told from the paper beside it: of 7,476
+//! boards of other sizes whose difference was seen beside a cover, it took one of these for a target.
 
 use super::lattice::{Bounds, Lattice, Least, Line};
 use super::plane::Plane;
 use super::sides::{self, Side, Sides, Votes};
 use super::view::View;
 use super::{
-    BEYOND_SCORE_MIN, Grid, agreement, beyond, is_detectable, median_score, numbered, numbering,
+    BEYOND_SCORE_MIN, Grid, agreement, beyond, contradiction, is_detectable, median_score,
+    numbered, numbering,
 };
 use crate::find::corner::Corner;
 use crate::limits::TARGET_CORNERS_MAX;
@@ -113,6 +116,9 @@ fn place<P: Pixel>(
     if !bounds.grown(1).cells().all(|cell| is_clear(image, &view.plane, cell)) {
         return None;
     }
+    if contradiction::is_square_outside(&view, bounds, extent) {
+        return None;
+    }
     let (numbering, first_square_dark) = numbering(lattice, corners, bounds, shape).ok()?;
     Some((index, numbered(lattice, shape, &numbering, first_square_dark)))
 }
@@ -127,8 +133,8 @@ fn only_place<P: Pixel>(
 ) -> Option<(usize, GridShape, Bounds)> {
     let votes = sides::all_votes(view, extent);
     let sides = sides::sides(&votes);
-    // Where a cover looks like paper, it is no evidence.
-    let is_paper_evidence = !votes.as_flattened().iter().any(Votes::is_covered_by_paper);
+    // A cover that looks like paper may hide squares where paper is seen, but not all around others.
+    let is_like_paper = votes.as_flattened().iter().any(Votes::is_covered_by_paper);
     let is_whole = sides == [[Side::Ends; 2]; 2];
     let mut only = None;
     for (index, shape) in wanted.iter().enumerate() {
@@ -142,8 +148,8 @@ fn only_place<P: Pixel>(
         let ways = if lines == turned { &[lines][..] } else { &[lines, turned] };
         for &way in ways {
             let Some(bounds) = placed(extent, way, sides) else { continue };
-            let is_contradicted =
-                is_paper_evidence && sides::paper_within(view, bounds, of_corners) > PAPER_MAX;
+            let is_contradicted = sides::paper_within(view, bounds, of_corners) > PAPER_MAX
+                && (!is_like_paper || contradiction::is_ink_between_hidden(view, bounds));
             if !is_contradicted && only.replace((index, *shape, bounds)).is_some() {
                 return None;
             }
@@ -183,7 +189,9 @@ pub(super) fn goes_on_beyond<P: Pixel>(
                 .is_some_and(|index| corners[usize::from(index)].score >= least)
     });
     // One may be clutter.
-    beyond.take(2).count() == 2 || sides::with_squares_beyond(&view, bounds) != bounds
+    beyond.take(2).count() == 2
+        || sides::with_squares_beyond(&view, bounds) != bounds
+        || contradiction::is_square_outside(&view, bounds, bounds)
 }
 
 /// What the sides of a whole lattice of a wanted shape say.

@@ -87,6 +87,12 @@ impl Line {
     pub(super) fn cell(&self, number: i32) -> [i32; 2] {
         [0, 1].map(|axis| self.start[axis] + number * self.step[axis])
     }
+
+    /// The square after the place with this number, as many steps outwards of those just outside.
+    pub(super) fn square(&self, number: i32, gap: i32) -> [i32; 2] {
+        let corner = self.cell(number);
+        [0, 1].map(|axis| corner[axis] + gap * self.outwards[axis] + self.outwards[axis].min(0))
+    }
 }
 
 impl Bounds {

@@ -28,6 +28,7 @@ use crate::model::target::GridShape;
 
 mod agreement;
 mod beyond;
+mod contradiction;
 mod covered;
 mod lattice;
 mod plane;

@@ -284,9 +284,7 @@ impl Square {
     /// The square after the corner of a border line with this number, as many steps outwards of
     /// those just outside.
     fn new(line: &Line, number: i32, gap: i32) -> Self {
-        let (corner, outwards) = (line.cell(number), line.outwards);
-        let cell = [0, 1].map(|axis| corner[axis] + gap * outwards[axis] + outwards[axis].min(0));
-        Self { cell, outwards }
+        Self { cell: line.square(number, gap), outwards: line.outwards }
     }
 
     /// A place in the middle across its direction, in steps outwards from its inner side.

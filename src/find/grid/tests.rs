@@ -74,6 +74,14 @@ impl Scene {
 }
 
 #[test]
+fn boards_beside_each_other_on_one_sheet_are_two() {
+    let at = |shape, x_px: f64| Board::new(shape, [x_px, 150.0], 22.0, 0.0, 0.0, 0.02);
+    let scene = Scene::new(&[at([6, 5], 100.0), at([5, 4], 100.0 + 8.5 * 22.0)], 3);
+    let found = scene.find(&SHAPES);
+    assert!(found.iter().all(Result::is_ok), "{found:?}");
+}
+
+#[test]
 fn both_targets_are_told_apart_and_numbered_in_any_attitude() {
     for (seed, turn_deg) in (0..360_u32).step_by(360 / repetitions(12)).enumerate() {
         let turn_rad = f64::from(turn_deg).to_radians();

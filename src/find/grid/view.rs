@@ -17,6 +17,10 @@ const PAPER_SHARE: f32 = 0.05;
 /// Beside the edge of a square, blur adds to that.
 const PAPER_BESIDE_EDGE_SHARE: f32 = 0.1;
 const NEARLY_PAPER_SHARE: f32 = 0.2;
+/// What differs from the dark squares by less than this share is ink; nearly ink if blur, which adds
+/// to that from both edges beside a corner, may have brightened it.
+const INK_SHARE: f32 = 0.1;
+const NEARLY_INK_SHARE: f32 = 0.3;
 /// How little the brightness changes along a board: as if so many squares were known to show no
 /// slope. It matters where few squares are seen.
 const SLOPE_WEIGHT: f32 = 4.0;
@@ -80,6 +84,21 @@ impl<'a, P: Pixel> View<'a, P> {
     /// wide.
     pub(super) fn is_nearly_paper(&self, place: [f32; 2]) -> bool {
         self.is_near_paper(place, NEARLY_PAPER_SHARE)
+    }
+
+    /// Whether ink is seen at a place.
+    pub(super) fn is_ink(&self, place: [f32; 2]) -> bool {
+        self.is_near_ink(place, INK_SHARE)
+    }
+
+    /// Whether a place is nearly as dark as ink.
+    pub(super) fn is_nearly_ink(&self, place: [f32; 2]) -> bool {
+        self.is_near_ink(place, NEARLY_INK_SHARE)
+    }
+
+    fn is_near_ink(&self, place: [f32; 2], share: f32) -> bool {
+        let ink = self.square_level(place, true);
+        self.level(place).is_some_and(|level| (level - ink).abs() < share * self.contrast)
     }
 
     fn is_near_paper(&self, place: [f32; 2], share: f32) -> bool {

@@ -34,7 +34,7 @@ pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
 pub use text::is_visible;
 
 /// Changes when the blob's content changes.
-pub const FORMAT_VERSION: u16 = 4;
+pub const FORMAT_VERSION: u16 = 5;
 
 /// The blob's name on a box's card.
 pub const FILE_NAME: &str = "config.plb";
@@ -61,7 +61,7 @@ pub const READOUT_NS_MAX: i32 = 1_000_000_000;
 const READOUT_OF_INTERVAL_MAX: f64 = 1.02;
 
 /// Everything in a blob except the targets: header, checksum, texts, lens (143), readout (5),
-/// scene (49), links (91), capture (82), machine (18), rounded up.
+/// scene (49), links (92), capture (82), machine (18), rounded up.
 const FIXED_BYTES_MAX: usize = 480;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
@@ -85,6 +85,9 @@ pub struct SerialLink {
     pub path: String<DEVICE_PATH_BYTES_MAX>,
     /// Bits per second.
     pub baud: u32,
+    /// Whether nothing comes back on it: the box then sends without having been asked to, and takes
+    /// nothing from it.
+    pub one_way: bool,
 }
 
 /// Where the box sends its packets.

@@ -42,7 +42,11 @@ fn config() -> Config {
         cam_from_scene_theta: Some([0.0, 0.1, -0.2, 10.0, 400.0, 1500.0]),
         links: Links {
             udp: Some("192.168.7.1:4210".parse().unwrap()),
-            serial: Some(SerialLink { path: "/dev/ttyS0".try_into().unwrap(), baud: 115_200 }),
+            serial: Some(SerialLink {
+                path: "/dev/ttyS0".try_into().unwrap(),
+                baud: 115_200,
+                one_way: false,
+            }),
         },
         capture: Some(Capture {
             driver: CaptureDriver::V4l2,
@@ -126,7 +130,7 @@ fn the_largest_config_fits_its_buffer() {
     capture.device = path.clone();
     capture.rate_hz = 1.0;
     capture.exposure_us = Some(1_000_000);
-    config.links.serial = Some(SerialLink { path, baud: 12_000_000 });
+    config.links.serial = Some(SerialLink { path, baud: 12_000_000, one_way: true });
     config.machine.watchdog_s = Some(WATCHDOG_S_MAX);
     config.links.udp = Some("[1:2:3:4:5:6:7:8]:65535".parse().unwrap());
     let length = blob(&config).len();

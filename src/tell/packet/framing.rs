@@ -7,10 +7,13 @@ use crate::common::checksum::{CRC_BYTES, CRC32, checked};
 /// Version, schema hash and start.
 const HEADER_BYTES: usize = 9;
 
+/// Bytes of a clear packet besides its message.
+pub(crate) const CLEAR_OVERHEAD_BYTES: usize = HEADER_BYTES + CRC_BYTES;
+
 /// Longest packet, checksum included: the longest that COBS lengthens by one byte only.
 pub const PACKET_BYTES_MAX: usize = 254;
 
-/// Longest frame on a serial line: one byte of COBS and the delimiter more.
+/// Longest frame of a clear packet: one byte of COBS and the delimiter more.
 pub const FRAME_BYTES_MAX: usize = PACKET_BYTES_MAX + 2;
 
 /// The byte that ends every frame, and occurs nowhere else.
@@ -95,7 +98,7 @@ pub fn encode_datagram<'a>(
     header[0] = PROTOCOL_VERSION;
     header[1..5].copy_from_slice(&SCHEMA_HASH.to_le_bytes());
     header[5..].copy_from_slice(&start.map_or(0, Start::get).to_le_bytes());
-    let body_bytes = postcard::to_slice(message, rest).map_err(|_| EncodeError)?.len();
+    let body_bytes = encode_body(message, rest)?;
     let covered = HEADER_BYTES + body_bytes;
     let packet = buffer.get_mut(..covered + CRC_BYTES).ok_or(EncodeError)?;
     let checksum = CRC32.checksum(&packet[..covered]);
@@ -114,14 +117,22 @@ pub fn encode_frame<'a>(
     buffer: &'a mut [u8],
 ) -> Result<&'a [u8], EncodeError> {
     let mut packet = [0; PACKET_BYTES_MAX];
-    let packet = encode_datagram(start, message, &mut packet)?;
-    // COBS costs one byte up to 254. The room is checked here, because the crate does not
-    // notice that a final zero needs a byte more than there is.
-    let frame = buffer.get_mut(..packet.len() + 2).ok_or(EncodeError)?;
-    let (delimiter, stuffed) = frame.split_last_mut().ok_or(EncodeError)?;
-    cobs::try_encode(packet, stuffed).map_err(|_| EncodeError)?;
-    *delimiter = DELIMITER;
-    Ok(frame)
+    frame_packet(encode_datagram(start, message, &mut packet)?, buffer)
+}
+
+/// Writes a packet, which must not be empty, as one frame of a serial line, delimiter included. COBS
+/// adds one byte to each 254.
+///
+/// # Errors
+/// [`EncodeError`] when the buffer is too small.
+pub fn frame_packet<'a>(packet: &[u8], buffer: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
+    // The room is checked here, because the crate does not notice that a final zero needs a byte
+    // more than there is.
+    let room = packet.len() + packet.len().div_ceil(254);
+    let stuffed = buffer.get_mut(..room).ok_or(EncodeError)?;
+    let length = cobs::try_encode(packet, stuffed).map_err(|_| EncodeError)?;
+    *buffer.get_mut(length).ok_or(EncodeError)? = DELIMITER;
+    Ok(&buffer[..=length])
 }
 
 /// Reads one packet: a datagram, or a frame after COBS decoding.
@@ -145,16 +156,26 @@ pub fn decode_datagram(packet: &[u8]) -> Result<Packet, PacketError> {
         return Err(PacketError::OtherSchema { hash });
     }
     let start = Start::new(u32::from_le_bytes(start));
+    let message = decode_body(body)?;
+    if is_sent_by(&message, start) { Ok(Packet { start, message }) } else { Err(PacketError::Body) }
+}
+
+/// Writes a message alone, as it stands in a clear packet or under a seal; returns its length.
+pub(crate) fn encode_body(message: &Message, buffer: &mut [u8]) -> Result<usize, EncodeError> {
+    postcard::to_slice(message, buffer).map(|body| body.len()).map_err(|_| EncodeError)
+}
+
+/// Reads a message alone.
+pub(crate) fn decode_body(body: &[u8]) -> Result<Message, PacketError> {
     match postcard::take_from_bytes::<Message>(body) {
-        Ok((message, [])) if !is_sent_by(&message, start) => Err(PacketError::Body),
         Ok((message, [])) if !message.is_measurable() => Err(PacketError::Number),
-        Ok((message, [])) => Ok(Packet { start, message }),
+        Ok((message, [])) => Ok(message),
         _ => Err(PacketError::Body),
     }
 }
 
 /// Hosts send commands and parts, boxes everything but commands; a Hello names its own start.
-fn is_sent_by(message: &Message, start: Option<Start>) -> bool {
+pub(crate) fn is_sent_by(message: &Message, start: Option<Start>) -> bool {
     match message {
         Message::Command(_) => start.is_none(),
         Message::Part(_) => true,
@@ -173,6 +194,8 @@ pub struct Deframer<const N: usize = FRAME_BYTES_MAX> {
     frame: heapless::Vec<u8, N>,
     overflow: bool,
     synchronised: bool,
+    /// The frame has been handed over, and the next byte begins another.
+    is_handed_over: bool,
 }
 
 impl<const N: usize> Default for Deframer<N> {
@@ -185,48 +208,57 @@ impl<const N: usize> Deframer<N> {
     /// A deframer that starts to listen, perhaps in the middle of a frame.
     #[must_use]
     pub const fn new() -> Self {
-        Self { frame: heapless::Vec::new(), overflow: false, synchronised: false }
+        Self {
+            frame: heapless::Vec::new(),
+            overflow: false,
+            synchronised: false,
+            is_handed_over: false,
+        }
     }
 
     /// Discards an incomplete frame; for a line that has been reopened.
     pub fn restart(&mut self) {
-        self.frame.clear();
-        self.overflow = false;
-        self.synchronised = false;
+        *self = Self::new();
     }
 
     /// Takes one byte; returns an outcome when the byte ends a frame. Consecutive delimiters are an
     /// idle line, not frames.
     pub fn feed(&mut self, byte: u8) -> Option<Result<Packet, PacketError>> {
+        let was_synchronised = self.synchronised;
+        let outcome = self.frame(byte)?.and_then(decode_datagram);
+        Some(match outcome {
+            // The part that was missed may have held anything.
+            Err(PacketError::Short | PacketError::Checksum) if !was_synchronised => {
+                Err(PacketError::Fragment)
+            }
+            outcome => outcome,
+        })
+    }
+
+    /// Takes one byte; returns the packet in a frame when the byte ends one, whatever kind of packet
+    /// it is.
+    pub fn frame(&mut self, byte: u8) -> Option<Result<&[u8], PacketError>> {
+        if core::mem::take(&mut self.is_handed_over) {
+            self.frame.clear();
+        }
         if byte != DELIMITER {
             self.overflow |= self.frame.push(byte).is_err();
             return None;
         }
-        if self.frame.is_empty() {
-            self.synchronised = true;
+        let was_synchronised = core::mem::replace(&mut self.synchronised, true);
+        let overflow = core::mem::take(&mut self.overflow);
+        if self.frame.is_empty() && !overflow {
             return None;
         }
-        let outcome = if self.overflow {
-            Err(PacketError::Oversize)
-        } else {
-            match cobs::decode_in_place(&mut self.frame) {
-                Ok(length) => decode_datagram(&self.frame[..length]),
-                Err(_) => Err(PacketError::Cobs),
-            }
-        };
-        let outcome = match outcome {
-            // The part that was missed may have held anything.
-            Err(
-                PacketError::Oversize
-                | PacketError::Cobs
-                | PacketError::Short
-                | PacketError::Checksum,
-            ) if !self.synchronised => Err(PacketError::Fragment),
-            outcome => outcome,
-        };
-        self.restart();
-        self.synchronised = true;
-        Some(outcome)
+        self.is_handed_over = true;
+        let fault = |error| if was_synchronised { error } else { PacketError::Fragment };
+        if overflow {
+            return Some(Err(fault(PacketError::Oversize)));
+        }
+        Some(match cobs::decode_in_place(&mut self.frame) {
+            Ok(length) => Ok(&self.frame[..length]),
+            Err(_) => Err(fault(PacketError::Cobs)),
+        })
     }
 
     /// Takes many bytes and hands each outcome to `receive`.

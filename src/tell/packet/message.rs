@@ -232,6 +232,52 @@ pub enum Action {
     },
     /// Restart.
     Reboot,
+    /// Send packets of the stream once more, exactly as they were sealed: of the 64 counters from
+    /// `first` on, those whose bit of `mask` is set, the lowest bit first.
+    Resend {
+        /// The counter of the lowest bit.
+        first: u64,
+        /// Which of the counters.
+        mask: u64,
+    },
+    /// This listener records a trial from now on, or no longer: nothing that changes the box is then
+    /// done for anybody, unless it is forced.
+    Record {
+        /// Whether it does.
+        on: bool,
+    },
+    /// Send this listener every such pose only, and none at all for 0. What it does not get it must
+    /// not ask for again.
+    SendPoses {
+        /// 1 for all of them.
+        every: u16,
+    },
+    /// This listener leaves: its place is free, and it records no longer. There is no answer.
+    Leave,
+}
+
+impl Action {
+    /// Whether it changes what a box measures, or how: refused while somebody records a trial.
+    #[must_use]
+    pub fn changes_box(&self) -> bool {
+        match self {
+            Self::StoreConfig { .. }
+            | Self::Aim { .. }
+            | Self::TakePicture { .. }
+            | Self::Expose { .. }
+            | Self::Reboot => true,
+            Self::Ping { .. }
+            | Self::SendHello
+            | Self::SendHealth
+            | Self::QueryConfig
+            | Self::SendView
+            | Self::SendParts { .. }
+            | Self::Resend { .. }
+            | Self::Record { .. }
+            | Self::SendPoses { .. }
+            | Self::Leave => false,
+        }
+    }
 }
 
 /// A request, with a number that the host chooses and the reply repeats.
@@ -241,6 +287,8 @@ pub struct Command {
     pub id: u16,
     /// What is requested.
     pub action: Action,
+    /// Whether it is to be done even while somebody records a trial.
+    pub is_forced: bool,
 }
 
 /// Why a command was not carried out.
@@ -250,6 +298,8 @@ pub enum Refusal {
     NotSupported,
     /// Not now; try again.
     Busy,
+    /// Somebody records a trial, which it would disturb.
+    Recording,
     /// Only in set-up mode.
     NotAiming,
     /// Bytes are missing.
@@ -274,6 +324,8 @@ pub enum ReplyOutcome {
         box_received_ns: u64,
         /// The capture clock when this reply was handed to the link.
         box_sent_ns: u64,
+        /// The counter of the next packet of the stream: all before it have been sent.
+        stream_next: u64,
     },
     /// To [`Action::QueryConfig`].
     Config {
@@ -289,6 +341,11 @@ pub enum ReplyOutcome {
     Stored {
         /// [`Config::crc`](crate::model::config::Config::crc), as read back.
         crc: u32,
+    },
+    /// To [`Action::Resend`], if some of it is no longer there.
+    Gone {
+        /// The lowest counter that still is.
+        first: u64,
     },
     /// It will be done.
     Accepted,

@@ -4,15 +4,20 @@
 //! First the whole frame is searched, then the targets are tracked in it. A number is written
 //! with as many digits as it takes to read the very same bits again, so that two tables can be
 //! compared exactly.
+//!
+//! The same poses are also sealed, as by a box on a line without a way back: lines of `packet`, a
+//! tab and the packet's bytes, of which the first announces the start.
 #![no_std]
 
 use core::fmt::{self, Write};
 
 use plumbline::config::{Config, ConfigError};
 use plumbline::image::GreyImage;
+use plumbline::packet::{EncodeError, MarkedInstant, Message, PosePacket, SCHEMA_HASH, Start};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::Report;
 use plumbline::scene::Anatomical;
+use plumbline::seal::{Key, OneWay, SEALED_BYTES_MAX, StreamSealer};
 use plumbline::target::Role;
 
 /// The blob of `plumb provision`, in the directory of stored files.
@@ -39,6 +44,8 @@ pub enum NoTable {
     Recording,
     /// The table cannot be written.
     Output,
+    /// A packet cannot be sealed.
+    Sealing,
 }
 
 impl From<ConfigError> for NoTable {
@@ -53,7 +60,44 @@ impl From<fmt::Error> for NoTable {
     }
 }
 
-/// Measures the frame of a recording [`STEPS`] times and writes a row per step and target.
+impl From<EncodeError> for NoTable {
+    fn from(_: EncodeError) -> Self {
+        Self::Sealing
+    }
+}
+
+/// The key of the boards, for which nothing is secret.
+///
+/// # Panics
+/// Never: these bytes are a key.
+#[must_use]
+pub fn key() -> Key {
+    Key::new([7; 32]).expect("a key")
+}
+
+/// The only start of a board, which has no random numbers.
+fn only_start(key: &Key) -> OneWay {
+    OneWay {
+        key_id: key.id(),
+        start: Start::MIN,
+        start_count: 1,
+        schema_hash: SCHEMA_HASH,
+        salt: [9; 16],
+        next: 0,
+    }
+}
+
+/// What the line of a packet begins with.
+pub const PACKET: &str = "packet\t";
+
+fn write_packet(out: &mut impl Write, packet: &[u8]) -> fmt::Result {
+    write!(out, "{PACKET}")?;
+    packet.iter().try_for_each(|byte| write!(out, "{byte:02x}"))?;
+    writeln!(out)
+}
+
+/// Measures the frame of a recording [`STEPS`] times and writes a row per step and target, and the
+/// packets.
 ///
 /// `step` must call [`Pipeline::step`] with the arguments it is given; this lets the caller measure
 /// the call.
@@ -74,9 +118,15 @@ pub fn measure(
     let frame = GreyImage::new(&recording[start..], width, height, width)
         .map_err(|_| NoTable::Recording)?;
     write_header(out)?;
+    let (key, mut buffer) = (key(), [0; SEALED_BYTES_MAX]);
+    let announcement = only_start(&key);
+    write_packet(out, announcement.packet(&key, &mut buffer))?;
+    let mut stream = StreamSealer::one_way(&key, &announcement);
     for number in 0..STEPS {
         let report = step(pipeline, &frame, u64::from(number) * STEP_NS);
         write_rows(out, number, config, &report)?;
+        let pose = PosePacket::from_report(&report, MarkedInstant::FrameArrival, 0);
+        write_packet(out, stream.seal(&Message::Pose(pose), &mut buffer)?)?;
     }
     Ok(())
 }

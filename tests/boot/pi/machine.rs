@@ -18,6 +18,7 @@ use std::thread::{self, JoinHandle, sleep};
 use nix::fcntl::OFlag;
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
 use nix::sys::termios::{FlushArg, SetArg, cfmakeraw, tcflush, tcgetattr, tcsetattr};
+use plumbline::config::FILE_NAME;
 
 use super::card::{Card, START_BYTES};
 use super::firmware::{self, BOARDS};
@@ -61,17 +62,29 @@ struct Running {
 }
 
 impl Pi {
-    /// A new card with this configuration, or none. `options` are added to its
-    /// command line.
+    /// A new card with the key of the tests' boxes, and this configuration or none. `options` are
+    /// added to its command line.
     pub fn new(blob: Option<&[u8]>, options: &str) -> Self {
+        Self::with_card(options, |card| {
+            scene::copy_key(card, START_BYTES);
+            if let Some(blob) = blob {
+                scene::copy(card, START_BYTES, FILE_NAME, blob);
+            }
+        })
+    }
+
+    /// A new card with this configuration, and without a key.
+    pub fn unpaired(blob: &[u8]) -> Self {
+        Self::with_card("", |card| scene::copy(card, START_BYTES, FILE_NAME, blob))
+    }
+
+    fn with_card(options: &str, fill: impl FnOnce(&Path)) -> Self {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let card = directory.path().join("card.img");
         let names = [image("rpi4.img"), card.clone()];
         let names = names.each_ref().map(|path| path.to_str().expect("a plain path"));
         run("cp", &["--sparse=always", names[0], names[1]]);
-        if let Some(blob) = blob {
-            scene::copy_config(&card, START_BYTES, directory.path(), blob);
-        }
+        fill(&card);
         // QEMU takes no card whose size is not a power of two.
         let size = std::fs::metadata(&card).expect("it was copied").len().next_power_of_two();
         let file = std::fs::OpenOptions::new().write(true).open(&card).expect("it was copied");
@@ -85,10 +98,12 @@ impl Pi {
         &self.card
     }
 
-    /// The other end of the serial line, for a program; what has come before is gone.
-    pub fn line(&self) -> &str {
+    /// The other end of the serial line, for a program; what has come before is gone. Until it is
+    /// given back, nothing is seen here of what comes.
+    pub fn lend_line(&self) -> Lent {
+        self.line.is_lent.store(true, Ordering::Relaxed);
         tcflush(&self.line.far_end, FlushArg::TCIFLUSH).expect("it can be cleared");
-        &self.line.name
+        Lent { name: self.line.name.clone(), is_lent: Arc::clone(&self.line.is_lent) }
     }
 
     /// Power comes on.
@@ -147,6 +162,9 @@ impl Drop for Pi {
         if thread::panicking()
             && let Ok(seen) = self.line.seen.lock()
         {
+            let announced = seen.serial_packets.announcements().last();
+            let count = seen.serial_packets.all.len();
+            println!("{count} packets on the line, announced: {announced:?}");
             println!("logs: {}", crate::machine::logs(&seen.serial));
         }
     }
@@ -210,6 +228,14 @@ impl Starter {
         let loader = "/chosen/bootloader";
         run("fdtput", &["-p", "-t", "x", tree, loader, "rsts", &status]);
         run("fdtput", &["-p", "-t", "x", tree, "/system", "linux,revision", "b03115"]);
+        // The firmware's random numbers, without which a machine whose clock counts instructions
+        // has none: the box waits for them.
+        let seed: [u32; 16] = rand::random();
+        let seed = seed.map(|word| format!("{word:x}"));
+        let words = seed.iter().map(String::as_str);
+        let chosen: Vec<&str> =
+            ["-p", "-t", "x", tree, "/chosen", "rng-seed"].into_iter().chain(words).collect();
+        run("fdtput", &chosen);
         // What the memory held is gone.
         let _ = std::fs::remove_file(&self.memory);
         for socket in ["control", "line"] {
@@ -243,8 +269,33 @@ impl Starter {
     }
 }
 
-/// The serial line from the box, whichever start of the machine it is, to a program of the host
-/// and to what is seen here.
+/// The other end of the serial line, which a program has for itself.
+pub struct Lent {
+    name: String,
+    is_lent: Arc<AtomicBool>,
+}
+
+impl Lent {
+    /// The device.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Drop for Lent {
+    fn drop(&mut self) {
+        self.is_lent.store(false, Ordering::Relaxed);
+    }
+}
+
+/// The serial line from the box, whichever start of the machine it is, to what listens here or,
+/// while it is lent, to a program.
+///
+/// ```text
+///                  ┌─ lent ─▶ host ═ pseudo-terminal ═ far_end    a program
+/// machine ◀────────┤
+///                  └────────▶ here ═ socket ═ watch_serial        what is seen
+/// ```
 #[derive(Clone)]
 struct Line {
     name: String,
@@ -252,6 +303,11 @@ struct Line {
     /// Kept open: it makes the line one that changes no bytes, and a line that nobody has open is
     /// none.
     far_end: Arc<File>,
+    here: Arc<UnixStream>,
+    is_lent: Arc<AtomicBool>,
+    /// Whether the machine has said anything since it was plugged in: before that, nothing is said
+    /// from here to a kernel that is still starting.
+    has_spoken: Arc<AtomicBool>,
     seen: Arc<Mutex<Seen>>,
     machine: Arc<Mutex<Option<UnixStream>>>,
 }
@@ -272,38 +328,86 @@ impl Line {
         let mut settings = tcgetattr(&far_end).expect("it has settings");
         cfmakeraw(&mut settings);
         tcsetattr(&far_end, SetArg::TCSANOW, &settings).expect("it takes settings");
+        let (here, watched) = UnixStream::pair().expect("a pair of sockets");
+        here.set_nonblocking(true).expect("a socket");
         let line = Self {
             name,
             host: Arc::new(host),
             far_end: Arc::new(far_end),
+            here: Arc::new(here),
+            is_lent: Arc::default(),
+            has_spoken: Arc::default(),
             seen: Arc::default(),
             machine: Arc::default(),
         };
-        let (host, machine) = (Arc::clone(&line.host), Arc::downgrade(&line.machine));
+        watch_serial(&watched, &scene::key(), &line.seen, &line.is_lent);
+        let (host, here) = (Arc::clone(&line.host), Arc::clone(&line.here));
+        line.pass_to_machine(true, move |bytes| (&*host).read(bytes));
+        line.pass_to_machine(false, move |bytes| (&*here).read(bytes));
+        line
+    }
+
+    /// Passes on what `read` reads, as long as there is a line, if it is lent or not.
+    fn pass_to_machine(
+        &self,
+        if_lent: bool,
+        mut read: impl FnMut(&mut [u8]) -> std::io::Result<usize> + Send + 'static,
+    ) {
+        let (machine, is_lent) = (Arc::downgrade(&self.machine), Arc::clone(&self.is_lent));
+        let has_spoken = Arc::clone(&self.has_spoken);
         thread::spawn(move || {
             let mut bytes = [0; 4096];
             while let Some(machine) = machine.upgrade() {
-                let Ok(count) = (&*host).read(&mut bytes) else {
+                let Ok(count @ 1..) = read(&mut bytes) else {
+                    drop(machine);
                     sleep(LOOK_EVERY);
                     continue;
                 };
-                if let Some(machine) = &mut *machine.lock().expect("no panic") {
+                if is_lent.load(Ordering::Relaxed) == if_lent
+                    && has_spoken.load(Ordering::Relaxed)
+                    && let Some(machine) = &mut *machine.lock().expect("no panic")
+                {
                     // It has just been switched off, or does not read: lost, as on a line.
                     let _ = machine.write(&bytes[..count]);
                 }
             }
         });
-        line
     }
 
     /// Connects the machine's end.
-    fn plug_in(&self, stream: UnixStream) {
+    fn plug_in(&self, mut stream: UnixStream) {
         let copy = stream.try_clone().expect("a second handle");
         copy.set_write_timeout(Some(LOOK_EVERY)).expect("a timeout");
+        self.has_spoken.store(false, Ordering::Relaxed);
         *self.machine.lock().expect("no panic") = Some(copy);
-        let host = Arc::clone(&self.host);
-        watch_serial(stream, &self.seen, move |bytes| {
-            let _ = (&*host).write(bytes);
+        let (host, here) = (Arc::clone(&self.host), Arc::clone(&self.here));
+        let (is_lent, has_spoken) = (Arc::clone(&self.is_lent), Arc::clone(&self.has_spoken));
+        thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(count @ 1..) = stream.read(&mut bytes) {
+                has_spoken.store(true, Ordering::Relaxed);
+                let _ = if is_lent.load(Ordering::Relaxed) {
+                    (&*host).write(&bytes[..count])
+                } else {
+                    (&*here).write(&bytes[..count])
+                };
+            }
         });
     }
+}
+
+#[test]
+fn what_the_machine_says_on_its_line_is_seen() {
+    use plumbline::packet::{Start, frame_packet};
+    use plumbline::seal::{BoxEnd, SEALED_BYTES_MAX, SEALED_FRAME_BYTES_MAX};
+    let line = Line::new();
+    let (mut machine, far) = UnixStream::pair().unwrap();
+    line.plug_in(far);
+    let end = BoxEnd::new(None, Start::MIN, &[1; 32]);
+    let (mut packet, mut frame) = ([0; SEALED_BYTES_MAX], [0; SEALED_FRAME_BYTES_MAX]);
+    let frame = frame_packet(end.announcement(&mut packet), &mut frame).unwrap();
+    machine.write_all(frame).unwrap();
+    wait_for(&line.seen, "the announcement", |seen| {
+        (seen.serial_packets.announcements().count() == 1).then_some(())
+    });
 }

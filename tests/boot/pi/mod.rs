@@ -13,18 +13,19 @@ use std::time::{Duration, Instant};
 use ::image::{Rgb, RgbImage};
 use plumbline::config::{Config, SerialLink};
 use plumbline::packet::{Action, CameraState, Hello, LinkKind, Message, ResetReason};
+use plumbline::seal::{BoxState, KEY_FILE_NAME, Key};
 use plumbline_board::boot::panel::Panel;
 use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 use plumbline_stream::link::BoxLink;
-use plumbline_stream::transport::Serial;
+use plumbline_stream::transport::{Link, Serial};
 
 use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
-use crate::provisioning::{Computer, assert_power_cuts_leave_one, two_of};
-use crate::scene::{self, Position, SCENE, distance_mm, files_on};
+use crate::provisioning::{Computer, assert_power_cuts_leave_one, known_box, two_of};
+use crate::scene::{self, Position, SCENE, distance_mm, file_on, files_on};
 use card::START_BYTES;
-use common::binary;
-use machine::{LINE, Pi};
+use common::{binary, keys};
+use machine::{LINE, Lent, Pi};
 
 /// What a box says of its network where there is none: QEMU has no Ethernet for this machine.
 const NO_NETWORK: &str = "no Ethernet interface found: plug in an adapter";
@@ -38,7 +39,7 @@ fn config() -> Config {
     let mut config = scene::config(([127, 0, 0, 1], 1).into());
     config.links.udp = None;
     let path = LINE.try_into().expect("a short path");
-    config.links.serial = Some(SerialLink { path, baud: 115_200 });
+    config.links.serial = Some(SerialLink { path, baud: 115_200, one_way: false });
     config
 }
 
@@ -140,8 +141,11 @@ fn a_card_records_a_trial_over_the_serial_line() {
     pi.wait_for("a pose", |seen| poses(&seen.serial).any(is_measured).then_some(()));
 
     let directory = tempfile::tempdir().unwrap();
-    let receive = format!("receive --anyway --frames 72 --out trial --serial {}", pi.line());
+    keys::know(directory.path(), &scene::key());
+    let line = pi.lend_line();
+    let receive = format!("receive --anyway --frames 72 --out trial --serial {}", line.name());
     binary::plumb_in(directory.path(), &receive);
+    drop(line);
     let rows = plumbline_files::poses::read(&directory.path().join("trial/samples.csv")).unwrap();
     let measured = rows.iter().filter(|row| row.z_mm.is_some()).count();
     assert_eq!((rows.len(), measured), (2 * 72, 2 * 72), "frames without a pose");
@@ -175,16 +179,43 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
                  send one with `plumb provision`, or copy it to the boot partition";
     pi.wait_for("what it lacks", |seen| logs(&seen.serial).contains(lacks).then_some(()));
     assert_shows(&pi, Status::NoConfiguration, "Plumbline", lacks);
-    let mut link = link(&pi);
+    let line = pi.lend_line();
+    let mut link = link(&line);
     link.wait_until_heard_within(PATIENCE).unwrap();
     assert_eq!(link.store_config(None, &config()).unwrap().1, config().crc());
     link.request(Action::Reboot, "to restart").unwrap();
+    drop((link, line));
     // The kernel restarts a Pi by its watchdog, and the box knows that it was asked to.
     assert_eq!(start_number(&pi, 1).reset_reason, ResetReason::PowerOn);
     pi.wait_for("a pose", |seen| poses(&seen.serial).any(is_measured).then_some(()));
     let files = files_on(&pi.disk());
     let has = |name: &str| files.iter().any(|file| file.starts_with(name));
     assert!(has("config.plb") && !has("restart"), "{files:?}");
+}
+
+#[test]
+fn a_card_without_a_key_gets_one_over_the_line_and_records() {
+    let mut pi = Pi::unpaired(&scene::blob(&config()));
+    pi.switch_on();
+    let announcement = pi.wait_for("an announcement", |seen| {
+        assert!(seen.serial_packets.are_announcements());
+        seen.serial_packets.announcements().nth(3)
+    });
+    assert_eq!((announcement.state, announcement.key_id), (BoxState::Unpaired, None));
+    let directory = tempfile::tempdir().unwrap();
+    let line = pi.lend_line();
+    let pair = format!("pair --serial-number PL-0001 --serial {}", line.name());
+    let said = binary::plumb_in(directory.path(), &pair);
+    assert!(said.contains("paired: "), "{said}");
+    let receive = format!("receive --anyway --frames 48 --out trial --serial {}", line.name());
+    binary::plumb_in(directory.path(), &receive);
+    let rows = plumbline_files::poses::read(&directory.path().join("trial/samples.csv")).unwrap();
+    let measured = rows.iter().filter(|row| row.z_mm.is_some()).count();
+    assert_eq!((rows.len(), measured), (2 * 48, 2 * 48), "frames without a pose");
+    // It is the key that the card has kept.
+    let kept = file_on(&pi.disk(), KEY_FILE_NAME).expect("a key on the card");
+    let kept = Key::from_text(str::from_utf8(&kept).unwrap()).unwrap();
+    assert!(said.contains(&kept.id().to_string()), "{said}");
 }
 
 #[test]
@@ -217,14 +248,16 @@ impl Computer for Pi {
 fn a_power_cut_while_the_card_is_written_to_leaves_the_old_or_the_new_configuration() {
     let configs = two_of(&config());
     let mut pi = Pi::new(Some(&scene::blob(&configs[0])), "");
-    let mut link = link(&pi);
+    let line = pi.lend_line();
+    let mut link = link(&line);
     assert_power_cuts_leave_one(&mut pi, &mut link, &configs, 2);
 }
 
 /// The host's end of the line.
-fn link(pi: &Pi) -> BoxLink {
-    let serial = Serial::open(pi.line(), 115_200).expect("the line is there");
-    BoxLink::new(Box::new(serial), pi.line().to_owned(), LinkKind::Serial)
+fn link(line: &Lent) -> BoxLink {
+    let serial = Serial::open(line.name(), 115_200).expect("the line is there");
+    let link = Link::new(serial, vec![known_box()], "boot test");
+    BoxLink::new(Box::new(link), line.name().to_owned(), LinkKind::Serial)
 }
 
 fn nearest_mm(known: &[Position], found: &Position) -> f64 {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use plumbline_analysis::agreement::axes::Axes;
 use plumbline_analysis::agreement::lag::lag;
 use plumbline_analysis::agreement::pairs::{PairError, Paired};
@@ -10,11 +10,12 @@ use plumbline_analysis::series::{Axis, Series};
 use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::{directory_of, from_toml, read_text};
+use plumbline_report::agreement::{Align, Used};
 use plumbline_trial::frame::Trunk;
 use plumbline_trial::markers::Markers;
 use plumbline_trial::points::Points;
 use plumbline_trial::positions::Unit;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::arguments::table::TableColumns;
 
@@ -109,18 +110,6 @@ impl How {
     }
 }
 
-/// How clocks are brought together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Align {
-    /// By the lag with the largest correlation of the positions.
-    Lag,
-    /// By an event that both have: the trial's t = 0 and --event.
-    Events,
-    /// Not at all: the reference's times are the trial's.
-    None,
-}
-
 /// A trial and its reference.
 #[derive(Debug, Clone)]
 pub struct Pair {
@@ -130,48 +119,6 @@ pub struct Pair {
     pub reference: PathBuf,
     /// How they belong together.
     pub how: How,
-}
-
-/// What was compared, as the JSON has it.
-#[derive(Debug, Clone, Serialize)]
-pub struct Used {
-    /// The trial's folder.
-    pub trial: String,
-    /// The reference's file.
-    pub reference: String,
-    /// `lower` or `upper`.
-    pub point: Trunk,
-    /// How the clocks were brought together.
-    pub align: Align,
-    /// The trial's time of a movement less the reference's, seconds.
-    pub lag_s: f64,
-    /// Of the positions at that lag, where it was searched.
-    pub correlation: Option<f64>,
-    /// Samples that were compared.
-    pub samples: usize,
-    /// From the first of them to the last, seconds.
-    pub length_s: f64,
-    /// What was taken off measured less reference to align the origins, mm: AP, ML, SI.
-    pub offset_mm: [Option<f64>; 3],
-}
-
-impl Used {
-    /// How the clocks were brought together, for people.
-    #[must_use]
-    pub fn alignment(&self) -> String {
-        let lag_s = self.lag_s;
-        match (self.align, self.correlation) {
-            (Align::Lag, Some(r)) => {
-                format!(
-                    "lag {lag_s:.4} s (the trial's time less the reference's), at which both \
-                     correlate most (correlation {r:.4})"
-                )
-            }
-            (Align::Lag, None) => format!("lag {lag_s:.4} s"),
-            (Align::Events, _) => format!("lag {lag_s:.4} s, by an event that both have"),
-            (Align::None, _) => "no lag: the reference's times are the trial's".to_owned(),
-        }
-    }
 }
 
 /// A manifest's text.

@@ -3,16 +3,17 @@
 pub mod method;
 pub mod table;
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use plumbline::packet::LinkKind;
+use plumbline_bedside::link::{Carried, Way};
+use plumbline_bedside::setup::Descriptions;
 use plumbline_files::BadInput;
-use plumbline_stream::link::{BAUD, BoxLink, PORT};
-use plumbline_stream::transport::{Serial, Transport, Udp};
+use plumbline_stream::link::{BAUD, BoxLink};
 
-/// How to reach a box: it sends to this computer, and answers where it is asked.
+/// How to reach a box: it announces itself to this computer, and answers whoever has its key.
 #[derive(Debug, Clone, Args)]
 pub struct LinkArguments {
     /// Listen for the box's datagrams at this address and port [default: 0.0.0.0:4210]
@@ -26,6 +27,41 @@ pub struct LinkArguments {
     /// Bits per second of the serial device
     #[arg(long, value_name = "RATE", default_value_t = BAUD, requires = "serial")]
     pub baud: u32,
+
+    /// Which box: its name, its serial number or the first digits of its key's identity, as in
+    /// `plumb keys list` [default: the first that is heard of those whose keys are known here]
+    #[arg(long = "box-name", value_name = "BOX")]
+    pub called: Option<String>,
+}
+
+/// The description files, as options.
+#[derive(Debug, Args)]
+pub struct DescriptionArguments {
+    /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
+    #[arg(long, value_name = "FILE")]
+    camera: PathBuf,
+    /// Targets file: each printed target's name, role, inner corners and pitch.
+    #[arg(long, value_name = "FILE")]
+    targets: PathBuf,
+    /// Scene file: where the scene board stands; without it there are no trunk points.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+}
+
+impl DescriptionArguments {
+    /// The files' paths.
+    #[must_use]
+    pub fn descriptions(&self) -> Descriptions {
+        Descriptions::of(&self.camera, &self.targets, self.scene.as_deref())
+    }
+}
+
+/// What this program is called at boxes: its subcommand, and the computer's name.
+#[must_use]
+pub fn program() -> String {
+    let subcommand = std::env::args().nth(1).unwrap_or_default();
+    let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    format!("{subcommand} on {}", computer.trim())
 }
 
 /// Parses an address to listen at.
@@ -39,26 +75,25 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 }
 
 impl LinkArguments {
-    /// Opens the socket or the line; returns it and its name for messages.
-    ///
-    /// # Errors
-    /// When it cannot be opened.
-    pub fn transport(&self) -> Result<(Box<dyn Transport>, String), BadInput> {
-        if let Some(path) = &self.serial {
-            return Ok((Box::new(Serial::open(path, self.baud)?), path.clone()));
-        }
-        let address = self.udp.unwrap_or((Ipv4Addr::UNSPECIFIED, PORT).into());
-        Ok((Box::new(Udp::bind(address)?), format!("UDP {address}")))
-    }
-
     /// Opens the socket or the line to talk to the box.
     ///
     /// # Errors
     /// When it cannot be opened.
     pub fn open(&self) -> Result<BoxLink, BadInput> {
-        let (transport, place) = self.transport()?;
-        let kind = if self.serial.is_some() { LinkKind::Serial } else { LinkKind::Udp };
-        Ok(BoxLink::new(transport, place, kind))
+        self.open_with(false)
+    }
+
+    /// The same, and `past` wants what the box has kept of the last minute as well.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_with(&self, past: bool) -> Result<BoxLink, BadInput> {
+        let carried = match &self.serial {
+            Some(device) => Carried::Serial { device: device.clone(), baud: self.baud },
+            None => Carried::Udp(self.udp),
+        };
+        let way = Way { carried, called: self.called.clone() };
+        way.open(&program(), past, |warning| eprintln!("warning: {warning}"))
     }
 }
 

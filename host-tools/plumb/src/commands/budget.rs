@@ -10,7 +10,7 @@ use plumbline_trial::points::Points;
 use plumbline_uncertainty::inputs;
 
 use crate::arguments::method::Window;
-use crate::budget::{Conditions, tables};
+use crate::budget::Conditions;
 use crate::ui::stdout;
 
 /// How well the figures of a trial are known, cause by cause: an uncertainty budget after the GUM.
@@ -93,6 +93,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&budget)? + "\n";
         write_all(&[(path.clone(), text.into_bytes())], arguments.force)?;
     }
-    stdout::print(&tables::text(&budget))?;
+    stdout::print(&plumbline_report::budget::text(&budget))?;
     Ok(())
 }

@@ -1,17 +1,19 @@
 //! `plumb replay`: a recorded trial, sent again, or its tables rebuilt.
 
 use std::io::Write as _;
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline::packet::{Deframer, Message, PACKET_BYTES_MAX, Packet, encode_datagram};
+use plumbline::packet::{Deframer, Message, Packet, Start};
+use plumbline::seal::Key;
+use plumbline_bedside::keys::Store;
 use plumbline_files::counting::counted;
 use plumbline_files::{BadInput, write_all};
-use plumbline_stream::transport::Raw;
+use plumbline_stream::sealed_box::SealedBox;
 use plumbline_trial::correction::Replacements;
 use plumbline_trial::journal::{Content, Entry, Reader};
 use plumbline_trial::recording::Changes;
@@ -20,10 +22,20 @@ use plumbline_trial::{Trial, names, recording};
 
 use crate::ui::stop::stop_on_signals;
 
+/// Somebody must listen within this time.
+const MEET_WITHIN: Duration = Duration::from_secs(60);
+
+/// Whoever has missed something asks for it within this time.
+const ASKS_WITHIN: Duration = Duration::from_millis(600);
+
+/// The link is looked after this often.
+const TURN: Duration = Duration::from_millis(10);
+
 /// Send a recorded trial's packets again, or rebuild its tables and its verdict.
 ///
-/// With --to the packets leave this computer as the box sent them, byte by byte and at their
-/// times: for `plumb receive`, or to try a program of your own without a box.
+/// With --to the packets leave this computer as the box sent them, at their times and sealed by its
+/// key: for `plumb receive`, or to try a program of your own without a box. It waits until somebody
+/// listens there.
 ///
 /// With --tables the trial's tables and trial.toml are rebuilt from its packets: for a recording
 /// that was cut off, or one whose tables or trial.toml are lost or spoiled. The verdict on the trial
@@ -52,6 +64,10 @@ pub struct Arguments {
     /// Send its packets to this address
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address)]
     to: Option<SocketAddr>,
+
+    /// Whose key seals them, as in `plumb keys list` [default: that of the box that was recorded]
+    #[arg(long, value_name = "BOX", requires = "to")]
+    box_name: Option<String>,
 
     /// Send this many times faster
     #[arg(long, default_value_t = 1.0, requires = "to", value_parser = speed)]
@@ -115,7 +131,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if let Some(to) = arguments.to {
         let stop = stop_on_signals()?;
-        let sent = send(folder, arguments.speed, to, &stop)?;
+        let sent = send(folder, arguments, to, &stop)?;
         // A closed pipe must not hide the result.
         let _ = writeln!(std::io::stdout(), "{} sent to {to}", counted(sent, "packet"));
     }
@@ -146,28 +162,30 @@ fn rebuild(folder: &Path, arguments: &Arguments) -> Result<(), BadInput> {
     Ok(())
 }
 
-fn send(folder: &Path, speed: f64, to: SocketAddr, stop: &AtomicBool) -> Result<u64, BadInput> {
-    for warning in &Trial::open(folder)?.warnings {
+fn send(
+    folder: &Path,
+    arguments: &Arguments,
+    to: SocketAddr,
+    stop: &AtomicBool,
+) -> Result<u64, BadInput> {
+    let trial = Trial::open(folder)?;
+    for warning in &trial.warnings {
         eprintln!("warning: {warning}");
     }
+    let mut played = Played { to, key: key_of(&trial, arguments)?, start: None };
     let path = folder.join(names::JOURNAL);
     let last_ns = last(&path)?;
     let mut journal = Reader::open(&path)?;
-    let failed = |error| BadInput::io(format!("UDP {to}"), &error);
-    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).map_err(failed)?;
     let bar = ProgressBar::new(last_ns / 1_000_000).with_style(
         ProgressStyle::with_template("replaying {wide_bar} {msg}").expect("a constant template"),
     );
-    let start = Instant::now();
+    let mut begun = None;
     let mut deframer = Deframer::new();
     let mut sent = 0;
     while let Some(Entry { host_ns, content }) = journal.next_entry()? {
-        let at = start + Duration::from_nanos(host_ns).div_f64(speed);
-        while let Some(wait) = at.checked_duration_since(Instant::now()) {
-            if stop.load(Ordering::Relaxed) {
-                return Ok(sent);
-            }
-            std::thread::sleep(wait.min(Duration::from_millis(100)));
+        if let Some(start) = begun {
+            let at: Instant = start + Duration::from_nanos(host_ns).div_f64(arguments.speed);
+            played.live_until(at, stop);
         }
         if stop.load(Ordering::Relaxed) {
             break;
@@ -179,32 +197,111 @@ fn send(folder: &Path, speed: f64, to: SocketAddr, stop: &AtomicBool) -> Result<
             Content::Mark(mark) => {
                 bar.suspend(|| eprintln!("{:8.2} s  {}", 1e-9 * host_ns as f64, mark.label));
             }
-            Content::About(_) | Content::Check(_) => {}
-            Content::Raw(raw) => sent += u64::from(forward(&socket, to, &raw, &mut deframer)),
+            Content::About(_) | Content::Check(_) | Content::NotAuthentic(_) => {}
+            Content::Raw(raw) => {
+                let Ok(packet) = raw.decode(&mut deframer) else { continue };
+                let is_sent = played.send(&packet, stop)?;
+                sent += u64::from(is_sent);
+                if is_sent && begun.is_none() {
+                    let now = Instant::now();
+                    let before = Duration::from_nanos(host_ns).div_f64(arguments.speed);
+                    begun = Some(now.checked_sub(before).unwrap_or(now));
+                }
+            }
         }
     }
+    played.finish(stop);
     bar.finish_and_clear();
     Ok(sent)
 }
 
-/// A frame of a serial line leaves as the datagram that it would have been. Answers do not: they
-/// were given to whoever asked, by a clock that is not theirs who hear it now.
-fn forward(socket: &UdpSocket, to: SocketAddr, raw: &Raw, deframer: &mut Deframer) -> bool {
-    let mut buffer = [0; PACKET_BYTES_MAX];
-    let packet = raw.decode(deframer);
-    let datagram = match (raw, &packet) {
-        (_, Ok(Packet { message: Message::Reply(_), .. })) => return false,
-        (Raw::Datagram(bytes), _) => &bytes[..],
-        (Raw::Frame(_), Ok(packet)) => {
-            match encode_datagram(packet.start, &packet.message, &mut buffer) {
-                Ok(datagram) => datagram,
-                Err(_) => return false,
+/// The key of the box that was recorded, or of the one that was chosen.
+fn key_of(trial: &Trial, arguments: &Arguments) -> Result<Key, BadInput> {
+    let store = Store::open()?;
+    if let Some(called) = &arguments.box_name {
+        return Ok(store.find(called)?.key);
+    }
+    let serial_number = trial.manifest.the_box.as_ref().map(|it| it.serial_number.as_str());
+    let known = serial_number.map(|it| store.by_serial_number(it)).transpose()?.flatten();
+    known.map(|it| it.key).ok_or_else(|| {
+        let number = serial_number.unwrap_or("an unknown number");
+        BadInput::whole(
+            trial.folder.display(),
+            format!("it is of the box {number}, whose key this computer does not have"),
+            "seal it by another key: --box-name (see `plumb keys list`)",
+        )
+    })
+}
+
+/// The box that is played.
+struct Played {
+    to: SocketAddr,
+    key: Key,
+    /// The start that is being played.
+    start: Option<(Start, SealedBox)>,
+}
+
+impl Played {
+    /// Sends a packet, once somebody listens. Answers are left out: they were given to whoever asked,
+    /// by a clock that is not theirs who hear it now.
+    fn send(&mut self, packet: &Packet, stop: &AtomicBool) -> Result<bool, BadInput> {
+        let (Some(start), false) = (packet.start, matches!(packet.message, Message::Reply(_)))
+        else {
+            return Ok(false);
+        };
+        if self.start.as_ref().is_none_or(|(of, _)| *of != start) {
+            self.finish(stop);
+            let failed = |error| BadInput::io(format!("UDP {}", self.to), &error);
+            let played =
+                SealedBox::start(self.to, start, Some(self.key.clone())).map_err(failed)?;
+            self.start = Some((start, played));
+            self.meet(stop)?;
+        }
+        if let Some((_, played)) = &mut self.start {
+            played.send(&packet.message);
+        }
+        Ok(!stop.load(Ordering::Relaxed))
+    }
+
+    /// Waits until somebody listens.
+    fn meet(&mut self, stop: &AtomicBool) -> Result<(), BadInput> {
+        let Some((_, played)) = &mut self.start else { return Ok(()) };
+        let give_up = Instant::now() + MEET_WITHIN;
+        while !played.is_heard() && !stop.load(Ordering::Relaxed) {
+            if Instant::now() >= give_up {
+                return Err(BadInput::whole(
+                    format!("UDP {}", self.to),
+                    format!("nobody has listened there for {} s", MEET_WITHIN.as_secs()),
+                    "start `plumb receive` there, on a computer that has the box's key",
+                ));
+            }
+            played.live(TURN);
+        }
+        Ok(())
+    }
+
+    fn live_until(&mut self, at: Instant, stop: &AtomicBool) {
+        while let Some(wait) = at.checked_duration_since(Instant::now())
+            && !stop.load(Ordering::Relaxed)
+        {
+            match &mut self.start {
+                Some((_, played)) => played.live(wait.min(TURN)),
+                None => std::thread::sleep(wait.min(TURN)),
             }
         }
-        (Raw::Frame(_), Err(_)) => return false,
-    };
-    // Nobody may be listening yet; the box does not know either.
-    socket.send_to(datagram, to).is_ok()
+    }
+
+    /// Sends again what was lost, for as long as it is asked for.
+    fn finish(&mut self, stop: &AtomicBool) {
+        let Some((_, mut played)) = self.start.take() else { return };
+        let mut quiet_since = Instant::now();
+        while quiet_since.elapsed() < ASKS_WITHIN && !stop.load(Ordering::Relaxed) {
+            played.live(TURN);
+            if played.since_asked().is_some_and(|since| since < TURN) {
+                quiet_since = Instant::now();
+            }
+        }
+    }
 }
 
 /// The time of the last entry.

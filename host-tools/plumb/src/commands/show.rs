@@ -3,6 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use plumbline::config::Config;
+use plumbline_bedside::box_settings::BoxSettings;
+use plumbline_bedside::delivery;
+use plumbline_bedside::setup;
 use plumbline_files::BadInput;
 use plumbline_files::camera::{Camera, Provenance};
 use plumbline_files::counting::counted;
@@ -13,10 +16,7 @@ use plumbline_stream::link::BoxLink;
 use plumbline_trial::{Trial, names};
 
 use crate::arguments::LinkArguments;
-use crate::box_settings::BoxSettings;
-use crate::delivery;
-use crate::setup;
-use crate::ui::waiting::Waiting;
+use crate::ui::waiting::{self, Waiting};
 
 /// Show what a configuration holds, as the files that `plumb provision` takes.
 ///
@@ -109,12 +109,13 @@ fn of_trial(folder: &Path) -> Result<Config, BadInput> {
 
 /// The configuration of a live box.
 fn read_back(link: &mut BoxLink) -> Result<Config, BadInput> {
-    delivery::greet(link)?;
+    let mut told = waiting::shown();
+    delivery::greet(link, &mut told)?;
     let config = {
         let _waiting = Waiting::new("reading its configuration back");
         link.config()?
     };
-    delivery::warn_of_others(link)?;
+    delivery::warn_of_others(link, &mut told)?;
     Ok(config)
 }
 
@@ -149,7 +150,7 @@ mod tests {
     use plumbline::target::{Role, TargetGeometry};
 
     use super::*;
-    use crate::setup::Places;
+    use plumbline_bedside::setup::Places;
     use plumbline_render::simulate::{Simulation, SimulationSettings};
 
     static CONFIG: LazyLock<Config> =
@@ -175,7 +176,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("box.toml");
         std::fs::write(&path, text("box.toml").unwrap()).unwrap();
-        crate::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
+        plumbline_bedside::box_settings::read(&path).unwrap().apply(&mut config, "").unwrap();
         config
     }
 
@@ -199,7 +200,9 @@ mod tests {
         config.readout_ns = -15_999_999;
         config.links = Links {
             udp: Some("192.168.1.20:4210".parse().unwrap()),
-            serial: Some(crate::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap()),
+            serial: Some(
+                plumbline_bedside::box_settings::serial("", "", "/dev/ttyS0:115200").unwrap(),
+            ),
         };
         config.machine = Machine { cpu: Some(3), ..Machine::default() };
         assert_eq!(again(&config), config);

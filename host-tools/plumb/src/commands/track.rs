@@ -11,6 +11,7 @@ use plumbline::report::GridRejection;
 use plumbline::report::{NoPose, Report};
 use plumbline::target::Role;
 use plumbline_analysis::statistics::describe::median;
+use plumbline_bedside::draw;
 use plumbline_calibration::Search;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
@@ -18,10 +19,11 @@ use plumbline_files::frames::FrameSource;
 use plumbline_files::poses::{PoseRow, Writer};
 use plumbline_files::{camera, refuse_overwriting};
 
-use crate::setup::Descriptions;
+use crate::arguments::DescriptionArguments;
 use crate::tracking;
+use crate::ui::png;
 use crate::ui::progress::Progress;
-use crate::ui::{draw, png};
+use crate::ui::waiting;
 
 /// Track the targets in recorded frames and write their poses.
 ///
@@ -45,7 +47,7 @@ use crate::ui::{draw, png};
 )]
 pub struct Arguments {
     #[command(flatten)]
-    descriptions: Descriptions,
+    descriptions: DescriptionArguments,
     /// Search every image afresh, for photographs that do not follow each other. The frame may cut
     /// the squares around a target whose corners are all seen.
     #[arg(long)]
@@ -79,8 +81,9 @@ pub struct Arguments {
 /// When an input cannot be used or an output cannot be written; the rows of all
 /// frames before that have been written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let places = arguments.descriptions.places();
-    let (mut camera, targets, scene) = arguments.descriptions.read()?;
+    let descriptions = arguments.descriptions.descriptions();
+    let places = descriptions.places();
+    let (mut camera, targets, scene) = descriptions.read(&mut waiting::shown())?;
     let mut source = FrameSource::open(&arguments.inputs, arguments.fps)?;
     if arguments.scale_camera {
         camera = camera::scaled(&camera, source.width(), source.height(), &places.camera)?;
@@ -136,7 +139,10 @@ fn poses_writer(arguments: &Arguments) -> Result<Writer<Box<dyn Write>>, BadInpu
         return Ok(Writer::new(Box::new(std::io::stdout()), "standard output"));
     };
     let place = path.display().to_string();
-    refuse_overwriting(path, arguments.descriptions.paths().chain(&arguments.inputs))?;
+    refuse_overwriting(
+        path,
+        arguments.descriptions.descriptions().paths().chain(&arguments.inputs),
+    )?;
     let file = plumbline_files::create(path, arguments.force)?;
     Ok(Writer::new(Box::new(file), place))
 }

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use plumbline_files::write_all;
+use plumbline_report::agreement::{self, Validation};
 
+use crate::agreement::Against;
 use crate::agreement::pair::Pair;
-use crate::agreement::{Against, Validation, plot, print};
 use crate::ui::stdout;
 
 /// How well trials agree with a reference, such as motion capture.
@@ -79,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in &validation.warnings {
         eprintln!("warning: {warning}");
     }
-    stdout::print(&print::text(&validation))?;
+    stdout::print(&agreement::text(&validation))?;
     Ok(())
 }
 
@@ -90,7 +91,7 @@ fn write(arguments: &Arguments, validation: &Validation) -> anyhow::Result<()> {
         outputs.push((path.clone(), text.into_bytes()));
     }
     if let Some(path) = &arguments.plot {
-        outputs.push((path.clone(), plot::svg(validation)?.into_bytes()));
+        outputs.push((path.clone(), agreement::svg(validation)?.into_bytes()));
     }
     Ok(write_all(&outputs, arguments.force)?)
 }

@@ -4,8 +4,20 @@
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_bedside::Told;
 
 const TURN: Duration = Duration::from_millis(100);
+
+/// Shows what a step with a box says: a spinner, and lines on standard error.
+pub fn shown() -> impl FnMut(Told) {
+    let mut waiting = None;
+    move |told| match told {
+        Told::Waiting(what) => waiting = Some(Waiting::new(what)),
+        Told::Done => drop(waiting.take()),
+        Told::Note(text) => eprintln!("{text}"),
+        Told::Warning(text) => eprintln!("warning: {text}"),
+    }
+}
 
 /// Shown until it is dropped.
 pub struct Waiting(ProgressBar);

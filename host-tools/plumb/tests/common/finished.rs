@@ -2,7 +2,7 @@
 
 use std::io::Read;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -20,6 +20,7 @@ pub struct Finished {
 pub fn plumb(directory: &Path, arguments: &[&str]) -> Finished {
     let mut command = plumbline_test_support::command(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).current_dir(directory).stdin(Stdio::null());
+    command.env("XDG_DATA_HOME", super::keys::data(directory));
     ended(command)
 }
 
@@ -43,6 +44,12 @@ pub fn ended(mut command: Command) -> Finished {
     let (stdout, stderr) = (output.join().unwrap(), errors.join().unwrap());
     assert!(!stderr.contains("panicked"), "{stderr}");
     Finished { code: status.code(), stdout, stderr }
+}
+
+/// Ctrl-C, as far as a program notices.
+pub fn interrupt(child: &Child) {
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
 }
 
 /// Reads a pipe to its end.

@@ -2,4 +2,5 @@
 
 pub mod browser;
 pub mod finished;
+pub mod keys;
 pub mod trial;

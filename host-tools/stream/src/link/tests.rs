@@ -6,15 +6,14 @@ use plumbline::packet::{Command, LogLevel};
 use super::*;
 use crate::fixture;
 
-/// What a played box has got, each with whether the way to it was held then.
-type Got = Rc<RefCell<Vec<(Message, bool)>>>;
+/// What a played box has got.
+type Got = Rc<RefCell<Vec<Message>>>;
 
 /// A box that says who it is and takes every configuration.
 struct Played {
     hello: Option<Hello>,
     answers: Vec<Message>,
     got: Got,
-    is_held: bool,
 }
 
 impl Transport for Played {
@@ -26,8 +25,8 @@ impl Transport for Played {
     }
 
     fn send(&mut self, message: &Message) {
-        self.got.borrow_mut().push((message.clone(), self.is_held));
-        let Message::Command(Command { id, action }) = message else { return };
+        self.got.borrow_mut().push(message.clone());
+        let Message::Command(Command { id, action, .. }) = message else { return };
         let outcome = match action {
             Action::SendHello if self.hello.is_none() => ReplyOutcome::Refused {
                 refusal: Refusal::NotSupported,
@@ -38,10 +37,6 @@ impl Transport for Played {
         };
         self.answers.extend(self.hello.clone().map(Message::Hello));
         self.answers.push(Message::Reply(Reply { id: *id, outcome }));
-    }
-
-    fn hold(&mut self, is_held: bool) {
-        self.is_held = is_held;
     }
 }
 
@@ -55,7 +50,7 @@ fn link(hello: Option<Hello>) -> (BoxLink, Got) {
         text: heapless::String::new(),
         cut: 0,
     });
-    let played = Played { hello, answers: vec![log], got: Rc::clone(&got), is_held: false };
+    let played = Played { hello, answers: vec![log], got: Rc::clone(&got) };
     let link = BoxLink {
         transport: Box::new(played),
         place: "here".into(),
@@ -76,7 +71,7 @@ fn a_configuration_goes_to_the_box_that_was_met_and_to_no_other() {
     let config = fixture::config();
     let [met, anew, another] = [("ward 3", 1), ("ward 3", 2), ("ward 4", 1)]
         .map(|(device, boot_id)| Some(Hello { boot_id, ..hello(device) }));
-    let is_stored = |(message, _): &(Message, bool)| {
+    let is_stored = |message: &Message| {
         let is_store = |action| matches!(action, Action::StoreConfig { .. });
         matches!(message, Message::Part(_))
             || matches!(message, Message::Command(command) if is_store(command.action))
@@ -85,9 +80,7 @@ fn a_configuration_goes_to_the_box_that_was_met_and_to_no_other() {
         let (mut link, got) = link(now.clone());
         let stored = link.store_config(met.as_ref(), &config).unwrap();
         assert_eq!(stored, (now.clone(), config.crc()));
-        let got = got.borrow();
-        assert!(got.iter().any(is_stored));
-        assert!(got.iter().all(|(_, held)| *held), "asked and stored without a gap");
+        assert!(got.borrow().iter().any(is_stored));
     }
     for (met, now, words) in [
         (&met, &another, "another box is heard now: ward 4 ("),
@@ -98,9 +91,6 @@ fn a_configuration_goes_to_the_box_that_was_met_and_to_no_other() {
         let error = link.store_config(met.as_ref(), &config).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("nothing was changed"), "{error}");
         assert!(!got.borrow().iter().any(is_stored));
-        // Held no longer.
-        link.send(Action::SendHello);
-        assert!(got.borrow().last().is_some_and(|(_, held)| !held));
     }
 }
 
@@ -110,7 +100,7 @@ fn what_has_fallen_silent_is_not_said_to_be_heard() {
     let text = |link: &BoxLink| link.no_answer("a question").to_string();
     assert!(text(&link).contains("no box is heard; check that the box is on"));
     // A line may give back what was sent.
-    let echo = Message::Command(Command { id: 1, action: Action::SendHello });
+    let echo = Message::Command(Command { id: 1, action: Action::SendHello, is_forced: false });
     assert!(!is_of_box(&echo));
     link.wait_until_heard().unwrap();
     assert!(text(&link).contains("the box is heard, but does not answer a question"));

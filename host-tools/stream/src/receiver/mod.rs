@@ -6,11 +6,10 @@ mod rows;
 
 use std::collections::BTreeMap;
 use std::io::Write;
-use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{
-    Action, Health, Hello, Message, Packet, PacketError, PosePacket, ResetReason,
+    Action, Health, Hello, Message, Packet, PacketError, PosePacket, ResetReason, Start,
 };
 use plumbline::target::Role;
 use plumbline_files::BadInput;
@@ -20,7 +19,7 @@ use self::known::Known;
 use self::rows::Rows;
 use crate::accounting::Counts;
 use crate::bad_packets::BadPackets;
-use crate::others;
+use crate::others::{self, Others};
 use crate::power::PowerSeen;
 use crate::questions::Questions;
 use crate::recorder::{Names, Recorder};
@@ -71,6 +70,7 @@ pub struct Receiver<W: Write> {
     power: PowerSeen,
     arrivals: Arrivals,
     hello_request: HelloRequest,
+    others: Others,
     notices: Vec<String>,
 }
 
@@ -89,6 +89,7 @@ impl<W: Write> Receiver<W> {
             power: PowerSeen::default(),
             arrivals: Arrivals::default(),
             hello_request: HelloRequest { questions: Questions::of_link(), asked: None },
+            others: Others::default(),
             notices: Vec::new(),
         }
     }
@@ -163,6 +164,13 @@ impl<W: Write> Receiver<W> {
     #[must_use]
     pub fn latest(&self, now: Instant) -> Option<&PosePacket> {
         self.known.latest().filter(|_| self.silence(now).is_some_and(|silence| silence <= FRESH))
+    }
+
+    /// The start and the number of the newest frame of this run.
+    #[must_use]
+    pub fn newest_pose(&self) -> Option<(Start, u32)> {
+        let hello = self.runs.last()?.hello.as_ref()?;
+        Some((Start::new(hello.boot_id)?, self.known.latest()?.sequence))
     }
 
     /// How long ago the latest pose packet of all runs came.
@@ -240,8 +248,11 @@ impl<W: Write> Receiver<W> {
     /// When the recording cannot go on.
     pub fn handle(&mut self, event: Event, now: Instant) -> Result<(), BadInput> {
         match event {
-            Event::Packet(packet) => return self.packet(packet, None, now),
-            Event::OtherSender { from, packet } => return self.packet(packet, Some(from), now),
+            Event::Packet(packet) => return self.packet(packet, now),
+            Event::NotAuthentic => self.bad.not_authentic += 1,
+            Event::Other { from, name, announcement } => {
+                self.notices.extend(self.others.take(from, name.as_deref(), &announcement));
+            }
             Event::Bad(error) => self.bad_packet(error),
             Event::LineLost(why) => {
                 self.line_losses += 1;
@@ -261,7 +272,7 @@ impl<W: Write> Receiver<W> {
     pub fn tick(&mut self, now: Instant) -> Result<(), BadInput> {
         let now_ns = self.since_begun_ns(now);
         self.sessions.pass(now_ns);
-        self.take_judged(None, now)
+        self.take_judged(now)
     }
 
     /// Nothing more comes: what waits is judged by what is known.
@@ -270,26 +281,21 @@ impl<W: Write> Receiver<W> {
     /// When the recording cannot go on.
     pub fn finish(&mut self, now: Instant) -> Result<(), BadInput> {
         self.sessions.finish();
-        self.take_judged(None, now)
+        self.take_judged(now)
     }
 
     fn since_begun_ns(&mut self, now: Instant) -> u64 {
         now.saturating_duration_since(*self.begun.get_or_insert(now)).as_nanos() as u64
     }
 
-    fn packet(
-        &mut self,
-        packet: Packet,
-        from: Option<SocketAddr>,
-        now: Instant,
-    ) -> Result<(), BadInput> {
+    fn packet(&mut self, packet: Packet, now: Instant) -> Result<(), BadInput> {
         let now_ns = self.since_begun_ns(now);
         self.sessions.take(packet, now_ns);
-        self.take_judged(from, now)
+        self.take_judged(now)
     }
 
-    /// Takes what has been judged; a packet `from` an address that is not the box's was the last.
-    fn take_judged(&mut self, from: Option<SocketAddr>, now: Instant) -> Result<(), BadInput> {
+    /// Takes what has been judged.
+    fn take_judged(&mut self, now: Instant) -> Result<(), BadInput> {
         while let Some(judged) = self.sessions.next_judged() {
             match judged {
                 Judged::Begins { session, hello } => self.begin(session, hello),
@@ -314,22 +320,19 @@ impl<W: Write> Receiver<W> {
                 }
                 Judged::OtherBox(hello) => self.warn_of(
                     &format!("another box sends here too: {}", others::name(&hello)),
-                    "give each box a port of its own",
-                    from,
+                    "give each box a key of its own",
                 ),
                 Judged::Conflict(hello) => self.warn_of(
                     &format!("two boxes send at once as {}", others::name(&hello)),
-                    "switch one off, and give each a name and a serial number of its own",
-                    from,
+                    "switch one off, and give each a key and a serial number of its own",
                 ),
             }
         }
         Ok(())
     }
 
-    fn warn_of(&mut self, what: &str, remedy: &str, from: Option<SocketAddr>) {
-        let at = from.map(|from| format!(", at {from}")).unwrap_or_default();
-        self.notices.push(format!("warning: {what}{at}; only the first is recorded: {remedy}"));
+    fn warn_of(&mut self, what: &str, remedy: &str) {
+        self.notices.push(format!("warning: {what}; only the first is recorded: {remedy}"));
     }
 
     fn message(&mut self, message: Message, now: Instant) {

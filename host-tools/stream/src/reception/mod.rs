@@ -3,13 +3,20 @@
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use plumbline::packet::Message;
+use plumbline::packet::{Message, Packet};
 use plumbline_files::BadInput;
 
 use crate::receiver::Receiver;
 use crate::transport::{Event, Transport};
+
+/// What was lost on the way is waited for at the end for as long as some of it comes within this
+/// time.
+const BACKLOG_PAUSE: Duration = Duration::from_secs(3);
+
+/// And no longer than this: what a box keeps goes over a slow line in that time.
+const BACKLOG_MAX: Duration = Duration::from_secs(120);
 
 /// Who follows a reception beside its [`Receiver`].
 pub trait Tap {
@@ -34,6 +41,21 @@ impl Tap for () {
 
     fn turn(&mut self, _: Instant) -> Result<Option<Message>, BadInput> {
         Ok(None)
+    }
+}
+
+/// Both, in this order. The second asks when the first has no question.
+impl Tap for (&mut dyn Tap, &mut dyn Tap) {
+    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
+        self.0.event(event, now)?;
+        self.1.event(event, now)
+    }
+
+    fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
+        match self.0.turn(now)? {
+            None => self.1.turn(now),
+            question => Ok(question),
+        }
     }
 }
 
@@ -79,8 +101,45 @@ pub fn receive<W: std::io::Write>(
             break Ok(());
         }
     };
+    let result = result.and_then(|()| take_backlog(transport, receiver, tap, &mut show));
     // Poses that still wait for a Hello.
     result.and(receiver.finish(Instant::now()))
+}
+
+/// Takes what was lost on the way and is being sent again, and nothing that is newer than what has
+/// come.
+fn take_backlog<W: std::io::Write>(
+    transport: &mut dyn Transport,
+    receiver: &mut Receiver<W>,
+    tap: &mut dyn Tap,
+    show: &mut impl FnMut(&mut Receiver<W>) -> ControlFlow<()>,
+) -> Result<(), BadInput> {
+    let begun = Instant::now();
+    let mut moved = begun;
+    let newest = receiver.newest_pose();
+    while transport.is_missing() && moved.elapsed() < BACKLOG_PAUSE && begun.elapsed() < BACKLOG_MAX
+    {
+        let mut raw = None;
+        let mut handled = Ok(());
+        let polled = transport.poll(&mut |event| match event {
+            Event::Raw(_) => raw = Some(event),
+            Event::Packet(Packet { start, message: Message::Pose(ref pose) })
+                if newest.is_some_and(|(of, last)| start == Some(of) && pose.sequence < last) =>
+            {
+                moved = Instant::now();
+                for event in [raw.take(), Some(event)].into_iter().flatten() {
+                    let done =
+                        tap.event(&event, moved).and_then(|()| receiver.handle(event, moved));
+                    handled = std::mem::replace(&mut handled, Ok(())).and(done);
+                }
+            }
+            _ => raw = None,
+        });
+        handled.and(polled)?;
+        receiver.tick(Instant::now())?;
+        let _ = show(receiver);
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -8,17 +8,16 @@ use std::thread;
 use std::time::Duration;
 
 use plumbline::packet::{
-    AnatomicalPoint, CameraState, FRAME_BYTES_MAX, Health, Hello, MarkedInstant, MeasuredPose,
-    Message, PACKET_BYTES_MAX, Packet, PosePacket, ResetReason, TargetInfo, TargetPacket,
-    encode_datagram, encode_frame,
+    AnatomicalPoint, CameraState, Health, Hello, MarkedInstant, MeasuredPose, Message,
+    PACKET_BYTES_MAX, Packet, PosePacket, ResetReason, TargetInfo, TargetPacket, encode_datagram,
 };
 use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 
 use super::*;
-use crate::fixture::{START, event, packet, take};
+use crate::fixture::{START, SealedBox, event, known_box, packet, take};
 use crate::recorder::Recorder;
-use crate::transport::{Serial, Udp};
+use crate::transport::{Link, Serial, Udp};
 use plumbline_files::poses;
 
 const HEADER: &str = "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,\
@@ -92,11 +91,6 @@ fn datagram(message: &Message) -> Vec<u8> {
     datagram_of(&sent(message))
 }
 
-fn frame(message: &Message) -> Vec<u8> {
-    let Packet { start, message } = sent(message);
-    encode_frame(start, &message, &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
-}
-
 /// A recording into memory that can be read while it is written, as a file can.
 #[derive(Clone, Default)]
 struct Shared(Arc<Mutex<Vec<u8>>>);
@@ -132,6 +126,13 @@ fn on() -> impl FnMut(&mut Receiver<Shared>) -> ControlFlow<()> {
     }
 }
 
+/// A link to the box of tests, and where that sends.
+fn link() -> (Link<Udp>, std::net::SocketAddr) {
+    let udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let to = udp.local_address().unwrap();
+    (Link::new(udp, vec![known_box()], "a test"), to)
+}
+
 /// Frame, target and session of every row.
 fn rows(csv: &str) -> Vec<(u32, String, u32)> {
     csv::Reader::from_reader(csv.as_bytes())
@@ -146,31 +147,40 @@ fn rows(csv: &str) -> Vec<(u32, String, u32)> {
 
 #[test]
 fn datagrams_become_rows_and_every_fault_is_counted() {
-    let mut udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
-    let to = udp.local_address().unwrap();
+    let (mut link, to) = link();
     let sender = thread::spawn(move || {
-        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-        let send = |bytes: &[u8]| socket.send_to(bytes, to).unwrap();
-        send(&datagram(&hello(START)));
-        // 3 is lost, 5 and 6 change places, 6 comes twice.
-        for sequence in [0, 1, 2, 4, 6, 5, 6] {
-            send(&datagram(&pose(sequence)));
+        let mut sealed_box = SealedBox::new(to, START);
+        sealed_box.meet();
+        sealed_box.send(&hello(START));
+        for sequence in [0, 1, 2] {
+            sealed_box.send(&pose(sequence));
         }
-        let mut corrupt = datagram(&pose(7));
-        corrupt[20] ^= 1;
-        send(&corrupt);
-        send(b"hello?");
-        send(&datagram(&pose(8)));
+        // 3 is lost for good, and 7 too.
+        sealed_box.lose(&pose(3));
+        sealed_box.forget();
+        sealed_box.send(&pose(4));
+        // What nobody has sealed counts as nothing.
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.send_to(b"hello?", to).unwrap();
+        socket.send_to(&datagram(&pose(900)), to).unwrap();
+        for sequence in [5, 6, 6] {
+            sealed_box.send(&pose(sequence));
+        }
+        sealed_box.lose(&pose(7));
+        sealed_box.forget();
+        sealed_box.send(&pose(8));
+        sealed_box.live(Duration::from_secs(2));
     });
     let (mut receiver, csv) = receiver();
     let stop = AtomicBool::new(false);
-    receive(&mut udp, &mut receiver, &mut (), Some(7), &stop, on()).unwrap();
+    receive(&mut link, &mut receiver, &mut (), Some(7), &stop, on()).unwrap();
     sender.join().unwrap();
 
     let counts = receiver.counts();
     assert_eq!((counts.received, counts.lost), (7, 2));
-    assert_eq!((counts.repeated, counts.late, receiver.sessions()), (1, 1, 1));
-    assert_eq!(receiver.bad().corrupt, 2);
+    assert_eq!((counts.repeated, counts.late, receiver.sessions()), (1, 0, 1));
+    assert_eq!(receiver.bad().not_authentic, 1, "it looks like a packet of the link");
+    assert_eq!(receiver.bad().corrupt + receiver.bad().other_version, 1, "it does not");
     let csv = csv.text();
     let lines: Vec<_> = csv.lines().collect();
     assert_eq!(lines[0], HEADER);
@@ -190,30 +200,20 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
 
 #[test]
 fn names_are_asked_for_and_rows_wait_for_them() {
-    let mut udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
-    let to = udp.local_address().unwrap();
+    let (mut link, to) = link();
     let sender = thread::spawn(move || {
-        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-        socket.send_to(&datagram(&pose(0)), to).unwrap();
-        let mut buffer = [0; 300];
-        let length = socket.recv(&mut buffer).unwrap();
-        let asked = plumbline::packet::decode_datagram(&buffer[..length]).unwrap().message;
-        assert!(
-            matches!(
-                asked,
-                Message::Command(plumbline::packet::Command {
-                    action: plumbline::packet::Action::SendHello,
-                    ..
-                })
-            ),
-            "{asked:?}"
-        );
-        socket.send_to(&datagram(&hello(START)), to).unwrap();
-        socket.send_to(&datagram(&pose(1)), to).unwrap();
+        let mut sealed_box = SealedBox::new(to, START);
+        sealed_box.meet();
+        sealed_box.send(&pose(0));
+        let asked = (0..50).find_map(|_| sealed_box.wait().pop());
+        let (_, Message::Command(asked)) = asked.expect("a question") else { panic!() };
+        assert_eq!(asked.action, plumbline::packet::Action::SendHello);
+        sealed_box.send(&hello(START));
+        sealed_box.send(&pose(1));
+        sealed_box.live(Duration::from_secs(1));
     });
     let (mut receiver, csv) = receiver();
-    receive(&mut udp, &mut receiver, &mut (), Some(2), &AtomicBool::new(false), on()).unwrap();
+    receive(&mut link, &mut receiver, &mut (), Some(2), &AtomicBool::new(false), on()).unwrap();
     sender.join().unwrap();
     let targets: Vec<_> = rows(&csv.text()).into_iter().map(|(_, target, _)| target).collect();
     assert_eq!(targets, ["shoulder", "lumbar", "shoulder", "lumbar"]);
@@ -367,6 +367,7 @@ fn other_programs_packets_are_counted_apart() {
         other_schema: 1,
         malformed: 1,
         numbers: 1,
+        not_authentic: 0,
     };
     assert_eq!(receiver.bad(), wanted);
     let notices = receiver.take_notices();

@@ -18,6 +18,7 @@ mod parquet;
 mod rows;
 mod trc;
 
+pub use bids::{MISSING, Table};
 use rows::Rows;
 
 /// A format that other programs read.

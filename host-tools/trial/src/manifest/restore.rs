@@ -94,7 +94,7 @@ fn told(folder: &Path) -> Result<(Option<Manifest>, Vec<CheckSeen>), BadInput> {
         match entry.content {
             Content::About(text) => told = Manifest::parse(&text, names::JOURNAL).ok().or(told),
             Content::Check(text) => checks.extend(toml::from_str::<CheckSeen>(&text)),
-            Content::Raw(_) | Content::Mark(_) => {}
+            Content::Raw(_) | Content::Mark(_) | Content::NotAuthentic(_) => {}
         }
     }
     Ok((told, checks))

@@ -41,6 +41,8 @@ pub(crate) struct Builder {
     marks: Vec<(u64, Mark)>,
     hello: Option<Hello>,
     corrupt: u64,
+    /// What was counted while it was recorded, and not kept.
+    not_authentic: u64,
     /// Packets with a number that no measurement gives.
     beyond: u64,
     instant: Option<MarkedInstant>,
@@ -78,6 +80,7 @@ impl Builder {
             marks: Vec::new(),
             hello: None,
             corrupt: 0,
+            not_authentic: 0,
             beyond: 0,
             instant: None,
             deframer: Deframer::new(),
@@ -107,6 +110,10 @@ impl Builder {
                 return;
             }
             Content::About(_) | Content::Check(_) => return,
+            Content::NotAuthentic(count) => {
+                self.not_authentic = count;
+                return;
+            }
             Content::Raw(raw) => raw.decode(&mut self.deframer),
         };
         match outcome {
@@ -148,7 +155,7 @@ impl Builder {
             Message::Hello(hello) => self.hello(hello),
             Message::View(view) => self.trial.observed.views.push(view),
             Message::Reply(Reply {
-                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns },
+                outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns, .. },
                 ..
             }) => {
                 let exchange = Exchange {
@@ -250,6 +257,7 @@ impl Builder {
             late: counts.late,
             repeated: counts.repeated,
             corrupt: self.corrupt,
+            not_authentic: self.not_authentic,
             implausible: counts.implausible + self.beyond,
             other_box: left_out.other_box,
             conflicting: left_out.conflicting,
@@ -399,6 +407,7 @@ mod tests {
                 late: counts.late,
                 repeated: counts.repeated,
                 corrupt: 0,
+                not_authentic: 0,
                 implausible: counts.implausible,
                 other_box: left_out.other_box,
                 conflicting: left_out.conflicting,

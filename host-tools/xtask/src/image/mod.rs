@@ -34,6 +34,7 @@ use crate::command::{BadInput, target_directory};
 use crate::cross::{Linking, Target};
 use crate::setup;
 pub use archive::Archive;
+use config::Provided;
 pub use debian_root::DebianRoot;
 
 /// The arguments of `cargo xtask image`.
@@ -42,7 +43,7 @@ pub use debian_root::DebianRoot;
 Examples:
   A box in QEMU, from nothing:
     plumb provision --camera camera.toml --targets targets.toml --box box.toml \\
-        --udp 10.0.2.2:4210 --out box.plb
+        --udp 10.0.2.2:4210 --new-key --out box.plb
     cargo xtask image virt --config box.plb
     target/image/virt/run
   An SD card for a Raspberry Pi 4, 400 or CM4 with a USB camera; X is the card's letter:
@@ -52,7 +53,10 @@ Examples:
     cargo xtask image deb
 
 The configuration is the file config.plb in the root of the card's one
-partition. Any computer can read and replace it; the box never writes to it.")]
+partition, and the key the file box.key beside it: any computer can replace
+them. `plumb provision --new-key --out box.plb` writes both, and `plumb
+provision --card` puts them into an image or onto a card. Whoever reads an
+image with a key in it can listen to that box and command it.")]
 pub struct Arguments {
     /// What to make.
     #[arg(value_enum)]
@@ -61,6 +65,10 @@ pub struct Arguments {
     /// would refuse it.
     #[arg(long, value_name = "box.plb")]
     config: Option<PathBuf>,
+    /// The box's key to put in [default: box.key beside the configuration, if it is there]. A box
+    /// without a key only says that it is there, and takes one over its serial cable.
+    #[arg(long, value_name = "box.key", requires = "config")]
+    key: Option<PathBuf>,
     /// Where to [default: target/image/virt, target/image/plumbline-rpi4.img,
     /// target/image/plumbline-board_VERSION_arm64.deb]
     #[arg(long, value_name = "DIR|FILE")]
@@ -79,7 +87,10 @@ enum What {
 }
 
 /// The configuration's name on the boot partition.
-pub const CONFIG_NAME: &str = "config.plb";
+const CONFIG_NAME: &str = "config.plb";
+
+/// The name of the key beside it.
+const KEY_NAME: &str = "box.key";
 
 /// Makes the image.
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -99,11 +110,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 .into()
         ));
     }
-    let config = arguments.config.as_deref().map(config::checked).transpose()?;
-    let config = config.as_deref();
+    let key = arguments.key.as_deref();
+    let provided = match &arguments.config {
+        Some(config) => Provided::checked(config, key)?,
+        None => Provided::default(),
+    };
     match arguments.what {
-        What::Virt => virt::make(&Parts::make()?, config, &out),
-        What::Rpi4 => rpi4::make(&Parts::make()?, config, &out),
+        What::Virt => virt::make(&Parts::make()?, &provided, &out),
+        What::Rpi4 => rpi4::make(&Parts::make()?, &provided, &out),
         What::Deb => {
             prepare()?;
             let debian = DebianRoot::fetch()?;
@@ -194,7 +208,7 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     let parts = Parts { debian, initramfs };
     parts.write_to(&directory)?;
     let debian = &parts.debian;
-    rpi4::make(&parts, None, &directory.join("rpi4.img"))?;
+    rpi4::make(&parts, &Provided::default(), &directory.join("rpi4.img"))?;
     let tree = debian.device_trees()?.join(rpi4::DEVICE_TREES[0]);
     emulated_pi::make_tree(&tree, &directory.join("rpi4.dtb"))?;
     emulated_pi::make_emulator(&directory.join("qemu-raspi4b"))?;

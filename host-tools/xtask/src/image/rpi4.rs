@@ -8,14 +8,16 @@
 //! | `vmlinuz`, `initramfs` | | the same as for `virt` |
 //! | `config.txt`, `cmdline.txt` | `board/image/rpi4` | what the firmware and the kernel are told |
 //! | `config.plb` | `--config` | the box's configuration |
+//! | `box.key` | `--key`, or beside the configuration | the box's key |
 
 use std::fs::{self, File};
 use std::path::Path;
 
 use anyhow::{Context, Result};
 
+use super::config::Provided;
 use super::fat::Fat;
-use super::{CONFIG_NAME, Parts, output};
+use super::{Parts, output};
 use crate::command::{Task, root, target_directory};
 use crate::setup::{Need, Probe};
 
@@ -37,19 +39,14 @@ const START_BYTES: u64 = 4 << 20;
 const PARTITION_BYTES: u64 = 128 << 20;
 
 /// Makes the image `card`.
-pub fn make(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
-    output::file(card, |card| write(parts, config, card))?;
+pub fn make(parts: &Parts, provided: &Provided, card: &Path) -> Result<()> {
+    output::file(card, |card| write(parts, provided, card))?;
     println!("\n{}: write it to a card, see `cargo xtask image --help`", card.display());
-    if config.is_none() {
-        println!(
-            "It has no configuration yet, and will say so: copy the file of `plumb provision` \
-             as {CONFIG_NAME} to the card"
-        );
-    }
+    provided.say_what_is_lacking(card);
     Ok(())
 }
 
-fn write(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
+fn write(parts: &Parts, provided: &Provided, card: &Path) -> Result<()> {
     // The remains of a killed run must not show through.
     let file = File::create(card).with_context(|| card.display().to_string())?;
     file.set_len(START_BYTES + PARTITION_BYTES)?;
@@ -83,8 +80,5 @@ fn write(parts: &Parts, config: Option<&Path>, card: &Path) -> Result<()> {
     for name in ["config.txt", "cmdline.txt"] {
         fat.copy(&root().join("board/image/rpi4").join(name), name)?;
     }
-    if let Some(config) = config {
-        fat.copy(config, CONFIG_NAME)?;
-    }
-    Ok(())
+    provided.copy(&fat)
 }

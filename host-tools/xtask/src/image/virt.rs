@@ -7,33 +7,26 @@ use std::path::Path;
 
 use anyhow::Result;
 
+use super::config::Provided;
 use super::fat::Fat;
-use super::{CONFIG_NAME, Parts, output};
+use super::{Parts, output};
 use crate::command::{quoted, unpacked_programs};
 
 /// Enough space for the configuration and for notes.
 const DISK_BYTES: u64 = 1 << 20;
 
 /// Makes the image in `directory`.
-pub fn make(parts: &Parts, config: Option<&Path>, directory: &Path) -> Result<()> {
+pub fn make(parts: &Parts, provided: &Provided, directory: &Path) -> Result<()> {
     output::directory(directory, |directory| {
         parts.write_to(directory)?;
         let disk = directory.join("boot.img");
         File::create(&disk)?.set_len(DISK_BYTES)?;
         let fat = Fat::make(&disk, 0, DISK_BYTES, 12)?;
-        if let Some(config) = config {
-            fat.copy(config, CONFIG_NAME)?;
-        }
+        provided.copy(&fat)?;
         write_run(&directory.join("run"), &unpacked_programs())
     })?;
     println!("\n{}: start it with {}", directory.display(), directory.join("run").display());
-    if config.is_none() {
-        println!(
-            "It has no configuration yet, and will say so. Put one in with\n    \
-             mcopy -i {} box.plb ::{CONFIG_NAME}",
-            directory.join("boot.img").display()
-        );
-    }
+    provided.say_what_is_lacking(&directory.join("boot.img"));
     Ok(())
 }
 

@@ -97,15 +97,14 @@ impl Journal {
     ) {
         let mut tally = Tally::default();
         let mut summaries = Vec::new();
-        let mut failed = Vec::new();
+        let mut failures = Failures::default();
         self.check(name, || {
             let mut running = String::new();
             let done = run(&mut |line| {
+                failures.take(line);
                 let words = line.trim_start();
                 if words.starts_with("Running ") || words.starts_with("Doc-tests ") {
                     running = line.to_owned();
-                } else if line.starts_with("test ") && line.ends_with("... FAILED") {
-                    failed.push(line.to_owned());
                 } else if let Some(suite) = Tally::of_summary(line) {
                     tally.passed += suite.passed;
                     tally.failed += suite.failed;
@@ -116,7 +115,7 @@ impl Journal {
                 }
             });
             match done {
-                Err(_) if tally.failed > 0 => bail!("\n{}", failed.join("\n")),
+                Err(_) if tally.failed > 0 => bail!("\n{}", failures.lines.join("\n")),
                 Err(error) => Err(error).context("no test failed, yet the run did"),
                 Ok(()) if tally == Tally::default() => bail!("cargo ran no test at all"),
                 Ok(()) => Ok(()),
@@ -213,6 +212,35 @@ impl Journal {
     }
 }
 
+/// What the summary says of failed tests: which, and why.
+#[derive(Default)]
+struct Failures {
+    lines: Vec<String>,
+    /// The lines of a message that may follow.
+    more: usize,
+}
+
+impl Failures {
+    /// The lines of a failed test's message that are repeated, and how long each is.
+    const MESSAGE_LINES_MAX: usize = 8;
+    const LINE_LETTERS_MAX: usize = 300;
+
+    /// Takes a line of the tests' output.
+    fn take(&mut self, line: &str) {
+        let is_verdict = line.starts_with("test ") && line.ends_with("... FAILED");
+        if line.starts_with("thread '") && line.contains(" panicked at ") {
+            self.more = Self::MESSAGE_LINES_MAX;
+        } else if line.is_empty() || line.starts_with("stack backtrace:") {
+            self.more = 0;
+        } else if let Some(more) = self.more.checked_sub(1) {
+            self.more = more;
+        }
+        if is_verdict || self.more > 0 {
+            self.lines.push(line.chars().take(Self::LINE_LETTERS_MAX).collect());
+        }
+    }
+}
+
 /// Counts of tests.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 struct Tally {
@@ -242,6 +270,37 @@ mod tests {
         assert_eq!(Tally::of_summary(line), Some(Tally { passed: 12, failed: 3 }));
         assert_eq!(Tally::of_summary("test corner::finds ... ok"), None);
         assert_eq!(Tally::of_summary("test result: gone"), None);
+    }
+
+    #[test]
+    fn of_a_failed_test_the_summary_says_why() {
+        let output = "running 2 tests\n\
+                      test one ... ok\n\
+                      test two ... FAILED\n\
+                      \n\
+                      ---- two stdout ----\n\
+                      \n\
+                      thread 'two' (17) panicked at tests/two.rs:4:5:\n\
+                      assertion `left == right` failed\n  left: 1\n right: 2\n\
+                      stack backtrace:\n   0: begin\n\
+                      \n\
+                      test result: FAILED. 1 passed; 1 failed; 0 ignored; 0 measured\n";
+        let mut failures = Failures::default();
+        output.lines().for_each(|line| failures.take(line));
+        assert_eq!(
+            failures.lines,
+            [
+                "test two ... FAILED",
+                "thread 'two' (17) panicked at tests/two.rs:4:5:",
+                "assertion `left == right` failed",
+                "  left: 1",
+                " right: 2"
+            ]
+        );
+        let long = format!("thread 'two' panicked at x:\n{}", "why\n".repeat(100));
+        let mut failures = Failures::default();
+        long.lines().for_each(|line| failures.take(line));
+        assert_eq!(failures.lines.len(), Failures::MESSAGE_LINES_MAX);
     }
 
     fn step(name: &'static str, failure: Option<&str>, tests: Option<Tally>) -> Step {

@@ -3,13 +3,11 @@
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
+use plumbline_bedside::aim::{Reading, Session, Stills, silence_words};
 use plumbline_files::BadInput;
 
-use super::reading::Reading;
-use super::session::{Session, silence_words};
-use super::stills::Stills;
 use super::terminal::{Graphics, Key, Line, Look, Screen, resized};
-use super::{Arguments, Until, Watch, annotated, decoded, say};
+use super::{Arguments, Until, Watch, annotated, say};
 
 /// A new picture is asked for at most this often.
 const PICTURE_EVERY: Duration = Duration::from_millis(250);
@@ -79,9 +77,9 @@ fn show(
         if let Some(taken) = session.turn()? {
             if std::mem::take(&mut takes_still) {
                 wants_still = false;
-                told.push(stills.keep(&taken.file)?);
+                told.push(stills.keep(&taken.file)?.to_string());
             }
-            let picture = decoded(&taken, session)?;
+            let picture = taken.decoded(session.place())?;
             let size_px = screen.picture_px(picture.dimensions().into(), lines).map_err(failed)?;
             if let Some(size_px) = size_px {
                 let picture = annotated(resized(&picture, size_px), &taken, session);

@@ -2,9 +2,9 @@
 //! frames to calibrate it with.
 //!
 //! ```text
-//!  session: set-up mode, views, pictures ─┬▶ live: terminal ◀─ reading: numbers, advice
-//!                                         ├▶ plain: lines, a PNG, stills
-//!                                         └▶ expose ◀─ exposure: the controller
+//!  a session in set-up mode ─┬▶ live: terminal
+//!                            ├▶ plain: lines, a PNG, stills
+//!                            └▶ the search for an exposure
 //! ```
 
 use std::io::Write as _;
@@ -13,29 +13,23 @@ use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use plumbline::packet::LinkKind;
+use plumbline_bedside::aim::{
+    BestFocus, Follower, Reading, Session, Stills, Taken, Wanted, find_exposure, store_exposure,
+};
+use plumbline_bedside::draw;
 use plumbline_files::BadInput;
 use plumbline_files::targets;
 
 use crate::arguments::{LinkArguments, seconds};
-use crate::ui::draw;
 use crate::ui::stop::stop_on_signals;
+use crate::ui::waiting;
 
 mod ability;
 mod blocks;
-mod expose;
-mod exposure;
 mod live;
-mod picture;
 mod plain;
-mod reading;
-mod session;
-mod stills;
 mod terminal;
 
-use picture::Taken;
-use reading::{BestFocus, Reading};
-use session::{Session, silence_words};
-use stills::Stills;
 use terminal::Graphics;
 
 /// Aim, focus and expose the camera of a box, by its picture.
@@ -104,8 +98,9 @@ pub struct Arguments {
     #[arg(long, value_name = "COLUMNSxROWS", requires = "stills", value_parser = targets::grid_size)]
     board: Option<[u8; 2]>,
 
-    /// Replace stills that exist
-    #[arg(long, requires = "stills")]
+    /// Replace stills that exist; and aim, or --store, even while somebody records a trial, which that
+    /// spoils
+    #[arg(long)]
     force: bool,
 
     /// Find the exposure and the gain at which the targets are well exposed, and end
@@ -150,9 +145,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.png {
         plain::check(path)?;
     }
-    let mut stills = Stills::new(arguments)?;
+    let mut stills = Stills::new(Wanted {
+        directory: arguments.stills.clone().unwrap_or_else(|| PathBuf::from(".")),
+        force: arguments.force,
+        count: arguments.count,
+        every: arguments.every,
+        board: arguments.board,
+    })?;
     let stop = stop_on_signals()?;
-    let mut session = Session::begin(&arguments.link)?;
+    let mut session = {
+        let link = arguments.link.open()?;
+        Session::begin(link, arguments.force, &mut waiting::shown())?
+    };
     let config = session.config();
     eprintln!(
         "the box \"{}\" ({}) is in set-up mode: only in it do pictures leave the box",
@@ -162,7 +166,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut watch = Watch::new(arguments, session.kind());
     let mut exposed = None;
     let outcome = if arguments.expose {
-        expose::find(&mut session, until).map(|found| exposed = found)
+        find_exposure(&mut session, &mut Followed(until)).map(|found| exposed = found)
     } else if is_live {
         live::run(arguments, &mut session, &mut stills, &mut watch, until)
     } else {
@@ -180,7 +184,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         outcome => outcome?,
     }
     match exposed {
-        Some(setting) if arguments.store => Ok(expose::store(&mut ended?, &met, setting)?),
+        Some(setting) if arguments.store => {
+            Ok(store_exposure(&mut ended?, &met, setting, &mut waiting::shown())?)
+        }
         _ => Ok(()),
     }
 }
@@ -198,17 +204,16 @@ impl Until<'_> {
     }
 }
 
-/// Lines about a box that is silent: one for each second.
-#[derive(Default)]
-struct SilenceLines {
-    told_s: Option<u64>,
-}
+/// A search for an exposure, on standard output.
+struct Followed<'a>(Until<'a>);
 
-impl SilenceLines {
-    /// The line to show now, if any.
-    fn next(&mut self, silence: Option<Duration>) -> Option<String> {
-        let told_s = std::mem::replace(&mut self.told_s, silence.map(|it| it.as_secs()));
-        silence.filter(|_| told_s != self.told_s).map(silence_words)
+impl Follower for Followed<'_> {
+    fn say(&mut self, text: &str) -> Result<(), BadInput> {
+        say(text)
+    }
+
+    fn is_over(&mut self) -> bool {
+        self.0.is_over()
     }
 }
 
@@ -227,22 +232,8 @@ impl Watch {
 
     /// The latest numbers, if there are any.
     fn reading(&mut self, session: &Session) -> Option<Reading> {
-        let view = session.view()?;
-        let pose = session.pose_of(view.sequence).or(session.pose());
-        Some(reading::read(session.config(), view, pose, &mut self.best))
+        session.reading(&mut self.best)
     }
-}
-
-/// A picture of the box, in grey.
-fn decoded(taken: &Taken, session: &Session) -> Result<image::GrayImage, BadInput> {
-    let picture = image::load_from_memory(&taken.file).map_err(|error| {
-        BadInput::whole(
-            session.place(),
-            format!("the box's picture cannot be decoded ({error})"),
-            "try again; if it happens again, update the older of the two programs",
-        )
-    })?;
-    Ok(picture.into_luma8())
 }
 
 /// A picture with what was found in its frame drawn in.
@@ -259,18 +250,4 @@ fn annotated(picture: RgbImage, taken: &Taken, session: &Session) -> RgbImage {
 /// A line on standard output.
 fn say(text: &str) -> Result<(), BadInput> {
     writeln!(std::io::stdout(), "{text}").map_err(|error| BadInput::io("standard output", &error))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn silence_is_told_once_a_second() {
-        let mut lines = SilenceLines::default();
-        let silences = [None, Some(3.0), Some(3.4), Some(4.1), None, Some(4.2)];
-        let told = silences.map(|silence| lines.next(silence.map(Duration::from_secs_f64)));
-        let words = |seconds| Some(format!("nothing heard from the box for {seconds} s"));
-        assert_eq!(told, [None, words(3), None, words(4), None, words(4)]);
-    }
 }

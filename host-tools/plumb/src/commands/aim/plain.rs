@@ -4,13 +4,11 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_bedside::aim::{Progress, Session, SilenceLines, Stills, Taken};
 use plumbline_files::BadInput;
 
-use super::picture::{Progress, Taken};
-use super::session::Session;
-use super::stills::Stills;
 use super::terminal::resized;
-use super::{Arguments, SilenceLines, Until, Watch, annotated, decoded, say};
+use super::{Arguments, Until, Watch, annotated, say};
 use crate::ui::png;
 
 /// The numbers come this often.
@@ -168,10 +166,10 @@ impl<'a> Plain<'a> {
     fn keep(&mut self, taken: &Taken) -> Result<(), BadInput> {
         self.output.bar.end();
         if let Purpose::Still = self.purpose {
-            say(&self.stills.keep(&taken.file)?)?;
+            say(&self.stills.keep(&taken.file)?.to_string())?;
         }
         if let Some(png) = &mut self.png {
-            let picture = decoded(taken, self.session)?;
+            let picture = taken.decoded(self.session.place())?;
             let size_px = picture.dimensions().into();
             png::write(png.path, &annotated(resized(&picture, size_px), taken, self.session))?;
             png.is_written = true;

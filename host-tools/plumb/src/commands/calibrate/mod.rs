@@ -4,20 +4,15 @@ use std::mem::discriminant;
 use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline::lens::{Distortion, LensError};
-use plumbline::parts::points_mm;
-use plumbline::target::{Origin, Role, TargetGeometry};
+use plumbline::lens::Distortion;
+use plumbline::target::TargetGeometry;
+use plumbline_bedside::calibration::{self, Calibrated, camera_from, reason, refused};
 use plumbline_calibration::models::{self, MODELS};
-use plumbline_calibration::verdict::{self, Concern};
-use plumbline_calibration::{
-    Calibration, Choice, Contribution, Failure, Outcome, PHOTOGRAPHS_MIN, Picture,
-};
-use plumbline_files::BadInput;
-use plumbline_files::camera::{self, Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
-use plumbline_files::frames::{Frame, FrameSource, IMAGE_RATE_HZ, Pixels};
+use plumbline_calibration::verdict::Concern;
+use plumbline_calibration::{Calibration, Choice, Contribution};
+use plumbline_files::camera;
 use plumbline_files::{refuse_overwriting, targets};
 
-mod plot;
 mod readout;
 
 /// Calibrate the camera from photographs of a checkerboard.
@@ -125,12 +120,6 @@ impl Model {
     }
 }
 
-/// Below this a square of a target at the bedside is too few pixels wide.
-const WIDTH_PX_MIN: usize = 640;
-
-/// More photographs than this add nothing and fill the memory.
-const IMAGES_MAX: usize = 200;
-
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -143,31 +132,27 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(camera) = &arguments.camera {
         return readout::run(arguments, camera);
     }
-    let board = board(arguments)?;
-    let pictures = read(arguments)?;
-    let places: Vec<String> = pictures.iter().map(|picture| picture.place.clone()).collect();
-    let calibration = {
+    let (size, pitch_mm) = printed(arguments);
+    let board = calibration::board(size, pitch_mm)?;
+    let pictures = calibration::read(&arguments.images)?;
+    let calibrated = {
         let bar = ProgressBar::new((pictures.len() + MODELS.len()) as u64).with_style(
             ProgressStyle::with_template(
                 "searching and fitting {wide_bar} {pos}/{len} photographs and models",
             )
             .expect("a template that is right"),
         );
+        let today = jiff::Zoned::now().date();
         let choice = arguments.model.choice();
-        let calibrated = plumbline_calibration::calibrate(&pictures, &board, choice, || bar.inc(1));
+        let calibrated = camera_from(&pictures, &board, choice, today, || bar.inc(1));
         bar.finish_and_clear();
-        calibrated.map_err(|failure| refusal(failure, arguments, pictures.len()))?
+        calibrated?
     };
-    calibration.lens.check().map_err(|error| {
-        let remedy = "take photographs in which the board reaches the frame's corners, or try the other --model";
-        BadInput::whole("the calibration", error, remedy)
-    })?;
-    let points_mm: Vec<_> = points_mm(&board).collect();
-    let concerns = verdict::concerns(&calibration, &places, &points_mm);
-    let camera = camera_of(&calibration, &places, &concerns);
+    let Calibrated { calibration, places, concerns, camera } = calibrated;
     let mut outputs = vec![(arguments.out.clone(), camera::to_toml(&camera).into_bytes())];
     if let Some(path) = &arguments.plot {
-        outputs.push((path.clone(), plot::svg(&calibration, &places)?.into_bytes()));
+        let plot = plumbline_report::calibration::svg(&calibration, &places)?;
+        outputs.push((path.clone(), plot.into_bytes()));
     }
     plumbline_files::write_all(&outputs, arguments.force)?;
     print(&calibration, &board, &places, &concerns);
@@ -175,166 +160,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The board of the command line.
-fn board(arguments: &Arguments) -> Result<TargetGeometry, BadInput> {
-    let ([columns, rows], pitch_mm) = printed(arguments);
-    TargetGeometry::checker(columns, rows, pitch_mm, Origin::Center, Role::Scene, [0.0; 3]).map_err(
-        |error| {
-            let found = format!("{columns} x {rows} corners, {pitch_mm} mm");
-            BadInput::whole("--board, --pitch-mm", found, error)
-        },
-    )
-}
-
 /// The corners and the pitch of the board.
 fn printed(arguments: &Arguments) -> ([u8; 2], f64) {
     arguments.board.zip(arguments.pitch_mm).expect("required without --flicker-hz")
-}
-
-/// All photographs into memory.
-fn read(arguments: &Arguments) -> Result<Vec<Picture>, BadInput> {
-    // It does not matter when photographs were taken, nor at which rate a video of them runs.
-    let mut source = FrameSource::open(&arguments.images, Some(IMAGE_RATE_HZ))?;
-    let (width, height) = (source.width(), source.height());
-    if width.max(height) < WIDTH_PX_MIN {
-        return Err(BadInput::new(
-            source.place(),
-            "image size",
-            format!("{width} x {height} px"),
-            format!(
-                "a calibration below {WIDTH_PX_MIN} px is refused: its corners are not known well \
-                 enough for the box; photograph the board at the size that the box records at"
-            ),
-        ));
-    }
-    let mut pictures: Vec<Picture> = Vec::new();
-    while let Some(frame) = source.next_frame()? {
-        let index = frame.index;
-        let samples = in_8_bits(&frame);
-        let mut place = source.place().to_owned();
-        if pictures.len() == IMAGES_MAX {
-            return Err(BadInput::new(
-                place,
-                "images",
-                format!("more than {IMAGES_MAX}"),
-                "10 to 20 photographs at different places and tilts are enough",
-            ));
-        }
-        if pictures.iter().any(|picture| picture.place.starts_with(&place)) {
-            place += &format!(", frame {index}");
-        }
-        pictures.push(Picture { place, samples, width, height });
-    }
-    Ok(pictures)
-}
-
-/// The samples of a frame, those of more than 8 bits rounded down.
-fn in_8_bits(frame: &Frame<'_>) -> Vec<u8> {
-    let white = u32::from(frame.white_level);
-    match frame.pixels {
-        Pixels::Grey8(samples) => samples.to_vec(),
-        Pixels::Grey16(samples) => {
-            let in_8_bits = |&value: &u16| (u32::from(value) * 255 / white).min(255) as u8;
-            samples.iter().map(in_8_bits).collect()
-        }
-    }
-}
-
-fn refusal(failure: Failure, arguments: &Arguments, pictures: usize) -> BadInput {
-    let ([columns, rows], _) = printed(arguments);
-    match failure {
-        Failure::TooFew(count) => BadInput::new(
-            "IMAGE",
-            "photographs",
-            format!(
-                "{count} of {pictures} show the whole board of {columns} x {rows} inner corners, and a calibration needs {PHOTOGRAPHS_MIN}"
-            ),
-            "check --board (count the INNER corners), focus and light; 10 to 20 photographs are good",
-        ),
-        Failure::NoTilt => BadInput::new(
-            "IMAGE",
-            "photographs",
-            "the board has the same tilt in all of them, so the focal length is undetermined",
-            "tilt the board by 20 to 40 degrees about both axes",
-        ),
-        Failure::Lens(error) => BadInput::whole(
-            "the calibration",
-            error,
-            "take photographs in which the board reaches the frame's corners, or try another --model",
-        ),
-        Failure::Unsettled => BadInput::new(
-            "IMAGE",
-            "photographs",
-            "they do not determine a camera",
-            "take photographs with the board at different places and tilts, or try --model radial2",
-        ),
-    }
-}
-
-fn camera_of(calibration: &Calibration, places: &[String], concerns: &[Concern]) -> Camera {
-    let sd = &calibration.sd;
-    let photographs = places.iter().zip(&calibration.outcomes).map(|(place, outcome)| {
-        let used = outcome.used();
-        DetailsOfPhotograph {
-            file: place.clone(),
-            rms_px: used.map(|used| used.rms_px),
-            corners: used.map(|used| used.corners as u32),
-            refused: refused(outcome),
-        }
-    });
-    let used = calibration.outcomes.iter().filter(|outcome| outcome.used().is_some()).count();
-    Camera {
-        lens: calibration.lens,
-        readout_ns: 0,
-        provenance: Provenance {
-            readout_sd_ms: None,
-            rms_px: Some(calibration.rms_px),
-            images: Some(used as u32),
-            date: Some(jiff::Zoned::now().date().to_string()),
-            source: Some("plumb calibrate".to_owned()),
-            details: Some(Details {
-                verdict: concerns.iter().map(ToString::to_string).collect(),
-                coverage: calibration.coverage.lines(),
-                correlations: correlations(calibration),
-                freedom: u32::try_from(calibration.freedom).ok(),
-                sd: Deviations {
-                    fx_px: sd[0],
-                    fy_px: sd[1],
-                    cx_px: sd[2],
-                    cy_px: sd[3],
-                    skew_px: sd[4],
-                    distortion: sd[5..].to_vec(),
-                },
-                photographs: photographs.collect(),
-            }),
-        },
-    }
-}
-
-/// Of each number of the camera, the correlations with those before it.
-fn correlations(calibration: &Calibration) -> Vec<Vec<f64>> {
-    let all = &calibration.correlations;
-    (0..all.nrows()).map(|row| (0..row).map(|column| all[(row, column)]).collect()).collect()
-}
-
-/// Why a model was not fitted, in a few words.
-fn reason(failure: &Failure) -> String {
-    match failure {
-        Failure::TooFew(count) => format!("only {count} photographs can be used with it"),
-        Failure::NoTilt => "the board has the same tilt in all photographs".into(),
-        Failure::Unsettled => "the photographs do not settle its coefficients".into(),
-        Failure::Lens(LensError::Table) => "it bends too steeply where no board was".into(),
-        Failure::Lens(LensError::Folds) => "it folds back inside the frame".into(),
-        Failure::Lens(error) => error.to_string(),
-    }
-}
-
-fn refused(outcome: &Outcome) -> Option<String> {
-    match outcome {
-        Outcome::Used(_) => None,
-        Outcome::NotFound(why) => Some(why.to_string()),
-        Outcome::Unusable => Some("the board's edges are hidden or blurred".to_owned()),
-    }
 }
 
 fn print(

@@ -5,6 +5,7 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline::image::GreyImage;
 use plumbline::lens_table::LensTable;
+use plumbline_bedside::calibration::{board, in_8_bits};
 use plumbline_calibration::flicker::{self, Row};
 use plumbline_calibration::observe::Finder;
 use plumbline_calibration::readout::{self, FRAMES_MIN, Failure, Observed, Readout};
@@ -14,7 +15,7 @@ use plumbline_files::counting::counted;
 use plumbline_files::frames::FrameSource;
 use rayon::prelude::*;
 
-use super::{Arguments, board, in_8_bits, printed};
+use super::{Arguments, printed};
 
 /// What more frames would add is far less than what they cost.
 const FRAMES_MAX: usize = 1200;
@@ -31,7 +32,7 @@ pub fn run(arguments: &Arguments, camera_path: &Path) -> anyhow::Result<()> {
     let camera = camera::read(camera_path)?;
     let place = camera_path.display().to_string();
     if camera::is_stand_in(&camera.lens) {
-        return Err(crate::setup::not_calibrated(&place).into());
+        return Err(plumbline_bedside::setup::not_calibrated(&place).into());
     }
     let video = Video::open(arguments, &camera, &place)?;
     let readout = match arguments.flicker_hz {
@@ -118,7 +119,8 @@ impl Video {
 }
 
 fn by_board(arguments: &Arguments, mut video: Video, camera: &Camera) -> Result<Readout, BadInput> {
-    let board = board(arguments)?;
+    let (size, pitch_mm) = printed(arguments);
+    let board = board(size, pitch_mm)?;
     let mut table = Box::new(LensTable::new());
     table.fill(&camera.lens).expect("a lens from a file has a table");
     let observed: Vec<Option<Observed>> =

@@ -21,17 +21,20 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::packet::{CameraState, Message, Packet, PosePacket};
 use plumbline::report::Measurement;
 use plumbline::report::{Report, TargetReport};
+use plumbline::seal::KEY_FILE_NAME;
+use plumbline_bedside::draw;
+use plumbline_bedside::keys;
 
 use self::figures::Figures;
 use self::the_box::TheBox;
-use crate::ui::{draw, png};
+use crate::ui::png;
 use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::poses::Writer;
 use plumbline_render::simulate::recorded::truth_rows;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::recorder::Recorder;
-use plumbline_stream::transport::{Event, Transport, Udp};
+use plumbline_stream::transport::{Event, KnownBox, Link, Transport, Udp};
 
 /// Show Plumbline at work: the box's own program tracks a simulated person.
 ///
@@ -117,15 +120,21 @@ fn track(
     frames: u64,
     poses_csv: &Path,
 ) -> Result<Received> {
-    let mut transport = Udp::bind((Ipv4Addr::LOCALHOST, 0).into())?;
+    let udp = Udp::bind((Ipv4Addr::LOCALHOST, 0).into())?;
+    let address = udp.local_address().context("the UDP port has no address")?;
+    // The demo's box and this program know each other by a key of this run alone.
+    let key = keys::draw()?;
+    let known = KnownBox { name: "the demo's box".into(), key: key.clone(), address: None };
+    let mut transport = Link::new(udp, vec![known], "plumb demo").with_past();
     let recorder =
         Recorder::new(plumbline_files::create(poses_csv, true)?, poses_csv.display().to_string());
     let mut receiver = Receiver::new(Some(recorder));
     let folder = tempfile::tempdir().context("no temporary directory can be made")?;
     let config_file = folder.path().join("demo.plb");
     write_config(&config_file, config)?;
+    let key_file = folder.path().join(KEY_FILE_NAME);
+    plumbline_files::replace(&key_file, format!("{}\n", key.text().as_str()).as_bytes())?;
 
-    let address = transport.local_address().context("the UDP port has no address")?;
     let mut the_box = TheBox::start(program, &config_file, &address.to_string())?;
     let bar = ProgressBar::new(frames).with_style(
         ProgressStyle::with_template("tracking {bar:30} {pos}/{len} frames, {eta} left  {msg}")
@@ -149,7 +158,7 @@ fn track(
 
 /// Records packets until the box says that the recording is over.
 fn receive(
-    transport: &mut Udp,
+    transport: &mut dyn Transport,
     receiver: &mut Receiver<File>,
     the_box: &mut TheBox,
     bar: &ProgressBar,
@@ -175,7 +184,7 @@ fn receive(
         receiver.tick(Instant::now())?;
         let last = receiver.health().is_some_and(|health| health.camera == CameraState::Ended);
         let silent = heard.elapsed();
-        if last && silent > STRAGGLERS {
+        if last && silent > STRAGGLERS && !transport.is_missing() {
             break;
         }
         if silent > STRAGGLERS && the_box.is_gone()? {
@@ -191,8 +200,12 @@ fn receive(
     receiver.finish(Instant::now())?;
     received.repeated = receiver.counts().repeated;
     let bad = receiver.bad();
-    received.corrupt =
-        bad.corrupt + bad.malformed + bad.numbers + bad.other_version + bad.other_schema;
+    received.corrupt = bad.not_authentic
+        + bad.corrupt
+        + bad.malformed
+        + bad.numbers
+        + bad.other_version
+        + bad.other_schema;
     received.heap_allocations = receiver.health().and_then(|health| health.heap_allocations);
     Ok(received)
 }

@@ -6,10 +6,10 @@ use std::path::Path;
 use nalgebra::Vector3;
 use plotters::prelude::*;
 use plumbline_files::BadInput;
+use plumbline_report::drawing::{Area, Drawn, chart, key, svg};
+use plumbline_report::palette::{BLUE, FONT, INK, ORANGE};
 
 use super::figures::{Figures, TargetFigures, TrunkFigures};
-use crate::ui::drawing::{Area, Drawn, chart, key, svg};
-use crate::ui::palette::{BLUE, FONT, INK, ORANGE};
 
 const SIZE_PX: (u32, u32) = (1080, 920);
 const PATHS_HEIGHT_PX: u32 = 560;

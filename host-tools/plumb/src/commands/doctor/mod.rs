@@ -1,30 +1,18 @@
 //! `plumb doctor`: is everything as it should be, and if not, what is to be done?
 
-mod check;
-mod findings;
-#[cfg(test)]
-pub(crate) mod fixture;
-mod judge;
 mod report;
-mod watch;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
-use findings::Expected;
-use judge::{Comparison, TAPE_MM_MAX, TAPE_MM_MIN, Tape};
-use plumbline_files::BadInput;
-use plumbline_stream::link::BoxLink;
+use plumbline_bedside::doctor::{
+    Expected, TAPE_MM_MAX, TAPE_MM_MIN, Tape, Verdict, judged, remember, watch,
+};
 
-pub(super) use check::{Check, Verdict};
-pub(super) use findings::{Background, Findings};
-pub(super) use judge::all as judged;
 pub(super) use report::{amiss_in_words, print_amiss};
-pub(super) use watch::{LAST_ANSWERS, VIEW_EVERY};
 
 use crate::arguments::{LinkArguments, seconds};
-use crate::scale::{self, Compared};
-use crate::setup;
+use crate::ui::waiting;
 
 /// Check a running box: its link, its program, clock, camera, configuration, targets and light.
 ///
@@ -100,74 +88,22 @@ fn tape_mm(text: &str) -> Result<f64, String> {
     })
 }
 
-/// The configuration of a file, as it is now.
-fn expected(path: &Path) -> Result<Expected, BadInput> {
-    Ok(Expected { name: path.display().to_string(), crc: setup::read_blob(path)?.crc() })
-}
-
-/// Watches a box for this time, and judges what was seen.
-///
-/// # Errors
-/// When the link cannot be used any more.
-pub(super) fn examine(link: &mut BoxLink, duration: Duration) -> Result<Vec<Check>, BadInput> {
-    Ok(judged(&watch::watch(link, duration, None)?))
-}
-
 /// Runs the subcommand; whether nothing failed.
 ///
 /// # Errors
 /// When the link cannot be opened, or the file of --config is no configuration.
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
-    let expected = arguments.config.as_deref().map(expected).transpose()?;
+    let expected = arguments.config.as_deref().map(Expected::read).transpose()?;
     let mut link = arguments.link.open()?;
-    let mut findings = watch::watch(&mut link, arguments.seconds, expected)?;
+    let mut findings = watch(&mut link, arguments.seconds, expected, &mut waiting::shown())?;
     let target = arguments.distance_to.clone();
     findings.tape = arguments.distance_mm.map(|distance_mm| Tape { target, distance_mm });
     let checks = judged(&findings);
     report::print(&checks);
-    if let Err(error) = remember(&findings) {
-        eprintln!("warning: what the tape has shown is not kept: {error}");
+    match remember(&findings, jiff::Zoned::now().date()) {
+        Ok(Some(path)) => eprintln!("that the tape agrees is kept in {}", path.display()),
+        Ok(None) => {}
+        Err(error) => eprintln!("warning: what the tape has shown is not kept: {error}"),
     }
     Ok(checks.iter().all(|check| check.verdict != Verdict::Fail))
-}
-
-/// Keeps a comparison with a tape on this computer if both agreed, and forgets those of
-/// its sheet if not.
-fn remember(findings: &Findings) -> Result<(), BadInput> {
-    let Some((config, comparison)) = findings.config().zip(judge::comparison(findings)) else {
-        return Ok(());
-    };
-    let (lens, target) = (&config.lens, &comparison.target.geometry);
-    if !comparison.agrees() {
-        let mut sheet = comparison.sheet(config);
-        return sheet.try_for_each(|target| scale::forget(lens, &target.geometry));
-    }
-    let date = jiff::Zoned::now().date().to_string();
-    let Comparison { tape_mm, measured_mm, .. } = comparison;
-    let path = scale::keep(lens, target, &Compared { date, tape_mm, measured_mm })?;
-    eprintln!("that the tape agrees is kept in {}", path.display());
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use plumbline::config::BLOB_BYTES_MAX;
-
-    use super::*;
-
-    /// The checksum that `plumb provision` prints and the box tells is that of the file's content,
-    /// at the time when it is read.
-    #[test]
-    fn a_file_is_named_with_the_checksum_of_what_is_in_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("old.plb");
-        let mut config = fixture::config();
-        for exposure_us in [4000, 5000] {
-            config.capture.as_mut().unwrap().exposure_us = Some(exposure_us);
-            let mut blob = [0; BLOB_BYTES_MAX];
-            std::fs::write(&path, config.encode(&mut blob).unwrap()).unwrap();
-            let found = expected(&path).unwrap();
-            assert_eq!((found.crc, found.crc), (config.crc(), fixture::hello(&config).config_crc));
-        }
-    }
 }

@@ -3,9 +3,7 @@
 use std::io::Write as _;
 
 use anstyle::{AnsiColor, Style};
-
-use super::check::{Check, Verdict};
-use super::judge::SCALE;
+use plumbline_bedside::doctor::{Check, SCALE, Verdict};
 
 /// The word of a verdict, and its look on a terminal.
 fn look(verdict: Verdict) -> (&'static str, Style) {

@@ -5,9 +5,9 @@ mod thin_lens;
 use std::io::Write as _;
 
 use clap::Args;
+use plumbline_bedside::bounds::PITCH_PX_MIN;
 use plumbline_study::grid::Grid;
 
-use crate::bounds::PITCH_PX_MIN;
 use thin_lens::Optics;
 
 /// Choose a camera, a lens and the light: what they see, how sharply, and whether it will do.

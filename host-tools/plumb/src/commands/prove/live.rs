@@ -4,6 +4,8 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::PosePacket;
+use plumbline_bedside::delivery;
+use plumbline_bedside::setup;
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_stream::link::BoxLink;
@@ -12,9 +14,8 @@ use plumbline_stream::transport::Event;
 
 use super::recording::Recording;
 use crate::arguments::LinkArguments;
-use crate::delivery;
-use crate::setup;
 use crate::ui::stop::stop_on_signals;
+use crate::ui::waiting;
 
 /// Time from one piece of advice to the next.
 const ADVICE_EVERY: Duration = Duration::from_secs(1);
@@ -45,7 +46,7 @@ pub fn watch(
     advise: impl FnMut(&Recording) -> Result<Advice, BadInput>,
 ) -> Result<Recording, BadInput> {
     let mut link = link.open()?;
-    let hello = delivery::greet(&mut link)?;
+    let hello = delivery::greet(&mut link, &mut waiting::shown())?;
     let config = link.config()?;
     if camera::is_stand_in(&config.lens) {
         return Err(setup::not_calibrated(link.place()));

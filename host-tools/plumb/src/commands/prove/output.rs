@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use maud::{Markup, html};
 use plumbline_files::{BadInput, refuse_overwriting, write_all};
+use plumbline_report::page::{facts, page, warnings};
 use serde::Serialize;
 
 use super::recording::Recording;
 use super::source::Input;
-use crate::ui::page::{facts, page, warnings};
 
 /// Where a proof is written.
 #[derive(Debug, clap::Args)]

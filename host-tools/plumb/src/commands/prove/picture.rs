@@ -5,9 +5,8 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plumbline_evidence::volume::{Coverage, PARTS, Volume};
 use plumbline_files::BadInput;
-
-use crate::ui::drawing::svg;
-use crate::ui::palette::{BLUE, FONT, GREEN, GRID, INK, ORANGE};
+use plumbline_report::drawing::svg;
+use plumbline_report::palette::{BLUE, FONT, GREEN, GRID, INK, ORANGE};
 
 /// Width of one layer's picture, and of what is between two.
 const LAYER_PX: i32 = 340;

@@ -7,9 +7,8 @@ use plumbline_evidence::repeatability::Steadiness;
 use plumbline_evidence::step::Step;
 use plumbline_evidence::uncertainty::Estimate;
 use plumbline_files::BadInput;
-
-use crate::ui::drawing::{self, Chart, Drawn, chart, chart_of_decades, svg};
-use crate::ui::palette::{BLUE, GAP, GREEN, INK, ORANGE, SOFT};
+use plumbline_report::drawing::{self, Chart, Drawn, chart, chart_of_decades, svg};
+use plumbline_report::palette::{BLUE, GAP, GREEN, INK, ORANGE, SOFT};
 
 const WIDE_PX: (u32, u32) = (1080, 240);
 const HALF_PX: (u32, u32) = (540, 340);

@@ -8,11 +8,10 @@ use plumbline::lens::Lens;
 use plumbline::packet::{MeasuredPose, PosePacket};
 use plumbline::report::NoPose;
 use plumbline::target::TargetGeometry;
+use plumbline_bedside::missing::{self, Missing};
 use plumbline_evidence::sighting::Sighting;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
-
-use crate::ui::missing::{self, Missing};
 
 /// A board that is covered for a shorter time is being handled.
 const GONE_S: f64 = 2.0;

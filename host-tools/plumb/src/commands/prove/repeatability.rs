@@ -8,6 +8,7 @@ use plumbline_evidence::sighting::{Deviations, Sighting};
 use plumbline_evidence::stillness::{Stillness, stillness};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_report::page::{figure, table};
 use serde::Serialize;
 
 use super::live::Advice;
@@ -16,7 +17,6 @@ use super::plots;
 use super::recording::{Board, Recording};
 use super::source::Input;
 use super::words::{rounded, signed, spread};
-use crate::ui::page::{figure, table};
 
 const NAME: &str = "repeatability";
 

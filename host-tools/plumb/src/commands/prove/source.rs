@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use plumbline_bedside::setup::Descriptions;
 use plumbline_calibration::Search;
 use plumbline_evidence::sighting::Sighting;
 use plumbline_files::BadInput;
@@ -13,9 +14,9 @@ use plumbline_trial::poses;
 use super::live::{self, Advice};
 use super::recording::Recording;
 use crate::arguments::{LinkArguments, seconds};
-use crate::setup::Descriptions;
 use crate::tracking;
 use crate::ui::progress::Progress;
+use crate::ui::waiting;
 
 /// What a proof is made from.
 #[derive(Debug, clap::Args)]
@@ -119,7 +120,7 @@ impl Input {
             ));
         };
         let descriptions = Descriptions::of(camera, targets, None);
-        let (camera, targets, _) = descriptions.read()?;
+        let (camera, targets, _) = descriptions.read(&mut waiting::shown())?;
         let mut source = FrameSource::open(files, self.fps)?;
         let (config, mut pipeline) =
             tracking::pipeline(&camera, &targets, None, &source, &descriptions.places())?;

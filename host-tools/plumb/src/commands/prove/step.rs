@@ -9,6 +9,7 @@ use plumbline_evidence::stillness::stillness;
 use plumbline_evidence::uncertainty::{Estimate, Verdict};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_report::page::{figure, table};
 use serde::Serialize;
 
 use super::live::Advice;
@@ -17,7 +18,6 @@ use super::plots;
 use super::recording::{Board, Recording};
 use super::source::Input;
 use super::words::{rounded, signed, verdict, with_u};
-use crate::ui::page::{figure, table};
 
 const NAME: &str = "step";
 

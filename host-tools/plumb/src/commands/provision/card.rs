@@ -1,4 +1,4 @@
-//! The configuration on a card: the FAT file system that a box starts from, in an image's
+//! The configuration and the key on a card: the FAT file system that a box starts from, in an image's
 //! file or on the card itself.
 
 use std::fs::File;
@@ -10,9 +10,11 @@ use fatfs::{Date, DateTime, FileSystem, FsOptions, Time, TimeProvider};
 use fscommon::StreamSlice;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::config::{FILE_NAME, NEW_FILE_NAME};
+use plumbline::seal::{KEY_FILE_NAME, Key, NEW_KEY_FILE_NAME};
+use plumbline_bedside::delivery::refuse_another_box;
 use plumbline_files::BadInput;
 
-use super::identity::refuse_another_box;
+use super::key::{self, Found};
 
 const SECTOR_BYTES: usize = 512;
 
@@ -53,39 +55,93 @@ impl TimeProvider for Now {
     }
 }
 
-/// Puts a configuration on a card, replacing the one that is there. One of another box
-/// is kept unless `force`.
+/// Far more than the text of a key.
+const KEY_FILE_BYTES_MAX: u64 = 4096;
+
+/// The key that a card has which is to get this configuration.
+///
+/// # Errors
+/// As [`write()`], before anything is written.
+pub fn key(card: &Path, config: &Config, force: bool) -> Result<Found, BadInput> {
+    let place = card.display().to_string();
+    let file = open(card)?;
+    let (fat, _) = file_system(&file, &place)?;
+    refuse_another(&fat, &place, config, force)?;
+    let found = |name: &str| {
+        let bytes = read(&fat, name, KEY_FILE_BYTES_MAX).map_err(|error| fault(&place, &error))?;
+        Ok::<_, BadInput>(bytes.map(|bytes| Found::of(&bytes)))
+    };
+    // As the box sees it after a power cut: what is being written is used where the old is damaged.
+    match (found(KEY_FILE_NAME)?, found(NEW_KEY_FILE_NAME)?) {
+        (Some(Found::Key(key)), _) | (_, Some(Found::Key(key))) => Ok(Found::Key(key)),
+        (Some(unusable), _) => Ok(unusable),
+        (None, _) => Ok(Found::Nothing),
+    }
+}
+
+/// Puts a configuration on a card, and the key if one is given, replacing those that are there. The
+/// configuration of another box is kept unless `force`.
 ///
 /// # Errors
 /// When there is no FAT file system, it cannot be written to, or the card is another box's.
-pub fn write(card: &Path, config: &Config, blob: &[u8], force: bool) -> Result<(), BadInput> {
+pub fn write(
+    card: &Path,
+    config: &Config,
+    blob: &[u8],
+    key: Option<&Key>,
+    force: bool,
+) -> Result<(), BadInput> {
     let place = card.display().to_string();
     let file = open(card)?;
-    let old = {
+    let had_one = {
         let (fat, _) = file_system(&file, &place)?;
-        read(&fat).map_err(|error| fault(&place, &error))?
+        refuse_another(&fat, &place, config, force)?
     };
-    if let Some(old) = old.as_deref().and_then(|old| Config::decode(old).ok()) {
-        refuse_another_box(
-            &place,
-            (&old.device, &old.serial_number),
-            (&config.device, &config.serial_number),
-            force,
-        )?;
-    }
     let (fat, where_) = file_system(&file, &place)?;
-    replace(&fat, blob)
+    let text = key.map(key::file);
+    let files = [
+        text.as_ref().map(|text| (KEY_FILE_NAME, NEW_KEY_FILE_NAME, text.as_slice())),
+        Some((FILE_NAME, NEW_FILE_NAME, blob)),
+    ];
+    let mut files = files.into_iter().flatten();
+    files
+        .clone()
+        .try_for_each(|(name, new_name, bytes)| replace(&fat, name, new_name, bytes))
         .and_then(|()| fat.unmount())
         .and_then(|()| file.sync_all())
         .map_err(|error| fault(&place, &error))?;
     // A worn-out card may not have kept it.
     let (fat, _) = file_system(&file, &place)?;
-    if read(&fat).map_err(|error| fault(&place, &error))?.as_deref() != Some(blob) {
-        return Err(BadInput::whole(place, "does not keep what is written to it", REPLACE_CARD));
-    }
-    let replaced = if old.is_some() { ", replacing the one before" } else { "" };
+    files.try_for_each(|(name, _, bytes)| {
+        let there =
+            read(&fat, name, BLOB_BYTES_MAX as u64).map_err(|error| fault(&place, &error))?;
+        if there.as_deref() == Some(bytes) {
+            return Ok(());
+        }
+        Err(BadInput::whole(&place, "does not keep what is written to it", REPLACE_CARD))
+    })?;
+    let replaced = if had_one { ", replacing the one before" } else { "" };
     eprintln!("{place}: {FILE_NAME} is {where_}{replaced}");
     Ok(())
+}
+
+/// Refuses a card with the configuration of another box, unless `force`; gives whether it has one.
+fn refuse_another(
+    fat: &Fat<'_>,
+    place: &str,
+    config: &Config,
+    force: bool,
+) -> Result<bool, BadInput> {
+    let old = read(fat, FILE_NAME, BLOB_BYTES_MAX as u64).map_err(|error| fault(place, &error))?;
+    if let Some(old) = old.as_deref().and_then(|old| Config::decode(old).ok()) {
+        refuse_another_box(
+            place,
+            (&old.device, &old.serial_number),
+            (&config.device, &config.serial_number),
+            force,
+        )?;
+    }
+    Ok(old.is_some())
 }
 
 const REPLACE_CARD: &str = "take another card";
@@ -159,25 +215,25 @@ fn first_fat_partition(mut file: &File, bytes: u64) -> io::Result<Option<(u64, u
     Ok(found.into_iter().find(|(start, end)| start < end))
 }
 
-/// The bytes of the configuration that is there, if any; no more than any has.
-fn read(fat: &Fat<'_>) -> io::Result<Option<Vec<u8>>> {
-    let mut blob = Vec::new();
-    match fat.root_dir().open_file(FILE_NAME) {
-        Ok(file) => file.take(BLOB_BYTES_MAX as u64 + 1).read_to_end(&mut blob)?,
+/// The bytes of a file that is there, if it is; one more than `bytes_max` at most.
+fn read(fat: &Fat<'_>, name: &str, bytes_max: u64) -> io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    match fat.root_dir().open_file(name) {
+        Ok(file) => file.take(bytes_max + 1).read_to_end(&mut bytes)?,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(error),
     };
-    Ok(Some(blob))
+    Ok(Some(bytes))
 }
 
-fn replace(fat: &Fat<'_>, blob: &[u8]) -> io::Result<()> {
+fn replace(fat: &Fat<'_>, name: &str, new_name: &str, bytes: &[u8]) -> io::Result<()> {
     let root = fat.root_dir();
-    let mut file = root.create_file(FILE_NAME)?;
-    file.write_all(blob)?;
+    let mut file = root.create_file(name)?;
+    file.write_all(bytes)?;
     file.truncate()?;
     file.flush()?;
     // What a power cut has left there is older. It would come back if this one were damaged.
-    match root.remove(NEW_FILE_NAME) {
+    match root.remove(new_name) {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
@@ -247,7 +303,7 @@ mod tests {
     fn on(card: &Path) -> Vec<u8> {
         let file = open(card).unwrap();
         let (fat, _) = file_system(&file, "").unwrap();
-        read(&fat).unwrap().unwrap()
+        read(&fat, FILE_NAME, BLOB_BYTES_MAX as u64).unwrap().unwrap()
     }
 
     #[test]
@@ -268,7 +324,7 @@ mod tests {
             let mut shorter = config("simulation");
             shorter.targets.pop();
             for config in [config("simulation"), shorter] {
-                write(card, &config, &blob(&config), false).unwrap();
+                write(card, &config, &blob(&config), None, false).unwrap();
                 assert_eq!(on(card), blob(&config));
             }
             let after = std::fs::read(card).unwrap();
@@ -285,15 +341,57 @@ mod tests {
     }
 
     #[test]
+    fn a_card_keeps_its_key_until_it_gets_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let card = image(&folder.path().join("card"), &[], 1, FatType::Fat12);
+        let config = config("ward 3");
+        let [one, other] = [1, 2].map(|seed| Key::new([seed; 32]).unwrap());
+        assert_eq!(super::key(&card, &config, false).unwrap(), Found::Nothing);
+        for (written, found) in [
+            (None, Found::Nothing),
+            (Some(&one), Found::Key(one.clone())),
+            (None, Found::Key(one.clone())),
+            (Some(&other), Found::Key(other.clone())),
+        ] {
+            write(&card, &config, &blob(&config), written, false).unwrap();
+            assert_eq!(super::key(&card, &config, false).unwrap(), found);
+            assert_eq!(on(&card), blob(&config));
+        }
+        let put = |name: &str, text: &[u8]| {
+            let file = open(&card).unwrap();
+            let (fat, _) = file_system(&file, "").unwrap();
+            let mut file = fat.root_dir().create_file(name).unwrap();
+            file.write_all(text).unwrap();
+            file.truncate().unwrap();
+        };
+        // What an interrupted replacement leaves: the box uses the file in place while it is whole.
+        put(NEW_KEY_FILE_NAME, &key::file(&one));
+        assert_eq!(super::key(&card, &config, false).unwrap(), Found::Key(other.clone()));
+        put(KEY_FILE_NAME, &key::file(&other)[..40]);
+        assert_eq!(super::key(&card, &config, false).unwrap(), Found::Key(one));
+        put(NEW_KEY_FILE_NAME, b"");
+        assert!(matches!(super::key(&card, &config, false).unwrap(), Found::Unusable(_)));
+        write(&card, &config, &blob(&config), Some(&other), false).unwrap();
+        let file = open(&card).unwrap();
+        let (fat, _) = file_system(&file, "").unwrap();
+        let names = fat.root_dir().iter().map(|entry| entry.unwrap().file_name());
+        let mut names: Vec<_> = names.collect();
+        names.sort();
+        assert_eq!(names, [KEY_FILE_NAME, FILE_NAME]);
+    }
+
+    #[test]
     fn another_box_s_card_is_kept() {
         let folder = tempfile::tempdir().unwrap();
         let card = image(&folder.path().join("card"), &[], 1, FatType::Fat12);
         let [ours, theirs] = [config("ward 3"), config("ward 4")];
-        write(&card, &theirs, &blob(&theirs), false).unwrap();
-        let error = write(&card, &ours, &blob(&ours), false).unwrap_err().to_string();
+        write(&card, &theirs, &blob(&theirs), None, false).unwrap();
+        let error = write(&card, &ours, &blob(&ours), None, false).unwrap_err().to_string();
         assert!(error.contains("ward 4") && error.contains("--force"), "{error}");
+        assert_eq!(super::key(&card, &ours, false).unwrap_err().to_string(), error);
+        assert_eq!(super::key(&card, &ours, true), Ok(Found::Nothing));
         assert_eq!(on(&card), blob(&theirs));
-        write(&card, &ours, &blob(&ours), true).unwrap();
+        write(&card, &ours, &blob(&ours), None, true).unwrap();
         assert_eq!(on(&card), blob(&ours));
     }
 
@@ -306,7 +404,7 @@ mod tests {
             if let Some(bytes) = bytes {
                 std::fs::write(&path, bytes).unwrap();
             }
-            write(&path, &config, &blob(&config), false).unwrap_err().to_string()
+            write(&path, &config, &blob(&config), None, false).unwrap_err().to_string()
         };
         assert!(refused(None).contains("check the path"));
         let table = table(8);
@@ -315,7 +413,8 @@ mod tests {
             assert!(text.contains("neither a FAT") && text.contains("xtask image"), "{text}");
             assert_eq!(std::fs::read(&path).unwrap(), bytes);
         }
-        let text = write(folder.path(), &config, &blob(&config), false).unwrap_err().to_string();
+        let text =
+            write(folder.path(), &config, &blob(&config), None, false).unwrap_err().to_string();
         assert!(text.contains("--out") && text.contains("config.plb"), "{text}");
     }
 
@@ -330,7 +429,7 @@ mod tests {
             while filler.write_all(&[1; 512]).is_ok() {}
         }
         let config = config("ward 3");
-        let error = write(&card, &config, &blob(&config), false).unwrap_err().to_string();
+        let error = write(&card, &config, &blob(&config), None, false).unwrap_err().to_string();
         assert!(error.contains("full"), "{error}");
     }
 }

@@ -4,16 +4,20 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::seal::Key;
+use plumbline_bedside::box_settings::{self, BoxSettings};
+use plumbline_bedside::delivery;
+use plumbline_bedside::keys::Store;
+use plumbline_bedside::setup::{self, Descriptions, Places};
 use plumbline_files::BadInput;
 use plumbline_files::refuse_overwriting;
 
 use crate::arguments::LinkArguments;
-use crate::box_settings::{self, BoxSettings};
-use crate::delivery;
-use crate::setup::{self, Descriptions, Places};
+use crate::ui::waiting;
+use key::Plan;
 
 mod card;
-mod identity;
+mod key;
 
 /// An example box file with comments.
 const NEW_BOX: &str = include_str!("box.toml");
@@ -26,6 +30,11 @@ const NEW_BOX: &str = include_str!("box.toml");
 /// --udp and --serial say where the BOX sends its packets to. Where THIS computer hears the
 /// box, for --send, is said by --via-udp or --via-serial. The box keeps what is sent, whatever
 /// happens to its power, and restarts with it.
+///
+/// Beside its configuration a card has the box's key (box.key), by which the box and its hosts know
+/// each other. --new-key makes it, and keeps it on this computer by the box's serial number (`plumb
+/// keys`). Afterwards --card writes the same key onto every card of that box. A key is never sent
+/// over a network: --send leaves it as it is.
 #[derive(clap::Args)]
 #[command(
     group(
@@ -47,6 +56,9 @@ Examples:
     plumb provision --camera camera.toml --targets targets.toml --box box.toml --send
     plumb provision --camera camera.toml --targets targets.toml --box box.toml --send \\
         --via-serial /dev/ttyUSB0
+  A new box, with a key of its own; the same, as two files to be copied to the card:
+    plumb provision ... --box box.toml --new-key --card plumbline-rpi4.img
+    plumb provision ... --box box.toml --new-key --out card/config.plb
   Into a card's image; onto a card (lsblk shows its name); onto a card that is mounted:
     plumb provision ... --box box.toml --card plumbline-rpi4.img
     sudo plumb provision ... --box box.toml --card /dev/sdX
@@ -108,6 +120,10 @@ pub struct Arguments {
     /// a card's device.
     #[arg(long, value_name = "IMAGE|DEVICE")]
     card: Option<PathBuf>,
+    /// Make a key for the box, keep it here, and write it beside the configuration of --card or --out,
+    /// as box.key. Other computers get it with `plumb keys export`.
+    #[arg(long, conflicts_with_all = ["send", "new_box"])]
+    new_key: bool,
     /// Send it to the box that this computer hears, which then restarts with it.
     #[arg(long)]
     send: bool,
@@ -131,7 +147,8 @@ pub struct Arguments {
     #[arg(long, requires = "send")]
     no_restart: bool,
     /// Replace the file of --out if it exists, and the configuration of a box of another name, of
-    /// one whose frames have another size, or of one that would no longer be heard here.
+    /// one whose frames have another size, or of one that would no longer be heard here; and the key
+    /// of a box that has another. With --send, also while somebody records a trial, which that spoils.
     #[arg(long)]
     force: bool,
 }
@@ -167,15 +184,64 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         config.targets.iter().map(|target| target.name.as_str()).collect::<Vec<_>>().join(", "),
         if config.capture.is_some() { "a camera" } else { "no camera (replays only)" }
     );
-    if let Some(out) = &arguments.out {
-        plumbline_files::write_all(&[(out.clone(), blob.to_vec())], arguments.force)?;
-        eprintln!("written to {}", out.display());
-    }
-    if let Some(card) = &arguments.card {
-        card::write(card, &config, blob, arguments.force)?;
-    }
+    write(arguments, &config, blob, &places)?;
     if arguments.send {
         send(arguments, &config, &places)?;
+    }
+    Ok(())
+}
+
+/// Writes the configuration to its file and its card, and the key beside it.
+fn write(
+    arguments: &Arguments,
+    config: &Config,
+    blob: &[u8],
+    places: &Places,
+) -> Result<(), BadInput> {
+    if arguments.card.is_none() && !arguments.new_key {
+        let Some(out) = &arguments.out else { return Ok(()) };
+        write_files(out, blob, None, arguments.force)?;
+        let Plan { words, .. } = Plan::for_file(config, out);
+        if !words.is_empty() {
+            eprintln!("{words}");
+        }
+        return Ok(());
+    }
+    let store = Store::open()?;
+    let force = arguments.force;
+    let found = arguments.card.as_deref().map(|card| card::key(card, config, force)).transpose()?;
+    let plan = match (&arguments.card, &found) {
+        (Some(card), Some(found)) if !arguments.new_key => {
+            Plan::for_card(&store, config, &card.display().to_string(), found, force)?
+        }
+        _ => Plan::new_key(&store, config, &places.settings, found.as_ref(), force)?,
+    };
+    plan.begin(&store)?;
+    if let Some(out) = &arguments.out {
+        // A card gets the key that is known; a file gets one beside it only where that was asked for.
+        let key = plan.written.as_ref().filter(|_| arguments.new_key);
+        write_files(out, blob, key, force).inspect_err(|_| plan.undo(&store))?;
+    }
+    if let Some(card) = &arguments.card {
+        card::write(card, config, blob, plan.written.as_ref(), force).inspect_err(|_| {
+            // A file may have it already.
+            if arguments.out.is_none() {
+                plan.undo(&store);
+            }
+        })?;
+    }
+    plan.end(&store)
+}
+
+/// Writes the configuration to a file, and the key beside it: both or neither.
+fn write_files(out: &Path, blob: &[u8], key: Option<&Key>, force: bool) -> Result<(), BadInput> {
+    let mut outputs = vec![(out.to_owned(), blob.to_vec())];
+    if let Some(key) = key {
+        outputs.push((key::beside(out)?, key::file(key).to_vec()));
+    }
+    plumbline_files::write_all(&outputs, force)?;
+    for (path, _) in &outputs {
+        eprintln!("written to {}", path.display());
     }
     Ok(())
 }
@@ -214,10 +280,15 @@ fn described(arguments: &Arguments) -> Result<(Config, Places), BadInput> {
     let mut places = descriptions.places();
     if let Some([width, height]) = arguments.uncalibrated {
         places.camera = "--uncalibrated".into();
-        let config = setup::uncalibrated(width, height, descriptions.read_targets()?, &places)?;
+        let config = setup::uncalibrated(
+            width,
+            height,
+            descriptions.read_targets(&mut waiting::shown())?,
+            &places,
+        )?;
         return Ok((config, places));
     }
-    let (camera, targets, scene) = descriptions.read()?;
+    let (camera, targets, scene) = descriptions.read(&mut waiting::shown())?;
     Ok((setup::config(&camera, &targets, scene.as_ref(), &places)?, places))
 }
 
@@ -231,38 +302,23 @@ fn frame_size(text: &str) -> Result<[u16; 2], String> {
 }
 
 fn send(arguments: &Arguments, config: &Config, places: &Places) -> Result<(), BadInput> {
+    // Otherwise it is for the box that is heard, which gets another number.
+    let known = Store::open()?.by_serial_number(&config.serial_number)?;
     let reached_by = LinkArguments {
         udp: arguments.via_udp,
         serial: arguments.via_serial.clone(),
         baud: arguments.via_baud,
+        called: known.map(|it| it.key.id().to_string()),
     };
     let mut link = reached_by.open()?;
-    let before = delivery::meet(&mut link)?;
-    if let Some(hello) = &before.hello {
-        identity::refuse_another_box(
-            link.place(),
-            (&hello.device, &hello.serial_number),
-            (&config.device, &config.serial_number),
-            arguments.force,
-        )?;
-    }
-    // One that replays a recording may do so without a camera.
-    if before.config.as_ref().is_none_or(|old| old.capture.is_some()) {
-        setup::check_for_box(config, places)?;
-    }
-    if !arguments.force {
-        if let Some(hello) = &before.hello {
-            delivery::refuse_other_size(&places.camera, hello, config)?;
-        }
-        delivery::refuse_losing(&link, &before, config)?;
-    }
-    delivery::deliver(&mut link, &before, config, !arguments.no_restart)
+    let restart = !arguments.no_restart;
+    delivery::provision(&mut link, config, places, arguments.force, restart, &mut waiting::shown())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::box_settings;
+    use plumbline_bedside::box_settings;
 
     const README: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md"));
 

@@ -1,7 +1,7 @@
 //! The keyboard while the terminal is a screen: what is typed appears there, not wherever the cursor
 //! happens to be, and Ctrl-Z cannot halt a recording. Enter makes a mark of it, Ctrl-C ends.
 
-use std::io;
+use std::io::{self, IsTerminal as _};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use crossterm::terminal;
+use plumbline_bedside::recording::marks;
 use plumbline_trial::mark::{Mark, MarkSender, Source};
 
 /// The end is noticed within this time.
@@ -16,6 +17,19 @@ const WAIT: Duration = Duration::from_millis(50);
 
 /// More letters than a mark's label has.
 const TYPED_MAX: usize = 80;
+
+/// Whether somebody can type a mark.
+pub(super) fn is_there() -> bool {
+    io::stdin().is_terminal()
+}
+
+/// Takes lines from the keyboard, if there is one, where the terminal is not a screen.
+pub(super) fn listen_to_lines(sender: MarkSender) {
+    // A script's standard input is not this program's to read.
+    if is_there() {
+        thread::spawn(move || marks::lines(io::stdin().lock(), Source::Key, &sender));
+    }
+}
 
 /// The keyboard in use; the terminal is restored when this is dropped.
 pub(super) struct Keys {

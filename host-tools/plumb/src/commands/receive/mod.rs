@@ -11,9 +11,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use plumbline::packet::Action;
+use plumbline_bedside::doctor::{Check, Verdict, examine};
+use plumbline_bedside::recording::marks::{self, MarkFrom, Strangers};
+use plumbline_bedside::recording::{Course, Here, Recorded, Zeroing, amiss, check_heard};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_publish::MarkFeed;
+use plumbline_publish::lsl::Lsl;
+use plumbline_publish::lsl::markers::Markers;
 use plumbline_stream::link::BoxLink;
+use plumbline_stream::questions::Questions;
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::reception::{Tap, receive};
 use plumbline_stream::recorder::Recorder;
@@ -22,20 +30,19 @@ use plumbline_trial::mark::{Mark, MarkSender, Marks};
 use plumbline_trial::recording::{Recording, exists_already};
 use plumbline_trial::verdict::Criteria;
 
+use super::doctor;
 use crate::arguments::{LinkArguments, seconds};
 use crate::ui::stop::stop_on_signals;
+use crate::ui::waiting;
 
-mod checks;
-mod course;
 mod keys;
-mod marks;
 mod screen;
+mod streams;
 mod words;
 
-use checks::Recorded;
-use course::{Course, Zeroing};
 use keys::Keys;
 use screen::Screen;
+use streams::{StreamArguments, Streams};
 
 /// Receive the poses of a box, show them and record them.
 ///
@@ -67,6 +74,9 @@ use screen::Screen;
 /// after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or
 /// unusable, with the reasons.
 ///
+/// Other programs can have the poses while they come: by the Lab Streaming Layer (--lsl), as lines of
+/// JSON (--json) or by OSC (--osc). What they do, or do not do, never touches the recording.
+///
 /// Exit code 0: done; 1: a check failed, and nothing was recorded; 2: an input or the link could not
 /// be used, or nothing came.
 #[derive(Debug, Args)]
@@ -75,7 +85,9 @@ use screen::Screen;
     plumb receive --out trials/p01-control --participant P01 --condition control --duration 60\n  \
     plumb receive --out trials/replayed --anyway  # whatever the checks say, from the first packet on\n  \
     plumb receive --serial /dev/ttyUSB0 --out trials/p02 --mark-udp 0.0.0.0:5000\n  \
-    echo stands | nc -u -w0 127.0.0.1 5000        # a mark from another program")]
+    echo stands | nc -u -w0 127.0.0.1 5000        # a mark from another program\n  \
+    plumb receive --out trials/p03 --lsl --mark-lsl Stimuli    # for LSL's recorder, marks from a stimulus program\n  \
+    plumb receive --json 4217                     # and: nc 127.0.0.1 4217")]
 pub struct Arguments {
     /// Where the box sends to.
     #[command(flatten)]
@@ -106,17 +118,36 @@ pub struct Arguments {
     criteria: Option<PathBuf>,
 
     /// Take marks from datagrams to this address: the text of each is its name
+    ///
+    /// Only from this computer, unless others are named with --mark-from.
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = crate::arguments::address, requires = "out")]
     mark_udp: Option<SocketAddr>,
+
+    /// Take marks from this computer too, whose name is written beside them; may be repeated
+    ///
+    /// Whoever can send under a false address in this network can make marks then.
+    #[arg(long, value_name = "NAME=ADDRESS", value_parser = MarkFrom::parse, requires = "mark_udp")]
+    mark_from: Vec<MarkFrom>,
 
     /// Take marks from this serial device: each line is a mark
     #[arg(long, value_name = "DEVICE[:BAUD]", requires = "out")]
     mark_serial: Option<String>,
 
+    /// Take marks from the Lab Streaming Layer: the markers of the stream with this name
+    ///
+    /// A mark has the time that its sender gave it, corrected by LSL. The stream may begin later. As
+    /// for --lsl, liblsl must be installed.
+    #[arg(long, value_name = "NAME", requires = "out")]
+    mark_lsl: Option<String>,
+
+    /// Streams for other programs.
+    #[command(flatten)]
+    streams: StreamArguments,
+
     /// End this many seconds after t = 0: the mark's, where one can come; otherwise the first frame's
     ///
     /// With --zero mark, the default, the recording waits for the mark, no longer than 10 minutes.
-    /// Without a keyboard, --mark-udp and --mark-serial no mark can come, and the time counts from
+    /// Without a keyboard, --mark-udp, --mark-serial and --mark-lsl no mark can come, and the time counts from
     /// the first frame, as it does with --zero start and with --zero onset, whose t = 0 is found
     /// afterwards.
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
@@ -129,6 +160,13 @@ pub struct Arguments {
     /// Record even if a check of the box fails, and from the first packet on
     #[arg(long, requires = "out")]
     anyway: bool,
+
+    /// Take also what the box has kept of the last minute
+    ///
+    /// For what a box replays, and has begun to send before this program listened; needs --anyway
+    /// with --out.
+    #[arg(long)]
+    past: bool,
 
     /// How long the box is checked
     #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = "3", requires = "out")]
@@ -157,7 +195,10 @@ impl Arguments {
     /// From when --duration counts.
     fn zeroing(&self) -> Zeroing {
         let can_be_marked = self.out.is_some()
-            && (self.mark_udp.is_some() || self.mark_serial.is_some() || marks::has_keyboard());
+            && (self.mark_udp.is_some()
+                || self.mark_serial.is_some()
+                || self.mark_lsl.is_some()
+                || keys::is_there());
         match self.zero {
             Zero::Mark if can_be_marked => Zeroing::Mark,
             Zero::Mark | Zero::Start => Zeroing::Start,
@@ -171,12 +212,17 @@ impl Arguments {
 /// # Errors
 /// When the address, the device or the folder cannot be used, or nothing came.
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
-    let mut link = arguments.link.open()?;
-    let place = link.place().to_owned();
+    // Before anybody waits for the box.
     let criteria = arguments.criteria()?;
+    if let Some(out) = arguments.out.as_deref().filter(|out| out.exists()) {
+        return Err(exists_already(out).into());
+    }
+    let lsl = streams::library(arguments)?;
+    let mut link = arguments.link.open_with(arguments.past)?;
+    let place = link.place().to_owned();
     let prepared = match &arguments.out {
         None => None,
-        Some(out) => match prepare(arguments, out, &mut link)? {
+        Some(out) => match prepare(arguments, out, lsl, &mut link)? {
             None => return Ok(false),
             prepared => prepared,
         },
@@ -185,18 +231,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let stop = stop_on_signals()?;
     let now = Instant::now();
     let course = Rc::new(RefCell::new(Course::new(now, arguments.duration, arguments.zeroing())));
+    let mut streams = arguments.streams.open(lsl, now, prepared.is_none(), arguments.quiet)?;
     let judged_by = prepared.is_some().then(|| criteria.clone());
     let mut screen = Screen::new(&place, &arguments.title(&place), judged_by, arguments.quiet);
     let mut sender = None;
+    let mut strangers = Strangers::default();
+    let mut markers = None;
     let mut recorded = match prepared {
         None => None,
         Some(mut prepared) => {
             sender = prepared.sender.take();
-            let recording = begin(arguments, prepared, criteria, now, &course)?;
+            strangers = prepared.strangers.clone();
+            markers = prepared.markers.take();
+            let told = streams.as_ref().map(Streams::mark_feed);
+            let recording = begin(arguments, prepared, criteria, now, (&course, told))?;
             let course = Rc::clone(&course);
             Some(if arguments.anyway {
                 let duration = arguments.check_seconds;
-                Recorded::unchecked(recording, course, &link, now, duration, screen.voice())
+                let voice = screen.voice();
+                let say = move |checks: &[Check]| match &voice {
+                    Some(voice) => voice.say(&doctor::amiss_in_words(checks)),
+                    None => doctor::print_amiss(checks),
+                };
+                Recorded::unchecked(recording, course, &link, now, duration, say)
             } else {
                 Recorded::checked(recording, course)
             })
@@ -205,8 +262,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let marks_typed = sender.is_some();
     let keys = keyboard(sender, &stop, arguments.quiet);
     let recorder = match &recorded {
-        Some(Recorded { recording, .. }) => {
-            let csv = recording.csv();
+        Some(recorded) => {
+            let csv = recorded.recording().csv();
             Some(Recorder::new(plumbline_files::Late::new(&csv, false)?, csv.display().to_string()))
         }
         None => None,
@@ -216,9 +273,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         Some(recorded) => recorded,
         None => &mut (),
     };
+    let mut nobody = ();
+    let beside: &mut dyn Tap = match &mut streams {
+        Some(streams) => streams.tap(),
+        None => &mut nobody,
+    };
+    let mut taps = (tap, beside);
     let mut transport = link.into_transport();
     let result =
-        receive(&mut *transport, &mut receiver, tap, arguments.frames, &stop, |receiver| {
+        receive(&mut *transport, &mut receiver, &mut taps, arguments.frames, &stop, |receiver| {
             let now = Instant::now();
             let mut course = course.borrow_mut();
             if receiver.counts().received > 0 {
@@ -228,12 +291,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
             screen.show(receiver, &mut course, typed);
             if course.is_over(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
+    if recorded.is_some() {
+        // Whoever wants to change the box may do so now. One that gets none of these finds out by
+        // itself.
+        for _ in 0..3 {
+            transport.send(&Questions::of_tap().ask(Action::Record { on: false }).1);
+        }
+    }
+    let here = Here { dropped: transport.dropped_here(), obstacle: transport.obstacle() };
     // First of all the trial: a terminal that has stalled takes nothing now.
     let ended = recorded.map(|recorded| end(recorded, receiver.counts().received));
     drop(keys);
     drop(screen);
-    let mut text = words::summary(&receiver);
+    let refused = markers.map_or(0, |it| it.refused());
+    let mut text = words::summary(&receiver, &here);
     if let Some(Ok(words)) = &ended {
+        text += &format!("\n{words}");
+    }
+    if strangers.count() > 0 {
+        text += &format!(
+            "\nwarning: {} from other computers did not count: name them with --mark-from",
+            counted(strangers.count(), "mark")
+        );
+    }
+    if refused > 0 {
+        text += &format!(
+            "\nwarning: {} of the Lab Streaming Layer did not count: the time was minutes away",
+            counted(refused, "mark")
+        );
+    }
+    for words in streams.map(Streams::finish).unwrap_or_default() {
         text += &format!("\n{words}");
     }
     // A closed pipe must not hide the result.
@@ -243,20 +330,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     ended.transpose()?;
     // Whoever ends it by hand has seen the screen.
     if !stop.load(Ordering::Relaxed) {
-        words::check_heard(&receiver, place, Instant::now())?;
+        check_heard(&receiver, &here, place, Instant::now())?;
     }
     Ok(true)
 }
 
 /// The keyboard of a terminal that is a screen.
 fn keyboard(sender: Option<MarkSender>, stop: &Arc<AtomicBool>, is_quiet: bool) -> Option<Keys> {
-    if !screen::is_screen(is_quiet) || !marks::has_keyboard() {
+    if !screen::is_screen(is_quiet) || !keys::is_there() {
         return None;
     }
     let keys = Keys::open(sender.clone(), Arc::clone(stop)).ok();
     // A terminal that takes no keys one by one gives lines; Ctrl-C is still a signal.
     if let Some(sender) = sender.filter(|_| keys.is_none()) {
-        marks::listen_to_lines(sender);
+        keys::listen_to_lines(sender);
     }
     keys
 }
@@ -267,6 +354,8 @@ struct Prepared<'a> {
     /// For marks from the keyboard, where the terminal is a screen.
     sender: Option<MarkSender>,
     marks: Marks,
+    strangers: Strangers,
+    markers: Option<Markers>,
     amiss: Vec<CheckSeen>,
 }
 
@@ -274,36 +363,50 @@ struct Prepared<'a> {
 fn prepare<'a>(
     arguments: &Arguments,
     out: &'a Path,
+    lsl: Option<Lsl>,
     link: &mut BoxLink,
 ) -> Result<Option<Prepared<'a>>, BadInput> {
-    // Before anybody waits for the checks.
-    if out.exists() {
-        return Err(exists_already(out));
-    }
-    let (sender, marks) = marks::listen(arguments.mark_udp, arguments.mark_serial.as_deref())?;
+    let (sender, marks, strangers) =
+        marks::listen(arguments.mark_udp, &arguments.mark_from, arguments.mark_serial.as_deref())?;
+    let markers = streams::markers(arguments, lsl, &sender)?;
     let sender = if screen::is_screen(arguments.quiet) {
         Some(sender)
     } else {
-        marks::listen_to_lines(sender);
+        keys::listen_to_lines(sender);
         None
     };
     let mut amiss = Vec::new();
     if !arguments.anyway {
-        let Some(found) = checks::before(link, arguments.check_seconds)? else { return Ok(None) };
+        let Some(found) = checked(link, arguments.check_seconds)? else { return Ok(None) };
         amiss = found;
         // What was marked meanwhile belongs to no recording.
         while marks.next().is_some() {}
     }
-    Ok(Some(Prepared { out, sender, marks, amiss }))
+    Ok(Some(Prepared { out, sender, marks, strangers, markers, amiss }))
 }
 
-/// Begins to record, now.
+/// Checks a box for this time and says what is amiss; `None` if it should not be recorded.
+fn checked(link: &mut BoxLink, duration: Duration) -> Result<Option<Vec<CheckSeen>>, BadInput> {
+    let checks = examine(link, duration, &mut waiting::shown())?;
+    doctor::print_amiss(&checks);
+    let failed = checks.iter().filter(|check| check.verdict == Verdict::Fail).count();
+    if failed > 0 {
+        eprintln!(
+            "not recorded: {} failed. Do what is said there, or give --anyway to record all the same",
+            counted(failed, "check")
+        );
+        return Ok(None);
+    }
+    Ok(Some(amiss(&checks)))
+}
+
+/// Begins to record, now. Who hears of marks: the course, and the streams if there are any.
 fn begin(
     arguments: &Arguments,
     Prepared { out, marks, amiss, .. }: Prepared<'_>,
     criteria: Criteria,
     now: Instant,
-    course: &Rc<RefCell<Course>>,
+    (course, told): (&Rc<RefCell<Course>>, Option<MarkFeed>),
 ) -> Result<Recording, BadInput> {
     let manifest = Manifest {
         checks: amiss,
@@ -317,14 +420,18 @@ fn begin(
         )
     };
     let heard = Rc::clone(course);
-    let heard = move |mark: &Mark, since_s| heard.borrow_mut().mark(mark, since_s);
+    let heard = move |mark: &Mark, since_s| {
+        heard.borrow_mut().mark(mark, since_s);
+        if let Some(told) = &told {
+            told.mark(&mark.label, mark.source.word(), since_s);
+        }
+    };
     Recording::begin(out, &manifest, marks, now, Box::new(heard))
 }
 
 /// Ends a recording; what is in it, in words.
-fn end(mut recorded: Recorded, frames: u64) -> Result<String, BadInput> {
-    recorded.conclude(Instant::now())?;
-    let recording = recorded.recording;
+fn end(recorded: Recorded, frames: u64) -> Result<String, BadInput> {
+    let recording = recorded.end(Instant::now())?;
     let folder = recording.folder().display().to_string();
     let dropped = recording.marks_dropped();
     let mut text = format!("no frame came: {folder} was not written");

@@ -4,24 +4,18 @@ use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use anstream::{AutoStream, ColorChoice};
-use plumbline_files::counting::counted;
+use plumbline_bedside::recording::{Course, Live};
 use plumbline_files::text::printable;
 use plumbline_stream::receiver::Receiver;
 use plumbline_trial::verdict::Criteria;
 
-use super::course::Course;
-use super::words;
-use judgement::{Judgement, Silence};
 use painter::{Looks, Painter};
-use seen::Seen;
-use sway::Sway;
+use shown::Shown;
 
 mod big;
-mod judgement;
 mod layout;
 mod painter;
-mod seen;
-mod sway;
+mod shown;
 
 pub(super) use painter::Voice;
 
@@ -45,13 +39,8 @@ pub(super) struct Screen {
     is_screen: bool,
     /// The trial, the participant and the condition.
     title: Vec<String>,
-    /// By what the trial is judged; absent where nothing is recorded.
-    criteria: Option<Criteria>,
-    begun: Instant,
+    live: Live,
     last: Option<Instant>,
-    sway: Sway,
-    /// The t = 0 from which movement counts.
-    zero: Option<Instant>,
 }
 
 impl Screen {
@@ -71,11 +60,8 @@ impl Screen {
             painter,
             is_screen,
             title: title.iter().map(|part| printable(part).into_owned()).collect(),
-            criteria,
-            begun: Instant::now(),
+            live: Live::new(criteria, Instant::now()),
             last: None,
-            sway: Sway::new(),
-            zero: None,
         };
         if let Some(voice) = screen.voice().filter(|_| !is_screen) {
             voice.say(&format!("listening at {place}"));
@@ -102,59 +88,18 @@ impl Screen {
             }
         }
         let now = Instant::now();
-        if std::mem::replace(&mut self.zero, course.zero()) != course.zero() {
-            self.sway.start_over();
-        }
-        if let Some(latest) = receiver.latest(now) {
-            self.sway.take(latest, !course.awaits_mark());
-        }
+        self.live.take(receiver, course, now);
         let every = if self.is_screen { REDRAW_EVERY } else { LINE_EVERY };
         if now.duration_since(*self.last.get_or_insert(now)) < every {
             return;
         }
         self.last = Some(now);
         let Some(painter) = &self.painter else { return };
-        let seen = Seen { typed: typed(), ..self.seen(receiver, course, now) };
+        let seen = self.live.seen(receiver, course, now);
         if self.is_screen {
-            painter.show(seen);
+            painter.show(Shown { title: self.title.clone(), seen, typed: typed() });
         } else {
-            painter.voice().say(&seen.line());
-        }
-    }
-
-    fn seen<W: Write>(&self, receiver: &Receiver<W>, course: &Course, now: Instant) -> Seen {
-        let movement = receiver.latest(now).map(|latest| self.sway.movement(latest));
-        Seen {
-            title: self.title.clone(),
-            judgement: self.judgement(receiver, course, now),
-            elapsed: course.elapsed(now).0,
-            remaining: course
-                .remaining(now)
-                .map(|(to_go, _)| to_go)
-                .filter(|_| !course.awaits_mark()),
-            time: time(course, now),
-            movement: movement.unwrap_or_default(),
-            since: course.movement_since(),
-            counts: counts(receiver, course, now),
-            typed: None,
-        }
-    }
-
-    fn judgement<W: Write>(
-        &self,
-        receiver: &Receiver<W>,
-        course: &Course,
-        now: Instant,
-    ) -> Judgement {
-        let lasts = receiver.silence(now);
-        let silence = receiver.latest(now).is_none().then(|| Silence {
-            lasts: lasts.unwrap_or(now.saturating_duration_since(self.begun)),
-            had_pose: lasts.is_some(),
-            words: words::silence(receiver, now),
-        });
-        match &self.criteria {
-            Some(criteria) => judgement::of_recording(criteria, course.verdict(), silence),
-            None => judgement::of_nothing(silence),
+            painter.voice().say(&shown::line(&seen));
         }
     }
 }
@@ -169,35 +114,6 @@ fn looks() -> Looks {
         glyphs: if is_utf8 { layout::BLOCKS } else { layout::ASCII },
         is_coloured: AutoStream::choice(&std::io::stderr()) != ColorChoice::Never,
     }
-}
-
-/// How far the recording has come.
-fn time(course: &Course, now: Instant) -> String {
-    let (elapsed, since) = course.elapsed(now);
-    let mut words = vec![format!("{:.0} s {since}", elapsed.as_secs_f64())];
-    words.extend(
-        course.remaining(now).map(|(to_go, until)| format!("{} s {until}", to_go.as_secs())),
-    );
-    words.extend(course.note().map(str::to_owned));
-    words.join(", ")
-}
-
-/// Rate, losses and so on, the most important first.
-fn counts<W: Write>(receiver: &Receiver<W>, course: &Course, now: Instant) -> Vec<String> {
-    let counts = receiver.counts();
-    let of = course.asked_hz().map(|hz| format!(" of {hz}")).unwrap_or_default();
-    let lost_percent = 100.0 * counts.lost as f64 / (counts.received + counts.lost).max(1) as f64;
-    let mut words = vec![
-        format!("{:.1}{of} Hz", receiver.rate_hz(now)),
-        format!("{} lost ({lost_percent:.1} %)", counts.lost),
-        counted(counts.received, "frame"),
-    ];
-    if let Some(latest) = receiver.latest(now) {
-        words.push(format!("latency {:.1} ms", f64::from(latest.latency_us) / 1000.0));
-    }
-    words.push(format!("{} late", counts.late));
-    words.push(format!("{} corrupt", receiver.bad().corrupt));
-    words
 }
 
 #[cfg(test)]

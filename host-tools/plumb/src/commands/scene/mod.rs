@@ -1,26 +1,20 @@
 //! `plumb scene`: where the scene board stands, which gives the body's axes.
 
-mod live;
 mod recorded;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use plumbline::lens::Lens;
-use plumbline::pose::{Cam, Pose, Target};
-
-use crate::arguments::{LinkArguments, seconds};
-use crate::background;
-use crate::delivery::{self, Before};
-use crate::setup::{self, Descriptions};
-use plumbline_calibration::background::Picture;
-use plumbline_calibration::scene::{Mean, lean_deg};
+use plumbline_bedside::delivery;
+use plumbline_bedside::scene::{self, Seen};
+use plumbline_bedside::setup::{self, Descriptions};
 use plumbline_files::BadInput;
 use plumbline_files::camera;
-use plumbline_files::counting::counted;
-use plumbline_files::lens_id::LensId;
 use plumbline_files::refuse_overwriting;
-use plumbline_files::scene::{self, SceneFile};
+use plumbline_files::scene::SceneFile;
+
+use crate::arguments::{LinkArguments, seconds};
+use crate::ui::waiting;
 
 /// Measure where the scene board stands, and so which way is forward, to the right and up.
 ///
@@ -76,8 +70,9 @@ pub struct Arguments {
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Replace the file of --out if it exists.
-    #[arg(long, requires = "out")]
+    /// Replace the file of --out if it exists; with --store, also change the box while somebody records
+    /// a trial, which that spoils.
+    #[arg(long)]
     force: bool,
     /// Put the scene into the box's configuration, and restart the box.
     #[arg(long, conflicts_with = "inputs")]
@@ -92,34 +87,6 @@ pub struct Arguments {
         conflicts_with_all = ["udp", "serial"]
     )]
     inputs: Vec<PathBuf>,
-}
-
-/// Fewer poses say nothing about whether the board stood still.
-const POSES_MIN: usize = 10;
-
-/// A board and a camera at rest show less than this (standard deviations of one frame).
-const SPREAD_DEG_MAX: f64 = 0.2;
-const SPREAD_MM_MAX: f64 = 0.5;
-
-/// What varies by this is no board at rest, and nothing can be made of its mean.
-const MOVED_DEG: f64 = 10.0 * SPREAD_DEG_MAX;
-const MOVED_MM: f64 = 10.0 * SPREAD_MM_MAX;
-
-/// A board that leans further has not slipped: it was put there the wrong way round.
-const OVERTURNED_DEG: f64 = 45.0;
-
-/// What was seen of the board.
-struct Seen {
-    /// The recording or the box.
-    place: String,
-    /// What it was seen through.
-    lens: Lens,
-    frames: usize,
-    poses: Vec<Pose<Cam, Target>>,
-    /// What the camera saw, small; `None` where no picture came.
-    background: Option<Picture>,
-    /// What to do where these poses are too few.
-    remedy: String,
 }
 
 /// Runs the subcommand.
@@ -151,130 +118,47 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// As [`run`], with the poses of a live box.
 fn of_a_box(arguments: &Arguments) -> Result<(), BadInput> {
     let mut link = arguments.link.open()?;
-    let hello = delivery::greet(&mut link)?;
-    live::check_board(link.place(), &hello)?;
+    if arguments.force && arguments.store {
+        link.force();
+    }
+    let mut told = waiting::shown();
+    let hello = delivery::greet(&mut link, &mut told)?;
+    scene::check_board(link.place(), &hello)?;
     let old = if arguments.store { link.config_to_change()? } else { link.config()? };
     if camera::is_stand_in(&old.lens) {
         return Err(setup::not_calibrated(link.place()));
     }
-    let seen = live::listen(&mut link, &hello, old.lens, arguments.seconds)?;
+    let seen = scene::listen(&mut link, &hello, old.lens, arguments.seconds, &mut told)?;
     let measured = measure(arguments, &seen)?;
     if !arguments.store {
         return Ok(());
     }
-    let mut config = old.clone();
-    config.cam_from_scene_theta = Some(measured.cam_from_scene_theta);
-    let before = Before { hello: Some(hello), config: Some(old) };
-    delivery::deliver(&mut link, &before, &config, !arguments.no_restart)
-}
-
-/// What to do where the board is seen too seldom.
-fn too_few(poses: usize, frames: usize, remedy: &str) -> String {
-    if poses == frames && frames > 0 {
-        return format!(
-            "{POSES_MIN} are needed, to see that it stands still: give more, as a video or at least \
-             {POSES_MIN} pictures, or watch for longer with --seconds"
-        );
-    }
-    format!("{POSES_MIN} are needed: {remedy}")
+    scene::store(&mut link, hello, old, &measured, !arguments.no_restart, &mut told)
 }
 
 /// The scene of what was seen: judged, shown, and written to the file of --out, if any.
 fn measure(arguments: &Arguments, seen: &Seen) -> Result<SceneFile, BadInput> {
-    let Seen { place, poses, remedy, .. } = seen;
-    let frames = counted(seen.frames, "frame");
-    if poses.len() < POSES_MIN {
-        return Err(BadInput::whole(
-            place,
-            format!("the scene board is seen in {} of {frames}", poses.len()),
-            too_few(poses.len(), seen.frames, remedy),
-        ));
-    }
-    let mean = Mean::of(poses);
-    if mean.spread_deg > MOVED_DEG || mean.spread_mm > MOVED_MM {
-        return Err(BadInput::whole(
-            place,
-            format!(
-                "the board's pose varies by {:.1} degrees and {:.1} mm: it was moved",
-                mean.spread_deg, mean.spread_mm
-            ),
-            "nothing is kept; let board and camera stand still, and try again",
-        ));
-    }
-    let file = SceneFile {
-        cam_from_scene_theta: mean.cam_from_scene.theta(),
-        source: format!(
-            "{place}, {}, spread {:.3} degrees and {:.3} mm, {}",
-            counted(poses.len(), "frame"),
-            mean.spread_deg,
-            mean.spread_mm,
-            jiff::Zoned::now().date()
-        ),
-        camera: Some(LensId::of(&seen.lens)),
-    };
+    let today = jiff::Zoned::now().date();
+    let measured = scene::measure(seen, arguments.camera_pitch_deg, arguments.upright_deg, today)?;
+    let file = &measured.file;
     if let Some(out) = &arguments.out {
-        plumbline_files::write_all(
-            &[(out.clone(), scene::to_toml(&file).into_bytes())],
-            arguments.force,
-        )?;
+        let text = plumbline_files::scene::to_toml(file).into_bytes();
+        plumbline_files::write_all(&[(out.clone(), text)], arguments.force)?;
     }
-    let leans_deg = lean_deg(&mean.cam_from_scene, arguments.camera_pitch_deg);
-    eprintln!(
-        "{} of {frames}; spread of one frame {:.3} degrees and {:.3} mm; the board leans by {leans_deg:.1} degrees",
-        poses.len(),
-        mean.spread_deg,
-        mean.spread_mm
-    );
-    if leans_deg > arguments.upright_deg {
-        let remedy = if leans_deg > OVERTURNED_DEG {
-            "it stands on its side or upside down, unless the camera does: turn it so that its arrow points up, and measure again"
-        } else {
-            "set it upright with a level, or say with --camera-pitch-deg how far the camera looks down"
-        };
-        eprintln!(
-            "warning: the board leans by {leans_deg:.1} degrees from upright (more than --upright-deg {}); up and forward lean with it: {remedy}",
-            arguments.upright_deg
-        );
-    }
-    if 2 * poses.len() < seen.frames {
-        eprintln!(
-            "warning: the board was found in {} of {frames} only: check its light, and that nothing hides it",
-            poses.len()
-        );
-    }
-    if mean.spread_deg > SPREAD_DEG_MAX || mean.spread_mm > SPREAD_MM_MAX {
-        eprintln!(
-            "warning: the board's pose varies by {:.2} degrees and {:.2} mm; board or camera moved, or the board is too small or too far away: let both stand still, and go nearer",
-            mean.spread_deg, mean.spread_mm
-        );
+    eprintln!("{}", measured.words());
+    for warning in &measured.warnings {
+        eprintln!("warning: {warning}");
     }
     if let Some(out) = &arguments.out {
         eprintln!("written to {}", out.display());
     }
     if let Some(background) = &seen.background {
-        match background::keep(&file.cam_from_scene_theta, background) {
+        match scene::keep_background(file, background) {
             Ok(path) => {
                 eprintln!("a small picture of the background is kept in {}", path.display())
             }
             Err(error) => eprintln!("warning: no picture of the background is kept: {error}"),
         }
     }
-    Ok(file)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A board that every frame shows has the right columns, and light enough.
-    #[test]
-    fn too_few_frames_and_a_board_that_is_not_seen_have_different_remedies() {
-        let more = too_few(1, 1, "check its columns");
-        assert!(more.contains("10 are needed") && more.contains("give more"), "{more}");
-        assert!(!more.contains("columns"), "{more}");
-        for (poses, frames) in [(0, 0), (0, 1), (3, 40)] {
-            let remedy = too_few(poses, frames, "check its columns");
-            assert_eq!(remedy, "10 are needed: check its columns");
-        }
-    }
+    Ok(measured.file)
 }

@@ -3,18 +3,19 @@
 use std::path::PathBuf;
 
 use plumbline::target::Role;
+use plumbline_bedside::scene::Seen;
+use plumbline_bedside::setup::Descriptions;
 use plumbline_calibration::background::REDUCTION;
 use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
 
-use super::Seen;
-use crate::setup::Descriptions;
 use crate::tracking;
+use crate::ui::waiting;
 
 /// Tracks the scene board, and nothing else, through the frames.
 pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::Result<Seen> {
     let places = descriptions.places();
-    let (camera, mut targets, _) = descriptions.read()?;
+    let (camera, mut targets, _) = descriptions.read(&mut waiting::shown())?;
     targets.targets.retain(|target| target.geometry.role() == Role::Scene);
     if targets.targets.is_empty() {
         return Err(BadInput::new(

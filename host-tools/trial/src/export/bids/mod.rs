@@ -13,7 +13,8 @@ use plumbline_files::{BadInput, write_all};
 use serde_json::{Value, json};
 
 use self::data_set::{DataSet, Labels, PARTICIPANT_CODE, SYSTEM, TASK_NAME};
-use self::table::{MISSING, Table, word};
+use self::table::word;
+pub use self::table::{MISSING, Table};
 use super::events::{Event, ZERO};
 use super::orientation::{COMPONENTS, QUATERNION, components};
 use super::rows::Rows;

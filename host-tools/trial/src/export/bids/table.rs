@@ -20,6 +20,7 @@ pub struct Table {
 
 impl Table {
     /// A table with these columns and no row; the first tells rows apart.
+    #[must_use]
     pub fn new(names: &[&str]) -> Self {
         let names = names.iter().map(|name| (*name).to_owned()).collect();
         Self { names, rows: Vec::new(), key: 0 }
@@ -61,12 +62,23 @@ impl Table {
         Ok(Self { names, rows, key })
     }
 
+    /// The number of rows.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.rows.len()
+    }
+
     /// The row with this key.
+    #[must_use]
     pub fn row(&self, key: &str) -> Option<usize> {
         self.rows.iter().position(|row| row[self.key] == key)
     }
 
     /// A cell, if there is such a column.
+    ///
+    /// # Panics
+    /// When there is no such row.
+    #[must_use]
     pub fn get(&self, row: usize, name: &str) -> Option<&str> {
         let column = self.names.iter().position(|it| it == name)?;
         Some(&self.rows[row][column])
@@ -94,6 +106,7 @@ impl Table {
     }
 
     /// The table's text.
+    #[must_use]
     pub fn text(&self) -> String {
         let lines = std::iter::once(&self.names).chain(&self.rows);
         lines.map(|cells| cells.join("\t") + "\n").collect()

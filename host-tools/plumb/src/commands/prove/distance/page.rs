@@ -9,12 +9,12 @@ use plumbline_evidence::uncertainty::{Estimate, Verdict};
 use plumbline_evidence::volume::{Coverage, Direction, Volume};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
+use plumbline_report::page::{figure, table};
 
 use super::super::recording::Recording;
 use super::super::words::{rounded, signed, spread, verdict, with_u};
 use super::super::{picture, plots};
 use super::ends;
-use crate::ui::page::{figure, table};
 
 /// An error of scale from which the print or the ruler is to be checked, in per cent: a printer
 /// that fits the page is off by more, a good one by less.

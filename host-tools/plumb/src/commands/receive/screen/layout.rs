@@ -1,6 +1,6 @@
 //! Where everything is on a terminal of any size.
 //!
-//! In: what is [`Seen`], the news, and the size. Out: as many rows as the terminal has, none wider
+//! In: what is [`Shown`], the news, and the size. Out: as many rows as the terminal has, none wider
 //! than it. A large terminal has the word and the clock in large letters and thick bars; a smaller
 //! one has the same words in one line, then thin bars, then numbers instead of bars. What is still
 //! too much is left out, the least important first.
@@ -10,10 +10,10 @@ use std::time::Duration;
 use anstyle::{AnsiColor, Style};
 use unicode_width::UnicodeWidthChar as _;
 
+use plumbline_bedside::recording::{AXES, Along, Movement, Seen, Why, Word};
+
 use super::big;
-use super::judgement::{Why, Word};
-use super::seen::{Seen, no_minus_zero, numbers};
-use super::sway::{AXES, Along, Movement};
+use super::shown::{Shown, no_minus_zero, numbers};
 
 /// What lines are drawn with.
 #[derive(Debug, Clone, Copy)]
@@ -110,15 +110,15 @@ struct Block {
 }
 
 /// Everything, for a terminal of this size.
-pub(super) fn rows(seen: &Seen, news: &[String], size: [usize; 2], glyphs: Glyphs) -> Vec<Row> {
+pub(super) fn rows(shown: &Shown, news: &[String], size: [usize; 2], glyphs: Glyphs) -> Vec<Row> {
     let [columns, height] = size;
     let total = |blocks: &[Block]| blocks.iter().map(|block| block.rows.len()).sum::<usize>();
     let fitting = FORMS.into_iter().find_map(|form| {
-        let blocks = blocks(seen, form, columns, glyphs)?;
+        let blocks = blocks(shown, form, columns, glyphs)?;
         (total(&blocks) + news_min(form) <= height).then_some(blocks)
     });
     let mut blocks = fitting.unwrap_or_else(|| {
-        let mut blocks = blocks(seen, Form::Numbers, columns, glyphs).unwrap_or_default();
+        let mut blocks = blocks(shown, Form::Numbers, columns, glyphs).unwrap_or_default();
         while total(&blocks) > height {
             let Some(least) = (0..blocks.len()).min_by_key(|at| blocks[*at].keep) else { break };
             blocks.remove(least);
@@ -126,7 +126,7 @@ pub(super) fn rows(seen: &Seen, news: &[String], size: [usize; 2], glyphs: Glyph
         blocks
     });
     let news = news_rows(news, height - total(&blocks), columns);
-    let prompt = prompt(seen).filter(|_| blocks.iter().any(|block| block.keep == PROMPT));
+    let prompt = prompt(shown).filter(|_| blocks.iter().any(|block| block.keep == PROMPT));
     blocks.retain(|block| block.keep != PROMPT);
     blocks.into_iter().flat_map(|block| block.rows).chain(news).chain(prompt).collect()
 }
@@ -167,7 +167,8 @@ const PROMPT: u8 = 1;
 const BLANK: u8 = 0;
 
 /// All but the news; `None` where the form is too wide.
-fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec<Block>> {
+fn blocks(shown: &Shown, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec<Block>> {
+    let Shown { title, seen, .. } = shown;
     let block = |keep, rows| Block { keep, rows };
     let blank = || block(BLANK, vec![Row::default()]);
     let (head, reasons, movement) = match form {
@@ -184,7 +185,7 @@ fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec
             (vec![small(seen)], reasons(seen, 1, columns), movement)
         }
     };
-    let title = Row::default().and(Style::new().bold(), seen.title.join(", "));
+    let title = Row::default().and(Style::new().bold(), title.join(", "));
     let mut blocks = vec![
         block(TITLE, vec![title]),
         block(HEAD, head),
@@ -198,7 +199,7 @@ fn blocks(seen: &Seen, form: Form, columns: usize, glyphs: Glyphs) -> Option<Vec
             blocks.insert(at, blank());
         }
     }
-    blocks.extend(prompt(seen).map(|row| block(PROMPT, vec![row])));
+    blocks.extend(prompt(shown).map(|row| block(PROMPT, vec![row])));
     Some(blocks)
 }
 
@@ -316,8 +317,8 @@ fn wrapped(text: &str, columns: usize) -> Vec<String> {
 }
 
 /// The line in which a mark's name is typed.
-fn prompt(seen: &Seen) -> Option<Row> {
-    let typed = seen.typed.as_ref()?;
+fn prompt(shown: &Shown) -> Option<Row> {
+    let typed = shown.typed.as_ref()?;
     let row = Row::plain("mark: ").and(Style::new().bold(), typed.clone());
     let row = row.and(Style::new().invert(), " ");
     Some(row.and(Style::new().dimmed(), "  Enter marks it, Ctrl-C ends"))

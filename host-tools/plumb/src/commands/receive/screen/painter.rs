@@ -24,7 +24,7 @@ use crossterm::terminal::{
 use plumbline_files::counting::counted;
 
 use super::layout::{self, Glyphs};
-use super::seen::Seen;
+use super::shown::Shown;
 
 /// Lines that can wait to be written.
 const SAID_MAX: usize = 256;
@@ -35,7 +35,7 @@ const SIZE: (u16, u16) = (80, 24);
 /// What waits to be written.
 #[derive(Debug, Default)]
 struct Waiting {
-    seen: Option<Seen>,
+    seen: Option<Shown>,
     said: VecDeque<String>,
     unsaid: u64,
     is_over: bool,
@@ -110,7 +110,7 @@ impl Painter {
     }
 
     /// Shows this from now on.
-    pub(super) fn show(&self, seen: Seen) {
+    pub(super) fn show(&self, seen: Shown) {
         self.shared.waiting().seen = Some(seen);
         self.shared.changed.notify_one();
     }
@@ -199,7 +199,7 @@ impl<W: Write> Canvas<W> {
         self.write(|bytes| queue!(bytes, EnterAlternateScreen, Hide, DisableLineWrap))
     }
 
-    fn draw(&mut self, seen: &Seen, news: &[String], size: (u16, u16)) -> io::Result<()> {
+    fn draw(&mut self, seen: &Shown, news: &[String], size: (u16, u16)) -> io::Result<()> {
         let [columns, height] = [size.0, size.1].map(usize::from);
         let Looks { glyphs, is_coloured } = self.looks;
         let rows = layout::rows(seen, news, [columns, height], glyphs);
@@ -244,7 +244,8 @@ mod tests {
     use std::sync::mpsc::{Receiver, Sender, channel};
     use std::time::{Duration, Instant};
 
-    use super::super::judgement::of_nothing;
+    use plumbline_bedside::recording::{Judgement, Seen, Why};
+
     use super::*;
 
     /// A terminal that takes nothing until it is told to.
@@ -274,18 +275,17 @@ mod tests {
         (Stalled { go_on, is_going: false, taken: Arc::clone(&taken) }, sender, taken)
     }
 
-    fn seen(elapsed_s: u64) -> Seen {
-        Seen {
-            title: vec!["trials/p01".to_owned()],
-            judgement: of_nothing(None),
+    fn seen(elapsed_s: u64) -> Shown {
+        let seen = Seen {
+            judgement: Judgement { word: None, reasons: vec![Why::new("not recorded", "")] },
             elapsed: Duration::from_secs(elapsed_s),
             remaining: None,
             time: format!("{elapsed_s} s since t = 0"),
             movement: Vec::new(),
             since: "since t = 0",
             counts: Vec::new(),
-            typed: None,
-        }
+        };
+        Shown { title: vec!["trials/p01".to_owned()], seen, typed: None }
     }
 
     #[test]

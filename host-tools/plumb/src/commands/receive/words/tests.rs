@@ -1,8 +1,9 @@
 //! The words for a reception.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use plumbline::packet::{Health, Log, LogLevel, Message};
+use plumbline_bedside::recording::{check_heard, silence};
 use plumbline_stream::fixture::adversity::hello_of;
 use plumbline_stream::fixture::{self, take};
 use plumbline_stream::transport::Event;
@@ -34,7 +35,7 @@ fn lost_frames_are_a_share_of_all() {
     let mut receiver = Heard::new(None);
     let frames = [0, 1, 2, 4, 5, 6, 8].map(pose);
     take(&mut receiver, Instant::now(), &[vec![hello()], frames.to_vec()].concat());
-    let words = summary(&receiver);
+    let words = summary(&receiver, &Here::default());
     assert!(words.contains("2 (22.22 %)"), "{words}");
 }
 
@@ -42,7 +43,8 @@ fn lost_frames_are_a_share_of_all() {
 fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
     let mut receiver = Heard::new(None);
     let start = Instant::now();
-    let error = no_pose(&receiver, "UDP".into(), start).to_string();
+    let error =
+        check_heard(&receiver, &Here::default(), "UDP".into(), start).unwrap_err().to_string();
     assert!(error.contains("check that the box is on"), "{error}");
 
     let why = log(41_000, "camera: cannot be opened");
@@ -51,12 +53,13 @@ fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
     let words = silence(&receiver, now);
     assert!(words.contains("the box is heard, no pose yet, camera lost: "), "{words}");
     assert!(words.contains("no frame since the box's start 42 s ago"), "{words}");
-    let error = no_pose(&receiver, "UDP".into(), now).to_string();
+    let error =
+        check_heard(&receiver, &Here::default(), "UDP".into(), now).unwrap_err().to_string();
     assert!(
         error.contains("it says: camera: cannot be opened; check the camera's plug"),
         "{error}"
     );
-    let words = summary(&receiver);
+    let words = summary(&receiver, &Here::default());
     assert!(words.contains("never gave a frame"), "{words}");
     // The box repeats it for those who have not heard it.
     assert_eq!(receiver.take_notices(), ["box ERROR camera: camera: cannot be opened"]);
@@ -64,7 +67,8 @@ fn a_box_without_a_camera_is_heard_and_says_why_it_sends_no_poses() {
     // A box that refuses its configuration has no Health.
     let mut receiver = Heard::new(None);
     take(&mut receiver, start, &[log(10, "configuration refused: checksum")]);
-    let error = no_pose(&receiver, "UDP".into(), now).to_string();
+    let error =
+        check_heard(&receiver, &Here::default(), "UDP".into(), now).unwrap_err().to_string();
     assert!(error.contains("configuration refused: checksum; correct what"), "{error}");
 }
 
@@ -82,7 +86,7 @@ fn an_old_pose_is_not_shown_as_the_latest() {
     assert_eq!(receiver.unheard(later), None);
     let words = silence(&receiver, later);
     assert_eq!(words, "no pose for 3 s, camera lost for 3 s");
-    let words = summary(&receiver);
+    let words = summary(&receiver, &Here::default());
     assert!(words.contains("lost 1 time, absent at the end"), "{words}");
 
     // Whoever begins to listen now does not know since when.
@@ -114,7 +118,7 @@ fn frames_belong_to_the_start_that_sent_them() {
             let packet = fixture::packet(start, message);
             receiver.handle(Event::Packet(packet), now).unwrap();
         }
-        (silence(&receiver, now), summary(&receiver))
+        (silence(&receiver, now), summary(&receiver, &Here::default()))
     };
     let (words, table) = restart(8, 9, 5, health(CameraState::Lost, 3000, 0));
     assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");
@@ -133,13 +137,13 @@ fn what_was_left_out_is_in_the_summary() {
     let mut receiver = Heard::new(None);
     let start = Instant::now();
     take(&mut receiver, start, &[hello(), pose(0)]);
-    assert!(!summary(&receiver).contains("another box"));
+    assert!(!summary(&receiver, &Here::default()).contains("another box"));
     for packet in [hello_of("ward 4", 9), fixture::packet(9, pose(0)), fixture::packet(5, pose(0))]
     {
         receiver.handle(Event::Packet(packet), start).unwrap();
     }
     receiver.finish(start).unwrap();
-    let words = summary(&receiver);
+    let words = summary(&receiver, &Here::default());
     let rows: Vec<&str> = words.lines().collect();
     let has = |what: &str, count: &str| {
         rows.iter()
@@ -155,8 +159,8 @@ fn what_was_wrong_with_the_power_is_in_the_summary() {
         Message::Health(Health { undervoltage, throttled, ..fixture::health() })
     };
     let now = take(&mut receiver, Instant::now(), &[power(Some(false), Some(false))]);
-    assert!(!summary(&receiver).contains("too weak"));
+    assert!(!summary(&receiver, &Here::default()).contains("too weak"));
     take(&mut receiver, now, &[power(Some(true), Some(false)), power(Some(false), Some(true))]);
-    let words = summary(&receiver);
+    let words = summary(&receiver, &Here::default());
     assert!(words.contains("too weak") && words.contains("slowed down"), "{words}");
 }

@@ -1,13 +1,13 @@
 //! The screen in every size.
 
-use super::super::judgement::Judgement;
+use plumbline_bedside::recording::Judgement;
+
 use super::*;
 
-fn seen() -> Seen {
+fn shown() -> Shown {
     let along = |now_mm, low_mm, high_mm| Along { now_mm, range_mm: Some([low_mm, high_mm]) };
     let upper = [along(4.0, -8.0, 10.0), along(-3.0, -5.0, 4.0), along(0.0, -0.4, 0.3)];
-    Seen {
-        title: vec!["trials/p01".to_owned(), "participant P01".to_owned()],
+    let seen = Seen {
         judgement: Judgement {
             word: Some(Word::Look),
             reasons: ["first", "second", "third", "fourth"].map(|it| Why::new(it, "mend")).to_vec(),
@@ -21,25 +21,27 @@ fn seen() -> Seen {
         ],
         since: "since t = 0",
         counts: ["59.9 of 60 Hz", "2 lost (0.1 %)", "2520 frames"].map(str::to_owned).to_vec(),
-        typed: Some("tur".to_owned()),
-    }
+    };
+    let title = vec!["trials/p01".to_owned(), "participant P01".to_owned()];
+    Shown { title, seen, typed: Some("tur".to_owned()) }
 }
 
-fn drawn(seen: &Seen, size: [usize; 2]) -> Vec<String> {
+fn drawn(shown: &Shown, size: [usize; 2]) -> Vec<String> {
     let news: Vec<String> = (0..30).map(|at| format!("news {at}")).collect();
-    let rows = rows(seen, &news, size, ASCII);
+    let rows = rows(shown, &news, size, ASCII);
     rows.iter().map(|row| row.written(size[0], ASCII, false)).collect()
 }
 
 #[test]
 fn no_size_is_too_small_and_nothing_is_wider_or_longer_than_the_terminal() {
-    let mut wide = seen();
+    let mut wide = shown();
     wide.title.push("参加者の名前".repeat(20));
-    let empty = Seen { movement: Vec::new(), remaining: None, typed: None, ..seen() };
-    for seen in [seen(), wide, empty] {
+    let seen = Seen { movement: Vec::new(), remaining: None, ..shown().seen };
+    let empty = Shown { seen, typed: None, ..shown() };
+    for shown in [shown(), wide, empty] {
         for columns in 0..140 {
             for height in 0..50 {
-                let rows = drawn(&seen, [columns, height]);
+                let rows = drawn(&shown, [columns, height]);
                 assert_eq!(rows.len(), height, "{columns}x{height}");
                 for row in rows {
                     assert!(width(&row) <= columns, "{columns}x{height}: {row}");
@@ -63,7 +65,7 @@ fn the_more_room_the_larger_and_the_verdict_is_the_last_to_go() {
         ([40, 5], false, 0, false),
         ([20, 2], false, 0, false),
     ] {
-        let rows = drawn(&seen(), size);
+        let rows = drawn(&shown(), size);
         assert_eq!(rows.iter().any(|row| row.starts_with(big.trim_end())), is_big, "{size:?}");
         assert_eq!(rows.iter().any(|row| row.starts_with(bar)), bars > 0, "{size:?}");
         let thick = rows.iter().filter(|row| row.contains("--")).count();
@@ -75,18 +77,18 @@ fn the_more_room_the_larger_and_the_verdict_is_the_last_to_go() {
         assert!(bars == 0 || has(&rows, "range 18.0"), "{size:?}: {rows:#?}");
         assert!(bars == 0 || has(&rows, "lower AP not seen"), "{size:?}: {rows:#?}");
     }
-    assert_eq!(drawn(&seen(), [30, 1]), [" LOOK   0:42   0:18 to go"]);
-    assert!(has(&drawn(&seen(), [40, 10]), "(and 3 more) first"));
+    assert_eq!(drawn(&shown(), [30, 1]), [" LOOK   0:42   0:18 to go"]);
+    assert!(has(&drawn(&shown(), [40, 10]), "(and 3 more) first"));
     // With room for it, also what can be done.
-    assert!(has(&drawn(&seen(), [120, 40]), "first: mend"));
+    assert!(has(&drawn(&shown(), [120, 40]), "first: mend"));
 }
 
 #[test]
 fn what_is_too_long_for_a_row_goes_on_in_the_next() {
     let long = "no frame has a position along the body's axes: the box did not know the way";
-    let mut seen = seen();
-    seen.judgement.reasons = vec![Why::new(long, ""), Why::new("second", "")];
-    let rows = drawn(&seen, [60, 15]);
+    let mut shown = shown();
+    shown.seen.judgement.reasons = vec![Why::new(long, ""), Why::new("second", "")];
+    let rows = drawn(&shown, [60, 15]);
     assert_eq!(rows[3], "no frame has a position along the body's axes: the box did");
     assert_eq!(rows[4], "(and 1 more) not know the way");
     let rows = rows_of_news(&[long, "last"], [60, 20]);
@@ -103,7 +105,7 @@ fn rows_of_news(news: &[&str], [columns, height]: [usize; 2]) -> Vec<String> {
 #[test]
 fn what_remains_is_large_where_it_fits() {
     // The middle row of the large letters.
-    let clock = |columns| drawn(&seen(), [columns, 40])[4].clone();
+    let clock = |columns| drawn(&shown(), [columns, 40])[4].clone();
     let large = |text| big::lines(text, '#')[2].trim_end().to_owned();
     assert!(clock(120).trim_end().ends_with(&large("0:42 -0:18")), "{}", clock(120));
     assert!(clock(80).trim_end().ends_with(&large("0:42")), "{}", clock(80));

@@ -1,0 +1,131 @@
+//! What is known of a recording while it goes on: the times, the judgement, the movement, the
+//! counts. Plain values and words, for a terminal or a page.
+
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+use plumbline_files::counting::counted;
+use plumbline_stream::receiver::Receiver;
+use plumbline_trial::verdict::Criteria;
+
+use super::course::Course;
+use super::judgement::{self, Judgement, Silence};
+use super::silence::silence;
+use super::sway::{Movement, Sway};
+
+/// One moment of a reception.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// What the recording is worth so far.
+    pub judgement: Judgement,
+    /// Since t = 0; until it comes, since the start.
+    pub elapsed: Duration,
+    /// Until the end, where it is known.
+    pub remaining: Option<Duration>,
+    /// The times in words.
+    pub time: String,
+    /// Empty without a pose.
+    pub movement: Vec<Movement>,
+    /// From where movement counts.
+    pub since: &'static str,
+    /// Rate, losses and so on, the most important first.
+    pub counts: Vec<String>,
+}
+
+/// Follows a reception.
+#[derive(Debug)]
+pub struct Live {
+    /// By what the trial is judged; absent where nothing is recorded.
+    criteria: Option<Criteria>,
+    begun: Instant,
+    sway: Sway,
+    /// The t = 0 from which movement counts.
+    zero: Option<Instant>,
+}
+
+impl Live {
+    /// Follows a reception that begins now. By the criteria the trial is judged; without them
+    /// nothing is recorded.
+    #[must_use]
+    pub fn new(criteria: Option<Criteria>, begun: Instant) -> Self {
+        Self { criteria, begun, sway: Sway::new(), zero: None }
+    }
+
+    /// Takes note of the latest frame. To be called after each packet.
+    pub fn take<W: Write>(&mut self, receiver: &Receiver<W>, course: &Course, now: Instant) {
+        if std::mem::replace(&mut self.zero, course.zero()) != course.zero() {
+            self.sway.start_over();
+        }
+        if let Some(latest) = receiver.latest(now) {
+            self.sway.take(latest, !course.awaits_mark());
+        }
+    }
+
+    /// What is known at this moment.
+    #[must_use]
+    pub fn seen<W: Write>(&self, receiver: &Receiver<W>, course: &Course, now: Instant) -> Seen {
+        let movement = receiver.latest(now).map(|latest| self.sway.movement(latest));
+        Seen {
+            judgement: self.judgement(receiver, course, now),
+            elapsed: course.elapsed(now).0,
+            remaining: course
+                .remaining(now)
+                .map(|(to_go, _)| to_go)
+                .filter(|_| !course.awaits_mark()),
+            time: time(course, now),
+            movement: movement.unwrap_or_default(),
+            since: course.movement_since(),
+            counts: counts(receiver, course, now),
+        }
+    }
+
+    fn judgement<W: Write>(
+        &self,
+        receiver: &Receiver<W>,
+        course: &Course,
+        now: Instant,
+    ) -> Judgement {
+        let lasts = receiver.silence(now);
+        let silence = receiver.latest(now).is_none().then(|| Silence {
+            lasts: lasts.unwrap_or(now.saturating_duration_since(self.begun)),
+            had_pose: lasts.is_some(),
+            words: silence(receiver, now),
+        });
+        match &self.criteria {
+            Some(criteria) => judgement::of_recording(criteria, course.verdict(), silence),
+            None => judgement::of_nothing(silence),
+        }
+    }
+}
+
+/// How far the recording has come.
+fn time(course: &Course, now: Instant) -> String {
+    let (elapsed, since) = course.elapsed(now);
+    let mut words = vec![format!("{:.0} s {since}", elapsed.as_secs_f64())];
+    words.extend(
+        course.remaining(now).map(|(to_go, until)| format!("{} s {until}", to_go.as_secs())),
+    );
+    words.extend(course.note().map(str::to_owned));
+    words.join(", ")
+}
+
+/// Rate, losses and so on, the most important first.
+fn counts<W: Write>(receiver: &Receiver<W>, course: &Course, now: Instant) -> Vec<String> {
+    let counts = receiver.counts();
+    let of = course.asked_hz().map(|hz| format!(" of {hz}")).unwrap_or_default();
+    let lost_percent = 100.0 * counts.lost as f64 / (counts.received + counts.lost).max(1) as f64;
+    let mut words = vec![
+        format!("{:.1}{of} Hz", receiver.rate_hz(now)),
+        format!("{} lost ({lost_percent:.1} %)", counts.lost),
+        counted(counts.received, "frame"),
+    ];
+    if let Some(latest) = receiver.latest(now) {
+        words.push(format!("latency {:.1} ms", f64::from(latest.latency_us) / 1000.0));
+    }
+    words.push(format!("{} late", counts.late));
+    words.push(format!("{} corrupt", receiver.bad().corrupt));
+    words
+}
+
+#[cfg(test)]
+mod tests;

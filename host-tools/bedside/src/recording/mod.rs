@@ -1,0 +1,24 @@
+//! What a recording needs beyond the trial that it becomes.
+//!
+//! ```text
+//!  packets ─▶ receiver ─▶ live: times, judgement, movement, counts ◀─ course: t = 0, the end
+//!        └─▶ recorded: the trial, its verdict so far, the checks ◀─ marks
+//! ```
+//!
+//! [`Recorded`] is the tap of a reception ([`plumbline_stream::reception`]); after each packet
+//! [`Live`] takes note, and [`Live::seen`] gives what is to be shown.
+
+mod checks;
+mod course;
+mod judgement;
+mod live;
+pub mod marks;
+mod silence;
+mod sway;
+
+pub use checks::{Recorded, amiss};
+pub use course::{Course, Zeroing};
+pub use judgement::{Judgement, Why, Word};
+pub use live::{Live, Seen};
+pub use silence::{Here, check_heard, silence};
+pub use sway::{AXES, Along, Movement};

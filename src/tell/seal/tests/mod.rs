@@ -1,0 +1,13 @@
+//! Both ends of the link against each other, against a bad network, and against whoever would like
+//! to be one of them.
+
+extern crate std;
+
+mod epochs;
+mod hostile;
+mod leaving;
+mod restarts;
+mod stream;
+mod vectors;
+mod versions;
+mod world;
