@@ -67,7 +67,9 @@ class Recorder:
         assert self.process.returncode == 0
         import pyxdf
 
-        streams, _ = pyxdf.load_xdf(self.path)
+        # Recorder and outlet read the same clock. What LSL measured between them is no more than
+        # the time that a busy computer takes to answer, and would be added to the times.
+        streams, _ = pyxdf.load_xdf(self.path, synchronize_clocks=False)
         by_name = {stream["info"]["name"][0]: stream for stream in streams}
         frames, late, marks = (by_name[NAME + end] for end in ("", "-late", "-marks"))
         channels = frames["info"]["desc"][0]["channels"][0]["channel"]
