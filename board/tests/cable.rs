@@ -101,7 +101,16 @@ fn takes_its_key(before: Option<&str>, state: BoxState) {
     assert_eq!(cable.wait_for(Paired::read), paired);
     let announcement = cable.wait_for(Announcement::parse);
     assert_eq!((announcement.key_id, announcement.state), (Some(key().id()), BoxState::Ready));
-    assert_eq!(announcement.text, "");
+    assert_eq!((announcement.text.as_str(), announcement.pairing_s), ("", 0));
+    // From now on it takes no other.
+    let other = Key::new([99; 32]).unwrap();
+    cable.send(Pairing { key: other }.packet(&mut buffer));
+    cable.packets.clear();
+    cable.send(&packet);
+    assert_eq!(cable.wait_for(Paired::read), paired);
+    assert!(cable.packets.iter().filter_map(|it| Paired::read(it)).all(|it| it == paired));
+    let stored = std::fs::read_to_string(folder.path().join("box.key")).unwrap();
+    assert_eq!(stored.trim(), key().text().as_str());
     // No pose has been sent in clear, nor at all.
     assert!(
         cable

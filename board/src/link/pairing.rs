@@ -9,9 +9,6 @@ use plumbline::packet::ResetReason;
 /// How long a box with a key takes another one after it was switched on.
 const AFTER_POWER_ON_NS: u64 = 60_000_000_000;
 
-/// How long the box repeats its answer to a host that has missed it.
-const AFTER_PAIRING_NS: u64 = 10_000_000_000;
-
 /// What an announcement says of a box that takes a key until it has one.
 const WITHOUT_END: u8 = 255;
 
@@ -26,11 +23,6 @@ impl PairingTime {
     pub(super) fn of_start(reason: ResetReason, now_ns: u64) -> Self {
         let is_by_hand = reason == ResetReason::PowerOn;
         Self { until_ns: if is_by_hand { now_ns + AFTER_POWER_ON_NS } else { now_ns } }
-    }
-
-    /// A key has come now.
-    pub(super) fn paired(&mut self, now_ns: u64) {
-        self.until_ns = self.until_ns.max(now_ns + AFTER_PAIRING_NS);
     }
 
     /// The seconds that are left, as an announcement says them.
@@ -56,10 +48,8 @@ mod tests {
         assert_eq!([left(0.0), left(0.5), left(59.5), left(60.0), left(1e6)], [60, 60, 1, 0, 0]);
         assert_eq!(on.left_s(false, 1000 * S), 255);
         for reason in [ResetReason::Watchdog, ResetReason::Unknown] {
-            let mut restarted = PairingTime::of_start(reason, 5 * S);
+            let restarted = PairingTime::of_start(reason, 5 * S);
             assert_eq!((restarted.left_s(true, 5 * S), restarted.left_s(false, 5 * S)), (0, 255));
-            restarted.paired(7 * S);
-            assert_eq!((restarted.left_s(true, 8 * S), restarted.left_s(true, 17 * S)), (9, 0));
         }
     }
 }

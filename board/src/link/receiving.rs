@@ -155,7 +155,6 @@ impl Links {
                 );
                 self.end = BoxEnd::new(Some(key), self.start, &random::bytes());
                 self.description = self.description.paired(self.is_refusing);
-                self.pairing_time.paired(now_ns);
                 self.describe(now_ns);
                 self.announcing.hurry();
                 arrivals.is_paired = true;

@@ -141,12 +141,19 @@ impl BoxEnd {
                 self.opened(from, rest, now_ns, draw, buffer).map(Heard::Answer)
             }
             Some((Kind::Channel, _)) => self.said(from, packet, now_ns, buffer),
-            Some((Kind::Pairing, _)) if from == Peer::Serial && self.announcement.pairing_s > 0 => {
-                Pairing::read(packet).map(|pairing| Heard::Pairing(pairing.key))
+            Some((Kind::Pairing, _)) if from == Peer::Serial => {
+                let pairing = Pairing::read(packet);
+                pairing.map(|it| it.key).filter(|key| self.may_come(key)).map(Heard::Pairing)
             }
             _ => None,
         };
         heard.unwrap_or(Heard::Nothing)
+    }
+
+    /// Whether a key may come over the cable: while the box says so, and the key that it has at any time,
+    /// because the host may have missed the answer.
+    fn may_come(&self, key: &Key) -> bool {
+        self.announcement.pairing_s > 0 || self.key.as_ref().map(Key::id) == Some(key.id())
     }
 
     /// Lets time pass: handshakes that nobody finishes, and listeners that have left, are forgotten.
