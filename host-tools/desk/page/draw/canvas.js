@@ -17,6 +17,11 @@ export function page_colours() {
   return colours;
 }
 
+let kept = 0;
+
+/** How many drawings are kept up to date. */
+export const drawings = () => kept;
+
 /**
  * Calls `draw` once per picture of the display for as long as the canvas is on the page, if
  * `version` has changed, or the size, or the colours.
@@ -44,7 +49,11 @@ export function keep_drawn(canvas, version, draw) {
     draw(context, width, height, now.colours);
   };
   request = requestAnimationFrame(frame);
-  return () => cancelAnimationFrame(request);
+  kept += 1;
+  return () => {
+    kept -= 1;
+    cancelAnimationFrame(request);
+  };
 }
 
 /** The font of letters in drawings. @param {number} px */

@@ -1,6 +1,6 @@
 /**
  * The transverse plane, as seen from above: forward is up, the person's right is right. Each trunk
- * point's path of the last seconds about its own mean, the older the fainter; where it is now, with
+ * point's path of the last seconds about its reference, the older the fainter; where it is now, with
  * the region in which it lies at 95 % as a shade.
  */
 
@@ -27,35 +27,20 @@ export function plane(samples) {
   const reach = new Reach(REACH_MM_MIN);
   /** @type {(context: CanvasRenderingContext2D, width: number, height: number, colours: Record<string, string>) => void} */
   return (context, width, height, colours) => {
-    const from = samples.since(samples.newest_s - TAIL_S);
-    const middles = Object.fromEntries(POINTS.map((point) => [point, samples.middle(point, from)]));
-    const half_mm = reach.fit(furthest(samples, from, middles));
+    const from = samples.since(samples.newest_ms - 1000 * TAIL_S);
+    const origins = { lower: samples.origin("lower", from), upper: samples.origin("upper", from) };
+    const half_mm = reach.fit(samples.furthest([0, 1], from, origins));
     const px_per_mm = Math.min(width, height) / 2 / half_mm;
     const x = (/** @type {number} */ ml) => width / 2 + ml * px_per_mm;
     const y = (/** @type {number} */ ap) => height / 2 - ap * px_per_mm;
     rings(context, width, height, half_mm, px_per_mm, colours);
     for (const point of POINTS) {
-      const middle = middles[point];
-      if (!middle) continue;
-      path(context, samples, point, from, middle, x, y, colours[point]);
-      place(context, samples, point, middle, x, y, px_per_mm, colours);
+      const origin = origins[point];
+      if (!origin) continue;
+      path(context, samples, point, from, origin, x, y, colours[point]);
+      place(context, samples, point, origin, x, y, px_per_mm, colours);
     }
   };
-}
-
-/** The largest distance along an axis from the mean. */
-function furthest(samples, from, middles) {
-  let most = 0;
-  for (const point of POINTS) {
-    if (!middles[point]) continue;
-    for (let number = from; number < samples.count; number += 1) {
-      for (const axis of [0, 1]) {
-        const away = Math.abs(samples.value(point, axis, number) - middles[point][axis]);
-        if (away > most) most = away;
-      }
-    }
-  }
-  return most;
 }
 
 function rings(context, width, height, half_mm, px_per_mm, colours) {
@@ -85,27 +70,25 @@ function rings(context, width, height, half_mm, px_per_mm, colours) {
   context.fillText("right", width - 4, centre_y - 3);
 }
 
-function path(context, samples, point, from, middle, x, y, colour) {
+function path(context, samples, point, from, origin, x, y, colour) {
   context.strokeStyle = colour;
   context.lineWidth = 1.6;
   context.lineJoin = "round";
-  const newest_s = samples.newest_s;
-  let number = from;
+  const gap_ms = samples.gap_ms();
+  const at = (place) => [x(samples.value(point, 1, place) - origin[1]), y(samples.value(point, 0, place) - origin[0])];
+  let place = from;
   for (let shade = SHADES; shade > 0; shade -= 1) {
     // From old to new: the newest part lies above the others.
-    const until_s = newest_s - ((shade - 1) / SHADES) * TAIL_S;
+    const until_ms = samples.newest_ms - ((shade - 1) / SHADES) * TAIL_S * 1000;
     context.globalAlpha = 1 - (shade - 1) * (0.8 / SHADES);
     context.beginPath();
     let pen_is_down = false;
-    for (; number < samples.count; number += 1) {
-      const [ap, ml] = [samples.value(point, 0, number), samples.value(point, 1, number)];
-      if (Number.isNaN(ap)) pen_is_down = false;
-      else if (pen_is_down) context.lineTo(x(ml - middle[1]), y(ap - middle[0]));
-      else {
-        context.moveTo(x(ml - middle[1]), y(ap - middle[0]));
-        pen_is_down = true;
-      }
-      if (samples.at_s(number) >= until_s) break;
+    for (; place < samples.count; place += 1) {
+      const follows = pen_is_down && samples.at_ms(place) - samples.at_ms(place - 1) < gap_ms;
+      pen_is_down = !samples.is_missing(point, place);
+      if (pen_is_down && follows) context.lineTo(...at(place));
+      else if (pen_is_down) context.moveTo(...at(place));
+      if (samples.at_ms(place) >= until_ms) break;
     }
     context.stroke();
   }
@@ -113,12 +96,11 @@ function path(context, samples, point, from, middle, x, y, colour) {
 }
 
 /** Where a point is now. */
-function place(context, samples, point, middle, x, y, px_per_mm, colours) {
-  const number = samples.count - 1;
-  const [ap, ml] = [samples.value(point, 0, number), samples.value(point, 1, number)];
-  if (Number.isNaN(ap)) return;
-  const [at_x, at_y] = [x(ml - middle[1]), y(ap - middle[0])];
-  const [long, short, turn] = ellipse(samples.transverse(point, number));
+function place(context, samples, point, origin, x, y, px_per_mm, colours) {
+  const newest = samples.count - 1;
+  if (samples.is_missing(point, newest)) return;
+  const [at_x, at_y] = [x(samples.value(point, 1, newest) - origin[1]), y(samples.value(point, 0, newest) - origin[0])];
+  const [long, short, turn] = ellipse(samples.covariance(point, newest));
   context.fillStyle = colours[point];
   if (long > 0) {
     context.globalAlpha = 0.3;
@@ -138,9 +120,9 @@ function place(context, samples, point, middle, x, y, px_per_mm, colours) {
 /**
  * The half axes, mm, and the turn of the long one on the screen, radians, of the region at 95 %.
  *
- * @param {[number, number, number]} covariance_mm2 Of AP and AP, AP and ML, ML and ML.
+ * @param {ArrayLike<number>} covariance_mm2 Of AP and AP, AP and ML, ML and ML.
  */
-export function ellipse([ap, both, ml]) {
+export function ellipse({ 0: ap, 1: both, 2: ml }) {
   if (!(ap >= 0 && ml >= 0)) return [0, 0, 0];
   const [mean, difference] = [(ap + ml) / 2, (ml - ap) / 2];
   const root = Math.hypot(difference, both);

@@ -1,7 +1,7 @@
 /**
- * AP, ML and SI of both trunk points over the last seconds, below each other, each about the mean
- * of what is shown, with the interval in which it lies at 95 % as a shade. Where a point was not
- * measured, its lines have a gap and the strip is grey.
+ * AP, ML and SI of both trunk points over the last seconds, below each other, each about its
+ * reference, with the interval in which it lies at 95 % as a shade (not of SI, of which none is
+ * sent). Where a point was not measured, its line has a gap and the strip is grey.
  */
 
 import { font } from "./canvas.js";
@@ -11,12 +11,11 @@ import { AXES, POINTS } from "./samples.js";
 /** How much is shown. */
 export const SPAN_S = 20;
 
-/** Two frames further apart than this many times the usual distance have a gap between them. */
-const GAP_FRAMES = 2.5;
-
+/** Half of an interval at 95 %, in standard deviations. */
 const SD = 1.96;
 const LEFT_PX = 64;
 const BOTTOM_PX = 22;
+/** Below this, mm, a movement is noise. */
 const REACH_MM_MIN = 1;
 
 /** @typedef {import("./samples.js").Samples} Samples */
@@ -26,61 +25,49 @@ export function strips(samples) {
   const reaches = AXES.map(() => new Reach(REACH_MM_MIN));
   /** @type {(context: CanvasRenderingContext2D, width: number, height: number, colours: Record<string, string>) => void} */
   return (context, width, height, colours) => {
-    const newest_s = samples.newest_s;
-    const from = samples.since(newest_s - SPAN_S);
+    const start_ms = samples.newest_ms - 1000 * SPAN_S;
+    const from = samples.since(start_ms);
     const right = width - 8;
-    const x = (/** @type {number} */ time_s) => right - ((newest_s - time_s) / SPAN_S) * (right - LEFT_PX);
+    const x = (/** @type {number} */ time_ms) => right - ((samples.newest_ms - time_ms) / (1000 * SPAN_S)) * (right - LEFT_PX);
     const strip_px = (height - BOTTOM_PX) / AXES.length;
-    const gaps = find_gaps(samples, from, newest_s - SPAN_S);
-    const middles = Object.fromEntries(POINTS.map((point) => [point, samples.middle(point, from)]));
+    const gaps = find_gaps(samples, from, start_ms);
+    const origins = { lower: samples.origin("lower", from), upper: samples.origin("upper", from) };
     AXES.forEach((name, axis) => {
       const top = axis * strip_px;
-      const half_mm = reaches[axis].fit(furthest(samples, from, middles, axis));
+      const half_mm = reaches[axis].fit(samples.furthest([axis], from, origins));
       const y = (/** @type {number} */ mm) => top + strip_px / 2 - (mm / half_mm) * (strip_px / 2 - 6);
       context.fillStyle = colours.gap;
       context.globalAlpha = 0.5;
-      for (const [start_s, end_s] of gaps) {
-        context.fillRect(x(start_s), top + 3, Math.max(1.5, x(end_s) - x(start_s)), strip_px - 6);
+      for (const [gap_ms, end_ms] of gaps) {
+        context.fillRect(x(gap_ms), top + 3, Math.max(1.5, x(end_ms) - x(gap_ms)), strip_px - 6);
       }
       context.globalAlpha = 1;
       frame(context, name, half_mm, y, right, top, strip_px, colours);
       for (const point of POINTS) {
-        if (middles[point]) line(context, samples, point, axis, from, middles[point][axis], x, y, colours[point]);
+        const origin = origins[point];
+        if (origin) line(context, samples, point, axis, from, origin[axis], x, y, colours[point]);
       }
     });
-    times(context, x, right, height, colours);
+    times(context, right, height, colours);
   };
 }
 
-/** The times, seconds, in which a point or a whole frame is missing. */
-function find_gaps(samples, from, start_s) {
+/** The times, ms, in which a point or a whole frame is missing. */
+function find_gaps(samples, from, start_ms) {
   const gaps = [];
-  if (samples.count - from < 2) return gaps;
-  const usual_s = (samples.newest_s - samples.at_s(from)) / (samples.count - 1 - from);
-  let before_s = Math.max(start_s, samples.at_s(from));
-  for (let number = from; number < samples.count; number += 1) {
-    const now_s = samples.at_s(number);
-    const is_missing = POINTS.some((point) => Number.isNaN(samples.value(point, 0, number)));
-    if (is_missing || now_s - before_s > GAP_FRAMES * usual_s) {
+  const apart_ms = samples.gap_ms();
+  let before_ms = Math.max(start_ms, samples.at_ms(from));
+  for (let place = from; place < samples.count; place += 1) {
+    const now_ms = samples.at_ms(place);
+    const is_missing = POINTS.some((point) => samples.is_missing(point, place));
+    if (is_missing || now_ms - before_ms > apart_ms) {
       const last = gaps.at(-1);
-      if (last && last[1] === before_s) last[1] = now_s;
-      else gaps.push([before_s, now_s]);
+      if (last && last[1] === before_ms) last[1] = now_ms;
+      else gaps.push([before_ms, now_ms]);
     }
-    before_s = now_s;
+    before_ms = now_ms;
   }
   return gaps;
-}
-
-function furthest(samples, from, middles, axis) {
-  let most = 0;
-  for (const point of POINTS) {
-    if (!middles[point]) continue;
-    for (let number = from; number < samples.count; number += 1) {
-      const away = Math.abs(samples.value(point, axis, number) - middles[point][axis]);
-      if (away > most) most = away;
-    }
-  }
-  return most;
 }
 
 function frame(context, name, half_mm, y, right, top, strip_px, colours) {
@@ -104,48 +91,40 @@ function frame(context, name, half_mm, y, right, top, strip_px, colours) {
   context.fillText(`−${half_mm}`, LEFT_PX - 6, y(-half_mm) - 4);
 }
 
-function line(context, samples, point, axis, from, middle, x, y, colour) {
+function line(context, samples, point, axis, from, origin, x, y, colour) {
   context.fillStyle = colour;
   context.strokeStyle = colour;
   context.lineWidth = 1.6;
   context.lineJoin = "round";
-  const usual_s = (samples.newest_s - samples.at_s(from)) / Math.max(1, samples.count - 1 - from);
-  const ends = (/** @type {number} */ number) =>
-    number >= samples.count ||
-    Number.isNaN(samples.value(point, axis, number)) ||
-    (number > from && samples.at_s(number) - samples.at_s(number - 1) > GAP_FRAMES * usual_s);
-  for (let first = from; first < samples.count; ) {
-    if (Number.isNaN(samples.value(point, axis, first))) {
-      first += 1;
-      continue;
-    }
+  const gap_ms = samples.gap_ms();
+  const goes_on = (/** @type {number} */ place) =>
+    place < samples.count && !samples.is_missing(point, place) && samples.at_ms(place) - samples.at_ms(place - 1) < gap_ms;
+  for (let first = from; first < samples.count; first += 1) {
+    if (samples.is_missing(point, first)) continue;
     let end = first + 1;
-    while (!ends(end)) end += 1;
-    shade(context, samples, point, axis, first, end, middle, x, y);
+    while (goes_on(end)) end += 1;
+    const mm = (/** @type {number} */ place) => samples.value(point, axis, place) - origin;
+    if (axis < 2) shade(context, samples, point, axis, first, end, mm, x, y);
     context.beginPath();
-    for (let number = first; number < end; number += 1) {
-      context.lineTo(x(samples.at_s(number)), y(samples.value(point, axis, number) - middle));
-    }
+    for (let place = first; place < end; place += 1) context.lineTo(x(samples.at_ms(place)), y(mm(place)));
     context.stroke();
-    first = end;
+    first = end - 1;
   }
 }
 
 /** The interval at 95 % along a piece of a line. */
-function shade(context, samples, point, axis, first, end, middle, x, y) {
-  const at = (/** @type {number} */ number, /** @type {number} */ sign) => {
-    const sd_mm = samples.sd(point, axis, number) || 0;
-    return y(samples.value(point, axis, number) - middle + sign * SD * sd_mm);
-  };
+function shade(context, samples, point, axis, first, end, mm, x, y) {
+  const edge = (/** @type {number} */ place, /** @type {number} */ sign) =>
+    context.lineTo(x(samples.at_ms(place)), y(mm(place) + sign * SD * samples.sd(point, axis, place)));
   context.globalAlpha = 0.22;
   context.beginPath();
-  for (let number = first; number < end; number += 1) context.lineTo(x(samples.at_s(number)), at(number, 1));
-  for (let number = end - 1; number >= first; number -= 1) context.lineTo(x(samples.at_s(number)), at(number, -1));
+  for (let place = first; place < end; place += 1) edge(place, 1);
+  for (let place = end - 1; place >= first; place -= 1) edge(place, -1);
   context.fill();
   context.globalAlpha = 1;
 }
 
-function times(context, x, right, height, colours) {
+function times(context, right, height, colours) {
   context.fillStyle = colours.soft;
   context.font = font(12);
   context.textBaseline = "bottom";
