@@ -12,10 +12,10 @@ import { clock, number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").AimTarget} AimTarget */
 
-/** A focus below this is not sharp; as the box's own advice has it. */
-const FOCUS_MIN = 90;
-const LIGHT_MIN = 0.3;
-const CONTRAST_MIN = 0.3;
+/** From where on a figure is good enough: the bounds by which the desk gives its advice. */
+const FOCUS_MIN = 80;
+const LIGHT_MIN = 0.4;
+const CONTRAST_MIN = 0.25;
 const PITCH_PX_MIN = 15;
 /** A bar of sizes ends here. */
 const PITCH_PX_MOST = 45;
