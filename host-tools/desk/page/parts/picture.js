@@ -30,7 +30,7 @@ export function Picture({ box, aim, children }) {
           const answer = await fetch(`${of_box(box, "picture.jpeg")}?number=${number}`);
           if (!answer.ok) throw new Error(answer.statusText);
           const picture = await createImageBitmap(await answer.blob());
-          paint(canvas.current, picture);
+          paint(canvas.current, picture, number);
           picture.close();
           shown = number;
         } catch {
@@ -53,9 +53,10 @@ export function Picture({ box, aim, children }) {
   </div>`;
 }
 
-/** @param {HTMLCanvasElement | null} canvas @param {ImageBitmap} picture */
-function paint(canvas, picture) {
+/** @param {HTMLCanvasElement | null} canvas @param {ImageBitmap} picture @param {number} number */
+function paint(canvas, picture, number) {
   if (!canvas) return;
+  canvas.dataset.picture = String(number);
   if (canvas.width !== picture.width || canvas.height !== picture.height) {
     canvas.width = picture.width;
     canvas.height = picture.height;
