@@ -8,10 +8,12 @@
 //! | every step at three sizes, light and dark | nothing is cut off, axe-core finds nothing, the console is silent, no other host is asked | [`looks`] |
 //! | the page is reloaded, throttled, cut off, closed and opened again in a trial | the trial is whole | [`disturbed`] |
 //! | a page of another origin, another name for the desk, hostile words | nothing is got, nothing begins | [`hostile`] |
+//! | the modules that draw are asked, and read | they draw what came; no text becomes markup | [`drawings`] |
 //! | a person is watched | on the screen within a tenth of a second; no memory is taken | [`pace`] |
 
 mod camera;
 mod disturbed;
+mod drawings;
 mod hostile;
 mod looks;
 mod pace;

@@ -44,17 +44,18 @@ export function unlock_when_used() {
 
 /** @param {keyof typeof TONES} name */
 export function play(name) {
-  if (!audio || !can_be_heard()) return;
+  const out = audio;
+  if (!out || !can_be_heard()) return;
   const { pitches, each_s } = TONES[name];
   pitches.forEach((pitch, index) => {
-    const [begin, end] = [audio.currentTime + index * each_s, audio.currentTime + (index + 1) * each_s];
-    const [source, volume] = [audio.createOscillator(), audio.createGain()];
+    const [begin, end] = [out.currentTime + index * each_s, out.currentTime + (index + 1) * each_s];
+    const [source, volume] = [out.createOscillator(), out.createGain()];
     source.frequency.value = pitch;
     volume.gain.setValueAtTime(0, begin);
     volume.gain.linearRampToValueAtTime(LOUDNESS, begin + EDGE_S);
     volume.gain.setValueAtTime(LOUDNESS, end - EDGE_S);
     volume.gain.linearRampToValueAtTime(0, end);
-    source.connect(volume).connect(audio.destination);
+    source.connect(volume).connect(out.destination);
     source.start(begin);
     source.stop(end);
   });

@@ -39,15 +39,17 @@ export class Samples {
     this.values = { lower: new Float32Array(capacity * STRIDE), upper: new Float32Array(capacity * STRIDE) };
     /** Changes whenever a drawing must be made anew. */
     this.version = 0;
-    this.clear();
-  }
-
-  clear() {
     /** How many have ever come; the newest in time has the place `count - 1`. */
     this.count = 0;
     /** The number, by the desk, of the latest that came. @type {number | null} */
     this.latest = null;
     /** @type {Reference} */
+    this.reference = { number: 0, upper: null, lower: null };
+  }
+
+  clear() {
+    this.count = 0;
+    this.latest = null;
     this.reference = { number: 0, upper: null, lower: null };
     this.version += 1;
   }

@@ -21,8 +21,9 @@ const PITCH_PX_MIN = 15;
 const PITCH_PX_MOST = 45;
 
 /** @param {import("../shell/shell.js").StepProperties} properties */
-export function Aim({ box, connection }) {
-  const { aim } = /** @type {import("../desk/wire.js").BoxState} */ (box);
+export function Aim({ box: chosen, connection }) {
+  const box = /** @type {import("../desk/wire.js").BoxState} */ (chosen);
+  const { aim } = box;
   const frame = useRef(/** @type {HTMLElement | null} */ (null));
   const to_full_screen = () => (document.fullscreenElement ? document.exitFullscreen() : frame.current?.requestFullscreen());
   return html`<section tabindex="-1">
@@ -56,7 +57,7 @@ export function Aim({ box, connection }) {
       </div>
       <div class="row">
         <a class="button" href=${address("calibrate", box.id)}>Go on to calibrate</a>
-        ${!can(/** @type {any} */ (box), "aim_end") && html`<span class="soft">The box is busy.</span>`}
+        ${!can(box, "aim_end") && html`<span class="soft">The box is busy.</span>`}
       </div>`}
   </section>`;
 }
