@@ -149,8 +149,9 @@ class Keyboard:
         raise AssertionError(f"the tabulator does not lead to {what}")
 
     def press(self, what):
-        expect(what).to_be_enabled()
         self.reach(what)
+        # A button may wait until what it does is possible.
+        expect(what).to_be_enabled()
         self.page.keyboard.press("Enter")
 
     def write(self, what, text):

@@ -31,9 +31,10 @@ export function Note({ verdict, text, remedy }) {
 /**
  * A button for what takes a while: it cannot be pressed twice, and an error stands beside it.
  *
- * @param {{act: () => Promise<unknown> | unknown, kind?: string, disabled?: boolean, focus?: boolean, children?: unknown}} properties
+ * @param {{act: () => Promise<unknown> | unknown, kind?: string, disabled?: boolean, waits?: boolean, focus?: boolean, children?: unknown}} properties
+ *   One that `waits` cannot be pressed, and keeps the keyboard's focus, because it soon can be again.
  */
-export function Act({ act, kind = "", disabled = false, focus = false, children, ...others }) {
+export function Act({ act, kind = "", disabled = false, waits = false, focus = false, children, ...others }) {
   const [is_busy, set_busy] = useState(false);
   const [error, set_error] = useState("");
   const button = useRef(/** @type {HTMLButtonElement | null} */ (null));
@@ -54,8 +55,8 @@ export function Act({ act, kind = "", disabled = false, focus = false, children,
       if (is_there.current) set_busy(false);
     }
   };
-  return html`<button type="button" class=${kind} ref=${button} aria-busy=${is_busy} aria-disabled=${is_busy}
-      disabled=${disabled} onClick=${is_busy ? undefined : press} ...${others}>${children}</button>
+  return html`<button type="button" class=${kind} ref=${button} aria-busy=${is_busy} aria-disabled=${is_busy || waits}
+      disabled=${disabled} onClick=${is_busy || waits ? undefined : press} ...${others}>${children}</button>
     ${error && html`<div class="note bad" role="alert"><p>${error}</p></div>`}`;
 }
 

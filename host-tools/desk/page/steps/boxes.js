@@ -47,7 +47,7 @@ function BoxCard({ box, is_chosen, connection }) {
     ${hello && html`<p class="sentence next">${hello.next}</p>`}
     <div class="row">
       ${hello && html`<a class="button" href=${address(first_step(box), box.id)}>${STEP_WORDS[first_step(box)]}</a>`}
-      <${BoxAct} box=${box} needs="examine" action="examine">Examine it<//>
+      <${BoxAct} box=${box} needs="examine" action="examine" stays=${box.doing === "examining"}>Examine it<//>
     </div>
     <${Busy} box=${box} connection=${connection} />
     ${hello && html`<${Facts} facts=${[

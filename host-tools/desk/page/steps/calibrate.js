@@ -64,6 +64,17 @@ function Photographing({ box, set, connection }) {
       <div class="stack">
         <p class="sentence" aria-live="polite">${set.next}</p>
         ${box.aim && html`<${Picture} box=${box.id} aim=${box.aim}><${Countdown} set=${set} connection=${connection} /><//>`}
+        <div class="row">
+          <${BoxAct} box=${box} needs="photographs_take" action="photographs/take" kind="first" stays=${box.aim !== null}>Take one now<//>
+          ${can(box, "photographs_auto") && html`
+            <${BoxAct} box=${box} needs="photographs_auto" action="photographs/auto" body=${{ count: 15, every_s: Number(every_s) }}>Take 15 by themselves<//>
+            <label class="row"><span>one every</span>
+              <input type="number" min="1" max="60" value=${every_s} onInput=${(/** @type {any} */ event) => set_every_s(event.target.value)} style=${{ width: "5rem" }} />
+              <span>s</span></label>`}
+          <${BoxAct} box=${box} needs="photographs_pause" action="photographs/pause">Pause<//>
+          ${box.aim && html`<${Act} act=${to_full_screen}>Full screen<//>`}
+          <${BoxAct} box=${box} needs="calibration_fit" action="calibration/fit" kind=${good.length >= 10 ? "first" : ""}>Calibrate with these<//>
+        </div>
       </div>
       <div class="stack">
         <p><strong>${counted(good.length, "photograph")} with the board</strong>${set.list.length > good.length ? ` of ${set.list.length}` : ""};
@@ -71,17 +82,6 @@ function Photographing({ box, set, connection }) {
         <${Coverage} set=${set} />
         <${Photographs} box=${box} set=${set} />
       </div>
-    </div>
-    <div class="row">
-      <${BoxAct} box=${box} needs="photographs_take" action="photographs/take" kind="first">Take one now<//>
-      ${can(box, "photographs_auto") && html`
-        <${BoxAct} box=${box} needs="photographs_auto" action="photographs/auto" body=${{ count: 15, every_s: Number(every_s) }}>Take 15 by themselves<//>
-        <label class="row"><span>one every</span>
-          <input type="number" min="1" max="60" value=${every_s} onInput=${(/** @type {any} */ event) => set_every_s(event.target.value)} style=${{ width: "5rem" }} />
-          <span>s</span></label>`}
-      <${BoxAct} box=${box} needs="photographs_pause" action="photographs/pause">Pause<//>
-      ${box.aim && html`<${Act} act=${to_full_screen}>Full screen<//>`}
-      <${BoxAct} box=${box} needs="calibration_fit" action="calibration/fit" kind=${good.length >= 10 ? "first" : ""}>Calibrate with these<//>
     </div>
     <p class="soft small">Kept in ${set.folder}</p>`;
 }

@@ -6,6 +6,7 @@
 import { of_box, post, report_of } from "../desk/requests.js";
 import { BoxAct, useDeskNow } from "../parts/box.js";
 import { Act, Dialog, Field, Note, Word } from "../parts/elements.js";
+import { can_be_heard, play, unlock } from "../sound.js";
 import { html, useEffect, useRef, useState } from "../vendor/preact-htm.js";
 import { clock } from "../words.js";
 import { LiveView } from "./live_view.js";
@@ -30,8 +31,21 @@ export function Run({ box, session, connection, live }) {
     </div>
     <${Plan} session=${session} />
     ${session.warnings.map((words) => html`<${Note} key=${words} verdict="warn" text=${words} />`)}
+    ${at.is !== "over" && html`<${Silent} />`}
     ${Card && html`<${Card} key=${`${at.is} ${at.place}`} box=${box} session=${session} connection=${connection} />`}
     ${is_live && html`<${LiveView} box=${box} live=${live} />`}`;
+}
+
+/** A page that nobody has clicked since it was opened may not make a sound. */
+function Silent() {
+  const [is_heard, set_heard] = useState(can_be_heard());
+  useEffect(() => {
+    const timer = setInterval(() => set_heard(can_be_heard()), 500);
+    return () => clearInterval(timer);
+  }, []);
+  if (is_heard) return null;
+  return html`<p class="row"><span>Tones are off until this page is used.</span>
+    <${Act} act=${async () => (await unlock(), play("tick"), set_heard(can_be_heard()))}>Switch tones on<//></p>`;
 }
 
 /** The planned trials. @param {{session: SessionState}} properties */

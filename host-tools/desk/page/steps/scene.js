@@ -25,7 +25,7 @@ export function Scene({ box: chosen, connection }) {
         <input inputmode="decimal" value=${pitch} onInput=${(/** @type {any} */ event) => set_pitch(event.target.value)} /></label>
     </details>
     <div class="row">
-      <${BoxAct} box=${box} needs="scene_measure" action="scene/measure" body=${looks_down} kind=${scene ? "" : "first"} focus=${!scene}>
+      <${BoxAct} box=${box} needs="scene_measure" action="scene/measure" body=${looks_down} kind=${scene ? "" : "first"} stays=${box.doing === "measuring_scene"}>
         ${scene ? "Measure again" : "Measure"}<//>
     </div>
     ${scene && html`<article class="card" aria-label="The scene">
