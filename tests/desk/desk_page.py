@@ -217,7 +217,8 @@ def wait_until_ready(page):
     page.wait_for_function(
         """async () => {
             const state = await (await fetch("/api/state")).json();
-            return state.boxes[0]?.can.includes("session_begin");
+            const box = state.boxes[0];
+            return box?.live && box.doing === "watching" && box.can.includes("session_begin");
         }""",
         polling=200,
     )
