@@ -25,6 +25,7 @@ const connection = new Connection({
   status: (status) => show({ status }),
   state: (state) => show({ state }),
   frames: (message) => live.frames(connection, message),
+  another: () => live.samples.clear(),
   tone: (message) => {
     if (message.box === live.box) play(TONES[message.tone]);
   },

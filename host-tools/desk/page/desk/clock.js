@@ -8,6 +8,9 @@
 /** How many answers are compared. */
 const KEPT = 8;
 
+/** A desk whose clock is further from this one is not the same. */
+const SAME_MS = 5_000;
+
 export class Clock {
   constructor() {
     /** @type {{took_ms: number, apart_ms: number}[]} */
@@ -23,7 +26,12 @@ export class Clock {
     this.apart_ms = this.answers.reduce((best, it) => (it.took_ms < best.took_ms ? it : best)).apart_ms;
   }
 
-  /** After a break the desk may be another one. */
+  /** Whether a desk that says this is another one than before, or the page was asleep. @param {number} desk_ms */
+  is_of_another(desk_ms) {
+    return Math.abs(desk_ms - this.now_ms()) > SAME_MS;
+  }
+
+  /** After a break the network may be another one. */
   forget() {
     this.answers = [];
   }

@@ -21,7 +21,7 @@ const SILENT_MS = 15_000;
 
 export class Connection {
   /**
-   * @param {{status: (status: Status) => void, state: (state: State) => void, frames: (message: any) => void, tone: (message: any) => void}} told
+   * @param {{status: (status: Status) => void, state: (state: State) => void, frames: (message: any) => void, tone: (message: any) => void, another: () => void}} told
    *   Whom to tell what.
    */
   constructor(told) {
@@ -114,6 +114,7 @@ export class Connection {
     this.heard_ms = performance.now();
     switch (message.is) {
       case "state":
+        if (this.clock.is_of_another(message.state.now_ms)) this.#another_desk();
         this.clock.at_least(message.state.now_ms);
         this.told.state(message.state);
         break;
@@ -130,6 +131,14 @@ export class Connection {
         console.error("The desk does not understand this page", message.problem);
         break;
     }
+  }
+
+  /** The desk was started anew: its clock and its numbers of frames have begun again. */
+  #another_desk() {
+    this.clock = new Clock();
+    this.#ping();
+    this.told.another();
+    this.#watch();
   }
 
   #look_after() {

@@ -56,5 +56,27 @@ export function keep_drawn(canvas, version, draw) {
   };
 }
 
+/** A line's points are left out when they are closer to the one before than this: nobody sees them. */
+const LEAST_PX = 0.7;
+
+/**
+ * Draws a line through many points, at the cost of those that can be seen.
+ *
+ * @param {CanvasRenderingContext2D} context
+ */
+export function pen(context) {
+  let [last_x, last_y] = [NaN, NaN];
+  const to = (/** @type {"moveTo" | "lineTo"} */ draw, /** @type {number} */ x, /** @type {number} */ y) => {
+    [last_x, last_y] = [x, y];
+    context[draw](x, y);
+  };
+  return {
+    move: (/** @type {number} */ x, /** @type {number} */ y) => to("moveTo", x, y),
+    line(/** @type {number} */ x, /** @type {number} */ y) {
+      if (Math.abs(x - last_x) > LEAST_PX || Math.abs(y - last_y) > LEAST_PX) to("lineTo", x, y);
+    },
+  };
+}
+
 /** The font of letters in drawings. @param {number} px */
 export const font = (px) => `${px}px system-ui, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans", sans-serif`;

@@ -4,7 +4,7 @@
  * the region in which it lies at 95 % as a shade.
  */
 
-import { font } from "./canvas.js";
+import { font, pen } from "./canvas.js";
 import { Reach } from "./scale.js";
 import { POINTS } from "./samples.js";
 
@@ -75,6 +75,8 @@ function path(context, samples, point, from, origin, x, y, colour) {
   context.lineWidth = 1.6;
   context.lineJoin = "round";
   const gap_ms = samples.gap_ms();
+  const { move, line } = pen(context);
+  /** @type {(place: number) => [number, number]} */
   const at = (place) => [x(samples.value(point, 1, place) - origin[1]), y(samples.value(point, 0, place) - origin[0])];
   let place = from;
   for (let shade = SHADES; shade > 0; shade -= 1) {
@@ -86,8 +88,8 @@ function path(context, samples, point, from, origin, x, y, colour) {
     for (; place < samples.count; place += 1) {
       const follows = pen_is_down && samples.at_ms(place) - samples.at_ms(place - 1) < gap_ms;
       pen_is_down = !samples.is_missing(point, place);
-      if (pen_is_down && follows) context.lineTo(...at(place));
-      else if (pen_is_down) context.moveTo(...at(place));
+      if (pen_is_down && follows) line(...at(place));
+      else if (pen_is_down) move(...at(place));
       if (samples.at_ms(place) >= until_ms) break;
     }
     context.stroke();

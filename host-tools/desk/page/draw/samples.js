@@ -133,7 +133,7 @@ export class Samples {
 
   /** The standard deviation, mm; NaN of SI, which is not sent. @param {Point} point @param {number} axis @param {number} place */
   sd(point, axis, place) {
-    return axis < 2 ? Math.sqrt(this.covariance(point, place)[2 * axis]) : NaN;
+    return axis < 2 ? Math.sqrt(this.values[point][(place % this.capacity) * STRIDE + AXES.length + 2 * axis]) : NaN;
   }
 
   /** How far two frames that follow each other usually are apart, ms. */

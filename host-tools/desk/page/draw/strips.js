@@ -4,7 +4,7 @@
  * sent). Where a point was not measured, its line has a gap and the strip is grey.
  */
 
-import { font } from "./canvas.js";
+import { font, pen } from "./canvas.js";
 import { Reach } from "./scale.js";
 import { AXES, POINTS } from "./samples.js";
 
@@ -106,7 +106,9 @@ function line(context, samples, point, axis, from, origin, x, y, colour) {
     const mm = (/** @type {number} */ place) => samples.value(point, axis, place) - origin;
     if (axis < 2) shade(context, samples, point, axis, first, end, mm, x, y);
     context.beginPath();
-    for (let place = first; place < end; place += 1) context.lineTo(x(samples.at_ms(place)), y(mm(place)));
+    const drawn = pen(context);
+    drawn.move(x(samples.at_ms(first)), y(mm(first)));
+    for (let place = first + 1; place < end; place += 1) drawn.line(x(samples.at_ms(place)), y(mm(place)));
     context.stroke();
     first = end - 1;
   }
@@ -114,12 +116,14 @@ function line(context, samples, point, axis, from, origin, x, y, colour) {
 
 /** The interval at 95 % along a piece of a line. */
 function shade(context, samples, point, axis, first, end, mm, x, y) {
+  const { move, line } = pen(context);
   const edge = (/** @type {number} */ place, /** @type {number} */ sign) =>
-    context.lineTo(x(samples.at_ms(place)), y(mm(place) + sign * SD * samples.sd(point, axis, place)));
+    /** @type {const} */ ([x(samples.at_ms(place)), y(mm(place) + sign * SD * samples.sd(point, axis, place))]);
   context.globalAlpha = 0.22;
   context.beginPath();
-  for (let place = first; place < end; place += 1) edge(place, 1);
-  for (let place = end - 1; place >= first; place -= 1) edge(place, -1);
+  move(...edge(first, 1));
+  for (let place = first; place < end; place += 1) line(...edge(place, 1));
+  for (let place = end - 1; place >= first; place -= 1) line(...edge(place, -1));
   context.fill();
   context.globalAlpha = 1;
 }

@@ -23,9 +23,10 @@ export function Calibrate({ box: chosen, connection }) {
     <h1>Calibrate the camera</h1>
     <${LinkNote} box=${box} />
     <${Busy} box=${box} connection=${connection} />
-    <${Begin} box=${box} />
+    ${!photographs && html`<${Begin} key="first" box=${box} />`}
     ${photographs && html`<${Photographing} box=${box} set=${photographs} connection=${connection} />`}
     ${calibration && html`<${Calibrated} box=${box} calibration=${calibration} />`}
+    ${photographs && html`<${Begin} key="again" box=${box} />`}
   </section>`;
 }
 
