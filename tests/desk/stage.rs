@@ -22,7 +22,8 @@ const PATIENCE: Duration = Duration::from_secs(120);
 pub const NAME: &str = "ward 3";
 
 /// The board that is photographed, and stands where the person will stand.
-const BOARD: &str = "\n[[target]]\nname = \"board\"\nrole = \"scene\"\ncolumns = 9\nrows = 6\npitch_mm = 20.0\n";
+const BOARD: &str =
+    "\n[[target]]\nname = \"board\"\nrole = \"scene\"\ncolumns = 9\nrows = 6\npitch_mm = 20.0\n";
 
 pub fn plumb() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
@@ -105,16 +106,13 @@ impl Stage {
 
     /// Starts the desk, which keeps studies in `desk`.
     pub fn desk(&self) -> Desk {
-        self.desk_at(free_tcp_port())
-    }
-
-    /// Starts the desk at a port, as after a restart of the computer.
-    pub fn desk_at(&self, port: u16) -> Desk {
         let said = self.path("desk.txt");
         let file = File::create(&said).unwrap();
-        let mut command = self.plumb(&format!("desk --folder desk --port {port} --udp {}", self.udp));
+        let port = free_tcp_port();
+        let mut command =
+            self.plumb(&format!("desk --folder desk --port {port} --udp {}", self.udp));
         command.stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file);
-        let mut desk = Desk { child: command.spawn().unwrap(), said, port, url: String::new() };
+        let mut desk = Desk { child: command.spawn().unwrap(), said, url: String::new() };
         desk.url = desk.address();
         desk
     }
@@ -149,7 +147,6 @@ impl Stage {
 pub struct Desk {
     child: Child,
     said: PathBuf,
-    pub port: u16,
     /// The address that signs a browser in.
     pub url: String,
 }
@@ -162,7 +159,10 @@ impl Desk {
         loop {
             let said = self.said();
             let words = said.split_whitespace();
-            if let Some(url) = words.map(str::to_owned).find(|it| it.starts_with("http://") && it.contains("token=")) {
+            if let Some(url) = words
+                .map(str::to_owned)
+                .find(|it| it.starts_with("http://") && it.contains("token="))
+            {
                 return url;
             }
             assert!(self.child.try_wait().unwrap().is_none(), "the desk has ended: {said}");

@@ -59,7 +59,7 @@ def scene(page, hands):
 def prepare(page, hands):
     ask("show person")
     hands.write(page.get_by_label("Title"), "Quiet standing")
-    hands.choose(page.get_by_label("Protocol to begin with"), "Eyes open and closed")
+    hands.choose(page.get_by_label("Protocol to begin with"), "Eyes open, eyes closed")
     hands.press(button(page, "Make the study"))
     hands.press(button(page, "Edit the protocol"))
     hands.write(page.get_by_label("Rest between trials, s"), "0")
