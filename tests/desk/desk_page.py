@@ -31,9 +31,11 @@ ARGUMENTS = [
 
 
 def ask(what):
-    """Has the test do something, such as showing the camera something else, and waits until it has."""
+    """Has the test do something, such as showing the camera something else; its answer, once it has."""
     print(f"ask {what}", flush=True)
-    assert sys.stdin.readline().strip() == "done", what
+    answer = sys.stdin.readline().strip()
+    assert answer, what
+    return answer
 
 
 def tell(figure):

@@ -6,7 +6,7 @@ use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::{Trial, names};
 
 use crate::camera::{RATE_HZ, Shown};
-use crate::stage::Stage;
+use crate::stage::{Stage, nothing_is_asked};
 
 /// Long enough for all that is done meanwhile, on a busy computer too.
 const SECONDS: usize = 16;
@@ -17,7 +17,7 @@ fn a_trial_is_whole_whatever_happens_to_its_page() {
     stage.ready_box();
     let the_box = stage.start_box(Shown::Person);
     let desk = stage.desk();
-    stage.browse("disturbed.py", &[&desk.url, &SECONDS.to_string()], |_| ());
+    stage.browse("disturbed.py", &[&desk.url, &SECONDS.to_string()], nothing_is_asked);
     drop((desk, the_box));
     let folder = stage.path("desk/short/sessions/P01-1/01-eyes-open");
     let trial = Trial::open(&folder).unwrap();
@@ -27,6 +27,29 @@ fn a_trial_is_whole_whatever_happens_to_its_page() {
     let missing = poses.windows(2).filter(|pair| pair[1].sequence != pair[0].sequence + 1).count();
     assert_eq!(missing, 0, "of {} poses", poses.len());
     println!("{} poses, none missing", poses.len());
+}
+
+/// The desk is killed in the middle of a trial and started again, as its computer may be.
+#[test]
+fn a_session_goes_on_where_it_was_when_its_desk_was_killed() {
+    let Some(stage) = Stage::new() else { return };
+    stage.ready_box();
+    let _the_box = stage.start_box(Shown::Person);
+    let mut desk = Some(stage.desk());
+    let url = desk.as_ref().unwrap().url.clone();
+    let mut port = 0;
+    stage.browse("restarted.py", &[&url], |asked| match asked {
+        "kill the desk" => {
+            port = desk.take().unwrap().port;
+            "killed".to_owned()
+        }
+        "start the desk" => desk.insert(stage.desk_at(port)).url.clone(),
+        _ => panic!("nobody can {asked}"),
+    });
+    let folder = stage.path("desk/short/sessions/P01-1/01-eyes-open");
+    let poses = poses_of(&folder);
+    let missing = poses.windows(2).filter(|pair| pair[1].sequence != pair[0].sequence + 1).count();
+    assert!(missing == 0 && poses.len() > RATE_HZ, "{missing} gaps, {} poses", poses.len());
 }
 
 /// The poses of a trial, in their order.

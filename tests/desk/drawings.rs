@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use plumbline_test_support::root;
 
-use crate::stage::Stage;
+use crate::stage::{Stage, nothing_is_asked};
 
 #[test]
 fn what_is_drawn_is_what_came() {
     let Some(stage) = Stage::new() else { return };
     let desk = stage.desk();
-    stage.browse("drawings.py", &[&desk.url], |_| ());
+    stage.browse("drawings.py", &[&desk.url], nothing_is_asked);
 }
 
 /// By which a text would become markup or a program.

@@ -1,7 +1,7 @@
 //! From exposure to screen, and what that costs.
 
 use crate::camera::{RATE_HZ, Shown};
-use crate::stage::Stage;
+use crate::stage::{Stage, nothing_is_asked};
 
 /// From exposure to the screen, at the median.
 const SCREEN_MS_MAX: f64 = 100.0;
@@ -24,7 +24,7 @@ fn watched_for(seconds: u32, rate_hz: usize) {
     let _the_box = stage.start_box_at(Shown::Person, rate_hz);
     let desk = stage.desk();
     let before_kb = desk.resident_kb();
-    let said = stage.browse("pace.py", &[&desk.url, &seconds.to_string()], |_| ());
+    let said = stage.browse("pace.py", &[&desk.url, &seconds.to_string()], nothing_is_asked);
     println!("the desk held {before_kb} kB before, and {} after", desk.resident_kb());
     assert!(figures(&said, "screen_ms ")[0] <= SCREEN_MS_MAX, "{said}");
     let heap_kb = figures(&said, "heap_kb ");

@@ -106,21 +106,30 @@ impl Stage {
 
     /// Starts the desk, which keeps studies in `desk`.
     pub fn desk(&self) -> Desk {
+        self.desk_at(free_tcp_port())
+    }
+
+    /// The same at a port, as after a restart of the computer.
+    pub fn desk_at(&self, port: u16) -> Desk {
         let said = self.path("desk.txt");
         let file = File::create(&said).unwrap();
-        let port = free_tcp_port();
         let mut command =
             self.plumb(&format!("desk --folder desk --port {port} --udp {}", self.udp));
         command.stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file);
-        let mut desk = Desk { child: command.spawn().unwrap(), said, url: String::new() };
+        let mut desk = Desk { child: command.spawn().unwrap(), said, port, url: String::new() };
         desk.url = desk.address();
         desk
     }
 
-    /// Runs a script beside this file in the browser, and does what its lines ask for: `show WHAT`.
-    /// Other lines are its figures; they are printed, and returned.
+    /// Runs a script beside this file in the browser, and answers each of its lines that asks for
+    /// something. Other lines are its figures; they are printed, and returned.
     #[track_caller]
-    pub fn browse(&self, script: &str, arguments: &[&str], mut ask: impl FnMut(&str)) -> String {
+    pub fn browse(
+        &self,
+        script: &str,
+        arguments: &[&str],
+        mut ask: impl FnMut(&str) -> String,
+    ) -> String {
         let mut command = Command::new(&self.python);
         command.arg(root().join("tests/desk").join(script)).args(arguments);
         command.env("PYTHONDONTWRITEBYTECODE", "1").env("PLUMBLINE_SHOTS", shots());
@@ -131,8 +140,7 @@ impl Stage {
         for line in BufReader::new(child.stdout.take().unwrap()).lines() {
             let line = line.unwrap();
             if let Some(asked) = line.strip_prefix("ask ") {
-                ask(asked);
-                writeln!(answers, "done").unwrap();
+                writeln!(answers, "{}", ask(asked)).unwrap();
             } else {
                 println!("{line}");
                 figures += &(line + "\n");
@@ -147,6 +155,7 @@ impl Stage {
 pub struct Desk {
     child: Child,
     said: PathBuf,
+    pub port: u16,
     /// The address that signs a browser in.
     pub url: String,
 }
@@ -205,4 +214,9 @@ fn free_udp_port() -> SocketAddr {
 
 fn free_tcp_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// For scripts that only watch.
+pub fn nothing_is_asked(asked: &str) -> String {
+    panic!("nobody can {asked}")
 }

@@ -5,8 +5,8 @@ use plumbline_trial::Trial;
 use crate::camera::{Shown, TheBox};
 use crate::stage::Stage;
 
-/// What a script asks for.
-pub fn show(the_box: &TheBox, asked: &str) {
+/// Has the camera show what a script asks for.
+pub fn show(the_box: &TheBox, asked: &str) -> String {
     let shown = match asked.split_whitespace().collect::<Vec<_>>()[..] {
         ["show", "standing"] => Shown::Standing,
         ["show", "person"] => Shown::Person,
@@ -14,6 +14,7 @@ pub fn show(the_box: &TheBox, asked: &str) {
         _ => panic!("nobody can {asked}"),
     };
     the_box.show(shown);
+    "shown".to_owned()
 }
 
 #[track_caller]
