@@ -66,6 +66,7 @@ function Photographing({ box, set, connection }) {
         <p class="sentence" aria-live="polite">${set.next}</p>
         ${box.aim && html`<${Picture} box=${box.id} aim=${box.aim}><${Countdown} set=${set} connection=${connection} /><//>`}
         <div class="row">
+          ${!box.aim && html`<${BoxAct} box=${box} needs="aim_begin" action="aim/begin" kind="first">Go on photographing<//>`}
           <${BoxAct} box=${box} needs="photographs_take" action="photographs/take" kind="first" stays=${box.aim !== null}>Take one now<//>
           ${can(box, "photographs_auto") && html`
             <${BoxAct} box=${box} needs="photographs_auto" action="photographs/auto" body=${{ count: 15, every_s: Number(every_s) }}>Take 15 by themselves<//>
@@ -97,8 +98,9 @@ function Countdown({ set, connection }) {
 
 /** In how many photographs each part of the frame showed the board. @param {{set: Set}} properties */
 export function Coverage({ set }) {
-  const [across] = set.cells;
-  const cells = set.covered.flat();
+  const [across, down] = set.cells;
+  // Before the first photograph there is no map.
+  const cells = Array.from({ length: across * down }, (_, at) => set.covered[Math.floor(at / across)]?.[at % across] ?? 0);
   const bare = cells.filter((count) => count === 0).length;
   const label = `Map of the frame: ${cells.length - bare} of ${cells.length} parts have shown the board`;
   const look = (/** @type {number} */ count) => (count === 0 ? "" : count === 1 ? "some" : "full");
