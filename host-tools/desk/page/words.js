@@ -14,3 +14,12 @@ export function clock(seconds) {
 
 /** @param {number} count @param {string} one @param {string} [many] */
 export const counted = (count, one, many = `${one}s`) => `${count} ${count === 1 ? one : many}`;
+
+/** A time of day by this computer's clock. @param {string} utc As RFC 3339 writes it. */
+export function time_of_day(utc) {
+  const time = new Date(utc);
+  if (Number.isNaN(time.getTime())) return utc;
+  const two = (/** @type {number} */ it) => String(it).padStart(2, "0");
+  const day = [time.getFullYear(), two(time.getMonth() + 1), two(time.getDate())].join("-");
+  return `${day} ${two(time.getHours())}:${two(time.getMinutes())}`;
+}

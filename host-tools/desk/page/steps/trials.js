@@ -4,6 +4,7 @@ import { report_of } from "../desk/requests.js";
 import { Note, Word } from "../parts/elements.js";
 import { ChooseStudy, useStudies } from "../parts/study.js";
 import { html } from "../vendor/preact-htm.js";
+import { time_of_day } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").SessionRow} SessionRow */
 
@@ -27,7 +28,7 @@ export function Trials({ state }) {
 function OfSession({ study, session }) {
   const { name, trials, done, planned, started, problem } = session;
   return html`<article class="card" aria-label=${name}>
-    <div class="row apart"><h2>${name}</h2><span class="soft">${started}; ${done} of ${planned} done, ${session.state}</span></div>
+    <div class="row apart"><h2>${name}</h2><span class="soft">${time_of_day(started)}; ${done} of ${planned} done, ${session.state}</span></div>
     ${problem && html`<${Note} verdict="bad" text=${problem.found} remedy=${problem.remedy} />`}
     ${trials.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${`Trials of ${name}`}><table>
       <thead><tr><th scope="col">Trial</th><th scope="col">Condition</th><th scope="col">Verdict</th><th scope="col">Decision</th><th scope="col">Report</th></tr></thead>
