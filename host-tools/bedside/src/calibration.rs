@@ -250,7 +250,9 @@ fn with_camera(
         let ((width, height), (is_width, is_height)) = (size_px(&camera.lens), size_px(&old.lens));
         return Err(BadInput::whole(
             place,
-            format!("the camera is for {width} x {height} px, and the box's frames have {is_width} x {is_height}"),
+            format!(
+                "the camera is for {width} x {height} px, and the box's frames have {is_width} x {is_height}"
+            ),
             "calibrate it with photographs that this box has taken",
         ));
     }

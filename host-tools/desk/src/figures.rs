@@ -127,8 +127,7 @@ impl Trunk {
             for segment in smooth.segments() {
                 for at in segment.skip(1) {
                     if times[at] > from_s && times[at] <= until_s {
-                        let step =
-                            |of: Option<&[f64]>| of.map_or(0.0, |of| of[at] - of[at - 1]);
+                        let step = |of: Option<&[f64]>| of.map_or(0.0, |of| of[at] - of[at - 1]);
                         self.path_mm += step(ap).hypot(step(ml));
                     }
                 }

@@ -96,12 +96,7 @@ impl Frames {
     }
 
     /// Takes what is published until nothing more comes; `begun` is the publisher's zero.
-    pub fn follow(
-        &self,
-        items: &mpsc::Receiver<Item>,
-        hub: &Hub,
-        begun: Instant,
-    ) -> Vec<String> {
+    pub fn follow(&self, items: &mpsc::Receiver<Item>, hub: &Hub, begun: Instant) -> Vec<String> {
         let zero_ms = hub.ms(begun);
         while let Ok(item) = items.recv() {
             match item {

@@ -33,8 +33,8 @@ pub mod json;
 pub mod lsl;
 pub mod osc;
 pub mod publisher;
-pub mod timing;
 mod tapped;
+pub mod timing;
 mod ways;
 
 pub use publisher::{MarkFeed, Publisher};

@@ -115,9 +115,8 @@ impl Reading {
     /// The one thing to do next; `None` where all is as it should be.
     #[must_use]
     pub fn next(&self) -> Option<String> {
-        let of_target = |it: &TargetReading| {
-            it.advice.first().map(|advice| format!("{}: {advice}", it.name))
-        };
+        let of_target =
+            |it: &TargetReading| it.advice.first().map(|advice| format!("{}: {advice}", it.name));
         // A target that is seen is put right before another one is looked for.
         let (seen, unseen): (Vec<_>, Vec<_>) = self.targets.iter().partition(|it| it.is_found);
         let targets = || seen.iter().copied().chain(unseen.iter().copied());

@@ -252,8 +252,7 @@ impl Board {
         };
         let found = self.finder.find(&image, &self.geometry);
         let (rejection, found) = (found.as_ref().err().copied(), found.ok());
-        self.seen_px
-            .extend(found.map(|it| (number, it.corners_px().map(|(_, px)| px).collect())));
+        self.seen_px.extend(found.map(|it| (number, it.corners_px().map(|(_, px)| px).collect())));
         self.size_px = picture.dimensions().into();
         let coverage = self.coverage();
         Looked::Found { rejection, covered: coverage.share(), next: coverage.next() }

@@ -228,9 +228,9 @@ impl Worker {
         };
         let mut file = Cursor::new(Vec::new());
         let encoder = JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY);
-        picture.write_with_encoder(encoder).map_err(|error| {
-            BadInput::whole("the picture", error, "aim with another reduction")
-        })?;
+        picture
+            .write_with_encoder(encoder)
+            .map_err(|error| BadInput::whole("the picture", error, "aim with another reduction"))?;
         aiming.picture_px = picture.dimensions().into();
         aiming.picture = self.shared.show_picture(file.into_inner());
         self.show_aim(aiming);
@@ -274,9 +274,12 @@ impl Worker {
     }
 
     /// Seeks the exposure; `None`: the link has to be opened anew.
-    fn expose(&mut self, mut aiming: Aiming, asked: &AimExpose) -> Result<Option<Aiming>, BadInput> {
-        aiming.exposure =
-            Some(ExposureSearch { is_running: true, tried: Vec::new(), found: None });
+    fn expose(
+        &mut self,
+        mut aiming: Aiming,
+        asked: &AimExpose,
+    ) -> Result<Option<Aiming>, BadInput> {
+        aiming.exposure = Some(ExposureSearch { is_running: true, tried: Vec::new(), found: None });
         self.show_aim(&mut aiming);
         self.enter(Stage::Exposing);
         let shared = Arc::clone(&self.shared);
@@ -302,10 +305,9 @@ impl Worker {
         let met = aiming.session.hello().clone();
         self.enter(Stage::Delivering);
         let mut tell = |told| shared.told(told);
-        let stored = aiming
-            .session
-            .end()
-            .and_then(|mut link| store_exposure(&mut link, &met, setting, &mut tell).map(|()| link));
+        let stored = aiming.session.end().and_then(|mut link| {
+            store_exposure(&mut link, &met, setting, &mut tell).map(|()| link)
+        });
         let session = stored.and_then(|link| Session::begin(link, false, &mut tell));
         match session {
             Ok(session) => Ok(Some(Aiming { session, takes_photograph: false, ..aiming })),
@@ -346,7 +348,8 @@ fn reduced(picture: GrayImage, width: u32) -> GrayImage {
     if picture.width() <= width {
         return picture;
     }
-    let height = (u64::from(picture.height()) * u64::from(width) / u64::from(picture.width())) as u32;
+    let height =
+        (u64::from(picture.height()) * u64::from(width) / u64::from(picture.width())) as u32;
     image::imageops::thumbnail(&picture, width, height.max(1))
 }
 

@@ -50,8 +50,7 @@ fn fit(
     let step = || {
         done.fetch_add(1, Ordering::Relaxed);
     };
-    let calibrated =
-        calibration::camera_from(&pictures, &board, Choice::Supported, today, step)?;
+    let calibrated = calibration::camera_from(&pictures, &board, Choice::Supported, today, step)?;
     let plot = plumbline_report::calibration::svg(&calibrated.calibration, &calibrated.places)?;
     let outputs = vec![
         (folder.join(CAMERA), camera::to_toml(&calibrated.camera).into_bytes()),

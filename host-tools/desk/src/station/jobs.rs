@@ -9,9 +9,7 @@ use plumbline_stream::link::BoxLink;
 
 use super::can::Stage;
 use super::{Job, Next, Shared, Worker, show};
-use crate::wire::{
-    CalibrationDeliver, CheckGrade, Examination, SceneMeasure, SceneState,
-};
+use crate::wire::{CalibrationDeliver, CheckGrade, Examination, SceneMeasure, SceneState};
 
 /// How long a box is examined.
 const EXAMINED_FOR: Duration = Duration::from_secs(3);

@@ -29,7 +29,7 @@ use std::cell::RefCell;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -50,6 +50,7 @@ use crate::marks::MarkBoard;
 use crate::memory::Memory;
 use crate::wire::{Doing, HelloState, LinkState, NextStep, Problem, TargetState};
 
+pub use fit::PLOT;
 pub use orders::{Envelope, Order, Refusal};
 pub use shared::Shared;
 
@@ -110,7 +111,7 @@ pub struct Station {
     /// What it shows.
     pub shared: Arc<Shared>,
     orders: SyncSender<Envelope>,
-    thread: Option<JoinHandle<()>>,
+    thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl Station {
@@ -125,7 +126,7 @@ impl Station {
             .name(format!("box {}", shared.id()))
             .spawn(move || Worker::new(own, reach, around, inbox).run())
             .map_err(|error| BadInput::io("a thread for a box", &error))?;
-        Ok(Self { shared, orders, thread: Some(thread) })
+        Ok(Self { shared, orders, thread: Mutex::new(Some(thread)) })
     }
 
     /// Hands over an order; its answer comes when it was carried out, or has begun.
@@ -149,8 +150,9 @@ impl Station {
     }
 
     /// Waits for the end of its thread, which ends when the desk does.
-    pub fn join(&mut self) {
-        if let Some(thread) = self.thread.take() {
+    pub fn join(&self) {
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = thread {
             // A thread that has panicked has said so.
             let _ = thread.join();
         }
@@ -273,9 +275,8 @@ impl Worker {
         let begun = Instant::now();
         let mut publisher = Publisher::new(begun, true);
         let shared = Arc::clone(&self.shared);
-        publisher.add_own("the desk", move |items| {
-            shared.frames.follow(&items, &shared.hub, begun)
-        })?;
+        publisher
+            .add_own("the desk", move |items| shared.frames.follow(&items, &shared.hub, begun))?;
         self.zero = begun;
         self.mark_feed = Some(publisher.mark_feed());
         let opened = self.around.ways.open(&mut publisher, self.around.lsl);

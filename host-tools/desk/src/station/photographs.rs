@@ -164,7 +164,9 @@ fn next_words(looked: Option<&Looked>, words: &str) -> String {
     let why = rejection.as_ref().map(|_| format!("The board was not found: {words}. "));
     let why = why.unwrap_or_default();
     match next {
-        Some(part) => format!("{why}Hold the board {part} of the picture, tilted by 20 to 40 degrees."),
+        Some(part) => {
+            format!("{why}Hold the board {part} of the picture, tilted by 20 to 40 degrees.")
+        }
         None => format!("{why}It was everywhere: go on with other tilts and distances."),
     }
 }
@@ -172,9 +174,10 @@ fn next_words(looked: Option<&Looked>, words: &str) -> String {
 impl Worker {
     /// A new set, in a folder of its own.
     pub(super) fn begin_photographs(&mut self, asked: &PhotographsBegin) -> Result<(), Refusal> {
-        let board = self.config.as_ref().and_then(|config| {
-            config.targets.iter().find(|it| it.geometry.role() == Role::Scene)
-        });
+        let board = self
+            .config
+            .as_ref()
+            .and_then(|config| config.targets.iter().find(|it| it.geometry.role() == Role::Scene));
         let known = board.map(|it| targets::description(&it.name, &it.geometry));
         let known = known.as_ref();
         let size = asked.board.or(known.map(|it| [it.columns, it.rows]));
@@ -205,9 +208,10 @@ impl Worker {
             every: Duration::from_secs(1),
             board: Some(size),
         })?;
-        let next = "Hold the board in the middle of the picture, tilted by 20 to 40 degrees, and take \
+        let next =
+            "Hold the board in the middle of the picture, tilted by 20 to 40 degrees, and take \
                     a photograph."
-            .to_owned();
+                .to_owned();
         let set = PhotoSet {
             stills,
             board: size,
@@ -245,7 +249,8 @@ impl Worker {
 
     /// Shows them.
     pub(super) fn show_photographs(&self, arriving: Option<f64>) {
-        let shown = self.photographs.as_ref().map(|set| set.shown(|at| self.shared.ms(at), arriving));
+        let shown =
+            self.photographs.as_ref().map(|set| set.shown(|at| self.shared.ms(at), arriving));
         self.shared.update(|state| state.photographs = shown);
     }
 }

@@ -134,10 +134,8 @@ impl Worker {
         &mut self,
         link: &BoxLink,
         now: Instant,
-    ) -> Result<
-        (Recorded, Heard, Rc<RefCell<Course>>, plumbline_trial::verdict::Criteria),
-        BadInput,
-    > {
+    ) -> Result<(Recorded, Heard, Rc<RefCell<Course>>, plumbline_trial::verdict::Criteria), BadInput>
+    {
         let none = || BadInput::whole("the session", "nothing is to be recorded", "begin a trial");
         let checks = self.examined_lately(now);
         let open = self.session.as_mut().ok_or_else(none)?;

@@ -54,7 +54,16 @@ pub struct OnDisk {
 
 impl Open {
     fn new(open: OpenSession, study: String, title: String) -> Self {
-        Self { open, study, title, marked: Vec::new(), marks: None, counted: None, unjudged: None, seen: None }
+        Self {
+            open,
+            study,
+            title,
+            marked: Vec::new(),
+            marks: None,
+            counted: None,
+            unjudged: None,
+            seen: None,
+        }
     }
 
     /// What stands on the disk; it is read once for each step.
@@ -220,9 +229,9 @@ impl Worker {
         let given = asked.why.as_ref().map(|why| why.trim().to_owned());
         let given = given.filter(|why| !why.is_empty());
         let needed = || {
-            given.clone().ok_or_else(|| {
-                Refusal::bad(Problem::new(&name, "there is no reason", "say why"))
-            })
+            given
+                .clone()
+                .ok_or_else(|| Refusal::bad(Problem::new(&name, "there is no reason", "say why")))
         };
         let event = match asked.event {
             EventWord::EndRest => Event::EndRest,
@@ -261,7 +270,8 @@ impl Worker {
             None => came,
             Some(at_ms) => {
                 let at = self.shared.hub.instant(at_ms).filter(|at| {
-                    *at <= came + MARK_AGE_MAX && came.saturating_duration_since(*at) <= MARK_AGE_MAX
+                    *at <= came + MARK_AGE_MAX
+                        && came.saturating_duration_since(*at) <= MARK_AGE_MAX
                 });
                 at.map(|at| at.min(came)).ok_or_else(|| {
                     Refusal::bad(Problem::new(

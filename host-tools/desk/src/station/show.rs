@@ -132,11 +132,7 @@ pub fn session(open: &mut Open, hub: &Hub, now: Instant) -> SessionState {
 }
 
 /// What goes on; `now_at` is the desk's clock and the session's at one moment.
-fn at(
-    session: &Session,
-    (desk_ms, session_ms): (f64, u64),
-    reasons: Vec<Reason>,
-) -> SessionAt {
+fn at(session: &Session, (desk_ms, session_ms): (f64, u64), reasons: Vec<Reason>) -> SessionAt {
     // Rounded, so that the state does not change by the clocks' noise.
     let at_ms = |ms: u64| ((desk_ms + (ms as f64 - session_ms as f64)) / 10.0).round() * 10.0;
     match &session.state {
@@ -156,17 +152,15 @@ fn at(
             ends_at_ms: session.ends_ms().map(|(ms, _)| at_ms(ms)),
         },
         State::Judging { place, .. } => SessionAt::Judging { place: *place },
-        State::Deciding { place, ended, judged, .. } => {
-            SessionAt::Deciding {
-                place: *place,
-                trial: session.attempt().map(|it| it.folder.clone()).unwrap_or_default(),
-                grade: grade(judged.grade),
-                is_zeroed: judged.is_zeroed,
-                ended: ended_words(ended),
-                reasons,
-                needs_reason: judged.grade == verdict::Grade::Unusable,
-            }
-        }
+        State::Deciding { place, ended, judged, .. } => SessionAt::Deciding {
+            place: *place,
+            trial: session.attempt().map(|it| it.folder.clone()).unwrap_or_default(),
+            grade: grade(judged.grade),
+            is_zeroed: judged.is_zeroed,
+            ended: ended_words(ended),
+            reasons,
+            needs_reason: judged.grade == verdict::Grade::Unusable,
+        },
         State::Stopped { place, .. } => SessionAt::Stopped { place: *place },
         State::Over => SessionAt::Over,
     }
