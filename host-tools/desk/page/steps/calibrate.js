@@ -112,7 +112,7 @@ export function Coverage({ set }) {
 /** Each photograph, with its error once the camera is fitted. @param {{box: BoxState, set: Set}} properties */
 function Photographs({ box, set }) {
   const errors = set.list.map((photograph) => photograph.error_px ?? 0);
-  const most_px = Math.max(0.01, ...errors);
+  const most_px = Math.max(Number.MIN_VALUE, ...errors);
   const has_errors = errors.some((error) => error > 0);
   return html`
     ${has_errors && html`<figure>
