@@ -9,6 +9,7 @@
 //! | the page is reloaded, throttled, cut off, closed and opened again in a trial | the trial is whole | [`disturbed`] |
 //! | a page of another origin, another name for the desk, hostile words | nothing is got, nothing begins | [`hostile`] |
 //! | the modules that draw are asked, and read | they draw what came; no text becomes markup | [`drawings`] |
+//! | the routes are asked without a browser | see there | [`server`] |
 //! | a person is watched | on the screen within a tenth of a second; no memory is taken | [`pace`] |
 
 mod camera;
@@ -17,5 +18,6 @@ mod drawings;
 mod hostile;
 mod looks;
 mod pace;
+mod server;
 mod stage;
 mod whole_way;

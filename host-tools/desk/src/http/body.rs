@@ -1,5 +1,7 @@
 //! Bodies of requests, and failures as answers.
 
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::{FromRequest, Request};
 use axum::http::StatusCode;
@@ -9,6 +11,9 @@ use serde::de::DeserializeOwned;
 
 use crate::station::Refusal;
 use crate::wire::{BODY_BYTES_MAX, Problem};
+
+/// A body that has not come by then does not.
+const BODY_WITHIN: Duration = Duration::from_secs(10);
 
 /// Why a request has failed.
 #[derive(Debug)]
@@ -82,14 +87,22 @@ pub async fn whole(request: Request) -> Result<axum::body::Bytes, Failure> {
             "send application/json",
         ));
     }
-    axum::body::to_bytes(request.into_body(), BODY_BYTES_MAX).await.map_err(|_| {
-        Failure::of(
+    let coming = axum::body::to_bytes(request.into_body(), BODY_BYTES_MAX);
+    match tokio::time::timeout(BODY_WITHIN, coming).await {
+        Ok(Ok(bytes)) => Ok(bytes),
+        Ok(Err(_)) => Err(Failure::of(
             StatusCode::PAYLOAD_TOO_LARGE,
             "the request",
             format!("its body is longer than {BODY_BYTES_MAX} bytes, or was cut off"),
             "send less",
-        )
-    })
+        )),
+        Err(_) => Err(Failure::of(
+            StatusCode::REQUEST_TIMEOUT,
+            "the request",
+            "its body does not come",
+            "send it at once",
+        )),
+    }
 }
 
 /// What a body says.

@@ -73,11 +73,10 @@ fn admitted(app: &App, request: &Request) -> Result<(), Failure> {
     let path = request.uri().path();
     let changes = request.method() != Method::GET && request.method() != Method::HEAD;
     match headers.get(ORIGIN) {
-        Some(origin) => {
-            if origin.to_str().ok() != Some(&app.gate.origin(host)) {
-                return Err(foreign());
-            }
+        Some(origin) if origin.to_str().ok() != Some(&app.gate.origin(host)) => {
+            return Err(foreign());
         }
+        Some(_) => {}
         // A browser says where a request that changes something comes from.
         None if changes || path == "/ws" => return Err(foreign()),
         None => {}

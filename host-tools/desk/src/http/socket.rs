@@ -37,7 +37,7 @@ struct Place(Arc<Hub>);
 
 impl Place {
     fn take(hub: &Arc<Hub>) -> Option<Self> {
-        let taken = hub.pages.try_update(Ordering::Relaxed, Ordering::Relaxed, |pages| {
+        let taken = hub.pages.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |pages| {
             (pages < PAGES_MAX).then_some(pages + 1)
         });
         taken.ok()?;

@@ -76,11 +76,11 @@ impl Worker {
             }
         }
         match session {
-            None if matches!(self.stage, Stage::Away | Stage::Watching) => {
-                // Whatever is at a serial line is another one after a while.
-                if !matches!(self.reach, Reach::Serial { .. }) || self.hello.is_some() {
-                    can.push(Can::SessionBegin);
-                }
+            // Without its box, nobody knows what is at a serial line.
+            None if matches!(self.stage, Stage::Away | Stage::Watching)
+                && (matches!(self.reach, Reach::Udp(_)) || self.hello.is_some()) =>
+            {
+                can.push(Can::SessionBegin);
             }
             None => {}
             Some(state) => {

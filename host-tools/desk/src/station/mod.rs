@@ -29,8 +29,8 @@ use std::cell::RefCell;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::rc::Rc;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -427,11 +427,7 @@ impl Worker {
             next: next.to_owned(),
             next_step,
         };
-        let by = match (&self.reach, self.shared.announced()) {
-            (Reach::Serial { device, .. }, _) => device.clone(),
-            (Reach::Udp(_), Some(address)) => format!("UDP {address}"),
-            (Reach::Udp(_), None) => "UDP".to_owned(),
-        };
+        let by = self.heard_by();
         self.shared.update(|state| {
             state.name = hello.device.to_string();
             state.serial_number = Some(hello.serial_number.to_string());
@@ -444,6 +440,15 @@ impl Worker {
         debug_assert!(link.kind() != LinkKind::File);
         self.hello = Some(hello);
         self.config = Some(config);
+    }
+
+    /// How the box is heard.
+    fn heard_by(&self) -> String {
+        match (&self.reach, self.shared.announced()) {
+            (Reach::Serial { device, .. }, _) => device.clone(),
+            (Reach::Udp(_), Some(address)) => format!("UDP {address}"),
+            (Reach::Udp(_), None) => "UDP".to_owned(),
+        }
     }
 
     /// Another stage.

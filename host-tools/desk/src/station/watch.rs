@@ -213,6 +213,7 @@ impl Worker {
         let health = receiver.health().map(show::health);
         let unheard = receiver.unheard(now);
         let since_at_ms = unheard.map(|lasts| self.shared.ms(now - lasts).round());
+        let by = self.heard_by();
         self.shared.update(|state| {
             state.health = health.or(state.health.take());
             state.live = Some(live);
@@ -226,7 +227,7 @@ impl Worker {
                     state.link = LinkState::Silent { since_at_ms, problem };
                 }
                 (None, LinkState::Silent { .. }) if receiver.is_heard() => {
-                    state.link = LinkState::Heard { by: "UDP".to_owned() };
+                    state.link = LinkState::Heard { by };
                 }
                 _ => {}
             }
