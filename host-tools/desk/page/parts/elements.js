@@ -124,7 +124,7 @@ export function Meter({ label, words, value, most, verdict = "good", mark }) {
 
 /** Figures with their names. @param {{facts: [string, unknown][]}} properties */
 export function Facts({ facts }) {
-  const shown = facts.filter(([, value]) => value !== undefined && value !== null && value !== "");
+  const shown = facts.filter(([, value]) => value || value === 0);
   return html`<dl class="facts">
     ${shown.map(([name, value]) => html`<div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}
   </dl>`;

@@ -127,7 +127,7 @@ function Photographs({ box, set }) {
         <thead><tr><th scope="col">Number</th><th scope="col">Board</th><th scope="col">Error, px</th><th scope="col"><span class="unseen">Remove</span></th></tr></thead>
         <tbody>${set.list.map((photograph) => html`<tr key=${photograph.number}>
           <td><a href=${of_box(box.id, `photographs/${photograph.number}.png`)} target="_blank" rel="noopener">${photograph.number}</a></td>
-          <td><${Word} verdict=${photograph.is_found ? "good" : "warn"}>${photograph.is_found ? "found" : "not found"}<//> ${photograph.words}</td>
+          <td><${Word} verdict=${photograph.is_found ? "good" : "warn"}>${photograph.is_found ? "found" : "not found"}<//>${!photograph.is_found && ` ${photograph.words}`}</td>
           <td class="number">${number(photograph.error_px, 3)}</td>
           <td><${BoxAct} box=${box} needs="photographs_remove" action="photographs/remove" body=${{ number: photograph.number }}
             aria-label=${`Remove photograph ${photograph.number}`}>Remove<//></td>
