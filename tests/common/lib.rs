@@ -5,4 +5,5 @@ pub mod booth;
 pub mod coloured;
 pub mod keys;
 pub mod photographer;
+pub mod python;
 pub mod scene;

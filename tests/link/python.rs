@@ -3,25 +3,15 @@
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
+use common::python::python;
 use plumbline::packet::PosePacket;
 use plumbline::seal::KEY_FILE_NAME;
 use plumbline::target::Role;
-use plumbline_test_support::{Absent, root, skip};
+use plumbline_test_support::root;
 
 use crate::bench::{Bench, sorted};
 use crate::relay::{Faults, Relay};
 use crate::vectors;
-
-/// Names the Python that has the packages; `cargo xtask test` installs them.
-const PYTHON: &str = "PLUMBLINE_PYTHON";
-
-pub fn python() -> Option<PathBuf> {
-    let python = std::env::var_os(PYTHON).map(PathBuf::from);
-    if python.is_none() {
-        skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has the packages");
-    }
-    python
-}
 
 fn script(name: &str) -> PathBuf {
     root().join("tests/link").join(name)

@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use common::python::python;
 use nix::time::{ClockId, clock_gettime};
 use plumbline::packet::{
     Action, Command as Question, Hello, MarkedInstant, Message, PosePacket, ReplyOutcome,
@@ -24,7 +25,6 @@ use plumbline_trial::Trial;
 use serde_json::Value;
 
 use crate::bench::{Bench, RATE_HZ, assert_whole, sorted, wait_for};
-use crate::python::python;
 use crate::relay::{Faults, Relay};
 
 /// Says how long the frames are taken; ten minutes show more than a test's minute.

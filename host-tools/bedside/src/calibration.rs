@@ -2,12 +2,14 @@
 //! be known about it.
 //!
 //! In: photographs from files. Out: the camera for its file, with each photograph's error, the
-//! coverage of the frame and the concerns. The method is [`plumbline_calibration`]'s.
+//! coverage of the frame and the concerns; or for the box ([`store`]). The method is
+//! [`plumbline_calibration`]'s.
 
 use std::path::PathBuf;
 
 use jiff::civil::Date;
-use plumbline::lens::LensError;
+use plumbline::config::{Config, TargetConfig};
+use plumbline::lens::{Lens, LensError};
 use plumbline::parts::points_mm;
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_calibration::verdict::{self, Concern};
@@ -17,6 +19,12 @@ use plumbline_calibration::{
 use plumbline_files::BadInput;
 use plumbline_files::camera::{Camera, Details, DetailsOfPhotograph, Deviations, Provenance};
 use plumbline_files::frames::{Frame, FrameSource, IMAGE_RATE_HZ, Pixels};
+use plumbline_files::targets::{self, Targets};
+use plumbline_stream::link::BoxLink;
+
+use crate::delivery::{self, Before};
+use crate::setup::{self, Places};
+use crate::told::Tell;
 
 /// Below this a square of a target at the bedside is too few pixels wide.
 const WIDTH_PX_MIN: usize = 640;
@@ -207,6 +215,79 @@ fn camera_of(
 fn correlations(calibration: &Calibration) -> Vec<Vec<f64>> {
     let all = &calibration.correlations;
     (0..all.nrows()).map(|row| (0..row).map(|column| all[(row, column)]).collect()).collect()
+}
+
+/// Puts a camera that was calibrated into the configuration of the box that is heard, and restarts it.
+/// `targets` replaces those that it looks for; without, a box that looks for the scene board alone gets
+/// the standard pair beside it. A scene holds for the camera that it was measured with, so that the box
+/// has none from then on.
+///
+/// # Errors
+/// When the camera is for frames of another size, the targets cannot be used, or the box does not take
+/// it.
+pub fn store(
+    link: &mut BoxLink,
+    camera: &Camera,
+    targets: Option<&Targets>,
+    tell: &mut Tell<'_>,
+) -> Result<(), BadInput> {
+    let hello = link.hello()?;
+    let old = link.config_to_change()?;
+    let config = with_camera(&old, camera, targets, link.place())?;
+    let before = Before { hello: Some(hello), config: Some(old) };
+    delivery::deliver(link, &before, &config, true, tell)
+}
+
+/// The same configuration with a camera that was calibrated.
+fn with_camera(
+    old: &Config,
+    camera: &Camera,
+    targets: Option<&Targets>,
+    place: &str,
+) -> Result<Config, BadInput> {
+    let size_px = |lens: &Lens| (lens.width_px, lens.height_px);
+    if size_px(&camera.lens) != size_px(&old.lens) {
+        let ((width, height), (is_width, is_height)) = (size_px(&camera.lens), size_px(&old.lens));
+        return Err(BadInput::whole(
+            place,
+            format!(
+                "the camera is for {width} x {height} px, and the box's frames have {is_width} x {is_height}"
+            ),
+            "calibrate it with photographs that this box has taken",
+        ));
+    }
+    let places = Places {
+        camera: "the calibration".into(),
+        targets: "the targets".into(),
+        scene: String::new(),
+        settings: place.to_owned(),
+        udp: place.to_owned(),
+        serial: place.to_owned(),
+    };
+    let is_board = |it: &TargetConfig| it.geometry.role() == Role::Scene;
+    let mut config = Config {
+        lens: camera.lens,
+        readout_ns: camera.readout_ns,
+        cam_from_scene_theta: None,
+        ..old.clone()
+    };
+    let standard;
+    let targets = match targets {
+        Some(targets) => Some(targets),
+        None if old.targets.iter().all(is_board) => {
+            let boards = old.targets.iter();
+            let boards = boards.map(|it| targets::description(&it.name, &it.geometry));
+            let all: Vec<_> = targets::standard_pair().into_iter().chain(boards).collect();
+            standard = targets::check(&all, &places.targets)?;
+            Some(&standard)
+        }
+        None => None,
+    };
+    if let Some(targets) = targets {
+        config.targets = setup::config(camera, targets, None, &places)?.targets;
+    }
+    setup::configured(&config, &places)?;
+    Ok(config)
 }
 
 /// Why a model was not fitted, in a few words.

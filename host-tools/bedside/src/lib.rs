@@ -23,7 +23,7 @@ pub mod delivery;
 pub mod doctor;
 pub mod draw;
 mod identity;
-mod kept;
+pub mod kept;
 pub mod keys;
 pub mod link;
 pub mod missing;

@@ -33,6 +33,9 @@ pub struct Way {
     /// The box's name, its serial number or the first digits of its key's identity; `None`: the
     /// first that is heard of those whose keys are known here.
     pub called: Option<String>,
+    /// Where the box announces itself, if somebody else listens for that; `None`: where it was heard
+    /// last.
+    pub at: Option<SocketAddr>,
 }
 
 impl Way {
@@ -96,7 +99,7 @@ impl Way {
         }
         let known = known.into_iter();
         Ok(known
-            .map(|it| KnownBox { name: it.title(), address: it.address, key: it.key })
+            .map(|it| KnownBox { name: it.title(), address: self.at.or(it.address), key: it.key })
             .collect())
     }
 }

@@ -69,6 +69,13 @@ impl Coverage {
         coverage
     }
 
+    /// The number of photographs in which each cell showed part of the board: rows from the top, each
+    /// from the left.
+    #[must_use]
+    pub fn photographs(&self) -> &[[usize; COLUMNS]; ROWS] {
+        &self.photographs
+    }
+
     /// The fraction of the frame in which a board was seen at all.
     #[must_use]
     pub fn share(&self) -> f64 {

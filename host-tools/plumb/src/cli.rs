@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, doctor, export, figures, keys, optics, pair, prove,
+    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, optics, pair, prove,
     provision, receive, replay, report, scene, show, simulate, study, target, track, validate,
 };
 
@@ -33,6 +33,7 @@ enum Command {
     Aim(aim::Arguments),
     Show(show::Arguments),
     Doctor(doctor::Arguments),
+    Desk(desk::Arguments),
     Receive(receive::Arguments),
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
@@ -77,6 +78,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Figures(arguments) => return figures::run(arguments),
         Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Desk(arguments) => desk::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Scene(arguments) => scene::run(arguments),

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! [`Publisher`] is a [`Tap`](plumbline_stream::reception::Tap) of a reception. It judges packets as
-//! the recording does, so that both have the same frames. Each way out has a thread of its own and a
+//! the recording does, so that both have the same frames. With [`Tapped`] it follows a link whatever is
+//! done with that. Each way out has a thread of its own and a
 //! queue of bounded length before it; where a queue is full, something is dropped and counted, and
 //! the reception goes on: no program that listens, however slow, touches a recording.
 //!
@@ -32,6 +33,10 @@ pub mod json;
 pub mod lsl;
 pub mod osc;
 pub mod publisher;
+mod tapped;
 pub mod timing;
+mod ways;
 
 pub use publisher::{MarkFeed, Publisher};
+pub use tapped::Tapped;
+pub use ways::Ways;

@@ -111,7 +111,7 @@ impl Publisher {
         Self {
             begun,
             zero_unix_s: unix_s - begun.elapsed().as_secs_f64(),
-            questions: asks.then(Questions::of_tap),
+            questions: asks.then(Questions::of_clock),
             pings: 0,
             ping_at: begun,
             sessions: Sessions::default(),
@@ -154,6 +154,25 @@ impl Publisher {
     pub fn add_osc(&mut self, address: SocketAddr) -> Result<(), BadInput> {
         let sender = osc::Sender::to(address)?;
         self.add("OSC", Feed::start("OSC", move |items| sender.run(&items)))
+    }
+
+    /// Hands everything to a thread of one's own, which ends when its queue does, and says then what
+    /// there is to say.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn add_own(
+        &mut self,
+        name: &'static str,
+        run: impl FnOnce(mpsc::Receiver<Item>) -> Vec<String> + Send + 'static,
+    ) -> Result<(), BadInput> {
+        self.add(name, Feed::start(name, run))
+    }
+
+    /// The zero of the times.
+    #[must_use]
+    pub fn begun(&self) -> Instant {
+        self.begun
     }
 
     fn add(&mut self, place: &str, feed: std::io::Result<Feed>) -> Result<(), BadInput> {
@@ -235,9 +254,9 @@ impl Publisher {
                 self.notice(&format!("the box: {}", log.text));
             }
             Message::Reply(Reply {
+                id,
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns, .. },
-                ..
-            }) => {
+            }) if self.questions.is_none() || Questions::is_of_clock(*id) => {
                 let exchange = Exchange {
                     host_sent_ns: *host_sent_ns,
                     box_received_ns: *box_received_ns,

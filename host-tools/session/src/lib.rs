@@ -39,6 +39,8 @@ mod stored;
 mod study_toml;
 mod words;
 
+pub use words::check_short;
+
 /// The names of files and folders in a study.
 pub mod names {
     /// What `plumb study` reads.

@@ -9,10 +9,13 @@ use plumbline::packet::{Action, Command, Message};
 const OF_LINK: RangeInclusive<u16> = 1..=0x7FFF;
 
 /// Numbers for a [`Tap`](crate::reception::Tap), which shares the link with the receiver.
-const OF_TAP: RangeInclusive<u16> = 0x8000..=0xFFFF;
+const OF_TAP: RangeInclusive<u16> = 0x8000..=0xBFFF;
 
-/// Gives each question a number. The two users of one link draw from different numbers, so
-/// that neither takes the other's answer for its own.
+/// Numbers for whoever asks the box for its clock beside a tap that does so too.
+const OF_CLOCK: RangeInclusive<u16> = 0xC000..=0xFFFF;
+
+/// Gives each question a number. The users of one link draw from different numbers, so that none
+/// takes another's answer for its own.
 #[derive(Debug)]
 pub struct Questions {
     numbers: RangeInclusive<u16>,
@@ -31,6 +34,18 @@ impl Questions {
     #[must_use]
     pub fn of_tap() -> Self {
         Self::numbered(OF_TAP)
+    }
+
+    /// Questions for the box's clock, beside the receiver and its tap.
+    #[must_use]
+    pub fn of_clock() -> Self {
+        Self::numbered(OF_CLOCK)
+    }
+
+    /// Whether a question with this number is one of [`of_clock`](Self::of_clock).
+    #[must_use]
+    pub fn is_of_clock(id: u16) -> bool {
+        OF_CLOCK.contains(&id)
     }
 
     fn numbered(numbers: RangeInclusive<u16>) -> Self {

@@ -101,14 +101,14 @@ pub const NETWORKS: &[Need] = &[Need {
 pub const BROWSER: &[Need] = &[Need {
     probe: Probe::Program("chromium"),
     package: "chromium",
-    why: "the tests open what `plumb report` writes",
+    why: "the tests open what `plumb report` writes, and the desk's page",
 }];
 
 /// Makes a directory with its own Python packages.
 pub const PYTHON: &[Need] = &[Need {
     probe: Probe::PythonModule("ensurepip"),
     package: "python3-venv",
-    why: "other people's readers open what `plumb export` writes, and receive from the box",
+    why: "other people's programs read what `plumb export` writes, receive from the box, and use the desk",
 }];
 
 /// A whole emulated computer.

@@ -19,6 +19,6 @@ mod stills;
 pub use expose::{Follower, find as find_exposure, store as store_exposure};
 pub use exposure::Setting;
 pub use picture::{Progress, Taken};
-pub use reading::{BestFocus, FrameReading, Reading, TargetReading};
+pub use reading::{BestFocus, FrameReading, Reading, TargetFigures, TargetReading};
 pub use session::{Session, SilenceLines, silence_words};
 pub use stills::{Kept, Looked, Stills, Wanted};

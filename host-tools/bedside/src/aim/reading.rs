@@ -86,13 +86,49 @@ pub struct TargetReading {
     pub name: String,
     /// Its state, and why it has no pose.
     pub state: String,
+    /// Whether it has a pose.
+    pub is_found: bool,
+    /// Its numbers, where it was measured.
+    pub figures: Option<TargetFigures>,
     /// Its numbers, each in words; none where it was not measured.
     pub numbers: Vec<String>,
     /// What to do.
     pub advice: Vec<String>,
 }
 
+/// The numbers of a target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TargetFigures {
+    /// 0 to 100, as sharp as it gets.
+    pub focus: u8,
+    /// The best so far.
+    pub focus_best: u8,
+    /// The light squares, as a part of white.
+    pub light: f32,
+    /// The same minus the dark ones.
+    pub contrast: f32,
+    /// The size of a square.
+    pub pitch_px: f32,
+}
+
 impl Reading {
+    /// The one thing to do next; `None` where all is as it should be.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        let of_target =
+            |it: &TargetReading| it.advice.first().map(|advice| format!("{}: {advice}", it.name));
+        // A target that is seen is put right before another one is looked for.
+        let (seen, unseen): (Vec<_>, Vec<_>) = self.targets.iter().partition(|it| it.is_found);
+        let targets = || seen.iter().copied().chain(unseen.iter().copied());
+        let not_found = |it: &TargetReading| {
+            (!it.is_found).then(|| format!("bring {} into the picture", it.name))
+        };
+        targets()
+            .find_map(of_target)
+            .or_else(|| self.frame.advice.first().cloned())
+            .or_else(|| targets().find_map(not_found))
+    }
+
     /// All of it, a line per target, and one for the frame.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
@@ -157,6 +193,7 @@ fn target_reading(
 ) -> TargetReading {
     let mut numbers = Vec::new();
     let mut advice = Vec::new();
+    let mut figures = None;
     if let Some(seen) = seen {
         // A picture is as sharp as the worse of its directions.
         let focus = best.with(Some(seen.role), focus_score(seen.blur_px[0].max(seen.blur_px[1])));
@@ -166,6 +203,13 @@ fn target_reading(
         numbers.push(format!("saturated {:.1} %", 100.0 * seen.saturated));
         numbers.push(format!("{:.1} px per square", seen.pitch_px));
         advice.extend(advice_on(seen, focus));
+        figures = Some(TargetFigures {
+            focus: focus.score,
+            focus_best: focus.best,
+            light: seen.light,
+            contrast: seen.light - seen.dark,
+            pitch_px: seen.pitch_px,
+        });
     }
     let mut state = match found {
         Some(found) => found.state.word().to_owned(),
@@ -188,7 +232,8 @@ fn target_reading(
         }
         None => {}
     }
-    TargetReading { name: name.to_owned(), state, numbers, advice }
+    let is_found = found.is_some_and(|found| found.pose.is_ok());
+    TargetReading { name: name.to_owned(), state, is_found, figures, numbers, advice }
 }
 
 /// In the order in which it is to be followed: light first, because all else needs it.

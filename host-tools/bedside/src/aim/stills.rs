@@ -33,8 +33,10 @@ pub struct Stills {
 struct Board {
     geometry: TargetGeometry,
     finder: Finder,
-    /// The corners of each still in which it was found.
-    seen_px: Vec<Vec<Vector2<f64>>>,
+    /// The number of each still in which it was found, and its corners.
+    seen_px: Vec<(u32, Vec<Vector2<f64>>)>,
+    /// Of the stills.
+    size_px: [u32; 2],
 }
 
 /// Which stills are wanted.
@@ -55,6 +57,8 @@ pub struct Wanted {
 /// A still that was kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Kept {
+    /// Its number.
+    pub number: u32,
     /// Its file.
     pub path: PathBuf,
     /// Width and height.
@@ -132,7 +136,7 @@ impl Stills {
                     .map_err(|error| {
                         BadInput::whole("--board", format!("{columns} x {rows} corners"), error)
                     })?;
-            Ok(Board { geometry, finder: Finder::new(), seen_px: Vec::new() })
+            Ok(Board { geometry, finder: Finder::new(), seen_px: Vec::new(), size_px: [1; 2] })
         });
         let board = board.transpose()?;
         if directory.exists() && !directory.is_dir() {
@@ -195,12 +199,38 @@ impl Stills {
             return Err(exists_already(&path));
         }
         plumbline_files::replace(&path, file)?;
+        let number = self.number;
         self.taken += 1;
         self.number += 1;
         self.due = Instant::now() + self.every;
         let picture = picture.into_luma8();
-        let board = self.board.as_mut().map(|board| board.look(&picture));
-        Ok(Kept { path, size_px: picture.dimensions().into(), board })
+        let board = self.board.as_mut().map(|board| board.look(number, &picture));
+        Ok(Kept { number, path, size_px: picture.dimensions().into(), board })
+    }
+
+    /// Removes a still that was kept.
+    ///
+    /// # Errors
+    /// When its file cannot be removed.
+    pub fn remove(&mut self, number: u32) -> Result<(), BadInput> {
+        let path = path(&self.directory, number);
+        std::fs::remove_file(&path).map_err(|error| BadInput::io(path.display(), &error))?;
+        if let Some(board) = &mut self.board {
+            board.seen_px.retain(|(of, _)| *of != number);
+        }
+        Ok(())
+    }
+
+    /// Where the board has been until now, where it is looked for.
+    #[must_use]
+    pub fn coverage(&self) -> Option<Coverage> {
+        self.board.as_ref().map(Board::coverage)
+    }
+
+    /// The path of the still with this number.
+    #[must_use]
+    pub fn path(&self, number: u32) -> PathBuf {
+        path(&self.directory, number)
     }
 }
 
@@ -215,17 +245,22 @@ fn exists_already(path: &Path) -> BadInput {
 
 impl Board {
     /// Whether it is found, and where to hold it next.
-    fn look(&mut self, picture: &image::GrayImage) -> Looked {
+    fn look(&mut self, number: u32, picture: &image::GrayImage) -> Looked {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let Ok(image) = GreyImage::new(picture.as_raw(), width, height, width) else {
             return Looked::TooSmall;
         };
         let found = self.finder.find(&image, &self.geometry);
         let (rejection, found) = (found.as_ref().err().copied(), found.ok());
-        self.seen_px.extend(found.map(|found| found.corners_px().map(|(_, px)| px).collect()));
-        let seen_px = self.seen_px.iter().map(Vec::as_slice);
-        let coverage = Coverage::new(seen_px, [width as f64, height as f64]);
+        self.seen_px.extend(found.map(|it| (number, it.corners_px().map(|(_, px)| px).collect())));
+        self.size_px = picture.dimensions().into();
+        let coverage = self.coverage();
         Looked::Found { rejection, covered: coverage.share(), next: coverage.next() }
+    }
+
+    fn coverage(&self) -> Coverage {
+        let seen_px = self.seen_px.iter().map(|(_, seen_px)| seen_px.as_slice());
+        Coverage::new(seen_px, self.size_px.map(f64::from))
     }
 }
 

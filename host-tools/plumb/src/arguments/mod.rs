@@ -1,6 +1,7 @@
 //! Options that several subcommands take, and the values of options.
 
 pub mod method;
+pub mod streams;
 pub mod table;
 
 use std::net::SocketAddr;
@@ -92,7 +93,7 @@ impl LinkArguments {
             Some(device) => Carried::Serial { device: device.clone(), baud: self.baud },
             None => Carried::Udp(self.udp),
         };
-        let way = Way { carried, called: self.called.clone() };
+        let way = Way { carried, called: self.called.clone(), at: None };
         way.open(&program(), past, |warning| eprintln!("warning: {warning}"))
     }
 }

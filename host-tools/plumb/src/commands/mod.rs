@@ -5,6 +5,7 @@ pub mod analyze;
 pub mod budget;
 pub mod calibrate;
 pub mod demo;
+pub mod desk;
 pub mod doctor;
 pub mod export;
 pub mod figures;

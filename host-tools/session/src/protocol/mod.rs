@@ -154,9 +154,10 @@ pub struct Supplied {
 }
 
 /// The supplied protocols.
-pub const SUPPLIED: [Supplied; 2] = [
+pub const SUPPLIED: [Supplied; 3] = [
     Supplied { word: "mctsib", text: include_str!("mctsib.toml") },
     Supplied { word: "stand", text: include_str!("stand.toml") },
+    Supplied { word: "eyes-open-closed", text: include_str!("eyes_open_closed.toml") },
 ];
 
 impl Supplied {
@@ -378,6 +379,12 @@ mod tests {
         assert_eq!(mctsib.conditions.len(), 4);
         assert!(mctsib.conditions.iter().all(|it| (it.duration_s, it.baseline_s) == (30.0, 0.0)));
         assert_eq!((mctsib.order, mctsib.zero_mark()), (Order::Fixed, None));
+        let eyes = SUPPLIED[2].protocol();
+        let names: Vec<&str> = eyes.conditions.iter().map(|it| &*it.name).collect();
+        assert_eq!(names, ["eyes-open", "eyes-closed"]);
+        // Scoppa et al. 2013: 25 to 40 s suffice; Pinsault and Vuillerme 2009: three trials.
+        assert!(eyes.conditions.iter().all(|it| it.duration_s == 30.0) && eyes.repeats == 3);
+        assert_eq!((eyes.order, eyes.zero_mark()), (Order::LatinSquare, None));
         let stand = stand();
         assert_eq!(stand.bins_s, [[0.0, 20.0], [20.0, 40.0], [40.0, 60.0]]);
         assert_eq!((stand.repeats, stand.zero_mark()), (2, Some("zero")));

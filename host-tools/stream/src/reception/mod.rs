@@ -61,7 +61,8 @@ impl Tap for (&mut dyn Tap, &mut dyn Tap) {
 
 /// Receives until this many different pose packets have come, `stop` is set or `show` breaks, which
 /// it does where the end depends on what came, such as a mark. It is called after every packet, and ten times a second
-/// when none comes. `tap` sees everything first.
+/// when none comes. `tap` sees everything first. At the end it takes what was lost on the way and is
+/// sent again.
 ///
 /// # Errors
 /// When the transport or the recording cannot go on, or the box has been exchanged for another one.
@@ -74,11 +75,29 @@ pub fn receive<W: std::io::Write>(
     stop: &AtomicBool,
     mut show: impl FnMut(&mut Receiver<W>) -> ControlFlow<()>,
 ) -> Result<(), BadInput> {
+    let result = follow(transport, receiver, tap, frames, stop, &mut show);
+    let result = result.and_then(|()| take_backlog(transport, receiver, tap, &mut show));
+    // Poses that still wait for a Hello.
+    result.and(receiver.finish(Instant::now()))
+}
+
+/// The same, for who only watches: what was lost on the way is not waited for at the end.
+///
+/// # Errors
+/// As [`receive`].
+pub fn follow<W: std::io::Write>(
+    transport: &mut dyn Transport,
+    receiver: &mut Receiver<W>,
+    tap: &mut dyn Tap,
+    frames: Option<u64>,
+    stop: &AtomicBool,
+    show: &mut impl FnMut(&mut Receiver<W>) -> ControlFlow<()>,
+) -> Result<(), BadInput> {
     let reached =
         |receiver: &Receiver<W>| frames.is_some_and(|frames| receiver.counts().received >= frames);
-    let result = loop {
+    loop {
         if stop.load(Ordering::Relaxed) || reached(receiver) {
-            break Ok(());
+            return Ok(());
         }
         let mut handled = Ok(());
         let polled = transport.poll(&mut |event| {
@@ -88,22 +107,16 @@ pub fn receive<W: std::io::Write>(
                 handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
             }
         });
-        let result = handled.and(polled).and_then(|()| receiver.tick(Instant::now()));
-        let result = result.and_then(|()| receiver.exchanged().map_or(Ok(()), Err));
-        let question = match result.and_then(|()| tap.turn(Instant::now())) {
-            Ok(question) => question,
-            Err(error) => break Err(error),
-        };
+        handled.and(polled).and_then(|()| receiver.tick(Instant::now()))?;
+        receiver.exchanged().map_or(Ok(()), Err)?;
+        let question = tap.turn(Instant::now())?;
         for question in [receiver.request(Instant::now()), question].into_iter().flatten() {
             transport.send(&question);
         }
         if show(receiver).is_break() {
-            break Ok(());
+            return Ok(());
         }
-    };
-    let result = result.and_then(|()| take_backlog(transport, receiver, tap, &mut show));
-    // Poses that still wait for a Hello.
-    result.and(receiver.finish(Instant::now()))
+    }
 }
 
 /// Takes what was lost on the way and is being sent again, and nothing that is newer than what has

@@ -31,6 +31,7 @@ use plumbline_trial::recording::{Recording, exists_already};
 use plumbline_trial::verdict::Criteria;
 
 use super::doctor;
+use crate::arguments::streams::{StreamArguments, library};
 use crate::arguments::{LinkArguments, seconds};
 use crate::ui::stop::stop_on_signals;
 use crate::ui::waiting;
@@ -42,7 +43,7 @@ mod words;
 
 use keys::Keys;
 use screen::Screen;
-use streams::{StreamArguments, Streams};
+use streams::Streams;
 
 /// Receive the poses of a box, show them and record them.
 ///
@@ -217,7 +218,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     if let Some(out) = arguments.out.as_deref().filter(|out| out.exists()) {
         return Err(exists_already(out).into());
     }
-    let lsl = streams::library(arguments)?;
+    let ways = arguments.streams.ways();
+    let lsl = library([ways.lsl.as_ref(), arguments.mark_lsl.as_ref()])?;
     let mut link = arguments.link.open_with(arguments.past)?;
     let place = link.place().to_owned();
     let prepared = match &arguments.out {
@@ -231,7 +233,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let stop = stop_on_signals()?;
     let now = Instant::now();
     let course = Rc::new(RefCell::new(Course::new(now, arguments.duration, arguments.zeroing())));
-    let mut streams = arguments.streams.open(lsl, now, prepared.is_none(), arguments.quiet)?;
+    let mut streams = Streams::open(&ways, lsl, now, prepared.is_none(), arguments.quiet)?;
     let judged_by = prepared.is_some().then(|| criteria.clone());
     let mut screen = Screen::new(&place, &arguments.title(&place), judged_by, arguments.quiet);
     let mut sender = None;

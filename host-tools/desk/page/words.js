@@ -1,0 +1,25 @@
+/** Numbers in words. */
+
+/** @param {number | null | undefined} value @param {number} digits @param {string} unit */
+export function number(value, digits = 0, unit = "") {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return unit ? `${value.toFixed(digits)} ${unit}` : value.toFixed(digits);
+}
+
+/** A duration as minutes and seconds. @param {number} seconds */
+export function clock(seconds) {
+  const whole = Math.max(0, Math.floor(seconds));
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+}
+
+/** @param {number} count @param {string} one @param {string} [many] */
+export const counted = (count, one, many = `${one}s`) => `${count} ${count === 1 ? one : many}`;
+
+/** A time of day by this computer's clock. @param {string} utc As RFC 3339 writes it. */
+export function time_of_day(utc) {
+  const time = new Date(utc);
+  if (Number.isNaN(time.getTime())) return utc;
+  const two = (/** @type {number} */ it) => String(it).padStart(2, "0");
+  const day = [time.getFullYear(), two(time.getMonth() + 1), two(time.getDate())].join("-");
+  return `${day} ${two(time.getHours())}:${two(time.getMinutes())}`;
+}

@@ -1,0 +1,287 @@
+//! The desk: its stations, its studies and what it remembers.
+
+use std::collections::HashMap;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+use plumbline_bedside::keys::Store;
+use plumbline_bedside::recording::marks::{self, MarkFrom};
+use plumbline_files::BadInput;
+use plumbline_publish::Ways;
+use plumbline_publish::lsl::Lsl;
+use plumbline_publish::lsl::markers::Markers;
+use plumbline_publish::lsl::outlet::MARKS_SUFFIX;
+use plumbline_trial::mark::{Mark, Source};
+
+use crate::hub::Hub;
+use crate::marks::MarkBoard;
+use crate::memory::Memory;
+use crate::porter::{Porter, Strangers};
+use crate::station::{Around, Reach, Shared, Station};
+use crate::wire::{BoxState, DeskState, LinkState, Problem, State};
+
+/// What the desk is to do.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// Where studies and photographs are kept; it is made where there is none.
+    pub folder: PathBuf,
+    /// Where boxes announce themselves to this computer.
+    pub udp: Vec<SocketAddr>,
+    /// Serial lines with a box, and their rates.
+    pub serial: Vec<(String, u32)>,
+    /// What this program is called at boxes.
+    pub program: String,
+    /// Streams for other programs.
+    pub ways: Ways,
+    /// The library of the Lab Streaming Layer, where it is needed.
+    pub lsl: Option<Lsl>,
+    /// Marks of other programs.
+    pub marks: MarkSettings,
+}
+
+/// Where marks of other programs come from.
+#[derive(Debug, Clone, Default)]
+pub struct MarkSettings {
+    /// Datagrams to this address.
+    pub udp: Option<SocketAddr>,
+    /// The computers whose datagrams count, beside this one.
+    pub from: Vec<MarkFrom>,
+    /// Lines from this serial device.
+    pub serial: Option<String>,
+    /// The markers of this stream of the Lab Streaming Layer.
+    pub lsl: Option<String>,
+}
+
+/// The desk.
+pub struct Desk {
+    /// Its clock and its news.
+    pub hub: Arc<Hub>,
+    /// What it remembers.
+    pub memory: Arc<Memory>,
+    /// Where studies and photographs are kept.
+    pub folder: PathBuf,
+    computer: String,
+    stations: Vec<Station>,
+    strangers: Arc<Strangers>,
+    problems: Mutex<Vec<Problem>>,
+    streams: Vec<String>,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+    _markers: Option<Markers>,
+}
+
+impl Desk {
+    /// Starts the stations of all boxes whose keys are known here.
+    ///
+    /// # Errors
+    /// When the folder, the keys or a source of marks cannot be used.
+    pub fn start(settings: Settings) -> Result<Self, BadInput> {
+        plumbline_files::make_directory(&settings.folder)?;
+        let folder = settings
+            .folder
+            .canonicalize()
+            .map_err(|error| BadInput::io(settings.folder.display(), &error))?;
+        let hub = Arc::new(Hub::new());
+        let memory = Arc::new(Memory::open(&folder)?);
+        let board = Arc::new(MarkBoard::default());
+        let mut threads = Vec::new();
+        let markers = follow_marks(&settings, &hub, &board, &mut threads)?;
+        let mut problems = Vec::new();
+        let known = Store::open()?.all()?;
+        problems.extend(known.refused.into_iter().map(Problem::from));
+        if known.known.is_empty() && settings.serial.is_empty() {
+            problems.push(Problem::new(
+                "the keys",
+                "no key of a box is known here, and a box talks to nobody else",
+                "make one for a new box with `plumb provision --new-key`, or bring it from another \
+                 computer with `plumb keys import`; then start the desk again",
+            ));
+        }
+        let mut by_key = HashMap::new();
+        let mut reaches = Vec::new();
+        for it in known.known {
+            let id = it.key.id();
+            let shared =
+                Shared::new(Arc::clone(&hub), id.to_string(), it.title(), it.serial_number.clone());
+            let shared = Arc::new(shared);
+            by_key.insert(id, Arc::clone(&shared));
+            reaches.push((shared, Reach::Udp(id.to_string())));
+        }
+        for (at, (device, baud)) in settings.serial.iter().enumerate() {
+            let id = format!("serial-{}", at + 1);
+            let shared = Arc::new(Shared::new(Arc::clone(&hub), id, device.clone(), None));
+            reaches.push((shared, Reach::Serial { device: device.clone(), baud: *baud }));
+        }
+        let strangers = Arc::new(Strangers::default());
+        for address in &settings.udp {
+            let porter =
+                Porter::bind(*address, by_key.clone(), Arc::clone(&strangers), Arc::clone(&hub));
+            match porter {
+                Ok(porter) => threads.push(named("porter", move || {
+                    // A socket that can be bound can be read.
+                    let _ = porter.run();
+                })?),
+                // Boxes that were met before are called where they were.
+                Err(error) => problems.push(error.into()),
+            }
+        }
+        let mut streams = settings.ways.warnings();
+        let several = reaches.len() > 1;
+        let mut stations = Vec::new();
+        for (at, (shared, reach)) in reaches.into_iter().enumerate() {
+            let ways = ways_of(&settings.ways, several.then(|| (at, shared.state().name)));
+            streams.extend(ways_in_words(&ways, &shared.state().name));
+            let around = Around {
+                folder: folder.clone(),
+                program: settings.program.clone(),
+                ways,
+                lsl: settings.lsl,
+                marks: Arc::clone(&board),
+                memory: Arc::clone(&memory),
+            };
+            stations.push(Station::start(shared, reach, around)?);
+        }
+        let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        Ok(Self {
+            hub,
+            memory,
+            folder,
+            computer: computer.trim().to_owned(),
+            stations,
+            strangers,
+            problems: Mutex::new(problems),
+            streams,
+            threads: Mutex::new(threads),
+            _markers: markers,
+        })
+    }
+
+    /// The station of a box.
+    #[must_use]
+    pub fn station(&self, id: &str) -> Option<&Station> {
+        self.stations.iter().find(|it| it.shared.id() == id)
+    }
+
+    /// The box with which a session of a study goes on.
+    #[must_use]
+    pub fn box_of_session(&self, study: &str, session: &str) -> Option<String> {
+        let states = self.stations.iter().map(|it| it.shared.state());
+        let mut of = states.filter_map(|it| Some((it.session?, it.id)));
+        of.find(|(open, _)| open.study == study && open.name == session).map(|(_, id)| id)
+    }
+
+    /// The whole state now.
+    #[must_use]
+    pub fn state(&self) -> State {
+        let version = self.hub.version();
+        let mut boxes: Vec<BoxState> = self.stations.iter().map(|it| it.shared.state()).collect();
+        let is_away = |it: &BoxState| matches!(it.link, LinkState::Searching { .. });
+        boxes.sort_by(|one, other| {
+            (is_away(one), &one.name, &one.id).cmp(&(is_away(other), &other.name, &other.id))
+        });
+        let latest_study = self.memory.latest_study();
+        let latest_study = latest_study.filter(|it| crate::studies::open(&self.folder, it).is_ok());
+        State {
+            version,
+            now_ms: self.hub.now_ms(),
+            desk: DeskState {
+                version: env!("CARGO_PKG_VERSION").to_owned(),
+                folder: self.folder.display().to_string(),
+                computer: self.computer.clone(),
+                pages: self.hub.pages.load(std::sync::atomic::Ordering::Relaxed),
+                problems: self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+                streams: self.streams.clone(),
+                studies_version: self.hub.studies_version(),
+                latest_study,
+            },
+            boxes,
+            strangers: self.strangers.list(),
+        }
+    }
+
+    /// The name of this computer.
+    #[must_use]
+    pub fn computer(&self) -> &str {
+        &self.computer
+    }
+
+    /// What a user of the command line should know.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        let problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
+        problems.iter().map(|it| format!("{}: {}; {}", it.place, it.found, it.remedy)).collect()
+    }
+
+    /// Ends everything, and waits for that: a recording that goes on is ended properly.
+    pub fn stop(&self) {
+        self.hub.stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        self.stations.iter().for_each(Station::join);
+        let mut threads = self.threads.lock().unwrap_or_else(PoisonError::into_inner);
+        for thread in threads.drain(..) {
+            // A thread that has panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn named(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, BadInput> {
+    let thread = thread::Builder::new().name(name.to_owned()).spawn(run);
+    thread.map_err(|error| BadInput::io(format!("a thread: {name}"), &error))
+}
+
+/// Listens to the sources of marks.
+fn follow_marks(
+    settings: &Settings,
+    hub: &Arc<Hub>,
+    board: &Arc<MarkBoard>,
+    threads: &mut Vec<JoinHandle<()>>,
+) -> Result<Option<Markers>, BadInput> {
+    let MarkSettings { udp, from, serial, lsl } = &settings.marks;
+    if udp.is_none() && serial.is_none() && lsl.is_none() {
+        return Ok(None);
+    }
+    let (sender, marks, _) = marks::listen(*udp, from, serial.as_deref())?;
+    let (hub, board) = (Arc::clone(hub), Arc::clone(board));
+    threads.push(named("marks", move || board.follow(&marks, &hub))?);
+    let (Some(name), Some(library)) = (lsl, settings.lsl) else { return Ok(None) };
+    if settings.ways.lsl.as_ref().is_some_and(|own| *name == format!("{own}{MARKS_SUFFIX}")) {
+        return Err(BadInput::whole(
+            format!("--mark-lsl {name}"),
+            "is the stream in which the marks of this desk are published",
+            "name another program's stream",
+        ));
+    }
+    let take = move |at, label: &str| sender.send(at, Mark::new(Source::Lsl, label));
+    Markers::of(library, name, take).map(Some)
+}
+
+/// The ways out of one box: of several, each has names and ports of its own.
+fn ways_of(ways: &Ways, of_several: Option<(usize, String)>) -> Ways {
+    let Some((at, name)) = of_several else { return ways.clone() };
+    let further = |address: SocketAddr| {
+        let at = u16::try_from(at).unwrap_or(u16::MAX);
+        let port = if address.port() == 0 { 0 } else { address.port().saturating_add(at) };
+        SocketAddr::new(address.ip(), port)
+    };
+    let letters = name.chars().filter(|it| it.is_alphanumeric() || " -_".contains(*it));
+    let name: String = letters.collect();
+    Ways {
+        lsl: ways.lsl.as_ref().map(|it| format!("{it} {}", name.trim())),
+        json: ways.json.map(further),
+        osc: ways.osc.map(further),
+    }
+}
+
+fn ways_in_words(ways: &Ways, name: &str) -> Vec<String> {
+    let lsl = ways.lsl.as_ref().map(|it| format!("{name}: Lab Streaming Layer, stream {it:?}"));
+    let json = ways.json.map(|it| format!("{name}: lines of JSON at {it}"));
+    let osc = ways.osc.map(|it| format!("{name}: OSC to {it}"));
+    [lsl, json, osc].into_iter().flatten().collect()
+}

@@ -1,0 +1,219 @@
+//! The desk by HTTP: who may ask, and what is answered.
+//!
+//! ```text
+//! a request ─▶ guard: Host, Origin, who is signed in, headers ─┬▶ assets: the page's files
+//!                                                              ├▶ api: actions, studies
+//!                                                              ├▶ reports
+//!                                                              └▶ socket: state, frames
+//! ```
+
+mod api;
+mod assets;
+mod body;
+mod guard;
+mod password;
+mod reports;
+mod sign_in;
+mod socket;
+mod tls;
+
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::middleware::{from_fn, from_fn_with_state};
+use axum::routing::{get, post};
+use plumbline_files::BadInput;
+
+use crate::desk::Desk;
+use crate::wire::BODY_BYTES_MAX;
+
+pub use password::Password;
+
+use self::sign_in::Gate;
+
+/// The port of the desk, unless another one is asked for or it is taken.
+pub const PORT: u16 = 4270;
+
+/// Requests that are under way are waited for no longer than this at the end.
+const ENDS_WITHIN: Duration = Duration::from_secs(2);
+
+/// A connection that asks nothing is closed after this.
+const FIRST_REQUEST_WITHIN: Duration = Duration::from_secs(15);
+
+/// The threads that answer; a box needs none of them.
+const THREADS: usize = 2;
+
+/// For whom the desk is.
+#[derive(Debug)]
+pub enum For {
+    /// Programs of this computer, at this port; `None`: [`PORT`], or a free one where that is taken.
+    ThisComputer(Option<u16>),
+    /// Whoever reaches this address and knows the password, by TLS.
+    Others {
+        /// The address and the port.
+        address: SocketAddr,
+        /// The password.
+        password: Password,
+        /// A certificate and its key; otherwise the desk makes its own.
+        certificate: Option<(PathBuf, PathBuf)>,
+    },
+}
+
+/// What a handler has.
+#[derive(Clone)]
+struct App {
+    desk: Arc<Desk>,
+    gate: Arc<Gate>,
+}
+
+/// A server that runs.
+pub struct Server {
+    /// Where it is.
+    pub address: SocketAddr,
+    /// What a person opens.
+    pub url: String,
+    /// The fingerprint of the desk's own certificate.
+    pub fingerprint: Option<String>,
+    handle: axum_server::Handle<SocketAddr>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Serves a desk.
+    ///
+    /// # Errors
+    /// When nobody can listen there, or the certificate cannot be used.
+    pub fn start(desk: Arc<Desk>, whom: For) -> Result<Self, BadInput> {
+        let (listener, tls, password) = match whom {
+            For::ThisComputer(port) => (on_this_computer(port)?, None, None),
+            For::Others { address, password, certificate } => {
+                let names = guard::names(desk.computer(), address.ip());
+                let tls = match certificate {
+                    Some((certificate, key)) => tls::given(&certificate, &key)?,
+                    None => tls::own(&names)?,
+                };
+                (listen(address)?, Some(tls), Some(password))
+            }
+        };
+        let address = listener.local_addr().map_err(|error| BadInput::io("the desk", &error))?;
+        listener.set_nonblocking(true).map_err(|error| BadInput::io("the desk", &error))?;
+        let gate =
+            Arc::new(Gate::new(Arc::clone(&desk.memory), address, password, desk.computer()));
+        let url = gate.url();
+        let app = router(App { desk, gate });
+        let handle = axum_server::Handle::new();
+        let (fingerprint, config) = match tls {
+            Some(tls) => (tls.fingerprint, Some(tls.config)),
+            None => (None, None),
+        };
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(THREADS)
+            .thread_name("the desk's pages")
+            .enable_all()
+            .build()
+            .map_err(|error| BadInput::io("the desk's threads", &error))?;
+        let ends = handle.clone();
+        let serve = async move {
+            let service = app.into_make_service_with_connect_info::<SocketAddr>();
+            // An error ends the server, which its user sees.
+            let _ = match config {
+                None => match axum_server::from_tcp(listener) {
+                    Ok(server) => {
+                        server
+                            .handle(ends)
+                            .first_request_timeout(FIRST_REQUEST_WITHIN)
+                            .serve(service)
+                            .await
+                    }
+                    Err(error) => Err(error),
+                },
+                Some(config) => match axum_server::from_tcp_rustls(listener, config) {
+                    Ok(server) => {
+                        server
+                            .handle(ends)
+                            .first_request_timeout(FIRST_REQUEST_WITHIN)
+                            .serve(service)
+                            .await
+                    }
+                    Err(error) => Err(error),
+                },
+            };
+        };
+        let thread = std::thread::Builder::new()
+            .name("the desk's server".to_owned())
+            .spawn(move || {
+                runtime.block_on(serve);
+                runtime.shutdown_timeout(ENDS_WITHIN);
+            })
+            .map_err(|error| BadInput::io("the desk's server", &error))?;
+        Ok(Self { address, url, fingerprint, handle, thread: Some(thread) })
+    }
+
+    /// Whether it still runs.
+    #[must_use]
+    pub fn runs(&self) -> bool {
+        self.thread.as_ref().is_some_and(|it| !it.is_finished())
+    }
+
+    /// Ends it: pages are told, and requests that are under way are answered.
+    pub fn end(&mut self) {
+        self.handle.graceful_shutdown(Some(ENDS_WITHIN));
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// Listens for programs of this computer.
+fn on_this_computer(port: Option<u16>) -> Result<TcpListener, BadInput> {
+    let at = |port| SocketAddr::new(IpAddr::from([127, 0, 0, 1]), port);
+    match port {
+        Some(port) => listen(at(port)),
+        None => listen(at(PORT)).or_else(|_| listen(at(0))),
+    }
+}
+
+fn listen(address: SocketAddr) -> Result<TcpListener, BadInput> {
+    TcpListener::bind(address).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AddrInUse => BadInput::whole(
+            format!("the desk at {address}"),
+            "another program listens there, perhaps another desk",
+            "end that program, or choose another port",
+        ),
+        _ => BadInput::io(format!("the desk at {address}"), &error),
+    })
+}
+
+fn router(app: App) -> Router {
+    let api = Router::new()
+        .route("/api/hello", get(api::hello))
+        .route("/api/login", post(sign_in::login))
+        .route("/api/logout", post(sign_in::logout))
+        .route("/api/state", get(api::state))
+        .route("/api/protocols", get(api::protocols))
+        .route("/api/protocols/check", post(api::check_protocol))
+        .route("/api/studies", get(api::studies).post(api::create_study))
+        .route("/api/studies/{study}", get(api::study))
+        .route("/api/studies/{study}/protocol", post(api::set_protocol))
+        .route("/api/studies/{study}/participants", post(api::set_participant))
+        .route("/api/boxes/{id}/{*action}", get(api::look).post(api::act))
+        .route("/reports/{study}", get(reports::study))
+        .route("/reports/{study}/{session}/{trial}", get(reports::trial))
+        .route("/ws", get(socket::open))
+        .fallback(assets::file)
+        .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
+        .layer(from_fn_with_state(app.clone(), guard::guard))
+        .layer(from_fn(guard::headers));
+    api.with_state(app)
+}

@@ -1,0 +1,61 @@
+//! Reports: the pages that `plumb report` makes.
+
+use axum::extract::{Path, State};
+use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE, X_FRAME_OPTIONS};
+use axum::response::{IntoResponse as _, Response};
+use plumbline_files::BadInput;
+use plumbline_report::trial::Beside;
+use plumbline_session::names;
+use plumbline_study::{figures, manifest};
+use plumbline_trial::Trial;
+use plumbline_trial::points::Points;
+
+use super::App;
+use super::body::Failure;
+use super::guard::REPORT_POLICY;
+use crate::studies;
+
+/// A study's.
+pub async fn study(State(app): State<App>, Path(study): Path<String>) -> Result<Response, Failure> {
+    made(move || {
+        let study = studies::open(&app.desk.folder, &study)?;
+        let figures = figures::analyze(&manifest::read(&study.path().join(names::STUDY))?)?;
+        Ok(plumbline_report::study::report(&figures)?)
+    })
+    .await
+}
+
+/// A trial's.
+pub async fn trial(
+    State(app): State<App>,
+    Path((study, session, trial)): Path<(String, String, String)>,
+) -> Result<Response, Failure> {
+    made(move || {
+        let folder = studies::trial_folder(&app.desk.folder, &study, &session, &trial)?;
+        let trial = Trial::open(&folder)?;
+        let points = Points::of(&trial, trial.manifest.zero)?;
+        let settings = plumbline_analysis::sway::Settings {
+            span_s: points.usual_span_s(),
+            ..plumbline_analysis::sway::Settings::default()
+        };
+        let beside = Beside::default();
+        let (html, _) = plumbline_report::trial::report(Some(&trial), &points, &settings, &beside)?;
+        Ok(html)
+    })
+    .await
+}
+
+/// Makes a page where it keeps nobody from being answered.
+async fn made(
+    make: impl FnOnce() -> Result<String, Failure> + Send + 'static,
+) -> Result<Response, Failure> {
+    let html = tokio::task::spawn_blocking(make).await.unwrap_or_else(|_| {
+        Err(BadInput::whole("the report", "it could not be made", "report it").into())
+    })?;
+    let headers = [
+        (CONTENT_TYPE, "text/html; charset=utf-8"),
+        (CONTENT_SECURITY_POLICY, REPORT_POLICY),
+        (X_FRAME_OPTIONS, "SAMEORIGIN"),
+    ];
+    Ok((headers, html).into_response())
+}

@@ -1,0 +1,545 @@
+//! A station: a thread that has one box, and does with it whatever the pages ask for.
+//!
+//! ```text
+//!             ┌──────────────── the link is lost ───────────────┐
+//!             ▼                                                 │
+//!  look for the box ─▶ meet it ─▶ watch ─┬─▶ examine ─▶ watch ──┤
+//!                                        ├─▶ aim: pictures, photographs, exposure ─▶ watch
+//!                                        ├─▶ deliver, measure the scene, store it ─▶ meet it
+//!                                        └─▶ record a trial of its session ─▶ watch
+//! ```
+//!
+//! It does so by the libraries of the command line. Nothing waits for a page: pages see
+//! [`Shared`], and send [`Order`]s through a bounded queue. Whatever happens to one box, the others'
+//! stations do not notice.
+
+mod aim;
+mod can;
+mod fit;
+mod jobs;
+mod orders;
+mod photographs;
+mod record;
+mod session;
+mod shared;
+pub(crate) mod show;
+mod watch;
+
+use std::cell::RefCell;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use plumbline::config::Config;
+use plumbline::packet::{Hello, LinkKind};
+use plumbline_bedside::link::{Carried, Way};
+use plumbline_bedside::scene::{Measured, Seen};
+use plumbline_files::{BadInput, camera};
+use plumbline_publish::lsl::Lsl;
+use plumbline_publish::{MarkFeed, Publisher, Tapped, Ways};
+use plumbline_stream::link::{BoxLink, Introduction};
+use plumbline_trial::body::Body;
+use tokio::sync::oneshot;
+
+use crate::figures::Figures;
+use crate::marks::MarkBoard;
+use crate::memory::Memory;
+use crate::wire::{Doing, HelloState, LinkState, NextStep, Problem, TargetState};
+
+pub use fit::PLOT;
+pub use orders::{Envelope, Order, Refusal};
+pub use shared::Shared;
+
+use self::can::Stage;
+use self::fit::Fitting;
+use self::photographs::PhotoSet;
+use self::session::Open;
+
+/// The orders that can wait.
+const ORDERS_MAX: usize = 32;
+
+/// A box that is looked for is listened for this long at a time, so that orders are answered.
+const LISTEN: Duration = Duration::from_millis(200);
+
+/// A box is called for this long before another place is tried, milliseconds.
+const TRIED_MS: f64 = 2000.0;
+
+/// A link that failed is opened again after this time.
+const AGAIN_AFTER: Duration = Duration::from_secs(1);
+
+/// The state is shown anew this often.
+const SHOW_EVERY: Duration = Duration::from_millis(200);
+
+/// What a station needs beside its box.
+#[derive(Debug, Clone)]
+pub struct Around {
+    /// Where photographs and studies are kept.
+    pub folder: PathBuf,
+    /// What this program is called at boxes.
+    pub program: String,
+    /// The streams for other programs.
+    pub ways: Ways,
+    /// The library of the Lab Streaming Layer, where it is needed.
+    pub lsl: Option<Lsl>,
+    /// Marks of other programs.
+    pub marks: Arc<MarkBoard>,
+    /// Which sessions go on.
+    pub memory: Arc<Memory>,
+}
+
+/// Which box a station is for, and how it is reached.
+#[derive(Debug, Clone)]
+pub enum Reach {
+    /// The box whose key has this identity, over a network.
+    Udp(String),
+    /// Whatever box is at this serial device.
+    Serial {
+        /// Its path.
+        device: String,
+        /// Bits per second.
+        baud: u32,
+    },
+}
+
+/// A station that runs.
+#[derive(Debug)]
+pub struct Station {
+    /// What it shows.
+    pub shared: Arc<Shared>,
+    orders: SyncSender<Envelope>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl Station {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// When the system gives none.
+    pub fn start(shared: Arc<Shared>, reach: Reach, around: Around) -> Result<Self, BadInput> {
+        let (orders, inbox) = sync_channel(ORDERS_MAX);
+        let own = Arc::clone(&shared);
+        let thread = thread::Builder::new()
+            .name(format!("box {}", shared.id()))
+            .spawn(move || Worker::new(own, reach, around, inbox).run())
+            .map_err(|error| BadInput::io("a thread for a box", &error))?;
+        Ok(Self { shared, orders, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// Hands over an order; its answer comes when it was carried out, or has begun.
+    ///
+    /// # Errors
+    /// When it is not possible now, or too many wait.
+    pub fn order(&self, order: Order) -> Result<oneshot::Receiver<Result<(), Refusal>>, Refusal> {
+        let needs = order.needs();
+        if !self.shared.can(needs) {
+            return Err(can::not_now(&self.shared.state(), needs));
+        }
+        let (answer, answered) = oneshot::channel();
+        self.orders.try_send(Envelope { order, answer }).map_err(|error| {
+            let found = match error {
+                TrySendError::Full(_) => "too many orders wait",
+                TrySendError::Disconnected(_) => "the desk is being ended",
+            };
+            Refusal { status: 503, problem: Problem::new("the box", found, "try again") }
+        })?;
+        Ok(answered)
+    }
+
+    /// Waits for the end of its thread, which ends when the desk does.
+    pub fn join(&self) {
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = thread {
+            // A thread that has panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What is done next with a link.
+#[derive(Debug)]
+enum Next {
+    /// Who is it?
+    Meet,
+    Watch,
+    Job(Job),
+    /// Set-up mode, and what was asked for with it.
+    Aim(Order),
+    Record,
+    /// The link is opened anew.
+    Reopen,
+}
+
+/// What is done with a link in one go.
+#[derive(Debug)]
+enum Job {
+    Examine,
+    Deliver(crate::wire::CalibrationDeliver),
+    Measure(crate::wire::SceneMeasure),
+    StoreScene,
+}
+
+/// The thread's own.
+struct Worker {
+    shared: Arc<Shared>,
+    reach: Reach,
+    around: Around,
+    inbox: Receiver<Envelope>,
+    publisher: Option<Rc<RefCell<Publisher>>>,
+    mark_feed: Option<MarkFeed>,
+    /// The zero of the publisher's times.
+    zero: Instant,
+    /// The stage, by which it is decided what is possible.
+    stage: Stage,
+    hello: Option<Hello>,
+    config: Option<Config>,
+    /// Where the link was opened to.
+    called_at: Option<SocketAddr>,
+    show_at: Instant,
+    figures: Figures,
+    /// The newest frame that the figures and the reference have.
+    figured: u64,
+    /// The frames of the reference that is being taken.
+    reference: Option<watch::Referencing>,
+    examined: Option<(Instant, u32, Vec<plumbline_bedside::doctor::Check>)>,
+    photographs: Option<PhotoSet>,
+    fitting: Option<Fitting>,
+    calibrated: Option<plumbline_bedside::calibration::Calibrated>,
+    measured: Option<(Measured, Seen)>,
+    session: Option<Open>,
+}
+
+impl Worker {
+    fn new(shared: Arc<Shared>, reach: Reach, around: Around, inbox: Receiver<Envelope>) -> Self {
+        let now = Instant::now();
+        Self {
+            shared,
+            reach,
+            around,
+            inbox,
+            publisher: None,
+            mark_feed: None,
+            zero: now,
+            stage: Stage::Away,
+            hello: None,
+            config: None,
+            called_at: None,
+            show_at: now,
+            figures: Figures::default(),
+            figured: 0,
+            reference: None,
+            examined: None,
+            photographs: None,
+            fitting: None,
+            calibrated: None,
+            measured: None,
+            session: None,
+        }
+    }
+
+    fn run(mut self) {
+        if let Err(error) = self.publish() {
+            self.shared.notice(true, error.to_string());
+        }
+        self.resume_latest();
+        while !self.is_over() {
+            let result = self.open().and_then(|link| self.stay(link));
+            if let Err(error) = result {
+                self.fail(error);
+            }
+            self.enter(Stage::Away);
+            let until = Instant::now() + AGAIN_AFTER;
+            while Instant::now() < until && !self.is_over() {
+                self.beat();
+                thread::sleep(LISTEN / 4);
+            }
+        }
+        self.session = None;
+        drop(self.fitting.take());
+        if let Some(publisher) = self.publisher.take().and_then(Rc::into_inner) {
+            for words in publisher.into_inner().finish() {
+                self.shared.notice(false, words);
+            }
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.shared.hub.is_over()
+    }
+
+    /// Begins to publish: to the desk's own pages, and to whoever was asked for.
+    fn publish(&mut self) -> Result<(), BadInput> {
+        let begun = Instant::now();
+        let mut publisher = Publisher::new(begun, true);
+        let shared = Arc::clone(&self.shared);
+        publisher
+            .add_own("the desk", move |items| shared.frames.follow(&items, &shared.hub, begun))?;
+        self.zero = begun;
+        self.mark_feed = Some(publisher.mark_feed());
+        let opened = self.around.ways.open(&mut publisher, self.around.lsl);
+        self.publisher = Some(Rc::new(RefCell::new(publisher)));
+        for words in opened? {
+            self.shared.notice(false, words);
+        }
+        Ok(())
+    }
+
+    /// Opens the link to where the box was heard last.
+    fn open(&mut self) -> Result<BoxLink, BadInput> {
+        let (carried, called) = match &self.reach {
+            // The port at which boxes announce themselves is the porter's.
+            Reach::Udp(id) => {
+                let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
+                (Carried::Udp(Some(any)), Some(id.clone()))
+            }
+            Reach::Serial { device, baud } => {
+                (Carried::Serial { device: device.clone(), baud: *baud }, None)
+            }
+        };
+        self.called_at = self.shared.announced();
+        let shared = Arc::clone(&self.shared);
+        let way = Way { carried, called, at: self.called_at };
+        let link = way.open(&self.around.program, false, move |warning| {
+            shared.notice(true, warning);
+        })?;
+        Ok(self.tapped(link))
+    }
+
+    /// The same link, whose packets are published.
+    fn tapped(&self, link: BoxLink) -> BoxLink {
+        let kind = link.kind();
+        let place = self.place(link.place());
+        let Some(publisher) = &self.publisher else { return link };
+        let transport = Tapped::new(link.into_transport(), Rc::clone(publisher));
+        BoxLink::new(Box::new(transport), place, kind)
+    }
+
+    /// What the link is called in messages.
+    fn place(&self, place: &str) -> String {
+        match &self.reach {
+            Reach::Udp(_) => self.shared.state().name,
+            Reach::Serial { .. } => place.to_owned(),
+        }
+    }
+
+    /// Stays with a link until it has to be opened anew.
+    fn stay(&mut self, mut link: BoxLink) -> Result<(), BadInput> {
+        let mut next = Next::Meet;
+        while !self.is_over() {
+            (link, next) = match next {
+                Next::Meet => self.meet(link)?,
+                Next::Watch => self.watch(link)?,
+                Next::Job(job) => self.job(link, job)?,
+                Next::Aim(order) => match self.aim(link, order)? {
+                    Some(back) => back,
+                    None => return Ok(()),
+                },
+                Next::Record => self.record(link)?,
+                Next::Reopen => return Ok(()),
+            };
+        }
+        Ok(())
+    }
+
+    /// Waits for the box, and asks who it is and what it runs with.
+    fn meet(&mut self, mut link: BoxLink) -> Result<(BoxLink, Next), BadInput> {
+        self.enter(Stage::Away);
+        let since_at_ms = self.shared.hub.now_ms();
+        while link.messages(Instant::now() + LISTEN, |_| Some(()))?.is_none() {
+            self.beat();
+            let (found, remedy) = link.obstacle().unwrap_or_else(|| {
+                let remedy = match self.reach {
+                    Reach::Udp(_) => {
+                        "check that it is on, and that it sends to this computer's address and port"
+                    }
+                    Reach::Serial { .. } => "check that it is on, the cable and the line's rate",
+                };
+                ("nothing is heard of this box".to_owned(), remedy.to_owned())
+            });
+            let problem = Problem::new(link.place(), found, remedy);
+            self.shared.update(|state| {
+                state.link = LinkState::Searching { since_at_ms, problem };
+            });
+            let is_tried = self.shared.hub.now_ms() - since_at_ms >= TRIED_MS;
+            if self.is_over() || (is_tried && self.has_moved()) || self.is_first_heard() {
+                return Ok((link, Next::Reopen));
+            }
+        }
+        let hello = match link.introduction()? {
+            Introduction::Hello(hello) => hello,
+            Introduction::Refusing(text) => {
+                return Err(BadInput::whole(
+                    link.place(),
+                    format!("the box tracks nothing; it says: {text}"),
+                    "send it a configuration with `plumb provision --send`",
+                ));
+            }
+        };
+        let config = link.config()?;
+        self.met(&link, hello, config);
+        Ok((link, Next::Watch))
+    }
+
+    /// Whether the box announces itself, and nothing was known of where it is.
+    fn is_first_heard(&self) -> bool {
+        self.called_at.is_none() && self.shared.announced().is_some()
+    }
+
+    /// Whether the box announces itself from elsewhere than where it was called.
+    fn has_moved(&self) -> bool {
+        let announced = self.shared.announced();
+        announced.is_some() && announced != self.called_at
+    }
+
+    /// Shows who the box is.
+    fn met(&mut self, link: &BoxLink, hello: Hello, config: Config) {
+        self.shared.frames.set_body(Body::of(&config));
+        let is_calibrated = !camera::is_stand_in(&config.lens);
+        let has_scene = config.cam_from_scene_theta.is_some();
+        let (next_step, next) = match (is_calibrated, has_scene) {
+            (false, _) => (
+                NextStep::Calibrate,
+                "Aim the camera, and calibrate it with photographs of the board.",
+            ),
+            (true, false) => (
+                NextStep::Scene,
+                "Set up the board where the person will stand, and measure the scene.",
+            ),
+            (true, true) => (NextStep::Session, "The box is ready: begin a session."),
+        };
+        let targets = hello.targets.iter().map(|it| TargetState {
+            name: it.name.to_string(),
+            role: show::role(it.role).to_owned(),
+            corners: it.corners,
+        });
+        let shown = HelloState {
+            device: hello.device.to_string(),
+            serial_number: hello.serial_number.to_string(),
+            firmware: hello.firmware.to_string(),
+            size_px: [hello.width_px, hello.height_px],
+            asked_hz: config.capture.as_ref().map(|it| f64::from(it.rate_hz)),
+            targets: targets.collect(),
+            is_calibrated: Some(is_calibrated),
+            has_scene: Some(has_scene),
+            next: next.to_owned(),
+            next_step,
+        };
+        let by = self.heard_by();
+        self.shared.update(|state| {
+            state.name = hello.device.to_string();
+            state.serial_number = Some(hello.serial_number.to_string());
+            state.hello = Some(shown);
+            state.link = LinkState::Heard { by };
+        });
+        if self.hello.as_ref().map(|it| it.boot_id) != Some(hello.boot_id) {
+            self.refer();
+        }
+        debug_assert!(link.kind() != LinkKind::File);
+        self.hello = Some(hello);
+        self.config = Some(config);
+    }
+
+    /// How the box is heard.
+    fn heard_by(&self) -> String {
+        match (&self.reach, self.shared.announced()) {
+            (Reach::Serial { device, .. }, _) => device.clone(),
+            (Reach::Udp(_), Some(address)) => format!("UDP {address}"),
+            (Reach::Udp(_), None) => "UDP".to_owned(),
+        }
+    }
+
+    /// Another stage.
+    fn enter(&mut self, stage: Stage) {
+        self.stage = stage;
+        let doing = match stage {
+            Stage::Away => Doing::Nothing,
+            Stage::Watching => Doing::Watching,
+            Stage::Examining => Doing::Examining,
+            Stage::Aiming => Doing::Aiming,
+            Stage::Exposing => Doing::Exposing,
+            Stage::Delivering => Doing::Delivering,
+            Stage::Measuring => Doing::MeasuringScene,
+            Stage::Recording => Doing::Recording,
+        };
+        self.shared.update(|state| {
+            state.doing = doing;
+            state.job = None;
+            if stage != Stage::Aiming && stage != Stage::Exposing {
+                state.aim = None;
+            }
+            if !matches!(stage, Stage::Watching | Stage::Recording) {
+                state.live = None;
+            }
+        });
+        self.show_can();
+    }
+
+    /// What a long action, or the link, has failed at.
+    fn fail(&mut self, error: BadInput) {
+        let problem = Problem::from(error);
+        let since_at_ms = self.shared.hub.now_ms();
+        self.shared.update(|state| {
+            state.job = None;
+            state.failed = Some(problem.clone());
+            state.link = match &state.link {
+                LinkState::Searching { since_at_ms, .. } => {
+                    LinkState::Searching { since_at_ms: *since_at_ms, problem }
+                }
+                _ => LinkState::Silent { since_at_ms, problem },
+            };
+        });
+    }
+
+    /// What is due whatever is done: the session's time, a fit that is over, orders that need no link.
+    fn beat(&mut self) {
+        let now = Instant::now();
+        self.poll_fit();
+        self.tick(now);
+        while let Some(envelope) = self.next_order() {
+            self.take_without_link(envelope);
+        }
+        if now >= self.show_at {
+            self.show_at = now + SHOW_EVERY;
+            self.show_session(now);
+            self.show_can();
+        }
+    }
+
+    /// The next order, of which it is certain that it is possible now.
+    fn next_order(&mut self) -> Option<Envelope> {
+        loop {
+            let envelope = self.inbox.try_recv().ok()?;
+            let needs = envelope.order.needs();
+            if self.possible().contains(&needs) {
+                return Some(envelope);
+            }
+            let refusal = can::not_now(&self.shared.state(), needs);
+            let _ = envelope.answer.send(Err(refusal));
+        }
+    }
+
+    /// Takes an order for which no link is needed.
+    fn take_without_link(&mut self, envelope: Envelope) {
+        let Envelope { order, answer } = envelope;
+        let result = match order {
+            Order::SessionBegin(begin) => self.begin_session(&begin),
+            Order::SessionResume(resume) => self.resume_session(&resume),
+            Order::SessionEvent(event) => self.session_event(&event),
+            Order::SessionMark(mark, at) => self.mark(&mark, at),
+            Order::SessionClose => self.close_session(),
+            Order::CalibrationFit => self.begin_fit(),
+            Order::PhotographsRemove(remove) => self.remove_photograph(&remove),
+            Order::Reference => {
+                self.refer();
+                Ok(())
+            }
+            other => Err(can::not_now(&self.shared.state(), other.needs())),
+        };
+        self.show_session(Instant::now());
+        self.show_can();
+        let _ = answer.send(result);
+    }
+}

@@ -1,0 +1,23 @@
+//! The desk's page in a real Chromium, against the real `plumb desk` and the box's real program, whose
+//! camera shows rendered frames. Each script in Python drives the browser; the test beside it sets the
+//! stage and judges what has come of it.
+//!
+//! | what is done | what must come of it | where |
+//! |---|---|---|
+//! | from a box without a calibration to a study's report, by mouse, and by keyboard alone | a study whose trials are whole | [`whole_way`] |
+//! | every step at three sizes, light and dark | nothing is cut off, axe-core finds nothing, the console is silent, no other host is asked | [`looks`] |
+//! | the page is reloaded, throttled, cut off, closed and opened again in a trial | the trial is whole | [`disturbed`] |
+//! | a page of another origin, another name for the desk, hostile words | nothing is got, nothing begins | [`hostile`] |
+//! | the modules that draw are asked, and read | they draw what came; no text becomes markup | [`drawings`] |
+//! | the routes are asked without a browser | see there | [`server`] |
+//! | a person is watched | on the screen within a tenth of a second; no memory is taken | [`pace`] |
+
+mod camera;
+mod disturbed;
+mod drawings;
+mod hostile;
+mod looks;
+mod pace;
+mod server;
+mod stage;
+mod whole_way;

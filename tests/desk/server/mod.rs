@@ -1,0 +1,20 @@
+//! The desk's server without a browser: the real `plumb desk` and the box's real program, asked as a
+//! page asks.
+//!
+//! | what is done | what must come of it | where |
+//! |---|---|---|
+//! | from a box without a calibration to a study's report | every step, by the routes alone | [`whole_way`] |
+//! | foreign origins and hosts, no cookie, forms, long and senseless bodies and messages | nothing is told, nothing begins | [`hostile`] |
+//! | another computer, with and without the password | TLS alone, and guesses are bounded | [`others`] |
+//! | eight pages, half of which take nothing; the desk is killed in a trial | the trial is whole; the session goes on | [`pages`] |
+//! | three boxes are recorded, and one is unplugged | the others do not notice | [`boxes`] |
+//! | ten minutes at 200 Hz (ignored: it takes as long) | no memory is taken | [`memory`] |
+
+mod boxes;
+mod client;
+mod hostile;
+mod memory;
+mod others;
+mod pages;
+mod stand;
+mod whole_way;

@@ -1,0 +1,203 @@
+//! Boxes and the desk, each with what it has on its disk.
+
+use std::fs::File;
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use plumbline_test_support::{Absent, command, is_emulated, skip};
+use tempfile::TempDir;
+
+use super::client::{PATIENCE, Page};
+use crate::camera::{RATE_HZ, Shown, TheBox, rendered};
+use crate::stage::plumb;
+
+/// The board that is photographed, and stands where the person will stand.
+const BOARD: &str =
+    "\n[[target]]\nname = \"board\"\nrole = \"scene\"\ncolumns = 9\nrows = 6\npitch_mm = 20.0\n";
+
+/// A folder with what a user has, and one for each box.
+pub struct Stand {
+    folder: TempDir,
+    /// Where the boxes are heard.
+    udp: SocketAddr,
+}
+
+impl Stand {
+    /// `None`, with the test recorded as skipped, where the box's program cannot keep pace.
+    pub fn new() -> Option<Self> {
+        if is_emulated() {
+            skip(Absent::Emulator, "a box in an emulator does not track 60 frames in a second");
+            return None;
+        }
+        let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        Some(Self { folder: tempfile::tempdir().unwrap(), udp })
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A box with its key that is calibrated and has a scene; it is called by its serial number.
+    pub fn ready_box(&self, serial_number: &str) -> PathBuf {
+        let person = rendered().join("person");
+        let [camera, scene] = ["camera.toml", "scene.toml"].map(|it| person.join(it));
+        self.a_box(
+            serial_number,
+            &format!("--camera {} --scene {}", camera.display(), scene.display()),
+        )
+    }
+
+    /// A box with its key that knows nothing of its camera.
+    pub fn new_box(&self, serial_number: &str) -> PathBuf {
+        self.a_box(serial_number, "--uncalibrated 640x480")
+    }
+
+    fn a_box(&self, serial_number: &str, camera: &str) -> PathBuf {
+        let folder = self.path(serial_number);
+        std::fs::create_dir(&folder).unwrap();
+        let settings = format!(
+            "device = \"box {serial_number}\"\nserial_number = \"{serial_number}\"\n[links]\n\
+             udp = \"{}\"\n",
+            self.udp
+        );
+        std::fs::write(folder.join("box.toml"), settings).unwrap();
+        let pair = std::fs::read_to_string(rendered().join("person/targets.toml")).unwrap();
+        std::fs::write(folder.join("targets.toml"), pair + BOARD).unwrap();
+        let rest = "--targets targets.toml --box box.toml --new-key --out box.plb";
+        let mut provision = self.plumb(&format!("provision {camera} {rest}"));
+        let output = provision.current_dir(&folder).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        folder
+    }
+
+    /// Starts a box.
+    pub fn start(folder: &Path, shown: Shown) -> TheBox {
+        Self::start_at(folder, shown, RATE_HZ)
+    }
+
+    /// The same with another rate of its camera.
+    pub fn start_at(folder: &Path, shown: Shown, rate_hz: usize) -> TheBox {
+        TheBox::start(folder, shown, rate_hz)
+    }
+
+    /// `plumb` in this folder.
+    pub fn plumb(&self, arguments: &str) -> Command {
+        let mut command = command(plumb());
+        command.args(arguments.split_whitespace()).current_dir(self.folder.path());
+        command.env("XDG_DATA_HOME", self.path("data"));
+        command
+    }
+
+    /// Starts the desk.
+    pub fn desk(&self) -> Desk {
+        self.desk_with(&format!("--port {}", free_port()))
+    }
+
+    /// The same with these options, and without a browser's page.
+    pub fn desk_with(&self, options: &str) -> Desk {
+        let said = self.path("desk.txt");
+        let file = File::create(&said).unwrap();
+        let mut command = self.plumb(&format!("desk --folder desk --udp {} {options}", self.udp));
+        command.stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file);
+        let child = command.spawn().unwrap();
+        let mut desk = Desk { child, said, url: String::new() };
+        desk.url = desk.address();
+        desk
+    }
+}
+
+/// The desk, which ends with its test.
+pub struct Desk {
+    child: Child,
+    said: PathBuf,
+    /// The address that it prints.
+    pub url: String,
+}
+
+impl Desk {
+    #[track_caller]
+    fn address(&mut self) -> String {
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let said = self.said();
+            if let Some((_, url)) = said.split_once("the desk: ")
+                && let Some((url, _)) = url.split_once('\n')
+            {
+                return url.to_owned();
+            }
+            assert!(self.child.try_wait().unwrap().is_none(), "the desk has ended: {said}");
+            assert!(Instant::now() < give_up, "the desk prints no address: {said}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// A page that is signed in.
+    pub fn page(&self) -> Page {
+        Page::open(&self.url)
+    }
+
+    pub fn said(&self) -> String {
+        String::from_utf8_lossy(&std::fs::read(&self.said).unwrap_or_default()).into_owned()
+    }
+
+    /// As a power cut does.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// As Ctrl-C does; what it has said.
+    #[track_caller]
+    pub fn interrupt(mut self) -> String {
+        let id = self.child.id().to_string();
+        assert!(command("kill").args(["-s", "INT", &id]).status().unwrap().success());
+        let give_up = Instant::now() + PATIENCE;
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(Instant::now() < give_up, "the desk does not end: {}", self.said());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let status = self.child.wait().unwrap();
+        assert!(status.success(), "{}", self.said());
+        self.said()
+    }
+
+    /// The memory that it holds, in kilobytes.
+    pub fn resident_kb(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+        line.trim().trim_end_matches(" kB").trim().parse().unwrap()
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if std::thread::panicking() {
+            println!("{}", self.said());
+        }
+    }
+}
+
+/// A port that nobody listens at.
+pub fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// A protocol of two short conditions whose t = 0 is the first frame.
+pub fn protocol(duration_s: u32) -> String {
+    let condition = |name: &str| {
+        format!(
+            "[[condition]]\nname = \"{name}\"\nlabel = \"{name}\"\ninstruction = \"Stand still.\"\n\
+             duration_s = {duration_s}\n"
+        )
+    };
+    format!(
+        "name = \"Short\"\norder = {{ by = \"fixed\" }}\ntones = {{ start = true, end = true }}\n\
+         countdown_s = 1\nzero = \"start\"\nbins_s = [[0, {duration_s}]]\n{}{}",
+        condition("eyes-open"),
+        condition("eyes-closed")
+    )
+}

@@ -1,0 +1,139 @@
+"""From a box without a calibration to a study's report.
+
+    whole_way.py URL mouse|keyboard
+"""
+
+import sys
+
+from desk_page import Keyboard, Mouse, ask, begin_of, browser, button, expect, link, shot
+
+PHOTOGRAPHS = 12
+SECONDS = 3
+
+
+def aim(page, hands):
+    card = page.get_by_role("article", name="ward 3")
+    expect(card.get_by_text("connected")).to_be_visible()
+    hands.press(button(page, "Examine it"))
+    expect(card.get_by_role("heading", name=begin_of("The doctor finds"))).to_be_visible()
+    hands.press(link(page, "Aim the camera"))
+    hands.press(button(page, "Show the picture"))
+    expect(page.get_by_role("img", name="What the camera sees")).to_be_visible()
+    expect(page.get_by_role("article", name="board").get_by_text("Focus")).to_be_visible()
+    shot(page, "way-aim")
+    hands.press(link(page, "Go on to calibrate"))
+
+
+def calibrate(page, hands):
+    hands.press(button(page, "Begin"))
+    taken = page.get_by_text(begin_of("0 photographs with the board"))
+    expect(taken).to_be_visible()
+    for number in range(PHOTOGRAPHS):
+        ask(f"show photograph {number}")
+        pictures = picture_number(page)
+        page.wait_for_function("from => Number(document.querySelector('.picture canvas').dataset.picture) > from + 1", arg=pictures)
+        hands.press(button(page, "Take one now"))
+        words = f"{number + 1} photograph{'s' if number else ''} with the board"
+        expect(page.get_by_text(begin_of(words))).to_be_visible()
+    hands.press(button(page, "Calibrate with these"))
+    expect(page.get_by_role("article", name="The calibration")).to_be_visible()
+    shot(page, "way-calibrate")
+    hands.press(button(page, "Give it to the box"))
+    expect(page.get_by_text("The box has this camera.")).to_be_visible()
+    hands.press(link(page, "Go on to the scene"))
+
+
+def picture_number(page):
+    return int(page.locator(".picture canvas").get_attribute("data-picture") or 0)
+
+
+def scene(page, hands):
+    ask("show standing")
+    hands.press(button(page, "Measure"))
+    hands.press(button(page, "Keep it in the box"))
+    expect(page.get_by_role("heading", name="The box has this scene")).to_be_visible()
+    shot(page, "way-scene")
+    hands.press(link(page, "Go on to a session"))
+
+
+def prepare(page, hands):
+    ask("show person")
+    hands.write(page.get_by_label("Title"), "Quiet standing")
+    hands.choose(page.get_by_label("Protocol to begin with"), "Eyes open, eyes closed")
+    hands.press(button(page, "Make the study"))
+    hands.press(button(page, "Edit the protocol"))
+    hands.write(page.get_by_label("Rest between trials, s"), "0")
+    hands.write(page.get_by_label("Countdown, s"), "1")
+    hands.write(page.get_by_label("Repeats of each"), "1")
+    hands.write(page.get_by_label("Times that are compared, s"), f"0 to {SECONDS}")
+    for number in (1, 2):
+        condition = page.get_by_role("group", name=f"Condition {number}")
+        hands.write(condition.get_by_label("Measured for, s"), str(SECONDS))
+    expect(page.get_by_text(begin_of("2 trials, at least"))).to_be_visible()
+    shot(page, "way-protocol")
+    hands.press(button(page, "Save the protocol"))
+    hands.write(page.get_by_label("Code"), "P01")
+    hands.write(page.get_by_label("Age, years"), "71")
+    hands.choose(page.get_by_label("Sex"), "female")
+    hands.write(page.get_by_label("Height, cm"), "168")
+    hands.press(button(page, "Add"))
+    expect(page.get_by_label("Participant", exact=True)).to_have_value("P01")
+    shot(page, "way-prepare")
+    hands.press(button(page, "Begin the session"))
+
+
+def trial(page, hands):
+    expect(page.get_by_role("article", name="Instruction")).to_be_visible()
+    shot(page, "way-instruction")
+    hands.press(button(page, "Ready: begin"))
+    expect(page.get_by_role("article", name="Recording")).to_be_visible()
+    shot(page, "way-recording")
+    verdict = page.get_by_role("article", name="Verdict")
+    expect(verdict).to_be_visible()
+    shot(page, "way-verdict")
+    # A trial of few seconds is not a good one.
+    accept = button(verdict, "Accept")
+    hands.press(accept)
+    dialog = page.get_by_role("dialog")
+    if needs_reason(page):
+        hands.write(dialog.get_by_label("Reason"), "a short trial of a test")
+        hands.press(button(dialog, "Accept"))
+    expect(verdict).to_be_hidden()
+
+
+def needs_reason(page):
+    page.wait_for_function(
+        "() => document.querySelector('dialog[open]') || !document.querySelector('article[aria-label=Verdict]')")
+    return page.get_by_role("dialog").is_visible()
+
+
+def reports(page, hands):
+    expect(page.get_by_role("heading", name="The session is over")).to_be_visible()
+    hands.press(link(page, "To the trials"))
+    table = page.get_by_role("region", name="Trials of P01-1")
+    expect(table.get_by_role("row")).to_have_count(3)
+    shot(page, "way-trials")
+    with page.expect_popup() as popup:
+        hands.press(table.get_by_role("link").first)
+    expect(popup.value.get_by_role("heading", level=1)).to_be_visible()
+    shot(popup.value, "way-report")
+    popup.value.close()
+    hands.press(link(page, "Study"))
+    with page.expect_popup() as popup:
+        hands.press(link(page, "Open the study's report"))
+    expect(popup.value.get_by_role("heading", level=1)).to_be_visible()
+    shot(popup.value, "way-study-report")
+    popup.value.close()
+    shot(page, "way-study")
+
+
+def main(url, kind):
+    with browser(url) as watched:
+        page = watched.page()
+        hands = {"mouse": Mouse, "keyboard": Keyboard}[kind](page)
+        for part in (aim, calibrate, scene, prepare, trial, trial, reports):
+            part(page, hands)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

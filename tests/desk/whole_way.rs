@@ -1,0 +1,46 @@
+//! From a box that knows nothing of its camera to a study's report.
+
+use plumbline_trial::Trial;
+
+use crate::camera::{Shown, TheBox};
+use crate::stage::Stage;
+
+/// Has the camera show what a script asks for.
+pub fn show(the_box: &TheBox, asked: &str) -> String {
+    let shown = match asked.split_whitespace().collect::<Vec<_>>()[..] {
+        ["show", "standing"] => Shown::Standing,
+        ["show", "person"] => Shown::Person,
+        ["show", "photograph", number] => Shown::Photograph(number.parse().unwrap()),
+        _ => panic!("nobody can {asked}"),
+    };
+    the_box.show(shown);
+    "shown".to_owned()
+}
+
+#[track_caller]
+fn go_by(hands: &str) {
+    let Some(stage) = Stage::new() else { return };
+    stage.new_box();
+    let the_box = stage.start_box(Shown::Photograph(0));
+    let desk = stage.desk();
+    stage.browse("whole_way.py", &[&desk.url, hands], |asked| show(&the_box, asked));
+    drop(desk);
+    let session = stage.path("desk/quiet-standing/sessions/P01-1");
+    let trials = std::fs::read_dir(session).unwrap().map(|it| it.unwrap().path());
+    let trials: Vec<_> = trials.filter(|it| it.is_dir()).collect();
+    assert_eq!(trials.len(), 2, "{trials:?}");
+    for folder in trials {
+        let trial = Trial::open(&folder).unwrap();
+        assert_eq!(trial.warnings, Vec::<String>::new());
+    }
+}
+
+#[test]
+fn by_mouse() {
+    go_by("mouse");
+}
+
+#[test]
+fn by_keyboard_alone() {
+    go_by("keyboard");
+}
