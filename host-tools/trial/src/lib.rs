@@ -15,6 +15,7 @@
 //! --tables`), and every analysis reads only them: a recording that was cut off is as good as any
 //! other, as far as it goes.
 
+pub mod body;
 mod c3d;
 pub mod correction;
 pub mod export;

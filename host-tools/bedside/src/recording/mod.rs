@@ -10,6 +10,7 @@
 
 mod checks;
 mod course;
+mod figures;
 mod judgement;
 mod live;
 pub mod marks;
@@ -18,6 +19,7 @@ mod sway;
 
 pub use checks::{Recorded, amiss};
 pub use course::{Course, Zeroing};
+pub use figures::{Figures, NotYet, TrunkFigures};
 pub use judgement::{Judgement, Why, Word};
 pub use live::{Live, Seen};
 pub use silence::{Here, check_heard, silence};

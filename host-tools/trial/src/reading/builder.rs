@@ -6,21 +6,19 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::{Matrix3, Vector3};
 use plumbline::config::Config;
 use plumbline::packet::{
-    AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply,
-    ReplyOutcome,
+    Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply, ReplyOutcome,
 };
-use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_analysis::statistics::describe::median;
 use plumbline_stream::clock::Exchange;
 use plumbline_stream::others::name;
 use plumbline_stream::sessions::{self, Judged, Sessions};
 
+use crate::body::{self, Body};
 use crate::correction::{Correction, corrected};
-use crate::frame::{Frame, Point, Trunk};
+use crate::frame::{Frame, Trunk};
 use crate::journal::{Content, Entry};
 use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
 use crate::mark::Mark;
@@ -36,7 +34,7 @@ pub(crate) struct Builder {
     recorded_crc: Option<u32>,
     correction: Option<Correction>,
     sessions: Sessions,
-    scene: Option<(SceneFrame, Vector3<f64>)>,
+    body: Option<Body>,
     runs: BTreeMap<u32, Run>,
     marks: Vec<(u64, Mark)>,
     hello: Option<Hello>,
@@ -60,7 +58,7 @@ impl Builder {
     ) -> Self {
         let recorded_crc = recorded.as_ref().map(Config::crc);
         let config = correction.as_ref().map(|it| it.config().clone()).or(recorded);
-        let scene = config.as_ref().and_then(scene_of);
+        let body = config.as_ref().and_then(Body::of);
         let trial = Trial {
             folder: folder.to_owned(),
             manifest,
@@ -75,7 +73,7 @@ impl Builder {
             recorded_crc,
             correction,
             sessions: Sessions::default(),
-            scene,
+            body,
             runs: BTreeMap::new(),
             marks: Vec::new(),
             hello: None,
@@ -94,7 +92,7 @@ impl Builder {
         let told = self.hello.as_ref().map(|hello| hello.config_crc);
         self.trial.observed.config_changed |= told.is_some_and(|told| told != crc);
         self.recorded_crc = Some(crc);
-        self.scene = scene_of(&config);
+        self.body = Body::of(&config);
         self.trial.config = Some(config);
     }
 
@@ -185,26 +183,13 @@ impl Builder {
         self.instant = Some(packet.instant);
         self.runs.entry(*session).or_default().frame(frame);
         let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
-        let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, lever_mm| {
-            let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
-            let frame_ns = packet.capture_time_ns;
-            let own_ns = pose.map_or(frame_ns, |pose| pose.own_time_ns(frame_ns));
-            Some(Point {
-                time_s: clock.time_s(own_ns),
-                position_mm: [ap_mm, ml_mm, si_mm].map(f64::from),
-                covariance_mm2: self
-                    .scene
-                    .zip(pose)
-                    .map(|((scene, _), pose)| covariance_mm2(&scene, pose, lever_mm)),
-            })
-        };
-        let lever_mm = self.scene.map(|(_, lever_mm)| lever_mm).unwrap_or_default();
+        let point = |trunk| body::point(packet, trunk, self.body.as_ref(), |ns| clock.time_s(ns));
         self.trial.frames.push(Frame {
             session: *session,
             sequence: packet.sequence,
             time_s: clock.time_s(packet.capture_time_ns),
-            upper: point(packet.upper_trunk, upper, Vector3::zeros()),
-            lower: point(packet.lower_trunk, lower, lever_mm),
+            upper: point(Trunk::Upper),
+            lower: point(Trunk::Lower),
             theta: [upper, lower].map(|pose| {
                 let MeasuredPose { theta_rad: [a, b, c], translation_mm: [x, y, z], .. } = pose?;
                 Some([*a, *b, *c, *x, *y, *z])
@@ -302,31 +287,6 @@ fn note(names: &mut Vec<String>, name: String) {
     }
 }
 
-/// The scene, and the lower trunk's lever on its target.
-fn scene_of(config: &Config) -> Option<(SceneFrame, Vector3<f64>)> {
-    let scene = SceneFrame::new(config.cam_from_scene()?);
-    let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower);
-    let lever_mm = lower.map(|it| it.geometry.virtual_point_mm());
-    Some((scene, lever_mm.unwrap_or_default()))
-}
-
-/// The covariance along AP, ML and SI of a point that is fixed to a target, `lever_mm` from its
-/// origin.
-fn covariance_mm2(scene: &SceneFrame, pose: &MeasuredPose, lever_mm: Vector3<f64>) -> Matrix3<f64> {
-    let by_increment = pose.cam_from_target().point_by_increment(&lever_mm);
-    let jacobian = scene.anatomical_from_cam() * by_increment;
-    let covariance = jacobian * pose.covariance() * jacobian.transpose();
-    let covariance = 0.5 * (covariance + covariance.transpose());
-    if covariance.cholesky().is_some() {
-        return covariance;
-    }
-    // Correlations come rounded to 1/127, which can leave a variance below 0 in some direction:
-    // the nearest covariance has none there.
-    let mut eigen = covariance.symmetric_eigen();
-    eigen.eigenvalues.apply(|it| *it = it.max(0.0));
-    eigen.recompose()
-}
-
 fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
     let sd_mm = |axis: usize| {
         let of = frames.iter().filter_map(|frame| frame.point(trunk)?.covariance_mm2);
@@ -344,7 +304,7 @@ fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
 mod tests {
     use std::time::{Duration, Instant};
 
-    use plumbline::packet::{Health, PACKET_BYTES_MAX, Packet, encode_datagram};
+    use plumbline::packet::{AnatomicalPoint, Health, PACKET_BYTES_MAX, Packet, encode_datagram};
     use plumbline_analysis::series::Series;
     use plumbline_stream::fixture::adversity::{self, Adversity};
     use plumbline_stream::fixture::health;
@@ -352,6 +312,7 @@ mod tests {
     use plumbline_stream::transport::{Event, Raw};
 
     use super::*;
+    use crate::frame::Point;
     use crate::manifest::Zero;
 
     fn builder() -> Builder {
