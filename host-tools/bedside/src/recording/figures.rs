@@ -262,9 +262,9 @@ impl Follower {
         let Some(Ok(smoother)) = &self.smoother else { return };
         let window = self.part.make_contiguous();
         let (positions_mm, steps_mm2) = (smoother.positions_mm(window), smoother.steps_mm2(window));
-        for at in 0..=window.len() / 2 {
+        for (at, point) in window.iter().enumerate().take(window.len() / 2 + 1) {
             let step_mm2 = at.checked_sub(1).and_then(|before| steps_mm2.get(before));
-            self.sums.take(&window[at], &positions_mm, at, step_mm2, self.from_s);
+            self.sums.take(point, &positions_mm, at, step_mm2, self.from_s);
         }
     }
 
@@ -288,9 +288,9 @@ impl Follower {
             let window = &points[first..];
             let positions_mm = smoother.positions_mm(window);
             let steps_mm2 = smoother.steps_mm2(window);
-            for at in window.len() / 2 + 1..window.len() {
+            for (at, point) in window.iter().enumerate().skip(window.len() / 2 + 1) {
                 let step_mm2 = steps_mm2.get(at - 1);
-                self.sums.take(&window[at], &positions_mm, at, step_mm2, self.from_s);
+                self.sums.take(point, &positions_mm, at, step_mm2, self.from_s);
             }
         }
         self.part.clear();

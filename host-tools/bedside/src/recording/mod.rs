@@ -14,6 +14,7 @@ mod figures;
 mod judgement;
 mod live;
 pub mod marks;
+pub mod modem_line;
 mod silence;
 mod sway;
 

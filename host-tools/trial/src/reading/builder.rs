@@ -9,6 +9,7 @@ use std::path::Path;
 use plumbline::config::Config;
 use plumbline::packet::{
     Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply, ReplyOutcome,
+    Trigger,
 };
 use plumbline::target::Role;
 use plumbline_analysis::statistics::describe::median;
@@ -23,6 +24,7 @@ use crate::journal::{Content, Entry};
 use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
 use crate::mark::Mark;
 use crate::run::Run;
+use crate::triggers::Triggers;
 use crate::verdict::{Verdict, judge};
 use crate::{Observed, Trial};
 
@@ -37,6 +39,7 @@ pub(crate) struct Builder {
     body: Option<Body>,
     runs: BTreeMap<u32, Run>,
     marks: Vec<(u64, Mark)>,
+    triggers: Triggers,
     hello: Option<Hello>,
     corrupt: u64,
     /// What was counted while it was recorded, and not kept.
@@ -76,6 +79,7 @@ impl Builder {
             body,
             runs: BTreeMap::new(),
             marks: Vec::new(),
+            triggers: Triggers::default(),
             hello: None,
             corrupt: 0,
             not_authentic: 0,
@@ -151,6 +155,7 @@ impl Builder {
             }
             // It says once more who it is.
             Message::Hello(hello) => self.hello(hello),
+            Message::Trigger(trigger) => self.triggers.take(self.sessions.count(), trigger),
             Message::View(view) => self.trial.observed.views.push(view),
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns, .. },
@@ -217,7 +222,7 @@ impl Builder {
         self.sessions.finish();
         self.take_judged(u64::MAX);
         let computed = self.judged();
-        let Self { mut trial, correction, runs, .. } = self;
+        let Self { mut trial, correction, runs, triggers, .. } = self;
         trial.manifest.noise =
             Trunk::ALL.into_iter().filter_map(|trunk| noise(&trial.frames, trunk)).collect();
         let started = trial.manifest.started.parse::<jiff::Timestamp>().ok();
@@ -226,6 +231,7 @@ impl Builder {
             Some(1e-9 * it.as_nanosecond() as f64 + first_s)
         });
         trial.warnings.extend(warnings(&trial));
+        trial.warnings.extend(triggers.warnings());
         let Verdict { overruled, by, why, .. } = trial.manifest.verdict();
         trial.manifest.verdict = Some(Verdict { overruled, by, why, ..computed });
         (trial, correction)
@@ -257,8 +263,11 @@ impl Builder {
         });
         let clocks =
             self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
-        let events =
-            self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark)).collect();
+        let marks = self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark));
+        let of_run = |(session, trigger): &(u32, Trigger)| self.runs.get(session)?.trigger(trigger);
+        let triggers = self.triggers.all().iter().filter_map(of_run);
+        let mut events: Vec<EventSeen> = marks.chain(triggers).collect();
+        events.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let manifest = &mut self.trial.manifest;
         manifest.the_box = the_box;
         manifest.instant = self.instant;
