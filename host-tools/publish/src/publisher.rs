@@ -275,6 +275,9 @@ impl Publisher {
     }
 
     fn frame(&mut self, frame: Frame) {
+        if let Some(current) = self.current.as_mut().filter(|it| it.number == frame.session) {
+            current.clock = Some(frame.clock);
+        }
         if let Some(current) = self.current.as_mut().filter(|it| it.number == frame.session)
             && !frame.is_late
         {
@@ -339,9 +342,6 @@ impl Publisher {
         }
         // Of a session that is over, everything is late.
         let is_late = is_late || !is_current;
-        if is_current {
-            current.clock = Some(clock);
-        }
         if !is_late {
             let last = current.last.replace((packet.sequence, host_ns, time_s));
             if let Some((number, before_ns, _)) = last

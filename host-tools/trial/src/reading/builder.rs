@@ -313,7 +313,9 @@ fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
 mod tests {
     use std::time::{Duration, Instant};
 
-    use plumbline::packet::{AnatomicalPoint, Health, PACKET_BYTES_MAX, Packet, encode_datagram};
+    use plumbline::packet::{
+        AnatomicalPoint, Edge, Health, PACKET_BYTES_MAX, Packet, encode_datagram,
+    };
     use plumbline_analysis::series::Series;
     use plumbline_stream::fixture::adversity::{self, Adversity};
     use plumbline_stream::fixture::health;
@@ -323,6 +325,7 @@ mod tests {
     use super::*;
     use crate::frame::Point;
     use crate::manifest::Zero;
+    use crate::mark::Source;
 
     fn builder() -> Builder {
         let manifest =
@@ -358,6 +361,61 @@ mod tests {
         }
         receiver.finish(begun).unwrap();
         receiver
+    }
+
+    /// Two seconds at 50 Hz of a start, a Hello before them, and these messages.
+    fn start_of(start: u32, from_ns: u64, more: &[(u64, Message)]) -> Vec<(u64, Packet)> {
+        let mut packets = vec![(from_ns, adversity::hello_of("ward 3", start))];
+        let frames = (0..100).map(|number| {
+            let packet = adversity::frame_of(start, number, 50);
+            (from_ns + u64::from(number) * 20_000_000, packet)
+        });
+        packets.extend(frames);
+        let others = more.iter().map(|(ns, message)| {
+            let packet = adversity::frame_of(start, 0, 50);
+            (*ns, Packet { message: message.clone(), ..packet })
+        });
+        packets.extend(others);
+        packets.sort_by_key(|(ns, _)| *ns);
+        packets
+    }
+
+    #[test]
+    fn triggers_are_events_by_the_clock_of_the_frames_and_the_first_mark_is_t_0() {
+        let trigger = |sequence, time_ns| {
+            let uncertain_ns = 100_000;
+            Message::Trigger(Trigger { sequence, time_ns, uncertain_ns, edge: Edge::Rising })
+        };
+        // The first frame is of 1 s. A packet that comes late has its own time all the same, and the
+        // one with the number 2 never comes.
+        let first = [
+            (700_000_000, trigger(1, 1_600_000_000)),
+            (1_900_000_000, trigger(0, 1_250_000_000)),
+            (1_950_000_000, trigger(3, 2_940_000_000)),
+        ];
+        let mut packets = start_of(1, 0, &first);
+        let second_ns = 10_000_000_000;
+        packets.extend(start_of(
+            2,
+            second_ns,
+            &[(second_ns + 510_000_000, trigger(0, 1_500_000_000))],
+        ));
+        let trial = trial(&packets);
+        let events = &trial.manifest.events;
+        let times_s: Vec<f64> = events.iter().map(|event| event.time_s).collect();
+        assert_eq!(times_s.len(), 4, "{events:?}");
+        for (found_s, wanted_s) in times_s.iter().zip([0.25, 0.6, 1.94, 10.5]) {
+            // Between two starts times are as good as the arrival of the packets.
+            assert!((found_s - wanted_s).abs() < 1e-3, "{times_s:?}");
+        }
+        for event in events {
+            assert_eq!((&*event.label, event.source), ("rising edge", Source::Trigger));
+            assert!((event.uncertain_s - 1e-4).abs() < 1e-12, "{event:?}");
+        }
+        assert_eq!(trial.manifest.zero_mark(), Some(&events[0]));
+        assert!(trial.warnings.contains(&"1 trigger of the box never came".to_owned()));
+        let written = toml::to_string(&trial.manifest).unwrap();
+        assert!(written.contains("source = \"trigger\"\nuncertain_s = 0.0001"), "{written}");
     }
 
     #[test]

@@ -67,11 +67,13 @@ use streams::{StreamArguments, Streams};
 /// more. It shows GOOD, LOOK or STOP: by its criteria the trial would now be good, doubtful or
 /// unusable. WAIT stands there for the first three seconds. What only the end can tell, the duration
 /// and the mark, is left to the end. Movement is in mm from where the trunk was on average in the
-/// second before t = 0 and, until t = 0 comes, in the last second. Elsewhere a line is written
-/// every ten seconds.
+/// second before t = 0 and, until t = 0 comes, in the last second: as bars, from above and, with 38
+/// rows or more, over the last half minute. Path and RMS are those of `plumb report`, with its
+/// filter, from t = 0 until a quarter of a second ago; beside the path stands what noise alone would
+/// have given. Elsewhere a line is written every ten seconds.
 ///
-/// Press Enter to mark an event; type its name first if it has one. The mark called zero, or else the
-/// first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
+/// Press Enter to mark an event; type its name first if it has one. An edge at the box's trigger line,
+/// if it has one, is a mark too. The mark called zero, or else the first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
 /// after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or
 /// unusable, with the reasons.
 ///
