@@ -94,6 +94,7 @@
 //!     links: Links::default(),
 //!     capture: None,
 //!     machine: Machine::default(),
+//!     trigger: None,
 //! })?;
 //!
 //! let pixels = [90_u8; 640 * 480];

@@ -497,6 +497,7 @@ fn pipeline() -> Box<Pipeline> {
             links: Links::default(),
             capture: None,
             machine: Machine::default(),
+            trigger: None,
         })
         .expect("a good configuration");
     pipeline

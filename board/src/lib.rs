@@ -19,6 +19,7 @@
 //! |---|---|
 //! | [`source`] | gives frames: a camera that may vanish and come back, or a recording |
 //! | [`session`] | the loop: a frame, the pipeline, a packet; a heartbeat; what hosts ask for |
+//! | [`trigger`] | the wires to other devices: edges that become packets, a line that marks frames |
 //! | [`link`] | seals packets for whoever listens, and hands over what hosts send |
 //! | [`random`] | random bytes |
 //! | [`equipment`] | the links and the camera of a configuration, if a box can use it |
@@ -47,6 +48,7 @@ pub mod session;
 pub mod source;
 pub mod status;
 pub mod stored_file;
+pub mod trigger;
 
 #[cfg(test)]
 mod test_config;

@@ -27,6 +27,7 @@ use plumbline_board::session::{self, Setup};
 use plumbline_board::source::FrameSource;
 use plumbline_board::source::chosen::Source;
 use plumbline_board::source::replay::{Input, Pace, Replay};
+use plumbline_board::trigger::Triggers;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use static_cell::ConstStaticCell;
 
@@ -115,6 +116,11 @@ fn run(cli: &Cli) -> Result<()> {
         boot_count,
         reset_reason: ResetReason::Unknown,
         watchdog: if live { Watchdog::of(&config.machine) } else { None },
+        triggers: if live {
+            Triggers::of(config.trigger.as_ref(), config.capture.as_ref())
+        } else {
+            Triggers::default()
+        },
         store: Some(ConfigStore::file(&cli.config)),
         may_reboot: cli.supervised,
     };

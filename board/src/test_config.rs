@@ -36,5 +36,6 @@ pub fn config() -> Config {
             gain: None,
         }),
         machine: Machine::default(),
+        trigger: None,
     }
 }

@@ -24,6 +24,7 @@ mod pi;
 mod poses;
 mod provisioning;
 mod strangers;
+mod trigger;
 mod trouble;
 
 use std::path::Path;

@@ -22,6 +22,8 @@ fn the_package_has_the_program_the_unit_and_their_needs() {
     for (mode, file) in [
         ("-rwxr-xr-x root/root", "./usr/bin/plumbline-board"),
         ("-rw-r--r-- root/root", "./usr/lib/systemd/system/plumbline-board.service"),
+        ("-rw-r--r-- root/root", "./usr/lib/sysusers.d/plumbline-board.conf"),
+        ("-rw-r--r-- root/root", "./usr/lib/udev/rules.d/60-plumbline-board.rules"),
         ("-rw-r--r-- root/root", "./usr/share/doc/plumbline-board/copyright"),
     ] {
         let is_it = |line: &&str| line.starts_with(mode) && line.ends_with(file);

@@ -119,6 +119,7 @@ impl Booth {
             links: Links::default(),
             capture: None,
             machine: Machine::default(),
+            trigger: None,
         };
         let mut pipeline = Box::new(Pipeline::new());
         pipeline.configure(&config).expect("a usual camera");

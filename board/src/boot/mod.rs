@@ -57,6 +57,7 @@ use crate::machine::{clock, realtime};
 use crate::random;
 use crate::session::{self, Setup};
 use crate::source::chosen::Source;
+use crate::trigger::Triggers;
 use card::Card;
 use gate::Gate;
 
@@ -185,6 +186,7 @@ fn measure(
         boot_count: start_count,
         reset_reason,
         watchdog,
+        triggers: Triggers::of(config.trigger.as_ref(), config.capture.as_ref()),
         store: card.config_store,
         may_reboot: true,
     };

@@ -100,6 +100,7 @@ fn config() -> Result<Config> {
         links: Links::default(),
         capture: None,
         machine: Machine::default(),
+        trigger: None,
     })
 }
 

@@ -188,6 +188,12 @@ impl Links {
         self.peer_of(listener) == Some(Peer::Serial)
     }
 
+    /// Whether a listener records a trial.
+    #[must_use]
+    pub fn is_recorded(&self) -> bool {
+        self.end.recorder().is_some()
+    }
+
     /// Whether one more packet to this listener leaves enough room for those that follow.
     #[must_use]
     pub fn has_room(&self, listener: ListenerId) -> bool {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{CameraState, Health, LinkHealth};
+use plumbline::packet::{CameraState, Health, LinkHealth, TriggerHealth};
 
 use super::durations::Durations;
 use crate::allocation::allocations;
@@ -85,7 +85,7 @@ impl Counters {
     }
 
     /// The Health packet; restarts the largest latency.
-    pub fn health(&mut self, links: &Links, aiming_s: u16) -> Health {
+    pub fn health(&mut self, links: &Links, aiming_s: u16, trigger: TriggerHealth) -> Health {
         let power = self.power.read();
         let latency_max = std::mem::take(&mut self.latency_max_since_health);
         let links = links.counts().into_iter().map(|(kind, counts)| LinkHealth {
@@ -108,6 +108,7 @@ impl Counters {
             aiming_s,
             latency_us_max: u32::try_from(latency_max.as_micros()).unwrap_or(u32::MAX),
             logs_dropped: logger::dropped(),
+            trigger,
             links: links.collect(),
         }
     }

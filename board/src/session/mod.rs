@@ -31,6 +31,7 @@ use crate::machine::watchdog::Watchdog;
 use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
 use crate::status::{self, Status};
+use crate::trigger::{self, Triggers};
 use aim::Aim;
 use counters::Counters;
 use outgoing::Outgoing;
@@ -62,6 +63,8 @@ pub struct Setup {
     pub reset_reason: ResetReason,
     /// Restarts the computer when no frames are processed.
     pub watchdog: Option<Watchdog>,
+    /// The wires to other devices.
+    pub triggers: Triggers,
     /// Where a configuration that a host sends is stored.
     pub store: Option<ConfigStore>,
     /// Whether the host may ask for a restart, which the caller then carries out.
@@ -92,6 +95,7 @@ struct Session {
     capture: Option<Capture>,
     links: Links,
     watchdog: Option<Watchdog>,
+    triggers: Triggers,
     may_reboot: bool,
     reboot: bool,
     counters: Counters,
@@ -122,6 +126,7 @@ impl Session {
             capture: config.capture.clone(),
             links: setup.links,
             watchdog: setup.watchdog,
+            triggers: setup.triggers,
             may_reboot: setup.may_reboot,
             reboot: false,
             counters: Counters::new(started),
@@ -157,9 +162,11 @@ impl Session {
                 self.counters.forget_allocations();
                 self.send_health();
             }
+            self.serve_triggers(now);
             self.serve_links(source);
             let exposure = source.exposure();
-            match source.next(beat.min(now + TURN_MAX)) {
+            let until = beat.min(now + TURN_MAX);
+            match source.next(self.triggers.due().map_or(until, |due| until.min(due))) {
                 Next::Frame(frame) => self.process(pipeline, &frame, exposure),
                 Next::Quiet => {}
                 Next::End => break,
@@ -192,6 +199,18 @@ impl Session {
         }
     }
 
+    /// Sends the triggers that have come, and drives the line that marks frames or the trial.
+    fn serve_triggers(&mut self, now: Instant) {
+        if self.triggers.look_after(now) {
+            self.counters.forget_allocations();
+        }
+        for _ in 0..trigger::PER_TURN_MAX {
+            let Some(trigger) = self.triggers.read() else { break };
+            self.send(&Message::Trigger(trigger));
+        }
+        self.triggers.mark_recording(self.links.is_recorded());
+    }
+
     /// Measures, sends and counts one frame.
     fn process(&mut self, pipeline: &mut Pipeline, frame: &Frame<'_>, exposure: Exposure) {
         let began = Instant::now();
@@ -204,6 +223,8 @@ impl Session {
         self.counters.corners_dropped = report.corners_dropped;
         let is_whole = report.targets.iter().all(|target| target.measurement.is_ok());
         self.tracking = if is_whole { Status::Tracking } else { Status::Searching };
+        // The latency that the packet states says when the pulse began, too.
+        self.triggers.mark_frame(Instant::now());
         let latency_us = u32::try_from(frame.ready_at.elapsed().as_micros()).unwrap_or(u32::MAX);
         let packet = PosePacket::from_report(&report, frame.instant, latency_us);
         self.send_pose(packet);
@@ -265,7 +286,8 @@ impl Session {
 
     fn send_health(&mut self) {
         let aiming_s = self.aim.left_s(Instant::now());
-        let health = Message::Health(self.counters.health(&self.links, aiming_s));
+        let health =
+            Message::Health(self.counters.health(&self.links, aiming_s, self.triggers.health()));
         self.send(&health);
     }
 

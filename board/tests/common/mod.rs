@@ -56,6 +56,7 @@ pub fn config() -> Config {
         links: Links::default(),
         capture: None,
         machine: Machine::default(),
+        trigger: None,
     }
 }
 

@@ -25,21 +25,31 @@
 //! realtime_priority = 50         # 0: none
 //! cpu = 3                        # left out: any core
 //! watchdog_s = 15                # 0: none
+//!
+//! [trigger]                      # left out: no wires to other devices
+//! chip = "pinctrl-bcm2711"       # the GPIO chip's label, or a device such as "/dev/gpiochip0"
+//! line = 17                      # edges here are marks; left out: none
+//! edge = "rising"                # "falling" or "both"
+//! debounce_us = 0                # for a contact that bounces, such as 5000
+//! output_line = 27               # left out: nothing is marked
+//! output_marks = "exposures"     # a pulse for each frame; or "recording": high during a trial
 //! ```
 //!
-//! Everything may be left out but `driver`, `pixel_format` and `rate_hz` of a capture.
+//! Everything may be left out but `driver`, `pixel_format` and `rate_hz` of a capture, and the `chip`
+//! of a trigger.
 
 use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::Path;
 
 use plumbline::config::{
-    Capture, CaptureDriver, Config, Links, Machine, MachineError, Network, PixelFormat, SerialLink,
+    Capture, CaptureDriver, Config, Edges, Links, Machine, MachineError, Marked, Network,
+    PixelFormat, SerialLink, TriggerError, TriggerInput, TriggerLines, TriggerOutput,
 };
 use plumbline_files::BadInput;
 use plumbline_files::{from_toml, read_text};
 use serde::{Deserialize, Serialize};
 
-const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial, serial_one_way), [network] (address, gateway) and [machine] (realtime_priority, cpu, watchdog_s)";
+const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial, serial_one_way), [network] (address, gateway), [machine] (realtime_priority, cpu, watchdog_s) and [trigger] (chip, line, edge, debounce_us, output_line, output_marks)";
 
 /// Above the computer's other programs, below the kernel's own threads.
 const REALTIME_PRIORITY: u8 = 50;
@@ -54,6 +64,13 @@ const SERIAL_NUMBER: &str = "0";
 const REALTIME_PRIORITY_WANTED: &str = "give 1 to 99, or 0 for none";
 
 const WATCHDOG_WANTED: &str = "give 1 to 600 seconds, or 0 for none";
+
+const CHIP_WANTED: &str =
+    "give the label of a GPIO chip, for example \"pinctrl-bcm2711\", or its device";
+
+const LINE_WANTED: &str = "give the number of a line of the chip, from 0; left out, there is none";
+
+const DEBOUNCE_WANTED: &str = "give 0 to 1000000 microseconds";
 
 const ADDRESS_WANTED: &str =
     "give a host's address with a prefix within 1 to 30, for example 192.168.1.30/24";
@@ -74,6 +91,8 @@ pub struct BoxSettings {
     network: Option<NetworkFields>,
     #[serde(default)]
     machine: MachineFields,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trigger: Option<TriggerFields>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -142,6 +161,80 @@ struct MachineFields {
     watchdog_s: u16,
 }
 
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TriggerFields {
+    chip: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<u16>,
+    #[serde(default = "default_edge", with = "EdgeName")]
+    edge: Edges,
+    #[serde(default)]
+    debounce_us: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    output_line: Option<u16>,
+    #[serde(default = "default_marks", with = "MarkedName")]
+    output_marks: Marked,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Edges", rename_all = "snake_case")]
+enum EdgeName {
+    Rising,
+    Falling,
+    Both,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Marked", rename_all = "snake_case")]
+enum MarkedName {
+    Exposures,
+    Recording,
+}
+
+impl TriggerFields {
+    fn of(lines: &TriggerLines) -> Self {
+        Self {
+            chip: lines.chip.to_string(),
+            line: lines.input.map(|it| it.line),
+            edge: lines.input.map_or(default_edge(), |it| it.edges),
+            debounce_us: lines.input.map_or(0, |it| it.debounce_us),
+            output_line: lines.output.map(|it| it.line),
+            output_marks: lines.output.map_or(default_marks(), |it| it.marks),
+        }
+    }
+
+    fn lines(&self, place: &str) -> Result<TriggerLines, BadInput> {
+        let Self { line, edge, debounce_us, output_line, output_marks, .. } = *self;
+        let lines = TriggerLines {
+            chip: text(place, "trigger.chip", &self.chip)?,
+            input: line.map(|line| TriggerInput { line, edges: edge, debounce_us }),
+            output: output_line.map(|line| TriggerOutput { line, marks: output_marks }),
+        };
+        let bad = |field: &str, found: String, wanted: &str| {
+            Err(BadInput::new(place, format!("trigger.{field}"), found, wanted))
+        };
+        match lines.check() {
+            Ok(()) => Ok(lines),
+            Err(TriggerError::Chip) => bad("chip", "\"\"".into(), CHIP_WANTED),
+            Err(TriggerError::NoLine) => {
+                bad("line", "neither it nor output_line is given".into(), LINE_WANTED)
+            }
+            Err(TriggerError::Line) => {
+                bad("line", line.unwrap_or_default().to_string(), LINE_WANTED)
+            }
+            Err(TriggerError::OutputLine) => bad(
+                "output_line",
+                output_line.unwrap_or_default().to_string(),
+                "give the number of another line of the chip, from 0",
+            ),
+            Err(TriggerError::Debounce) => {
+                bad("debounce_us", debounce_us.to_string(), DEBOUNCE_WANTED)
+            }
+        }
+    }
+}
+
 impl Default for MachineFields {
     fn default() -> Self {
         Self { realtime_priority: REALTIME_PRIORITY, cpu: None, watchdog_s: WATCHDOG_S }
@@ -157,6 +250,7 @@ impl Default for BoxSettings {
             links: LinkFields::default(),
             network: None,
             machine: MachineFields::default(),
+            trigger: None,
         }
     }
 }
@@ -171,6 +265,14 @@ fn default_serial_number() -> String {
 
 fn default_realtime_priority() -> u8 {
     REALTIME_PRIORITY
+}
+
+fn default_edge() -> Edges {
+    Edges::Rising
+}
+
+fn default_marks() -> Marked {
+    Marked::Exposures
 }
 
 fn default_watchdog_s() -> u16 {
@@ -222,6 +324,11 @@ fn wanted(name: &str) -> Option<&'static str> {
         "realtime_priority" => REALTIME_PRIORITY_WANTED,
         "cpu" => "give the number of a core, from 0; left out, it is any",
         "watchdog_s" => WATCHDOG_WANTED,
+        "chip" => CHIP_WANTED,
+        "line" | "output_line" => LINE_WANTED,
+        "edge" => "give \"rising\", \"falling\" or \"both\"",
+        "debounce_us" => DEBOUNCE_WANTED,
+        "output_marks" => "give \"exposures\" or \"recording\"",
         "address" => ADDRESS_WANTED,
         "gateway" => "give an address, for example 192.168.1.1, or leave it out",
         _ => return None,
@@ -259,6 +366,7 @@ impl BoxSettings {
                 cpu: config.machine.cpu,
                 watchdog_s: config.machine.watchdog_s.unwrap_or(0),
             },
+            trigger: config.trigger.as_ref().map(TriggerFields::of),
         }
     }
 
@@ -302,6 +410,7 @@ impl BoxSettings {
                 None => None,
             },
         };
+        config.trigger = self.trigger.as_ref().map(|it| it.lines(place)).transpose()?;
         config.machine = Machine {
             network: match &self.network {
                 Some(fields) => fixed(place, fields)?,
@@ -436,6 +545,13 @@ mod tests {
         realtime_priority = 0
         cpu = 3
         watchdog_s = 0
+        [trigger]
+        chip = "pinctrl-bcm2711"
+        line = 17
+        edge = "both"
+        debounce_us = 5000
+        output_line = 27
+        output_marks = "recording"
     "#;
 
     /// Any configuration will do.
@@ -472,6 +588,15 @@ mod tests {
         };
         let expected = Machine { network, realtime_priority: None, cpu: Some(3), watchdog_s: None };
         assert_eq!(config.machine, expected);
+        let expected = TriggerLines {
+            chip: "pinctrl-bcm2711".try_into().unwrap(),
+            input: Some(TriggerInput { line: 17, edges: Edges::Both, debounce_us: 5000 }),
+            output: Some(TriggerOutput { line: 27, marks: Marked::Recording }),
+        };
+        assert_eq!(config.trigger, Some(expected));
+        // And back.
+        let again = BoxSettings::of(&config);
+        assert_eq!(parse(&again.to_toml(), "box.toml").unwrap(), again);
     }
 
     #[test]
@@ -487,6 +612,11 @@ mod tests {
         };
         assert_eq!(config.machine, expected);
         assert_eq!(parse("", "box.toml").unwrap(), BoxSettings::default());
+        assert_eq!(config.trigger, None);
+        let config = applied("[trigger]\nchip = \"/dev/gpiochip0\"\nline = 4").unwrap();
+        let input = TriggerInput { line: 4, edges: Edges::Rising, debounce_us: 0 };
+        let lines = config.trigger.unwrap();
+        assert_eq!((lines.input, lines.output), (Some(input), None));
     }
 
     #[test]
@@ -509,6 +639,13 @@ mod tests {
             ("192.168.1.30/24", "0.0.0.0/24", "network."),
             ("192.168.1.1\"", "192.168.2.1\"", "network.gateway"),
             ("1.30/24", "1.30/30", "network.gateway"),
+            ("chip = \"pinctrl-bcm2711\"", "chip = \"\"", "trigger.chip"),
+            ("line = 17", "line = 1024", "trigger.line"),
+            ("\"both\"", "\"up\"", "edge"),
+            ("debounce_us = 5000", "debounce_us = 1000001", "trigger.debounce_us"),
+            ("output_line = 27", "output_line = 17", "trigger.output_line"),
+            ("\"recording\"", "\"frames\"", "output_marks"),
+            ("output_line = 27", "lines = 27", "lines"),
         ] {
             let text = WHOLE.replacen(good, bad, 1);
             assert_ne!(text, WHOLE);
@@ -526,6 +663,8 @@ mod tests {
             ("cpu = 3", "cpu = \"last\"", "from 0"),
             ("realtime_priority = 0", "realtime_priority = 100", "0 for none"),
             ("watchdog_s = 0", "watchdog_s = 601", "0 for none"),
+            ("\"both\"", "7", "\"falling\" or \"both\""),
+            ("line = 17", "line = -1", "from 0"),
         ] {
             let error = applied(&WHOLE.replacen(good, bad, 1)).unwrap_err();
             assert!(error.remedy.contains(wanted), "{wanted}: {error}");

@@ -177,6 +177,7 @@ fn assemble(
         links: Links::default(),
         capture: None,
         machine: Machine::default(),
+        trigger: None,
     };
     for target in &targets.targets {
         // The reader of targets.toml has checked the length of the name and the number of targets.

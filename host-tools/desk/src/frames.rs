@@ -9,11 +9,10 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::Instant;
 
-use plumbline::packet::{AnatomicalPoint, MeasuredPose};
-use plumbline::target::Role;
+use nalgebra::Matrix3;
 use plumbline_publish::item::{Item, Sample};
-use plumbline_trial::body::Body;
-use plumbline_trial::frame::Trunk;
+use plumbline_trial::body::{self, Body};
+use plumbline_trial::frame::{Point, Trunk};
 
 use crate::hub::Hub;
 use crate::wire::{BATCH_FRAMES_MAX, FrameRow, HISTORY_FRAMES, PointRow};
@@ -76,8 +75,8 @@ impl Frames {
     fn push(&self, at_ms: f64, sample: &Sample) {
         let mut kept = self.lock();
         let body = kept.body;
-        let [upper, lower] = [Role::Upper, Role::Lower]
-            .map(|role| point(body.as_ref(), role, sample.trunk(role), sample.packet.pose(role)));
+        let [upper, lower] = [Trunk::Upper, Trunk::Lower]
+            .map(|trunk| body::point(&sample.packet, trunk, body.as_ref(), |_| 1e-3 * at_ms));
         if kept.rows.len() == HISTORY_FRAMES {
             kept.rows.pop_front();
         }
@@ -87,8 +86,8 @@ impl Frames {
         let row = FrameRow {
             number: kept.newest,
             at_ms: (1e3 * at_ms).round() / 1e3,
-            upper,
-            lower,
+            upper: upper.as_ref().map(row),
+            lower: lower.as_ref().map(row),
             gap,
             is_late: sample.is_late,
         };
@@ -112,22 +111,14 @@ impl Frames {
     }
 }
 
-/// A trunk point and its covariance.
-fn point(
-    body: Option<&Body>,
-    role: Role,
-    point: Option<AnatomicalPoint>,
-    pose: Option<&MeasuredPose>,
-) -> Option<PointRow> {
-    let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
-    let trunk = if role == Role::Upper { Trunk::Upper } else { Trunk::Lower };
-    let covariance = body.zip(pose).map(|(body, pose)| body.covariance_mm2(pose, trunk));
+/// A trunk's point as pages get it: to a micrometre, its covariance in the transverse plane.
+fn row(point: &Point) -> PointRow {
     let rounded = |value: f64, steps: f64| (steps * value).round() / steps;
-    Some(PointRow {
-        p: [ap_mm, ml_mm, si_mm].map(|it| rounded(f64::from(it), 1e3)),
-        c: covariance
-            .map_or([0.0; 3], |it| [it[(0, 0)], it[(0, 1)], it[(1, 1)]].map(|it| rounded(it, 1e6))),
-    })
+    let plane = |it: Matrix3<f64>| [it[(0, 0)], it[(0, 1)], it[(1, 1)]].map(|it| rounded(it, 1e6));
+    PointRow {
+        p: point.position_mm.map(|it| rounded(it, 1e3)),
+        c: point.covariance_mm2.map_or([0.0; 3], plane),
+    }
 }
 
 #[cfg(test)]

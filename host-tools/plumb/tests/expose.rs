@@ -236,6 +236,7 @@ impl PlayedBox {
             aiming_s: if self.is_aiming { 9 } else { 0 },
             latency_us_max: 1,
             logs_dropped: 0,
+            trigger: Default::default(),
             links: heapless::Vec::new(),
         }
     }
@@ -270,6 +271,7 @@ fn config(host: &str) -> Config {
             gain: None,
         }),
         machine: Machine::default(),
+        trigger: None,
     }
 }
 

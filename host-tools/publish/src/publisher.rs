@@ -7,14 +7,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use plumbline::packet::{Action, Hello, LogLevel, Message, Reply, ReplyOutcome};
+use plumbline::packet::{Action, Hello, LogLevel, Message, Reply, ReplyOutcome, Trigger};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::clock::Exchange;
 use plumbline_stream::others;
 use plumbline_stream::questions::Questions;
 use plumbline_stream::reception::Tap;
-use plumbline_stream::sessions::{Frame, Judged, Sessions};
+use plumbline_stream::sessions::{Frame, Judged, SessionClock, Sessions};
 use plumbline_stream::transport::Event;
 
 use crate::feed::Feed;
@@ -30,6 +30,9 @@ const PING_EVERY: Duration = Duration::from_secs(1);
 
 /// Frames that can wait until their times are known: those of the minute that a box keeps.
 const HELD_MAX: usize = 8192;
+
+/// The word for where the box's triggers come from.
+const TRIGGER: &str = "trigger";
 
 /// Marks that can wait for the next turn.
 const MARKS_MAX: usize = 64;
@@ -62,12 +65,15 @@ struct Current {
     is_described: bool,
     /// The newest frame's number, time here and time in the tables.
     last: Option<(u32, f64, f64)>,
+    /// That of its frames.
+    clock: Option<SessionClock>,
 }
 
 /// What waits until its time is known.
 enum Held {
     Frame(Box<Frame>),
     Mark(Marked),
+    Trigger(Trigger),
 }
 
 #[derive(Debug, Default)]
@@ -250,6 +256,7 @@ impl Publisher {
 
     fn message(&mut self, message: &Message, now_ns: u64) {
         match message {
+            Message::Trigger(trigger) => self.hold(Held::Trigger(*trigger)),
             Message::Log(log) if log.level <= LogLevel::Warn => {
                 self.notice(&format!("the box: {}", log.text));
             }
@@ -282,10 +289,14 @@ impl Publisher {
             self.notice(&format!("the box has restarted: session {number} begins"));
         }
         let timing = Timing::default();
-        self.current = Some(Current { number, hello, timing, is_described: false, last: None });
+        self.current =
+            Some(Current { number, hello, timing, is_described: false, last: None, clock: None });
     }
 
     fn frame(&mut self, frame: Frame) {
+        if let Some(current) = self.current.as_mut().filter(|it| it.number == frame.session) {
+            current.clock = Some(frame.clock);
+        }
         if let Some(current) = self.current.as_mut().filter(|it| it.number == frame.session)
             && !frame.is_late
         {
@@ -317,6 +328,7 @@ impl Publisher {
             match held {
                 Held::Frame(frame) => self.publish_frame(*frame, mapping),
                 Held::Mark(mark) => self.publish_mark(mark, mapping),
+                Held::Trigger(trigger) => self.publish_trigger(&trigger, mapping),
             }
         }
     }
@@ -364,6 +376,17 @@ impl Publisher {
         let sample = Sample { session, time_s, host_ns, error_s, is_late, packet };
         before.push(Item::Frame(Arc::new(sample)));
         before.iter().for_each(|item| self.publish(item));
+    }
+
+    /// A trigger has the clock of the frames: its time in the tables is exact.
+    fn publish_trigger(&self, trigger: &Trigger, mapping: Mapping) {
+        let clock = self.current.as_ref().and_then(|it| it.clock);
+        self.publish(&Item::Mark(Arc::new(Marked {
+            label: trigger.edge.words().to_owned(),
+            source: TRIGGER.to_owned(),
+            host_ns: mapping.host_ns(trigger.time_ns),
+            time_s: clock.map(|it| it.time_s(trigger.time_ns)),
+        })));
     }
 
     fn publish_mark(&self, mark: Marked, _: Mapping) {

@@ -134,6 +134,7 @@ pub fn health() -> Health {
         aiming_s: 0,
         latency_us_max: 2000,
         logs_dropped: 0,
+        trigger: Default::default(),
         links: [LinkHealth { kind: LinkKind::Udp, packets_sent: 36_000, packets_dropped: 0 }]
             .into_iter()
             .collect(),

@@ -19,7 +19,7 @@
 
 use std::collections::VecDeque;
 
-use plumbline::packet::{Hello, Message, Packet, PosePacket, Start};
+use plumbline::packet::{Hello, Message, Packet, PosePacket, Start, Trigger};
 
 use crate::accounting::{Accounting, Arrival, Counts};
 use crate::others;
@@ -27,7 +27,7 @@ use crate::others;
 /// Poses of a start wait no longer for its Hello, which a box sends once a second and on request.
 const HELLO_WAIT_NS: u64 = 6_000_000_000;
 
-/// Most poses that wait: those of a camera of 1 kHz.
+/// The most that waits: the poses of a camera of 1 kHz.
 const HELD_MAX: usize = 6_000;
 
 /// A start has ended when nothing of it has come for this long: a box sends a Health every second.
@@ -204,8 +204,15 @@ struct Stranger {
     /// When the latest packet came.
     heard_ns: u64,
     standing: Standing,
-    /// Poses and when they came.
-    held: VecDeque<(u64, PosePacket)>,
+    /// What waits for its Hello, and when it came.
+    held: VecDeque<(u64, Held)>,
+}
+
+/// What is not said again.
+#[derive(Debug)]
+enum Held {
+    Pose(Box<PosePacket>),
+    Trigger(Trigger),
 }
 
 /// The sessions of one box, and what else is heard.
@@ -328,16 +335,21 @@ impl Sessions {
             clock: None,
             last_s: 0.0,
         });
-        for (arrival_ns, packet) in held {
-            self.pose(self.sessions.len() - 1, packet, arrival_ns);
+        for (arrival_ns, held) in held {
+            match held {
+                Held::Pose(packet) => self.pose(self.sessions.len() - 1, *packet, arrival_ns),
+                Held::Trigger(trigger) => {
+                    self.judged.push_back(Judged::Message(Message::Trigger(trigger)));
+                }
+            }
         }
     }
 
-    /// Poses that have waited for too long are left out.
+    /// What has waited for too long is left out.
     fn expire(&mut self, now_ns: u64) {
         for stranger in &mut self.strangers {
             let is_over =
-                |(came_ns, _): &(u64, PosePacket)| now_ns.saturating_sub(*came_ns) >= HELLO_WAIT_NS;
+                |(came_ns, _): &(u64, Held)| now_ns.saturating_sub(*came_ns) >= HELLO_WAIT_NS;
             while stranger.held.front().is_some_and(is_over) {
                 stranger.held.pop_front();
                 self.left_out.unknown_start += 1;
@@ -428,11 +440,10 @@ impl Sessions {
             (Standing::OtherBox(_), _) => self.left_out.other_box += 1,
             (Standing::Conflict(_), _) => self.left_out.conflicting += 1,
             (Standing::Unnamed | Standing::Named(_), Message::Pose(packet)) => {
-                if stranger.held.len() == HELD_MAX {
-                    stranger.held.pop_front();
-                    self.left_out.unknown_start += 1;
-                }
-                stranger.held.push_back((now_ns, packet));
+                self.hold(index, Held::Pose(Box::new(packet)), now_ns);
+            }
+            (Standing::Unnamed | Standing::Named(_), Message::Trigger(trigger)) => {
+                self.hold(index, Held::Trigger(trigger), now_ns);
             }
             (Standing::Unnamed, Message::Hello(hello)) => self.name(index, hello, now_ns),
             (Standing::Unnamed, message) => self.judged.push_back(Judged::Unnamed(message)),
@@ -440,6 +451,15 @@ impl Sessions {
             (Standing::Named(_), _) => {}
         }
         self.find_exchange(start, now_ns);
+    }
+
+    fn hold(&mut self, index: usize, held: Held, now_ns: u64) {
+        let stranger = &mut self.strangers[index];
+        if stranger.held.len() == HELD_MAX {
+            stranger.held.pop_front();
+            self.left_out.unknown_start += 1;
+        }
+        stranger.held.push_back((now_ns, held));
     }
 
     /// A start that was not heard before, in place of one that matters least if there are many.

@@ -26,7 +26,8 @@ pub fn printable(mut packet: Packet) -> Packet {
         | Message::Command(_)
         | Message::View(_)
         | Message::Picture(_)
-        | Message::Part(_) => {}
+        | Message::Part(_)
+        | Message::Trigger(_) => {}
     }
     packet
 }

@@ -35,6 +35,7 @@ pub mod tables;
 #[cfg(any(test, feature = "fixture"))]
 pub mod test_trial;
 mod trial;
+mod triggers;
 pub mod verdict;
 
 pub use manifest::Manifest;

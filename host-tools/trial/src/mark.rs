@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
+use plumbline::packet::Trigger;
 use plumbline_files::text::printable;
 
 /// Where a mark comes from.
@@ -20,10 +21,15 @@ pub enum Source {
     Serial,
     /// A marker of a stream of the Lab Streaming Layer.
     Lsl,
+    /// A modem line of a serial device.
+    Line,
+    /// An edge at the box's own trigger line.
+    Trigger,
 }
 
 impl Source {
-    const ALL: [Self; 4] = [Self::Key, Self::Udp, Self::Serial, Self::Lsl];
+    const ALL: [Self; 6] =
+        [Self::Key, Self::Udp, Self::Serial, Self::Lsl, Self::Line, Self::Trigger];
 
     /// The word for it in files and streams.
     #[must_use]
@@ -33,6 +39,8 @@ impl Source {
             Self::Udp => "udp",
             Self::Serial => "serial",
             Self::Lsl => "lsl",
+            Self::Line => "line",
+            Self::Trigger => "trigger",
         }
     }
 }
@@ -52,6 +60,8 @@ pub struct Mark {
     pub sender: Option<String>,
     /// Its label.
     pub label: String,
+    /// How much earlier or later than its time it may have been, as far as its source knows.
+    pub uncertain_us: u32,
 }
 
 impl Mark {
@@ -60,7 +70,7 @@ impl Mark {
     pub fn new(source: Source, label: &str) -> Self {
         let label: String = printable(label).trim().chars().take(LABEL_LETTERS_MAX).collect();
         let label = if label.is_empty() { UNNAMED.to_owned() } else { label };
-        Self { source, sender: None, label }
+        Self { source, sender: None, label, uncertain_us: 0 }
     }
 
     /// The same, sent by a computer of this name, which has no white space in it.
@@ -69,10 +79,27 @@ impl Mark {
         Self { sender: Some(name.to_owned()), ..self }
     }
 
-    /// The text for the journal.
+    /// The mark of a trigger.
+    #[must_use]
+    pub fn of_trigger(trigger: &Trigger) -> Self {
+        let label = trigger.edge.words();
+        Self::new(Source::Trigger, label).uncertain_by(trigger.uncertain_ns.div_ceil(1000))
+    }
+
+    /// The same, at most this much earlier or later than its time.
+    #[must_use]
+    pub fn uncertain_by(self, uncertain_us: u32) -> Self {
+        Self { uncertain_us, ..self }
+    }
+
+    /// The text for the journal: `SOURCE LABEL`, with `:SENDER` and `~MICROSECONDS` after the source
+    /// where there are any.
     #[must_use]
     pub fn text(&self) -> String {
-        let from = self.sender.as_ref().map_or(String::new(), |name| format!(":{name}"));
+        let mut from = self.sender.as_ref().map_or(String::new(), |name| format!(":{name}"));
+        if self.uncertain_us > 0 {
+            from += &format!("~{}", self.uncertain_us);
+        }
         format!("{}{from} {}", self.source.word(), self.label)
     }
 
@@ -80,12 +107,16 @@ impl Mark {
     #[must_use]
     pub fn read(text: &str) -> Option<Self> {
         let (from, label) = text.split_once(' ')?;
+        let (from, uncertain_us) = match from.split_once('~') {
+            Some((from, uncertain_us)) => (from, uncertain_us.parse().ok()?),
+            None => (from, 0),
+        };
         let (word, sender) = match from.split_once(':') {
             Some((word, sender)) => (word, Some(sender)),
             None => (from, None),
         };
         let source = Source::ALL.into_iter().find(|source| source.word() == word)?;
-        let mark = Self::new(source, label);
+        let mark = Self::new(source, label).uncertain_by(uncertain_us);
         Some(match sender {
             Some(name) => mark.sent_by(&printable(name)),
             None => mark,
@@ -174,8 +205,11 @@ mod tests {
             let mark = Mark::new(source, "eyes closed: now");
             assert_eq!(Mark::read(&mark.text()), Some(mark.clone()));
             let sent = mark.sent_by("treadmill");
-            assert_eq!(Mark::read(&sent.text()), Some(sent));
+            assert_eq!(Mark::read(&sent.text()), Some(sent.clone()));
+            let uncertain = sent.uncertain_by(1500);
+            assert_eq!(Mark::read(&uncertain.text()), Some(uncertain));
         }
         assert_eq!(Mark::read("telegraph stop"), None);
+        assert_eq!(Mark::read("line~soon cts"), None);
     }
 }

@@ -47,7 +47,8 @@ enum Fetch {
     Done,
 }
 
-/// Is called for each mark that is written, with the seconds since the recording began.
+/// Is called for each mark that is written, and for each trigger of the box as it comes, with the
+/// seconds since the recording began.
 pub type Heard = Box<dyn FnMut(&Mark, f64)>;
 
 /// A trial that is being recorded.
@@ -338,6 +339,10 @@ impl Tap for Recording {
             Event::Raw(raw) => self.write(now, Content::Raw(raw.clone())),
             Event::Packet(packet) => {
                 self.is_heard = true;
+                if let Message::Trigger(trigger) = &packet.message {
+                    let since_s = now.saturating_duration_since(self.begun).as_secs_f64();
+                    (self.heard)(&Mark::of_trigger(trigger), since_s);
+                }
                 self.message(&packet.message, now)
             }
             Event::NotAuthentic | Event::Bad(_) => {

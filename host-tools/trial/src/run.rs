@@ -1,7 +1,7 @@
 //! One run of the box, and the times of events in it by the box's clock. This computer's clock is
 //! related to it by the answers to pings or, without any, by the arrival of frames.
 
-use plumbline::packet::MarkedInstant;
+use plumbline::packet::{MarkedInstant, Trigger};
 use plumbline_stream::clock::{Exchange, Relation};
 use plumbline_stream::sessions::{Frame, SessionClock};
 
@@ -87,15 +87,17 @@ impl Run {
         let since_first_s = 1e-9 * self.box_ns_since_first(host_ns)?;
         let uncertain_s =
             self.relation().map_or(UNKNOWN_DELAY_S, |it| 1e-9 * it.uncertain_ns_at(host_ns));
-        // None of the clocks is more precise than a microsecond.
-        let whole_us = |time_s: f64| (1e6 * time_s).round() / 1e6;
-        Some(EventSeen {
-            time_s: whole_us(self.clock.time_s(first.capture_ns) + since_first_s),
-            label: mark.label.clone(),
-            source: mark.source,
-            sender: mark.sender.clone(),
-            uncertain_s,
-        })
+        let time_s = self.clock.time_s(first.capture_ns) + since_first_s;
+        Some(event(time_s, uncertain_s, mark))
+    }
+
+    /// A trigger on the trial's clock: the box has stamped it by the clock of its frames. `None`
+    /// without a frame, or where frames have the times of a recording.
+    pub fn trigger(&self, trigger: &Trigger) -> Option<EventSeen> {
+        if self.arrivals.is_empty() || self.is_replay {
+            return None;
+        }
+        Some(event(self.clock.time_s(trigger.time_ns), 0.0, &Mark::of_trigger(trigger)))
     }
 
     /// The relation of the frames' clock and this computer's.
@@ -132,9 +134,21 @@ impl Run {
     }
 }
 
+/// A mark at this time, which is itself known to `uncertain_s`.
+fn event(time_s: f64, uncertain_s: f64, mark: &Mark) -> EventSeen {
+    EventSeen {
+        // None of the clocks is more precise than a microsecond.
+        time_s: (1e6 * time_s).round() / 1e6,
+        label: mark.label.clone(),
+        source: mark.source,
+        sender: mark.sender.clone(),
+        uncertain_s: uncertain_s + 1e-6 * f64::from(mark.uncertain_us),
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use plumbline::packet::Message;
+    use plumbline::packet::{Edge, Message};
     use plumbline_stream::fixture::adversity::{frame_of, hello_of};
     use plumbline_stream::sessions::{Judged, Sessions};
 
@@ -189,6 +203,25 @@ mod tests {
         }
         let first_s = run.first_capture_s().unwrap();
         assert!((first_s - 3605.005).abs() < 1e-6, "{first_s}");
+    }
+
+    #[test]
+    fn a_trigger_has_its_time_by_the_clock_of_the_frames() {
+        let mut run = run(|_| 5);
+        let trigger = Trigger {
+            sequence: 0,
+            // The first frame was captured when the box's clock said 5 s.
+            time_ns: 7 * SECOND_NS + 123_456_789,
+            uncertain_ns: 100_000,
+            edge: Edge::Falling,
+        };
+        assert_eq!(run.trigger(&trigger), None, "a recording's times are not the box's");
+        run.is_replay = false;
+        let seen = run.trigger(&trigger).unwrap();
+        assert!((seen.time_s - 2.123_457).abs() < 1e-9, "{seen:?}");
+        assert!((seen.uncertain_s - 1e-4).abs() < 1e-12, "{seen:?}");
+        assert_eq!((&*seen.label, seen.source), ("falling edge", Source::Trigger));
+        assert_eq!(Run::default().trigger(&trigger), None);
     }
 
     #[test]

@@ -28,13 +28,18 @@ use crate::model::target::{Role, TargetGeometry};
 mod capture;
 mod machine;
 mod text;
+mod trigger;
 
 pub use capture::{Capture, CaptureDriver, CaptureError, PixelFormat};
 pub use machine::{Machine, MachineError, Network, WATCHDOG_S_MAX};
 pub use text::is_visible;
+pub use trigger::{
+    DEBOUNCE_US_MAX, Edge, Edges, LINE_MAX, Marked, TriggerError, TriggerInput, TriggerLines,
+    TriggerOutput,
+};
 
 /// Changes when the blob's content changes.
-pub const FORMAT_VERSION: u16 = 5;
+pub const FORMAT_VERSION: u16 = 6;
 
 /// The blob's name on a box's card.
 pub const FILE_NAME: &str = "config.plb";
@@ -61,8 +66,8 @@ pub const READOUT_NS_MAX: i32 = 1_000_000_000;
 const READOUT_OF_INTERVAL_MAX: f64 = 1.02;
 
 /// Everything in a blob except the targets: header, checksum, texts, lens (143), readout (5),
-/// scene (49), links (92), capture (82), machine (18), rounded up.
-const FIXED_BYTES_MAX: usize = 480;
+/// scene (49), links (92), capture (82), machine (18), trigger (81), rounded up.
+const FIXED_BYTES_MAX: usize = 560;
 
 /// A buffer of this size holds every blob: each target is a name, columns,
 /// rows, role, a virtual point, and its corners of three f64.
@@ -123,6 +128,8 @@ pub struct Config {
     pub capture: Option<Capture>,
     /// How the box's computer runs the measurement.
     pub machine: Machine,
+    /// The wires to other devices; `None` without any.
+    pub trigger: Option<TriggerLines>,
 }
 
 /// Why a configuration cannot be used.
@@ -195,6 +202,8 @@ pub enum ConfigError {
     Capture(CaptureError),
     /// The computer's settings.
     Machine(MachineError),
+    /// The wires to other devices.
+    Trigger(TriggerError),
 }
 
 impl core::fmt::Display for ConfigError {
@@ -254,6 +263,7 @@ impl core::fmt::Display for ConfigError {
             ),
             Self::Capture(error) => write!(formatter, "capture.{error}"),
             Self::Machine(error) => write!(formatter, "machine.{error}"),
+            Self::Trigger(error) => write!(formatter, "trigger.{error}"),
         }
     }
 }
@@ -269,6 +279,12 @@ impl From<LensError> for ConfigError {
 impl From<CaptureError> for ConfigError {
     fn from(error: CaptureError) -> Self {
         Self::Capture(error)
+    }
+}
+
+impl From<TriggerError> for ConfigError {
+    fn from(error: TriggerError) -> Self {
+        Self::Trigger(error)
     }
 }
 
@@ -315,17 +331,22 @@ impl Config {
             capture.check()?;
         }
         self.machine.check()?;
+        if let Some(trigger) = &self.trigger {
+            trigger.check()?;
+        }
         Ok(())
     }
 
     fn check_texts(&self) -> Result<(), ConfigError> {
         let camera = self.capture.as_ref().map_or("", |capture| &capture.device);
         let line = self.links.serial.as_ref().map_or("", |serial| &serial.path);
+        let chip = self.trigger.as_ref().map_or("", |trigger| &trigger.chip);
         let texts = [
             ("device", self.device.as_str()),
             ("serial_number", &self.serial_number),
             ("capture.device", camera),
             ("links.serial", line),
+            ("trigger.chip", chip),
         ];
         match texts.into_iter().find(|(_, text)| !is_readable(text)) {
             Some((field, _)) => Err(ConfigError::Text { field }),

@@ -62,7 +62,16 @@ fn config() -> Config {
             cpu: Some(3),
             watchdog_s: Some(15),
         },
+        trigger: Some(TriggerLines {
+            chip: "pinctrl-bcm2711".try_into().unwrap(),
+            input: Some(TriggerInput { line: 17, edges: Edges::Rising, debounce_us: 5_000 }),
+            output: Some(TriggerOutput { line: 27, marks: Marked::Exposures }),
+        }),
     }
+}
+
+fn trigger(config: &mut Config) -> &mut TriggerLines {
+    config.trigger.as_mut().unwrap()
 }
 
 fn capture(config: &mut Config) -> &mut Capture {
@@ -132,6 +141,15 @@ fn the_largest_config_fits_its_buffer() {
     capture.exposure_us = Some(1_000_000);
     config.links.serial = Some(SerialLink { path, baud: 12_000_000, one_way: true });
     config.machine.watchdog_s = Some(WATCHDOG_S_MAX);
+    *trigger(&mut config) = TriggerLines {
+        chip: core::iter::repeat_n('x', DEVICE_PATH_BYTES_MAX).collect(),
+        input: Some(TriggerInput {
+            line: LINE_MAX,
+            edges: Edges::Both,
+            debounce_us: DEBOUNCE_US_MAX,
+        }),
+        output: Some(TriggerOutput { line: LINE_MAX - 1, marks: Marked::Recording }),
+    };
     config.links.udp = Some("[1:2:3:4:5:6:7:8]:65535".parse().unwrap());
     let length = blob(&config).len();
     // Within a few bytes of the formula: neither too small nor idly large.
@@ -148,7 +166,7 @@ fn the_largest_config_fits_its_buffer() {
 #[test]
 fn every_fault_of_a_value_is_named() {
     type Change = fn(&mut Config);
-    let table: [(Change, ConfigError); 31] = [
+    let table: [(Change, ConfigError); 38] = [
         (|c| c.device.push('\u{1b}').unwrap(), ConfigError::Text { field: "device" }),
         (
             |c| c.serial_number.push('\u{202e}').unwrap(),
@@ -219,6 +237,29 @@ fn every_fault_of_a_value_is_named() {
             ConfigError::Machine(MachineError::RealtimePriority),
         ),
         (|c| c.machine.watchdog_s = Some(0), ConfigError::Machine(MachineError::Watchdog)),
+        (|c| trigger(c).chip.push('\u{7f}').unwrap(), ConfigError::Text { field: "trigger.chip" }),
+        (|c| trigger(c).chip.clear(), ConfigError::Trigger(TriggerError::Chip)),
+        (
+            |c| (trigger(c).input, trigger(c).output) = (None, None),
+            ConfigError::Trigger(TriggerError::NoLine),
+        ),
+        (
+            |c| trigger(c).input.as_mut().unwrap().line = LINE_MAX + 1,
+            ConfigError::Trigger(TriggerError::Line),
+        ),
+        (
+            |c| trigger(c).input.as_mut().unwrap().debounce_us = DEBOUNCE_US_MAX + 1,
+            ConfigError::Trigger(TriggerError::Debounce),
+        ),
+        (
+            |c| trigger(c).output.as_mut().unwrap().line = LINE_MAX + 1,
+            ConfigError::Trigger(TriggerError::OutputLine),
+        ),
+        // The line that is listened to.
+        (
+            |c| trigger(c).output.as_mut().unwrap().line = 17,
+            ConfigError::Trigger(TriggerError::OutputLine),
+        ),
     ];
     for (change, error) in table {
         let mut wrong = config();

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::document::Document;
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};
+use crate::model::config::Edge;
 use crate::model::target::Role;
 
 /// Links that one box can have at once: UDP, serial, file.
@@ -108,6 +109,48 @@ pub enum CameraState {
     Ended,
 }
 
+/// A line of the trigger.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub enum TriggerState {
+    /// The box has none.
+    #[default]
+    Off,
+    /// It is in use.
+    Ready,
+    /// It is not there, or something else uses it; opening it is tried again and again.
+    Missing,
+}
+
+/// How the trigger's lines are doing; counters run from the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct TriggerHealth {
+    /// The line that is listened to.
+    pub input: TriggerState,
+    /// The line that is driven.
+    pub output: TriggerState,
+    /// Triggers that were sent.
+    pub sent: u32,
+    /// Edges that did not count, because they came too soon after another one.
+    pub bounces: u32,
+    /// Edges of either kind that came faster than they were read, and are lost.
+    pub dropped: u32,
+    /// Pulses of the output line.
+    pub pulses: u32,
+}
+
+/// An edge at the box's trigger line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct Trigger {
+    /// Counts the triggers since the box's start, from 0.
+    pub sequence: u32,
+    /// When it was, on the capture clock.
+    pub time_ns: u64,
+    /// It was at most this much earlier or later.
+    pub uncertain_ns: u32,
+    /// Which way the line went.
+    pub edge: Edge,
+}
+
 /// How the box is doing; counters run from the start.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Health {
@@ -146,6 +189,8 @@ pub struct Health {
     pub latency_us_max: u32,
     /// Log records for which there was no room.
     pub logs_dropped: u32,
+    /// The wires to other devices.
+    pub trigger: TriggerHealth,
     /// The links in use.
     pub links: Vec<LinkHealth, LINKS_MAX>,
 }

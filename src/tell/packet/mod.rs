@@ -54,6 +54,7 @@ use postcard_schema::Schema;
 use postcard_schema::key::Key;
 use serde::{Deserialize, Serialize};
 
+pub use crate::model::config::Edge;
 pub use document::{Document, PART_BYTES_MAX, Part, Picture, document_crc};
 pub(crate) use framing::{CLEAR_OVERHEAD_BYTES, decode_body, encode_body, is_sent_by};
 pub use framing::{
@@ -63,7 +64,7 @@ pub use framing::{
 pub use message::{
     AIM_S_MAX, Action, CameraState, Command, Health, Hello, LINKS_MAX, LOG_TARGET_BYTES_MAX,
     LOG_TEXT_BYTES_MAX, LinkHealth, LinkKind, Log, LogLevel, REASON_BYTES_MAX, Refusal, Reply,
-    ReplyOutcome, ResetReason, TargetInfo,
+    ReplyOutcome, ResetReason, TargetInfo, Trigger, TriggerHealth, TriggerState,
 };
 pub use pose::{
     AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, POSITION_MM_MAX, PosePacket,
@@ -126,6 +127,8 @@ pub enum Message {
     Picture(Picture),
     /// A piece of a document, in either direction.
     Part(Part),
+    /// An edge at the box's trigger line; sent at once.
+    Trigger(Trigger),
 }
 
 impl Message {
@@ -134,6 +137,9 @@ impl Message {
         match self {
             Self::Pose(packet) => packet.is_measurable(),
             Self::View(view) => view.is_finite(),
+            Self::Command(Command { action: Action::Expose { gain: Some(gain), .. }, .. }) => {
+                gain.is_finite()
+            }
             _ => true,
         }
     }

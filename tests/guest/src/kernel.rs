@@ -1,6 +1,6 @@
 //! The kernel's calls for video devices (include/uapi/linux/videodev2.h), as far
 //! as they are used here: structures with the fields that matter, and safe
-//! functions around the calls.
+//! functions around the calls; and a device's registers.
 
 #![allow(unsafe_code)] // ioctl and mmap cannot be called otherwise; each use says why it is sound
 
@@ -8,6 +8,7 @@ use std::fs::File;
 use std::io;
 use std::num::NonZeroUsize;
 use std::os::fd::AsRawFd;
+use std::os::unix::fs::OpenOptionsExt;
 use std::ptr::NonNull;
 
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
@@ -158,6 +159,57 @@ pub fn stream_on(device: &File, buffer_type: u32) -> io::Result<()> {
     // SAFETY: the kernel reads one integer, which lives until the call is over.
     unsafe { calls::stream_on(device.as_raw_fd(), &(buffer_type as i32)) }?;
     Ok(())
+}
+
+/// The registers of a device, a page of them, in this process's memory.
+#[derive(Debug)]
+pub struct Registers {
+    start: NonNull<nix::libc::c_void>,
+}
+
+/// The number of bytes of a page.
+const PAGE_BYTES: NonZeroUsize = NonZeroUsize::new(4096).expect("it is not 0");
+
+impl Registers {
+    /// Those at this physical address, the beginning of a page.
+    ///
+    /// # Errors
+    /// As the kernel reports them: only root may do this, and only if the kernel's command line lets
+    /// a program at what a driver uses.
+    pub fn map(address: u64) -> io::Result<Self> {
+        let memory = File::options()
+            .read(true)
+            .write(true)
+            .custom_flags(nix::libc::O_SYNC)
+            .open("/dev/mem")?;
+        let access = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+        // SAFETY: the kernel chooses the place, so that nothing of ours is replaced.
+        let start = unsafe {
+            mmap(None, PAGE_BYTES, access, MapFlags::MAP_SHARED, memory, address as i64)
+        }?;
+        Ok(Self { start })
+    }
+
+    /// Reads the byte at this offset.
+    pub fn read(&self, offset: usize) -> u8 {
+        assert!(offset < PAGE_BYTES.get());
+        // SAFETY: the page is mapped for as long as `self` lives, and the byte lies in it.
+        unsafe { self.start.as_ptr().cast::<u8>().add(offset).read_volatile() }
+    }
+
+    /// Writes the byte at this offset.
+    pub fn write(&mut self, offset: usize, value: u8) {
+        assert!(offset < PAGE_BYTES.get());
+        // SAFETY: as above; what the device does with it is the point of the write.
+        unsafe { self.start.as_ptr().cast::<u8>().add(offset).write_volatile(value) }
+    }
+}
+
+impl Drop for Registers {
+    fn drop(&mut self) {
+        // SAFETY: this very page was mapped by `map`, and nothing refers to it any more.
+        let _ = unsafe { munmap(self.start, PAGE_BYTES.get()) };
+    }
 }
 
 /// A buffer of the driver's, in this process's memory.

@@ -19,10 +19,11 @@
 //! Other options: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
 //! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
-//! as they are on the disk.
+//! as they are on the disk; `test.trigger` pulls at a GPIO line.
 
 mod camera;
 mod kernel;
+mod trigger;
 mod usb_camera;
 mod usb_descriptors;
 
@@ -55,6 +56,7 @@ fn main() {
     let done = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["feed"] => feed(),
         ["usb", code] => usb_camera::play(code),
+        ["trigger"] => trigger::pull(),
         _ => start(),
     };
     let Err(error) = done else { return };
@@ -69,6 +71,10 @@ fn start() -> Result<()> {
         fs::create_dir_all(place)?;
         mount(Some(kind), place, Some(kind), MsFlags::empty(), None::<&str>)
             .with_context(|| format!("{kind} cannot be mounted"))?;
+    }
+    if is_asked_for("test.trigger")? {
+        trigger::set_up()?;
+        Command::new("/proc/self/exe").arg("trigger").spawn().context("nobody pulls the line")?;
     }
     let mut player = Command::new("/proc/self/exe");
     if let Some(code) = value_of(&options()?, "test.usb_camera=") {
@@ -106,7 +112,7 @@ fn feed() -> Result<()> {
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
     let mut player = player()?;
-    let obeys_gain = options()?.split_whitespace().any(|word| word == "test.gain");
+    let obeys_gain = is_asked_for("test.gain")?;
     let mut levels = levels(100);
     for step in 0_usize.. {
         let offset = (frame_index(step, count) * FRAME_BYTES) as u64;
@@ -149,6 +155,11 @@ fn levels(gain: u32) -> [u8; 256] {
 /// The kernel's command line.
 fn options() -> Result<String> {
     fs::read_to_string("/proc/cmdline").context("/proc/cmdline")
+}
+
+/// Whether this is a word of the kernel's command line.
+fn is_asked_for(word: &str) -> Result<bool> {
+    Ok(options()?.split_whitespace().any(|it| it == word))
 }
 
 /// What follows this beginning of a word of the kernel's command line.

@@ -36,7 +36,7 @@ use serde::Serialize;
 use super::figure::{ByDirection, Figure, Figures};
 use super::path::{Span, length, steps};
 use crate::filter::Filter;
-use crate::series::{Axis, Series};
+use crate::series::{Axis, Plane, Series};
 
 /// Fixed, so that the same trial always gives the same figures.
 const SEED: u64 = 1;
@@ -187,6 +187,14 @@ pub(super) fn path_noise(series: &Series, span: &Span, step_factors: &[Matrix3<f
             measured.map(|it| draws.inflation(&it.collect::<Vec<_>>(), first, second)).into()
         }),
     }
+}
+
+/// How long a step in this plane is on average that noise alone makes, mm, for the covariance of the
+/// step along AP, ML and SI, mm²; 0 for what is not a covariance.
+#[must_use]
+pub fn mean_step_mm(covariance_mm2: &Matrix3<f64>, plane: Plane) -> f64 {
+    let [first, second] = plane.axes();
+    mean_length(&factor(covariance_mm2).unwrap_or_default(), first, Some(second))
 }
 
 /// The mean length along one or two axes of a normal vector, where `factor` is the lower triangular

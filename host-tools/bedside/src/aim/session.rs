@@ -411,7 +411,11 @@ impl Session {
             }
             // Not needed here, or for another program on this computer.
             Message::Hello(hello) => self.take_hello(hello)?,
-            Message::Reply(_) | Message::Log(_) | Message::Part(_) | Message::Command(_) => {}
+            Message::Reply(_)
+            | Message::Log(_)
+            | Message::Part(_)
+            | Message::Command(_)
+            | Message::Trigger(_) => {}
         }
         Ok(())
     }

@@ -287,7 +287,11 @@ impl Findings {
                 host_received_ns: now_ns,
             }),
             Message::View(view) => self.views.push(view.clone()),
-            Message::Reply(_) | Message::Command(_) | Message::Picture(_) | Message::Part(_) => (),
+            Message::Reply(_)
+            | Message::Command(_)
+            | Message::Picture(_)
+            | Message::Part(_)
+            | Message::Trigger(_) => (),
         }
     }
 

@@ -63,6 +63,14 @@ impl Course {
         }
     }
 
+    /// A mark can come after all: the box has a trigger. To be called only where a mark is to be
+    /// t = 0.
+    pub fn can_be_marked(&mut self) {
+        if self.zeroing == Zeroing::Start {
+            self.zeroing = Zeroing::Mark;
+        }
+    }
+
     /// Frames have come.
     pub fn frame(&mut self, now: Instant) {
         self.first_frame.get_or_insert(now);
@@ -228,6 +236,21 @@ mod tests {
         ];
         assert_eq!(course.news(), wanted);
         assert!(course.news().is_empty());
+    }
+
+    #[test]
+    fn a_box_with_a_trigger_is_waited_for() {
+        let (mut course, begun) = course(Zeroing::Start);
+        assert!(!course.awaits_mark());
+        course.can_be_marked();
+        assert!(course.awaits_mark() && !course.is_over(begun + s(62.0)));
+        course.mark(&Mark::new(Source::Trigger, "rising edge"), 11.0);
+        assert_eq!(course.news(), ["mark \"rising edge\" at 10.00 s: t = 0"]);
+        assert!(!course.is_over(begun + s(71.2)) && course.is_over(begun + s(71.3)));
+        // What stands up by itself is not marked.
+        let mut onset = Course::new(begun, None, Zeroing::Onset);
+        onset.can_be_marked();
+        assert!(!onset.awaits_mark());
     }
 
     #[test]

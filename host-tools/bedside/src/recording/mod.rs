@@ -10,14 +10,17 @@
 
 mod checks;
 mod course;
+mod figures;
 mod judgement;
 mod live;
 pub mod marks;
+pub mod modem_line;
 mod silence;
 mod sway;
 
 pub use checks::{Recorded, amiss};
 pub use course::{Course, Zeroing};
+pub use figures::{Figures, NotYet, TrunkFigures};
 pub use judgement::{Judgement, Why, Word};
 pub use live::{Live, Seen};
 pub use silence::{Here, check_heard, silence};

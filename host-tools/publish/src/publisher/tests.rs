@@ -1,7 +1,7 @@
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
 
-use plumbline::packet::{Command, MarkedInstant, Packet, PosePacket};
+use plumbline::packet::{Command, Edge, MarkedInstant, Packet, PosePacket};
 use plumbline_stream::fixture;
 use plumbline_stream::fixture::adversity::{frame_of, hello_of};
 
@@ -236,4 +236,41 @@ fn marks_without_room_are_counted() {
     let (items, said) = bench.ends();
     assert_eq!(items.iter().filter(|it| matches!(it, Item::Mark(_))).count(), MARKS_MAX);
     assert!(said[1].starts_with("warning: 3 marks came at once"), "{said:?}");
+}
+
+#[test]
+fn a_trigger_is_a_mark_with_its_time_by_the_clock_of_the_frames() {
+    let mut bench = Bench::new(false);
+    // The trigger comes before the box has said who it is, and waits as the frames do.
+    let captured_ns = |number: u32| match frame_of(1, number, RATE_HZ).message {
+        Message::Pose(pose) => pose.capture_time_ns,
+        other => panic!("{other:?}"),
+    };
+    let trigger = |after_ns| Packet {
+        message: Message::Trigger(Trigger {
+            sequence: 0,
+            time_ns: captured_ns(0) + after_ns,
+            uncertain_ns: 100_000,
+            edge: Edge::Rising,
+        }),
+        ..frame_of(1, 0, RATE_HZ)
+    };
+    bench.at(arrives_s(0), trigger(7_000_000));
+    bench.at(arrives_s(0), hello_of("ward 3", 1));
+    for number in 0..300 {
+        bench.at(arrives_s(number), frame_of(1, number, RATE_HZ));
+    }
+    bench.at(arrives_s(300), trigger(1_234_567_890));
+    let (items, _) = bench.ends();
+    let marks: Vec<_> = items
+        .iter()
+        .filter_map(|item| if let Item::Mark(mark) = item { Some(mark) } else { None })
+        .collect();
+    assert_eq!(marks.len(), 2);
+    for (mark, after_s) in marks.iter().zip([0.007, 1.234_567_89]) {
+        assert_eq!((&*mark.label, &*mark.source), ("rising edge", "trigger"));
+        assert!((mark.time_s.unwrap() - after_s).abs() < 1e-9, "{mark:?}");
+        let wanted_ns = 1e9 * (arrives_s(0) - 0.0012 + after_s);
+        assert!((mark.host_ns - wanted_ns).abs() < 10.0, "{}", mark.host_ns - wanted_ns);
+    }
 }

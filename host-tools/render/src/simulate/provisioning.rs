@@ -29,6 +29,7 @@ impl Simulation {
             links: Links::default(),
             capture: None,
             machine: Machine::default(),
+            trigger: None,
         }
     }
 }

@@ -268,6 +268,7 @@ fn health(camera: CameraState, uptime_ms: u64, frames: u32) -> Message {
         aiming_s: 0,
         latency_us_max: 0,
         logs_dropped: 0,
+        trigger: Default::default(),
         links: [].into_iter().collect(),
     })
 }

@@ -8,8 +8,8 @@ use std::path::Path;
 
 use plumbline::config::Config;
 use plumbline::packet::{
-    AnatomicalPoint, Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply,
-    ReplyOutcome,
+    Deframer, Hello, MarkedInstant, MeasuredPose, Message, PacketError, Reply, ReplyOutcome,
+    Trigger,
 };
 use plumbline::target::Role;
 use plumbline_analysis::statistics::describe::median;
@@ -17,13 +17,14 @@ use plumbline_stream::clock::Exchange;
 use plumbline_stream::others::name;
 use plumbline_stream::sessions::{self, Judged, Sessions};
 
-use crate::body::Body;
+use crate::body::{self, Body};
 use crate::correction::{Correction, corrected};
-use crate::frame::{Frame, Point, Trunk};
+use crate::frame::{Frame, Trunk};
 use crate::journal::{Content, Entry};
 use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
 use crate::mark::Mark;
 use crate::run::Run;
+use crate::triggers::Triggers;
 use crate::verdict::{Verdict, judge};
 use crate::{Observed, Trial};
 
@@ -38,6 +39,7 @@ pub(crate) struct Builder {
     body: Option<Body>,
     runs: BTreeMap<u32, Run>,
     marks: Vec<(u64, Mark)>,
+    triggers: Triggers,
     hello: Option<Hello>,
     corrupt: u64,
     /// What was counted while it was recorded, and not kept.
@@ -77,6 +79,7 @@ impl Builder {
             body,
             runs: BTreeMap::new(),
             marks: Vec::new(),
+            triggers: Triggers::default(),
             hello: None,
             corrupt: 0,
             not_authentic: 0,
@@ -152,6 +155,7 @@ impl Builder {
             }
             // It says once more who it is.
             Message::Hello(hello) => self.hello(hello),
+            Message::Trigger(trigger) => self.triggers.take(self.sessions.count(), trigger),
             Message::View(view) => self.trial.observed.views.push(view),
             Message::Reply(Reply {
                 outcome: ReplyOutcome::Pong { host_sent_ns, box_received_ns, box_sent_ns, .. },
@@ -184,25 +188,13 @@ impl Builder {
         self.instant = Some(packet.instant);
         self.runs.entry(*session).or_default().frame(frame);
         let [upper, lower] = [Role::Upper, Role::Lower].map(|role| packet.pose(role));
-        let point = |point: Option<AnatomicalPoint>, pose: Option<&MeasuredPose>, trunk| {
-            let AnatomicalPoint { ap_mm, ml_mm, si_mm } = point?;
-            let frame_ns = packet.capture_time_ns;
-            let own_ns = pose.map_or(frame_ns, |pose| pose.own_time_ns(frame_ns));
-            Some(Point {
-                time_s: clock.time_s(own_ns),
-                position_mm: [ap_mm, ml_mm, si_mm].map(f64::from),
-                covariance_mm2: self
-                    .body
-                    .zip(pose)
-                    .map(|(body, pose)| body.covariance_mm2(pose, trunk)),
-            })
-        };
+        let point = |trunk| body::point(packet, trunk, self.body.as_ref(), |ns| clock.time_s(ns));
         self.trial.frames.push(Frame {
             session: *session,
             sequence: packet.sequence,
             time_s: clock.time_s(packet.capture_time_ns),
-            upper: point(packet.upper_trunk, upper, Trunk::Upper),
-            lower: point(packet.lower_trunk, lower, Trunk::Lower),
+            upper: point(Trunk::Upper),
+            lower: point(Trunk::Lower),
             theta: [upper, lower].map(|pose| {
                 let MeasuredPose { theta_rad: [a, b, c], translation_mm: [x, y, z], .. } = pose?;
                 Some([*a, *b, *c, *x, *y, *z])
@@ -230,7 +222,7 @@ impl Builder {
         self.sessions.finish();
         self.take_judged(u64::MAX);
         let computed = self.judged();
-        let Self { mut trial, correction, runs, .. } = self;
+        let Self { mut trial, correction, runs, triggers, .. } = self;
         trial.manifest.noise =
             Trunk::ALL.into_iter().filter_map(|trunk| noise(&trial.frames, trunk)).collect();
         let started = trial.manifest.started.parse::<jiff::Timestamp>().ok();
@@ -239,6 +231,7 @@ impl Builder {
             Some(1e-9 * it.as_nanosecond() as f64 + first_s)
         });
         trial.warnings.extend(warnings(&trial));
+        trial.warnings.extend(triggers.warnings());
         let Verdict { overruled, by, why, .. } = trial.manifest.verdict();
         trial.manifest.verdict = Some(Verdict { overruled, by, why, ..computed });
         (trial, correction)
@@ -270,8 +263,11 @@ impl Builder {
         });
         let clocks =
             self.runs.iter().filter_map(|(session, run)| run.clock_seen(*session)).collect();
-        let events =
-            self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark)).collect();
+        let marks = self.marks.iter().filter_map(|(host_ns, mark)| self.event(*host_ns, mark));
+        let of_run = |(session, trigger): &(u32, Trigger)| self.runs.get(session)?.trigger(trigger);
+        let triggers = self.triggers.all().iter().filter_map(of_run);
+        let mut events: Vec<EventSeen> = marks.chain(triggers).collect();
+        events.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let manifest = &mut self.trial.manifest;
         manifest.the_box = the_box;
         manifest.instant = self.instant;
@@ -317,7 +313,9 @@ fn noise(frames: &[Frame], trunk: Trunk) -> Option<NoiseSeen> {
 mod tests {
     use std::time::{Duration, Instant};
 
-    use plumbline::packet::{Health, PACKET_BYTES_MAX, Packet, encode_datagram};
+    use plumbline::packet::{
+        AnatomicalPoint, Edge, Health, PACKET_BYTES_MAX, Packet, encode_datagram,
+    };
     use plumbline_analysis::series::Series;
     use plumbline_stream::fixture::adversity::{self, Adversity};
     use plumbline_stream::fixture::health;
@@ -325,7 +323,9 @@ mod tests {
     use plumbline_stream::transport::{Event, Raw};
 
     use super::*;
+    use crate::frame::Point;
     use crate::manifest::Zero;
+    use crate::mark::Source;
 
     fn builder() -> Builder {
         let manifest =
@@ -361,6 +361,61 @@ mod tests {
         }
         receiver.finish(begun).unwrap();
         receiver
+    }
+
+    /// Two seconds at 50 Hz of a start, a Hello before them, and these messages.
+    fn start_of(start: u32, from_ns: u64, more: &[(u64, Message)]) -> Vec<(u64, Packet)> {
+        let mut packets = vec![(from_ns, adversity::hello_of("ward 3", start))];
+        let frames = (0..100).map(|number| {
+            let packet = adversity::frame_of(start, number, 50);
+            (from_ns + u64::from(number) * 20_000_000, packet)
+        });
+        packets.extend(frames);
+        let others = more.iter().map(|(ns, message)| {
+            let packet = adversity::frame_of(start, 0, 50);
+            (*ns, Packet { message: message.clone(), ..packet })
+        });
+        packets.extend(others);
+        packets.sort_by_key(|(ns, _)| *ns);
+        packets
+    }
+
+    #[test]
+    fn triggers_are_events_by_the_clock_of_the_frames_and_the_first_mark_is_t_0() {
+        let trigger = |sequence, time_ns| {
+            let uncertain_ns = 100_000;
+            Message::Trigger(Trigger { sequence, time_ns, uncertain_ns, edge: Edge::Rising })
+        };
+        // The first frame is of 1 s. A packet that comes late has its own time all the same, and the
+        // one with the number 2 never comes.
+        let first = [
+            (700_000_000, trigger(1, 1_600_000_000)),
+            (1_900_000_000, trigger(0, 1_250_000_000)),
+            (1_950_000_000, trigger(3, 2_940_000_000)),
+        ];
+        let mut packets = start_of(1, 0, &first);
+        let second_ns = 10_000_000_000;
+        packets.extend(start_of(
+            2,
+            second_ns,
+            &[(second_ns + 510_000_000, trigger(0, 1_500_000_000))],
+        ));
+        let trial = trial(&packets);
+        let events = &trial.manifest.events;
+        let times_s: Vec<f64> = events.iter().map(|event| event.time_s).collect();
+        assert_eq!(times_s.len(), 4, "{events:?}");
+        for (found_s, wanted_s) in times_s.iter().zip([0.25, 0.6, 1.94, 10.5]) {
+            // Between two starts times are as good as the arrival of the packets.
+            assert!((found_s - wanted_s).abs() < 1e-3, "{times_s:?}");
+        }
+        for event in events {
+            assert_eq!((&*event.label, event.source), ("rising edge", Source::Trigger));
+            assert!((event.uncertain_s - 1e-4).abs() < 1e-12, "{event:?}");
+        }
+        assert_eq!(trial.manifest.zero_mark(), Some(&events[0]));
+        assert!(trial.warnings.contains(&"1 trigger of the box never came".to_owned()));
+        let written = toml::to_string(&trial.manifest).unwrap();
+        assert!(written.contains("source = \"trigger\"\nuncertain_s = 0.0001"), "{written}");
     }
 
     #[test]

@@ -47,8 +47,8 @@ fn depends(dynamic: &str, versions: &str) -> Result<String> {
         "libc6" => format!("libc6 (>= 2.{newest})"),
         package => package.to_owned(),
     };
-    // `deb-systemd-helper`, for the scripts.
-    packages.insert("init-system-helpers");
+    // `deb-systemd-helper` and `systemd-sysusers`, for the scripts.
+    packages.extend(["init-system-helpers", "systemd"]);
     Ok(packages.iter().map(text).collect::<Vec<_>>().join(", "))
 }
 
@@ -74,6 +74,10 @@ pub fn make(program: &Path, out: &Path) -> Result<()> {
     put("usr/bin/plumbline-board", 0o755, &binary)?;
     let unit = "plumbline-board.service";
     put(&format!("usr/lib/systemd/system/{unit}"), 0o644, &source(unit)?)?;
+    let groups = source("plumbline-board.sysusers")?;
+    put("usr/lib/sysusers.d/plumbline-board.conf", 0o644, &groups)?;
+    let rules = source("plumbline-board.rules")?;
+    put("usr/lib/udev/rules.d/60-plumbline-board.rules", 0o644, &rules)?;
     let licence = [source("copyright")?, expat()?.into_bytes()].concat();
     put("usr/share/doc/plumbline-board/copyright", 0o644, &licence)?;
     put("usr/share/doc/plumbline-board/README", 0o644, &source("README")?)?;
@@ -132,7 +136,7 @@ mod tests {
         let versions = "0x0010: Name: GLIBC_2.17 Flags: none\n0x0020: Name: GLIBC_2.34 GLIBC_2.4";
         assert_eq!(
             depends(DYNAMIC, versions).unwrap(),
-            "init-system-helpers, libc6 (>= 2.34), libcamera0.4"
+            "init-system-helpers, libc6 (>= 2.34), libcamera0.4, systemd"
         );
     }
 

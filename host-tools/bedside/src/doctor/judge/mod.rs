@@ -11,6 +11,7 @@ mod order;
 mod scale;
 mod scene;
 mod target;
+mod trigger;
 
 pub use scale::{SUBJECT as SCALE, TAPE_MM_MAX, TAPE_MM_MIN, Tape, comparison};
 
@@ -44,6 +45,7 @@ pub fn all(findings: &Findings) -> Vec<Check> {
         checks.extend(order::check(findings));
         checks.extend(scale::check(findings));
         checks.extend(light::checks(findings));
+        checks.extend(trigger::check(findings));
     }
     checks
 }

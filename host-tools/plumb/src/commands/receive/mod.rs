@@ -11,9 +11,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use plumbline::packet::Action;
+use plumbline::packet::{Action, TriggerState};
 use plumbline_bedside::doctor::{Check, Verdict, examine};
 use plumbline_bedside::recording::marks::{self, MarkFrom, Strangers};
+use plumbline_bedside::recording::modem_line::{ModemLine, Watch};
 use plumbline_bedside::recording::{Course, Here, Recorded, Zeroing, amiss, check_heard};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
@@ -26,7 +27,7 @@ use plumbline_stream::receiver::Receiver;
 use plumbline_stream::reception::{Tap, receive};
 use plumbline_stream::recorder::Recorder;
 use plumbline_trial::manifest::{CheckSeen, Manifest, Zero};
-use plumbline_trial::mark::{Mark, MarkSender, Marks};
+use plumbline_trial::mark::{Mark, MarkSender, Marks, Source};
 use plumbline_trial::recording::{Recording, exists_already};
 use plumbline_trial::verdict::Criteria;
 
@@ -67,11 +68,13 @@ use streams::Streams;
 /// more. It shows GOOD, LOOK or STOP: by its criteria the trial would now be good, doubtful or
 /// unusable. WAIT stands there for the first three seconds. What only the end can tell, the duration
 /// and the mark, is left to the end. Movement is in mm from where the trunk was on average in the
-/// second before t = 0 and, until t = 0 comes, in the last second. Elsewhere a line is written
-/// every ten seconds.
+/// second before t = 0 and, until t = 0 comes, in the last second: as bars, from above and, with 38
+/// rows or more, over the last half minute. Path and RMS are those of `plumb report`, with its
+/// filter, from t = 0 until a quarter of a second ago; beside the path stands what noise alone would
+/// have given. Elsewhere a line is written every ten seconds.
 ///
-/// Press Enter to mark an event; type its name first if it has one. The mark called zero, or else the
-/// first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
+/// Press Enter to mark an event; type its name first if it has one. An edge at the box's trigger line,
+/// if it has one, is a mark too. The mark called zero, or else the first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
 /// after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or
 /// unusable, with the reasons.
 ///
@@ -134,6 +137,15 @@ pub struct Arguments {
     #[arg(long, value_name = "DEVICE[:BAUD]", requires = "out")]
     mark_serial: Option<String>,
 
+    /// Take marks from a modem line of this serial device: cts (default), dsr, dcd or ri
+    ///
+    /// Each time the line is asserted is a mark, named after the line. Its time is known to a
+    /// millisecond or, where the driver does not tell of changes and has to be asked, to the time
+    /// between two questions, which is stored with the mark. A trigger at the box's own line
+    /// ([trigger] in box.toml) is known ten times better.
+    #[arg(long, value_name = "DEVICE[:LINE]", value_parser = ModemLine::parse, requires = "out")]
+    mark_line: Option<ModemLine>,
+
     /// Take marks from the Lab Streaming Layer: the markers of the stream with this name
     ///
     /// A mark has the time that its sender gave it, corrected by LSL. The stream may begin later. As
@@ -148,9 +160,9 @@ pub struct Arguments {
     /// End this many seconds after t = 0: the mark's, where one can come; otherwise the first frame's
     ///
     /// With --zero mark, the default, the recording waits for the mark, no longer than 10 minutes.
-    /// Without a keyboard, --mark-udp, --mark-serial and --mark-lsl no mark can come, and the time counts from
-    /// the first frame, as it does with --zero start and with --zero onset, whose t = 0 is found
-    /// afterwards.
+    /// Without a keyboard, --mark-udp, --mark-serial, --mark-line, --mark-lsl and a trigger of the box no
+    /// mark can come, and the time counts from the first frame, as it does with --zero start and with
+    /// --zero onset, whose t = 0 is found afterwards.
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<Duration>,
 
@@ -193,11 +205,17 @@ impl Arguments {
         Ok(self.criteria.as_deref().map(Criteria::read).transpose()?.unwrap_or_default())
     }
 
-    /// From when --duration counts.
+    /// Whether a mark is t = 0, if one comes.
+    fn awaits_mark(&self) -> bool {
+        self.out.is_some() && self.zero == Zero::Mark
+    }
+
+    /// From when --duration counts, as far as it depends on this computer.
     fn zeroing(&self) -> Zeroing {
         let can_be_marked = self.out.is_some()
             && (self.mark_udp.is_some()
                 || self.mark_serial.is_some()
+                || self.mark_line.is_some()
                 || self.mark_lsl.is_some()
                 || keys::is_there());
         match self.zero {
@@ -239,12 +257,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     let mut sender = None;
     let mut strangers = Strangers::default();
     let mut markers = None;
+    let mut watch = None;
     let mut recorded = match prepared {
         None => None,
         Some(mut prepared) => {
             sender = prepared.sender.take();
             strangers = prepared.strangers.clone();
             markers = prepared.markers.take();
+            watch = prepared.watch.take();
             let told = streams.as_ref().map(Streams::mark_feed);
             let recording = begin(arguments, prepared, criteria, now, (&course, told))?;
             let course = Rc::clone(&course);
@@ -289,6 +309,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
             if receiver.counts().received > 0 {
                 course.frame(now);
             }
+            let has_trigger =
+                receiver.health().is_some_and(|it| it.trigger.input != TriggerState::Off);
+            if has_trigger && arguments.awaits_mark() {
+                course.can_be_marked();
+            }
             let typed = || keys.as_ref().filter(|_| marks_typed).map(Keys::typed);
             screen.show(receiver, &mut course, typed);
             if course.is_over(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -314,6 +339,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         text += &format!(
             "\nwarning: {} from other computers did not count: name them with --mark-from",
             counted(strangers.count(), "mark")
+        );
+    }
+    let missed = watch.map_or(0, |it| it.missed());
+    if missed > 0 {
+        text += &format!(
+            "\nwarning: {} of --mark-line came too fast one after the other and did not count",
+            counted(missed, "mark")
         );
     }
     if refused > 0 {
@@ -358,6 +390,7 @@ struct Prepared<'a> {
     marks: Marks,
     strangers: Strangers,
     markers: Option<Markers>,
+    watch: Option<Watch>,
     amiss: Vec<CheckSeen>,
 }
 
@@ -370,6 +403,7 @@ fn prepare<'a>(
 ) -> Result<Option<Prepared<'a>>, BadInput> {
     let (sender, marks, strangers) =
         marks::listen(arguments.mark_udp, &arguments.mark_from, arguments.mark_serial.as_deref())?;
+    let watch = arguments.mark_line.as_ref().map(|line| line.watch(&sender)).transpose()?;
     let markers = streams::markers(arguments, lsl, &sender)?;
     let sender = if screen::is_screen(arguments.quiet) {
         Some(sender)
@@ -384,7 +418,7 @@ fn prepare<'a>(
         // What was marked meanwhile belongs to no recording.
         while marks.next().is_some() {}
     }
-    Ok(Some(Prepared { out, sender, marks, strangers, markers, amiss }))
+    Ok(Some(Prepared { out, sender, marks, strangers, markers, watch, amiss }))
 }
 
 /// Checks a box for this time and says what is amiss; `None` if it should not be recorded.
@@ -424,7 +458,8 @@ fn begin(
     let heard = Rc::clone(course);
     let heard = move |mark: &Mark, since_s| {
         heard.borrow_mut().mark(mark, since_s);
-        if let Some(told) = &told {
+        // Whoever publishes hears the box's triggers too, and knows their times better.
+        if let Some(told) = told.as_ref().filter(|_| mark.source != Source::Trigger) {
             told.mark(&mark.label, mark.source.word(), since_s);
         }
     };

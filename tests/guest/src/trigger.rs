@@ -1,0 +1,122 @@
+//! Lines 0 and 1 of the board's GPIO chip (a PL061): line 0 is pulled up and down here, as if a wire
+//! did it, and what the box drives at line 1 is recorded by the kernel's tracing.
+//!
+//! The emulated chip has no wires, but a register in which the level of an input stays as it was left
+//! when the line was an output. So a line is made an output, set, and made an input again: the chip
+//! sees its input change and interrupts the kernel, whose driver knows nothing of all this. The
+//! kernel lets a program at the registers only with `iomem=relaxed` on its command line.
+//!
+//! Everything is said on the console, in CLOCK_MONOTONIC: `test: edge BEFORE AFTER`, the nanoseconds
+//! before and after the line was pulled, and `test: pulse SECONDS` for each time that the box drove
+//! its line high, as the kernel has traced it.
+
+use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use gpiocdev::chip::{Chip, chips};
+use nix::mount::{MsFlags, mount};
+use nix::time::{ClockId, clock_gettime};
+
+use crate::PATIENCE;
+use crate::kernel::Registers;
+
+/// As the box's configuration calls the chip.
+const LABEL: &str = "9030000.pl061";
+
+/// Where its registers are on QEMU's board `virt`.
+const REGISTERS: u64 = 0x0903_0000;
+
+/// The register of the levels: the bits that are read or written are those of a mask that is part of
+/// its address.
+const DATA: usize = 0x000;
+
+/// The register of the directions: 1 for an output.
+const DIRECTIONS: usize = 0x400;
+
+/// The line that is pulled, and the one that the box drives.
+const LINES: [u32; 2] = [0, 1];
+
+const TRACING: &str = "/sys/kernel/tracing";
+
+/// Pulses at times that no camera has, and then as many as possible at once.
+const PULSES: u32 = 20;
+const BURST: u32 = 200;
+
+/// Has the kernel trace what is driven.
+pub fn set_up() -> Result<()> {
+    mount(Some("tracefs"), TRACING, Some("tracefs"), MsFlags::empty(), None::<&str>)
+        .context("tracefs cannot be mounted")?;
+    write("trace_clock", "mono")?;
+    write("events/gpio/gpio_value/enable", "1")
+}
+
+/// Pulls the line once the box listens, and says what was done and what the box did.
+pub fn pull() -> Result<()> {
+    wait_for_box()?;
+    let mut registers = Registers::map(REGISTERS)?;
+    let mut edges = Vec::new();
+    let mut pull_to = |is_high: bool| {
+        let line = 1_u8 << LINES[0];
+        let directions = registers.read(DIRECTIONS);
+        let before_ns = now_ns();
+        registers.write(DIRECTIONS, directions | line);
+        registers.write(DATA + (usize::from(line) << 2), if is_high { line } else { 0 });
+        registers.write(DIRECTIONS, directions & !line);
+        edges.push((before_ns, now_ns()));
+    };
+    // The box is tracking by then.
+    sleep(Duration::from_secs(2));
+    for number in 0..PULSES {
+        pull_to(true);
+        sleep(Duration::from_millis(5));
+        pull_to(false);
+        sleep(Duration::from_millis(37 + u64::from(number % 7)));
+    }
+    for _ in 0..BURST {
+        pull_to(true);
+        pull_to(false);
+    }
+    sleep(Duration::from_secs(1));
+    let trace = fs::read_to_string(Path::new(TRACING).join("trace")).context("the trace")?;
+    let mut said = String::new();
+    for line in trace.lines().filter(|line| line.ends_with(" set 1")) {
+        let time_s = line.split(": gpio_value:").next().and_then(|it| it.split_whitespace().last());
+        said += &format!("test: pulse {}\n", time_s.context("a traced value without a time")?);
+    }
+    for (before_ns, after_ns) in edges {
+        said += &format!("test: edge {before_ns} {after_ns}\n");
+    }
+    println!("{said}test: all edges");
+    Ok(())
+}
+
+/// Until both lines are in use.
+fn wait_for_box() -> Result<()> {
+    let until = Instant::now() + PATIENCE;
+    while Instant::now() < until {
+        for path in chips()? {
+            let chip = Chip::from_path(&path)?;
+            if chip.info()?.label == LABEL
+                && LINES.iter().all(|line| chip.line_info(*line).is_ok_and(|it| it.used))
+            {
+                return Ok(());
+            }
+        }
+        sleep(Duration::from_millis(50));
+    }
+    bail!("the box does not use the chip {LABEL}")
+}
+
+fn now_ns() -> u64 {
+    // This clock always exists, and is never negative.
+    clock_gettime(ClockId::CLOCK_MONOTONIC)
+        .map_or(0, |now| now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
+}
+
+/// Writes a file of the kernel's tracing.
+fn write(name: &str, text: &str) -> Result<()> {
+    fs::write(Path::new(TRACING).join(name), text).context(name.to_owned())
+}
