@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from playwright.sync_api import expect, sync_playwright
 
 # Generous: the machine may be busy with other tests.
-PATIENCE_MS = 120_000
+PATIENCE_MS = int(os.environ.get("PLUMBLINE_PATIENCE_S", "120")) * 1000
 TABS_MAX = 200
 
 expect.set_options(timeout=PATIENCE_MS)

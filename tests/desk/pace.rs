@@ -19,9 +19,9 @@ fn figures(said: &str, word: &str) -> Vec<f64> {
 }
 
 fn watched_for(seconds: u32, rate_hz: usize) {
-    let Some(stage) = Stage::new() else { return };
+    let Some(stage) = Stage::at_hz(rate_hz) else { return };
     stage.ready_box();
-    let _the_box = stage.start_box_at(Shown::Person, rate_hz);
+    let _the_box = stage.start_box(Shown::Person);
     let desk = stage.desk();
     let before_kb = desk.resident_kb();
     let said = stage.browse("pace.py", &[&desk.url, &seconds.to_string()], nothing_is_asked);

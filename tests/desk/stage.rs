@@ -36,12 +36,18 @@ pub struct Stage {
     python: PathBuf,
     /// Where the box is heard.
     udp: SocketAddr,
+    rate_hz: usize,
 }
 
 impl Stage {
     /// `None`, with the test recorded as skipped, where there is no browser, or nothing that drives
     /// it.
     pub fn new() -> Option<Self> {
+        Self::at_hz(RATE_HZ)
+    }
+
+    /// The same, of a box whose camera has this rate.
+    pub fn at_hz(rate_hz: usize) -> Option<Self> {
         if is_emulated() {
             skip(Absent::Emulator, "a box in an emulator does not track 60 frames in a second");
             return None;
@@ -52,9 +58,12 @@ impl Stage {
             return None;
         }
         let python = python()?;
-        let stage = Self { folder: tempfile::tempdir().unwrap(), python, udp: free_udp_port() };
+        let stage =
+            Self { folder: tempfile::tempdir().unwrap(), python, udp: free_udp_port(), rate_hz };
         let settings = format!(
-            "device = \"{NAME}\"\nserial_number = \"PL-0001\"\n[links]\nudp = \"{}\"\n",
+            "device = \"{NAME}\"\nserial_number = \"PL-0001\"\n[capture]\ndriver = \"v4l2\"\n\
+             pixel_format = \"grey\"\nrate_hz = {rate_hz}.0\nexposure_us = 4000\n[links]\n\
+             udp = \"{}\"\n",
             stage.udp
         );
         std::fs::write(stage.path("box.toml"), settings).unwrap();
@@ -96,12 +105,7 @@ impl Stage {
 
     /// Starts the box.
     pub fn start_box(&self, shown: Shown) -> TheBox {
-        self.start_box_at(shown, RATE_HZ)
-    }
-
-    /// The same with another rate of its camera.
-    pub fn start_box_at(&self, shown: Shown, rate_hz: usize) -> TheBox {
-        TheBox::start(self.folder.path(), shown, rate_hz)
+        TheBox::start(self.folder.path(), shown, self.rate_hz)
     }
 
     /// Starts the desk, which keeps studies in `desk`.
@@ -151,6 +155,19 @@ impl Stage {
     }
 }
 
+impl Drop for Stage {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            println!("the box: {}", text_of(&self.path("box.txt")));
+        }
+    }
+}
+
+/// What a program has said, as far as it is there.
+fn text_of(file: &Path) -> String {
+    String::from_utf8_lossy(&std::fs::read(file).unwrap_or_default()).into_owned()
+}
+
 /// The desk, which ends with its test.
 pub struct Desk {
     child: Child,
@@ -181,7 +198,7 @@ impl Desk {
     }
 
     pub fn said(&self) -> String {
-        String::from_utf8_lossy(&std::fs::read(&self.said).unwrap_or_default()).into_owned()
+        text_of(&self.said)
     }
 
     /// The memory that it holds, in kilobytes.

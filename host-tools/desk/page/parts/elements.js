@@ -3,7 +3,7 @@
  * read as markup.
  */
 
-import { html, useEffect, useRef, useState } from "../vendor/preact-htm.js";
+import { html, useEffect, useMemo, useRef, useState } from "../vendor/preact-htm.js";
 
 /** The look of a verdict, by the word for it. Anything else is `none`. @type {Record<string, string>} */
 const LOOKS = {
@@ -60,6 +60,11 @@ export function Act({ act, kind = "", disabled = false, waits = false, focus = f
     ${error && html`<div class="note bad" role="alert"><p>${error}</p></div>`}`;
 }
 
+let ids = 0;
+
+/** An id that nothing else on the page has. */
+const useOwnId = () => useMemo(() => `own-${(ids += 1)}`, []);
+
 /**
  * A labelled input.
  *
@@ -67,14 +72,16 @@ export function Act({ act, kind = "", disabled = false, waits = false, focus = f
  *   `kind` is an input's type, or `textarea`. Other properties become the input's.
  */
 export function Field({ label, value, set, kind = "text", whole = false, hint = "", ...others }) {
+  const id = useOwnId();
   const write = (/** @type {Event} */ event) => set(/** @type {HTMLInputElement} */ (event.target).value);
-  return html`<label class="field ${whole ? "whole" : ""}">
-    <span>${label}</span>
+  const described = hint ? `${id}-hint` : undefined;
+  return html`<div class="field ${whole ? "whole" : ""}">
+    <label for=${id}>${label}</label>
     ${kind === "textarea"
-      ? html`<textarea value=${value ?? ""} onInput=${write} ...${others}></textarea>`
-      : html`<input type=${kind} value=${value ?? ""} onInput=${write} ...${others} />`}
-    ${hint && html`<span class="small">${hint}</span>`}
-  </label>`;
+      ? html`<textarea id=${id} aria-describedby=${described} value=${value ?? ""} onInput=${write} ...${others}></textarea>`
+      : html`<input id=${id} aria-describedby=${described} type=${kind} value=${value ?? ""} onInput=${write} ...${others} />`}
+    ${hint && html`<span class="small soft" id=${described}>${hint}</span>`}
+  </div>`;
 }
 
 /**
@@ -84,12 +91,13 @@ export function Field({ label, value, set, kind = "text", whole = false, hint = 
  *   Each choice is its value and the words for it.
  */
 export function Choice({ label, value, set, choices, ...others }) {
-  return html`<label class="field">
-    <span>${label}</span>
-    <select value=${value} onChange=${(/** @type {Event} */ event) => set(/** @type {HTMLSelectElement} */ (event.target).value)} ...${others}>
+  const id = useOwnId();
+  return html`<div class="field">
+    <label for=${id}>${label}</label>
+    <select id=${id} value=${value} onChange=${(/** @type {Event} */ event) => set(/** @type {HTMLSelectElement} */ (event.target).value)} ...${others}>
       ${choices.map(([choice, words]) => html`<option key=${choice} value=${choice} selected=${choice === value}>${words}</option>`)}
     </select>
-  </label>`;
+  </div>`;
 }
 
 /** @param {{label: string, value: boolean, set: (value: boolean) => void}} properties */
@@ -116,7 +124,7 @@ export function Meter({ label, words, value, most, verdict = "good", mark }) {
 
 /** Figures with their names. @param {{facts: [string, unknown][]}} properties */
 export function Facts({ facts }) {
-  const shown = facts.filter(([, value]) => value !== undefined && value !== null && value !== "");
+  const shown = facts.filter(([, value]) => value || value === 0);
   return html`<dl class="facts">
     ${shown.map(([name, value]) => html`<div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}
   </dl>`;

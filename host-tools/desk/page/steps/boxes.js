@@ -7,6 +7,7 @@ import { html } from "../vendor/preact-htm.js";
 import { counted, number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").BoxState} BoxState */
+/** @typedef {import("../desk/wire.js").Check} Check */
 /** @typedef {import("../shell/shell.js").StepProperties} StepProperties */
 
 /** The words for a doctor's verdict. */
@@ -77,14 +78,22 @@ const STEP_WORDS = { aim: "Aim the camera", scene: "Measure the scene", session:
 
 /** @param {{examination: NonNullable<BoxState["examination"]>}} properties */
 function Checks({ examination: { checks } }) {
-  const amiss = checks.filter((check) => check.verdict === "fail" || check.verdict === "warn");
+  const is_amiss = (/** @type {Check} */ check) => check.verdict === "fail" || check.verdict === "warn";
+  const amiss = checks.filter(is_amiss);
+  const others = checks.filter((check) => !is_amiss(check));
   return html`<div class="stack">
     <h3>${amiss.length === 0 ? "The doctor finds nothing amiss" : `The doctor finds ${counted(amiss.length, "thing")} amiss`}</h3>
-    <ul class="list checks">
-      ${checks.map((check) => html`<li key=${check.subject}>
-        <${Word} verdict=${check.verdict}>${VERDICTS[check.verdict]}<//>
-        <div><p><strong>${check.subject}</strong>: ${check.seen}</p>${check.remedy && html`<p class="soft">${check.remedy}</p>`}</div>
-      </li>`)}
-    </ul>
+    <${CheckList} checks=${amiss} />
+    <details><summary>${counted(others.length, "other check")}</summary><${CheckList} checks=${others} /></details>
   </div>`;
+}
+
+/** @param {{checks: Check[]}} properties */
+function CheckList({ checks }) {
+  return checks.length > 0 && html`<ul class="list checks">
+    ${checks.map((check) => html`<li key=${check.subject}>
+      <${Word} verdict=${check.verdict}>${VERDICTS[check.verdict]}<//>
+      <div><p><strong>${check.subject}</strong>: ${check.seen}</p>${check.remedy && html`<p class="soft">${check.remedy}</p>`}</div>
+    </li>`)}
+  </ul>`;
 }

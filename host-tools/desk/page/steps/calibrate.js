@@ -112,7 +112,7 @@ export function Coverage({ set }) {
 /** Each photograph, with its error once the camera is fitted. @param {{box: BoxState, set: Set}} properties */
 function Photographs({ box, set }) {
   const errors = set.list.map((photograph) => photograph.error_px ?? 0);
-  const most_px = Math.max(0.01, ...errors);
+  const most_px = Math.max(Number.MIN_VALUE, ...errors);
   const has_errors = errors.some((error) => error > 0);
   return html`
     ${has_errors && html`<figure>
@@ -127,7 +127,7 @@ function Photographs({ box, set }) {
         <thead><tr><th scope="col">Number</th><th scope="col">Board</th><th scope="col">Error, px</th><th scope="col"><span class="unseen">Remove</span></th></tr></thead>
         <tbody>${set.list.map((photograph) => html`<tr key=${photograph.number}>
           <td><a href=${of_box(box.id, `photographs/${photograph.number}.png`)} target="_blank" rel="noopener">${photograph.number}</a></td>
-          <td><${Word} verdict=${photograph.is_found ? "good" : "warn"}>${photograph.is_found ? "found" : "not found"}<//> ${photograph.words}</td>
+          <td><${Word} verdict=${photograph.is_found ? "good" : "warn"}>${photograph.is_found ? "found" : "not found"}<//>${!photograph.is_found && ` ${photograph.words}`}</td>
           <td class="number">${number(photograph.error_px, 3)}</td>
           <td><${BoxAct} box=${box} needs="photographs_remove" action="photographs/remove" body=${{ number: photograph.number }}
             aria-label=${`Remove photograph ${photograph.number}`}>Remove<//></td>

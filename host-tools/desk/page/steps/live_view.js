@@ -66,12 +66,12 @@ function Figures({ now }) {
 
 /** @param {NonNullable<BoxState["live"]>} now @param {LiveFrames} live */
 function measured_words(now, live) {
+  // While a trial is recorded the desk counts in words.
+  const counts = now.counts.length > 0 ? now.counts : [`${number(now.rate_hz, 1)} Hz`, `${now.lost} lost`];
   const words = [
-    `${number(now.rate_hz, 1)} frames per second`,
-    now.lost > 0 && counted(now.lost, "frame lost", "frames lost"),
+    ...counts,
     now.screen_ms && `exposure to screen ${number(now.screen_ms[0], 0, "ms")} (at most ${number(now.screen_ms[1], 0, "ms")})`,
     live.dropped > 0 && `${counted(live.dropped, "frame")} not drawn here, because this page was too slow; the recording has them`,
-    ...now.counts,
   ];
   return words.filter(Boolean).join(" · ");
 }

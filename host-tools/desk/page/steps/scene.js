@@ -1,7 +1,7 @@
 /** Scene: the board stands where the person will stand, and says which way is forward. */
 
 import { BoxAct, Busy, LinkNote } from "../parts/box.js";
-import { Facts, Note } from "../parts/elements.js";
+import { Facts, Field, Note } from "../parts/elements.js";
 import { address } from "../shell/route.js";
 import { html, useState } from "../vendor/preact-htm.js";
 import { number } from "../words.js";
@@ -21,8 +21,7 @@ export function Scene({ box: chosen, connection }) {
     <${Busy} box=${box} connection=${connection} />
     <details>
       <summary>The camera looks down or up</summary>
-      <label class="field"><span>Down by, degrees, where it was measured</span>
-        <input inputmode="decimal" value=${pitch} onInput=${(/** @type {any} */ event) => set_pitch(event.target.value)} /></label>
+      <${Field} label="Down by, degrees, where it was measured" value=${pitch} set=${set_pitch} inputmode="decimal" />
     </details>
     <div class="row">
       <${BoxAct} box=${box} needs="scene_measure" action="scene/measure" body=${looks_down} kind=${scene ? "" : "first"} stays=${box.doing === "measuring_scene"}>
