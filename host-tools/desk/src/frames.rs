@@ -127,6 +127,7 @@ fn point(
         p: [ap_mm, ml_mm, si_mm].map(|it| rounded(f64::from(it), 1e3)),
         c: covariance
             .map_or([0.0; 3], |it| [it[(0, 0)], it[(0, 1)], it[(1, 1)]].map(|it| rounded(it, 1e6))),
+        si_mm2: covariance.map_or(0.0, |it| it[(2, 2)]),
     })
 }
 

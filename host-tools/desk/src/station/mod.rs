@@ -205,6 +205,8 @@ struct Worker {
     /// The frames of the reference that is being taken.
     reference: Option<watch::Referencing>,
     examined: Option<(Instant, u32, Vec<plumbline_bedside::doctor::Check>)>,
+    /// When the box was to be examined last.
+    examine_tried: Option<Instant>,
     photographs: Option<PhotoSet>,
     fitting: Option<Fitting>,
     calibrated: Option<plumbline_bedside::calibration::Calibrated>,
@@ -232,6 +234,7 @@ impl Worker {
             figured: 0,
             reference: None,
             examined: None,
+            examine_tried: None,
             photographs: None,
             fitting: None,
             calibrated: None,
