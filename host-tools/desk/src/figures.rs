@@ -45,7 +45,7 @@ struct Trunk {
     squares_mm2: [f64; 2],
     first_s: Option<f64>,
     last_s: f64,
-    variance_mm2: Option<[f64; 2]>,
+    variance_mm2: Option<[f64; 3]>,
     is_seen: bool,
 }
 
@@ -87,7 +87,11 @@ impl Figures {
 }
 
 impl Trunk {
-    fn take(&mut self, time_s: f64, PointRow { p: [ap, ml, _], c: [ap2, _, ml2] }: PointRow) {
+    fn take(
+        &mut self,
+        time_s: f64,
+        PointRow { p: [ap, ml, _], c: [ap2, _, ml2], si_mm2 }: PointRow,
+    ) {
         if self.first_s.is_some() && time_s <= self.last_s {
             return;
         }
@@ -100,7 +104,7 @@ impl Trunk {
             self.mean_mm[axis] += before / self.count;
             self.squares_mm2[axis] += before * (value - self.mean_mm[axis]);
         }
-        let latest = [ap2, ml2].map(|it| it.max(0.0));
+        let latest = [ap2, ml2, si_mm2].map(|it| it.max(0.0));
         let variance = self.variance_mm2.get_or_insert(latest);
         for (known, latest) in variance.iter_mut().zip(latest) {
             *known += NOISE_SHARE * (latest - *known);
@@ -152,6 +156,7 @@ mod tests {
         let point = PointRow {
             p: [1000.0 + 10.0 * angle.cos(), 10.0 * angle.sin(), 5.0],
             c: [0.04, 0.0, 0.01],
+            si_mm2: 0.09,
         };
         let (upper, lower) = (Some(point), None);
         FrameRow { number, at_ms: 1e3 * time_s, upper, lower, gap: 0, is_late: false }
@@ -170,7 +175,7 @@ mod tests {
         for rms in state.rms_mm.unwrap() {
             assert!((rms - radius).abs() < 0.05, "{rms}");
         }
-        assert_eq!(state.noise_mm, Some([0.2, 0.1]));
+        assert_eq!(state.noise_mm, Some([0.2, 0.1, 0.3]));
         let lower = figures.state(Which::Lower, "not seen");
         assert_eq!((&*lower.missing, lower.path_mm), ("not seen", None));
         assert!(figures.trunks[0].pending.len() < 200);

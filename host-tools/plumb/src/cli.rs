@@ -5,8 +5,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, optics, pair, prove,
-    provision, receive, replay, report, scene, show, simulate, study, target, track, validate,
+    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, optics, pair,
+    prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
+    validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.

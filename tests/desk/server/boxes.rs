@@ -50,7 +50,7 @@ fn of_three_boxes_one_is_unplugged() {
         } else {
             assert!(trial.length_s() >= 8.0, "{serial_number}: {} s", trial.length_s());
         }
-        let id = trial.manifest.boxes.first().map(|it| it.serial_number.clone());
+        let id = trial.manifest.the_box.as_ref().map(|it| it.serial_number.clone());
         assert_eq!(id.as_deref(), Some(*serial_number));
     }
     desk.interrupt();

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use plumbline_test_support::{Absent, command, is_emulated, skip};
+use plumbline_test_support::{Absent, command, is_emulated, program, skip};
 use tempfile::TempDir;
 
 use super::client::{PATIENCE, Page};
@@ -31,6 +31,8 @@ impl Stand {
             skip(Absent::Emulator, "a box in an emulator does not track 60 frames in a second");
             return None;
         }
+        // Before anybody waits for a box.
+        program("plumbline-board").expect("the box's program builds");
         let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         Some(Self { folder: tempfile::tempdir().unwrap(), udp })
     }
@@ -58,7 +60,8 @@ impl Stand {
         let folder = self.path(serial_number);
         std::fs::create_dir(&folder).unwrap();
         let settings = format!(
-            "device = \"box {serial_number}\"\nserial_number = \"{serial_number}\"\n[links]\n\
+            "device = \"box {serial_number}\"\nserial_number = \"{serial_number}\"\n[capture]\n\
+             driver = \"v4l2\"\npixel_format = \"grey\"\nrate_hz = 60.0\n[links]\n\
              udp = \"{}\"\n",
             self.udp
         );

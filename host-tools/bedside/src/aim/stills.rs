@@ -278,7 +278,12 @@ mod tests {
 
     fn board() -> Board {
         let geometry = TargetGeometry::checker(9, 6, 12.0, Origin::Center, Role::Scene, [0.0; 3]);
-        Board { geometry: geometry.unwrap(), finder: Finder::new(), seen_px: Vec::new() }
+        Board {
+            geometry: geometry.unwrap(),
+            finder: Finder::new(),
+            seen_px: Vec::new(),
+            size_px: [1; 2],
+        }
     }
 
     /// The board with its middle at a place of the frame, its squares 15 px wide.
@@ -315,16 +320,16 @@ mod tests {
         ];
         for (next, at_px) in places {
             let still = still(&board, at_px);
-            let text = board.look(&still).to_string();
+            let text = board.look(1, &still).to_string();
             let wanted = format!("; next hold it in the {next} corner of the picture, tilted");
             assert!(text.starts_with("the board is found, ") && text.contains(&wanted), "{text}");
         }
         let empty = image::GrayImage::new(u32::from(WIDTH_PX), u32::from(HEIGHT_PX));
-        let text = board.look(&empty).to_string();
+        let text = board.look(2, &empty).to_string();
         assert!(text.starts_with("the board is NOT found: "), "{text}");
         assert!(text.contains("; next hold it in the lower right corner"), "{text}");
         let last = still(&board, [530.0, 400.0]);
-        let text = board.look(&last).to_string();
+        let text = board.look(3, &last).to_string();
         assert!(!text.contains("corner of the picture"), "{text}");
         assert!(text.contains("; next hold it "), "more than its corners counts: {text}");
     }

@@ -51,7 +51,9 @@ impl Worker {
     }
 
     fn examine(&mut self, link: &mut BoxLink) -> Result<(), BadInput> {
+        self.examine_tried = Some(Instant::now());
         self.enter(Stage::Examining);
+        self.show_session(Instant::now());
         let shared = Arc::clone(&self.shared);
         let checks = doctor::examine(link, EXAMINED_FOR, &mut |told| shared.told(told))?;
         show_checks(&self.shared, &checks);

@@ -29,6 +29,9 @@ use crate::wire::{MarkState, Reason};
 /// recording once more.
 const EXAMINED_WITHIN: Duration = Duration::from_secs(15 * 60);
 
+/// An examination that was not to be had is tried again after this.
+const EXAMINED_AGAIN_AFTER: Duration = Duration::from_secs(60);
+
 /// How long a box is examined beside a recording.
 const EXAMINED_FOR: Duration = Duration::from_secs(3);
 
@@ -181,6 +184,14 @@ impl Worker {
             Recorded::unchecked(recording, Rc::clone(&course), link, now, EXAMINED_FOR, say)
         };
         Ok((recorded, heard, course, criteria))
+    }
+
+    /// Whether the box is to be examined before the next trial, while the participant gets ready.
+    pub(super) fn wants_examination(&self, now: Instant) -> bool {
+        let state = self.session_state();
+        let is_time = matches!(state, Some(State::Instruct { .. } | State::Resting { .. }));
+        let is_tried = |at: Instant| now.saturating_duration_since(at) < EXAMINED_AGAIN_AFTER;
+        is_time && self.examined_lately(now).is_none() && !self.examine_tried.is_some_and(is_tried)
     }
 
     /// What was found lately of this start of the box.

@@ -288,7 +288,9 @@ impl Worker {
 
     /// Shows the session.
     pub(super) fn show_session(&mut self, now: Instant) {
-        let shown = self.session.as_mut().map(|open| show::session(open, &self.shared.hub, now));
+        let can_record = self.stage == Stage::Watching;
+        let hub = &self.shared.hub;
+        let shown = self.session.as_mut().map(|open| show::session(open, hub, now, can_record));
         self.shared.update(|state| state.session = shown);
     }
 }

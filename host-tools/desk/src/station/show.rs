@@ -95,8 +95,10 @@ pub fn judged(word: recording::Word) -> Judged {
     }
 }
 
-/// A session.
-pub fn session(open: &mut Open, hub: &Hub, now: Instant) -> SessionState {
+/// A session; whether its box could record now.
+pub fn session(open: &mut Open, hub: &Hub, now: Instant, can_record: bool) -> SessionState {
+    let mut can = possible(open.open.session(), &open.warnings());
+    can.retain(|event| can_record || *event != EventWord::Ready);
     let OnDisk { trials, reasons } = open.on_disk();
     let session = open.open.session();
     let name = open.open.name().to_owned();
@@ -109,7 +111,7 @@ pub fn session(open: &mut Open, hub: &Hub, now: Instant) -> SessionState {
         operator: session.operator.clone(),
         step: session.step,
         at: at(session, now_at, reasons),
-        can: possible(session, &open.warnings()),
+        can,
         plan: plan(session),
         trials,
         condition: session.condition().map(|it| ConditionState {

@@ -118,6 +118,9 @@ impl Worker {
         if self.session_state().is_some_and(|it| matches!(it, State::Recording { .. })) {
             return Some(Next::Record);
         }
+        if self.wants_examination(now) {
+            return Some(Next::Job(Job::Examine));
+        }
         let Envelope { order, answer } = self.next_order()?;
         let next = match order {
             Order::Examine => Next::Job(Job::Examine),

@@ -472,8 +472,8 @@ pub struct TrunkState {
     pub path_mm: Option<f64>,
     /// Root mean square of AP and of ML about their means since then.
     pub rms_mm: Option<[f64; 2]>,
-    /// The noise floor: standard deviation of one frame's AP and ML by the box's own word.
-    pub noise_mm: Option<[f64; 2]>,
+    /// The noise floor: standard deviation of one frame's AP, ML and SI by the box's own word.
+    pub noise_mm: Option<[f64; 3]>,
     /// Seconds that these figures are of.
     pub span_s: f64,
 }

@@ -124,7 +124,7 @@ pub enum Grade {
 pub enum EventWord {
     /// The rest is long enough: from `resting`.
     EndRest,
-    /// The participant is ready: from `instruct`.
+    /// The participant is ready: from `instruct`, once the box is watched and was examined.
     Ready,
     /// Not ready after all: from `countdown`.
     Cancel,
