@@ -85,13 +85,15 @@ impl Recorded {
     /// Judges the trial, if it is time.
     fn judge(&mut self, now: Instant) {
         let mut course = self.course.borrow_mut();
+        if let Some(config) = self.recording.config().filter(|_| course.body().is_none()) {
+            course.told(config);
+        }
         if !course.is_settled(now) || self.judge_at.is_some_and(|at| now < at) {
             return;
         }
         let begun = Instant::now();
         let verdict = self.recording.verdict().so_far(course.awaits_mark());
-        let capture = self.recording.config().and_then(|config| config.capture.as_ref());
-        course.judged(verdict, capture.map(|capture| capture.rate_hz));
+        course.judged(verdict);
         self.judge_at = Some(now + JUDGED_EVERY.max(JUDGING_SHARE * begun.elapsed()));
     }
 

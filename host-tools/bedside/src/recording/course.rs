@@ -5,6 +5,8 @@
 
 use std::time::{Duration, Instant};
 
+use plumbline::config::Config;
+use plumbline_trial::body::Body;
 use plumbline_trial::mark::Mark;
 use plumbline_trial::verdict::Verdict;
 
@@ -44,6 +46,8 @@ pub struct Course {
     verdict: Option<Verdict>,
     /// The rate that the box was asked for.
     asked_hz: Option<f32>,
+    /// What relates the box's targets to the body.
+    body: Option<Body>,
 }
 
 impl Course {
@@ -60,6 +64,7 @@ impl Course {
             news: Vec::new(),
             verdict: None,
             asked_hz: None,
+            body: None,
         }
     }
 
@@ -103,11 +108,20 @@ impl Course {
         self.first_frame.is_some_and(|first| now.saturating_duration_since(first) >= SETTLING)
     }
 
-    /// The trial has been judged as far as it has come; `asked_hz` is the rate that the box was
-    /// asked for.
-    pub fn judged(&mut self, verdict: Verdict, asked_hz: Option<f32>) {
+    /// The trial has been judged as far as it has come.
+    pub fn judged(&mut self, verdict: Verdict) {
         self.verdict = Some(verdict);
-        self.asked_hz = asked_hz;
+    }
+
+    /// The box's configuration has come.
+    pub fn told(&mut self, config: &Config) {
+        self.asked_hz = config.capture.as_ref().map(|capture| capture.rate_hz);
+        self.body = Body::of(config);
+    }
+
+    /// What relates the box's targets to the body, once it is known.
+    pub fn body(&self) -> Option<&Body> {
+        self.body.as_ref()
     }
 
     /// The verdict so far.

@@ -4,14 +4,21 @@
 use std::io::Write;
 use std::time::{Duration, Instant};
 
+use plumbline::packet::PosePacket;
 use plumbline_files::counting::counted;
 use plumbline_stream::receiver::Receiver;
+use plumbline_trial::body;
+use plumbline_trial::frame::Trunk;
 use plumbline_trial::verdict::Criteria;
 
 use super::course::Course;
+use super::figures::{Figures, NotYet, TrunkFigures};
 use super::judgement::{self, Judgement, Silence};
 use super::silence::silence;
 use super::sway::{Movement, Sway};
+
+/// Frames that wait for the configuration: those of two seconds at 200 Hz.
+const EARLY_MAX: usize = 400;
 
 /// One moment of a reception.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +37,8 @@ pub struct Seen {
     pub since: &'static str,
     /// Rate, losses and so on, the most important first.
     pub counts: Vec<String>,
+    /// The figures of the upper trunk and of the lower one, or why there are none yet.
+    pub figures: [(&'static str, Result<TrunkFigures, NotYet>); 2],
 }
 
 /// Follows a reception.
@@ -39,6 +48,10 @@ pub struct Live {
     criteria: Option<Criteria>,
     begun: Instant,
     sway: Sway,
+    figures: Figures,
+    /// The frames that came before the box's configuration, which tells their covariances; `None`
+    /// once it has come, or does not.
+    early: Option<Vec<(u32, PosePacket)>>,
     /// The t = 0 from which movement counts.
     zero: Option<Instant>,
 }
@@ -48,16 +61,38 @@ impl Live {
     /// nothing is recorded.
     #[must_use]
     pub fn new(criteria: Option<Criteria>, begun: Instant) -> Self {
-        Self { criteria, begun, sway: Sway::new(), zero: None }
+        // Where nothing is recorded, nobody asks for it.
+        let early = criteria.is_some().then(Vec::new);
+        let figures = Figures::default();
+        Self { criteria, begun, sway: Sway::new(), figures, early, zero: None }
     }
 
     /// Takes note of the latest frame. To be called after each packet.
     pub fn take<W: Write>(&mut self, receiver: &Receiver<W>, course: &Course, now: Instant) {
+        let latest = receiver.latest(now);
         if std::mem::replace(&mut self.zero, course.zero()) != course.zero() {
             self.sway.start_over();
+            if let (Some(zero), Some(latest)) = (course.zero(), latest) {
+                let since = now.saturating_duration_since(zero).as_secs_f64();
+                self.figures.start_over(time_s(latest.capture_time_ns) - since);
+            }
         }
-        if let Some(latest) = receiver.latest(now) {
+        if let Some(latest) = latest {
             self.sway.take(latest, !course.awaits_mark());
+            match &mut self.early {
+                Some(early) if course.body().is_none() && early.len() < EARLY_MAX => {
+                    let is_new = early.last().is_none_or(|(_, last)| last != latest);
+                    if is_new {
+                        early.push((receiver.sessions(), latest.clone()));
+                    }
+                }
+                early => {
+                    for (session, packet) in early.take().into_iter().flatten() {
+                        take_figures(&mut self.figures, session, &packet, course);
+                    }
+                    take_figures(&mut self.figures, receiver.sessions(), latest, course);
+                }
+            }
         }
     }
 
@@ -76,6 +111,8 @@ impl Live {
             movement: movement.unwrap_or_default(),
             since: course.movement_since(),
             counts: counts(receiver, course, now),
+            figures: [Trunk::Upper, Trunk::Lower]
+                .map(|trunk| (trunk.word(), self.figures.so_far(trunk))),
         }
     }
 
@@ -96,6 +133,16 @@ impl Live {
             None => judgement::of_nothing(silence),
         }
     }
+}
+
+fn take_figures(figures: &mut Figures, session: u32, packet: &PosePacket, course: &Course) {
+    let [upper, lower] =
+        [Trunk::Upper, Trunk::Lower].map(|trunk| body::point(packet, trunk, course.body(), time_s));
+    figures.take(session, upper.as_ref(), lower.as_ref());
+}
+
+fn time_s(capture_ns: u64) -> f64 {
+    1e-9 * capture_ns as f64
 }
 
 /// How far the recording has come.

@@ -17,6 +17,7 @@ pub mod marks;
 pub mod modem_line;
 mod silence;
 mod sway;
+mod trail;
 
 pub use checks::{Recorded, amiss};
 pub use course::{Course, Zeroing};
@@ -25,3 +26,4 @@ pub use judgement::{Judgement, Why, Word};
 pub use live::{Live, Seen};
 pub use silence::{Here, check_heard, silence};
 pub use sway::{AXES, Along, Movement};
+pub use trail::{TRAIL_S, TrailPoint};

@@ -11,6 +11,8 @@ use std::collections::VecDeque;
 use plumbline::packet::{AnatomicalPoint, PosePacket};
 use plumbline::target::Role;
 
+use super::trail::{Trail, TrailPoint};
+
 /// The origin is the mean over this time.
 const ORIGIN_S: f64 = 1.0;
 
@@ -37,6 +39,8 @@ pub struct Movement {
     pub trunk: &'static str,
     /// Along [`AXES`], or why not.
     pub along: Result<[Along; 3], &'static str>,
+    /// Where it has been lately, from the same origin, the oldest first.
+    pub trail: Vec<TrailPoint>,
 }
 
 /// A point at the capture time of its frame.
@@ -58,6 +62,7 @@ struct Trunk {
     origin_mm: Option<[f64; 3]>,
     /// Since t = 0.
     range_mm: Option<[[f64; 2]; 3]>,
+    trail: Trail,
 }
 
 /// Both trunks.
@@ -75,6 +80,7 @@ impl Sway {
             recent: VecDeque::new(),
             origin_mm: None,
             range_mm: None,
+            trail: Trail::default(),
         };
         Self { trunks: [trunk(Role::Upper, "upper"), trunk(Role::Lower, "lower")] }
     }
@@ -109,7 +115,8 @@ impl Sway {
                 (None, Err(_)) if trunk.was_seen => Err("not seen"),
                 (None, Err(_)) => Err("not seen yet"),
             };
-            Some(Movement { trunk: trunk.word, along })
+            let trail = trunk.trail(packet.capture_time_ns);
+            Some(Movement { trunk: trunk.word, along, trail })
         };
         self.trunks.iter().filter_map(movement).collect()
     }
@@ -125,6 +132,7 @@ impl Trunk {
             _ => {}
         }
         self.recent.push_back(at);
+        self.trail.take(at.capture_ns, at.position_mm);
         let age_s = |of: &At| 1e-9 * at.capture_ns.saturating_sub(of.capture_ns) as f64;
         while self.recent.len() > POINTS_MAX
             || self.recent.get(1).is_some_and(|second| age_s(second) >= ORIGIN_S)
@@ -151,10 +159,18 @@ impl Trunk {
         (count > 0).then(|| std::array::from_fn(|axis| sum_mm(axis) / count as f64))
     }
 
+    fn trail(&self, now_ns: u64) -> Vec<TrailPoint> {
+        self.origin().map_or_else(Vec::new, |origin_mm| self.trail.points(now_ns, origin_mm))
+    }
+
+    fn origin(&self) -> Option<[f64; 3]> {
+        self.origin_mm.or(self.mean_mm())
+    }
+
     /// From the origin, of the latest point.
     fn along(&self) -> Option<[Along; 3]> {
         let now_mm = self.recent.back()?.position_mm;
-        let origin_mm = self.origin_mm.or(self.mean_mm())?;
+        let origin_mm = self.origin()?;
         Some(std::array::from_fn(|axis| Along {
             now_mm: now_mm[axis] - origin_mm[axis],
             range_mm: self.range_mm.map(|it| it[axis].map(|end_mm| end_mm - origin_mm[axis])),

@@ -61,7 +61,7 @@ fn a_box_that_falls_silent_is_seen_before_any_packet_tells() {
     let hello = Message::Hello(fixture::hello(&fixture::config()));
     take(&mut receiver, begun, &[hello, Message::Pose(upper(0, 1.0))]);
     course.frame(begun);
-    course.judged(Default::default(), Some(60.0));
+    course.judged(Default::default());
     live.take(&receiver, &course, Instant::now());
     let word_at = |after_s: f64| {
         let now = begun + Duration::from_secs_f64(after_s);

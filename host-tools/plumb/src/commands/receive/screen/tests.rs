@@ -20,12 +20,13 @@ fn upper(sequence: u32, ap_mm: f32) -> PosePacket {
 
 #[test]
 fn without_a_terminal_all_of_it_is_one_line() {
+    // It takes long to make.
+    let hello = Message::Hello(fixture::hello(&fixture::config()));
     let begun = Instant::now();
     let mut course = Course::new(begun, Some(Duration::from_secs(60)), Zeroing::Start);
     course.frame(begun);
     let mut screen = screen(Some(Criteria::default()));
     let mut receiver = Receiver::<Vec<u8>>::new(None);
-    let hello = Message::Hello(fixture::hello(&fixture::config()));
     take(&mut receiver, begun, &[hello, Message::Pose(upper(0, 1.0))]);
     screen.show(&mut receiver, &mut course, || None);
     let line = shown::line(&screen.live.seen(&receiver, &course, begun));
