@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use plumbline_board::allocation::{CountingAllocator, allocations};
+use plumbline_board::allocation::{CountingAllocator, apart};
 use plumbline_board::boot::panel::Panel;
 use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
@@ -124,11 +124,12 @@ fn led_and_screen_show_the_status_and_take_no_heap() {
         // What has not changed is not drawn again.
         computer.write("dev/fb0", "mark");
         let mut show = |status| {
-            let before = allocations();
-            for _ in 0..20 {
-                panel.tick((status, NOW), "ward 3 (PL-0001)", Some(&words));
-            }
-            allocations() - before
+            let ((), counted) = apart(|| {
+                for _ in 0..20 {
+                    panel.tick((status, NOW), "ward 3 (PL-0001)", Some(&words));
+                }
+            });
+            counted.count
         };
         assert_eq!(show(Status::Tracking), 0, "heap allocations");
         assert_eq!(computer.read("dev/fb0"), b"mark");
@@ -139,9 +140,10 @@ fn led_and_screen_show_the_status_and_take_no_heap() {
     // Most boxes have no screen, and search for one as long as they run.
     let nothing = tempfile::tempdir().unwrap();
     let mut panel = Panel::new(nothing.path().to_str().unwrap());
-    let before = allocations();
-    for _ in 0..40 {
-        panel.tick((Status::Tracking, NOW), "ward 3 (PL-0001)", None);
-    }
-    assert_eq!(allocations() - before, 0, "heap allocations");
+    let ((), counted) = apart(|| {
+        for _ in 0..40 {
+            panel.tick((Status::Tracking, NOW), "ward 3 (PL-0001)", None);
+        }
+    });
+    assert_eq!(counted.count, 0, "heap allocations");
 }

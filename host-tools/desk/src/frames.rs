@@ -3,13 +3,14 @@
 //! In: what the box's [`Publisher`](plumbline_publish::Publisher) gives, whose times are of this
 //! computer's clock. Out: [`FrameRow`]s with numbers that rise by one. A page asks for those after the
 //! one it has; what is no longer kept is counted as dropped for that page. So a slow page costs nothing
-//! but its own frames.
+//! but its own frames. Every frame, drawn or not, is in the [`Figures`] so far.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::Instant;
 
 use nalgebra::Matrix3;
+use plumbline_bedside::recording::{Figures, NotYet, TrunkFigures};
 use plumbline_publish::item::{Item, Sample};
 use plumbline_trial::body::{self, Body};
 use plumbline_trial::frame::{Point, Trunk};
@@ -31,6 +32,10 @@ struct Kept {
     gap: u32,
     /// What relates targets to the body.
     body: Option<Body>,
+    /// Path, RMS, noise and gaps so far.
+    figures: Figures,
+    /// The time of the latest frame, as the figures have it.
+    latest_s: f64,
     /// The largest error of the latest frame's time, milliseconds.
     clock_error_ms: Option<f64>,
 }
@@ -44,6 +49,21 @@ impl Frames {
     /// From now on points have their covariance by this.
     pub fn set_body(&self, body: Option<Body>) {
         self.lock().body = body;
+    }
+
+    /// The figures count from now on.
+    pub fn start_figures(&self) {
+        let mut kept = self.lock();
+        let latest_s = kept.latest_s;
+        kept.figures.start_over(latest_s);
+    }
+
+    /// The figures of a trunk so far.
+    ///
+    /// # Errors
+    /// Why there are none.
+    pub fn figures(&self, trunk: Trunk) -> Result<TrunkFigures, NotYet> {
+        self.lock().figures.so_far(trunk)
     }
 
     /// The number of the newest frame; 0: there is none.
@@ -76,7 +96,11 @@ impl Frames {
         let mut kept = self.lock();
         let body = kept.body;
         let [upper, lower] = [Trunk::Upper, Trunk::Lower]
-            .map(|trunk| body::point(&sample.packet, trunk, body.as_ref(), |_| 1e-3 * at_ms));
+            .map(|trunk| body::point(&sample.packet, trunk, body.as_ref(), time_s));
+        if !sample.is_late {
+            kept.figures.take(sample.session, upper.as_ref(), lower.as_ref());
+            kept.latest_s = time_s(sample.packet.capture_time_ns);
+        }
         if kept.rows.len() == HISTORY_FRAMES {
             kept.rows.pop_front();
         }
@@ -109,6 +133,10 @@ impl Frames {
         }
         Vec::new()
     }
+}
+
+fn time_s(capture_ns: u64) -> f64 {
+    1e-9 * capture_ns as f64
 }
 
 /// A trunk's point as pages get it: to a micrometre, its covariance in the transverse plane.

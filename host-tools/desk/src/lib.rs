@@ -13,7 +13,6 @@
 //! is kept for them.
 
 pub mod desk;
-mod figures;
 mod frames;
 pub mod http;
 mod hub;

@@ -85,7 +85,7 @@ impl Trunk {
     }
 
     /// The role of the target that its point is fixed to.
-    pub(crate) fn role(self) -> Role {
+    pub fn role(self) -> Role {
         match self {
             Self::Upper => Role::Upper,
             Self::Lower => Role::Lower,

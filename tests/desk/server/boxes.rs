@@ -34,7 +34,8 @@ fn of_three_boxes_one_is_unplugged() {
     }
     for serial_number in BOXES {
         page.wait(serial_number, "figures", |it| {
-            it["live"]["upper"]["span_s"].as_f64() > Some(1.5) && it["doing"] == "recording"
+            it["live"]["upper"]["figures"]["span_s"].as_f64() > Some(1.5)
+                && it["doing"] == "recording"
         });
     }
     drop(boxes.remove(1));

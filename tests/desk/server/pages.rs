@@ -91,7 +91,7 @@ fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     let page = desk.page();
     begin(&page, 20);
     page.happen(BOX, "ready", None);
-    let is_far = |it: &Value| it["live"]["upper"]["span_s"].as_f64() > Some(4.0);
+    let is_far = |it: &Value| it["live"]["upper"]["figures"]["span_s"].as_f64() > Some(4.0);
     page.wait(BOX, "a recording", |it| it["session"]["at"]["is"] == "recording" && is_far(it));
     desk.kill();
 

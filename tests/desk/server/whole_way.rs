@@ -87,7 +87,8 @@ fn from_a_box_without_a_calibration_to_a_report() {
     page.act(BOX, "session_begin", "session/begin", &begin);
     page.happen(BOX, "ready", None);
     page.wait(BOX, "a recording", |it| it["session"]["at"]["is"] == "recording");
-    let it = page.wait(BOX, "figures", |it| it["live"]["upper"]["path_mm"].as_f64() > Some(0.0));
+    let it = page
+        .wait(BOX, "figures", |it| it["live"]["upper"]["figures"]["path_mm"].as_f64() > Some(0.0));
     assert!(!has(&it["can"], "aim_begin"), "nothing else begins: {it:#}");
     let mark = json!({ "label": "cough", "at_ms": page.state()["now_ms"] });
     page.done(&format!("/api/boxes/{id}/session/mark"), &mark);

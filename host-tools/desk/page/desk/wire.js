@@ -9,9 +9,14 @@
  *
  * @typedef {object} Trunk
  * @property {string} missing
- * @property {number | null} path_mm
- * @property {[number, number] | null} rms_mm AP and ML.
- * @property {[number, number, number] | null} noise_mm AP, ML and SI.
+ * @property {FiguresSoFar | null} figures
+ * @property {string} not_yet
+ *
+ * @typedef {object} FiguresSoFar
+ * @property {number} path_mm
+ * @property {number | null} noise_path_mm
+ * @property {[number, number, number]} rms_mm AP, ML and SI.
+ * @property {number} gaps
  * @property {number} span_s
  *
  * @typedef {object} Live

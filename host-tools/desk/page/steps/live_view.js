@@ -49,15 +49,19 @@ function Figures({ now }) {
   return html`<table class="figures">
     <caption class="unseen">Figures so far</caption>
     <thead><tr><th scope="col">Trunk</th><th scope="col" class="number">RMS AP, mm</th><th scope="col" class="number">RMS ML, mm</th>
-      <th scope="col" class="number">Path, mm</th><th scope="col" class="number">Noise floor AP / ML / SI, mm</th><th scope="col" class="number">of</th></tr></thead>
+      <th scope="col" class="number">Path, mm</th><th scope="col" class="number">of noise alone, mm</th><th scope="col" class="number">Gaps</th><th scope="col" class="number">in</th></tr></thead>
     <tbody>${/** @type {const} */ (["upper", "lower"]).map((point) => {
-      const { rms_mm, path_mm, noise_mm, span_s } = now[point];
+      const { figures, not_yet } = now[point];
+      const name = html`<th scope="row"><span class="key-of ${point}"></span>${point}</th>`;
+      if (!figures) return html`<tr key=${point}>${name}<td colspan="6" class="soft">${not_yet}</td></tr>`;
+      const { rms_mm, path_mm, noise_path_mm, gaps, span_s } = figures;
       return html`<tr key=${point}>
-        <th scope="row"><span class="key-of ${point}"></span>${point}</th>
-        <td class="number">${number(rms_mm?.[0], 2)}</td>
-        <td class="number">${number(rms_mm?.[1], 2)}</td>
+        ${name}
+        <td class="number">${number(rms_mm[0], 2)}</td>
+        <td class="number">${number(rms_mm[1], 2)}</td>
         <td class="number">${number(path_mm, 1)}</td>
-        <td class="number">${noise_mm ? noise_mm.map((mm) => number(mm, 3)).join(" / ") : "–"}</td>
+        <td class="number">${number(noise_path_mm, 1)}</td>
+        <td class="number">${gaps}</td>
         <td class="number">${number(span_s, 0, "s")}</td>
       </tr>`;
     })}</tbody>

@@ -46,7 +46,6 @@ use plumbline_stream::transport::Udp;
 use plumbline_trial::body::Body;
 use tokio::sync::oneshot;
 
-use crate::figures::Figures;
 use crate::marks::MarkBoard;
 use crate::memory::Memory;
 use crate::wire::{Doing, HelloState, LinkState, NextStep, Problem, TargetState};
@@ -200,9 +199,8 @@ struct Worker {
     /// Where the link was opened to.
     called_at: Option<SocketAddr>,
     show_at: Instant,
-    figures: Figures,
-    /// The newest frame that the figures and the reference have.
-    figured: u64,
+    /// The newest frame that the reference has.
+    referred: u64,
     /// The frames of the reference that is being taken.
     reference: Option<watch::Referencing>,
     examined: Option<(Instant, u32, Vec<plumbline_bedside::doctor::Check>)>,
@@ -231,8 +229,7 @@ impl Worker {
             config: None,
             called_at: None,
             show_at: now,
-            figures: Figures::default(),
-            figured: 0,
+            referred: 0,
             reference: None,
             examined: None,
             examine_tried: None,

@@ -5,7 +5,7 @@ use std::time::Instant;
 use plumbline::packet::{CameraState, Health};
 use plumbline::target::Role;
 use plumbline_bedside::doctor::{self, Check};
-use plumbline_bedside::recording;
+use plumbline_bedside::recording::{self, NotYet, TrunkFigures};
 use plumbline_session::session::{Outcome, Session, State, Status};
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::verdict;
@@ -13,9 +13,23 @@ use plumbline_trial::verdict;
 use super::session::{OnDisk, Open, ended_words};
 use crate::hub::Hub;
 use crate::wire::{
-    CheckGrade, CheckState, ConditionState, EventWord, Grade, HealthState, Judged, PlannedRow,
-    Reason, SessionAt, SessionState,
+    CheckGrade, CheckState, ConditionState, EventWord, FiguresState, Grade, HealthState, Judged,
+    PlannedRow, Reason, SessionAt, SessionState, TrunkState,
 };
+
+/// A trunk: why it is not seen, and its figures so far.
+pub fn trunk(missing: String, figures: Result<TrunkFigures, NotYet>) -> TrunkState {
+    let rounded = |mm: f64| (1e3 * mm).round() / 1e3;
+    let not_yet = figures.as_ref().err().map(NotYet::to_string).unwrap_or_default();
+    let figures = figures.ok().map(|it| FiguresState {
+        path_mm: rounded(it.path_mm),
+        noise_path_mm: it.noise_path_mm.map(rounded),
+        rms_mm: it.rms_mm.map(rounded),
+        gaps: it.gaps,
+        span_s: rounded(it.seconds),
+    });
+    TrunkState { missing, figures, not_yet }
+}
 
 /// A target's role in a word.
 pub fn role(role: Role) -> &'static str {

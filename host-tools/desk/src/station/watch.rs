@@ -11,11 +11,11 @@ use plumbline_session::session::State;
 use plumbline_stream::link::BoxLink;
 use plumbline_stream::receiver::Receiver;
 use plumbline_stream::reception::follow;
+use plumbline_trial::frame::Trunk;
 
 use super::can::Stage;
 use super::orders::{Envelope, Order};
 use super::{Job, Next, SHOW_EVERY, Worker, show};
-use crate::figures::{Figures, Which};
 use crate::wire::{FrameRow, LinkState, Live, Problem, Reason, Reference};
 
 /// The reference is the mean of this time.
@@ -35,21 +35,19 @@ pub struct Referencing {
 impl Worker {
     /// Movement counts, and is drawn, from now on.
     pub(super) fn refer(&mut self) {
-        self.figures = Figures::default();
-        self.figured = self.shared.frames.newest();
+        self.shared.frames.start_figures();
+        self.referred = self.shared.frames.newest();
         let sums = [([0.0; 3], 0.0); 2];
         self.reference = Some(Referencing { begun: Instant::now(), sums, first: None });
     }
 
-    /// Takes the frames that have come since the last call into the figures and the reference.
+    /// Takes the frames that have come since the last call into the reference.
     pub(super) fn take_frames(&mut self, now: Instant) {
-        let (rows, dropped) = self.shared.frames.after(self.figured);
-        self.figured += dropped + rows.len() as u64;
+        let Some(reference) = &mut self.reference else { return };
+        let (rows, dropped) = self.shared.frames.after(self.referred);
+        self.referred += dropped + rows.len() as u64;
         for row in &rows {
-            self.figures.take(row);
-            if let Some(reference) = &mut self.reference {
-                reference.take(row);
-            }
+            reference.take(row);
         }
         let is_taken = |it: &Referencing| it.is_whole(rows.last(), now);
         if let Some(taken) = self.reference.take_if(|it| is_taken(it)) {
@@ -179,8 +177,10 @@ impl Worker {
                 },
             }
         };
-        let upper = missing(plumbline::target::Role::Upper);
-        let lower = missing(plumbline::target::Role::Lower);
+        let trunk = |trunk: Trunk, is_seen: bool| {
+            let missing = if is_seen { String::new() } else { missing(trunk.role()) };
+            show::trunk(missing, self.shared.frames.figures(trunk))
+        };
         let tenth = |value: f64| (10.0 * value).round() / 10.0;
         Live {
             rate_hz: tenth(receiver.rate_hz(now)),
@@ -195,8 +195,8 @@ impl Worker {
             screen_ms: self.shared.screen_ms(),
             judgement,
             reasons,
-            upper: self.figures.state(Which::Upper, &upper),
-            lower: self.figures.state(Which::Lower, &lower),
+            upper: trunk(Trunk::Upper, latest.is_some_and(|it| it.upper_trunk.is_some())),
+            lower: trunk(Trunk::Lower, latest.is_some_and(|it| it.lower_trunk.is_some())),
             time,
             counts: Vec::new(),
         }

@@ -468,13 +468,25 @@ pub struct Reason {
 pub struct TrunkState {
     /// Whether it is seen; where not, why: empty if it is.
     pub missing: String,
-    /// Length of the path in the transverse plane since then, of filtered positions.
-    pub path_mm: Option<f64>,
-    /// Root mean square of AP and of ML about their means since then.
-    pub rms_mm: Option<[f64; 2]>,
-    /// The noise floor: standard deviation of one frame's AP, ML and SI by the box's own word.
-    pub noise_mm: Option<[f64; 3]>,
-    /// Seconds that these figures are of.
+    /// Its figures since then; `null` as long as there are none.
+    pub figures: Option<FiguresState>,
+    /// Why there are none; otherwise empty.
+    pub not_yet: String,
+}
+
+/// The figures of a trunk point, of positions filtered as the trial's own figures are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FiguresState {
+    /// Length of the path in the transverse plane.
+    pub path_mm: f64,
+    /// The noise floor: the path that noise alone would have there; `null` where the box does not know
+    /// its noise.
+    pub noise_path_mm: Option<f64>,
+    /// Root mean square of AP, ML and SI about their means.
+    pub rms_mm: [f64; 3],
+    /// Gaps without a position.
+    pub gaps: usize,
+    /// Seconds that the figures are of.
     pub span_s: f64,
 }
 

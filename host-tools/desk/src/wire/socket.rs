@@ -156,7 +156,4 @@ pub struct PointRow {
     pub p: [f64; 3],
     /// Covariance in the transverse plane, mm²: of AP, of AP and ML, of ML.
     pub c: [f64; 3],
-    /// Variance of SI, mm², for the figures of the server.
-    #[serde(skip)]
-    pub si_mm2: f64,
 }
