@@ -7,6 +7,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use plumbline_test_support::{Absent, command, is_emulated, program, skip};
+use plumbline_trial::journal::{Content, Reader};
+use plumbline_trial::names;
 use tempfile::TempDir;
 
 use super::client::{PATIENCE, Page};
@@ -182,6 +184,19 @@ impl Drop for Desk {
             println!("{}", self.said());
         }
     }
+}
+
+/// For how long a trial was heard, by this computer's clock: a box that shares a busy computer has a
+/// pace of its own.
+pub fn lasted_s(trial: &Path) -> f64 {
+    let mut reader = Reader::open(&trial.join(names::JOURNAL)).unwrap();
+    let mut last_ns = 0;
+    while let Ok(Some(entry)) = reader.next_entry() {
+        if let Content::Raw(_) = entry.content {
+            last_ns = entry.host_ns;
+        }
+    }
+    1e-9 * last_ns as f64
 }
 
 /// A port that nobody listens at.

@@ -473,9 +473,8 @@ impl Worker {
             if stage != Stage::Aiming && stage != Stage::Exposing {
                 state.aim = None;
             }
-            if !matches!(stage, Stage::Watching | Stage::Recording) {
-                state.live = None;
-            }
+            // What was measured before is not of this stage.
+            state.live = None;
         });
         self.show_can();
     }
