@@ -77,6 +77,23 @@ impl Way {
         Ok(BoxLink::new(transport, place, kind))
     }
 
+    /// The same through a socket that is open already, whatever carries the packets by itself.
+    ///
+    /// # Errors
+    /// When no key of the box is known here.
+    pub fn open_through(
+        &self,
+        udp: Udp,
+        place: &str,
+        program: &str,
+        mut warn: impl FnMut(&str) + 'static,
+    ) -> Result<BoxLink, BadInput> {
+        let store = Store::open()?;
+        let boxes = self.boxes(&store, &mut warn)?;
+        let transport = calling(udp, boxes, program, Box::new(Noted { store, warn }), false);
+        Ok(BoxLink::new(transport, place.to_owned(), LinkKind::Udp))
+    }
+
     /// The boxes that may be meant.
     fn boxes(&self, store: &Store, warn: &mut impl FnMut(&str)) -> Result<Vec<KnownBox>, BadInput> {
         let known = match &self.called {

@@ -86,20 +86,20 @@ impl Porter {
                 if let Arrived::Packet { from: Peer::Udp(from), bytes } = arrived
                     && let Some(announcement) = Announcement::parse(bytes)
                 {
-                    heard.push((from, announcement));
+                    heard.push((from, announcement, bytes.to_vec()));
                 }
             })?;
-            for (from, announcement) in heard {
-                self.announced(from, &announcement);
+            for (from, announcement, datagram) in heard {
+                self.announced(from, &announcement, &datagram);
             }
         }
         Ok(())
     }
 
-    fn announced(&self, from: SocketAddr, announcement: &Announcement) {
+    fn announced(&self, from: SocketAddr, announcement: &Announcement, datagram: &[u8]) {
         // Anybody can say so: where a box is, is noted once there is a session with it.
         if let Some(shared) = announcement.key_id.and_then(|id| self.stations.get(&id)) {
-            return shared.set_announced(from);
+            return shared.set_announced(from, datagram);
         }
         let (found, remedy) = words_of_other(None, announcement);
         let name = match announcement.key_id {

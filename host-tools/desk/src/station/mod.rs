@@ -42,6 +42,7 @@ use plumbline_files::{BadInput, camera};
 use plumbline_publish::lsl::Lsl;
 use plumbline_publish::{MarkFeed, Publisher, Tapped, Ways};
 use plumbline_stream::link::{BoxLink, Introduction};
+use plumbline_stream::transport::Udp;
 use plumbline_trial::body::Body;
 use tokio::sync::oneshot;
 
@@ -290,24 +291,26 @@ impl Worker {
         Ok(())
     }
 
-    /// Opens the link to where the box was heard last.
+    /// Opens the link to where the box was heard last, and to where it announces itself from then on.
     fn open(&mut self) -> Result<BoxLink, BadInput> {
-        let (carried, called) = match &self.reach {
+        let shared = Arc::clone(&self.shared);
+        let warn = move |warning: &str| shared.notice(true, warning);
+        let program = &self.around.program;
+        self.called_at = self.shared.announced();
+        let link = match &self.reach {
             // The port at which boxes announce themselves is the porter's.
             Reach::Udp(id) => {
                 let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
-                (Carried::Udp(Some(any)), Some(id.clone()))
+                let udp = Udp::bind(any)?.hearing(self.shared.announcements());
+                let (carried, called) = (Carried::Udp(Some(any)), Some(id.clone()));
+                let way = Way { carried, called, at: self.called_at };
+                way.open_through(udp, &format!("UDP {any}"), program, warn)?
             }
             Reach::Serial { device, baud } => {
-                (Carried::Serial { device: device.clone(), baud: *baud }, None)
+                let carried = Carried::Serial { device: device.clone(), baud: *baud };
+                Way { carried, called: None, at: None }.open(program, false, warn)?
             }
         };
-        self.called_at = self.shared.announced();
-        let shared = Arc::clone(&self.shared);
-        let way = Way { carried, called, at: self.called_at };
-        let link = way.open(&self.around.program, false, move |warning| {
-            shared.notice(true, warning);
-        })?;
         Ok(self.tapped(link))
     }
 

@@ -1,10 +1,12 @@
 //! What a station shows to the rest of the desk.
 
 use std::net::SocketAddr;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use plumbline_bedside::Told;
+use plumbline_stream::transport::HeardElsewhere;
 
 use crate::frames::Frames;
 use crate::hub::Hub;
@@ -12,6 +14,9 @@ use crate::wire::{BoxState, Can, Doing, Job, LinkState, Notice, Problem, Referen
 
 /// The notices that are kept.
 const NOTICES_MAX: usize = 20;
+
+/// The announcements that wait for a link.
+const ANNOUNCEMENTS_MAX: usize = 8;
 
 /// A picture of the camera, and its number.
 pub type Picture = (u32, Arc<[u8]>);
@@ -27,6 +32,8 @@ pub struct Shared {
     picture: Mutex<Option<Picture>>,
     /// Where the box announces itself.
     announced: Mutex<Option<SocketAddr>>,
+    /// To the link that is open.
+    announcements: Mutex<Option<SyncSender<HeardElsewhere>>>,
     /// From exposure to pixels, as pages have reported.
     screen_ms: Mutex<Vec<f64>>,
 }
@@ -73,6 +80,7 @@ impl Shared {
             state: Mutex::new(state),
             picture: Mutex::default(),
             announced: Mutex::default(),
+            announcements: Mutex::default(),
             screen_ms: Mutex::default(),
         }
     }
@@ -153,9 +161,20 @@ impl Shared {
         }
     }
 
-    /// The box has announced itself from here.
-    pub fn set_announced(&self, address: SocketAddr) {
+    /// The box has announced itself from here, in this datagram.
+    pub fn set_announced(&self, address: SocketAddr, datagram: &[u8]) {
         *locked(&self.announced) = Some(address);
+        if let Some(link) = &*locked(&self.announcements) {
+            // Where the link does not take them, there is no hurry: the box says so again.
+            let _ = link.try_send((address, datagram.to_vec()));
+        }
+    }
+
+    /// Its announcements from now on, for the link that is opened.
+    pub fn announcements(&self) -> Receiver<HeardElsewhere> {
+        let (sender, receiver) = sync_channel(ANNOUNCEMENTS_MAX);
+        *locked(&self.announcements) = Some(sender);
+        receiver
     }
 
     /// From where it has announced itself last.

@@ -20,7 +20,7 @@ use plumbline_files::BadInput;
 
 pub use sealed::{KnownBox, Link, Memory};
 pub use serial::{Line, Opener, Serial};
-pub use udp::Udp;
+pub use udp::{HeardElsewhere, Udp};
 pub use words::words_of_other;
 
 use crate::text;

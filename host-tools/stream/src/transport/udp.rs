@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
+use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use plumbline::seal::Peer;
@@ -19,10 +20,14 @@ const BUFFER_BYTES: usize = 4 << 20;
 /// The longest datagram that is looked at whole; the rest of a longer one is no packet.
 const DATAGRAM_BYTES_MAX: usize = 2048;
 
+/// A datagram that came to another socket of this program: from where, and its bytes.
+pub type HeardElsewhere = (SocketAddr, Vec<u8>);
+
 /// Datagrams to one port.
 pub struct Udp {
     socket: UdpSocket,
     wait: Duration,
+    elsewhere: Option<Receiver<HeardElsewhere>>,
 }
 
 impl Udp {
@@ -62,7 +67,14 @@ impl Udp {
         let _ = socket2::SockRef::from(&socket).set_recv_buffer_size(BUFFER_BYTES);
         let wait = super::WAIT;
         socket.set_read_timeout(Some(wait))?;
-        Ok(Self { socket, wait })
+        Ok(Self { socket, wait, elsewhere: None })
+    }
+
+    /// With what comes to another socket of this program and is handed on: the announcements of a box
+    /// that starts anew, at another port than before.
+    #[must_use]
+    pub fn hearing(self, elsewhere: Receiver<HeardElsewhere>) -> Self {
+        Self { elsewhere: Some(elsewhere), ..self }
     }
 
     /// The address listened at.
@@ -80,6 +92,9 @@ impl Carrier for Udp {
         if self.wait != wait {
             self.socket.set_read_timeout(Some(wait)).map_err(|error| failed(&error))?;
             self.wait = wait;
+        }
+        for (from, bytes) in self.elsewhere.iter().flat_map(Receiver::try_iter).take(AT_ONCE_MAX) {
+            take(Arrived::Packet { from: Peer::Udp(from), bytes: &bytes });
         }
         let mut buffer = [0; DATAGRAM_BYTES_MAX];
         for index in 0..AT_ONCE_MAX {
