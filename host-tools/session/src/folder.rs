@@ -8,7 +8,7 @@ use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use plumbline_files::{BadInput, make_directory, replace};
+use plumbline_files::{BadInput, make_directory, read_text, replace};
 
 use crate::names;
 use crate::open::OpenSession;
@@ -92,13 +92,20 @@ impl StudyFolder {
     }
 
     /// Changes the protocol for the sessions that begin from now on; those that have begun keep
-    /// theirs.
+    /// theirs. The times that the study compares follow it, unless a person has chosen others.
     ///
     /// # Errors
     /// When it has a fault, or the operating system refuses.
     pub fn set_protocol(&self, protocol: &Protocol) -> Result<(), BadInput> {
         let _lock = locked(&self.path)?;
-        protocol.write(&self.path.join(names::PROTOCOL))
+        let before = self.protocol();
+        protocol.write(&self.path.join(names::PROTOCOL))?;
+        let study = self.path.join(names::STUDY);
+        let Some(before) = before.ok().filter(|_| study.exists()) else { return Ok(()) };
+        let text = read_text(&study)?;
+        let place = study.display().to_string();
+        let after = study_toml::following(&text, &place, &before, protocol)?;
+        if after == text { Ok(()) } else { replace(&study, after.as_bytes()) }
     }
 
     /// Its participants.

@@ -22,8 +22,7 @@ pub fn new(title: &str, protocol: &Protocol) -> String {
     let mut document = DocumentMut::new();
     document.insert("title", value(title));
     document.insert("conditions", value(Array::new()));
-    let bins = protocol.bins_s.iter().map(|bin| Value::Array(bin.iter().copied().collect()));
-    document.insert("bins_s", value(bins.collect::<Array>()));
+    document.insert("bins_s", value(bins_of(protocol)));
     let mut found = Found { document, place: String::new(), warnings: Vec::new() };
     found.add_conditions(protocol).expect("the list is there");
     found.add_repeats(protocol);
@@ -52,6 +51,32 @@ pub fn updated(
     found.compare_bins(protocol);
     found.add_trials(base, folders)?;
     Ok((found.document.to_string(), found.warnings))
+}
+
+/// A study's text after its protocol was changed: the times that it compares follow the protocol's, unless
+/// a person has chosen others.
+///
+/// # Errors
+/// When the text is not TOML.
+pub fn following(
+    text: &str,
+    place: &str,
+    before: &Protocol,
+    after: &Protocol,
+) -> Result<String, BadInput> {
+    let document = text.parse::<DocumentMut>();
+    let document = document.map_err(|error| BadInput::whole(place, error.message(), REMEDY))?;
+    let mut found = Found { document, place: place.to_owned(), warnings: Vec::new() };
+    if !found.has_bins_of(before) || found.has_bins_of(after) {
+        return Ok(text.to_owned());
+    }
+    found.document.insert("bins_s", value(bins_of(after)));
+    Ok(found.document.to_string())
+}
+
+/// The times that a protocol compares.
+fn bins_of(protocol: &Protocol) -> Array {
+    protocol.bins_s.iter().map(|bin| Value::Array(bin.iter().copied().collect())).collect()
 }
 
 struct Found {
@@ -88,14 +113,18 @@ impl Found {
         }
     }
 
-    fn compare_bins(&mut self, protocol: &Protocol) {
+    /// Whether it compares the times of this protocol.
+    fn has_bins_of(&self, protocol: &Protocol) -> bool {
         let number = |it: &Value| it.as_float().or_else(|| it.as_integer().map(|it| it as f64));
         let bins: Option<Vec<Vec<Option<f64>>>> = self.document.get("bins_s").and_then(|item| {
             let pair = |it: &Value| Some(it.as_array()?.iter().map(number).collect());
             item.as_array()?.iter().map(pair).collect()
         });
-        let wanted = protocol.bins_s.iter().map(|it| it.map(Some).to_vec()).collect();
-        if bins != Some(wanted) {
+        bins == Some(protocol.bins_s.iter().map(|it| it.map(Some).to_vec()).collect())
+    }
+
+    fn compare_bins(&mut self, protocol: &Protocol) {
+        if !self.has_bins_of(protocol) {
             self.warnings.push(format!(
                 "{}: bins_s are other times than the protocol's; the study compares its own",
                 self.place
@@ -177,6 +206,18 @@ mod tests {
         assert_eq!(text.strip_prefix(HEADING), Some(wanted));
         let (again, warnings) = add(&text, &[]).unwrap();
         assert_eq!((again, warnings), (text, vec![]));
+    }
+
+    #[test]
+    fn the_times_follow_the_protocol_unless_a_person_has_chosen_others() {
+        let before = SUPPLIED[1].protocol();
+        let after = Protocol { bins_s: vec![[0.0, 5.0]], ..before.clone() };
+        let text = new("A study", &before);
+        let followed = following(&text, "study.toml", &before, &after).unwrap();
+        assert_eq!(followed, new("A study", &after));
+        let chosen = text.replace("[40.0, 60.0]", "[40.0, 50.0]");
+        assert_eq!(following(&chosen, "study.toml", &before, &after), Ok(chosen));
+        assert!(following("[", "study.toml", &before, &after).is_err());
     }
 
     #[test]

@@ -7,8 +7,11 @@ use serde_json::json;
 use super::client::{Answer, Page, connect, exchange, hear, say};
 use super::stand::Stand;
 
+/// Headers and their values.
+type Others<'a> = &'a [(&'a str, &'a str)];
+
 /// A request like the page's, in which these headers are others; an empty one is left out.
-fn with(page: &Page, method: &str, path: &str, body: &[u8], others: &[(&str, &str)]) -> Answer {
+fn with(page: &Page, method: &str, path: &str, body: &[u8], others: Others<'_>) -> Answer {
     let mut head = page.head(method, path, body);
     for (name, value) in others {
         head.retain(|line| !line.starts_with(&format!("{name}: ")));
@@ -31,7 +34,7 @@ fn whoever_is_not_the_page_gets_nothing_and_begins_nothing() {
     let (local, named) = (format!("localhost:{port}"), format!("http://localhost:{port}"));
     let rebound = format!("evil.example:{port}");
     let other_port = format!("http://127.0.0.1:{}", port - 1);
-    let cases: [(&str, &[(&str, &str)], u16); 13] = [
+    let cases: [(&str, Others<'_>, u16); 13] = [
         ("another origin", &[("Origin", "https://evil.example")], 403),
         ("another port of this computer", &[("Origin", &other_port)], 403),
         ("an origin that is not told", &[("Origin", "null")], 403),

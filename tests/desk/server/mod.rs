@@ -8,6 +8,7 @@
 //! | another computer, with and without the password | TLS alone, and guesses are bounded | [`others`] |
 //! | eight pages, half of which take nothing; the desk is killed in a trial | the trial is whole; the session goes on | [`pages`] |
 //! | three boxes are recorded, and one is unplugged | the others do not notice | [`boxes`] |
+//! | another program reads lines of JSON, and marks t = 0 | every frame, and the mark | [`streams`] |
 //! | ten minutes at 200 Hz (ignored: it takes as long) | no memory is taken | [`memory`] |
 
 mod boxes;
@@ -17,4 +18,5 @@ mod memory;
 mod others;
 mod pages;
 mod stand;
+mod streams;
 mod whole_way;

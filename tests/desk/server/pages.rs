@@ -6,7 +6,7 @@ use plumbline_trial::Trial;
 use serde_json::{Value, json};
 
 use super::client::{Page, hear, say};
-use super::stand::{Stand, free_port, protocol};
+use super::stand::{Stand, free_port, lasted_s, protocol};
 use crate::camera::Shown;
 
 const BOX: &str = "PL-0001";
@@ -64,11 +64,11 @@ fn eight_pages_cost_a_recording_nothing_and_each_gets_its_frames() {
     }
     for seen in &seen {
         assert!(seen.windows(2).all(|pair| pair[1] == pair[0] + 1), "{seen:?}");
-        assert!(seen.len() > 300, "{} frames", seen.len());
+        assert!(seen.len() > 100, "{} frames", seen.len());
     }
     let trial = trial(&stand, "01-eyes-open");
     assert_whole(&trial);
-    assert!(trial.length_s() >= 6.0, "{} s", trial.length_s());
+    assert!(lasted_s(&trial.folder) >= 6.0, "{} s", lasted_s(&trial.folder));
     // A page that was away gets what it has missed; one that was away too long hears of that.
     let mut back = page.socket();
     let last = *seen[0].last().unwrap();
@@ -91,8 +91,10 @@ fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     let page = desk.page();
     begin(&page, 20);
     page.happen(BOX, "ready", None);
-    let is_far = |it: &Value| it["live"]["upper"]["figures"]["span_s"].as_f64() > Some(4.0);
-    page.wait(BOX, "a recording", |it| it["session"]["at"]["is"] == "recording" && is_far(it));
+    let is_far = |it: &Value| {
+        it["doing"] == "recording" && it["live"]["upper"]["figures"]["span_s"].as_f64() > Some(4.0)
+    };
+    page.wait(BOX, "a recording", |it| is_far(it));
     desk.kill();
 
     // Its page signs in by the cookie that it has.
@@ -108,7 +110,7 @@ fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     );
     page.happen(BOX, "repeat", Some("the power failed"));
     page.happen(BOX, "ready", None);
-    page.wait(BOX, "a recording", |it| it["session"]["at"]["is"] == "recording" && is_far(it));
+    page.wait(BOX, "a recording", |it| is_far(it));
 
     // Ctrl-C keeps what was recorded.
     desk.interrupt();
@@ -117,7 +119,7 @@ fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     page.wait(BOX, "the session", |it| it["session"]["at"]["is"] == "deciding");
     page.happen(BOX, "repeat", None);
     page.happen(BOX, "ready", None);
-    page.wait(BOX, "a recording", |it| it["session"]["at"]["is"] == "recording" && is_far(it));
+    page.wait(BOX, "a recording", |it| is_far(it));
 
     // The box is lost, and the operator ends the recording.
     drop(the_box);
@@ -129,6 +131,6 @@ fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     page.happen(BOX, "repeat", None);
     page.wait(BOX, "the box", |it| it["link"]["is"] == "heard" && it["doing"] == "watching");
     page.happen(BOX, "ready", None);
-    page.wait(BOX, "a recording", |it| it["session"]["at"]["is"] == "recording" && is_far(it));
+    page.wait(BOX, "a recording", |it| is_far(it));
     desk.interrupt();
 }

@@ -111,7 +111,6 @@ pub fn not_now(state: &BoxState, what: Can) -> Refusal {
         Doing::Examining => "the box is being examined",
         Doing::Aiming => "the box is in set-up mode",
         Doing::Exposing => "the exposure is being sought",
-        Doing::Fitting => "a camera is being fitted",
         Doing::Delivering => "the box is being given another configuration",
         Doing::MeasuringScene => "the scene is being measured",
         Doing::Recording => "a trial is being recorded",

@@ -17,6 +17,7 @@ mod aim;
 mod can;
 mod fit;
 mod jobs;
+mod meet;
 mod orders;
 mod photographs;
 mod record;
@@ -26,7 +27,7 @@ pub(crate) mod show;
 mod watch;
 
 use std::cell::RefCell;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -35,20 +36,17 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
-use plumbline::packet::{Hello, LinkKind};
-use plumbline_bedside::link::{Carried, Way};
+use plumbline::packet::Hello;
 use plumbline_bedside::scene::{Measured, Seen};
-use plumbline_files::{BadInput, camera};
+use plumbline_files::BadInput;
 use plumbline_publish::lsl::Lsl;
-use plumbline_publish::{MarkFeed, Publisher, Tapped, Ways};
-use plumbline_stream::link::{BoxLink, Introduction};
-use plumbline_stream::transport::Udp;
-use plumbline_trial::body::Body;
+use plumbline_publish::{MarkFeed, Publisher, Ways};
+use plumbline_stream::link::BoxLink;
 use tokio::sync::oneshot;
 
 use crate::marks::MarkBoard;
 use crate::memory::Memory;
-use crate::wire::{Doing, HelloState, LinkState, NextStep, Problem, TargetState};
+use crate::wire::{Doing, LinkState, Problem};
 
 pub use fit::PLOT;
 pub use orders::{Envelope, Order, Refusal};
@@ -64,9 +62,6 @@ const ORDERS_MAX: usize = 32;
 
 /// A box that is looked for is listened for this long at a time, so that orders are answered.
 const LISTEN: Duration = Duration::from_millis(200);
-
-/// A box is called for this long before another place is tried, milliseconds.
-const TRIED_MS: f64 = 2000.0;
 
 /// A link that failed is opened again after this time.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
@@ -288,46 +283,6 @@ impl Worker {
         Ok(())
     }
 
-    /// Opens the link to where the box was heard last, and to where it announces itself from then on.
-    fn open(&mut self) -> Result<BoxLink, BadInput> {
-        let shared = Arc::clone(&self.shared);
-        let warn = move |warning: &str| shared.notice(true, warning);
-        let program = &self.around.program;
-        self.called_at = self.shared.announced();
-        let link = match &self.reach {
-            // The port at which boxes announce themselves is the porter's.
-            Reach::Udp(id) => {
-                let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
-                let udp = Udp::bind(any)?.hearing(self.shared.announcements());
-                let (carried, called) = (Carried::Udp(Some(any)), Some(id.clone()));
-                let way = Way { carried, called, at: self.called_at };
-                way.open_through(udp, &format!("UDP {any}"), program, warn)?
-            }
-            Reach::Serial { device, baud } => {
-                let carried = Carried::Serial { device: device.clone(), baud: *baud };
-                Way { carried, called: None, at: None }.open(program, false, warn)?
-            }
-        };
-        Ok(self.tapped(link))
-    }
-
-    /// The same link, whose packets are published.
-    fn tapped(&self, link: BoxLink) -> BoxLink {
-        let kind = link.kind();
-        let place = self.place(link.place());
-        let Some(publisher) = &self.publisher else { return link };
-        let transport = Tapped::new(link.into_transport(), Rc::clone(publisher));
-        BoxLink::new(Box::new(transport), place, kind)
-    }
-
-    /// What the link is called in messages.
-    fn place(&self, place: &str) -> String {
-        match &self.reach {
-            Reach::Udp(_) => self.shared.state().name,
-            Reach::Serial { .. } => place.to_owned(),
-        }
-    }
-
     /// Stays with a link until it has to be opened anew.
     fn stay(&mut self, mut link: BoxLink) -> Result<(), BadInput> {
         let mut next = Next::Meet;
@@ -345,113 +300,6 @@ impl Worker {
             };
         }
         Ok(())
-    }
-
-    /// Waits for the box, and asks who it is and what it runs with.
-    fn meet(&mut self, mut link: BoxLink) -> Result<(BoxLink, Next), BadInput> {
-        self.enter(Stage::Away);
-        let since_at_ms = self.shared.hub.now_ms();
-        while link.messages(Instant::now() + LISTEN, |_| Some(()))?.is_none() {
-            self.beat();
-            let (found, remedy) = link.obstacle().unwrap_or_else(|| {
-                let remedy = match self.reach {
-                    Reach::Udp(_) => {
-                        "check that it is on, and that it sends to this computer's address and port"
-                    }
-                    Reach::Serial { .. } => "check that it is on, the cable and the line's rate",
-                };
-                ("nothing is heard of this box".to_owned(), remedy.to_owned())
-            });
-            let problem = Problem::new(link.place(), found, remedy);
-            self.shared.update(|state| {
-                state.link = LinkState::Searching { since_at_ms, problem };
-            });
-            let is_tried = self.shared.hub.now_ms() - since_at_ms >= TRIED_MS;
-            if self.is_over() || (is_tried && self.has_moved()) || self.is_first_heard() {
-                return Ok((link, Next::Reopen));
-            }
-        }
-        let hello = match link.introduction()? {
-            Introduction::Hello(hello) => hello,
-            Introduction::Refusing(text) => {
-                return Err(BadInput::whole(
-                    link.place(),
-                    format!("the box tracks nothing; it says: {text}"),
-                    "send it a configuration with `plumb provision --send`",
-                ));
-            }
-        };
-        let config = link.config()?;
-        self.met(&link, hello, config);
-        Ok((link, Next::Watch))
-    }
-
-    /// Whether the box announces itself, and nothing was known of where it is.
-    fn is_first_heard(&self) -> bool {
-        self.called_at.is_none() && self.shared.announced().is_some()
-    }
-
-    /// Whether the box announces itself from elsewhere than where it was called.
-    fn has_moved(&self) -> bool {
-        let announced = self.shared.announced();
-        announced.is_some() && announced != self.called_at
-    }
-
-    /// Shows who the box is.
-    fn met(&mut self, link: &BoxLink, hello: Hello, config: Config) {
-        self.shared.frames.set_body(Body::of(&config));
-        let is_calibrated = !camera::is_stand_in(&config.lens);
-        let has_scene = config.cam_from_scene_theta.is_some();
-        let (next_step, next) = match (is_calibrated, has_scene) {
-            (false, _) => (
-                NextStep::Calibrate,
-                "Aim the camera, and calibrate it with photographs of the board.",
-            ),
-            (true, false) => (
-                NextStep::Scene,
-                "Set up the board where the person will stand, and measure the scene.",
-            ),
-            (true, true) => (NextStep::Session, "The box is ready: begin a session."),
-        };
-        let targets = hello.targets.iter().map(|it| TargetState {
-            name: it.name.to_string(),
-            role: show::role(it.role).to_owned(),
-            corners: it.corners,
-        });
-        let shown = HelloState {
-            device: hello.device.to_string(),
-            serial_number: hello.serial_number.to_string(),
-            firmware: hello.firmware.to_string(),
-            size_px: [hello.width_px, hello.height_px],
-            asked_hz: config.capture.as_ref().map(|it| f64::from(it.rate_hz)),
-            targets: targets.collect(),
-            is_calibrated: Some(is_calibrated),
-            has_scene: Some(has_scene),
-            next: next.to_owned(),
-            next_step,
-        };
-        let by = self.heard_by();
-        self.shared.update(|state| {
-            state.name = hello.device.to_string();
-            state.serial_number = Some(hello.serial_number.to_string());
-            state.hello = Some(shown);
-            state.link = LinkState::Heard { by };
-        });
-        if self.hello.as_ref().map(|it| it.boot_id) != Some(hello.boot_id) {
-            self.refer();
-        }
-        debug_assert!(link.kind() != LinkKind::File);
-        self.hello = Some(hello);
-        self.config = Some(config);
-    }
-
-    /// How the box is heard.
-    fn heard_by(&self) -> String {
-        match (&self.reach, self.shared.announced()) {
-            (Reach::Serial { device, .. }, _) => device.clone(),
-            (Reach::Udp(_), Some(address)) => format!("UDP {address}"),
-            (Reach::Udp(_), None) => "UDP".to_owned(),
-        }
     }
 
     /// Another stage.
@@ -473,9 +321,8 @@ impl Worker {
             if stage != Stage::Aiming && stage != Stage::Exposing {
                 state.aim = None;
             }
-            if !matches!(stage, Stage::Watching | Stage::Recording) {
-                state.live = None;
-            }
+            // What was measured before is not of this stage.
+            state.live = None;
         });
         self.show_can();
     }

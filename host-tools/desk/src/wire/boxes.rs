@@ -149,8 +149,6 @@ pub enum Doing {
     Aiming,
     /// The exposure is being sought, in set-up mode.
     Exposing,
-    /// A camera is fitted to the photographs.
-    Fitting,
     /// It is given another configuration, and restarts.
     Delivering,
     /// The scene is measured.
