@@ -42,12 +42,15 @@ use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::Path;
 
 use plumbline::config::{
-    Capture, CaptureDriver, Config, Edges, Links, Machine, MachineError, Marked, Network,
-    PixelFormat, SerialLink, TriggerError, TriggerInput, TriggerLines, TriggerOutput,
+    Capture, CaptureDriver, Config, Links, Machine, MachineError, Network, PixelFormat, SerialLink,
 };
 use plumbline_files::BadInput;
 use plumbline_files::{from_toml, read_text};
 use serde::{Deserialize, Serialize};
+
+mod trigger;
+
+use trigger::TriggerFields;
 
 const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial, serial_one_way), [network] (address, gateway), [machine] (realtime_priority, cpu, watchdog_s) and [trigger] (chip, line, edge, debounce_us, output_line, output_marks)";
 
@@ -64,13 +67,6 @@ const SERIAL_NUMBER: &str = "0";
 const REALTIME_PRIORITY_WANTED: &str = "give 1 to 99, or 0 for none";
 
 const WATCHDOG_WANTED: &str = "give 1 to 600 seconds, or 0 for none";
-
-const CHIP_WANTED: &str =
-    "give the label of a GPIO chip, for example \"pinctrl-bcm2711\", or its device";
-
-const LINE_WANTED: &str = "give the number of a line of the chip, from 0; left out, there is none";
-
-const DEBOUNCE_WANTED: &str = "give 0 to 1000000 microseconds";
 
 const ADDRESS_WANTED: &str =
     "give a host's address with a prefix within 1 to 30, for example 192.168.1.30/24";
@@ -161,80 +157,6 @@ struct MachineFields {
     watchdog_s: u16,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TriggerFields {
-    chip: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    line: Option<u16>,
-    #[serde(default = "default_edge", with = "EdgeName")]
-    edge: Edges,
-    #[serde(default)]
-    debounce_us: u32,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    output_line: Option<u16>,
-    #[serde(default = "default_marks", with = "MarkedName")]
-    output_marks: Marked,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "Edges", rename_all = "snake_case")]
-enum EdgeName {
-    Rising,
-    Falling,
-    Both,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "Marked", rename_all = "snake_case")]
-enum MarkedName {
-    Exposures,
-    Recording,
-}
-
-impl TriggerFields {
-    fn of(lines: &TriggerLines) -> Self {
-        Self {
-            chip: lines.chip.to_string(),
-            line: lines.input.map(|it| it.line),
-            edge: lines.input.map_or(default_edge(), |it| it.edges),
-            debounce_us: lines.input.map_or(0, |it| it.debounce_us),
-            output_line: lines.output.map(|it| it.line),
-            output_marks: lines.output.map_or(default_marks(), |it| it.marks),
-        }
-    }
-
-    fn lines(&self, place: &str) -> Result<TriggerLines, BadInput> {
-        let Self { line, edge, debounce_us, output_line, output_marks, .. } = *self;
-        let lines = TriggerLines {
-            chip: text(place, "trigger.chip", &self.chip)?,
-            input: line.map(|line| TriggerInput { line, edges: edge, debounce_us }),
-            output: output_line.map(|line| TriggerOutput { line, marks: output_marks }),
-        };
-        let bad = |field: &str, found: String, wanted: &str| {
-            Err(BadInput::new(place, format!("trigger.{field}"), found, wanted))
-        };
-        match lines.check() {
-            Ok(()) => Ok(lines),
-            Err(TriggerError::Chip) => bad("chip", "\"\"".into(), CHIP_WANTED),
-            Err(TriggerError::NoLine) => {
-                bad("line", "neither it nor output_line is given".into(), LINE_WANTED)
-            }
-            Err(TriggerError::Line) => {
-                bad("line", line.unwrap_or_default().to_string(), LINE_WANTED)
-            }
-            Err(TriggerError::OutputLine) => bad(
-                "output_line",
-                output_line.unwrap_or_default().to_string(),
-                "give the number of another line of the chip, from 0",
-            ),
-            Err(TriggerError::Debounce) => {
-                bad("debounce_us", debounce_us.to_string(), DEBOUNCE_WANTED)
-            }
-        }
-    }
-}
-
 impl Default for MachineFields {
     fn default() -> Self {
         Self { realtime_priority: REALTIME_PRIORITY, cpu: None, watchdog_s: WATCHDOG_S }
@@ -265,14 +187,6 @@ fn default_serial_number() -> String {
 
 fn default_realtime_priority() -> u8 {
     REALTIME_PRIORITY
-}
-
-fn default_edge() -> Edges {
-    Edges::Rising
-}
-
-fn default_marks() -> Marked {
-    Marked::Exposures
 }
 
 fn default_watchdog_s() -> u16 {
@@ -324,14 +238,9 @@ fn wanted(name: &str) -> Option<&'static str> {
         "realtime_priority" => REALTIME_PRIORITY_WANTED,
         "cpu" => "give the number of a core, from 0; left out, it is any",
         "watchdog_s" => WATCHDOG_WANTED,
-        "chip" => CHIP_WANTED,
-        "line" | "output_line" => LINE_WANTED,
-        "edge" => "give \"rising\", \"falling\" or \"both\"",
-        "debounce_us" => DEBOUNCE_WANTED,
-        "output_marks" => "give \"exposures\" or \"recording\"",
         "address" => ADDRESS_WANTED,
         "gateway" => "give an address, for example 192.168.1.1, or leave it out",
-        _ => return None,
+        name => return trigger::wanted(name),
     })
 }
 
@@ -520,6 +429,8 @@ fn network_fault(place: &str, network: Network) -> BadInput {
 #[cfg(test)]
 mod tests {
     use std::sync::LazyLock;
+
+    use plumbline::config::{Edges, Marked, TriggerInput, TriggerLines, TriggerOutput};
 
     use super::*;
     use plumbline_render::simulate::{Simulation, SimulationSettings};

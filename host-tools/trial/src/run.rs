@@ -142,7 +142,7 @@ fn event(time_s: f64, uncertain_s: f64, mark: &Mark) -> EventSeen {
         label: mark.label.clone(),
         source: mark.source,
         sender: mark.sender.clone(),
-        uncertain_s: uncertain_s + 1e-6 * f64::from(mark.uncertain_us),
+        uncertain_s: uncertain_s + f64::from(mark.uncertain_us) / 1e6,
     }
 }
 
