@@ -18,7 +18,7 @@ use plumbline_stream::receiver::Receiver;
 use plumbline_stream::reception::receive;
 use plumbline_stream::recorder::Recorder;
 use plumbline_trial::manifest::{Manifest, Zero};
-use plumbline_trial::mark::{Mark, channel};
+use plumbline_trial::mark::{Mark, Source, channel};
 use plumbline_trial::recording::Recording;
 
 use super::can::Stage;
@@ -166,7 +166,8 @@ impl Worker {
             move |mark: &Mark, since_s: f64| {
                 course.borrow_mut().mark(mark, since_s);
                 heard.borrow_mut().push((mark.clone(), since_s));
-                if let Some(feed) = &feed {
+                // The publisher hears the box's triggers itself, and knows their times better.
+                if let Some(feed) = feed.as_ref().filter(|_| mark.source != Source::Trigger) {
                     feed.mark(&mark.label, mark.source.word(), ahead_s + since_s);
                 }
             }
