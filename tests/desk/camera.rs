@@ -14,7 +14,7 @@ use plumbline::seal::KEY_FILE_NAME;
 use plumbline_test_support::{command, program};
 use tempfile::TempDir;
 
-use crate::stage::plumb;
+use crate::stand::plumb;
 
 /// The pace of the box's camera.
 pub const RATE_HZ: usize = 60;

@@ -5,25 +5,27 @@ use plumbline_stream::transport::Raw;
 use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::{Trial, names};
 
-use crate::camera::{RATE_HZ, Shown};
+use crate::camera::Shown;
 use crate::stage::{Stage, nothing_is_asked};
+use crate::stand::lasted_s;
 
 /// Long enough for all that is done meanwhile, on a busy computer too.
-const SECONDS: usize = 16;
+const SECONDS: u32 = 16;
 
 #[test]
 fn a_trial_is_whole_whatever_happens_to_its_page() {
     let Some(stage) = Stage::new() else { return };
-    stage.ready_box();
     let the_box = stage.start_box(Shown::Person);
     let desk = stage.desk();
     stage.browse("disturbed.py", &[&desk.url, &SECONDS.to_string()], nothing_is_asked);
     drop((desk, the_box));
-    let folder = stage.path("desk/short/sessions/P01-1/01-eyes-open");
+    let folder = stage.path("short/sessions/P01-1/01-eyes-open");
     let trial = Trial::open(&folder).unwrap();
     assert_eq!(trial.warnings, Vec::<String>::new());
     let poses = poses_of(&folder);
-    assert!(poses.len() >= SECONDS * RATE_HZ, "{} poses", poses.len());
+    // A box that shares a busy computer has a pace of its own.
+    let lasted_s = lasted_s(&folder);
+    assert!(lasted_s >= f64::from(SECONDS), "{lasted_s} s, {} poses", poses.len());
     let missing = poses.windows(2).filter(|pair| pair[1].sequence != pair[0].sequence + 1).count();
     assert_eq!(missing, 0, "of {} poses", poses.len());
     println!("{} poses, none missing", poses.len());
@@ -33,23 +35,22 @@ fn a_trial_is_whole_whatever_happens_to_its_page() {
 #[test]
 fn a_session_goes_on_where_it_was_when_its_desk_was_killed() {
     let Some(stage) = Stage::new() else { return };
-    stage.ready_box();
     let _the_box = stage.start_box(Shown::Person);
     let mut desk = Some(stage.desk());
     let url = desk.as_ref().unwrap().url.clone();
     let mut port = 0;
     stage.browse("restarted.py", &[&url], |asked| match asked {
         "kill the desk" => {
-            port = desk.take().unwrap().port;
+            port = desk.take().unwrap().port();
             "killed".to_owned()
         }
         "start the desk" => desk.insert(stage.desk_at(port)).url.clone(),
         _ => panic!("nobody can {asked}"),
     });
-    let folder = stage.path("desk/short/sessions/P01-1/01-eyes-open");
+    let folder = stage.path("short/sessions/P01-1/01-eyes-open");
     let poses = poses_of(&folder);
     let missing = poses.windows(2).filter(|pair| pair[1].sequence != pair[0].sequence + 1).count();
-    assert!(missing == 0 && poses.len() > RATE_HZ, "{missing} gaps, {} poses", poses.len());
+    assert!(missing == 0 && !poses.is_empty(), "{missing} gaps, {} poses", poses.len());
 }
 
 /// The poses of a trial, in their order.

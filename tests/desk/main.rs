@@ -10,7 +10,7 @@
 //! | a page of another origin, another name for the desk, hostile words | nothing is got, nothing begins | [`hostile`] |
 //! | the modules that draw are asked, and read | they draw what came; no text becomes markup | [`drawings`] |
 //! | the routes are asked without a browser | see there | [`server`] |
-//! | a person is watched | on the screen within a tenth of a second; no memory is taken | [`pace`] |
+//! | a person is watched | on the screen within a tenth of a second (said; asserted where the test is alone); no memory is taken | [`pace`] |
 
 mod camera;
 mod disturbed;
@@ -20,4 +20,5 @@ mod looks;
 mod pace;
 mod server;
 mod stage;
+mod stand;
 mod whole_way;

@@ -19,13 +19,12 @@ pub fn show(the_box: &TheBox, asked: &str) -> String {
 
 #[track_caller]
 fn go_by(hands: &str) {
-    let Some(stage) = Stage::new() else { return };
-    stage.new_box();
+    let Some(stage) = Stage::uncalibrated() else { return };
     let the_box = stage.start_box(Shown::Photograph(0));
     let desk = stage.desk();
     stage.browse("whole_way.py", &[&desk.url, hands], |asked| show(&the_box, asked));
     drop(desk);
-    let session = stage.path("desk/quiet-standing/sessions/P01-1");
+    let session = stage.path("quiet-standing/sessions/P01-1");
     let trials = std::fs::read_dir(session).unwrap().map(|it| it.unwrap().path());
     let trials: Vec<_> = trials.filter(|it| it.is_dir()).collect();
     assert_eq!(trials.len(), 2, "{trials:?}");

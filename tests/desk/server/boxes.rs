@@ -3,8 +3,9 @@
 use plumbline_trial::Trial;
 use serde_json::json;
 
-use super::stand::{Stand, lasted_s, protocol};
-use crate::camera::Shown;
+use super::protocol::protocol;
+use crate::camera::{Shown, TheBox};
+use crate::stand::{Stand, lasted_s};
 
 const BOXES: [&str; 3] = ["PL-0001", "PL-0002", "PL-0003"];
 
@@ -16,7 +17,7 @@ fn of_three_boxes_one_is_unplugged() {
     let Some(stand) = Stand::new() else { return };
     let folders = BOXES.map(|it| stand.ready_box(it));
     let mut boxes: Vec<_> =
-        folders.iter().map(|it| Stand::start_at(it, Shown::Person, RATE_HZ)).collect();
+        folders.iter().map(|it| TheBox::start(it, Shown::Person, RATE_HZ)).collect();
     let desk = stand.desk();
     let page = desk.page();
     let create =

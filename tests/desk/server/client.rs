@@ -8,8 +8,7 @@ use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
-/// A test that waits this long has failed.
-pub const PATIENCE: Duration = Duration::from_secs(90);
+use crate::stand::{Desk, PATIENCE};
 
 /// An answer.
 #[derive(Debug)]
@@ -35,6 +34,13 @@ impl Answer {
             let (key, value) = line.split_once(": ")?;
             key.eq_ignore_ascii_case(name).then_some(value)
         })
+    }
+}
+
+impl Desk {
+    /// A page that is signed in.
+    pub fn page(&self) -> Page {
+        Page::open(&self.url)
     }
 }
 

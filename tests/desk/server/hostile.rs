@@ -5,7 +5,7 @@ use std::io::Read as _;
 use serde_json::json;
 
 use super::client::{Answer, Page, connect, exchange, hear, say};
-use super::stand::Stand;
+use crate::stand::{PATIENCE, Stand};
 
 /// Headers and their values.
 type Others<'a> = &'a [(&'a str, &'a str)];
@@ -156,7 +156,7 @@ fn what_makes_no_sense_is_refused_with_its_place() {
     drop(sockets);
     let start = std::time::Instant::now();
     while page.socket_with(&origin, Some(&page.cookie)).is_err() {
-        assert!(start.elapsed() < super::client::PATIENCE, "no place becomes free");
+        assert!(start.elapsed() < PATIENCE, "no place becomes free");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
     // Whoever connects and asks nothing keeps nobody out.

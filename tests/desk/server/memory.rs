@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 
 use super::client::{hear, say};
-use super::stand::Stand;
-use crate::camera::Shown;
+use crate::camera::{Shown, TheBox};
+use crate::stand::Stand;
 
 const BOX: &str = "PL-0001";
 
@@ -29,7 +29,7 @@ const GROWTH_KB_MAX: u64 = 6_000;
 fn ten_minutes_at_200_hz_take_no_memory() {
     let Some(stand) = Stand::new() else { return };
     let folder = stand.ready_box(BOX);
-    let _the_box = Stand::start_at(&folder, Shown::Person, RATE_HZ);
+    let _the_box = TheBox::start(&folder, Shown::Person, RATE_HZ);
     let desk = stand.desk();
     let page = desk.page();
     let it = page.wait(BOX, "the box", |it| it["doing"] == "watching");

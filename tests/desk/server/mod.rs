@@ -17,6 +17,6 @@ mod hostile;
 mod memory;
 mod others;
 mod pages;
-mod stand;
+mod protocol;
 mod streams;
 mod whole_way;

@@ -10,7 +10,7 @@ use rustls::{ClientConfig, ClientConnection, DigitallySignedStruct, SignatureSch
 use serde_json::{Value, json};
 
 use super::client::{Answer, connect, exchange};
-use super::stand::{Stand, free_port};
+use crate::stand::{Stand, free_port};
 
 const PASSWORD: &str = "correct horse battery";
 

@@ -6,8 +6,9 @@ use plumbline_trial::Trial;
 use serde_json::{Value, json};
 
 use super::client::{Page, hear, say};
-use super::stand::{Stand, free_port, lasted_s, protocol};
-use crate::camera::Shown;
+use super::protocol::protocol;
+use crate::camera::{RATE_HZ, Shown, TheBox};
+use crate::stand::{Stand, free_port, lasted_s};
 
 const BOX: &str = "PL-0001";
 
@@ -39,7 +40,7 @@ fn assert_whole(trial: &Trial) {
 fn eight_pages_cost_a_recording_nothing_and_each_gets_its_frames() {
     let Some(stand) = Stand::new() else { return };
     let folder = stand.ready_box(BOX);
-    let _the_box = Stand::start(&folder, Shown::Person);
+    let _the_box = TheBox::start(&folder, Shown::Person, RATE_HZ);
     let desk = stand.desk();
     let page = desk.page();
     let id = begin(&page, 6);
@@ -85,7 +86,7 @@ fn eight_pages_cost_a_recording_nothing_and_each_gets_its_frames() {
 fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     let Some(stand) = Stand::new() else { return };
     let folder = stand.ready_box(BOX);
-    let the_box = Stand::start(&folder, Shown::Person);
+    let the_box = TheBox::start(&folder, Shown::Person, RATE_HZ);
     let port = free_port();
     let desk = stand.desk_with(&format!("--port {port}"));
     let page = desk.page();
@@ -127,7 +128,7 @@ fn a_desk_that_is_killed_in_a_trial_goes_on_where_it_was() {
     std::thread::sleep(Duration::from_millis(200));
     page.happen(BOX, "end", None);
     page.wait(BOX, "the verdict", |it| it["session"]["at"]["is"] == "deciding");
-    let _again = Stand::start(&folder, Shown::Person);
+    let _again = TheBox::start(&folder, Shown::Person, RATE_HZ);
     page.happen(BOX, "repeat", None);
     page.wait(BOX, "the box", |it| it["link"]["is"] == "heard" && it["doing"] == "watching");
     page.happen(BOX, "ready", None);

@@ -8,8 +8,8 @@ use plumbline_trial::Trial;
 use serde_json::{Value, json};
 
 use super::client::connect;
-use super::stand::{Stand, free_port};
-use crate::camera::Shown;
+use crate::camera::{RATE_HZ, Shown, TheBox};
+use crate::stand::{Stand, free_port};
 
 const BOX: &str = "PL-0001";
 
@@ -40,7 +40,7 @@ fn frames(lines: &mut BufReader<TcpStream>, count: usize) -> Vec<u64> {
 fn other_programs_get_every_frame_and_their_marks_count() {
     let Some(stand) = Stand::new() else { return };
     let folder = stand.ready_box(BOX);
-    let _the_box = Stand::start(&folder, Shown::Person);
+    let _the_box = TheBox::start(&folder, Shown::Person, RATE_HZ);
     let json_port = free_port();
     let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let options = format!("--port {} --json {json_port} --mark-udp {marks}", free_port());

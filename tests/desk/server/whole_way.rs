@@ -3,8 +3,9 @@
 use serde_json::json;
 
 use super::client::has;
-use super::stand::{Stand, protocol};
-use crate::camera::{PHOTOGRAPHS, Shown};
+use super::protocol::protocol;
+use crate::camera::{PHOTOGRAPHS, RATE_HZ, Shown, TheBox};
+use crate::stand::Stand;
 
 const BOX: &str = "PL-0001";
 
@@ -12,7 +13,7 @@ const BOX: &str = "PL-0001";
 fn from_a_box_without_a_calibration_to_a_report() {
     let Some(stand) = Stand::new() else { return };
     let folder = stand.new_box(BOX);
-    let the_box = Stand::start(&folder, Shown::Photograph(0));
+    let the_box = TheBox::start(&folder, Shown::Photograph(0), RATE_HZ);
     let desk = stand.desk();
     let page = desk.page();
     let it = page.wait(BOX, "the box", |it| it["doing"] == "watching");

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use plumbline_test_support::{Absent, command, is_emulated, program, skip};
@@ -11,13 +12,19 @@ use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::names;
 use tempfile::TempDir;
 
-use super::client::{PATIENCE, Page};
-use crate::camera::{RATE_HZ, Shown, TheBox, rendered};
-use crate::stage::plumb;
+use crate::camera::{RATE_HZ, rendered};
 
 /// The board that is photographed, and stands where the person will stand.
 const BOARD: &str =
     "\n[[target]]\nname = \"board\"\nrole = \"scene\"\ncolumns = 9\nrows = 6\npitch_mm = 20.0\n";
+
+/// A test that waits this long has failed.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+pub fn plumb() -> &'static Path {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    PROGRAM.get_or_init(|| program("plumb").expect("plumb builds"))
+}
 
 /// A folder with what a user has, and one for each box.
 pub struct Stand {
@@ -43,7 +50,8 @@ impl Stand {
         self.folder.path().join(name)
     }
 
-    /// A box with its key that is calibrated and has a scene; it is called by its serial number.
+    /// A box with its key that is calibrated and has a scene. It is called by its serial number: PL-0003
+    /// is ward 3.
     pub fn ready_box(&self, serial_number: &str) -> PathBuf {
         let person = rendered().join("person");
         let [camera, scene] = ["camera.toml", "scene.toml"].map(|it| person.join(it));
@@ -61,10 +69,12 @@ impl Stand {
     fn a_box(&self, serial_number: &str, camera: &str) -> PathBuf {
         let folder = self.path(serial_number);
         std::fs::create_dir(&folder).unwrap();
+        let ward = serial_number.trim_start_matches(|it: char| !it.is_ascii_digit());
+        let ward: u32 = ward.parse().unwrap();
         let settings = format!(
-            "device = \"box {serial_number}\"\nserial_number = \"{serial_number}\"\n[capture]\n\
-             driver = \"v4l2\"\npixel_format = \"grey\"\nrate_hz = 60.0\n[links]\n\
-             udp = \"{}\"\n",
+            "device = \"ward {ward}\"\nserial_number = \"{serial_number}\"\n[capture]\n\
+             driver = \"v4l2\"\npixel_format = \"grey\"\nrate_hz = {RATE_HZ}.0\n\
+             exposure_us = 4000\n[links]\nudp = \"{}\"\n",
             self.udp
         );
         std::fs::write(folder.join("box.toml"), settings).unwrap();
@@ -77,16 +87,6 @@ impl Stand {
         folder
     }
 
-    /// Starts a box.
-    pub fn start(folder: &Path, shown: Shown) -> TheBox {
-        Self::start_at(folder, shown, RATE_HZ)
-    }
-
-    /// The same with another rate of its camera.
-    pub fn start_at(folder: &Path, shown: Shown, rate_hz: usize) -> TheBox {
-        TheBox::start(folder, shown, rate_hz)
-    }
-
     /// `plumb` in this folder.
     pub fn plumb(&self, arguments: &str) -> Command {
         let mut command = command(plumb());
@@ -97,10 +97,15 @@ impl Stand {
 
     /// Starts the desk.
     pub fn desk(&self) -> Desk {
-        self.desk_with(&format!("--port {}", free_port()))
+        self.desk_at(free_port())
     }
 
-    /// The same with these options, and without a browser's page.
+    /// The same at a port, as after a restart of the computer.
+    pub fn desk_at(&self, port: u16) -> Desk {
+        self.desk_with(&format!("--port {port}"))
+    }
+
+    /// The same with these options.
     pub fn desk_with(&self, options: &str) -> Desk {
         let said = self.path("desk.txt");
         let file = File::create(&said).unwrap();
@@ -138,13 +143,14 @@ impl Desk {
         }
     }
 
-    /// A page that is signed in.
-    pub fn page(&self) -> Page {
-        Page::open(&self.url)
+    pub fn said(&self) -> String {
+        text_of(&self.said)
     }
 
-    pub fn said(&self) -> String {
-        String::from_utf8_lossy(&std::fs::read(&self.said).unwrap_or_default()).into_owned()
+    /// The port of its address.
+    pub fn port(&self) -> u16 {
+        let (_, rest) = self.url.rsplit_once(':').unwrap();
+        rest.split('/').next().unwrap().parse().unwrap()
     }
 
     /// As a power cut does.
@@ -186,6 +192,11 @@ impl Drop for Desk {
     }
 }
 
+/// What a program has said, as far as it is there.
+pub fn text_of(file: &Path) -> String {
+    String::from_utf8_lossy(&std::fs::read(file).unwrap_or_default()).into_owned()
+}
+
 /// For how long a trial was heard, by this computer's clock: a box that shares a busy computer has a
 /// pace of its own.
 pub fn lasted_s(trial: &Path) -> f64 {
@@ -202,22 +213,4 @@ pub fn lasted_s(trial: &Path) -> f64 {
 /// A port that nobody listens at.
 pub fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
-/// A protocol of two short conditions whose t = 0 is the first frame.
-pub fn protocol(duration_s: u32) -> String {
-    let condition = |name: &str| {
-        format!(
-            "[[condition]]\nname = \"{name}\"\nlabel = \"{name}\"\ninstruction = \"Stand still.\"\n\
-             duration_s = {duration_s}\n"
-        )
-    };
-    // A box that shares a busy computer falls behind its camera's pace.
-    let compared_s = duration_s / 2;
-    format!(
-        "name = \"Short\"\norder = {{ by = \"fixed\" }}\ntones = {{ start = true, end = true }}\n\
-         countdown_s = 1\nzero = \"start\"\nbins_s = [[0, {compared_s}]]\n{}{}",
-        condition("eyes-open"),
-        condition("eyes-closed")
-    )
 }
