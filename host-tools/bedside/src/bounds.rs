@@ -9,7 +9,7 @@ const BLUR_BEST_PX: f32 = 0.6;
 const BLUR_WORST_PX: f32 = 3.0;
 
 /// A lens whose score is below this can be turned to something better.
-pub(crate) const FOCUS_MIN: u8 = 80;
+pub const FOCUS_MIN: u8 = 80;
 
 /// A blur in one direction that is larger than in the other by this factor, and matters,
 /// comes from motion.
@@ -20,10 +20,10 @@ pub(crate) const MOTION_BLUR_PX_MIN: f32 = 1.0;
 pub const PITCH_PX_MIN: f32 = 15.0;
 
 /// Contrast below which noise, and not the lens, sets the precision.
-pub(crate) const CONTRAST_MIN: f32 = 0.25;
+pub const CONTRAST_MIN: f32 = 0.25;
 
 /// Light squares darker than this leave half of the camera's range unused.
-pub(crate) const LIGHT_MIN: f32 = 0.4;
+pub const LIGHT_MIN: f32 = 0.4;
 
 /// Part of the light squares' pixels that may be white: single ones are hot pixels.
 pub(crate) const SATURATED_MAX: f32 = 0.001;

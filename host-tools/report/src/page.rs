@@ -33,6 +33,15 @@ pub fn page(title: &str, subtitle: &str, body: &Markup) -> String {
     page.into_string()
 }
 
+/// The page that stands where a report could not be made.
+pub fn not_made(place: &str, found: &str, remedy: &str) -> String {
+    let body = html! {
+        p { strong { (place) ": " } (found) }
+        p { (remedy) }
+    };
+    page("No report", "It could not be made.", &body)
+}
+
 /// A plot with what it shows, in words too.
 pub fn figure(svg: &str, caption: &str) -> Markup {
     html! {

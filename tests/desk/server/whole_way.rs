@@ -116,6 +116,8 @@ fn from_a_box_without_a_calibration_to_a_report() {
         (&details["accepted"], &details["sessions"][0]["state"]),
         (&json!(2), &json!("over"))
     );
+    let none = page.get("/reports/stances/P01-1/99-nothing");
+    assert!(none.status == 404 && none.text().contains("</html>"), "{}", none.text());
     for path in ["/reports/stances/P01-1/01-eyes-open-2", "/reports/stances"] {
         let report = page.get(path);
         assert!(report.status == 200 && report.text().contains("</html>"), "{}", report.text());

@@ -45,6 +45,8 @@
  * @property {string[]} numbers
  * @property {string[]} advice
  *
+ * @typedef {{focus: number, light: number, contrast: number, pitch_px: number}} AimEnough
+ *
  * @typedef {object} Aim
  * @property {number} picture
  * @property {[number, number]} picture_px
@@ -53,6 +55,7 @@
  * @property {string} frame
  * @property {string[]} frame_advice
  * @property {AimTarget[]} targets
+ * @property {AimEnough} enough
  * @property {number | null} silent_since_at_ms
  * @property {number | null} exposure_us
  * @property {number | null} gain

@@ -6,6 +6,8 @@ import { html, useEffect, useRef } from "../vendor/preact-htm.js";
 /** After a failure it is tried again. */
 const AGAIN_MS = 500;
 
+const NO_CONTENT = 204;
+
 /**
  * One picture is fetched at a time: a slow link gets fewer pictures, and never old ones.
  *
@@ -29,6 +31,11 @@ export function Picture({ box, aim, children }) {
         try {
           const answer = await fetch(`${of_box(box, "picture.jpeg")}?number=${number}`);
           if (!answer.ok) throw new Error(answer.statusText);
+          if (answer.status === NO_CONTENT) {
+            // Set-up mode has ended meanwhile.
+            shown = number;
+            continue;
+          }
           const picture = await createImageBitmap(await answer.blob());
           paint(canvas.current, picture, number);
           picture.close();

@@ -12,11 +12,6 @@ import { clock, number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").AimTarget} AimTarget */
 
-/** From where on a figure is good enough: the bounds by which the desk gives its advice. */
-const FOCUS_MIN = 80;
-const LIGHT_MIN = 0.4;
-const CONTRAST_MIN = 0.25;
-const PITCH_PX_MIN = 15;
 /** A bar of sizes ends here. */
 const PITCH_PX_MOST = 45;
 
@@ -40,7 +35,7 @@ export function Aim({ box: chosen, connection }) {
     <${LinkNote} box=${box} />
     <${Busy} box=${box} connection=${connection} />
     ${!aim && html`<p>The picture leaves the box only while it is shown here. Choose the frame so that the whole person
-      fits and a square of a target is at least ${PITCH_PX_MIN} pixels wide; turn the lens until the focus is highest, and lock it.</p>`}
+      fits, with the targets as large as that allows; turn the lens until the focus is highest, and lock it.</p>`}
     ${aim && html`
       <div class="aim columns wide-left" ref=${frame}>
         <div class="stack">
@@ -48,7 +43,7 @@ export function Aim({ box: chosen, connection }) {
           <${Picture} box=${box.id} aim=${aim} />
         </div>
         <div class="stack">
-          ${aim.targets.map((target) => html`<${Target} key=${target.name} target=${target} />`)}
+          ${aim.targets.map((target) => html`<${Target} key=${target.name} target=${target} enough=${aim.enough} />`)}
           ${aim.frame && html`<p class="soft">${aim.frame}</p>`}
           ${aim.frame_advice.map((words) => html`<${Note} key=${words} verdict="warn" text=${words} />`)}
           <${Exposure} aim=${aim} />
@@ -62,19 +57,19 @@ export function Aim({ box: chosen, connection }) {
   </section>`;
 }
 
-/** @param {{target: AimTarget}} properties */
-function Target({ target }) {
+/** @param {{target: AimTarget, enough: import("../desk/wire.js").AimEnough}} properties */
+function Target({ target, enough }) {
   const { focus, focus_best, light, contrast, pitch_px } = target;
   const is_enough = (/** @type {number} */ value, /** @type {number} */ least) => (value >= least ? "good" : "warn");
   return html`<article class="card" aria-label=${target.name}>
     <div class="row apart"><h2>${target.name}</h2>
       <${Word} verdict=${target.is_found ? "good" : "none"}>${target.state}<//></div>
     ${focus !== null && html`<${Meter} label="Focus" words=${`${focus} of 100, best ${focus_best}`} value=${focus} most=${100}
-      mark=${focus_best ?? undefined} verdict=${is_enough(focus, FOCUS_MIN)} />`}
-    ${light !== null && html`<${Meter} label="Light" words=${number(light, 2)} value=${light} most=${1} verdict=${is_enough(light, LIGHT_MIN)} />`}
-    ${contrast !== null && html`<${Meter} label="Contrast" words=${number(contrast, 2)} value=${contrast} most=${1} verdict=${is_enough(contrast, CONTRAST_MIN)} />`}
+      mark=${focus_best ?? undefined} verdict=${is_enough(focus, enough.focus)} />`}
+    ${light !== null && html`<${Meter} label="Light" words=${number(light, 2)} value=${light} most=${1} verdict=${is_enough(light, enough.light)} />`}
+    ${contrast !== null && html`<${Meter} label="Contrast" words=${number(contrast, 2)} value=${contrast} most=${1} verdict=${is_enough(contrast, enough.contrast)} />`}
     ${pitch_px !== null && html`<${Meter} label="Size of a square" words=${number(pitch_px, 0, "px")} value=${pitch_px} most=${PITCH_PX_MOST}
-      mark=${PITCH_PX_MIN} verdict=${is_enough(pitch_px, PITCH_PX_MIN)} />`}
+      mark=${enough.pitch_px} verdict=${is_enough(pitch_px, enough.pitch_px)} />`}
     ${target.advice.map((words) => html`<${Note} key=${words} verdict="warn" text=${words} />`)}
     ${focus === null && target.numbers.length > 0 && html`<p class="soft">${target.numbers.join(", ")}</p>`}
   </article>`;

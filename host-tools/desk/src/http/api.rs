@@ -191,12 +191,12 @@ pub async fn look(
 ) -> Result<Response, Failure> {
     let station = app.desk.station(&id).ok_or_else(|| Failure::not_found("the box"))?;
     if what == "picture.jpeg" {
-        let (_, file) = station
-            .shared
-            .picture()
-            .filter(|(_, file)| !file.is_empty())
-            .ok_or_else(|| Failure::not_found("a picture"))?;
-        return Ok(([(CONTENT_TYPE, "image/jpeg")], file.to_vec()).into_response());
+        let file = station.shared.picture().map(|(_, file)| file).filter(|it| !it.is_empty());
+        return Ok(match file {
+            Some(file) => ([(CONTENT_TYPE, "image/jpeg")], file.to_vec()).into_response(),
+            // Set-up mode may have ended since the page asked.
+            None => StatusCode::NO_CONTENT.into_response(),
+        });
     }
     let photographs = station.shared.state().photographs;
     let photographs = photographs.ok_or_else(|| Failure::not_found("a photograph"))?;

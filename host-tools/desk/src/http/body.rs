@@ -18,8 +18,10 @@ const BODY_WITHIN: Duration = Duration::from_secs(10);
 /// Why a request has failed.
 #[derive(Debug)]
 pub struct Failure {
-    status: StatusCode,
-    problem: Problem,
+    /// The status of the answer.
+    pub status: StatusCode,
+    /// What is said.
+    pub problem: Problem,
 }
 
 impl Failure {

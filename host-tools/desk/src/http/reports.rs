@@ -1,9 +1,11 @@
 //! Reports: the pages that `plumb report` makes.
 
 use axum::extract::{Path, State};
+use axum::http::StatusCode;
 use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE, X_FRAME_OPTIONS};
 use axum::response::{IntoResponse as _, Response};
 use plumbline_files::BadInput;
+use plumbline_report::page;
 use plumbline_report::trial::Beside;
 use plumbline_session::names;
 use plumbline_study::{figures, manifest};
@@ -14,9 +16,10 @@ use super::App;
 use super::body::Failure;
 use super::guard::REPORT_POLICY;
 use crate::studies;
+use crate::wire::Problem;
 
 /// A study's.
-pub async fn study(State(app): State<App>, Path(study): Path<String>) -> Result<Response, Failure> {
+pub async fn study(State(app): State<App>, Path(study): Path<String>) -> Response {
     made(move || {
         let study = studies::open(&app.desk.folder, &study)?;
         let figures = figures::analyze(&manifest::read(&study.path().join(names::STUDY))?)?;
@@ -29,7 +32,7 @@ pub async fn study(State(app): State<App>, Path(study): Path<String>) -> Result<
 pub async fn trial(
     State(app): State<App>,
     Path((study, session, trial)): Path<(String, String, String)>,
-) -> Result<Response, Failure> {
+) -> Response {
     made(move || {
         let folder = studies::trial_folder(&app.desk.folder, &study, &session, &trial)?;
         let trial = Trial::open(&folder)?;
@@ -46,16 +49,21 @@ pub async fn trial(
 }
 
 /// Makes a page where it keeps nobody from being answered.
-async fn made(
-    make: impl FnOnce() -> Result<String, Failure> + Send + 'static,
-) -> Result<Response, Failure> {
-    let html = tokio::task::spawn_blocking(make).await.unwrap_or_else(|_| {
+async fn made(make: impl FnOnce() -> Result<String, Failure> + Send + 'static) -> Response {
+    let made = tokio::task::spawn_blocking(make).await.unwrap_or_else(|_| {
         Err(BadInput::whole("the report", "it could not be made", "report it").into())
-    })?;
+    });
+    // It is opened in a tab of its own, by a person.
+    let (status, html) = match made {
+        Ok(html) => (StatusCode::OK, html),
+        Err(Failure { status, problem: Problem { place, found, remedy } }) => {
+            (status, page::not_made(&place, &found, &remedy))
+        }
+    };
     let headers = [
         (CONTENT_TYPE, "text/html; charset=utf-8"),
         (CONTENT_SECURITY_POLICY, REPORT_POLICY),
         (X_FRAME_OPTIONS, "SAMEORIGIN"),
     ];
-    Ok((headers, html).into_response())
+    (status, headers, html).into_response()
 }

@@ -10,14 +10,14 @@ use plumbline::packet::LinkKind;
 use plumbline_bedside::aim::{
     BestFocus, Follower, Reading, Session, Taken, find_exposure, store_exposure,
 };
-use plumbline_bedside::draw;
+use plumbline_bedside::{bounds, draw};
 use plumbline_files::BadInput;
 use plumbline_stream::link::BoxLink;
 
 use super::can::Stage;
 use super::orders::{Envelope, Order, Refusal};
 use super::{Job, Next, SHOW_EVERY, Shared, Worker};
-use crate::wire::{Aim, AimExpose, AimTarget, ExposureSearch, Problem, Tone};
+use crate::wire::{Aim, AimEnough, AimExpose, AimTarget, ExposureSearch, Problem, Tone};
 
 /// A new picture is asked for at most this often.
 const PICTURE_EVERY: Duration = Duration::from_millis(200);
@@ -264,6 +264,12 @@ impl Worker {
             frame: reading.as_ref().map(|it| it.frame.text.clone()).unwrap_or_default(),
             frame_advice: reading.as_ref().map(|it| it.frame.advice.clone()).unwrap_or_default(),
             targets: reading.as_ref().map(targets).unwrap_or_default(),
+            enough: AimEnough {
+                focus: bounds::FOCUS_MIN,
+                light: bounds::LIGHT_MIN,
+                contrast: bounds::CONTRAST_MIN,
+                pitch_px: bounds::PITCH_PX_MIN,
+            },
             silent_since_at_ms: silent_since,
             exposure_us,
             gain,

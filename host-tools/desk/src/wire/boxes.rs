@@ -278,6 +278,8 @@ pub struct Aim {
     pub frame_advice: Vec<String>,
     /// Each target's.
     pub targets: Vec<AimTarget>,
+    /// From where on they are good enough.
+    pub enough: AimEnough,
     /// Since when nothing is heard of the box, if it is silent.
     pub silent_since_at_ms: Option<f64>,
     /// How the frames are exposed.
@@ -288,6 +290,19 @@ pub struct Aim {
     pub exposure: Option<ExposureSearch>,
     /// When set-up mode ends by itself, so that no page left open keeps a ward in view.
     pub ends_at_ms: f64,
+}
+
+/// From where on what is seen of a target is good enough, in the units of [`AimTarget`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AimEnough {
+    /// Its focus.
+    pub focus: u8,
+    /// Its light squares.
+    pub light: f32,
+    /// Its contrast.
+    pub contrast: f32,
+    /// The size of a square.
+    pub pitch_px: f32,
 }
 
 /// What is seen of a target while a camera is aimed.

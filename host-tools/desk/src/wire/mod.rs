@@ -32,7 +32,7 @@
 //! | `POST /api/boxes/BOX/aim/expose` | [`AimExpose`] | [`Done`]; then [`Aim::exposure`] |
 //! | `POST /api/boxes/BOX/aim/cancel` | `{}` | [`Done`]; the search for an exposure ends |
 //! | `POST /api/boxes/BOX/aim/end` | `{}` | [`Done`]; photographs stay |
-//! | `GET /api/boxes/BOX/picture.jpeg?number=N` | | the live picture of that number, or a later one |
+//! | `GET /api/boxes/BOX/picture.jpeg?number=N` | | the live picture of that number, or a later one; 204 if there is none any more |
 //! | `POST /api/boxes/BOX/photographs/begin` | [`PhotographsBegin`] | [`Done`]; a new set: [`BoxState::photographs`] |
 //! | `POST /api/boxes/BOX/photographs/take` | `{}` | [`Done`]; one now |
 //! | `POST /api/boxes/BOX/photographs/auto` | [`PhotographsAuto`] | [`Done`]; one every few seconds |
