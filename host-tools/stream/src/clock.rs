@@ -39,12 +39,14 @@ pub fn surest(exchanges: &[Exchange]) -> Option<&Exchange> {
 }
 
 /// How much faster the box's clock runs than this computer's, and how uncertain that is at
-/// most, in ppm: from the most certain exchanges of the first and of the second half.
+/// most, in ppm: from the most certain exchanges of the first and of the last third. What lies
+/// between keeps them apart, wherever the most certain of all are.
 ///
 /// `None` without exchanges a second apart.
 #[must_use]
 pub fn drift_ppm(exchanges: &[Exchange]) -> Option<(f64, f64)> {
-    let (first, second) = exchanges.split_at(exchanges.len() / 2);
+    let third = exchanges.len().div_ceil(3);
+    let (first, second) = (&exchanges[..third], &exchanges[exchanges.len() - third..]);
     let (first, second) = (surest(first)?, surest(second)?);
     let between_ns = second.host_sent_ns.checked_sub(first.host_sent_ns)? as f64;
     let uncertain_ns = 0.5 * (first.round_trip_ns() as f64 + second.round_trip_ns() as f64);
@@ -162,6 +164,17 @@ mod tests {
             assert!((drift_ppm - faster_ppm).abs() <= uncertain_ppm, "{drift_ppm}");
             assert!(uncertain_ppm < 600.0, "{uncertain_ppm}");
         }
+    }
+
+    #[test]
+    fn a_drift_is_found_though_the_soonest_answers_lie_close_together() {
+        let mut exchanges = exchanges(7, 300.0);
+        for exchange in &mut exchanges[24..26] {
+            exchange.host_received_ns = exchange.host_sent_ns + 60_000;
+        }
+        let (drift_ppm, uncertain_ppm) = drift_ppm(&exchanges).expect("they span 5 s");
+        assert!((drift_ppm - 300.0).abs() <= uncertain_ppm, "{drift_ppm} +- {uncertain_ppm}");
+        assert!(uncertain_ppm < 1_000.0, "{uncertain_ppm}");
     }
 
     #[test]
