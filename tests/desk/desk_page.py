@@ -74,7 +74,11 @@ class Browser:
             self.others.append(request.url)
 
     def _page(self, page):
-        page.on("console", lambda it: it.type in ("error", "warning") and self.complaints.append(it.text))
+        def complain(message):
+            if message.type in ("error", "warning"):
+                self.complaints.append(f"{message.text} {message.location['url']}")
+
+        page.on("console", complain)
         page.on("pageerror", lambda it: self.complaints.append(str(it)))
 
     def check(self):

@@ -9,6 +9,8 @@ from desk_page import Keyboard, Mouse, ask, begin_of, browser, button, expect, l
 
 PHOTOGRAPHS = 12
 SECONDS = 3
+# A box that shares a busy computer has not measured all of that when it is over.
+COMPARED_S = 1
 
 
 def aim(page, hands):
@@ -65,7 +67,7 @@ def prepare(page, hands):
     hands.write(page.get_by_label("Rest between trials, s"), "0")
     hands.write(page.get_by_label("Countdown, s"), "1")
     hands.write(page.get_by_label("Repeats of each"), "1")
-    hands.write(page.get_by_label("Times that are compared, s"), f"0 to {SECONDS}")
+    hands.write(page.get_by_label("Times that are compared, s"), f"0 to {COMPARED_S}")
     for number in (1, 2):
         condition = page.get_by_role("group", name=f"Condition {number}")
         hands.write(condition.get_by_label("Measured for, s"), str(SECONDS))
@@ -107,6 +109,12 @@ def needs_reason(page):
     return page.get_by_role("dialog").is_visible()
 
 
+def report(page):
+    title = page.get_by_role("heading", level=1)
+    expect(title).to_be_visible()
+    assert title.inner_text() != "No report", page.get_by_role("main").inner_text()
+
+
 def reports(page, hands):
     expect(page.get_by_role("heading", name="The session is over")).to_be_visible()
     hands.press(link(page, "To the trials"))
@@ -115,13 +123,13 @@ def reports(page, hands):
     shot(page, "way-trials")
     with page.expect_popup() as popup:
         hands.press(table.get_by_role("link").first)
-    expect(popup.value.get_by_role("heading", level=1)).to_be_visible()
+    report(popup.value)
     shot(popup.value, "way-report")
     popup.value.close()
     hands.press(link(page, "Study"))
     with page.expect_popup() as popup:
         hands.press(link(page, "Open the study's report"))
-    expect(popup.value.get_by_role("heading", level=1)).to_be_visible()
+    report(popup.value)
     shot(popup.value, "way-study-report")
     popup.value.close()
     shot(page, "way-study")
