@@ -65,6 +65,10 @@ enum Part {
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
     Boot,
+    /// What others watch for seconds, watched for ten minutes each, with the programs as users have
+    /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet
+    /// computer; only when it is named.
+    Long,
 }
 
 impl Part {
@@ -98,6 +102,10 @@ impl Part {
             Self::Armhf => Target::Armv7.prepare(),
             Self::BareMetal => bare_metal::prepare(),
             Self::Boot => image::prepare_for_tests(),
+            Self::Long => {
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
+                python::prepare()
+            }
         }
     }
 
@@ -110,6 +118,7 @@ impl Part {
             Self::Armhf => 400,
             Self::BareMetal => 1200,
             Self::Boot => 1600,
+            Self::Long => 4500,
         }
     }
 
@@ -121,6 +130,7 @@ impl Part {
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
+            Self::Long => long(journal),
         }
         Ok(())
     }
@@ -354,6 +364,31 @@ fn boot(journal: &mut Journal) {
             let task = task.env(SKIPS, &journal.skips.to_string_lossy());
             journal.tests(name, |each_line| task.run_and_read(each_line));
         }
+    }
+}
+
+/// How long [`long`] has the streams watched; the desk's tests know it themselves.
+const STREAM_SECONDS: (&str, &str) = ("PLUMBLINE_STREAM_SECONDS", "600");
+
+/// The tests that take long, one after the other, since they measure times and memory.
+fn long(journal: &mut Journal) {
+    let build = ["build", "--release", "--package", "plumb", "--package", "plumbline-board"];
+    if !journal.check("build", || Task::cargo().args(build).run()) {
+        return;
+    }
+    let programs = target_directory().join("release");
+    let streams = "streams::every_frame_reaches_everybody_and_the_recording_is_whole";
+    for (name, program, which) in
+        [("desk", "desk", ["--ignored"].as_slice()), ("streams", "link", &["--exact", streams])]
+    {
+        let test = ["test", "--workspace", "--test", program, "--", "--nocapture"];
+        let task = Task::cargo().args(test).args(["--test-threads=1"]).args(which);
+        let task = task
+            .env(PROGRAMS, &programs.to_string_lossy())
+            .env(STREAM_SECONDS.0, STREAM_SECONDS.1)
+            .env(SKIPS, &journal.skips.to_string_lossy());
+        let task = with_readers(task, true);
+        journal.tests(name, |each_line| task.run_and_read(each_line));
     }
 }
 

@@ -22,10 +22,8 @@ const FILLED_AFTER: Duration = Duration::from_secs(90);
 /// What the allocator may keep meanwhile, kilobytes.
 const GROWTH_KB_MAX: u64 = 6_000;
 
-/// It takes as long as it says, and a quiet computer: `cargo test -p plumbline-tests --test desk --
-/// --ignored memory`.
 #[test]
-#[ignore = "it takes twelve minutes"]
+#[ignore = "takes twelve minutes: `cargo xtask test long`"]
 fn ten_minutes_at_200_hz_take_no_memory() {
     let Some(stand) = Stand::new() else { return };
     let folder = stand.ready_box(BOX);
