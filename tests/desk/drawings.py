@@ -1,4 +1,5 @@
-"""What the page draws from: its modules, asked in the browser that runs them.
+"""What the page draws from, and how it reads what is typed: its modules, asked in the browser that runs
+them.
 
     drawings.py URL
 """
@@ -41,6 +42,19 @@ REACH = """async () => {
     return { steps, reaches: [0.1, 1.5, 4, 3.9, 1.1, 0.1].map(it => reach.fit(it)) };
 }"""
 
+TYPED = """async () => {
+    const { needed_number, typed_number } = await import("/words.js");
+    const read = (of, text) => {
+        try {
+            return of(text, "Height, cm");
+        } catch (error) {
+            return error.message;
+        }
+    };
+    const texts = ["12.5", "12,5", " 7 ", "", "  ", "12,5,0", "tall", "Infinity"];
+    return [typed_number, needed_number].map(of => texts.map(it => read(of, it)));
+}"""
+
 
 def samples(page):
     got = page.evaluate(SAMPLES)
@@ -72,10 +86,18 @@ def reach(page):
     assert got["reaches"] == [1, 2, 5, 5, 2, 2], got
 
 
+def typed(page):
+    # Never NaN, which JSON makes null: as if nothing had been typed.
+    wrong = [f"Height, cm: “{it}” is not a number – type one such as 12.5" for it in ("12,5,0", "tall", "Infinity", "")]
+    may_be_empty, must_be_there = page.evaluate(TYPED)
+    assert may_be_empty == [12.5, 12.5, 7, None, None, *wrong[:3]], may_be_empty
+    assert must_be_there == [12.5, 12.5, 7, wrong[3], wrong[3], *wrong[:3]], must_be_there
+
+
 def main(url):
     with browser(url) as watched:
         page = watched.page()
-        for part in (samples, ellipse, reach):
+        for part in (samples, ellipse, reach, typed):
             part(page)
             tell(f"{part.__name__}: right")
 

@@ -7,7 +7,7 @@ use plumbline_test_support::root;
 use crate::stage::{Stage, nothing_is_asked};
 
 #[test]
-fn what_is_drawn_is_what_came() {
+fn what_is_drawn_is_what_came_and_what_is_typed_is_read() {
     let Some(stage) = Stage::new() else { return };
     let desk = stage.desk();
     stage.browse("drawings.py", &[&desk.url], nothing_is_asked);

@@ -1,9 +1,30 @@
-/** Numbers in words. */
+/** Numbers in words, and words as numbers. */
 
 /** @param {number | null | undefined} value @param {number} digits @param {string} unit */
 export function number(value, digits = 0, unit = "") {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return unit ? `${value.toFixed(digits)} ${unit}` : value.toFixed(digits);
+}
+
+/**
+ * A number that was typed, with a point or a comma; `null` where nothing was.
+ *
+ * Anything else is an error in words: as `NaN` it would reach the desk as if nothing had been typed.
+ *
+ * @param {unknown} text @param {string} label What the field is called.
+ * @returns {number | null}
+ */
+export function typed_number(text, label) {
+  const typed = String(text ?? "").trim();
+  return typed === "" ? null : needed_number(typed, label);
+}
+
+/** The same where there must be one. @param {unknown} text @param {string} label */
+export function needed_number(text, label) {
+  const typed = String(text ?? "").trim();
+  const value = typed === "" ? NaN : Number(typed.replace(",", "."));
+  if (!Number.isFinite(value)) throw new Error(`${label}: “${typed}” is not a number – type one such as 12.5`);
+  return value;
 }
 
 /** A duration as minutes and seconds. @param {number} seconds */

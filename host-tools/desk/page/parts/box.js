@@ -27,14 +27,15 @@ export function LinkNote({ box }) {
 /**
  * A button for an action of a box; it is there only if the action is possible now.
  *
- * @param {{box: BoxState, needs: string, action: string, body?: object, stays?: boolean, children?: unknown}} properties
- *   `needs` is the desk's name of the action, `action` the end of its route. One that `stays` waits
+ * @param {{box: BoxState, needs: string, action: string, body?: object | (() => object), stays?: boolean, children?: unknown}} properties
+ *   `needs` is the desk's name of the action, `action` the end of its route; a `body` that is a function is
+ *   asked when the button is pressed, and may throw what is wrong. One that `stays` waits
  *   where it is until the action is possible again.
  */
 export function BoxAct({ box, needs, action, body, stays = false, children, ...others }) {
   const is_possible = can(box, needs);
   if (!is_possible && !stays) return null;
-  return html`<${Act} waits=${!is_possible} act=${() => post(of_box(box.id, action), body)} ...${others}>${children}<//>`;
+  return html`<${Act} waits=${!is_possible} act=${() => post(of_box(box.id, action), typeof body === "function" ? body() : body)} ...${others}>${children}<//>`;
 }
 
 /** The desk's clock, ms, at this moment and then again every so often. @param {Connection} connection @param {number} every_ms */

@@ -9,7 +9,7 @@ import { Act, Facts, Field, Note, Word } from "../parts/elements.js";
 import { Picture } from "../parts/picture.js";
 import { address } from "../shell/route.js";
 import { html, useRef, useState } from "../vendor/preact-htm.js";
-import { counted, number } from "../words.js";
+import { counted, needed_number, number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").BoxState} BoxState */
 /** @typedef {import("../desk/wire.js").Photographs} Set */
@@ -36,8 +36,9 @@ function Begin({ box }) {
   const [pitch, set_pitch] = useState("20");
   if (!can(box, "photographs_begin")) return null;
   const begin = () => {
-    const corners = board.split(/[x×*]/).map(Number);
-    return post(of_box(box.id, "photographs/begin"), { board: corners, pitch_mm: Number(pitch) });
+    const corners = board.split(/[x×*]/).map((it) => needed_number(it, "Inner corners of the board"));
+    const pitch_mm = needed_number(pitch, "From corner to corner, mm");
+    return post(of_box(box.id, "photographs/begin"), { board: corners, pitch_mm });
   };
   const is_first = !box.photographs;
   return html`<details class="card" open=${is_first}>
@@ -69,7 +70,7 @@ function Photographing({ box, set, connection }) {
           ${!box.aim && html`<${BoxAct} box=${box} needs="aim_begin" action="aim/begin" kind="first">Go on photographing<//>`}
           <${BoxAct} box=${box} needs="photographs_take" action="photographs/take" kind="first" stays=${box.aim !== null}>Take one now<//>
           ${can(box, "photographs_auto") && html`
-            <${BoxAct} box=${box} needs="photographs_auto" action="photographs/auto" body=${{ count: 15, every_s: Number(every_s) }}>Take 15 by themselves<//>
+            <${BoxAct} box=${box} needs="photographs_auto" action="photographs/auto" body=${() => ({ count: 15, every_s: needed_number(every_s, "One every, s") })}>Take 15 by themselves<//>
             <label class="row"><span>one every</span>
               <input type="number" min="1" max="60" value=${every_s} onInput=${(/** @type {any} */ event) => set_every_s(event.target.value)} style=${{ width: "5rem" }} />
               <span>s</span></label>`}

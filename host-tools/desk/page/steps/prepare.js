@@ -5,7 +5,7 @@ import { can } from "../parts/box.js";
 import { Act, Choice, Facts, Field, Note } from "../parts/elements.js";
 import { ChooseStudy } from "../parts/study.js";
 import { html, useEffect, useState } from "../vendor/preact-htm.js";
-import { clock, counted } from "../words.js";
+import { clock, counted, typed_number } from "../words.js";
 import { LiveView } from "./live_view.js";
 import { ProtocolEditor } from "./protocol_editor.js";
 
@@ -124,10 +124,15 @@ function Participants({ study, changed }) {
   const empty = { code: "", age: "", sex: "", height: "", mass: "" };
   const [form, set_form] = useState(empty);
   const set = (/** @type {string} */ name) => (/** @type {string} */ value) => set_form({ ...form, [name]: value });
-  const figure = (/** @type {string} */ text) => (text.trim() === "" ? null : Number(text));
   const save = async () => {
     const { code, age, sex, height, mass } = form;
-    const row = { code: code.trim(), age_years: figure(age), sex: sex || null, height_cm: figure(height), mass_kg: figure(mass) };
+    const row = {
+      code: code.trim(),
+      age_years: typed_number(age, "Age, years"),
+      sex: sex || null,
+      height_cm: typed_number(height, "Height, cm"),
+      mass_kg: typed_number(mass, "Mass, kg"),
+    };
     changed(await post(of_study(study.folder, "participants"), row), row.code);
     set_form(empty);
   };

@@ -3,7 +3,7 @@
 import { of_study, post, problem_words } from "../desk/requests.js";
 import { Act, Choice, Field, Note, Tick } from "../parts/elements.js";
 import { html, useEffect, useState } from "../vendor/preact-htm.js";
-import { clock, counted } from "../words.js";
+import { clock, counted, needed_number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").Study} Study */
 /** Fields as they are typed; numbers are texts. @typedef {Record<string, any>} Draft */
@@ -24,28 +24,25 @@ const draft_of = (fields) => ({
   bins: fields.bins_s.map((/** @type {number[]} */ bin) => bin.join(" to ")).join(", "),
 });
 
-/** @param {unknown} text */
-const figure = (text) => (String(text).trim() === "" ? null : Number(text));
-
 /** @param {string} text */
 const parts = (text) => text.split(",").map((it) => it.trim()).filter(Boolean);
 
-/** What the desk reads. @param {Draft} draft */
+/** What the desk reads; throws what is no number. @param {Draft} draft */
 function fields_of({ marks, bins, ...draft }) {
   const is_random = draft.order.by === "random";
   return {
     ...draft,
     about: draft.about?.trim() || null,
-    order: is_random ? { by: "random", seed: figure(draft.order.seed ?? 1) } : { by: draft.order.by },
-    repeats: figure(draft.repeats),
-    rest_s: figure(draft.rest_s ?? 0),
-    countdown_s: figure(draft.countdown_s ?? 0),
+    order: is_random ? { by: "random", seed: needed_number(draft.order.seed ?? 1, "Seed") } : { by: draft.order.by },
+    repeats: needed_number(draft.repeats, "Repeats of each"),
+    rest_s: needed_number(draft.rest_s ?? 0, "Rest between trials, s"),
+    countdown_s: needed_number(draft.countdown_s ?? 0, "Countdown, s"),
     marks: parts(marks),
-    bins_s: parts(bins).map((bin) => bin.split(/\s*(?:to|–)\s*/).map(figure)),
+    bins_s: parts(bins).map((bin) => bin.split(/\s*(?:to|–)\s*/).map((end) => needed_number(end, "Times that are compared, s"))),
     condition: draft.condition.map((/** @type {any} */ it) => ({
       ...it,
-      baseline_s: figure(it.baseline_s ?? 0),
-      duration_s: figure(it.duration_s),
+      baseline_s: needed_number(it.baseline_s ?? 0, "Before t = 0, s"),
+      duration_s: needed_number(it.duration_s, "Measured for, s"),
     })),
   };
 }
@@ -54,16 +51,26 @@ function fields_of({ marks, bins, ...draft }) {
 export function ProtocolEditor({ study, done }) {
   const [draft, set_draft] = useState(() => draft_of(study.protocol.fields));
   const [checked, set_checked] = useState(/** @type {any} */ (null));
-  const protocol = { fields: fields_of(draft) };
-  const typed = JSON.stringify(protocol);
+  const as_sent = () => ({ protocol: { fields: fields_of(draft) } });
   useEffect(() => {
-    const timer = setTimeout(() => {
-      post("/api/protocols/check", { protocol }).then(set_checked, (error) => set_checked({ problem: { place: "", found: error.message, remedy: "" } }));
-    }, QUIET_MS);
-    return () => clearTimeout(timer);
-  }, [typed]);
+    let is_wanted = true;
+    const check = async () => {
+      let answer;
+      try {
+        answer = await post("/api/protocols/check", as_sent());
+      } catch (error) {
+        answer = { problem: { place: "", found: error instanceof Error ? error.message : String(error), remedy: "" } };
+      }
+      if (is_wanted) set_checked(answer);
+    };
+    const timer = setTimeout(() => void check(), QUIET_MS);
+    return () => {
+      is_wanted = false;
+      clearTimeout(timer);
+    };
+  }, [JSON.stringify(draft)]);
   const set = (/** @type {string} */ name) => (/** @type {any} */ value) => set_draft({ ...draft, [name]: value });
-  const save = async () => done(await post(of_study(study.folder, "protocol"), { protocol }));
+  const save = async () => done(await post(of_study(study.folder, "protocol"), as_sent()));
   const tones = draft.tones ?? { start: false, end: false };
   return html`<form class="card" aria-label="Edit the protocol" onSubmit=${(/** @type {Event} */ event) => event.preventDefault()}>
     <h2>Protocol</h2>

@@ -4,14 +4,14 @@ import { BoxAct, Busy, LinkNote } from "../parts/box.js";
 import { Facts, Field, Note } from "../parts/elements.js";
 import { address } from "../shell/route.js";
 import { html, useState } from "../vendor/preact-htm.js";
-import { number } from "../words.js";
+import { number, typed_number } from "../words.js";
 
 /** @param {import("../shell/shell.js").StepProperties} properties */
 export function Scene({ box: chosen, connection }) {
   const box = /** @type {import("../desk/wire.js").BoxState} */ (chosen);
   const [pitch, set_pitch] = useState("");
   const { scene } = box;
-  const looks_down = pitch.trim() === "" ? {} : { camera_pitch_deg: Number(pitch) };
+  const looks_down = () => ({ camera_pitch_deg: typed_number(pitch, "Down by, degrees") });
   return html`<section tabindex="-1">
     <h1>Measure the scene</h1>
     <p class="sentence">${scene?.is_stored
