@@ -34,6 +34,16 @@ SAMPLES = """async () => {
 
 ELLIPSE = """async covariance => (await import("/draw/plane.js")).ellipse(covariance)"""
 
+WIRES = """async states => {
+    const { WiresOf } = await import("/parts/wires.js");
+    const { html, render } = await import("/vendor/preact-htm.js");
+    return states.map(wires => {
+        const at = document.createElement("div");
+        render(html`<${WiresOf} wires=${wires} />`, at);
+        return at.textContent.replace(/\\s+/g, " ");
+    });
+}"""
+
 REACH = """async () => {
     const { Reach, step_up } = await import("/draw/scale.js");
     const reach = new Reach(1);
@@ -72,10 +82,22 @@ def reach(page):
     assert got["reaches"] == [1, 2, 5, 5, 2, 2], got
 
 
+def wires(page):
+    counts = {"sent": 3, "bounces": 1, "dropped": 0, "pulses": 600}
+    both, lossy, missing = page.evaluate(WIRES, [
+        {"input": "ready", "output": "ready", **counts},
+        {"input": "ready", "output": "off", **counts, "dropped": 2},
+        {"input": "missing", "output": "off", **counts},
+    ])
+    assert "3 marks since its start, 1 bounce left out" in both and "600 pulses given" in both, both
+    assert "2 edges came faster" in lossy and "Output line" not in lossy, lossy
+    assert "missing" in missing and "cannot be used" in missing and "marks since" not in missing, missing
+
+
 def main(url):
     with browser(url) as watched:
         page = watched.page()
-        for part in (samples, ellipse, reach):
+        for part in (samples, ellipse, reach, wires):
             part(page)
             tell(f"{part.__name__}: right")
 
