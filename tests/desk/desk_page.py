@@ -230,6 +230,15 @@ def wait_until_ready(page):
     )
 
 
+def keep(page, folder, press):
+    """The file that comes when something is pressed, in this folder under its own name."""
+    with page.expect_download() as download:
+        press()
+    path = Path(folder) / download.value.suggested_filename
+    download.value.save_as(path)
+    return path
+
+
 def begin_session(page):
     """A session of that study, up to its first instruction."""
     wait_until_ready(page)

@@ -35,6 +35,16 @@ SAMPLES = """async () => {
 
 ELLIPSE = """async covariance => (await import("/draw/plane.js")).ellipse(covariance)"""
 
+WIRES = """async states => {
+    const { WiresOf } = await import("/parts/wires.js");
+    const { html, render } = await import("/vendor/preact-htm.js");
+    return states.map(wires => {
+        const at = document.createElement("div");
+        render(html`<${WiresOf} wires=${wires} />`, at);
+        return at.textContent.replace(/\\s+/g, " ");
+    });
+}"""
+
 REACH = """async () => {
     const { Reach, step_up } = await import("/draw/scale.js");
     const reach = new Reach(1);
@@ -88,16 +98,29 @@ def reach(page):
 
 def typed(page):
     # Never NaN, which JSON makes null: as if nothing had been typed.
-    wrong = [f"Height, cm: “{it}” is not a number – type one such as 12.5" for it in ("12,5,0", "tall", "Infinity", "")]
+    wrong = [f"Height, cm: “{it}” is not a number – type one such as 12.5" for it in ("12,5,0", "tall", "Infinity")]
+    nothing = "Height, cm: nothing is typed – type a number such as 12.5"
     may_be_empty, must_be_there = page.evaluate(TYPED)
-    assert may_be_empty == [12.5, 12.5, 7, None, None, *wrong[:3]], may_be_empty
-    assert must_be_there == [12.5, 12.5, 7, wrong[3], wrong[3], *wrong[:3]], must_be_there
+    assert may_be_empty == [12.5, 12.5, 7, None, None, *wrong], may_be_empty
+    assert must_be_there == [12.5, 12.5, 7, nothing, nothing, *wrong], must_be_there
+
+
+def wires(page):
+    counts = {"sent": 3, "bounces": 1, "dropped": 0, "pulses": 600}
+    both, lossy, missing = page.evaluate(WIRES, [
+        {"input": "ready", "output": "ready", **counts},
+        {"input": "ready", "output": "off", **counts, "dropped": 2},
+        {"input": "missing", "output": "off", **counts},
+    ])
+    assert "3 marks since its start, 1 bounce left out" in both and "600 pulses given" in both, both
+    assert "2 edges came faster" in lossy and "Output line" not in lossy, lossy
+    assert "missing" in missing and "cannot be used" in missing and "marks since" not in missing, missing
 
 
 def main(url):
     with browser(url) as watched:
         page = watched.page()
-        for part in (samples, ellipse, reach, typed):
+        for part in (samples, ellipse, reach, typed, wires):
             part(page)
             tell(f"{part.__name__}: right")
 

@@ -26,6 +26,10 @@ ATTEMPTS = """async ([desk, box]) => {
     const json = { "Content-Type": "application/json" };
     await attempt("read", () => fetch(`${desk}/api/state`, { credentials: "include" }).then(body));
     await attempt("json", () => fetch(path, { method: "POST", credentials: "include", headers: json, body: "{}" }).then(body));
+    const whole = { method: "POST", credentials: "include", headers: json, body: "{}" };
+    await attempt("key", () => fetch(`${desk}/api/boxes/${box}/card/box.key`, whole).then(body));
+    await attempt("settings", () => fetch(`${desk}/api/boxes/${box}/settings`, { credentials: "include" }).then(body));
+    await attempt("new box", () => fetch(`${desk}/api/new-box`, whole).then(body));
     await attempt("plain", () => fetch(path, { method: "POST", credentials: "include", mode: "no-cors", body: "{}" }).then(() => "nothing"));
     await attempt("socket", () => new Promise((resolve, reject) => {
         const socket = new WebSocket(desk.replace("http", "ws") + "/ws");

@@ -6,7 +6,7 @@
 import sys
 
 from axe_playwright_python.sync_playwright import Axe
-from desk_page import api, ask, begin_session, box_of, browser, button, expect, go, shot, short_study, wait_until_ready
+from desk_page import api, ask, begin_session, box_of, browser, button, expect, go, link, shot, short_study, wait_until_ready
 
 SIZES = [(1280, 800), (1024, 768), (390, 844)]
 SCHEMES = ["light", "dark"]
@@ -34,6 +34,15 @@ def main(url):
         button(page, "Examine it").click()
         expect(page.get_by_role("heading", name="The doctor finds")).to_be_visible()
         look(page, "boxes")
+
+        link(page, "Settings").click()
+        page.get_by_label("This box has wires").check()
+        expect(page.get_by_label("Line for marks")).to_be_visible()
+        look(page, "settings")
+        go(page, "Print")
+        expect(link(page, "Download the targets (PDF)")).to_be_visible()
+        page.locator("summary", has_text="For experts").click()
+        look(page, "print")
 
         go(page, "Aim")
         look(page, "aim-before")
@@ -95,6 +104,22 @@ def main(url):
         go(page, "Study")
         expect(page.get_by_role("link", name="Open the study's report")).to_be_visible()
         look(page, "study")
+
+        go(page, "Boxes")
+        link(page, "New box").click()
+        page.get_by_label("Name", exact=True).fill("ward 4")
+        page.get_by_label("Its own address").select_option(label="a fixed one")
+        expect(page.get_by_text("network.address")).to_be_visible()
+        look(page, "new-box")
+        page.get_by_label("Address and prefix").fill("192.168.1.30/24")
+        expect(page.get_by_text("network.address")).to_be_hidden()
+        page.get_by_label("For experts").check()
+        expect(page.get_by_label("box.toml", exact=True)).to_be_visible()
+        button(page, "Make the box").click()
+        expect(button(page, "Download box.key")).to_be_visible()
+        button(page, "Correct what it has to know").click()
+        expect(button(page, "Make its files again")).to_be_visible()
+        look(page, "card")
 
 
 if __name__ == "__main__":

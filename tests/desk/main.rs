@@ -4,7 +4,7 @@
 //!
 //! | what is done | what must come of it | where |
 //! |---|---|---|
-//! | from a box without a calibration to a study's report, by mouse, and by keyboard alone | a study whose trials are whole | [`whole_way`] |
+//! | from the paper and a new box to a study's report, by mouse, and by keyboard alone | a study whose trials are whole | [`whole_way`] |
 //! | every step at three sizes, light and dark | nothing is cut off, axe-core finds nothing, the console is silent, no other host is asked | [`looks`] |
 //! | the page is reloaded, throttled, cut off, closed and opened again in a trial | the trial is whole | [`disturbed`] |
 //! | a page of another origin, another name for the desk, hostile words | nothing is got, nothing begins | [`hostile`] |

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use common::python::python;
+use plumbline::config::FILE_NAME;
+use plumbline::seal::KEY_FILE_NAME;
 use plumbline_test_support::{Absent, root, skip};
 
 use crate::camera::{RATE_HZ, Shown, TheBox};
@@ -28,9 +30,20 @@ impl Stage {
         Self::of(|stand| stand.ready_box(BOX))
     }
 
-    /// With a box that knows nothing of its camera.
-    pub fn uncalibrated() -> Option<Self> {
-        Self::of(|stand| stand.new_box(BOX))
+    /// Without any box: one is made on the page, and gets its card.
+    pub fn without_box() -> Option<Self> {
+        Self::of(|stand| {
+            let folder = stand.path(BOX);
+            std::fs::create_dir(&folder).unwrap();
+            folder
+        })
+    }
+
+    /// Puts a card with the files of this folder into the box.
+    pub fn put_in(&self, card: &Path) {
+        for (name, kept) in [(FILE_NAME, "box.plb"), (KEY_FILE_NAME, KEY_FILE_NAME)] {
+            std::fs::copy(card.join(name), self.the_box.join(kept)).unwrap();
+        }
     }
 
     fn of(a_box: impl FnOnce(&Stand) -> PathBuf) -> Option<Self> {

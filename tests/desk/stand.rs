@@ -61,11 +61,6 @@ impl Stand {
         )
     }
 
-    /// A box with its key that knows nothing of its camera.
-    pub fn new_box(&self, serial_number: &str) -> PathBuf {
-        self.a_box(serial_number, "--uncalibrated 640x480")
-    }
-
     fn a_box(&self, serial_number: &str, camera: &str) -> PathBuf {
         let folder = self.path(serial_number);
         std::fs::create_dir(&folder).unwrap();

@@ -1,16 +1,62 @@
-"""From a box without a calibration to a study's report.
+"""From the paper and a new box to a study's report.
 
     whole_way.py URL mouse|keyboard
 """
 
 import sys
+import tempfile
+from pathlib import Path
 
-from desk_page import Keyboard, Mouse, ask, begin_of, browser, button, expect, link, shot
+from desk_page import Keyboard, Mouse, ask, begin_of, browser, button, expect, keep, link, shot
 
 PHOTOGRAPHS = 12
 SECONDS = 3
 # A box that shares a busy computer has not measured all of that when it is over.
 COMPARED_S = 1
+
+
+def sheets(page, hands):
+    expect(page.get_by_text("No box is known to this computer.")).to_be_visible()
+    hands.press(link(page, "Print"))
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("Download the targets (PDF)", "Download the board (PDF)"):
+            sheet = keep(page, folder, lambda: hands.press(link(page, name)))
+            assert sheet.read_bytes().startswith(b"%PDF"), name
+    hands.write(page.get_by_label("Square of the board, mm"), "20.0")
+    hands.press(button(page, "Keep what was measured"))
+    expect(page.get_by_text("Kept.", exact=True)).to_be_visible()
+    shot(page, "way-print")
+    hands.press(link(page, "Go on to the boxes"))
+
+
+def new_box(page, hands):
+    hands.press(link(page, "New box"))
+    hands.write(page.get_by_label("Name", exact=True), "ward 3")
+    hands.write(page.get_by_label("Serial number"), "PL-0003")
+    hands.write(page.get_by_label("Size of the frames"), "640x480")
+    shot(page, "way-new-box")
+    hands.press(button(page, "Make the box"))
+    with tempfile.TemporaryDirectory() as card:
+        for name in ("config.plb", "box.key"):
+            kept = keep(page, card, lambda: hands.press(button(page, f"Download {name}")))
+            assert kept.name == name, kept
+        shot(page, "way-card")
+        ask(f"start {Path(card)}")
+    hands.press(link(page, "Go on to the boxes: it is looked for"))
+
+
+def settings(page, hands):
+    card = page.get_by_role("article", name="ward 3")
+    expect(card.get_by_text("connected")).to_be_visible()
+    hands.press(link(card, "Settings"))
+    hands.write(page.get_by_label("Exposure, µs"), "4000")
+    hands.press(button(page, "Send them to the box"))
+    expect(page.get_by_text("Its settings are shown once the box is heard.")).to_be_hidden()
+    # It has restarted with them: there is nothing to send any more.
+    expect(button(page, "Send them to the box")).to_be_disabled()
+    expect(page.get_by_label("Exposure, µs")).to_have_value("4000")
+    shot(page, "way-settings")
+    hands.press(link(page, "Back to the boxes"))
 
 
 def aim(page, hands):
@@ -139,7 +185,7 @@ def main(url, kind):
     with browser(url) as watched:
         page = watched.page()
         hands = {"mouse": Mouse, "keyboard": Keyboard}[kind](page)
-        for part in (aim, calibrate, scene, prepare, trial, trial, reports):
+        for part in (sheets, new_box, settings, aim, calibrate, scene, prepare, trial, trial, reports):
             part(page, hands)
 
 

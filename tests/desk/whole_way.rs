@@ -1,4 +1,6 @@
-//! From a box that knows nothing of its camera to a study's report.
+//! From the paper and a new box to a study's report.
+
+use std::path::Path;
 
 use plumbline_trial::Trial;
 
@@ -19,10 +21,17 @@ pub fn show(the_box: &TheBox, asked: &str) -> String {
 
 #[track_caller]
 fn go_by(hands: &str) {
-    let Some(stage) = Stage::uncalibrated() else { return };
-    let the_box = stage.start_box(Shown::Photograph(0));
+    let Some(stage) = Stage::without_box() else { return };
     let desk = stage.desk();
-    stage.browse("whole_way.py", &[&desk.url, hands], |asked| show(&the_box, asked));
+    let mut the_box = None;
+    stage.browse("whole_way.py", &[&desk.url, hands], |asked| match asked.strip_prefix("start ") {
+        Some(card) => {
+            stage.put_in(Path::new(card));
+            the_box = Some(stage.start_box(Shown::Photograph(0)));
+            "started".to_owned()
+        }
+        None => show(the_box.as_ref().expect("a box that was started"), asked),
+    });
     drop(desk);
     let session = stage.path("quiet-standing/sessions/P01-1");
     let trials = std::fs::read_dir(session).unwrap().map(|it| it.unwrap().path());

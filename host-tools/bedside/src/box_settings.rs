@@ -52,6 +52,9 @@ mod trigger;
 
 use trigger::TriggerFields;
 
+/// A box file with every setting explained, to be edited.
+pub const NEW_BOX: &str = include_str!("box_settings/box.toml");
+
 const REMEDY: &str = "a box file has device, serial_number and the tables [capture] (driver, device, pixel_format, rate_hz, exposure_us, gain), [links] (udp, serial, serial_one_way), [network] (address, gateway), [machine] (realtime_priority, cpu, watchdog_s) and [trigger] (chip, line, edge, debounce_us, output_line, output_marks)";
 
 /// Above the computer's other programs, below the kernel's own threads.
@@ -213,7 +216,11 @@ pub fn read(path: &Path) -> Result<BoxSettings, BadInput> {
     parse(&read_text(path)?, &path.display().to_string())
 }
 
-fn parse(text: &str, place: &str) -> Result<BoxSettings, BadInput> {
+/// The settings of a file's text; `place` names it in errors.
+///
+/// # Errors
+/// When a field is missing, unknown or of another type.
+pub fn parse(text: &str, place: &str) -> Result<BoxSettings, BadInput> {
     from_toml(text, place, REMEDY).map_err(|mut error| {
         let name = error.field.split(' ').next().unwrap_or_default();
         if let Some(wanted) = wanted(name) {
@@ -277,6 +284,18 @@ impl BoxSettings {
             },
             trigger: config.trigger.as_ref().map(TriggerFields::of),
         }
+    }
+
+    /// The box's name.
+    #[must_use]
+    pub fn device(&self) -> &str {
+        &self.device
+    }
+
+    /// The box's number, by which its key is kept.
+    #[must_use]
+    pub fn serial_number(&self) -> &str {
+        &self.serial_number
     }
 
     /// The file's text.

@@ -9,6 +9,7 @@ use plumbline_stream::complaints::Complaints;
 use plumbline_stream::link::{BoxLink, Introduction};
 use plumbline_stream::others;
 
+use crate::box_settings::BoxSettings;
 pub use crate::identity::refuse_another_box;
 use crate::setup::{self, Places};
 use crate::told::{Tell, Told, waiting};
@@ -179,6 +180,43 @@ pub fn provision(
     deliver(link, &before, config, restart, tell)
 }
 
+/// Gives a box that is heard other settings, as a box file has them, and restarts it; its camera, its
+/// targets and its scene stay. It may get another name, and keeps its number, by which its key is known.
+/// `place` names the settings in errors.
+///
+/// # Errors
+/// When they cannot be used, or are those of another box, the box would no longer be heard here, or it
+/// does not take them.
+pub fn store_settings(
+    link: &mut BoxLink,
+    settings: &BoxSettings,
+    place: &str,
+    tell: &mut Tell<'_>,
+) -> Result<(), BadInput> {
+    let hello = link.hello()?;
+    let old = link.config_to_change()?;
+    if settings.serial_number() != old.serial_number.as_str() {
+        return Err(BadInput::new(
+            place,
+            "serial_number",
+            format!(
+                "{:?}, and this is the box {:?}",
+                settings.serial_number(),
+                old.serial_number.as_str()
+            ),
+            "leave it as it is: by its number a box's key is known",
+        ));
+    }
+    let mut config = old.clone();
+    settings.apply(&mut config, place)?;
+    let places = Places::all(place);
+    setup::configured(&config, &places)?;
+    setup::check_for_box(&config, &places)?;
+    let before = Before { hello: Some(hello), config: Some(old) };
+    refuse_losing(link, &before, &config)?;
+    deliver(link, &before, &config, true, tell)
+}
+
 /// Waits until the box has restarted, and says who it is.
 fn wait_for_start(link: &mut BoxLink, before: Option<&Hello>) -> Result<Hello, BadInput> {
     let known = before.map(|hello| hello.boot_id);
@@ -216,7 +254,7 @@ fn refuse_losing(link: &BoxLink, before: &Before, config: &Config) -> Result<(),
                 "the box would no longer be heard here: {}",
                 moves(&old.links, &config.links).join("; ")
             ),
-            "correct the links in the box file, or give --force",
+            "correct the links in the box file; `plumb provision --send --force` sends it all the same",
         )),
         _ => Ok(()),
     }

@@ -110,6 +110,22 @@ pub struct Places {
     pub serial: String,
 }
 
+impl Places {
+    /// Everything is in one place.
+    #[must_use]
+    pub fn all(place: &str) -> Self {
+        let place = place.to_owned();
+        Self {
+            camera: place.clone(),
+            targets: place.clone(),
+            scene: place.clone(),
+            settings: place.clone(),
+            udp: place.clone(),
+            serial: place,
+        }
+    }
+}
+
 /// The configuration of these files, without links and with an empty identity.
 ///
 /// # Errors
@@ -187,6 +203,17 @@ fn assemble(
     }
     config.check().map_err(|error| bad_config(&error, places))?;
     Ok(config)
+}
+
+/// The bytes of a configuration, as a box stores and sends it.
+///
+/// # Errors
+/// When it fails its own check.
+pub fn blob(config: &Config, places: &Places) -> Result<Vec<u8>, BadInput> {
+    let mut buffer = vec![0; BLOB_BYTES_MAX];
+    let blob = config.encode(&mut buffer).map_err(|error| bad_config(&error, places))?;
+    assert_eq!(Config::decode(blob).as_ref(), Ok(config), "a blob reads back as it was written");
+    Ok(blob.to_vec())
 }
 
 /// The configuration in a file that `plumb provision` wrote.

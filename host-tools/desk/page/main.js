@@ -6,7 +6,7 @@
  *     draw/    the frames of a box, and the drawings of them
  *     parts/   elements that several steps share
  *     shell/   what is around the steps
- *     steps/   Boxes, Aim, Calibrate, Scene, Session, Trials, Study
+ *     steps/   Print, Boxes, Aim, Calibrate, Scene, Session, Trials, Study
  */
 
 import { Connection } from "./desk/connection.js";

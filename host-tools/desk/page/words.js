@@ -7,23 +7,30 @@ export function number(value, digits = 0, unit = "") {
 }
 
 /**
- * A number that was typed, with a point or a comma; `null` where nothing was.
+ * A number that was typed, with a point or a comma; `null` where nothing was. What is not a number stays a
+ * text, which the desk refuses: `NaN` would reach it as if nothing had been typed.
  *
- * Anything else is an error in words: as `NaN` it would reach the desk as if nothing had been typed.
- *
- * @param {unknown} text @param {string} label What the field is called.
- * @returns {number | null}
+ * @param {unknown} text
+ * @returns {number | string | null}
  */
-export function typed_number(text, label) {
+export function number_or_text(text) {
   const typed = String(text ?? "").trim();
-  return typed === "" ? null : needed_number(typed, label);
+  if (typed === "") return null;
+  const value = Number(typed.replace(",", "."));
+  return Number.isFinite(value) ? value : typed;
+}
+
+/** The same; what is not a number is an error in words. @param {unknown} text @param {string} label What the field is called. */
+export function typed_number(text, label) {
+  const value = number_or_text(text);
+  if (typeof value === "string") throw new Error(`${label}: “${value}” is not a number – type one such as 12.5`);
+  return value;
 }
 
 /** The same where there must be one. @param {unknown} text @param {string} label */
 export function needed_number(text, label) {
-  const typed = String(text ?? "").trim();
-  const value = typed === "" ? NaN : Number(typed.replace(",", "."));
-  if (!Number.isFinite(value)) throw new Error(`${label}: “${typed}” is not a number – type one such as 12.5`);
+  const value = typed_number(text, label);
+  if (value === null) throw new Error(`${label}: nothing is typed – type a number such as 12.5`);
   return value;
 }
 

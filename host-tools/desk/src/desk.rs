@@ -1,12 +1,11 @@
 //! The desk: its stations, its studies and what it remembers.
 
-use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::thread::{self, JoinHandle};
 
-use plumbline_bedside::keys::Store;
+use plumbline_bedside::keys::{KnownBox, Store};
 use plumbline_bedside::recording::marks::{self, MarkFrom};
 use plumbline_files::BadInput;
 use plumbline_publish::Ways;
@@ -15,12 +14,13 @@ use plumbline_publish::lsl::markers::Markers;
 use plumbline_publish::lsl::outlet::MARKS_SUFFIX;
 use plumbline_trial::mark::{Mark, Source};
 
+use crate::cards;
 use crate::hub::Hub;
 use crate::marks::MarkBoard;
 use crate::memory::Memory;
-use crate::porter::{Porter, Strangers};
-use crate::station::{Around, Reach, Shared, Station};
-use crate::wire::{BoxState, DeskState, LinkState, Problem, State};
+use crate::porter::{Known, Porter, Strangers};
+use crate::station::{Around, Reach, Refusal, Shared, Station};
+use crate::wire::{BoxState, DeskState, LinkState, NewBox, Problem, State};
 
 /// What the desk is to do.
 #[derive(Debug, Clone, Default)]
@@ -62,11 +62,17 @@ pub struct Desk {
     pub memory: Arc<Memory>,
     /// Where studies and photographs are kept.
     pub folder: PathBuf,
+    /// Where boxes announce themselves.
+    pub udp: Vec<SocketAddr>,
     computer: String,
-    stations: Vec<Station>,
+    around: Around,
+    stations: RwLock<Vec<Arc<Station>>>,
+    known: Arc<Known>,
     strangers: Arc<Strangers>,
     problems: Mutex<Vec<Problem>>,
-    streams: Vec<String>,
+    streams: Mutex<Vec<String>>,
+    /// One box is made after the other.
+    making: Mutex<()>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     _markers: Option<Markers>,
 }
@@ -90,33 +96,15 @@ impl Desk {
         let mut problems = Vec::new();
         let known = Store::open()?.all()?;
         problems.extend(known.refused.into_iter().map(Problem::from));
-        if known.known.is_empty() && settings.serial.is_empty() {
-            problems.push(Problem::new(
-                "the keys",
-                "no key of a box is known here, and a box talks to nobody else",
-                "make one for a new box with `plumb provision --new-key`, or bring it from another \
-                 computer with `plumb keys import`; then start the desk again",
-            ));
-        }
-        let mut by_key = HashMap::new();
-        let mut reaches = Vec::new();
-        for it in known.known {
-            let id = it.key.id();
-            let shared =
-                Shared::new(Arc::clone(&hub), id.to_string(), it.title(), it.serial_number.clone());
-            let shared = Arc::new(shared);
-            by_key.insert(id, Arc::clone(&shared));
-            reaches.push((shared, Reach::Udp(id.to_string())));
-        }
-        for (at, (device, baud)) in settings.serial.iter().enumerate() {
-            let id = format!("serial-{}", at + 1);
-            let shared = Arc::new(Shared::new(Arc::clone(&hub), id, device.clone(), None));
-            reaches.push((shared, Reach::Serial { device: device.clone(), baud: *baud }));
-        }
         let strangers = Arc::new(Strangers::default());
+        let by_key = Arc::new(Known::default());
         for address in &settings.udp {
-            let porter =
-                Porter::bind(*address, by_key.clone(), Arc::clone(&strangers), Arc::clone(&hub));
+            let porter = Porter::bind(
+                *address,
+                Arc::clone(&by_key),
+                Arc::clone(&strangers),
+                Arc::clone(&hub),
+            );
             match porter {
                 Ok(porter) => threads.push(named("porter", move || {
                     // A socket that can be bound can be read.
@@ -126,47 +114,99 @@ impl Desk {
                 Err(error) => problems.push(error.into()),
             }
         }
-        let mut streams = settings.ways.warnings();
-        let several = reaches.len() > 1;
-        let mut stations = Vec::new();
-        for (at, (shared, reach)) in reaches.into_iter().enumerate() {
-            let ways = ways_of(&settings.ways, several.then(|| (at, shared.state().name)));
-            streams.extend(ways_in_words(&ways, &shared.state().name));
-            let around = Around {
-                folder: folder.clone(),
-                program: settings.program.clone(),
-                ways,
-                lsl: settings.lsl,
-                marks: Arc::clone(&board),
-                memory: Arc::clone(&memory),
-            };
-            stations.push(Station::start(shared, reach, around)?);
-        }
         let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-        Ok(Self {
+        let desk = Self {
             hub,
-            memory,
-            folder,
+            memory: Arc::clone(&memory),
+            folder: folder.clone(),
+            udp: settings.udp,
             computer: computer.trim().to_owned(),
-            stations,
+            streams: Mutex::new(settings.ways.warnings()),
+            around: Around {
+                folder,
+                program: settings.program,
+                ways: settings.ways,
+                lsl: settings.lsl,
+                marks: board,
+                memory,
+            },
+            stations: RwLock::default(),
+            known: by_key,
             strangers,
             problems: Mutex::new(problems),
-            streams,
+            making: Mutex::default(),
             threads: Mutex::new(threads),
             _markers: markers,
-        })
+        };
+        let several = known.known.len() + settings.serial.len() > 1;
+        for it in &known.known {
+            desk.add_known(it, several)?;
+        }
+        for (at, (device, baud)) in settings.serial.iter().enumerate() {
+            let id = format!("serial-{}", at + 1);
+            let shared = Shared::new(Arc::clone(&desk.hub), id, device.clone(), None);
+            let reach = Reach::Serial { device: device.clone(), baud: *baud };
+            desk.add(Arc::new(shared), reach, several)?;
+        }
+        Ok(desk)
+    }
+
+    /// Looks for a box whose key is known here.
+    fn add_known(&self, known: &KnownBox, several: bool) -> Result<(), BadInput> {
+        let id = known.key.id();
+        let (name, number) = (known.title(), known.serial_number.clone());
+        let shared = Arc::new(Shared::new(Arc::clone(&self.hub), id.to_string(), name, number));
+        shared.show_card(cards::is_waiting(&self.folder, known));
+        self.known.add(id, Arc::clone(&shared));
+        self.add(shared, Reach::Udp(id.to_string()), several)
+    }
+
+    /// Starts a station; of several, each has streams of its own.
+    fn add(&self, shared: Arc<Shared>, reach: Reach, several: bool) -> Result<(), BadInput> {
+        let mut stations = self.stations.write().unwrap_or_else(PoisonError::into_inner);
+        let name = shared.state().name;
+        let ways = ways_of(&self.around.ways, several.then(|| (stations.len(), name.clone())));
+        let words = ways_in_words(&ways, &name);
+        self.streams.lock().unwrap_or_else(PoisonError::into_inner).extend(words);
+        let around = Around { ways, ..self.around.clone() };
+        stations.push(Arc::new(Station::start(shared, reach, around)?));
+        Ok(())
+    }
+
+    /// Makes a new box, and looks for it from now on; its id.
+    ///
+    /// # Errors
+    /// As [`cards::make`].
+    pub fn make_box(&self, asked: &NewBox) -> Result<String, Refusal> {
+        let _one = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = cards::make(&self.folder, asked)?;
+        let id = known.key.id().to_string();
+        match self.station(&id) {
+            Some(station) => station.shared.update(|state| state.name = known.title()),
+            None => {
+                let several = !self.stations().is_empty();
+                self.add_known(&known, several)?;
+            }
+        }
+        self.hub.changed();
+        Ok(id)
+    }
+
+    fn stations(&self) -> Vec<Arc<Station>> {
+        self.stations.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// The station of a box.
     #[must_use]
-    pub fn station(&self, id: &str) -> Option<&Station> {
-        self.stations.iter().find(|it| it.shared.id() == id)
+    pub fn station(&self, id: &str) -> Option<Arc<Station>> {
+        self.stations().into_iter().find(|it| it.shared.id() == id)
     }
 
     /// The box with which a session of a study goes on.
     #[must_use]
     pub fn box_of_session(&self, study: &str, session: &str) -> Option<String> {
-        let states = self.stations.iter().map(|it| it.shared.state());
+        let stations = self.stations();
+        let states = stations.iter().map(|it| it.shared.state());
         let mut of = states.filter_map(|it| Some((it.session?, it.id)));
         of.find(|(open, _)| open.study == study && open.name == session).map(|(_, id)| id)
     }
@@ -175,7 +215,7 @@ impl Desk {
     #[must_use]
     pub fn state(&self) -> State {
         let version = self.hub.version();
-        let mut boxes: Vec<BoxState> = self.stations.iter().map(|it| it.shared.state()).collect();
+        let mut boxes: Vec<BoxState> = self.stations().iter().map(|it| it.shared.state()).collect();
         let is_away = |it: &BoxState| matches!(it.link, LinkState::Searching { .. });
         boxes.sort_by(|one, other| {
             (is_away(one), &one.name, &one.id).cmp(&(is_away(other), &other.name, &other.id))
@@ -191,7 +231,7 @@ impl Desk {
                 computer: self.computer.clone(),
                 pages: self.hub.pages.load(std::sync::atomic::Ordering::Relaxed),
                 problems: self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone(),
-                streams: self.streams.clone(),
+                streams: self.streams.lock().unwrap_or_else(PoisonError::into_inner).clone(),
                 studies_version: self.hub.studies_version(),
                 latest_study,
             },
@@ -216,7 +256,7 @@ impl Desk {
     /// Ends everything, and waits for that: a recording that goes on is ended properly.
     pub fn stop(&self) {
         self.hub.stop.store(true, std::sync::atomic::Ordering::Relaxed);
-        self.stations.iter().for_each(Station::join);
+        self.stations().iter().for_each(|it| it.join());
         let mut threads = self.threads.lock().unwrap_or_else(PoisonError::into_inner);
         for thread in threads.drain(..) {
             // A thread that has panicked has said so.

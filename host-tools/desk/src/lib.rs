@@ -5,6 +5,7 @@
 //!                                         ▲ orders                             │
 //!  browsers ◀─▶ http: guard, api, socket ─┴────────────────────────────────────┘
 //!                  │ studies: folders on the disk
+//!                  │ prints: the targets on paper; cards: new boxes, their keys and configurations
 //! ```
 //!
 //! [`wire`] is what page and server say to each other. [`desk::Desk`] holds the stations, which use the
@@ -12,6 +13,7 @@
 //! does, or does not do, touches a recording: stations write to the disk themselves, and pages take what
 //! is kept for them.
 
+mod cards;
 pub mod desk;
 mod frames;
 pub mod http;
@@ -19,6 +21,8 @@ mod hub;
 mod marks;
 mod memory;
 mod porter;
+mod prints;
+mod settings;
 mod station;
 mod studies;
 pub mod wire;

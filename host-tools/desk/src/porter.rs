@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use plumbline::seal::{Announcement, KeyId, Peer};
@@ -53,10 +53,27 @@ impl Strangers {
     }
 }
 
+/// The boxes whose keys are known here.
+#[derive(Debug, Default)]
+pub struct Known {
+    stations: RwLock<HashMap<KeyId, Arc<Shared>>>,
+}
+
+impl Known {
+    /// Another one is known from now on.
+    pub fn add(&self, id: KeyId, shared: Arc<Shared>) {
+        self.stations.write().unwrap_or_else(PoisonError::into_inner).insert(id, shared);
+    }
+
+    fn get(&self, id: KeyId) -> Option<Arc<Shared>> {
+        self.stations.read().unwrap_or_else(PoisonError::into_inner).get(&id).cloned()
+    }
+}
+
 /// A porter that listens at an address.
 pub struct Porter {
     udp: Udp,
-    stations: HashMap<KeyId, Arc<Shared>>,
+    known: Arc<Known>,
     strangers: Arc<Strangers>,
     hub: Arc<Hub>,
 }
@@ -68,11 +85,11 @@ impl Porter {
     /// When nobody can listen there.
     pub fn bind(
         address: SocketAddr,
-        stations: HashMap<KeyId, Arc<Shared>>,
+        known: Arc<Known>,
         strangers: Arc<Strangers>,
         hub: Arc<Hub>,
     ) -> Result<Self, BadInput> {
-        Ok(Self { udp: Udp::bind(address)?, stations, strangers, hub })
+        Ok(Self { udp: Udp::bind(address)?, known, strangers, hub })
     }
 
     /// Listens until the desk ends.
@@ -98,7 +115,7 @@ impl Porter {
 
     fn announced(&self, from: SocketAddr, announcement: &Announcement, datagram: &[u8]) {
         // Anybody can say so: where a box is, is noted once there is a session with it.
-        if let Some(shared) = announcement.key_id.and_then(|id| self.stations.get(&id)) {
+        if let Some(shared) = announcement.key_id.and_then(|id| self.known.get(id)) {
             return shared.set_announced(from, datagram);
         }
         let (found, remedy) = words_of_other(None, announcement);

@@ -118,6 +118,12 @@ pub fn grid_size(text: &str) -> Result<[u8; 2], String> {
     Ok([columns, rows])
 }
 
+/// The pitch of the standard pair, mm.
+pub const STANDARD_PITCH_MM: f64 = 12.0;
+
+/// The pitch of the standard board, mm.
+pub const BOARD_PITCH_MM: f64 = 20.0;
+
 /// The standard pair of a measurement: lumbar 6 x 5 and shoulder 5 x 4, 12 mm.
 #[must_use]
 pub fn standard_pair() -> Vec<TargetDescription> {
@@ -126,7 +132,7 @@ pub fn standard_pair() -> Vec<TargetDescription> {
         role,
         columns,
         rows,
-        pitch_mm: Some(12.0),
+        pitch_mm: Some(STANDARD_PITCH_MM),
         origin: Some(OriginName::Center),
         virtual_point_mm,
         points_mm: None,
@@ -135,6 +141,21 @@ pub fn standard_pair() -> Vec<TargetDescription> {
         target("lumbar", Role::Lower, 6, 5, [0.0, 0.0, 100.0]),
         target("shoulder", Role::Upper, 5, 4, [0.0; 3]),
     ]
+}
+
+/// The standard board, with which cameras are calibrated and scenes measured: 9 x 6, 20 mm.
+#[must_use]
+pub fn standard_board() -> TargetDescription {
+    TargetDescription {
+        name: "board".to_owned(),
+        role: Role::Scene,
+        columns: 9,
+        rows: 6,
+        pitch_mm: Some(BOARD_PITCH_MM),
+        origin: Some(OriginName::Center),
+        virtual_point_mm: [0.0; 3],
+        points_mm: None,
+    }
 }
 
 /// The targets of a file.

@@ -3,7 +3,8 @@
 //!
 //! | what is done | what must come of it | where |
 //! |---|---|---|
-//! | from a box without a calibration to a study's report | every step, by the routes alone | [`whole_way`] |
+//! | from a new box to a study's report | every step, by the routes alone | [`whole_way`] |
+//! | sheets are printed, a box is made, heard and set up anew | the command line's own sheets; a box whole or not at all; its key to the page alone | [`new_box`] |
 //! | foreign origins and hosts, no cookie, forms, long and senseless bodies and messages | nothing is told, nothing begins | [`hostile`] |
 //! | another computer, with and without the password | TLS alone, and guesses are bounded | [`others`] |
 //! | eight pages, half of which take nothing; the desk is killed in a trial | the trial is whole; the session goes on | [`pages`] |
@@ -15,6 +16,7 @@ mod boxes;
 mod client;
 mod hostile;
 mod memory;
+mod new_box;
 mod others;
 mod pages;
 mod protocol;

@@ -1,8 +1,9 @@
-//! From a box without a calibration to a study's report, by the routes alone.
+//! From a new box to a study's report, by the routes alone.
 
 use serde_json::json;
 
 use super::client::has;
+use super::new_box::new_box;
 use super::protocol::protocol;
 use crate::camera::{PHOTOGRAPHS, RATE_HZ, Shown, TheBox};
 use crate::stand::Stand;
@@ -10,12 +11,14 @@ use crate::stand::Stand;
 const BOX: &str = "PL-0001";
 
 #[test]
-fn from_a_box_without_a_calibration_to_a_report() {
+fn from_a_new_box_to_a_report() {
     let Some(stand) = Stand::new() else { return };
-    let folder = stand.new_box(BOX);
-    let the_box = TheBox::start(&folder, Shown::Photograph(0), RATE_HZ);
     let desk = stand.desk();
     let page = desk.page();
+    // What was measured on the print of the lower target.
+    page.done("/api/prints", &json!({ "pitches_mm": { "lumbar": 12.01 } }));
+    let folder = new_box(&stand, &page, "ward 1", BOX);
+    let the_box = TheBox::start(&folder, Shown::Photograph(0), RATE_HZ);
     let it = page.wait(BOX, "the box", |it| it["doing"] == "watching");
     assert_eq!(it["hello"]["next_step"], "calibrate", "{it:#}");
     let id = it["id"].as_str().unwrap().to_owned();
@@ -53,6 +56,9 @@ fn from_a_box_without_a_calibration_to_a_report() {
     assert!(page.get(&format!("/api/boxes/{id}/calibration/plot.svg")).text().contains("<svg"));
     page.act(BOX, "calibration_deliver", "calibration/deliver", &json!({}));
     page.wait(BOX, "a calibrated box", |it| it["hello"]["is_calibrated"] == true);
+    let shown = stand.plumb(&format!("show {BOX}/box.plb")).output().unwrap();
+    let shown = String::from_utf8_lossy(&shown.stdout).into_owned();
+    assert!(shown.contains("pitch_mm = 12.01"), "the box is told what was measured: {shown}");
 
     // The scene.
     the_box.show(Shown::Standing);
@@ -91,6 +97,9 @@ fn from_a_box_without_a_calibration_to_a_report() {
     let it = page
         .wait(BOX, "figures", |it| it["live"]["upper"]["figures"]["path_mm"].as_f64() > Some(0.0));
     assert!(!has(&it["can"], "aim_begin"), "nothing else begins: {it:#}");
+    let settings = page.get(&format!("/api/boxes/{id}/settings")).json();
+    let send = json!({ "settings": { "text": settings["text"] } });
+    assert_eq!(page.post(&format!("/api/boxes/{id}/settings/send"), &send).status, 409);
     let mark = json!({ "label": "cough", "at_ms": page.state()["now_ms"] });
     page.done(&format!("/api/boxes/{id}/session/mark"), &mark);
     page.wait(BOX, "the mark", |it| it["session"]["marked"][0]["label"] == "cough");

@@ -23,8 +23,10 @@ use zeroize::Zeroizing;
 use crate::kept;
 
 mod known_box;
+mod plan;
 
 pub use known_box::KnownBox;
+pub use plan::{Found, Plan, beside, file};
 
 /// The folder of the keys.
 const KIND: &str = "keys";
@@ -230,6 +232,17 @@ impl Store {
             return Ok(());
         }
         self.change(id, |it| it.address = Some(address))
+    }
+
+    /// Notes what a box is called now. What is noted already costs no writing.
+    ///
+    /// # Errors
+    /// When its file cannot be read or written.
+    pub fn note_name(&self, id: KeyId, name: &str) -> Result<(), BadInput> {
+        if self.by_id(id)?.is_none_or(|it| it.name.as_deref() == Some(name)) {
+            return Ok(());
+        }
+        self.change(id, |it| it.name = Some(name.to_owned()))
     }
 
     /// Takes the number of a start on a line without a way back: true, and noted on the disk, if it

@@ -39,6 +39,26 @@ export const get = (path) => answer(path, {});
 export const post = (path, body = {}) =>
   answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
+/**
+ * Has the browser keep the bytes that a request answers with under a name, as a download.
+ *
+ * @param {string} path @param {string} name
+ */
+export async function save(path, name) {
+  let response;
+  try {
+    const headers = { "Content-Type": "application/json" };
+    response = await fetch(path, { method: "POST", headers, body: "{}", signal: AbortSignal.timeout(PATIENCE_MS) });
+  } catch {
+    throw new Failed(0, null);
+  }
+  if (!response.ok) throw new Failed(response.status, await response.json().catch(() => null));
+  const url = URL.createObjectURL(await response.blob());
+  Object.assign(document.createElement("a"), { href: url, download: name }).click();
+  // The browser has taken it by then.
+  setTimeout(() => URL.revokeObjectURL(url), PATIENCE_MS);
+}
+
 /** A part of a path. @param {string | number} text */
 const part = (text) => encodeURIComponent(text);
 

@@ -131,13 +131,26 @@
  *
  * @typedef {{number: number, upper: number[] | null, lower: number[] | null}} Reference
  *
+ * @typedef {"off" | "ready" | "missing"} Wire
+ * @typedef {{input: Wire, output: Wire, sent: number, bounces: number, dropped: number, pulses: number}} Wires
+ *
+ * @typedef {{text: string, fields: Record<string, any>}} Settings
+ * @typedef {{settings: Settings | null, problem: Problem | null}} SettingsChecked
+ * @typedef {{settings: Settings, size_px: [number, number], addresses: string[]}} NewBoxForm
+ * @typedef {{settings: Settings, size_px: [number, number], folder: string}} Card
+ *
+ * @typedef {{word: string, title: string, pitch_mm: number, pages: [number, number]}} Sheet
+ * @typedef {{name: string, role: string, size: [number, number], pitch_mm: number | null}} PrintedTarget
+ * @typedef {{path: string, text: string, targets: PrintedTarget[], warnings: string[], sheets: Sheet[]}} Prints
+ *
  * @typedef {object} BoxState
  * @property {string} id
  * @property {string} name
  * @property {string | null} serial_number
+ * @property {boolean} has_card
  * @property {{is: "searching" | "heard" | "silent", by?: string, since_at_ms?: number, problem?: Problem}} link
- * @property {{device: string, serial_number: string, firmware: string, size_px: [number, number], asked_hz: number | null, targets: {name: string, role: string, corners: number}[], is_calibrated: boolean | null, has_scene: boolean | null, next: string, next_step: "calibrate" | "scene" | "session"} | null} hello
- * @property {{camera: string, temperature_c: number | null, uptime_s: number, warnings: string[]} | null} health
+ * @property {{device: string, serial_number: string, firmware: string, configuration: string, size_px: [number, number], asked_hz: number | null, targets: {name: string, role: string, corners: number}[], is_calibrated: boolean | null, has_scene: boolean | null, next: string, next_step: "calibrate" | "scene" | "session"} | null} hello
+ * @property {{camera: string, temperature_c: number | null, uptime_s: number, warnings: string[], wires: Wires | null} | null} health
  * @property {string} doing
  * @property {{words: string, since_at_ms: number, share: number | null} | null} job
  * @property {Problem | null} failed

@@ -4,6 +4,7 @@ import { useEffect, useState } from "../vendor/preact-htm.js";
 
 /** The steps in the order in which one goes through them. @type {[string, string][]} */
 export const STEPS = [
+  ["print", "Print"],
   ["boxes", "Boxes"],
   ["aim", "Aim"],
   ["calibrate", "Calibrate"],
@@ -13,12 +14,18 @@ export const STEPS = [
   ["study", "Study"],
 ];
 
+/** What belongs to a step and has an address of its own: its name, and that step. @type {Record<string, [string, string]>} */
+export const PARTS = { "new-box": ["A new box", "boxes"], card: ["The card", "boxes"], settings: ["Settings", "boxes"] };
+
+/** The words for a step, or for a part of one. @param {string} step */
+export const name_of = (step) => PARTS[step]?.[0] ?? STEPS.find(([name]) => name === step)?.[1];
+
 /** @typedef {{step: string, box: string | null}} Route */
 
 /** @returns {Route} */
 function read() {
   const [step, box] = location.hash.slice(1).split("/");
-  const is_known = STEPS.some(([name]) => name === step);
+  const is_known = Object.hasOwn(PARTS, step) || STEPS.some(([name]) => name === step);
   let decoded = null;
   try {
     decoded = box ? decodeURIComponent(box) : null;

@@ -3,14 +3,17 @@
 import { LinkWord } from "../parts/box.js";
 import { Aim } from "../steps/aim.js";
 import { Boxes } from "../steps/boxes.js";
+import { BoxSettings } from "../steps/box_settings.js";
 import { Calibrate } from "../steps/calibrate.js";
+import { Card, NewBox } from "../steps/new_box.js";
+import { Print } from "../steps/print.js";
 import { Scene } from "../steps/scene.js";
 import { Session } from "../steps/session.js";
 import { Study } from "../steps/study.js";
 import { Trials } from "../steps/trials.js";
 import { html, useEffect, useRef } from "../vendor/preact-htm.js";
 import { ConnectionBanner, DeskProblems } from "./banner.js";
-import { STEPS, address, go, useRoute } from "./route.js";
+import { PARTS, STEPS, address, go, name_of, useRoute } from "./route.js";
 import { SignIn } from "./sign_in.js";
 
 /** @typedef {import("../desk/wire.js").State} State */
@@ -20,10 +23,16 @@ import { SignIn } from "./sign_in.js";
 /** @typedef {{status: import("../desk/connection.js").Status, state: State | null}} Seen */
 /** What a step gets. @typedef {{state: State, box: BoxState | null, connection: Connection, live: LiveFrames}} StepProperties */
 
-const COMPONENTS = { boxes: Boxes, aim: Aim, calibrate: Calibrate, scene: Scene, session: Session, trials: Trials, study: Study };
+const COMPONENTS = {
+  print: Print, boxes: Boxes, "new-box": NewBox, card: Card, settings: BoxSettings, aim: Aim, calibrate: Calibrate,
+  scene: Scene, session: Session, trials: Trials, study: Study,
+};
 
 /** Steps in which a box is chosen. */
-const OF_A_BOX = ["aim", "calibrate", "scene", "session"];
+const OF_A_BOX = ["card", "settings", "aim", "calibrate", "scene", "session"];
+
+/** Parts in which whatever boxes do changes nothing of what is being typed. */
+const OF_NO_BOX = ["print", "new-box"];
 
 /** @param {{seen: Seen, connection: Connection, live: LiveFrames}} properties */
 export function Shell({ seen: { status, state }, connection, live }) {
@@ -33,8 +42,7 @@ export function Shell({ seen: { status, state }, connection, live }) {
   const is_first = useRef(true);
   useEffect(() => live.watch(connection, box?.id ?? null), [box?.id]);
   useEffect(() => {
-    const name = STEPS.find(([step]) => step === route.step)?.[1];
-    document.title = `${name} – Plumbline desk`;
+    document.title = `${name_of(route.step)} – Plumbline desk`;
     // Whoever goes to another step goes on reading there.
     if (!is_first.current) /** @type {HTMLElement | null} */ (main.current?.querySelector("section"))?.focus();
     is_first.current = false;
@@ -57,7 +65,7 @@ export function Shell({ seen: { status, state }, connection, live }) {
     ${state && html`<${DeskProblems} problems=${state.desk.problems} />`}
     <nav class="steps" aria-label="Steps"><ol>
       ${STEPS.map(([step, name]) => html`<li key=${step}>
-        <a href=${address(step, box?.id ?? null)} aria-current=${step === route.step ? "step" : undefined}>${name}</a>
+        <a href=${address(step, box?.id ?? null)} aria-current=${step === (PARTS[route.step]?.[1] ?? route.step) ? "step" : undefined}>${name}</a>
       </li>`)}
     </ol></nav>
     <main ref=${main} id="main">
@@ -66,7 +74,7 @@ export function Shell({ seen: { status, state }, connection, live }) {
         : needs_box
           ? html`<section tabindex="-1"><h1>Choose a box</h1>
               <p>This step is done with a box. <a href=${address("boxes", null)}>Choose one</a>.</p></section>`
-          : html`<${Step} key=${route.step + (box?.id ?? "")} state=${state} box=${box} connection=${connection} live=${live} />`}
+          : html`<${Step} key=${route.step + (OF_NO_BOX.includes(route.step) ? "" : (box?.id ?? ""))} state=${state} box=${box} connection=${connection} live=${live} />`}
     </main>`;
 }
 

@@ -2,6 +2,7 @@
 
 import { BoxAct, Busy, LinkNote, LinkWord, Notices } from "../parts/box.js";
 import { Facts, Note, Word } from "../parts/elements.js";
+import { WiresOf } from "../parts/wires.js";
 import { address } from "../shell/route.js";
 import { html } from "../vendor/preact-htm.js";
 import { counted, number } from "../words.js";
@@ -17,11 +18,11 @@ const VERDICTS = { fail: "fault", warn: "warning", good: "good", skipped: "not l
 export function Boxes({ state, box: chosen, connection }) {
   return html`<section tabindex="-1">
     <div class="row apart">
-      <h1>Boxes</h1>
+      <div class="row"><h1>Boxes</h1><a class="button ${state.boxes.length === 0 ? "first" : ""}" href=${address("new-box", null)}>New box</a></div>
       <p class="soft">${state.desk.computer}; studies are in ${state.desk.folder}</p>
     </div>
     ${state.boxes.length === 0 && html`<${Note} verdict="warn" text="No box is known to this computer."
-      remedy="Make the key and the configuration of a box with plumb provision --new-key, and put both on its card; or plug its cable in and run plumb pair." />`}
+      remedy="Make a new one here, and put its two files on its card. A box of another computer comes with plumb keys import." />`}
     <ul class="list">
       ${state.boxes.map((box) => html`<li key=${box.id}>
         <${BoxCard} box=${box} is_chosen=${state.boxes.length > 1 && box.id === chosen?.id} connection=${connection} />
@@ -48,6 +49,8 @@ function BoxCard({ box, is_chosen, connection }) {
     ${hello && html`<p class="sentence next">${hello.next}</p>`}
     <div class="row">
       ${hello && html`<a class="button" href=${address(first_step(box), box.id)}>${STEP_WORDS[first_step(box)]}</a>`}
+      ${box.has_card && html`<a class="button" href=${address("card", box.id)}>The files for its card</a>`}
+      ${hello && html`<a class="button" href=${address("settings", box.id)}>Settings</a>`}
       <${BoxAct} box=${box} needs="examine" action="examine" stays=${box.doing === "examining"}>Examine it<//>
     </div>
     <${Busy} box=${box} connection=${connection} />
@@ -61,6 +64,7 @@ function BoxCard({ box, is_chosen, connection }) {
       ["Targets", hello.targets.map((it) => it.name).join(", ")],
       ["Program", hello.firmware],
     ]} />`}
+    ${health?.wires && html`<div class="stack"><h3>Wires to other devices</h3><${WiresOf} wires=${health.wires} /></div>`}
     ${health?.warnings.map((words) => html`<${Note} key=${words} verdict="warn" text=${words} />`)}
     ${box.examination && html`<${Checks} examination=${box.examination} />`}
     <${Notices} box=${box} most=${3} />

@@ -3,12 +3,12 @@
  * fitted, and given to the box.
  */
 
-import { of_box, post } from "../desk/requests.js";
+import { get, of_box, post } from "../desk/requests.js";
 import { BoxAct, Busy, LinkNote, can, useDeskNow } from "../parts/box.js";
 import { Act, Facts, Field, Note, Word } from "../parts/elements.js";
 import { Picture } from "../parts/picture.js";
 import { address } from "../shell/route.js";
-import { html, useRef, useState } from "../vendor/preact-htm.js";
+import { html, useEffect, useRef, useState } from "../vendor/preact-htm.js";
 import { counted, needed_number, number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").BoxState} BoxState */
@@ -30,10 +30,24 @@ export function Calibrate({ box: chosen, connection }) {
   </section>`;
 }
 
+/** The standard board. */
+const BOARD = "9x6";
+const PITCH = "20";
+
 /** A new set of photographs. @param {{box: BoxState}} properties */
 function Begin({ box }) {
-  const [board, set_board] = useState("9x6");
-  const [pitch, set_pitch] = useState("20");
+  const [board, set_board] = useState(BOARD);
+  const [pitch, set_pitch] = useState(PITCH);
+  useEffect(() => {
+    // The board as it is described on this computer, unless somebody has typed already.
+    const take = (/** @type {import("../desk/wire.js").Prints} */ { targets }) => {
+      const described = targets.find((it) => it.role === "scene" && it.pitch_mm !== null);
+      if (!described) return;
+      set_board((typed) => (typed === BOARD ? described.size.join("x") : typed));
+      set_pitch((typed) => (typed === PITCH ? String(described.pitch_mm) : typed));
+    };
+    get("/api/prints").then(take, () => {});
+  }, []);
   if (!can(box, "photographs_begin")) return null;
   const begin = () => {
     const corners = board.split(/[x×*]/).map((it) => needed_number(it, "Inner corners of the board"));

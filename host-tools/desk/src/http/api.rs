@@ -12,11 +12,11 @@ use serde::de::DeserializeOwned;
 use super::App;
 use super::body::{Failure, Sent, parse, whole};
 use crate::station::{Order, Refusal};
-use crate::studies;
 use crate::wire::{
-    Done, Greeting, ParticipantRow, ProtocolChecked, ProtocolText, Protocols, Studies, StudyCreate,
-    StudyDetails,
+    Done, Greeting, ParticipantRow, ProtocolChecked, ProtocolText, Protocols, SettingsText,
+    Studies, StudyCreate, StudyDetails,
 };
+use crate::{settings, studies};
 
 /// An order is answered within this time, or not at all.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(20);
@@ -36,9 +36,16 @@ pub async fn state(State(app): State<App>) -> Json<crate::wire::State> {
 }
 
 /// What is done on the disk keeps nobody from being answered.
-async fn on_disk<T: Send + 'static>(
+pub async fn on_disk<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, Failure> + Send + 'static,
 ) -> Result<Json<T>, Failure> {
+    beside(work).await.map(Json)
+}
+
+/// Does some work where it keeps nobody from being answered.
+pub async fn beside<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, Failure> + Send + 'static,
+) -> Result<T, Failure> {
     let done = tokio::task::spawn_blocking(work).await;
     let failed = || {
         Failure::of(
@@ -48,7 +55,7 @@ async fn on_disk<T: Send + 'static>(
             "report it",
         )
     };
-    done.unwrap_or_else(|_| Err(failed())).map(Json)
+    done.unwrap_or_else(|_| Err(failed()))
 }
 
 /// The supplied protocols.
@@ -160,6 +167,15 @@ pub async fn act(
         "calibration/deliver" => with(&body, Order::CalibrationDeliver),
         "scene/measure" => with(&body, Order::SceneMeasure),
         "scene/store" => plain(Order::SceneStore),
+        "settings/send" => {
+            let SettingsText { settings } = parse(&body)?;
+            let checked = beside(move || {
+                let settings = settings::chosen(&settings)?;
+                settings::check(&settings)?;
+                Ok(settings)
+            });
+            checked.await.map(Order::SettingsSend)
+        }
         "session/begin" => with(&body, Order::SessionBegin),
         "session/resume" => with(&body, Order::SessionResume),
         "session/event" => with(&body, Order::SessionEvent),
@@ -184,7 +200,7 @@ fn shown(text: &str) -> String {
     plumbline_files::text::printable(text).chars().take(80).collect()
 }
 
-/// A picture of a box.
+/// A picture of a box, or what it runs with.
 pub async fn look(
     State(app): State<App>,
     Path((id, what)): Path<(String, String)>,
@@ -197,6 +213,17 @@ pub async fn look(
             // Set-up mode may have ended since the page asked.
             None => StatusCode::NO_CONTENT.into_response(),
         });
+    }
+    if what == "settings" {
+        let settings = station.shared.settings();
+        let settings = settings.ok_or_else(|| {
+            Failure::from(Refusal::not_now(
+                station.shared.state().name,
+                "the box has not told its settings yet",
+                "switch it on, and wait until it is heard",
+            ))
+        })?;
+        return Ok(Json(settings).into_response());
     }
     let photographs = station.shared.state().photographs;
     let photographs = photographs.ok_or_else(|| Failure::not_found("a photograph"))?;

@@ -3,6 +3,7 @@
 //! ```text
 //! a request ─▶ guard: Host, Origin, who is signed in, headers ─┬▶ assets: the page's files
 //!                                                              ├▶ api: actions, studies
+//!                                                              ├▶ setting_up: prints, new boxes
 //!                                                              ├▶ reports
 //!                                                              └▶ socket: state, frames
 //! ```
@@ -13,6 +14,7 @@ mod body;
 mod guard;
 mod password;
 mod reports;
+mod setting_up;
 mod sign_in;
 mod socket;
 mod tls;
@@ -207,6 +209,12 @@ fn router(app: App) -> Router {
         .route("/api/studies/{study}", get(api::study))
         .route("/api/studies/{study}/protocol", post(api::set_protocol))
         .route("/api/studies/{study}/participants", post(api::set_participant))
+        .route("/api/prints", get(setting_up::prints).post(setting_up::describe))
+        .route("/api/prints/{sheet}", get(setting_up::sheet))
+        .route("/api/settings/check", post(setting_up::check_settings))
+        .route("/api/new-box", get(setting_up::new_box).post(setting_up::make_box))
+        .route("/api/boxes/{id}/card", get(setting_up::card))
+        .route("/api/boxes/{id}/card/{file}", post(setting_up::card_file))
         .route("/api/boxes/{id}/{*action}", get(api::look).post(api::act))
         .route("/reports/{study}", get(reports::study))
         .route("/reports/{study}/{session}/{trial}", get(reports::trial))

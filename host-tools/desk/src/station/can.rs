@@ -35,7 +35,12 @@ impl Worker {
                     can.push(Can::Examine);
                 }
                 if session.is_none() {
-                    can.extend([Can::AimBegin, Can::PhotographsBegin, Can::SceneMeasure]);
+                    can.extend([
+                        Can::AimBegin,
+                        Can::PhotographsBegin,
+                        Can::SceneMeasure,
+                        Can::SettingsSend,
+                    ]);
                     if self.measured.is_some() {
                         can.push(Can::SceneStore);
                     }

@@ -3,13 +3,18 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use plumbline::target::Role;
+use plumbline_bedside::box_settings::BoxSettings;
+use plumbline_bedside::keys::Store;
 use plumbline_bedside::{calibration, delivery, doctor, scene, setup};
-use plumbline_files::{BadInput, camera, targets};
+use plumbline_files::targets::{self, Targets};
+use plumbline_files::{BadInput, camera};
 use plumbline_stream::link::BoxLink;
 
 use super::can::Stage;
-use super::{Job, Next, Shared, Worker, show};
+use super::{Job, Next, Reach, Shared, Worker, show};
 use crate::wire::{CalibrationDeliver, CheckGrade, Examination, SceneMeasure, SceneState};
+use crate::{prints, settings};
 
 /// How long a box is examined.
 const EXAMINED_FOR: Duration = Duration::from_secs(3);
@@ -40,6 +45,7 @@ impl Worker {
             Job::Deliver(deliver) => (self.deliver(&mut link, &deliver), Next::Meet),
             Job::Measure(measure) => (self.measure(&mut link, &measure), Next::Watch),
             Job::StoreScene => (self.store_scene(&mut link), Next::Meet),
+            Job::Settings(settings) => (self.send_settings(&mut link, &settings), Next::Meet),
         };
         if let Err(error) = result {
             self.shared.update(|state| {
@@ -65,8 +71,10 @@ impl Worker {
     fn deliver(&mut self, link: &mut BoxLink, asked: &CalibrationDeliver) -> Result<(), BadInput> {
         let Some(calibrated) = &self.calibrated else { return Ok(()) };
         let camera = calibrated.camera.clone();
-        let targets = asked.targets.as_deref();
-        let targets = targets.map(|text| targets::parse(text, "the targets")).transpose()?;
+        let targets = match &asked.targets {
+            Some(text) => Some(targets::parse(text, "the targets")?),
+            None => self.described_targets()?,
+        };
         self.enter(Stage::Delivering);
         let shared = Arc::clone(&self.shared);
         let mut tell = move |told| shared.told(told);
@@ -81,6 +89,37 @@ impl Worker {
                 calibration.is_delivered = true;
             }
         });
+        Ok(())
+    }
+
+    /// Where the box looks for its board alone, and the prints are described on this computer: what a
+    /// person wears, and that board.
+    fn described_targets(&self) -> Result<Option<Targets>, BadInput> {
+        let Some(config) = &self.config else { return Ok(None) };
+        let is_board = |role| role == Role::Scene;
+        if !config.targets.iter().all(|it| is_board(it.geometry.role())) {
+            return Ok(None);
+        }
+        let Some(worn) = prints::worn(&self.around.folder)? else { return Ok(None) };
+        let boards = config.targets.iter();
+        let boards = boards.map(|it| targets::description(&it.name, &it.geometry));
+        let all: Vec<_> = worn.into_iter().chain(boards).collect();
+        targets::check(&all, "the targets").map(Some)
+    }
+
+    fn send_settings(
+        &mut self,
+        link: &mut BoxLink,
+        settings: &BoxSettings,
+    ) -> Result<(), BadInput> {
+        self.enter(Stage::Delivering);
+        let shared = Arc::clone(&self.shared);
+        let mut tell = move |told| shared.told(told);
+        delivery::store_settings(link, settings, settings::PLACE, &mut tell)?;
+        if let Reach::Udp(id) = &self.reach {
+            let store = Store::open()?;
+            store.note_name(store.find(id)?.key.id(), settings.device())?;
+        }
         Ok(())
     }
 

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use plumbline::config::Config;
 use plumbline::packet::Hello;
+use plumbline_bedside::box_settings::BoxSettings;
 use plumbline_bedside::link::{Carried, Way};
 use plumbline_files::{BadInput, camera};
 use plumbline_publish::Tapped;
@@ -16,6 +17,7 @@ use plumbline_trial::body::Body;
 
 use super::can::Stage;
 use super::{LISTEN, Next, Reach, Worker, show};
+use crate::settings;
 use crate::wire::{HelloState, LinkState, NextStep, Problem, TargetState};
 
 /// A box is called for this long before another place is tried, milliseconds.
@@ -137,6 +139,7 @@ impl Worker {
             device: hello.device.to_string(),
             serial_number: hello.serial_number.to_string(),
             firmware: hello.firmware.to_string(),
+            configuration: format!("{:08x}", hello.config_crc),
             size_px: [hello.width_px, hello.height_px],
             asked_hz: config.capture.as_ref().map(|it| f64::from(it.rate_hz)),
             targets: targets.collect(),
@@ -146,6 +149,8 @@ impl Worker {
             next_step,
         };
         let by = self.heard_by();
+        self.shared.set_settings(settings::view(&BoxSettings::of(&config)));
+        self.shared.show_card(false);
         self.shared.update(|state| {
             state.name = hello.device.to_string();
             state.serial_number = Some(hello.serial_number.to_string());

@@ -5,7 +5,7 @@
 //!             ▼                                                 │
 //!  look for the box ─▶ meet it ─▶ watch ─┬─▶ examine ─▶ watch ──┤
 //!                                        ├─▶ aim: pictures, photographs, exposure ─▶ watch
-//!                                        ├─▶ deliver, measure the scene, store it ─▶ meet it
+//!                                        ├─▶ deliver, set up, measure the scene, store it ─▶ meet it
 //!                                        └─▶ record a trial of its session ─▶ watch
 //! ```
 //!
@@ -37,6 +37,7 @@ use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
 use plumbline::packet::Hello;
+use plumbline_bedside::box_settings::BoxSettings;
 use plumbline_bedside::scene::{Measured, Seen};
 use plumbline_files::BadInput;
 use plumbline_publish::lsl::Lsl;
@@ -175,6 +176,7 @@ enum Job {
     Deliver(crate::wire::CalibrationDeliver),
     Measure(crate::wire::SceneMeasure),
     StoreScene,
+    Settings(BoxSettings),
 }
 
 /// The thread's own.

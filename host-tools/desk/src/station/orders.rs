@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use plumbline_bedside::box_settings::BoxSettings;
 use plumbline_files::BadInput;
 use plumbline_session::open::Failed;
 use tokio::sync::oneshot;
@@ -45,6 +46,8 @@ pub enum Order {
     SceneMeasure(SceneMeasure),
     /// The box gets it.
     SceneStore,
+    /// The box gets other settings, which were checked.
+    SettingsSend(BoxSettings),
     /// A session begins.
     SessionBegin(SessionBegin),
     /// A session goes on.
@@ -77,6 +80,7 @@ impl Order {
             Self::CalibrationDeliver(_) => Can::CalibrationDeliver,
             Self::SceneMeasure(_) => Can::SceneMeasure,
             Self::SceneStore => Can::SceneStore,
+            Self::SettingsSend(_) => Can::SettingsSend,
             Self::SessionBegin(_) | Self::SessionResume(_) => Can::SessionBegin,
             Self::SessionEvent(_) => Can::SessionEvent,
             Self::SessionMark(..) => Can::SessionMark,

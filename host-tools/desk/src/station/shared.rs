@@ -10,7 +10,7 @@ use plumbline_stream::transport::HeardElsewhere;
 
 use crate::frames::Frames;
 use crate::hub::Hub;
-use crate::wire::{BoxState, Can, Doing, Job, LinkState, Notice, Problem, Reference};
+use crate::wire::{BoxState, Can, Doing, Job, LinkState, Notice, Problem, Reference, SettingsView};
 
 /// The notices that are kept.
 const NOTICES_MAX: usize = 20;
@@ -30,6 +30,8 @@ pub struct Shared {
     pub frames: Frames,
     state: Mutex<BoxState>,
     picture: Mutex<Option<Picture>>,
+    /// What the box runs with, once it has told.
+    settings: Mutex<Option<SettingsView>>,
     /// Where the box announces itself.
     announced: Mutex<Option<SocketAddr>>,
     /// To the link that is open.
@@ -57,6 +59,7 @@ impl Shared {
             id,
             name,
             serial_number,
+            has_card: false,
             link,
             hello: None,
             health: None,
@@ -79,6 +82,7 @@ impl Shared {
             frames: Frames::default(),
             state: Mutex::new(state),
             picture: Mutex::default(),
+            settings: Mutex::default(),
             announced: Mutex::default(),
             announcements: Mutex::default(),
             screen_ms: Mutex::default(),
@@ -139,6 +143,21 @@ impl Shared {
             Told::Note(words) => self.notice(false, words),
             Told::Warning(words) => self.notice(true, words),
         }
+    }
+
+    /// Whether the files for its card can be fetched.
+    pub fn show_card(&self, has_card: bool) {
+        self.update(|state| state.has_card = has_card);
+    }
+
+    /// The box has told what it runs with.
+    pub fn set_settings(&self, settings: SettingsView) {
+        *locked(&self.settings) = Some(settings);
+    }
+
+    /// What the box runs with.
+    pub fn settings(&self) -> Option<SettingsView> {
+        locked(&self.settings).clone()
     }
 
     /// Shows another picture, under the next number.

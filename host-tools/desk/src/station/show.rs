@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use plumbline::packet::{CameraState, Health};
+use plumbline::packet::{CameraState, Health, TriggerState};
 use plumbline::target::Role;
 use plumbline_bedside::doctor::{self, Check};
 use plumbline_bedside::recording::{self, NotYet, TrunkFigures};
@@ -14,7 +14,7 @@ use super::session::{OnDisk, Open, ended_words};
 use crate::hub::Hub;
 use crate::wire::{
     CheckGrade, CheckState, ConditionState, EventWord, FiguresState, Grade, HealthState, Judged,
-    PlannedRow, Reason, SessionAt, SessionState, TrunkState,
+    PlannedRow, Reason, SessionAt, SessionState, TrunkState, WireState, WiresState,
 };
 
 /// A trunk: why it is not seen, and its figures so far.
@@ -67,7 +67,22 @@ pub fn health(health: &Health) -> HealthState {
         // Whole minutes: the state does not change with every word of the box.
         uptime_s: (health.uptime_ms / 60_000 * 60) as f64,
         warnings,
+        wires: wires(health),
     }
+}
+
+/// The wires of a box that has some.
+fn wires(health: &Health) -> Option<WiresState> {
+    let state = |state: TriggerState| match state {
+        TriggerState::Off => WireState::Off,
+        TriggerState::Ready => WireState::Ready,
+        TriggerState::Missing => WireState::Missing,
+    };
+    let it = health.trigger;
+    let (input, output) = (state(it.input), state(it.output));
+    let (sent, bounces, dropped, pulses) = (it.sent, it.bounces, it.dropped, it.pulses);
+    let has_some = input != WireState::Off || output != WireState::Off;
+    has_some.then_some(WiresState { input, output, sent, bounces, dropped, pulses })
 }
 
 /// The verdict of a check.

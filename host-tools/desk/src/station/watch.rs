@@ -125,6 +125,7 @@ impl Worker {
             Order::CalibrationDeliver(deliver) => Next::Job(Job::Deliver(deliver)),
             Order::SceneMeasure(measure) => Next::Job(Job::Measure(measure)),
             Order::SceneStore => Next::Job(Job::StoreScene),
+            Order::SettingsSend(settings) => Next::Job(Job::Settings(settings)),
             order @ (Order::AimBegin(_) | Order::PhotographsBegin(_)) => {
                 if let Order::PhotographsBegin(begin) = &order
                     && let Err(refusal) = self.begin_photographs(begin)

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Problem, SessionState};
+use super::{HealthState, Problem, SessionState};
 
 /// A box whose key is known here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -14,6 +14,8 @@ pub struct BoxState {
     pub name: String,
     /// Its serial number, where it is known.
     pub serial_number: Option<String>,
+    /// Whether it was made on this desk and was never heard: the files for its card can be fetched.
+    pub has_card: bool,
     /// How it is reached now.
     pub link: LinkState,
     /// Who it is and what it runs with, once it has told. It stays when the box is lost.
@@ -83,6 +85,9 @@ pub struct HelloState {
     pub serial_number: String,
     /// Version of its program.
     pub firmware: String,
+    /// The checksum of the configuration that it runs with, 8 hexadecimal digits: with another one, it has
+    /// other settings.
+    pub configuration: String,
     /// Width and height of a frame.
     pub size_px: [u16; 2],
     /// The rate it was asked for, where it has a camera and has told.
@@ -120,19 +125,6 @@ pub struct TargetState {
     pub role: String,
     /// How many inner corners it has.
     pub corners: u8,
-}
-
-/// How a box is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct HealthState {
-    /// Its camera: `starting`, `running`, `stalled`, `lost` or `ended`.
-    pub camera: String,
-    /// Degrees Celsius.
-    pub temperature_c: Option<f64>,
-    /// Time since its start.
-    pub uptime_s: f64,
-    /// What is amiss in plain words, such as a weak supply; empty where all is well.
-    pub warnings: Vec<String>,
 }
 
 /// What is done with a box.
@@ -191,6 +183,8 @@ pub enum Can {
     SceneMeasure,
     /// `scene/store`.
     SceneStore,
+    /// `settings/send`.
+    SettingsSend,
     /// `session/begin` and `session/resume`.
     SessionBegin,
     /// `session/event` with one of [`SessionState::can`].

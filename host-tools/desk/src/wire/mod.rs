@@ -44,6 +44,17 @@
 //! | `POST /api/boxes/BOX/calibration/deliver` | [`CalibrationDeliver`] | [`Done`]; the box restarts with it |
 //! | `POST /api/boxes/BOX/scene/measure` | [`SceneMeasure`] | [`Done`]; then [`BoxState::scene`] |
 //! | `POST /api/boxes/BOX/scene/store` | `{}` | [`Done`]; the box restarts with it |
+//! | `GET /api/boxes/BOX/settings` | | [`SettingsView`]: those of the configuration that the box runs with |
+//! | `POST /api/boxes/BOX/settings/send` | [`SettingsText`] | [`Done`]; the box restarts with them |
+//! | `POST /api/settings/check` | [`SettingsText`] | [`SettingsChecked`], also where they have a fault |
+//! | `GET /api/prints` | | [`Prints`] |
+//! | `POST /api/prints` | [`PrintsChoice`] | [`Prints`]; new boxes are told so, and those that get a camera |
+//! | `GET /api/prints/SHEET-a4.pdf`, `SHEET-letter.pdf` | | the sheets, to be printed; `SHEET` is [`Sheet::word`] |
+//! | `GET /api/prints/SHEET.svg` | | the first of them, on A4, to be shown |
+//! | `GET /api/new-box` | | [`NewBoxForm`] |
+//! | `POST /api/new-box` | [`NewBox`] | [`Made`]: its key is kept here, and it is looked for; 409 if its name or its number is that of another |
+//! | `GET /api/boxes/BOX/card` | | [`Card`], while [`BoxState::has_card`] |
+//! | `POST /api/boxes/BOX/card/config.plb`, `card/box.key` | `{}` | the files for its card, likewise; `box.key` is secret |
 //! | `GET /api/protocols` | | [`Protocols`]: the supplied ones |
 //! | `POST /api/protocols/check` | [`ProtocolText`] | [`ProtocolChecked`], also where it has a fault |
 //! | `GET /api/studies` | | [`Studies`] |
@@ -78,7 +89,10 @@
 
 mod actions;
 mod boxes;
+mod health;
+mod prints;
 mod session;
+mod settings;
 mod socket;
 mod studies;
 
@@ -87,7 +101,10 @@ use serde::{Deserialize, Serialize};
 
 pub use actions::*;
 pub use boxes::*;
+pub use health::*;
+pub use prints::*;
 pub use session::*;
+pub use settings::*;
 pub use socket::*;
 pub use studies::*;
 

@@ -26,16 +26,17 @@ const PASSWORD_VARIABLE: &str = "PLUMBLINE_DESK_PASSWORD";
 
 /// Open a page for the person who measures: everything by mouse and keyboard, nothing to type here.
 ///
-/// The page leads through the whole way. Boxes: each by its name, how it is, and what the doctor finds.
+/// The page leads through the whole way. Print: the sheets with the targets. Boxes: a new one with its key
+/// and the files for its card; each by its name, how it is, what the doctor finds, and its settings.
 /// Aim: the camera's picture, and the next thing to do in one sentence. Calibrate: photographs of the
 /// board, how much of the frame they cover, each one's error, the verdict. Scene: which way is forward.
 /// Study: a protocol of conditions, and participants by codes. Session: instructions, countdown, tones,
 /// marks, the sway as it happens, and after each trial its verdict, to be accepted or repeated. Trials:
 /// each with its report, and the study's.
 ///
-/// It knows the boxes whose keys are on this computer (`plumb keys list`); several at once are no
-/// matter. What it records is what `plumb receive` records, and a study is a folder that `plumb study`
-/// reads. A page that is slow, closed or opened eight times touches no recording. When the page, the
+/// It knows the boxes whose keys are on this computer (`plumb keys list`), and makes new ones; several at
+/// once are no matter. What it records is what `plumb receive` records, and a study is a folder that
+/// `plumb study` reads. A page that is slow, closed or opened eight times touches no recording. When the page, the
 /// desk or the computer was ended in the middle of a session, it goes on where it was; of a trial no
 /// more than its last second is lost.
 ///

@@ -7,19 +7,10 @@ use plumbline::target::Role;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::targets::{self, OriginName, TargetDescription, Targets};
-use plumbline_render::sheet::{self, Page, Paper};
+use plumbline_render::sheet::{self, Paper, Print};
 use plumbline_stream::recorder::role_word;
 
 use crate::ui::stdout;
-
-/// The smallest square, mm. A printer's edges are off by up to 0.05 mm, already 2.5 % of it.
-const PITCH_MM_MIN: f64 = 2.0;
-/// The largest that the core takes.
-const PITCH_MM_MAX: f64 = 500.0;
-/// The standard pair's pitch, mm.
-const STANDARD_PITCH_MM: f64 = 12.0;
-/// More than anybody would glue together.
-const SHEETS_MAX: usize = 20;
 
 /// Print targets: the standard pair, a calibration board, or any grid.
 ///
@@ -93,24 +84,13 @@ enum RoleName {
 /// When the targets cannot be printed or tracked, a file is in the way, or writing fails.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let format = Format::of(&arguments.out)?;
-    let pitch_mm = arguments.pitch_mm.unwrap_or(STANDARD_PITCH_MM);
+    let pitch_mm = arguments.pitch_mm.unwrap_or(targets::STANDARD_PITCH_MM);
     let descriptions = arguments.descriptions(pitch_mm)?;
-    for warning in targets::check(&descriptions, "--grid")?.warnings {
+    let print = Print::new(&descriptions, pitch_mm, arguments.paper)?;
+    for warning in &print.warnings {
         eprintln!("warning: {warning}");
     }
-    let pages = sheet::sheets(&descriptions, pitch_mm, arguments.paper);
-    let paper = arguments.paper.name();
-    if pages.len() > SHEETS_MAX {
-        return Err(BadInput::whole(
-            "--pitch-mm",
-            format!("{pitch_mm} mm needs {} sheets of {paper}, more than {SHEETS_MAX}", pages.len()),
-            "give a smaller pitch or fewer corners; a board as large as this is best made by a print shop, from the same geometry",
-        )
-        .into());
-    }
-
-    let title = descriptions.iter().map(|target| target.name.as_str()).collect::<Vec<_>>();
-    let outputs = format.files(&arguments.out, &pages, &title.join(" and "));
+    let outputs = format.files(&arguments.out, &print);
     let entry = targets::to_toml(&descriptions);
     match &arguments.targets {
         Some(path) if arguments.add => {
@@ -124,8 +104,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             plumbline_files::write_all(&outputs, arguments.force)?;
         }
     }
-    let sheets = counted(pages.len(), "sheet");
-    eprintln!("{}: {sheets} of {paper}", arguments.out.display());
+    let sheets = counted(print.sheets(), "sheet");
+    eprintln!("{}: {sheets} of {}", arguments.out.display(), arguments.paper.name());
     eprintln!(
         "Print at 100 % (\"actual size\"); the ruler must measure 100 mm. Then measure the squares, many at once, and correct pitch_mm if it differs."
     );
@@ -184,15 +164,6 @@ fn refuse_known(
 
 impl Arguments {
     fn descriptions(&self, pitch_mm: f64) -> Result<Vec<TargetDescription>, BadInput> {
-        if !(PITCH_MM_MIN..=PITCH_MM_MAX).contains(&pitch_mm) {
-            return Err(BadInput::whole(
-                "--pitch-mm",
-                format!("{pitch_mm} mm"),
-                format!(
-                    "give {PITCH_MM_MIN} to {PITCH_MM_MAX} mm: a printer's edges are not sharp enough for smaller squares"
-                ),
-            ));
-        }
         let mut descriptions = match self.grid {
             None => targets::standard_pair(),
             Some([columns, rows]) => vec![TargetDescription {
@@ -258,24 +229,20 @@ impl Format {
         }
     }
 
-    /// The files of all pages.
-    fn files(self, out: &Path, pages: &[Page], title: &str) -> Vec<(PathBuf, Vec<u8>)> {
-        match (self, pages) {
-            (Self::Pdf, _) => vec![(out.to_owned(), sheet::pdf::document(pages, title))],
-            (Self::Svg, [page]) => {
-                vec![(out.to_owned(), sheet::svg::document(page, title).into_bytes())]
-            }
-            (Self::Svg, _) => {
-                let numbered = |number: usize| {
-                    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-                    out.with_file_name(format!("{stem}-{number}.svg"))
+    /// The files of all sheets.
+    fn files(self, out: &Path, print: &Print) -> Vec<(PathBuf, Vec<u8>)> {
+        match self {
+            Self::Pdf => vec![(out.to_owned(), print.pdf())],
+            Self::Svg => {
+                let named = |number: usize| match print.sheets() {
+                    1 => out.to_owned(),
+                    _ => {
+                        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+                        out.with_file_name(format!("{stem}-{number}.svg"))
+                    }
                 };
-                let pages = pages.iter().enumerate();
-                pages
-                    .map(|(index, page)| {
-                        (numbered(index + 1), sheet::svg::document(page, title).into_bytes())
-                    })
-                    .collect()
+                let numbered = print.svgs().enumerate();
+                numbered.map(|(index, text)| (named(index + 1), text.into_bytes())).collect()
             }
         }
     }

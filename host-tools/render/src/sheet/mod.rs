@@ -1,8 +1,8 @@
 //! The pages that targets and boards are printed on, at true scale.
 //!
 //! ```text
-//! targets ─▶ layout: which sheet, and where ─▶ page: shapes in mm ─▶ pdf, svg
-//!              └─▶ tiles: what is larger than a sheet
+//! targets ─▶ print ─▶ layout: which sheet, and where ─▶ page: shapes in mm ─▶ pdf, svg
+//!                       └─▶ tiles: what is larger than a sheet
 //! ```
 
 mod layout;
@@ -10,8 +10,10 @@ mod legend;
 mod page;
 pub mod pdf;
 mod piece;
+mod print;
 pub mod svg;
 mod tiles;
 
 pub use layout::sheets;
 pub use page::{Page, Paper, is_printable};
+pub use print::Print;

@@ -12,9 +12,8 @@ use plumbline::config::{BLOB_BYTES_MAX, Config};
 use plumbline::config::{FILE_NAME, NEW_FILE_NAME};
 use plumbline::seal::{KEY_FILE_NAME, Key, NEW_KEY_FILE_NAME};
 use plumbline_bedside::delivery::refuse_another_box;
+use plumbline_bedside::keys::{self, Found};
 use plumbline_files::BadInput;
-
-use super::key::{self, Found};
 
 const SECTOR_BYTES: usize = 512;
 
@@ -98,7 +97,7 @@ pub fn write(
         refuse_another(&fat, &place, config, force)?
     };
     let (fat, where_) = file_system(&file, &place)?;
-    let text = key.map(key::file);
+    let text = key.map(keys::file);
     let files = [
         text.as_ref().map(|text| (KEY_FILE_NAME, NEW_KEY_FILE_NAME, text.as_slice())),
         Some((FILE_NAME, NEW_FILE_NAME, blob)),
@@ -365,9 +364,9 @@ mod tests {
             file.truncate().unwrap();
         };
         // What an interrupted replacement leaves: the box uses the file in place while it is whole.
-        put(NEW_KEY_FILE_NAME, &key::file(&one));
+        put(NEW_KEY_FILE_NAME, &keys::file(&one));
         assert_eq!(super::key(&card, &config, false).unwrap(), Found::Key(other.clone()));
-        put(KEY_FILE_NAME, &key::file(&other)[..40]);
+        put(KEY_FILE_NAME, &keys::file(&other)[..40]);
         assert_eq!(super::key(&card, &config, false).unwrap(), Found::Key(one));
         put(NEW_KEY_FILE_NAME, b"");
         assert!(matches!(super::key(&card, &config, false).unwrap(), Found::Unusable(_)));

@@ -3,24 +3,19 @@
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-use plumbline::config::{BLOB_BYTES_MAX, Config};
+use plumbline::config::Config;
 use plumbline::seal::Key;
-use plumbline_bedside::box_settings::{self, BoxSettings};
+use plumbline_bedside::box_settings::{self, BoxSettings, NEW_BOX};
 use plumbline_bedside::delivery;
-use plumbline_bedside::keys::Store;
+use plumbline_bedside::keys::{self, Plan, Store};
 use plumbline_bedside::setup::{self, Descriptions, Places};
 use plumbline_files::BadInput;
 use plumbline_files::refuse_overwriting;
 
 use crate::arguments::LinkArguments;
 use crate::ui::waiting;
-use key::Plan;
 
 mod card;
-mod key;
-
-/// An example box file with comments.
-const NEW_BOX: &str = include_str!("box.toml");
 
 /// Give a box what it needs to know: as a file, on its card, or sent to it while it runs.
 ///
@@ -43,7 +38,7 @@ const NEW_BOX: &str = include_str!("box.toml");
             .required(true)
             .multiple(true)
     ),
-    after_help = concat!("\
+    after_help = format!("\
 Examples:
   What is the box's own, to be edited:
     plumb provision --new-box box.toml
@@ -69,9 +64,7 @@ Examples:
 A box file, as --new-box writes it (only driver, pixel_format and rate_hz of a capture must be
 given):
 
-",
-    include_str!("box.toml")
-)
+{NEW_BOX}")
 )]
 pub struct Arguments {
     /// Camera file: camera.toml, OpenCV (YAML or JSON), or ROS camera_info (YAML).
@@ -168,9 +161,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         refuse_overwriting(out, inputs.into_iter().flatten())?;
     }
     let (config, places) = config(arguments)?;
-    let mut buffer = vec![0; BLOB_BYTES_MAX];
-    let blob = config.encode(&mut buffer).map_err(|error| setup::bad_config(&error, &places))?;
-    assert_eq!(Config::decode(blob).as_ref(), Ok(&config), "a blob reads back as it was written");
+    let blob = setup::blob(&config, &places)?;
     if arguments.card.is_some() {
         setup::check_for_box(&config, &places)?;
     } else if config.capture.is_some() {
@@ -184,7 +175,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         config.targets.iter().map(|target| target.name.as_str()).collect::<Vec<_>>().join(", "),
         if config.capture.is_some() { "a camera" } else { "no camera (replays only)" }
     );
-    write(arguments, &config, blob, &places)?;
+    write(arguments, &config, &blob, &places)?;
     if arguments.send {
         send(arguments, &config, &places)?;
     }
@@ -220,24 +211,29 @@ fn write(
     if let Some(out) = &arguments.out {
         // A card gets the key that is known; a file gets one beside it only where that was asked for.
         let key = plan.written.as_ref().filter(|_| arguments.new_key);
-        write_files(out, blob, key, force).inspect_err(|_| plan.undo(&store))?;
+        write_files(out, blob, key, force)
+            .inspect_err(|_| plan.undo(&store, &mut waiting::shown()))?;
     }
     if let Some(card) = &arguments.card {
         card::write(card, config, blob, plan.written.as_ref(), force).inspect_err(|_| {
             // A file may have it already.
             if arguments.out.is_none() {
-                plan.undo(&store);
+                plan.undo(&store, &mut waiting::shown());
             }
         })?;
     }
-    plan.end(&store)
+    plan.end(&store)?;
+    if !plan.words.is_empty() {
+        eprintln!("{}", plan.words);
+    }
+    Ok(())
 }
 
 /// Writes the configuration to a file, and the key beside it: both or neither.
 fn write_files(out: &Path, blob: &[u8], key: Option<&Key>, force: bool) -> Result<(), BadInput> {
     let mut outputs = vec![(out.to_owned(), blob.to_vec())];
     if let Some(key) = key {
-        outputs.push((key::beside(out)?, key::file(key).to_vec()));
+        outputs.push((keys::beside(out)?, keys::file(key).to_vec()));
     }
     plumbline_files::write_all(&outputs, force)?;
     for (path, _) in &outputs {

@@ -7,10 +7,12 @@ use std::path::{Path, PathBuf};
 
 use plumbline::config::Config;
 use plumbline::seal::{KEY_FILE_NAME, Key, KeyError};
-use plumbline_bedside::box_settings;
-use plumbline_bedside::keys::{self, KnownBox, Store};
 use plumbline_files::BadInput;
 use zeroize::Zeroizing;
+
+use super::{KnownBox, Store, draw};
+use crate::box_settings;
+use crate::told::{Tell, Told};
 
 /// What is beside the configuration that a card has, or will have.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +27,7 @@ pub enum Found {
 
 impl Found {
     /// What the bytes of a file are.
+    #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
         // What is not text does not begin as a key does either.
         match Key::from_text(std::str::from_utf8(bytes).unwrap_or_default()) {
@@ -35,6 +38,7 @@ impl Found {
 }
 
 /// The line of a key's file.
+#[must_use]
 pub fn file(key: &Key) -> Zeroizing<Vec<u8>> {
     Zeroizing::new(format!("{}\n", key.text().as_str()).into_bytes())
 }
@@ -84,7 +88,7 @@ impl Plan {
                 place,
                 "serial_number",
                 "the box has none, by which its key is kept",
-                "give it one in the box file of --box",
+                "give it one in its box file",
             ));
         };
         let replaced = store.by_serial_number(number)?;
@@ -107,7 +111,7 @@ impl Plan {
             }
         }
         let name = Some(config.device.to_string());
-        let made = KnownBox::new(keys::draw()?, name, Some(number.to_owned()));
+        let made = KnownBox::new(draw()?, name, Some(number.to_owned()));
         let id = made.key.id();
         let words = format!(
             "a new key, {id}, for the box {}: kept in {}, and for other computers see `plumb keys \
@@ -210,6 +214,7 @@ impl Plan {
     }
 
     /// For a file, without a new key: what is beside it is left as it is, whatever it is.
+    #[must_use]
     pub fn for_file(config: &Config, out: &Path) -> Self {
         let words = || {
             let number = serial_number(config)?;
@@ -248,32 +253,32 @@ impl Plan {
     }
 
     /// As it was before, where nothing could be written.
-    pub fn undo(&self, store: &Store) {
+    pub fn undo(&self, store: &Store, tell: &mut Tell<'_>) {
         let Some(made) = &self.made else { return };
         let undone = match &self.replaced {
             Some(replaced) => store.replace(replaced),
             None => store.forget(made.key.id()).map(|_| ()),
         };
         if let Err(error) = undone {
-            eprintln!(
-                "warning: the new key {} is kept although no box has it: {error}",
-                made.key.id()
-            );
+            let id = made.key.id();
+            tell(Told::Warning(format!(
+                "the new key {id} is kept although no box has it: {error}"
+            )));
         }
     }
 
-    /// Once everything is written: keeps the key of the card, and says what has happened.
+    /// Once everything is written: keeps the key of the card.
     ///
     /// # Errors
     /// When it cannot be kept.
     pub fn end(&self, store: &Store) -> Result<(), BadInput> {
-        if let Some(learnt) = &self.learnt {
-            store.replace(learnt)?;
-        }
-        if !self.words.is_empty() {
-            eprintln!("{}", self.words);
-        }
-        Ok(())
+        self.learnt.as_ref().map_or(Ok(()), |learnt| store.replace(learnt))
+    }
+
+    /// The box of a new key.
+    #[must_use]
+    pub fn made(&self) -> Option<&KnownBox> {
+        self.made.as_ref()
     }
 }
 
@@ -345,14 +350,14 @@ mod tests {
             (plan.written.as_ref(), Some("ward 3"))
         );
         assert!(plan.words.contains(&kept.key.id().to_string()), "{}", plan.words);
-        plan.undo(&store);
+        plan.undo(&store, &mut |told| panic!("{told:?}"));
         assert!(store.all().unwrap().known.is_empty());
         // Where it replaces another, that one comes back.
         store.add(&known(1, "PL-0001")).unwrap();
         let plan = Plan::new_key(&store, &config, "", None, true).unwrap();
         plan.begin(&store).unwrap();
         assert_ne!(store.find("PL-0001").unwrap().key, key(1));
-        plan.undo(&store);
+        plan.undo(&store, &mut |told| panic!("{told:?}"));
         assert_eq!(store.all().unwrap().known, [store.find("PL-0001").unwrap()]);
         assert_eq!(store.find("PL-0001").unwrap().key, key(1));
     }
