@@ -17,10 +17,6 @@ const MODEM_NS: u64 = 32_000_000;
 /// A program that waits is woken within this time.
 const WOKEN_NS: u64 = 1_000_000;
 
-/// The longest time between two questions, where the driver does not tell of changes: half of it is the
-/// uncertainty.
-const ASKED_NS: u64 = 5_000_000;
-
 /// The numbers behind `test: WORD PART` on the console, for each line of these.
 fn said<T: FromStr<Err: Display>>(console: &str, word: &str, part: &str) -> Vec<Vec<T>> {
     let head = format!("test: {word} {part}");
@@ -73,11 +69,13 @@ fn assert_part(console: &str, part: &str, is_asked: bool) {
     let (mut late_ns, mut uncertain_ns) = (Vec::new(), Vec::new());
     // Those by themselves.
     for (pulled, told) in pulled.iter().zip(&told).take(PULLS) {
-        let ([before_ns, after_ns], [at_ns, within_ns]) = (pulled[..], told[..]) else {
+        let (&[before_ns, after_ns, stood_ns], &[at_ns, within_ns]) = (&pulled[..], &told[..])
+        else {
             panic!("{part}: {pulled:?}, {told:?}");
         };
-        let (from_ns, to_ns) = (at_ns - within_ns, at_ns + within_ns);
-        assert!(from_ns <= after_ns && before_ns <= to_ns, "{part}: {told:?} of {pulled:?}");
+        // What is stated holds for a computer that has time for it.
+        let (from_ns, to_ns) = (at_ns.saturating_sub(within_ns + stood_ns), at_ns + within_ns);
+        assert!(before_ns <= to_ns && from_ns <= after_ns, "{part}: {told:?} of {pulled:?}");
         late_ns.push(at_ns.abs_diff(before_ns));
         uncertain_ns.push(within_ns);
     }
@@ -92,7 +90,8 @@ fn assert_part(console: &str, part: &str, is_asked: bool) {
         most_ns as f64 * 1e-3
     );
     if is_asked {
-        assert!(least_ns >= MODEM_NS && most_ns <= MODEM_NS + ASKED_NS, "{uncertain_ns:?}");
+        // Half of the time between two questions, whatever that was.
+        assert!(least_ns > MODEM_NS, "{uncertain_ns:?}");
     } else {
         assert_eq!((least_ns, most_ns), (MODEM_NS + WOKEN_NS, MODEM_NS + WOKEN_NS), "{part}");
     }

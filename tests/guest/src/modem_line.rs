@@ -10,7 +10,8 @@
 //! name of a part of the test in place of PART:
 //!
 //! ```text
-//! test: pulled PART BEFORE AFTER        the line was asserted between these times
+//! test: pulled PART BEFORE AFTER STOOD  the line was asserted between these times; meanwhile the
+//!                                       machine has stood still for this long at most
 //! test: asserted PART AT UNCERTAIN      the watch tells of it
 //! test: missed PART NUMBER              the watch has not told of these, and counts them
 //! test: ended PART                      the watch has ended, with its thread
@@ -21,7 +22,7 @@ use std::ffi::CString;
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
@@ -44,10 +45,26 @@ const PULLS: u32 = 12;
 const UNSEEN: u32 = 4;
 
 /// The modem tells of a change within this time.
-const SETTLED: Duration = Duration::from_millis(60);
+const SETTLED: Duration = Duration::from_millis(20);
+
+/// For how long the machine has stood still at most, since it was set to 0: its processor is emulated,
+/// and has to wait for a real one.
+static STOOD_NS: AtomicU64 = AtomicU64::new(0);
+
+/// Finds out for how long the machine stands still.
+fn watch_clock() {
+    let step = Duration::from_millis(1);
+    loop {
+        let before = Instant::now();
+        sleep(step);
+        let stood = before.elapsed().saturating_sub(step);
+        STOOD_NS.fetch_max(stood.as_nanos() as u64, Ordering::Relaxed);
+    }
+}
 
 /// Watches both lines, by both ways, and what becomes of them when the modem is gone.
 pub fn run() -> Result<()> {
+    thread::spawn(watch_clock);
     load_modules(Path::new("/test/modules.modem"))?;
     for end in [HOST_END, MODEM_END] {
         wait_for(|| Path::new(end).exists()).with_context(|| format!("no {end}"))?;
@@ -154,13 +171,15 @@ impl Watched {
 
 /// Asserts the lines for this time, and releases them for as long.
 fn pull(part: &str, lasts: Duration) -> Result<()> {
+    STOOD_NS.store(0, Ordering::Relaxed);
     let before_ns = now_ns();
     let end = File::options().read(true).write(true).open(MODEM_END).context(MODEM_END)?;
     let after_ns = now_ns();
     sleep(lasts);
     drop(end);
     sleep(lasts);
-    println!("test: pulled {part} {before_ns} {after_ns}");
+    let stood_ns = STOOD_NS.load(Ordering::Relaxed);
+    println!("test: pulled {part} {before_ns} {after_ns} {stood_ns}");
     Ok(())
 }
 

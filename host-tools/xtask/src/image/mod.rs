@@ -315,4 +315,3 @@ const LIBCAMERA_NEEDS: &[setup::Need] = &[
         why: "tells where libcamera's headers are",
     },
 ];
-

@@ -24,13 +24,13 @@ const PROGRAMS: [&str; 7] = [
 ];
 
 /// What busybox is, besides itself.
-const BUSYBOX: [&str; 4] = ["sh", "ls", "grep", "sleep"];
+const BUSYBOX: [&str; 6] = ["cp", "grep", "ls", "sh", "sleep", "touch"];
 
 /// Directories whose files are taken: what udev does with a device, and Debian's users and groups.
 const DIRECTORIES: [&str; 2] = ["lib/udev/rules.d", "lib/sysusers.d"];
 
 /// The units between the kernel's start and the first service.
-const UNITS: [&str; 14] = [
+const UNITS: [&str; 15] = [
     "basic.target",
     "local-fs.target",
     "local-fs-pre.target",
@@ -40,6 +40,7 @@ const UNITS: [&str; 14] = [
     "sockets.target",
     "swap.target",
     "sysinit.target",
+    "systemd-sysusers.service",
     "systemd-udev-trigger.service",
     "systemd-udevd-control.socket",
     "systemd-udevd-kernel.socket",
