@@ -7,10 +7,14 @@ use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector3, Vector6};
+use plumbline::packet::{Message, decode_datagram};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_files::poses::{self, PoseRow};
 use plumbline_render::simulate::Simulation;
+use plumbline_stream::transport::Raw;
+use plumbline_trial::journal::{Content, Reader};
+use plumbline_trial::names;
 
 use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, image};
 use crate::scene::{self, FRAMES, SCENE};
@@ -27,6 +31,14 @@ const FOLLOWING: [&str; 2] = ["lumbar poses", "shoulder poses"];
 /// Where other work takes the processor, the emulated box is slower than its own clock says, and
 /// those checks rightly fail. This is how much slower it must have been: the rate's tolerance.
 const SLOWER_PPM: f64 = -20_000.0;
+
+/// A wire that is high while a trial is recorded, at the board's chip.
+const OUTPUT: &str =
+    "[trigger]\nchip = \"9030000.pl061\"\noutput_line = 1\noutput_marks = \"recording\"\n";
+
+/// The wire rises and falls within this time of the recording, of which most is this computer's: it is
+/// busy.
+const RECORDING_S_MAX: f64 = 2.0;
 
 /// How much faster the box's clock ran than this computer's, as the doctor says: "drift -301 +-".
 fn drift_ppm(said: &str) -> Option<f64> {
@@ -73,7 +85,7 @@ impl Ward {
             kernel: image("vmlinuz"),
             initramfs: vec![image("initramfs"), image("overlay.cpio")],
             command_line: &format!(
-                "rdinit=/test/start test.gain plumbline.udp={a}.{b}.{c}.{d}:{}",
+                "rdinit=/test/start test.gain test.output plumbline.udp={a}.{b}.{c}.{d}:{}",
                 self.port
             ),
             boot_disk: &self.disk,
@@ -123,6 +135,7 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let settings = settings
         .replace("192.168.1.20:4210", &format!("{a}.{b}.{c}.{d}:{}", ward.port))
         .replace("rate_hz = 60.0", "rate_hz = 24.0\ngain = 45.0");
+    let settings = format!("{settings}\n{OUTPUT}");
     std::fs::write(ward.path("box.toml"), settings).expect("it is edited");
     // The box has nothing yet. Its card gets a key and what it takes to look for the board.
     let said = ward.plumb(
@@ -175,11 +188,53 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let is_excused = failed.is_empty() || is_slow && failed.iter().all(is_timed);
     assert!(is_excused, "the clocks' drift {drift_ppm:?} ppm: {failed:?}");
     assert_eq!(code, Some(i32::from(!failed.is_empty())), "{:?}", said.lines().next());
+    let driven = machine.look(|seen| driven(&seen.console));
     drop(machine);
+    assert_high_while_recorded(&driven, &frame_times_s(&ward.path("received")));
     assert_sways_as(
         &poses::read(&ward.path("received/samples.csv")).expect("a recording"),
         simulation,
     );
+}
+
+/// What the box has driven its wire to, as the kernel has traced it: seconds of the box's clock, and
+/// whether high.
+fn driven(console: &str) -> Vec<(f64, bool)> {
+    let lines = console.lines().filter_map(|line| line.trim().strip_prefix("test: driven "));
+    let one = |text: &str| {
+        let (time_s, level) = text.split_once(' ')?;
+        Some((time_s.parse().ok()?, level == "high"))
+    };
+    lines.map(|text| one(text).expect("a time and a level")).collect()
+}
+
+/// When the frames of a trial were captured, by the box's clock.
+fn frame_times_s(trial: &Path) -> Vec<f64> {
+    let mut journal = Reader::open(&trial.join(names::JOURNAL)).expect("a journal");
+    let mut times_s = Vec::new();
+    while let Some(entry) = journal.next_entry().expect("it can be read") {
+        let Content::Raw(Raw::Datagram(bytes)) = entry.content else { continue };
+        if let Ok(Message::Pose(pose)) = decode_datagram(&bytes).map(|it| it.message) {
+            times_s.push(1e-9 * pose.capture_time_ns as f64);
+        }
+    }
+    times_s.sort_by(f64::total_cmp);
+    times_s
+}
+
+/// The wire has risen once, with the first frames, and fallen once, with the last.
+fn assert_high_while_recorded(driven: &[(f64, bool)], frames_s: &[f64]) {
+    let (first_s, last_s) = (frames_s[0], frames_s[frames_s.len() - 1]);
+    let levels: Vec<bool> = driven.iter().map(|(_, is_high)| *is_high).collect();
+    // Low when the box opens it.
+    assert_eq!(levels, [false, true, false], "{driven:?}, frames from {first_s} to {last_s}");
+    let (rises_s, falls_s) = (driven[1].0 - first_s, driven[2].0 - last_s);
+    println!(
+        "the wire rises {rises_s:.3} s after the first frame, falls {falls_s:.3} s after the last"
+    );
+    // It may rise with the first word of the box, before a frame.
+    assert!(rises_s.abs() < RECORDING_S_MAX, "{driven:?}, {first_s} to {last_s}");
+    assert!((0.0..RECORDING_S_MAX).contains(&falls_s), "{driven:?}, {first_s} to {last_s}");
 }
 
 /// The trunk points of both targets in one frame: lumbar, then shoulder.

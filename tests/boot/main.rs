@@ -18,6 +18,7 @@ mod configuration;
 mod first_trial;
 mod formats;
 mod libcamera;
+mod modem_line;
 mod package;
 mod pairing;
 mod pi;

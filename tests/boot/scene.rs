@@ -107,6 +107,8 @@ pub fn archive(files: impl IntoIterator<Item = (String, Vec<u8>)>) -> Vec<u8> {
         add(&name, ModeFileType::Regular, &bytes);
     }
     cpio::newc::trailer(&mut archive).expect("memory takes it");
+    // Another one may follow.
+    archive.resize(archive.len().next_multiple_of(4), 0);
     archive
 }
 

@@ -1,5 +1,5 @@
 //! Edges at a GPIO line of the booted box, and the line that it drives: against the kernel's own
-//! times.
+//! times. In the same machine, before its box starts, the modem lines of a serial device.
 //!
 //! The chip is the emulated board's own, with the kernel's driver for it. Debian's kernel has no
 //! gpio-sim; `tests/guest` says how a line without a wire is pulled.
@@ -8,7 +8,7 @@ use plumbline::config::{Edges, Marked, TriggerInput, TriggerLines, TriggerOutput
 use plumbline::packet::{Edge, Health, Message, PosePacket, Trigger, TriggerState};
 
 use crate::machine::{Host, Seen, healths, in_order, poses};
-use crate::scene;
+use crate::{modem_line, scene};
 
 /// An edge's time is the truth's to within this.
 const ERROR_NS_MAX: u64 = 200_000;
@@ -50,7 +50,8 @@ fn edges_have_their_times_to_a_fifth_of_a_millisecond_and_each_frame_its_pulse()
         output: Some(TriggerOutput { line: 1, marks: Marked::Exposures }),
     });
     let disk = scene::boot_disk(directory.path(), &scene::blob(&config));
-    let machine = crate::boot_with_camera(&host, &disk, "test.trigger iomem=relaxed");
+    let machine =
+        crate::boot_with_camera(&host, &disk, "test.trigger test.modem_line iomem=relaxed");
     let edges = machine.wait_for("the edges that were pulled", pulled);
     assert_eq!(edges.len(), 2 * (PULSES + BURST));
     // What was sent before the Health that tells of all of them.
@@ -99,6 +100,7 @@ fn edges_have_their_times_to_a_fifth_of_a_millisecond_and_each_frame_its_pulse()
 
     assert_eq!(lines.pulses, health.frames, "not one pulse for each frame");
     assert_pulses(&console, poses(&udp));
+    modem_line::assert_watched(&console);
 }
 
 /// The kernel has traced one pulse for each frame, at the time that its packet tells.

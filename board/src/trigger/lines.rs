@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use gpiocdev::Request;
 use gpiocdev::chip::{Chip, chips};
 use gpiocdev::line::{EdgeDetection, EdgeEvent, EventClock, Value};
+use gpiocdev::request::{Builder, Request};
 
 /// Who uses the lines, for `gpioinfo` and its like.
 const CONSUMER: &str = "plumbline";
@@ -47,8 +47,20 @@ pub(super) fn find_chip(chip: &str) -> Result<PathBuf> {
     Err(anyhow!("no GPIO chip has the label {chip:?}: {there}"))
 }
 
-fn place(chip: &Path, line: u16) -> String {
-    format!("line {line} of {}", chip.display())
+/// Asks the kernel for a line, set up so; returns with it the words for where it is.
+///
+/// # Errors
+/// When the chip or the line is not there, or somebody else uses it.
+fn request(
+    chip: &Path,
+    line: u16,
+    set_up: impl FnOnce(&mut Builder) -> &mut Builder,
+) -> Result<(Request, String)> {
+    let place = format!("line {line} of {}", chip.display());
+    let mut builder = Request::builder();
+    builder.on_chip(chip).with_consumer(CONSUMER).with_line(line.into());
+    let request = set_up(&mut builder).request().with_context(|| place.clone())?;
+    Ok((request, place))
 }
 
 /// The line that is listened to.
@@ -65,17 +77,12 @@ impl Input {
     /// # Errors
     /// When the chip or the line is not there, or somebody else uses it.
     pub(super) fn open(chip: &Path, line: u16) -> Result<Self> {
-        let place = place(chip, line);
-        let request = Request::builder()
-            .on_chip(chip)
-            .with_consumer(CONSUMER)
-            .with_line(line.into())
-            .as_input()
-            .with_edge_detection(EdgeDetection::BothEdges)
-            .with_event_clock(EventClock::Monotonic)
-            .with_kernel_event_buffer_size(KEPT_MAX)
-            .request()
-            .with_context(|| place.clone())?;
+        let (request, place) = request(chip, line, |it| {
+            it.as_input()
+                .with_edge_detection(EdgeDetection::BothEdges)
+                .with_event_clock(EventClock::Monotonic)
+                .with_kernel_event_buffer_size(KEPT_MAX)
+        })?;
         ensure!(request.edge_event_u64_size() == EVENT_WORDS, "{place}: events of another size");
         Ok(Self { request, place, read: VecDeque::with_capacity(READ_MAX) })
     }
@@ -119,14 +126,7 @@ impl Output {
     /// # Errors
     /// When the chip or the line is not there, or somebody else uses it.
     pub(super) fn open(chip: &Path, line: u16) -> Result<Self> {
-        let place = place(chip, line);
-        let request = Request::builder()
-            .on_chip(chip)
-            .with_consumer(CONSUMER)
-            .with_line(line.into())
-            .as_output(Value::Inactive)
-            .request()
-            .with_context(|| place.clone())?;
+        let (request, place) = request(chip, line, |it| it.as_output(Value::Inactive))?;
         Ok(Self { request, place, is_high: false, pulse_until: None })
     }
 

@@ -181,16 +181,26 @@ impl Wired {
         }
     }
 
+    /// Either line is opened, whatever becomes of the other one.
     fn try_to_open(&mut self) -> anyhow::Result<()> {
         let path = lines::find_chip(&self.lines.chip)?;
-        if let (Some(TriggerInput { line, .. }), None) = (self.lines.input, &self.input) {
-            self.input = Some(Input::open(&path, line)?);
-            self.sieve.start_over();
-        }
+        let mut failed = None;
         if let (Some(TriggerOutput { line, .. }), None) = (self.lines.output, &self.output) {
-            self.output = Some(Output::open(&path, line)?);
+            match Output::open(&path, line) {
+                Ok(output) => self.output = Some(output),
+                Err(error) => failed = Some(error),
+            }
         }
-        Ok(())
+        if let (Some(TriggerInput { line, .. }), None) = (self.lines.input, &self.input) {
+            match Input::open(&path, line) {
+                Ok(input) => {
+                    self.input = Some(input);
+                    self.sieve.start_over();
+                }
+                Err(error) => failed = Some(error),
+            }
+        }
+        failed.map_or(Ok(()), Err)
     }
 
     /// Drives the output line, if there is one; returns whether that has been done.

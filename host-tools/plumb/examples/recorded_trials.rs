@@ -29,10 +29,10 @@ use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 use plumbline_stream::transport::Raw;
+use plumbline_trial::derived::{self, Changes};
 use plumbline_trial::journal::{Content, Entry, Writer};
 use plumbline_trial::manifest::{Manifest, State, Zero};
 use plumbline_trial::mark::{Mark, Source};
-use plumbline_trial::recording::{self, Changes};
 use plumbline_trial::{Trial, names};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -136,7 +136,7 @@ fn write(folder: &Path, manifest: &Manifest, seconds: u64, seed: u64) -> Result<
         }
     }
     journal.sync()?;
-    Ok(recording::remake(folder, &Changes::default())?)
+    Ok(derived::remake(folder, &Changes::default())?)
 }
 
 fn entry(host_ns: u64, message: &Message) -> Result<Entry> {

@@ -128,17 +128,19 @@ fn a_box_of_another_release_is_named_and_what_to_update() {
 fn a_program_that_ends_leaves_the_box() {
     let folder = tempfile::tempdir().unwrap();
     keys::known(folder.path());
-    for (arguments, is_stopped, code) in [
-        ("receive --udp UDP --frames 20", false, 0),
-        ("receive --udp UDP --anyway --out trial", true, 0),
+    for (arguments, stops, code) in [
+        ("receive --udp UDP --frames 20", None, 0),
+        ("receive --udp UDP --anyway --out trial", Some("trial"), 0),
+        // While the box is still checked.
+        ("receive --udp UDP --check-seconds 60 --out checked", Some("."), 1),
         // It never says who it is.
-        ("show --udp UDP", false, 2),
+        ("show --udp UDP", None, 2),
     ] {
         let udp = free_port();
         let mut child = started(folder.path(), udp, arguments);
         let mut sealed = SealedBox::new(udp, fixture::START);
         sealed.meet();
-        if code == 0 {
+        if code < 2 {
             sealed.send(&Message::Hello(fixture::hello(&fixture::config())));
         }
         let mut sequence = 0;
@@ -151,8 +153,8 @@ fn a_program_that_ends_leaves_the_box() {
             sealed.send(&Message::Pose(fixture::pose_packet(sequence)));
             sealed.live(Duration::from_millis(5));
             sequence += 1;
-            let records = folder.path().join("trial").exists() && sequence > 100;
-            if is_stopped && records && !asked_to_stop {
+            let is_there = |place: &str| folder.path().join(place).exists();
+            if sequence > 100 && stops.is_some_and(is_there) && !asked_to_stop {
                 asked_to_stop = true;
                 interrupt(&child);
             }
@@ -161,6 +163,7 @@ fn a_program_that_ends_leaves_the_box() {
         assert_eq!(status.code(), Some(code), "{arguments}");
         assert!(!sealed.is_heard(), "{arguments} has said nothing at its end");
     }
+    assert!(!folder.path().join("checked").exists(), "nothing was recorded");
 }
 
 /// Records this many frames of a box, of which it sends each as `send` says.

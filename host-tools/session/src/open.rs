@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use plumbline_files::{BadInput, read_text, replace};
+use plumbline_trial::derived::{Changes, remake};
 use plumbline_trial::manifest::{Manifest, State as TrialState, Zero};
-use plumbline_trial::recording::{Changes, remake};
 use plumbline_trial::verdict::Grade;
 use plumbline_trial::{Trial, names as trial_names};
 

@@ -22,6 +22,7 @@ use plumbline_trial::manifest::{Manifest, State as TrialState};
 use plumbline_trial::mark::{Mark, Source};
 use plumbline_trial::test_trial::{Made, scene_from_target};
 use plumbline_trial::verdict::Grade;
+use tempfile::TempDir;
 
 const STARTED: &str = "2026-01-01T00:00:00Z";
 
@@ -88,14 +89,36 @@ impl Clock {
     }
 }
 
+/// A study whose only participant's first session has begun.
+struct Begun {
+    study: StudyFolder,
+    open: OpenSession,
+    clock: Clock,
+    /// The study is gone with it.
+    _folder: TempDir,
+}
+
+fn begun(protocol: &Protocol) -> Begun {
+    let folder = tempfile::tempdir().unwrap();
+    let study = study(&folder.path().join("study"), protocol, &["P01"]);
+    let clock = Clock::new();
+    let open = study.begin("P01", None, STARTED, clock.now).unwrap();
+    Begun { study, open, clock, _folder: folder }
+}
+
+/// From the instruction to the recording.
+fn start(open: &mut OpenSession, clock: &mut Clock) {
+    open.take(&Event::Ready, clock.after(1.0)).unwrap();
+    open.take(&Event::Tick, clock.after(3.0)).unwrap();
+    assert!(matches!(open.session().state, State::Recording { .. }), "{:?}", open.session().state);
+}
+
 /// From the instruction to the decision.
 fn one_trial(open: &mut OpenSession, clock: &mut Clock, sway: f64) {
     if matches!(open.session().state, State::Resting { .. }) {
         open.take(&Event::Tick, clock.after(30.0)).unwrap();
     }
-    open.take(&Event::Ready, clock.after(1.0)).unwrap();
-    open.take(&Event::Tick, clock.after(3.0)).unwrap();
-    assert!(matches!(open.session().state, State::Recording { .. }), "{:?}", open.session().state);
+    start(open, clock);
     record(open, 8, sway, &[]);
     open.take(&Event::Frame, clock.after(0.1)).unwrap();
     open.take(&Event::Tick, clock.after(8.3)).unwrap();
@@ -166,11 +189,8 @@ fn a_study_of_sessions_has_the_figures_of_one_that_was_written_by_hand() {
 
 #[test]
 fn what_a_person_adds_to_the_study_stays_and_all_files_are_the_owners() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("study");
-    let study = study(&path, &protocol(), &["P01"]);
-    let mut clock = Clock::new();
-    let mut open = study.begin("P01", None, STARTED, clock.now).unwrap();
+    let Begun { study, mut open, mut clock, _folder } = begun(&protocol());
+    let path = study.path().to_owned();
     one_trial(&mut open, &mut clock, 1.0);
     open.take(&Event::Accept(None), clock.now).unwrap();
     let file = path.join(names::STUDY);
@@ -251,10 +271,7 @@ fn a_program_that_ends_at_any_step_goes_on_where_it_was() {
         Step::Take("skip", 1.0),
     ];
     for ends in 0..=steps.len() {
-        let folder = tempfile::tempdir().unwrap();
-        let study = study(&folder.path().join("study"), &protocol(), &["P01"]);
-        let mut clock = Clock::new();
-        let mut open = study.begin("P01", None, STARTED, clock.now).unwrap();
+        let Begun { study, mut open, mut clock, _folder } = begun(&protocol());
         for step in &steps[..ends] {
             match *step {
                 Step::Take(word, after_s) => {
@@ -302,12 +319,8 @@ fn a_program_that_ends_at_any_step_goes_on_where_it_was() {
 /// The computer stops in the middle of a recording: no end was written, and the last entry is cut.
 #[test]
 fn a_recording_that_was_cut_off_is_found_and_judged() {
-    let folder = tempfile::tempdir().unwrap();
-    let study = study(&folder.path().join("study"), &protocol(), &["P01"]);
-    let mut clock = Clock::new();
-    let mut open = study.begin("P01", None, STARTED, clock.now).unwrap();
-    open.take(&Event::Ready, clock.after(1.0)).unwrap();
-    open.take(&Event::Tick, clock.after(3.0)).unwrap();
+    let Begun { study, mut open, mut clock, _folder } = begun(&protocol());
+    start(&mut open, &mut clock);
     record_as(TrialState::Recording, &open, 8, 1.0, &[]);
     let trial = open.recording_folder().unwrap();
     let packets = trial.join(plumbline_trial::names::JOURNAL);
@@ -330,12 +343,9 @@ fn a_recording_that_was_cut_off_is_found_and_judged() {
 
 #[test]
 fn a_recording_without_the_mark_is_no_trial() {
-    let folder = tempfile::tempdir().unwrap();
     let mut protocol = SUPPLIED[1].protocol();
     protocol.countdown_s = 0.0;
-    let study = study(&folder.path().join("study"), &protocol, &["P01"]);
-    let mut clock = Clock::new();
-    let mut open = study.begin("P01", None, STARTED, clock.now).unwrap();
+    let Begun { mut open, mut clock, _folder, .. } = begun(&protocol);
     for (marks, accepted) in [(&["rises"][..], false), (&["rises", "zero"], true)] {
         if matches!(open.session().state, State::Resting { .. }) {
             open.take(&Event::EndRest, clock.now).unwrap();
@@ -418,12 +428,8 @@ fn programs_that_add_participants_at_the_same_time_lose_none() {
 
 #[test]
 fn an_unusable_recording_is_accepted_with_a_reason_and_does_not_stop_the_study() {
-    let folder = tempfile::tempdir().unwrap();
-    let study = study(&folder.path().join("study"), &protocol(), &["P01"]);
-    let mut clock = Clock::new();
-    let mut open = study.begin("P01", None, STARTED, clock.now).unwrap();
-    open.take(&Event::Ready, clock.after(1.0)).unwrap();
-    open.take(&Event::Tick, clock.after(3.0)).unwrap();
+    let Begun { mut open, mut clock, _folder, .. } = begun(&protocol());
+    start(&mut open, &mut clock);
     record(&open, 3, 1.0, &[]);
     open.take(&Event::End, clock.after(3.0)).unwrap();
     open.judge(clock.now).unwrap();
@@ -439,10 +445,7 @@ fn an_unusable_recording_is_accepted_with_a_reason_and_does_not_stop_the_study()
 /// What cannot be stored has not happened.
 #[test]
 fn a_step_that_cannot_be_written_changes_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let study = study(&folder.path().join("study"), &protocol(), &["P01"]);
-    let now = Instant::now();
-    let mut open = study.begin("P01", None, STARTED, now).unwrap();
+    let Begun { mut open, clock: Clock { now }, _folder, .. } = begun(&protocol());
     let before = open.session().clone();
     let file = open.folder().join(names::SESSION);
     std::fs::remove_file(&file).unwrap();

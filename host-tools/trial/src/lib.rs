@@ -18,6 +18,7 @@
 pub mod body;
 mod c3d;
 pub mod correction;
+pub mod derived;
 pub mod export;
 pub mod frame;
 pub mod journal;

@@ -107,18 +107,18 @@ fn others_need_tls_and_the_password() {
     stand.ready_box("PL-0001");
     let port = free_port();
     let listen = format!("--listen 127.0.0.1:{port}");
+    let with = |file: &str| format!("{listen} --password-file {file}");
     // Without a password, or with one that is none, there is no desk.
     let mut refused = stand.plumb(&format!("desk --folder desk {listen}"));
     let output = refused.stdin(std::process::Stdio::null()).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && said.contains("no password"), "{said}");
     std::fs::write(stand.path("short.txt"), "1234\n").unwrap();
-    let output =
-        stand.plumb(&format!("desk --folder desk {listen} --password-file short.txt")).output();
+    let output = stand.plumb(&format!("desk --folder desk {}", with("short.txt"))).output();
     assert_eq!(output.unwrap().status.code(), Some(2));
 
     std::fs::write(stand.path("password.txt"), format!("{PASSWORD}\n")).unwrap();
-    let desk = stand.desk_with(&format!("{listen} --password-file password.txt"));
+    let desk = stand.desk_with(&with("password.txt"));
     assert!(desk.url.starts_with("https://") && !desk.url.contains("token"), "{}", desk.url);
     let said = desk.said();
     let (_, fingerprint) = said.split_once("(SHA-256): ").unwrap();
@@ -150,7 +150,7 @@ fn others_need_tls_and_the_password() {
 
     // The certificate is the same in the next run.
     desk.interrupt();
-    let desk = stand.desk_with(&format!("{listen} --password-file password.txt"));
+    let desk = stand.desk_with(&with("password.txt"));
     assert!(desk.said().contains(&fingerprint), "{}", desk.said());
     desk.interrupt();
 }

@@ -19,10 +19,13 @@
 //! Other options: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
 //! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
-//! as they are on the disk; `test.trigger` pulls at a GPIO line.
+//! as they are on the disk; `test.trigger` pulls at a GPIO line; `test.output` says what the box drives
+//! at another; `test.modem_line` pulls at modem lines before the box starts.
 
 mod camera;
 mod kernel;
+mod modem_line;
+mod seccomp;
 mod trigger;
 mod usb_camera;
 mod usb_descriptors;
@@ -57,10 +60,15 @@ fn main() {
         ["feed"] => feed(),
         ["usb", code] => usb_camera::play(code),
         ["trigger"] => trigger::pull(),
+        ["output"] => trigger::tell_output(),
+        ["modem_line"] => modem_line::run(),
         _ => start(),
     };
     let Err(error) = done else { return };
     eprintln!("test: {error:#}");
+    if std::process::id() != 1 {
+        std::process::exit(1);
+    }
     // Where process 1 ends the kernel panics: better that the console is read first.
     sleep(PATIENCE);
 }
@@ -75,6 +83,14 @@ fn start() -> Result<()> {
     if is_asked_for("test.trigger")? {
         trigger::set_up()?;
         Command::new("/proc/self/exe").arg("trigger").spawn().context("nobody pulls the line")?;
+    }
+    if is_asked_for("test.output")? {
+        trigger::set_up()?;
+        Command::new("/proc/self/exe").arg("output").spawn().context("nobody tells of the line")?;
+    }
+    if is_asked_for("test.modem_line")? {
+        // To its end, so that neither disturbs the other.
+        Command::new("/proc/self/exe").arg("modem_line").status().context("the modem's lines")?;
     }
     let mut player = Command::new("/proc/self/exe");
     if let Some(code) = value_of(&options()?, "test.usb_camera=") {

@@ -10,7 +10,8 @@
 //! before and after the line was pulled, and `test: pulse SECONDS` for each time that the box drove
 //! its line high, as the kernel has traced it.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -82,15 +83,40 @@ pub fn pull() -> Result<()> {
     sleep(Duration::from_secs(1));
     let trace = fs::read_to_string(Path::new(TRACING).join("trace")).context("the trace")?;
     let mut said = String::new();
-    for line in trace.lines().filter(|line| line.ends_with(" set 1")) {
-        let time_s = line.split(": gpio_value:").next().and_then(|it| it.split_whitespace().last());
-        said += &format!("test: pulse {}\n", time_s.context("a traced value without a time")?);
+    for (time_s, is_high) in trace.lines().filter_map(driven) {
+        if is_high {
+            said += &format!("test: pulse {time_s}\n");
+        }
     }
     for (before_ns, after_ns) in edges {
         said += &format!("test: edge {before_ns} {after_ns}\n");
     }
     println!("{said}test: all edges");
     Ok(())
+}
+
+/// Says on the console what the box drives, as the kernel traces it: `test: driven SECONDS high` or
+/// `low`.
+pub fn tell_output() -> Result<()> {
+    let trace = File::open(Path::new(TRACING).join("trace_pipe")).context("trace_pipe")?;
+    for line in BufReader::new(trace).lines() {
+        if let Some((time_s, is_high)) = driven(&line?) {
+            println!("test: driven {time_s} {}", if is_high { "high" } else { "low" });
+        }
+    }
+    bail!("the trace has ended")
+}
+
+/// When a line was driven, and whether high, in a line of the kernel's trace such as
+/// `plumbline-board-71 [001] ..... 4.250311: gpio_value: 513 set 1`.
+fn driven(line: &str) -> Option<(&str, bool)> {
+    let (before, value) = line.split_once(": gpio_value:")?;
+    let is_high = match value.rsplit_once(" set ")?.1.trim() {
+        "1" => true,
+        "0" => false,
+        _ => return None,
+    };
+    Some((before.split_whitespace().last()?, is_high))
 }
 
 /// Until both lines are in use.
@@ -110,7 +136,7 @@ fn wait_for_box() -> Result<()> {
     bail!("the box does not use the chip {LABEL}")
 }
 
-fn now_ns() -> u64 {
+pub fn now_ns() -> u64 {
     // This clock always exists, and is never negative.
     clock_gettime(ClockId::CLOCK_MONOTONIC)
         .map_or(0, |now| now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)

@@ -31,14 +31,15 @@ pub struct Seen {
     pub remaining: Option<Duration>,
     /// The times in words.
     pub time: String,
-    /// Empty without a pose.
+    /// Empty without a pose, and where movement is not followed.
     pub movement: Vec<Movement>,
     /// From where movement counts.
     pub since: &'static str,
     /// Rate, losses and so on, the most important first.
     pub counts: Vec<String>,
-    /// The figures of the upper trunk and of the lower one, or why there are none yet.
-    pub figures: [(&'static str, Result<TrunkFigures, NotYet>); 2],
+    /// The figures of the upper trunk and of the lower one, or why there are none yet; empty where
+    /// movement is not followed.
+    pub figures: Vec<(&'static str, Result<TrunkFigures, NotYet>)>,
 }
 
 /// Follows a reception.
@@ -47,6 +48,12 @@ pub struct Live {
     /// By what the trial is judged; absent where nothing is recorded.
     criteria: Option<Criteria>,
     begun: Instant,
+    motion: Option<Motion>,
+}
+
+/// Follows the trunks.
+#[derive(Debug)]
+struct Motion {
     sway: Sway,
     figures: Figures,
     /// The frames that came before the box's configuration, which tells their covariances; `None`
@@ -63,12 +70,70 @@ impl Live {
     pub fn new(criteria: Option<Criteria>, begun: Instant) -> Self {
         // Where nothing is recorded, nobody asks for it.
         let early = criteria.is_some().then(Vec::new);
-        let figures = Figures::default();
-        Self { criteria, begun, sway: Sway::new(), figures, early, zero: None }
+        let motion = Motion { sway: Sway::new(), figures: Figures::default(), early, zero: None };
+        Self { motion: Some(motion), ..Self::without_motion(criteria, begun) }
+    }
+
+    /// The same for whoever has movement and figures from elsewhere.
+    #[must_use]
+    pub fn without_motion(criteria: Option<Criteria>, begun: Instant) -> Self {
+        Self { criteria, begun, motion: None }
     }
 
     /// Takes note of the latest frame. To be called after each packet.
     pub fn take<W: Write>(&mut self, receiver: &Receiver<W>, course: &Course, now: Instant) {
+        if let Some(motion) = &mut self.motion {
+            motion.take(receiver, course, now);
+        }
+    }
+
+    /// What is known at this moment.
+    #[must_use]
+    pub fn seen<W: Write>(&self, receiver: &Receiver<W>, course: &Course, now: Instant) -> Seen {
+        let motion = self.motion.as_ref();
+        let movement =
+            motion.zip(receiver.latest(now)).map(|(motion, latest)| motion.sway.movement(latest));
+        let figures = motion.map(|motion| {
+            [Trunk::Upper, Trunk::Lower]
+                .map(|trunk| (trunk.word(), motion.figures.so_far(trunk)))
+                .to_vec()
+        });
+        Seen {
+            judgement: self.judgement(receiver, course, now),
+            elapsed: course.elapsed(now).0,
+            remaining: course
+                .remaining(now)
+                .map(|(to_go, _)| to_go)
+                .filter(|_| !course.awaits_mark()),
+            time: time(course, now),
+            movement: movement.unwrap_or_default(),
+            since: course.movement_since(),
+            counts: counts(receiver, course, now),
+            figures: figures.unwrap_or_default(),
+        }
+    }
+
+    fn judgement<W: Write>(
+        &self,
+        receiver: &Receiver<W>,
+        course: &Course,
+        now: Instant,
+    ) -> Judgement {
+        let lasts = receiver.silence(now);
+        let silence = receiver.latest(now).is_none().then(|| Silence {
+            lasts: lasts.unwrap_or(now.saturating_duration_since(self.begun)),
+            had_pose: lasts.is_some(),
+            words: silence(receiver, now),
+        });
+        match &self.criteria {
+            Some(criteria) => judgement::of_recording(criteria, course.verdict(), silence),
+            None => judgement::of_nothing(silence),
+        }
+    }
+}
+
+impl Motion {
+    fn take<W: Write>(&mut self, receiver: &Receiver<W>, course: &Course, now: Instant) {
         let latest = receiver.latest(now);
         if std::mem::replace(&mut self.zero, course.zero()) != course.zero() {
             self.sway.start_over();
@@ -93,44 +158,6 @@ impl Live {
                     take_figures(&mut self.figures, receiver.sessions(), latest, course);
                 }
             }
-        }
-    }
-
-    /// What is known at this moment.
-    #[must_use]
-    pub fn seen<W: Write>(&self, receiver: &Receiver<W>, course: &Course, now: Instant) -> Seen {
-        let movement = receiver.latest(now).map(|latest| self.sway.movement(latest));
-        Seen {
-            judgement: self.judgement(receiver, course, now),
-            elapsed: course.elapsed(now).0,
-            remaining: course
-                .remaining(now)
-                .map(|(to_go, _)| to_go)
-                .filter(|_| !course.awaits_mark()),
-            time: time(course, now),
-            movement: movement.unwrap_or_default(),
-            since: course.movement_since(),
-            counts: counts(receiver, course, now),
-            figures: [Trunk::Upper, Trunk::Lower]
-                .map(|trunk| (trunk.word(), self.figures.so_far(trunk))),
-        }
-    }
-
-    fn judgement<W: Write>(
-        &self,
-        receiver: &Receiver<W>,
-        course: &Course,
-        now: Instant,
-    ) -> Judgement {
-        let lasts = receiver.silence(now);
-        let silence = receiver.latest(now).is_none().then(|| Silence {
-            lasts: lasts.unwrap_or(now.saturating_duration_since(self.begun)),
-            had_pose: lasts.is_some(),
-            words: silence(receiver, now),
-        });
-        match &self.criteria {
-            Some(criteria) => judgement::of_recording(criteria, course.verdict(), silence),
-            None => judgement::of_nothing(silence),
         }
     }
 }

@@ -59,7 +59,7 @@ impl Worker {
         let recorder = plumbline_files::Late::new(&csv, false)
             .map(|file| Recorder::new(file, csv.display().to_string()));
         let (mut receiver, mut recorded) = (Receiver::new(Some(recorder?)), recorded);
-        let mut live = LiveSeen::new(Some(criteria), now);
+        let live = LiveSeen::without_motion(Some(criteria), now);
         // The desk's end is a step of the session, after which the recording ends.
         let never = AtomicBool::new(false);
         let mut counted = 0;
@@ -73,7 +73,6 @@ impl Worker {
                     course.borrow_mut().frame(now);
                     let _ = self.happen(&Event::Frame, now);
                 }
-                live.take(receiver, &course.borrow(), now);
                 self.take_marks(&heard, begun, now);
                 let is_zeroed = course.borrow().zero().is_some();
                 if is_zeroed && !was_zeroed {

@@ -66,7 +66,7 @@ impl Worker {
         let mut receiver: Receiver<Sink> = Receiver::new(None);
         let begun = Instant::now();
         let course = Course::new(begun, None, Zeroing::Start);
-        let mut live = LiveSeen::new(None, begun);
+        let live = LiveSeen::without_motion(None, begun);
         self.enter(Stage::Watching);
         let mut next = Next::Reopen;
         let mut heard_at = begun;
@@ -74,7 +74,6 @@ impl Worker {
         let result =
             follow(&mut *transport, &mut receiver, &mut (), None, &hub.stop, &mut |receiver| {
                 let now = Instant::now();
-                live.take(receiver, &course, now);
                 if let Some(goes_on) = self.turn(now) {
                     next = goes_on;
                     return ControlFlow::Break(());

@@ -15,10 +15,10 @@ use plumbline_files::counting::counted;
 use plumbline_files::{BadInput, write_all};
 use plumbline_stream::sealed_box::SealedBox;
 use plumbline_trial::correction::Replacements;
+use plumbline_trial::derived::{self, Changes};
 use plumbline_trial::journal::{Content, Entry, Reader};
-use plumbline_trial::recording::Changes;
 use plumbline_trial::verdict::{self, Criteria};
-use plumbline_trial::{Trial, names, recording};
+use plumbline_trial::{Trial, names};
 
 use crate::ui::stop::stop_on_signals;
 
@@ -145,7 +145,7 @@ fn rebuild(folder: &Path, arguments: &Arguments) -> Result<(), BadInput> {
     });
     let criteria = arguments.criteria.as_deref().map(Criteria::read).transpose()?;
     let changes = Changes { criteria, replaced, as_recorded: *as_recorded };
-    let trial = recording::remake(folder, &changes)?;
+    let trial = derived::remake(folder, &changes)?;
     for warning in &trial.warnings {
         eprintln!("warning: {warning}");
     }

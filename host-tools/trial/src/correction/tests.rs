@@ -12,8 +12,8 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::Trial;
+use crate::derived::{Changes, remake};
 use crate::frame::Trunk;
-use crate::recording::{Changes, remake};
 use crate::test_trial::{Made, scene_from_target};
 use crate::verdict::Grade;
 

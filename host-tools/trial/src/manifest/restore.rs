@@ -115,7 +115,7 @@ mod tests {
     use super::super::CheckVerdict;
     use super::*;
     use crate::Trial;
-    use crate::recording::{Changes, remake};
+    use crate::derived::{Changes, remake};
     use crate::test_trial::Made;
 
     fn lost() -> (tempfile::TempDir, PathBuf) {

@@ -366,7 +366,7 @@ fn a_person_overrules_and_says_why() {
     assert_eq!(verdict.is, Doubtful);
 
     let (_folder, trial) = made.trial();
-    let again = crate::recording::remake(&trial.folder, &Default::default()).unwrap();
+    let again = crate::derived::remake(&trial.folder, &Default::default()).unwrap();
     assert_eq!(again.manifest.verdict(), verdict);
     let text = std::fs::read_to_string(trial.folder.join(names::MANIFEST)).unwrap();
     let nameless = text.replace("by = \"A. Smith\"\n", "");

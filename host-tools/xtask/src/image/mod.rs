@@ -21,6 +21,7 @@ mod initramfs;
 mod modules;
 mod output;
 mod rpi4;
+mod test_debian;
 mod test_overlay;
 mod virt;
 
@@ -195,6 +196,7 @@ impl Profile {
 /// | `kernel-config` | what the kernel was built with |
 /// | `plumbline-board.deb` | the Debian package |
 /// | `overlay-libcamera.cpio` | its program as `/init`, and its libraries |
+/// | `debian.cpio` | [`test_debian`] |
 pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     prepare()?;
     let directory = directory().join("tests");
@@ -217,6 +219,7 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     deb::make(&program, &directory.join("plumbline-board.deb"))?;
     let overlay = test_overlay::make_with_libcamera(debian, &program)?;
     fs::write(directory.join("overlay-libcamera.cpio"), overlay)?;
+    fs::write(directory.join("debian.cpio"), test_debian::make(debian, &program)?)?;
     Ok(directory)
 }
 

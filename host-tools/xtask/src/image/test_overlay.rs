@@ -24,22 +24,32 @@ use crate::command::Task;
 const VIVID_OPTIONS: &str =
     "n_devs=1 node_types=0x101 num_outputs=1 output_types=1 num_inputs=1 input_types=3";
 
+/// What the guest loads, each list by its name: the modules, and options for the last one.
+///
+/// The third is a serial modem and the USB port that it is plugged into, all in the one kernel.
+const MODULES: [(&str, &[&str], &str); 3] = [
+    ("vivid", &["vivid"], VIVID_OPTIONS),
+    ("usb", &["vhci-hcd"], ""),
+    ("modem", &["cdc-acm", "dummy_hcd", "usb_f_acm", "g_serial"], ""),
+];
+
 /// Makes the overlay with `guest` as the first process.
 pub fn make(debian: &DebianRoot, guest: &Path) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("test/start", initramfs::stripped(guest)?);
     // The modules that one needs come before it, so its options end its list.
-    for (camera, module, options) in [("vivid", "vivid", VIVID_OPTIONS), ("usb", "vhci-hcd", "")] {
-        let directory = format!("test/modules.d/{camera}");
-        let list = modules::add(&mut root, debian, &[module.to_owned()], &directory)?;
+    for (name, modules, options) in MODULES {
+        let directory = format!("test/modules.d/{name}");
+        let modules: Vec<String> = modules.iter().map(|&it| it.to_owned()).collect();
+        let list = modules::add(&mut root, debian, &modules, &directory)?;
         let list = format!("{} {options}\n", list.join("\n"));
-        root.file(&format!("test/modules.{camera}"), list.into_bytes());
+        root.file(&format!("test/modules.{name}"), list.into_bytes());
     }
     root.to_bytes()
 }
 
 /// The directory in which Debian has shared libraries and the loader looks for them.
-const LIBRARIES: &str = "usr/lib/aarch64-linux-gnu";
+pub const LIBRARIES: &str = "usr/lib/aarch64-linux-gnu";
 
 /// The virtual camera: it plays the JPEG files of a directory at 30 frames per second.
 const VIRTUAL_CAMERA: &str = "\
@@ -75,8 +85,8 @@ pub fn make_with_libcamera(debian: &DebianRoot, program: &Path) -> Result<Vec<u8
     root.to_bytes()
 }
 
-/// The shared libraries that a program needs, directly or indirectly.
-fn libraries(debian: &DebianRoot, program: &Path) -> Result<BTreeSet<String>> {
+/// The shared libraries that a program needs, directly or indirectly: their names in [`LIBRARIES`].
+pub fn libraries(debian: &DebianRoot, program: &Path) -> Result<BTreeSet<String>> {
     let (mut found, mut to_do) = (BTreeSet::new(), vec![program.to_owned()]);
     while let Some(path) = to_do.pop() {
         let listing = Task::new("aarch64-linux-gnu-readelf")
@@ -85,8 +95,14 @@ fn libraries(debian: &DebianRoot, program: &Path) -> Result<BTreeSet<String>> {
             .output()?;
         for line in listing.lines().filter(|line| line.contains("(NEEDED)")) {
             let name = line.split(['[', ']']).nth(1).context("a NEEDED without a name")?;
-            let loader = name.starts_with("ld-linux");
-            if !loader && found.insert(name.to_owned()) {
+            if name.starts_with("ld-linux") {
+                continue;
+            }
+            // systemd keeps its own in a directory of their own.
+            let is_of_systemd =
+                ["libsystemd-core-", "libsystemd-shared-"].iter().any(|it| name.starts_with(it));
+            let name = if is_of_systemd { format!("systemd/{name}") } else { name.to_owned() };
+            if found.insert(name.clone()) {
                 to_do.push(debian.path().join(LIBRARIES).join(name));
             }
         }

@@ -14,7 +14,7 @@ use clap::Args;
 use plumbline::packet::{Action, TriggerState};
 use plumbline_bedside::doctor::{Check, Verdict, examine};
 use plumbline_bedside::recording::marks::{self, MarkFrom, Strangers};
-use plumbline_bedside::recording::modem_line::{ModemLine, Watch};
+use plumbline_bedside::recording::modem_line::{self, ModemLine, Watch};
 use plumbline_bedside::recording::{Course, Here, Recorded, Zeroing, amiss, check_heard};
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
@@ -34,7 +34,7 @@ use plumbline_trial::verdict::Criteria;
 use super::doctor;
 use crate::arguments::streams::{StreamArguments, library};
 use crate::arguments::{LinkArguments, seconds};
-use crate::ui::stop::stop_on_signals;
+use crate::ui::stop::{stop_on_signals, until_stopped};
 use crate::ui::waiting;
 
 mod keys;
@@ -74,15 +74,15 @@ use streams::Streams;
 /// have given. Elsewhere a line is written every ten seconds.
 ///
 /// Press Enter to mark an event; type its name first if it has one. An edge at the box's trigger line,
-/// if it has one, is a mark too. The mark called zero, or else the first mark, is the trial's t = 0. Each mark is shown with its time. Ends --duration after t = 0,
-/// after --frames or with Ctrl-C, and prints a summary and the verdict on the trial: good, doubtful or
-/// unusable, with the reasons.
+/// if it has one, is a mark too. The mark called zero, or else the first mark, is the trial's t = 0.
+/// Each mark is shown with its time. Ends --duration after t = 0, after --frames or with Ctrl-C, and
+/// prints a summary and the verdict on the trial: good, doubtful or unusable, with the reasons.
 ///
 /// Other programs can have the poses while they come: by the Lab Streaming Layer (--lsl), as lines of
 /// JSON (--json) or by OSC (--osc). What they do, or do not do, never touches the recording.
 ///
-/// Exit code 0: done; 1: a check failed, and nothing was recorded; 2: an input or the link could not
-/// be used, or nothing came.
+/// Exit code 0: done; 1: a check failed, or Ctrl-C came before the checks were over, and nothing was
+/// recorded; 2: an input or the link could not be used, or nothing came.
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 #[command(after_help = "Examples:\n  plumb receive --out trials/p01-control\n  \
@@ -141,8 +141,8 @@ pub struct Arguments {
     ///
     /// Each time the line is asserted is a mark, named after the line. Its time is known to a
     /// millisecond or, where the driver does not tell of changes and has to be asked, to the time
-    /// between two questions, which is stored with the mark. A trigger at the box's own line
-    /// ([trigger] in box.toml) is known ten times better.
+    /// between two questions; an adapter on USB may add its own interval, 1 to 32 ms. Either is stored
+    /// with the mark. A trigger at the box's own line ([trigger] in box.toml) is known ten times better.
     #[arg(long, value_name = "DEVICE[:LINE]", value_parser = ModemLine::parse, requires = "out")]
     mark_line: Option<ModemLine>,
 
@@ -226,7 +226,7 @@ impl Arguments {
     }
 }
 
-/// Runs the subcommand; false if a check failed and nothing was recorded.
+/// Runs the subcommand; false if a check failed, or the program was ended, before anything was recorded.
 ///
 /// # Errors
 /// When the address, the device or the folder cannot be used, or nothing came.
@@ -238,17 +238,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     }
     let ways = arguments.streams.ways();
     let lsl = library([ways.lsl.as_ref(), arguments.mark_lsl.as_ref()])?;
-    let mut link = arguments.link.open_with(arguments.past)?;
+    let stop = stop_on_signals()?;
+    let (mut link, is_prepared) = until_stopped(arguments.link.open_with(arguments.past)?, &stop);
     let place = link.place().to_owned();
     let prepared = match &arguments.out {
         None => None,
-        Some(out) => match prepare(arguments, out, lsl, &mut link)? {
-            None => return Ok(false),
-            prepared => prepared,
-        },
+        Some(out) => {
+            let prepared = prepare(arguments, out, lsl, &mut link);
+            if stop.load(Ordering::Relaxed) {
+                eprintln!("ended before anything was recorded");
+                return Ok(false);
+            }
+            match prepared? {
+                None => return Ok(false),
+                prepared => prepared,
+            }
+        }
     };
-    // Until here Ctrl-C ends the program, and leaves no folder.
-    let stop = stop_on_signals()?;
+    is_prepared.set(true);
     let now = Instant::now();
     let course = Rc::new(RefCell::new(Course::new(now, arguments.duration, arguments.zeroing())));
     let mut streams = Streams::open(&ways, lsl, now, prepared.is_none(), arguments.quiet)?;
@@ -341,12 +348,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
             counted(strangers.count(), "mark")
         );
     }
-    let missed = watch.map_or(0, |it| it.missed());
+    let missed = watch.as_ref().map_or(0, Watch::missed);
     if missed > 0 {
         text += &format!(
             "\nwarning: {} of --mark-line came too fast one after the other and did not count",
             counted(missed, "mark")
         );
+    }
+    if watch.is_some_and(|it| it.is_gone()) {
+        text +=
+            "\nwarning: the device of --mark-line has gone: what it marked since then is missing";
     }
     if refused > 0 {
         text += &format!(
@@ -403,7 +414,8 @@ fn prepare<'a>(
 ) -> Result<Option<Prepared<'a>>, BadInput> {
     let (sender, marks, strangers) =
         marks::listen(arguments.mark_udp, &arguments.mark_from, arguments.mark_serial.as_deref())?;
-    let watch = arguments.mark_line.as_ref().map(|line| line.watch(&sender)).transpose()?;
+    let watch =
+        arguments.mark_line.as_ref().map(|line| modem_line::watch(line, &sender)).transpose()?;
     let markers = streams::markers(arguments, lsl, &sender)?;
     let sender = if screen::is_screen(arguments.quiet) {
         Some(sender)

@@ -275,7 +275,7 @@ mod tests {
             movement: Vec::new(),
             since: "since t = 0",
             counts: Vec::new(),
-            figures: [("upper", Err(NotYet::Settling)), ("lower", Err(NotYet::Settling))],
+            figures: vec![("upper", Err(NotYet::Settling)), ("lower", Err(NotYet::Settling))],
         };
         Shown { title: vec!["trials/p01".to_owned()], seen, typed: None }
     }

@@ -39,7 +39,7 @@ fn shown() -> Shown {
         ],
         since: "since t = 0",
         counts: ["59.9 of 60 Hz", "2 lost (0.1 %)", "2520 frames"].map(str::to_owned).to_vec(),
-        figures: [("upper", Ok(figures)), ("lower", Err(NotYet::Settling))],
+        figures: vec![("upper", Ok(figures)), ("lower", Err(NotYet::Settling))],
     };
     let title = vec!["trials/p01".to_owned(), "participant P01".to_owned()];
     Shown { title, seen, typed: Some("tur".to_owned()) }

@@ -8,6 +8,7 @@ use std::os::fd::AsRawFd as _;
 
 use nix::Result;
 use nix::libc;
+use nix::sys::termios::{ControlFlags, LocalFlags, SetArg, tcgetattr, tcsetattr};
 
 use super::Line;
 
@@ -44,6 +45,23 @@ pub(super) fn is_on(port: &File, line: Line) -> Result<bool> {
     // SAFETY: the kernel writes one integer, which is borrowed for that long.
     unsafe { get_lines(port.as_raw_fd(), &raw mut lines) }?;
     Ok(lines & bit(line) != 0)
+}
+
+/// Lets the device stay open whatever its lines do: without CLOCAL the kernel hangs up when "data
+/// carrier detect" is released. What the device says is not sent back to it.
+///
+/// # Errors
+/// When the device is no terminal, or has gone.
+pub(super) fn stay_open(port: &File) -> Result<()> {
+    let mut settings = tcgetattr(port)?;
+    if settings.control_flags.contains(ControlFlags::CLOCAL)
+        && !settings.local_flags.contains(LocalFlags::ECHO)
+    {
+        return Ok(());
+    }
+    settings.control_flags.insert(ControlFlags::CLOCAL);
+    settings.local_flags.remove(LocalFlags::ECHO);
+    tcsetattr(port, SetArg::TCSANOW, &settings)
 }
 
 /// How often a line has changed, since some time before; it begins anew after the largest number.
