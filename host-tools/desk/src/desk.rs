@@ -21,6 +21,7 @@ use crate::memory::Memory;
 use crate::porter::{Porter, Strangers};
 use crate::station::{Around, Reach, Shared, Station};
 use crate::wire::{BoxState, DeskState, LinkState, Problem, State};
+use crate::words::on_page;
 
 /// What the desk is to do.
 #[derive(Debug, Clone, Default)]
@@ -65,7 +66,7 @@ pub struct Desk {
     computer: String,
     stations: Vec<Station>,
     strangers: Arc<Strangers>,
-    problems: Mutex<Vec<Problem>>,
+    problems: Mutex<Vec<BadInput>>,
     streams: Vec<String>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     _markers: Option<Markers>,
@@ -89,9 +90,9 @@ impl Desk {
         let markers = follow_marks(&settings, &hub, &board, &mut threads)?;
         let mut problems = Vec::new();
         let known = Store::open()?.all()?;
-        problems.extend(known.refused.into_iter().map(Problem::from));
+        problems.extend(known.refused);
         if known.known.is_empty() && settings.serial.is_empty() {
-            problems.push(Problem::new(
+            problems.push(BadInput::whole(
                 "the keys",
                 "no key of a box is known here, and a box talks to nobody else",
                 "make one for a new box with `plumb provision --new-key`, or bring it from another \
@@ -123,10 +124,11 @@ impl Desk {
                     let _ = porter.run();
                 })?),
                 // Boxes that were met before are called where they were.
-                Err(error) => problems.push(error.into()),
+                Err(error) => problems.push(error),
             }
         }
-        let mut streams = settings.ways.warnings();
+        let mut streams: Vec<String> =
+            settings.ways.warnings().iter().map(|it| on_page(it)).collect();
         let several = reaches.len() > 1;
         let mut stations = Vec::new();
         for (at, (shared, reach)) in reaches.into_iter().enumerate() {
@@ -190,7 +192,7 @@ impl Desk {
                 folder: self.folder.display().to_string(),
                 computer: self.computer.clone(),
                 pages: self.hub.pages.load(std::sync::atomic::Ordering::Relaxed),
-                problems: self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+                problems: self.problems().into_iter().map(Problem::from).collect(),
                 streams: self.streams.clone(),
                 studies_version: self.hub.studies_version(),
                 latest_study,
@@ -209,8 +211,11 @@ impl Desk {
     /// What a user of the command line should know.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
-        let problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
-        problems.iter().map(|it| format!("{}: {}; {}", it.place, it.found, it.remedy)).collect()
+        self.problems().iter().map(ToString::to_string).collect()
+    }
+
+    fn problems(&self) -> Vec<BadInput> {
+        self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Ends everything, and waits for that: a recording that goes on is ended properly.

@@ -22,3 +22,4 @@ mod porter;
 mod station;
 mod studies;
 pub mod wire;
+mod words;
