@@ -5,6 +5,10 @@ use plumbline_trial::Trial;
 use crate::camera::{Shown, TheBox};
 use crate::stage::Stage;
 
+/// At this rate a box that shares a busy computer keeps its camera's pace, and has measured the times that
+/// are compared.
+const RATE_HZ: usize = 30;
+
 /// Has the camera show what a script asks for.
 pub fn show(the_box: &TheBox, asked: &str) -> String {
     let shown = match asked.split_whitespace().collect::<Vec<_>>()[..] {
@@ -20,7 +24,7 @@ pub fn show(the_box: &TheBox, asked: &str) -> String {
 #[track_caller]
 fn go_by(hands: &str) {
     let Some(stage) = Stage::uncalibrated() else { return };
-    let the_box = stage.start_box(Shown::Photograph(0));
+    let the_box = stage.start_box_at(Shown::Photograph(0), RATE_HZ);
     let desk = stage.desk();
     stage.browse("whole_way.py", &[&desk.url, hands], |asked| show(&the_box, asked));
     drop(desk);
