@@ -20,23 +20,23 @@ pub struct Run {
     clock: SessionClock,
 }
 
-/// When a frame's packet came, by this computer's clock, and when the frame was captured and its packet
-/// left, by the box's.
+/// When a frame's packet came, by this computer's clock, and when the frame was captured, by the
+/// box's.
 #[derive(Debug, Clone, Copy)]
 struct Arrival {
     host_ns: u64,
     capture_ns: u64,
-    left_ns: u64,
 }
 
 impl Arrival {
-    /// The time under way, plus a constant: the difference of the two clocks.
+    /// The delay of the packet, plus a constant: the difference of the two clocks.
     fn delay_ns(&self) -> i64 {
-        self.host_ns.wrapping_sub(self.left_ns).cast_signed()
+        self.host_ns.wrapping_sub(self.capture_ns).cast_signed()
     }
 }
 
-/// Bound of a frame's delay where no answer measures it: exposure, read-out, link, and a margin.
+/// Bound of a frame's delay where no answer measures it: exposure, read-out, tracking, link, and a
+/// margin.
 const UNKNOWN_DELAY_S: f64 = 0.1;
 
 /// Of the frames that arrive this shortly before or after a moment, one arrives without having
@@ -47,9 +47,7 @@ impl Run {
     /// A frame has come.
     pub fn frame(&mut self, frame: &Frame) {
         let Frame { arrival_ns, packet, clock, .. } = frame;
-        let capture_ns = packet.capture_time_ns;
-        let left_ns = capture_ns.wrapping_add(1000 * u64::from(packet.latency_us));
-        self.arrivals.push(Arrival { host_ns: *arrival_ns, capture_ns, left_ns });
+        self.arrivals.push(Arrival { host_ns: *arrival_ns, capture_ns: packet.capture_time_ns });
         self.is_replay |= packet.instant == MarkedInstant::Recording;
         self.clock = *clock;
     }
@@ -113,11 +111,11 @@ impl Run {
         if let Some(relation) = self.relation() {
             return Some(relation.box_ns_since(host_ns, first_ns));
         }
-        // Without an answer of the box, the least delayed frame is taken as not delayed since it left
-        // the box: in truth it was under way for a little, which nothing measures. Others have also
-        // waited while a computer was busy.
+        // Without an answer of the box, the least delayed frame is taken as not delayed: in truth
+        // it took some milliseconds, which nothing measures. Others have also waited while a
+        // computer was busy.
         let soonest = self.soonest(host_ns)?;
-        let to_soonest_ns = soonest.left_ns.wrapping_sub(first_ns).cast_signed();
+        let to_soonest_ns = soonest.capture_ns.wrapping_sub(first_ns).cast_signed();
         Some(to_soonest_ns as f64 + (host_ns as f64 - soonest.host_ns as f64))
     }
 
@@ -159,8 +157,8 @@ mod tests {
 
     const SECOND_NS: u64 = 1_000_000_000;
 
-    /// Ten seconds at 50 Hz, each packet leaving after 1.2 ms and under way for this long; the box's
-    /// clock is behind by an hour.
+    /// Ten seconds at 50 Hz, each frame under way for this long; the box's clock is behind by an
+    /// hour.
     fn run(way_ms: impl Fn(u64) -> u64) -> Run {
         let mut run = Run::default();
         let mut sessions = Sessions::default();
@@ -170,8 +168,7 @@ mod tests {
             if let Message::Pose(pose) = &mut packet.message {
                 pose.capture_time_ns += 4 * SECOND_NS;
                 pose.instant = MarkedInstant::Recording;
-                pose.latency_us = 1200;
-                let way_ns = 1_200_000 + way_ms(number.into()) * 1_000_000;
+                let way_ns = way_ms(number.into()) * 1_000_000;
                 let host_ns = 3600 * SECOND_NS + pose.capture_time_ns + way_ns;
                 sessions.take(packet, host_ns);
             }
