@@ -4,6 +4,7 @@ pub mod binary;
 pub mod booth;
 pub mod coloured;
 pub mod keys;
+pub mod lsl;
 pub mod photographer;
 pub mod python;
 pub mod scene;

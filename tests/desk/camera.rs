@@ -116,12 +116,18 @@ impl TheBox {
     /// Starts the box that has its files in this folder; what it sends is written in clear into
     /// `sent.bin`, each time anew.
     pub fn start(folder: &Path, shown: Shown, rate_hz: usize) -> Self {
+        Self::start_on(folder, shown, rate_hz, None)
+    }
+
+    /// The same, with a serial line besides.
+    pub fn start_on(folder: &Path, shown: Shown, rate_hz: usize, serial: Option<&str>) -> Self {
         let reel = AtomicUsize::new(shown.reel());
         let shared = Arc::new(Shared { reel, is_over: AtomicBool::new(false) });
         let (for_supervisor, folder) = (Arc::clone(&shared), folder.to_owned());
+        let serial = serial.map(str::to_owned);
         let supervisor = std::thread::spawn(move || {
             while !for_supervisor.is_over.load(Ordering::Relaxed) {
-                run_once(&for_supervisor, &folder, rate_hz);
+                run_once(&for_supervisor, &folder, rate_hz, serial.as_deref());
             }
         });
         Self { shared, supervisor: Some(supervisor) }
@@ -142,11 +148,12 @@ impl Drop for TheBox {
 }
 
 /// One start of the program, until it ends or nobody wants it any more.
-fn run_once(shared: &Arc<Shared>, folder: &Path, rate_hz: usize) {
+fn run_once(shared: &Arc<Shared>, folder: &Path, rate_hz: usize, serial: Option<&str>) {
     let said = File::options().create(true).append(true).open(folder.join("box.txt")).unwrap();
     let mut child = command(board())
         .args(["--config", "box.plb", "--key", KEY_FILE_NAME, "--replay", "-", "--supervised"])
         .args(["--record", "sent.bin"])
+        .args(serial.into_iter().flat_map(|it| ["--serial", it]))
         .current_dir(folder)
         .stdin(Stdio::piped())
         .stdout(said.try_clone().unwrap())

@@ -195,7 +195,7 @@ def box_of(page):
     return api(page, "/api/state")["boxes"][0]
 
 
-def short_study(page, seconds, title="Quiet standing", marks=()):
+def short_study(page, seconds, title="Quiet standing", marks=(), countdown_s=0):
     """A study of one condition and one participant, made without the page's help."""
     condition = {
         "name": "eyes-open",
@@ -206,7 +206,7 @@ def short_study(page, seconds, title="Quiet standing", marks=()):
     fields = {
         "name": "Short",
         "order": {"by": "fixed"},
-        "countdown_s": 0,
+        "countdown_s": countdown_s,
         "tones": {"start": True, "end": True},
         "zero": "start",
         "marks": list(marks),

@@ -3,6 +3,7 @@
     looks.py URL
 """
 
+import re
 import sys
 
 from axe_playwright_python.sync_playwright import Axe
@@ -13,7 +14,9 @@ SCHEMES = ["light", "dark"]
 
 
 def look(page, name):
-    """At what is shown now."""
+    """At what is shown now. Nobody who looks at it has a command line."""
+    said = page.locator("body").inner_text()
+    assert not re.search(r"\bplumb |(^|\s)--[a-z]", said), f"{name} names a command: {said}"
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         beyond = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")

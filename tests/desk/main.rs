@@ -5,8 +5,9 @@
 //! | what is done | what must come of it | where |
 //! |---|---|---|
 //! | from the paper and a new box to a study's report, by mouse, and by keyboard alone | a study whose trials are whole | [`whole_way`] |
-//! | every step at three sizes, light and dark | nothing is cut off, axe-core finds nothing, the console is silent, no other host is asked | [`looks`] |
+//! | every step at three sizes, light and dark | nothing is cut off, no command is named, axe-core finds nothing, the console is silent, no other host is asked | [`looks`] |
 //! | the page is reloaded, throttled, cut off, closed and opened again in a trial | the trial is whole | [`disturbed`] |
+//! | the picture fills the screen, photographs are taken by themselves, a trial begins and ends | it can be read from afar, and each tone is heard | [`heard`] |
 //! | a page of another origin, another name for the desk, hostile words | nothing is got, nothing begins | [`hostile`] |
 //! | the modules that draw are asked, and read | they draw what came; no text becomes markup | [`drawings`] |
 //! | the routes are asked without a browser | see there | [`server`] |
@@ -15,6 +16,7 @@
 mod camera;
 mod disturbed;
 mod drawings;
+mod heard;
 mod hostile;
 mod looks;
 mod pace;

@@ -8,8 +8,6 @@ import sys
 from desk_page import ask, begin_session, box_of, browser, button, expect, go, short_study, tell
 
 SECONDS = 600
-# The recording is written down at least so often.
-WRITTEN_MS = 3000
 
 
 def main(url):
@@ -20,7 +18,6 @@ def main(url):
         begin_session(page)
         button(page, "Ready: begin").click()
         expect(page.get_by_role("article", name="Recording")).to_be_visible()
-        page.wait_for_timeout(WRITTEN_MS)
         ask("kill the desk")
         expect(page.get_by_text("No connection to the desk.")).to_be_visible()
         again = ask("start the desk")

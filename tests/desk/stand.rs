@@ -1,5 +1,6 @@
 //! Boxes and the desk, each with what it has on its disk.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
@@ -7,6 +8,8 @@ use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
+use plumbline::packet::{Message, PosePacket, decode_datagram};
+use plumbline_stream::transport::Raw;
 use plumbline_test_support::{Absent, command, is_emulated, program, skip};
 use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::names;
@@ -30,7 +33,9 @@ pub fn plumb() -> &'static Path {
 pub struct Stand {
     folder: TempDir,
     /// Where the boxes are heard.
-    udp: SocketAddr,
+    pub udp: SocketAddr,
+    /// Variables that `plumb` finds besides its own.
+    pub environment: Vec<(&'static str, OsString)>,
 }
 
 impl Stand {
@@ -43,7 +48,7 @@ impl Stand {
         // Before anybody waits for a box.
         program("plumbline-board").expect("the box's program builds");
         let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        Some(Self { folder: tempfile::tempdir().unwrap(), udp })
+        Some(Self { folder: tempfile::tempdir().unwrap(), udp, environment: Vec::new() })
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -87,6 +92,7 @@ impl Stand {
         let mut command = command(plumb());
         command.args(arguments.split_whitespace()).current_dir(self.folder.path());
         command.env("XDG_DATA_HOME", self.path("data"));
+        command.envs(self.environment.iter().cloned());
         command
     }
 
@@ -195,14 +201,34 @@ pub fn text_of(file: &Path) -> String {
 /// For how long a trial was heard, by this computer's clock: a box that shares a busy computer has a
 /// pace of its own.
 pub fn lasted_s(trial: &Path) -> f64 {
-    let mut reader = Reader::open(&trial.join(names::JOURNAL)).unwrap();
     let mut last_ns = 0;
+    each_raw(trial, |host_ns, _| last_ns = host_ns);
+    1e-9 * last_ns as f64
+}
+
+/// The poses of a trial in their order, each with when it came since the trial began.
+pub fn packets_of(trial: &Path) -> Vec<(u64, PosePacket)> {
+    let mut packets = Vec::new();
+    each_raw(trial, |host_ns, raw| {
+        if let Raw::Datagram(bytes) = raw
+            && let Ok(Message::Pose(pose)) = decode_datagram(&bytes).map(|it| it.message)
+        {
+            packets.push((host_ns, pose));
+        }
+    });
+    packets.sort_by_key(|(_, pose)| pose.sequence);
+    packets.dedup_by_key(|(_, pose)| pose.sequence);
+    packets
+}
+
+/// What came from the box, and when, up to where a recording was cut off.
+fn each_raw(trial: &Path, mut take: impl FnMut(u64, Raw)) {
+    let mut reader = Reader::open(&trial.join(names::JOURNAL)).unwrap();
     while let Ok(Some(entry)) = reader.next_entry() {
-        if let Content::Raw(_) = entry.content {
-            last_ns = entry.host_ns;
+        if let Content::Raw(raw) = entry.content {
+            take(entry.host_ns, raw);
         }
     }
-    1e-9 * last_ns as f64
 }
 
 /// A port that nobody listens at.

@@ -21,6 +21,7 @@ use crate::memory::Memory;
 use crate::porter::{Known, Porter, Strangers};
 use crate::station::{Around, Reach, Refusal, Shared, Station};
 use crate::wire::{BoxState, DeskState, LinkState, NewBox, Problem, State};
+use crate::words::on_page;
 
 /// What the desk is to do.
 #[derive(Debug, Clone, Default)]
@@ -69,7 +70,7 @@ pub struct Desk {
     stations: RwLock<Vec<Arc<Station>>>,
     known: Arc<Known>,
     strangers: Arc<Strangers>,
-    problems: Mutex<Vec<Problem>>,
+    problems: Mutex<Vec<BadInput>>,
     streams: Mutex<Vec<String>>,
     /// One box is made after the other.
     making: Mutex<()>,
@@ -95,7 +96,7 @@ impl Desk {
         let markers = follow_marks(&settings, &hub, &board, &mut threads)?;
         let mut problems = Vec::new();
         let known = Store::open()?.all()?;
-        problems.extend(known.refused.into_iter().map(Problem::from));
+        problems.extend(known.refused);
         let strangers = Arc::new(Strangers::default());
         let by_key = Arc::new(Known::default());
         for address in &settings.udp {
@@ -111,7 +112,7 @@ impl Desk {
                     let _ = porter.run();
                 })?),
                 // Boxes that were met before are called where they were.
-                Err(error) => problems.push(error.into()),
+                Err(error) => problems.push(error),
             }
         }
         let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
@@ -121,7 +122,7 @@ impl Desk {
             folder: folder.clone(),
             udp: settings.udp,
             computer: computer.trim().to_owned(),
-            streams: Mutex::new(settings.ways.warnings()),
+            streams: Mutex::new(settings.ways.warnings().iter().map(|it| on_page(it)).collect()),
             around: Around {
                 folder,
                 program: settings.program,
@@ -230,7 +231,7 @@ impl Desk {
                 folder: self.folder.display().to_string(),
                 computer: self.computer.clone(),
                 pages: self.hub.pages.load(std::sync::atomic::Ordering::Relaxed),
-                problems: self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+                problems: self.problems().into_iter().map(Problem::from).collect(),
                 streams: self.streams.lock().unwrap_or_else(PoisonError::into_inner).clone(),
                 studies_version: self.hub.studies_version(),
                 latest_study,
@@ -249,8 +250,11 @@ impl Desk {
     /// What a user of the command line should know.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
-        let problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
-        problems.iter().map(|it| format!("{}: {}; {}", it.place, it.found, it.remedy)).collect()
+        self.problems().iter().map(ToString::to_string).collect()
+    }
+
+    fn problems(&self) -> Vec<BadInput> {
+        self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Ends everything, and waits for that: a recording that goes on is ended properly.

@@ -26,3 +26,4 @@ mod settings;
 mod station;
 mod studies;
 pub mod wire;
+mod words;

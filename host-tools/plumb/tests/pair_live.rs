@@ -1,68 +1,17 @@
 //! `plumb pair` and the box's real program, at the two ends of a serial cable.
 
 use std::fs::File;
-use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 use plumbline::seal::{KEY_FILE_NAME, Key};
+use plumbline_stream::fixture::Cable;
 use plumbline_test_support::{command, serial_lines};
-use serialport::{SerialPort, TTYPort};
 
 use crate::common::finished::{Finished, plumb};
 use crate::common::keys;
 use crate::live_box::{Bench, PAIR, board, recording};
-
-/// A cable with a serial device at either end.
-struct Cable {
-    at_box: String,
-    at_host: String,
-    is_over: Arc<AtomicBool>,
-    carriers: Vec<JoinHandle<()>>,
-}
-
-impl Cable {
-    fn new() -> Self {
-        let is_over = Arc::new(AtomicBool::new(false));
-        let [(one, at_box), (other, at_host)] = [(); 2].map(|()| {
-            let (mut line, end) = TTYPort::pair().unwrap();
-            line.set_timeout(Duration::from_millis(5)).unwrap();
-            // The program that opens it is to be its only reader.
-            (line, end.name().unwrap())
-        });
-        let carrier = |mut from: TTYPort, mut to: TTYPort| {
-            let is_over = Arc::clone(&is_over);
-            std::thread::spawn(move || {
-                let mut bytes = [0; 4096];
-                while !is_over.load(Ordering::Relaxed) {
-                    match from.read(&mut bytes) {
-                        // What nobody takes is lost, as on a cable.
-                        Ok(length) => drop(to.write_all(&bytes[..length])),
-                        // Nothing comes, or nobody has opened the other end.
-                        Err(_) => std::thread::sleep(Duration::from_millis(1)),
-                    }
-                }
-            })
-        };
-        let [one_too, other_too] = [&one, &other].map(|it| it.try_clone_native().unwrap());
-        let carriers = vec![carrier(one, other_too), carrier(other, one_too)];
-        Self { at_box, at_host, is_over, carriers }
-    }
-}
-
-impl Drop for Cable {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        for carrier in self.carriers.drain(..) {
-            assert!(carrier.join().is_ok() || std::thread::panicking());
-        }
-    }
-}
 
 /// The box's program, at one end of a cable.
 struct TheBox(Child);

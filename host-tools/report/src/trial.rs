@@ -70,7 +70,7 @@ pub fn report(
     let (title, subtitle) = match trial {
         Some(trial) => {
             let recorded = when(&trial.manifest.started);
-            (trial.title(), format!("{}, recorded {recorded}", trial.folder.display()))
+            (trial.title(), format!("{}, recorded {recorded}", points.place))
         }
         None => ("Sway".to_owned(), points.place.clone()),
     };

@@ -62,10 +62,10 @@ pub struct Relation {
     /// The most certain exchange; the rest is measured from it.
     anchor: Exchange,
     /// How much faster the box's clock runs, and how uncertain that is at most; `None` where the
-    /// exchanges lie too close together to tell, and it is taken as 0.
+    /// exchanges do not tell it from 0.
     pub drift_ppm: Option<(f64, f64)>,
-    /// The largest error of the drift, ppm.
-    pace_doubt_ppm: f64,
+    /// The drift that times are told by, and its largest error, ppm.
+    pace_ppm: (f64, f64),
 }
 
 /// Two quartz clocks differ by less, at a temperature at which people stand.
@@ -76,15 +76,23 @@ impl Relation {
     #[must_use]
     pub fn of(exchanges: &[Exchange]) -> Option<Self> {
         let anchor = *surest(exchanges)?;
-        let measured = drift_ppm(exchanges);
-        // A drift below its own uncertainty counts as not measured, but may exist.
-        let drift_ppm = measured.filter(|(drift, uncertain)| drift.abs() > *uncertain);
-        let pace_doubt_ppm = match (drift_ppm, measured) {
-            (Some((_, uncertain)), _) => uncertain,
-            (None, Some((drift, uncertain))) => QUARTZ_PPM.min(drift.abs() + uncertain),
-            (None, None) => QUARTZ_PPM,
+        let pace_ppm = match drift_ppm(exchanges) {
+            None => (0.0, QUARTZ_PPM),
+            Some((drift, uncertain)) => {
+                let (least, most) =
+                    ((drift - uncertain).max(-QUARTZ_PPM), (drift + uncertain).min(QUARTZ_PPM));
+                // What is known better without the exchanges, unless they say that one of the clocks
+                // is being corrected.
+                let is_by_quartz = uncertain >= QUARTZ_PPM && least <= most;
+                if is_by_quartz {
+                    (0.5 * (least + most), 0.5 * (most - least))
+                } else {
+                    (drift, uncertain)
+                }
+            }
         };
-        Some(Self { anchor, drift_ppm, pace_doubt_ppm })
+        let drift_ppm = Some(pace_ppm).filter(|(drift, uncertain)| drift.abs() > *uncertain);
+        Some(Self { anchor, drift_ppm, pace_ppm })
     }
 
     /// The box's clock minus this computer's, at the most certain exchange.
@@ -104,7 +112,7 @@ impl Relation {
     #[must_use]
     pub fn uncertain_ns_at(&self, host_ns: u64) -> f64 {
         let away_ns = host_ns.abs_diff(self.anchor.host_sent_ns) as f64;
-        self.uncertain_ns() + 1e-6 * self.pace_doubt_ppm * away_ns
+        self.uncertain_ns() + 1e-6 * self.pace_ppm.1 * away_ns
     }
 
     /// The time of this computer's clock at that of the box's.
@@ -122,12 +130,15 @@ impl Relation {
     }
 
     fn pace(&self) -> f64 {
-        1.0 + 1e-6 * self.drift_ppm.map_or(0.0, |(drift, _)| drift)
+        1.0 + 1e-6 * self.pace_ppm.0
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     /// A box whose clock is ahead and runs faster, asked ten times a second over ways that
@@ -200,6 +211,93 @@ mod tests {
         assert!((short.uncertain_ns_at(later_ns) - 6e7).abs() < 5e5);
         let found_ns = short.host_ns(later_ns + 30_000_000);
         assert!((found_ns - later_ns as f64).abs() <= short.uncertain_ns_at(later_ns));
+    }
+
+    /// A box that is watched as a desk watches one: asked eight times in the first second, and once a
+    /// second from then on. Each way takes 0.15 ms at least, more by chance and, one time in
+    /// twenty, up to 15 ms more, because a computer is busy; neither way knows of the other. With the
+    /// true drift, and by how much the box's clock is ahead at the beginning, of [`box_ns`].
+    fn watched(seconds: u64, random: &mut ChaCha8Rng) -> (Vec<Exchange>, f64, i64) {
+        let drift_ppm = random.random_range(-80.0..80.0);
+        let ahead_ns = random.random_range(-1_000_000_000_000..1_000_000_000_000);
+        let mut way_ns = |mean_ns: f64| {
+            let by_chance = -mean_ns * (1.0 - random.random::<f64>()).ln();
+            let is_busy = random.random_bool(0.05);
+            let busy = if is_busy { 15e6 * random.random::<f64>() } else { 0.0 };
+            (150_000.0 + by_chance + busy) as u64
+        };
+        let begun_ns = 3_000_000_000_000_u64;
+        let at_first = (0..8).map(|index| 100_000_000 * index);
+        let sent = at_first.chain((1..seconds).map(|second| 700_000_000 + SECOND_NS * second));
+        let exchange = |since_ns: u64| {
+            let host_sent_ns = begun_ns + since_ns;
+            let taken_ns = host_sent_ns + way_ns(200_000.0);
+            let answered_ns = taken_ns + 50_000;
+            Exchange {
+                host_sent_ns,
+                box_received_ns: box_ns(taken_ns, begun_ns, drift_ppm, ahead_ns),
+                box_sent_ns: box_ns(answered_ns, begun_ns, drift_ppm, ahead_ns),
+                host_received_ns: answered_ns + way_ns(300_000.0),
+            }
+        };
+        (sent.map(exchange).collect(), drift_ppm, ahead_ns)
+    }
+
+    const SECOND_NS: u64 = 1_000_000_000;
+
+    fn box_ns(host_ns: u64, begun_ns: u64, drift_ppm: f64, ahead_ns: i64) -> u64 {
+        let gained_ns = 1e-6 * drift_ppm * (host_ns - begun_ns) as f64;
+        (host_ns + 2_000_000_000_000).wrapping_add_signed(ahead_ns + gained_ns.round() as i64)
+    }
+
+    /// The largest of 300 histories of this length: of the rate's error, ppm, where a rate is measured; of
+    /// the time's error at the end, and of what is stated of that, microseconds.
+    fn largest(seconds: u64) -> [f64; 3] {
+        let mut random = ChaCha8Rng::seed_from_u64(seconds);
+        let mut largest = [0.0_f64; 3];
+        for _ in 0..300 {
+            let (exchanges, drift_ppm, ahead_ns) = watched(seconds, &mut random);
+            let relation = Relation::of(&exchanges).unwrap();
+            let rate_error = relation.drift_ppm.map_or(0.0, |(found_ppm, uncertain_ppm)| {
+                let error_ppm = (found_ppm - drift_ppm).abs();
+                assert!(error_ppm <= uncertain_ppm, "{found_ppm} +- {uncertain_ppm}: {drift_ppm}");
+                error_ppm
+            });
+            let begun_ns = exchanges[0].host_sent_ns;
+            let end_ns = exchanges.last().unwrap().host_received_ns;
+            for host_ns in [begun_ns, begun_ns.midpoint(end_ns), end_ns, end_ns + SECOND_NS] {
+                let found_ns = relation.host_ns(box_ns(host_ns, begun_ns, drift_ppm, ahead_ns));
+                let error_ns = (found_ns - host_ns as f64).abs();
+                let stated_ns = relation.uncertain_ns_at(host_ns);
+                // A nanosecond for rounding.
+                assert!(error_ns <= stated_ns + 1.0, "{error_ns} ns where {stated_ns} are stated");
+                if host_ns == end_ns {
+                    let now = [rate_error, 1e-3 * error_ns, 1e-3 * stated_ns];
+                    largest.iter_mut().zip(now).for_each(|(most, it)| *most = most.max(it));
+                }
+            }
+        }
+        largest
+    }
+
+    /// The quickest of a few answers was under way for 0.3 ms and a little more, one way for up to 0.1 ms
+    /// longer than the other: by half of that its time is wrong. The rest is the rate, over the time since
+    /// then: in 3 s it is that of quartz, and from 10 s on it is measured, by a millisecond and less in
+    /// what lies between the first and the last third. What is stated has to allow for ways that differ
+    /// by all of their times.
+    #[test]
+    fn times_and_rates_are_as_true_as_one_sided_delays_allow() {
+        for (seconds, rate_ppm, error_us, stated_us) in [
+            (3, 0.0, 290.0, 640.0),
+            (10, 28.0, 490.0, 1320.0),
+            (60, 3.6, 210.0, 1110.0),
+            (600, 0.15, 50.0, 820.0),
+        ] {
+            let found = largest(seconds);
+            let bounds = [rate_ppm, error_us, stated_us];
+            let is_within = found.iter().zip(&bounds).all(|(it, bound)| it <= bound);
+            assert!(is_within, "{seconds} s: {found:.2?}, not within {bounds:?}");
+        }
     }
 
     #[test]

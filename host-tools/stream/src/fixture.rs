@@ -16,10 +16,13 @@ use plumbline::view::TargetView;
 use plumbline_render::simulate::{Simulation, SimulationSettings};
 
 pub mod adversity;
+mod cable;
+pub mod lit_box;
 mod other_release;
 mod sealed_box;
 
 pub use crate::sealed_box::SealedBox;
+pub use cable::Cable;
 pub use other_release::OtherRelease;
 pub use sealed_box::{key, known_box};
 

@@ -120,7 +120,11 @@ impl Page {
 
     pub fn post(&self, path: &str, body: &Value) -> Answer {
         let body = body.to_string().into_bytes();
-        exchange(connect(self.port), &self.head("POST", path, &body), &body)
+        let answer = exchange(connect(self.port), &self.head("POST", path, &body), &body);
+        if answer.status >= 400 {
+            assert_for_page(&answer.json());
+        }
+        answer
     }
 
     /// Posts what has to be accepted.
@@ -132,7 +136,9 @@ impl Page {
     }
 
     pub fn state(&self) -> Value {
-        self.get("/api/state").json()
+        let state = self.get("/api/state").json();
+        assert_for_page(&state);
+        state
     }
 
     /// The box with this serial number.
@@ -196,6 +202,20 @@ impl Page {
             request.headers_mut().insert("cookie", cookie.parse().unwrap());
         }
         tungstenite::client(request, connect(self.port)).map(|(socket, _)| socket)
+    }
+}
+
+/// No text for the page names a command or an option: who reads it has no command line.
+#[track_caller]
+pub fn assert_for_page(said: &Value) {
+    match said {
+        Value::String(text) => {
+            let is_for_terminals = ["plumb ", "--"].iter().any(|it| text.contains(it));
+            assert!(!is_for_terminals, "for the command line: {text}");
+        }
+        Value::Array(list) => list.iter().for_each(assert_for_page),
+        Value::Object(fields) => fields.values().for_each(assert_for_page),
+        _ => {}
     }
 }
 

@@ -1,6 +1,6 @@
 //! Requests that are not the page's: nothing is told, and nothing begins.
 
-use std::io::Read as _;
+use std::io::{Read as _, Write as _};
 
 use serde_json::json;
 
@@ -159,13 +159,50 @@ fn what_makes_no_sense_is_refused_with_its_place() {
         assert!(start.elapsed() < PATIENCE, "no place becomes free");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
-    // Whoever connects and asks nothing keeps nobody out.
-    let mut idle: Vec<_> = (0..50).map(|_| connect(page.port)).collect();
-    assert_eq!(page.get("/api/hello").status, 200);
-    idle.truncate(1);
-    let mut silent = idle.remove(0);
-    let mut nothing = Vec::new();
-    let _ = silent.read_to_end(&mut nothing);
-    assert!(nothing.is_empty(), "a silent connection is closed");
     desk.interrupt();
+}
+
+#[test]
+fn whoever_connects_and_asks_nothing_keeps_no_page_out_and_is_shut_out() {
+    let Some(stand) = Stand::new() else { return };
+    stand.ready_box("PL-0001");
+    let desk = stand.desk();
+    let page = desk.page();
+    let mut socket = page.socket();
+    hear(&mut socket, "state");
+    // Many more than there is room for; half of them have begun to ask.
+    let mut idle: Vec<_> = (0..300).map(|_| connect(page.port)).collect();
+    for stream in idle.iter_mut().step_by(2) {
+        // It may have been closed already.
+        let _ = stream.write_all(b"GET /api/hello HTTP/1.1\r\nHost: ");
+    }
+    for _ in 0..50 {
+        assert_eq!(page.get("/api/state").status, 200);
+        idle.push(connect(page.port));
+    }
+    say(&mut socket, &json!({ "is": "ping", "page_ms": 1.5 }));
+    assert_eq!(hear(&mut socket, "pong")["page_ms"], 1.5);
+    let is_closed = |stream: &mut std::net::TcpStream| {
+        let mut nothing = Vec::new();
+        let _ = stream.read_to_end(&mut nothing);
+        nothing.is_empty()
+    };
+    assert!(is_closed(&mut idle[0]), "the first has given way");
+    idle.clear();
+    // One that says nothing, one that begins to ask, and one that was answered and begins to ask.
+    let [mut silent, mut slow, mut answered] = [(); 3].map(|()| connect(page.port));
+    slow.write_all(b"GET /api/hello HTTP/1.1\r\n").unwrap();
+    let head = format!("GET /api/hello HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", page.port);
+    answered.write_all(head.as_bytes()).unwrap();
+    let mut bytes = [0; 4096];
+    assert!(answered.read(&mut bytes).unwrap() > 0 && bytes.starts_with(b"HTTP/1.1 200"));
+    answered.write_all(b"GET /api/hello HTTP/1.1\r\n").unwrap();
+    assert!(is_closed(&mut silent), "a silent connection is closed");
+    for slow in [&mut slow, &mut answered] {
+        let mut more = Vec::new();
+        let _ = slow.read_to_end(&mut more);
+        assert!(!String::from_utf8_lossy(&more).contains(" 200 "), "a slow connection is closed");
+    }
+    let said = desk.interrupt();
+    assert!(said.contains("connections had to give way to others: 64 are open"), "{said}");
 }

@@ -1,8 +1,15 @@
 //! A desk for other computers: TLS alone, a password, and few guesses.
 
+use std::fs::File;
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
+use std::process::{Child, Stdio};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use nix::pty::{OpenptyResult, openpty};
+use nix::sys::termios::{LocalFlags, tcgetattr};
+use plumbline_test_support::command;
 use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use rustls::crypto::ring;
 use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
@@ -10,7 +17,7 @@ use rustls::{ClientConfig, ClientConnection, DigitallySignedStruct, SignatureSch
 use serde_json::{Value, json};
 
 use super::client::{Answer, connect, exchange};
-use crate::stand::{Stand, free_port};
+use crate::stand::{PATIENCE, Stand, free_port};
 
 const PASSWORD: &str = "correct horse battery";
 
@@ -153,4 +160,92 @@ fn others_need_tls_and_the_password() {
     let desk = stand.desk_with(&with("password.txt"));
     assert!(desk.said().contains(&fingerprint), "{}", desk.said());
     desk.interrupt();
+}
+
+/// A terminal, and a desk for others in it that asks for its password.
+struct Typed {
+    terminal: OpenptyResult,
+    child: Child,
+}
+
+impl Typed {
+    fn start(stand: &Stand, listen: &str) -> Self {
+        let terminal = openpty(None, None).unwrap();
+        let plumb = stand.plumb(&format!("desk --folder desk {listen} --no-browser"));
+        // In a session of its own, so that Ctrl-C reaches it and nobody else.
+        let mut command = command("setsid");
+        command.arg("--ctty").arg(plumb.get_program()).args(plumb.get_args());
+        command.envs(plumb.get_envs().filter_map(|(name, value)| Some((name, value?))));
+        command.current_dir(plumb.get_current_dir().unwrap());
+        let end = || Stdio::from(terminal.slave.try_clone().unwrap());
+        let child = command.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
+        let mut typed = Self { terminal, child };
+        typed.reads_until("a password for the desk");
+        // It is asked for once nothing is shown.
+        let give_up = Instant::now() + PATIENCE;
+        while typed.shows() {
+            assert!(Instant::now() < give_up, "what is typed is shown");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        typed
+    }
+
+    /// Whether the terminal shows what is typed.
+    fn shows(&self) -> bool {
+        let settings = tcgetattr(&self.terminal.master).unwrap();
+        settings.local_flags.contains(LocalFlags::ECHO | LocalFlags::ISIG)
+    }
+
+    fn types(&self, text: &str) {
+        let master = File::from(self.terminal.master.try_clone().unwrap());
+        (&master).write_all(text.as_bytes()).unwrap();
+    }
+
+    /// What the terminal has shown once these words are there.
+    #[track_caller]
+    fn reads_until(&mut self, words: &str) -> String {
+        let master = File::from(self.terminal.master.try_clone().unwrap());
+        let mut shown = Vec::new();
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let mut bytes = [0; 1024];
+            let length = (&master).read(&mut bytes).unwrap();
+            shown.extend_from_slice(&bytes[..length]);
+            let text = String::from_utf8_lossy(&shown).into_owned();
+            if text.contains(words) {
+                return text;
+            }
+            assert!(Instant::now() < give_up, "{text}");
+        }
+    }
+}
+
+impl Drop for Typed {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn a_typed_password_is_not_shown_and_the_terminal_is_left_as_it_was() {
+    let Some(stand) = Stand::new() else { return };
+    let port = free_port();
+    let listen = format!("--listen 127.0.0.1:{port}");
+    let mut typed = Typed::start(&stand, &listen);
+    typed.types(&format!("{PASSWORD}\n"));
+    let said = typed.reads_until("Ctrl-C ends it");
+    assert!(!said.contains("correct") && typed.shows(), "{said}");
+    let (_, fingerprint) = said.split_once("(SHA-256): ").unwrap();
+    let other = Other::new(port, fingerprint.lines().next().unwrap().trim());
+    assert_eq!(other.login("another password").status, 401);
+    assert_eq!(other.login(PASSWORD).status, 200);
+    typed.types("\x03");
+    assert!(typed.child.wait().unwrap().success(), "Ctrl-C ends the desk");
+
+    // Whoever thinks better of it gets back a terminal that shows what is typed.
+    let mut typed = Typed::start(&stand, &listen);
+    typed.types("half a passw\x03");
+    assert!(!typed.child.wait().unwrap().success());
+    assert!(typed.shows(), "the terminal shows nothing any more");
 }

@@ -8,21 +8,11 @@ use plumbline_trial::Trial;
 use serde_json::{Value, json};
 
 use super::client::connect;
+use super::protocol::marked;
 use crate::camera::{RATE_HZ, Shown, TheBox};
 use crate::stand::{Stand, free_port};
 
 const BOX: &str = "PL-0001";
-
-const PROTOCOL: &str =
-    "name = \"Marked\"\norder = { by = \"fixed\" }\nzero = \"mark\"\nmarks = [\"stands\"]
-bins_s = [[0, 3]]
-[[condition]]
-name = \"stance\"
-label = \"Stance\"
-instruction = \"Stand up.\"
-baseline_s = 1
-duration_s = 3
-";
 
 /// The numbers of the next frames.
 fn frames(lines: &mut BufReader<TcpStream>, count: usize) -> Vec<u64> {
@@ -48,7 +38,7 @@ fn other_programs_get_every_frame_and_their_marks_count() {
     let page = desk.page();
     let streams = page.state()["desk"]["streams"].to_string();
     assert!(streams.contains(&json_port.to_string()), "{streams}");
-    let create = json!({ "folder": "marked", "title": "M", "protocol": { "text": PROTOCOL } });
+    let create = json!({ "folder": "marked", "title": "M", "protocol": { "text": marked(3) } });
     page.done("/api/studies", &create);
     page.done("/api/studies/marked/participants", &json!({ "code": "P01" }));
     page.wait(BOX, "the box", |it| it["doing"] == "watching");

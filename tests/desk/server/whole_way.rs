@@ -131,6 +131,12 @@ fn from_a_new_box_to_a_report() {
         let report = page.get(path);
         assert!(report.status == 200 && report.text().contains("</html>"), "{}", report.text());
         assert!(report.header("content-security-policy").unwrap().contains("sandbox"));
+        let folder = stand.path("desk").canonicalize().unwrap().display().to_string();
+        assert!(
+            !report.text().contains(&folder),
+            "where this computer keeps it: {}",
+            report.text()
+        );
     }
     // What a session leaves is what `study` reads.
     let study = stand.plumb("study desk/stances/study.toml").output().unwrap();

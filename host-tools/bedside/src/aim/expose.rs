@@ -79,11 +79,11 @@ pub fn find(
         let seen = if session.restarts() == restarts { seen } else { Seen::Restart };
         let step = match seen {
             Seen::Light(light) => {
-                follower.say(&format!("{}: {}", words(setting), light_words(&light)))?;
+                follower.say(&format!("{setting}: {}", light_words(&light)))?;
                 controller.next(light)
             }
             Seen::Refused(refusal, reason) => {
-                follower.say(&format!("{}: the camera does not accept it", words(setting)))?;
+                follower.say(&format!("{setting}: the camera does not accept it"))?;
                 match controller.refused() {
                     Some(step) => step,
                     None => return Err(session.refused("the exposure", refusal, &reason)),
@@ -119,7 +119,7 @@ pub fn find(
         }
     }
     let setting = controller.current();
-    follower.say(&format!("found: {}", words(setting)))?;
+    follower.say(&format!("found: {setting}"))?;
     let half_us = controller.half_frame_us();
     match setting.exposure_us.map(|exposure_us| exposure_us.cmp(&half_us)) {
         Some(Ordering::Equal) => follower.say(&format!(
@@ -226,7 +226,7 @@ fn light_with(
             let why = session.without_frames().map(|why| format!(": {why}")).unwrap_or_default();
             return Err(BadInput::whole(
                 session.place(),
-                format!("no frame comes with {}{why}", words(setting)),
+                format!("no frame comes with {setting}{why}"),
                 "`plumb doctor` says what is wrong with its camera; then start `plumb aim \
                  --expose` again",
             ));
@@ -249,33 +249,24 @@ fn middle(mut lights: Vec<Light>) -> Light {
 fn failure(session: &Session, verdict: Verdict, setting: Setting) -> BadInput {
     let (found, remedy) = match verdict {
         Verdict::TooDark => (
-            format!("the targets are too dark even with {}", words(setting)),
+            format!("the targets are too dark even with {setting}"),
             "open the aperture, or add light",
         ),
         Verdict::TooBright => (
-            format!("the targets are too bright even with {}", words(setting)),
+            format!("the targets are too bright even with {setting}"),
             "close the aperture, or reduce the light",
         ),
         Verdict::NoTarget => (
-            format!("with {} the frame is bright enough, and no target is found", words(setting)),
-            "bring a target into the picture and focus first: plumb aim",
+            format!("with {setting} the frame is bright enough, and no target is found"),
+            "bring a target into the picture and focus first: `plumb aim`",
         ),
         Verdict::Unsettled | Verdict::Good => (
-            format!("the light does not settle; the last try was {}", words(setting)),
+            format!("the light does not settle; the last try was {setting}"),
             "keep light and targets still meanwhile, and switch off what the camera regulates \
              by itself",
         ),
     };
     BadInput::whole(session.place(), found, remedy)
-}
-
-fn words(setting: Setting) -> String {
-    let exposure = setting.exposure_us.map(|exposure_us| format!("exposure {exposure_us} us"));
-    let exposure = exposure.unwrap_or_else(|| "the camera's own exposure".to_owned());
-    match setting.gain {
-        Some(gain) => format!("{exposure}, gain {gain}"),
-        None => exposure,
-    }
 }
 
 fn light_words(light: &Light) -> String {

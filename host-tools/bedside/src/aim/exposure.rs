@@ -12,6 +12,8 @@
 //! 20 mm/s moves by a third of a pixel in half of 1/60 s. Gain comes before the other half,
 //! because its noise is averaged over many pixels, and blur is not.
 
+use std::fmt;
+
 use crate::bounds::SATURATED_MAX;
 use plumbline::packet::View;
 
@@ -62,6 +64,16 @@ pub struct Setting {
     pub exposure_us: Option<u32>,
     /// Gain, in the camera's unit.
     pub gain: Option<f32>,
+}
+
+impl fmt::Display for Setting {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.exposure_us {
+            Some(exposure_us) => write!(formatter, "exposure {exposure_us} us")?,
+            None => write!(formatter, "the camera's own exposure")?,
+        }
+        self.gain.map_or(Ok(()), |gain| write!(formatter, ", gain {gain}"))
+    }
 }
 
 /// What the light is judged by.

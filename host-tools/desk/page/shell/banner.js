@@ -19,7 +19,7 @@ export function ConnectionBanner({ status, again, is_recording }) {
     ${is_lost && is_told && html`<div class="banner bad">
       <span>No connection to the desk. ${is_recording
         ? "A recording goes on without this page."
-        : "Is plumb desk running on its computer?"} Trying again …</span>
+        : "Is the desk running on its computer?"} Trying again …</span>
       <button type="button" onClick=${again}>Try now</button>
     </div>`}
   </div>`;

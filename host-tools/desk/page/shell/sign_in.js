@@ -9,7 +9,7 @@ export function SignIn({ greeting, sign_in }) {
   if (greeting.sign_in === "token") {
     return html`<section class="card">
       <h1>This page is not signed in</h1>
-      <p>Open the address that <kbd>plumb desk</kbd> has printed when it was started: it holds what signs you in.</p>
+      <p>Open the address that the desk has printed when it was started: it holds what signs you in.</p>
     </section>`;
   }
   return html`<section class="card">

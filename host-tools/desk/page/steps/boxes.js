@@ -22,7 +22,7 @@ export function Boxes({ state, box: chosen, connection }) {
       <p class="soft">${state.desk.computer}; studies are in ${state.desk.folder}</p>
     </div>
     ${state.boxes.length === 0 && html`<${Note} verdict="warn" text="No box is known to this computer."
-      remedy="Make a new one here, and put its two files on its card. A box of another computer comes with plumb keys import." />`}
+      remedy="Make a new one here, and put its two files on its card. The key of a box that another computer knows is brought from there on the command line." />`}
     <ul class="list">
       ${state.boxes.map((box) => html`<li key=${box.id}>
         <${BoxCard} box=${box} is_chosen=${state.boxes.length > 1 && box.id === chosen?.id} connection=${connection} />

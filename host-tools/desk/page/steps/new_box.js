@@ -126,7 +126,7 @@ const Heard = ({ box }) => html`<section tabindex="-1">
   <h1>The card of ${box.name}</h1>
   ${box.hello
     ? html`<${Note} verdict="good" text="The box is heard: its card is as it should be." remedy="Its settings are changed from here; it needs no other card." />`
-    : html`<${Note} verdict="warn" text="The files for its card are not here." remedy="For another card: plumb provision --card." />`}
+    : html`<${Note} verdict="warn" text="The files for its card are not here." remedy="Another card is written on the command line of the computer where the box was made." />`}
   <div class="row"><a class="button" href=${address("boxes", box.id)}>Go on to the boxes</a></div>
 </section>`;
 

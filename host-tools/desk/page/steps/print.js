@@ -78,7 +78,7 @@ function Measured({ prints, save }) {
     <div class="row"><${Act} type="submit" act=${() => save({ pitches_mm })} disabled=${!is_number}>Keep what was measured<//></div>
     <details><summary>For experts: other targets</summary>
       <div class="stack">
-        <p class="soft small">The text of ${prints.path}. Print other grids with <kbd>plumb target --grid</kbd>, and describe them here.</p>
+        <p class="soft small">The text of ${prints.path}. Other grids are printed on the command line, and described here.</p>
         <${Field} label="targets.toml" value=${text} set=${set_text} kind="textarea" rows="18" spellcheck="false" class="code" whole />
         <div class="row"><${Act} act=${() => save({ text })} disabled=${text === prints.text}>Keep this text<//></div>
       </div>

@@ -24,7 +24,7 @@ export function Study({ state }) {
       ${study.accepted === 0
         ? html`<p>The report compares the conditions once trials are accepted.</p>`
         : html`<div class="row"><a class="button" href=${report_of(study.folder)} target="_blank" rel="noopener">Open the study's report</a></div>`}
-      <${Note} verdict="none" text=${`The study is the folder ${study.path}: plumb study, plumb figures and plumb export read it.`} />
+      <${Note} verdict="none" text=${`The study is the folder ${study.path}. Its trials can be exported, and compared in other ways, on the command line.`} />
     </article>`}
   </section>`;
 }

@@ -14,6 +14,7 @@ mod body;
 mod guard;
 mod password;
 mod reports;
+mod seats;
 mod setting_up;
 mod sign_in;
 mod socket;
@@ -35,7 +36,9 @@ use crate::desk::Desk;
 use crate::wire::BODY_BYTES_MAX;
 
 pub use password::Password;
+pub use seats::CONNECTIONS_MAX;
 
+use self::seats::{Seated, Seats};
 use self::sign_in::Gate;
 
 /// The port of the desk, unless another one is asked for or it is taken.
@@ -44,8 +47,8 @@ pub const PORT: u16 = 4270;
 /// Requests that are under way are waited for no longer than this at the end.
 const ENDS_WITHIN: Duration = Duration::from_secs(2);
 
-/// A connection that asks nothing is closed after this.
-const FIRST_REQUEST_WITHIN: Duration = Duration::from_secs(15);
+/// A connection that has not asked anything, wholly, is closed after this; so is one that asks nothing more.
+const ASKS_WITHIN: Duration = Duration::from_secs(15);
 
 /// The threads that answer; a box needs none of them.
 const THREADS: usize = 2;
@@ -81,6 +84,7 @@ pub struct Server {
     pub url: String,
     /// The fingerprint of the desk's own certificate.
     pub fingerprint: Option<String>,
+    seats: Arc<Seats>,
     handle: axum_server::Handle<SocketAddr>,
     thread: Option<JoinHandle<()>>,
 }
@@ -119,29 +123,18 @@ impl Server {
             .enable_all()
             .build()
             .map_err(|error| BadInput::io("the desk's threads", &error))?;
-        let ends = handle.clone();
+        let seats = Arc::<Seats>::default();
+        let (ends, for_server) = (handle.clone(), Arc::clone(&seats));
         let serve = async move {
             let service = app.into_make_service_with_connect_info::<SocketAddr>();
             // An error ends the server, which its user sees.
             let _ = match config {
                 None => match axum_server::from_tcp(listener) {
-                    Ok(server) => {
-                        server
-                            .handle(ends)
-                            .first_request_timeout(FIRST_REQUEST_WITHIN)
-                            .serve(service)
-                            .await
-                    }
+                    Ok(server) => bounded(server, for_server, ends).serve(service).await,
                     Err(error) => Err(error),
                 },
                 Some(config) => match axum_server::from_tcp_rustls(listener, config) {
-                    Ok(server) => {
-                        server
-                            .handle(ends)
-                            .first_request_timeout(FIRST_REQUEST_WITHIN)
-                            .serve(service)
-                            .await
-                    }
+                    Ok(server) => bounded(server, for_server, ends).serve(service).await,
                     Err(error) => Err(error),
                 },
             };
@@ -153,13 +146,19 @@ impl Server {
                 runtime.shutdown_timeout(ENDS_WITHIN);
             })
             .map_err(|error| BadInput::io("the desk's server", &error))?;
-        Ok(Self { address, url, fingerprint, handle, thread: Some(thread) })
+        Ok(Self { address, url, fingerprint, seats, handle, thread: Some(thread) })
     }
 
     /// Whether it still runs.
     #[must_use]
     pub fn runs(&self) -> bool {
         self.thread.as_ref().is_some_and(|it| !it.is_finished())
+    }
+
+    /// The connections that had to give way to others, because [`CONNECTIONS_MAX`] were open.
+    #[must_use]
+    pub fn gave_way(&self) -> u64 {
+        self.seats.gave_way()
     }
 
     /// Ends it: pages are told, and requests that are under way are answered.
@@ -175,6 +174,17 @@ impl Drop for Server {
     fn drop(&mut self) {
         self.end();
     }
+}
+
+/// The same server, within bounds.
+fn bounded<A>(
+    server: axum_server::Server<SocketAddr, A>,
+    seats: Arc<Seats>,
+    ends: axum_server::Handle<SocketAddr>,
+) -> axum_server::Server<SocketAddr, Seated<A>> {
+    let mut server = server.map(|acceptor| Seated::new(acceptor, seats));
+    server.http_builder().http1().header_read_timeout(ASKS_WITHIN);
+    server.handle(ends).first_request_timeout(ASKS_WITHIN)
 }
 
 /// Listens for programs of this computer.

@@ -17,12 +17,17 @@ use super::body::Failure;
 use super::guard::REPORT_POLICY;
 use crate::studies;
 use crate::wire::Problem;
+use crate::words::on_page;
 
 /// A study's.
 pub async fn study(State(app): State<App>, Path(study): Path<String>) -> Response {
     made(move || {
         let study = studies::open(&app.desk.folder, &study)?;
-        let figures = figures::analyze(&manifest::read(&study.path().join(names::STUDY))?)?;
+        let mut figures = figures::analyze(&manifest::read(&study.path().join(names::STUDY))?)?;
+        // Trials are named from the study's folder on: where that is, is this computer's affair.
+        let folder = format!("{}/", study.path().display());
+        let here = |warning: &String| on_page(&warning.replace(&folder, ""));
+        figures.warnings = figures.warnings.iter().map(here).collect();
         Ok(plumbline_report::study::report(&figures)?)
     })
     .await
@@ -31,12 +36,14 @@ pub async fn study(State(app): State<App>, Path(study): Path<String>) -> Respons
 /// A trial's.
 pub async fn trial(
     State(app): State<App>,
-    Path((study, session, trial)): Path<(String, String, String)>,
+    Path((study, session, name)): Path<(String, String, String)>,
 ) -> Response {
     made(move || {
-        let folder = studies::trial_folder(&app.desk.folder, &study, &session, &trial)?;
+        let folder = studies::trial_folder(&app.desk.folder, &study, &session, &name)?;
         let trial = Trial::open(&folder)?;
-        let points = Points::of(&trial, trial.manifest.zero)?;
+        let mut points = Points::of(&trial, trial.manifest.zero)?;
+        points.place = format!("{session}/{name}");
+        points.warnings = points.warnings.iter().map(|it| on_page(it)).collect();
         let settings = plumbline_analysis::sway::Settings {
             span_s: points.usual_span_s(),
             ..plumbline_analysis::sway::Settings::default()

@@ -18,6 +18,7 @@ use super::can::Stage;
 use super::orders::{Envelope, Order, Refusal};
 use super::{Job, Next, SHOW_EVERY, Shared, Worker};
 use crate::wire::{Aim, AimEnough, AimExpose, AimTarget, ExposureSearch, Problem, Tone};
+use crate::words::on_page;
 
 /// A new picture is asked for at most this often.
 const PICTURE_EVERY: Duration = Duration::from_millis(200);
@@ -251,7 +252,7 @@ impl Worker {
         let is_good = advice.is_none();
         let next = advice.or(photographs).map_or_else(
             || "Focus, light and size are as they should be.".to_owned(),
-            |words| sentence(&words),
+            |words| sentence(&on_page(&words)),
         );
         let (exposure_us, gain) =
             session.view().map_or((None, None), |view| (view.exposure_us, view.gain));
@@ -262,7 +263,10 @@ impl Worker {
             next,
             is_good,
             frame: reading.as_ref().map(|it| it.frame.text.clone()).unwrap_or_default(),
-            frame_advice: reading.as_ref().map(|it| it.frame.advice.clone()).unwrap_or_default(),
+            frame_advice: reading
+                .as_ref()
+                .map(|it| all_on_page(&it.frame.advice))
+                .unwrap_or_default(),
             targets: reading.as_ref().map(targets).unwrap_or_default(),
             enough: AimEnough {
                 focus: bounds::FOCUS_MIN,
@@ -303,7 +307,7 @@ impl Worker {
                 None
             }
         };
-        search.found = setting.map(|_| search.tried.last().cloned().unwrap_or_default());
+        search.found = setting.map(|it| it.to_string());
         aiming.exposure = Some(search);
         self.show_aim(&mut aiming);
         let (true, Some(setting)) = (asked.store, setting) else { return Ok(Some(aiming)) };
@@ -325,6 +329,10 @@ impl Worker {
     }
 }
 
+fn all_on_page(texts: &[String]) -> Vec<String> {
+    texts.iter().map(|it| on_page(it)).collect()
+}
+
 /// A sentence of a piece of advice.
 fn sentence(words: &str) -> String {
     let mut letters = words.chars();
@@ -344,7 +352,7 @@ fn targets(reading: &Reading) -> Vec<AimTarget> {
         contrast: it.figures.map(|it| it.contrast),
         pitch_px: it.figures.map(|it| it.pitch_px),
         numbers: it.numbers.clone(),
-        advice: it.advice.clone(),
+        advice: all_on_page(&it.advice),
     };
     reading.targets.iter().map(target).collect()
 }
@@ -373,7 +381,7 @@ impl Follower for Following<'_> {
                 if search.tried.len() == TRIED_MAX {
                     search.tried.remove(0);
                 }
-                search.tried.push(text.to_owned());
+                search.tried.push(on_page(text));
             }
         });
         Ok(())

@@ -13,6 +13,7 @@ use plumbline_files::{BadInput, camera};
 use super::Worker;
 use super::orders::Refusal;
 use crate::wire::{CalibrationState, Job, Problem};
+use crate::words::on_page;
 
 /// The camera's file, beside its photographs.
 const CAMERA: &str = "camera.toml";
@@ -141,7 +142,7 @@ impl Worker {
         let file = self.photographs.as_ref().map(|set| set.folder.join(CAMERA));
         let shown = CalibrationState {
             is_good: concerns.is_empty(),
-            concerns: concerns.iter().map(ToString::to_string).collect(),
+            concerns: concerns.iter().map(|it| on_page(&it.to_string())).collect(),
             error_px: calibration.rms_px,
             used,
             photographs: places.len(),

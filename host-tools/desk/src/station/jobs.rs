@@ -14,6 +14,7 @@ use plumbline_stream::link::BoxLink;
 use super::can::Stage;
 use super::{Job, Next, Reach, Shared, Worker, show};
 use crate::wire::{CalibrationDeliver, CheckGrade, Examination, SceneMeasure, SceneState};
+use crate::words::on_page;
 use crate::{prints, settings};
 
 /// How long a box is examined.
@@ -149,7 +150,7 @@ impl Worker {
         let measured = scene::measure(&seen, pitch_deg, UPRIGHT_DEG, today)?;
         let shown = SceneState {
             words: measured.words(),
-            warnings: measured.warnings.clone(),
+            warnings: measured.warnings.iter().map(|it| on_page(it)).collect(),
             leans_deg: measured.leans_deg,
             spread_deg: measured.spread_deg,
             spread_mm: measured.spread_mm,

@@ -23,7 +23,7 @@ use plumbline_trial::recording::Recording;
 
 use super::can::Stage;
 use super::{Next, SHOW_EVERY, Worker, show};
-use crate::wire::{MarkState, Reason};
+use crate::wire::MarkState;
 
 /// A box that was examined no longer ago than this, in the same start, is not examined beside the
 /// recording once more.
@@ -92,8 +92,7 @@ impl Worker {
                     let course = course.borrow();
                     let seen = live.seen(receiver, &course, now);
                     let reasons = seen.judgement.reasons.iter();
-                    let reasons = reasons
-                        .map(|it| Reason { words: it.words.clone(), remedy: it.remedy.clone() });
+                    let reasons = reasons.map(|it| show::reason(&it.words, &it.remedy));
                     let word = seen.judgement.word.map(show::judged);
                     let shown = self.live(receiver, now, word, reasons.collect(), seen.time);
                     let shown = crate::wire::Live { counts: seen.counts, ..shown };

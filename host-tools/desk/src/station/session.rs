@@ -16,6 +16,7 @@ use crate::wire::{
     EventWord, MarkState, Problem, Reason, SessionBegin, SessionEvent, SessionMark, SessionResume,
     Tone, TrialRow,
 };
+use crate::words::on_page;
 
 /// A key was pressed no longer ago than this.
 const MARK_AGE_MAX: Duration = Duration::from_secs(5);
@@ -79,7 +80,7 @@ impl Open {
         let reasons = verdict.map(|it| it.reasons).unwrap_or_default().into_iter();
         let seen = OnDisk {
             trials: studies::trials(&self.open.folder(), session),
-            reasons: reasons.map(|it| Reason { words: it.words, remedy: it.remedy }).collect(),
+            reasons: reasons.map(|it| show::reason(&it.words, &it.remedy)).collect(),
         };
         self.seen = Some((session.step, seen.clone()));
         seen
@@ -90,7 +91,7 @@ impl Open {
         let unjudged = self.unjudged.iter().map(|it| {
             format!("the recording cannot be judged: {}: {}; {}", it.place, it.found, it.remedy)
         });
-        self.open.warnings().iter().cloned().chain(unjudged).collect()
+        self.open.warnings().iter().map(|it| on_page(it)).chain(unjudged).collect()
     }
 }
 

@@ -11,6 +11,7 @@ use plumbline_stream::transport::HeardElsewhere;
 use crate::frames::Frames;
 use crate::hub::Hub;
 use crate::wire::{BoxState, Can, Doing, Job, LinkState, Notice, Problem, Reference, SettingsView};
+use crate::words::on_page;
 
 /// The notices that are kept.
 const NOTICES_MAX: usize = 20;
@@ -123,7 +124,8 @@ impl Shared {
 
     /// Shows something that happened.
     pub fn notice(&self, is_warning: bool, words: impl Into<String>) {
-        let notice = Notice { at_ms: self.hub.now_ms(), is_warning, words: words.into() };
+        let words = on_page(&words.into());
+        let notice = Notice { at_ms: self.hub.now_ms(), is_warning, words };
         self.update(|state| {
             if state.notices.len() == NOTICES_MAX {
                 state.notices.remove(0);
@@ -137,6 +139,7 @@ impl Shared {
         match told {
             Told::Waiting(words) => {
                 let since_at_ms = self.hub.now_ms();
+                let words = on_page(&words);
                 self.update(|state| state.job = Some(Job { words, since_at_ms, share: None }));
             }
             Told::Done => self.update(|state| state.job = None),

@@ -16,6 +16,7 @@ use crate::wire::{
     CheckGrade, CheckState, ConditionState, EventWord, FiguresState, Grade, HealthState, Judged,
     PlannedRow, Reason, SessionAt, SessionState, TrunkState, WireState, WiresState,
 };
+use crate::words::on_page;
 
 /// A trunk: why it is not seen, and its figures so far.
 pub fn trunk(missing: String, figures: Result<TrunkFigures, NotYet>) -> TrunkState {
@@ -100,9 +101,14 @@ pub fn check(check: &Check) -> CheckState {
     CheckState {
         subject: check.subject.clone(),
         verdict: check_grade(check.verdict),
-        seen: check.seen.clone(),
-        remedy: check.remedy.clone(),
+        seen: on_page(&check.seen),
+        remedy: on_page(&check.remedy),
     }
+}
+
+/// A reason for a verdict.
+pub fn reason(words: &str, remedy: &str) -> Reason {
+    Reason { words: on_page(words), remedy: on_page(remedy) }
 }
 
 /// What a recording is worth.

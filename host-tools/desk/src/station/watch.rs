@@ -84,8 +84,7 @@ impl Worker {
                     let seen = live.seen(receiver, &course, now);
                     // Where nothing is recorded, the first reason is that.
                     let reasons = seen.judgement.reasons.iter().skip(1);
-                    let reasons = reasons
-                        .map(|it| Reason { words: it.words.clone(), remedy: it.remedy.clone() });
+                    let reasons = reasons.map(|it| show::reason(&it.words, &it.remedy));
                     let shown = self.live(receiver, now, None, reasons.collect(), String::new());
                     self.show_reception(receiver, shown, now);
                     self.show_session(now);

@@ -108,6 +108,8 @@ pub use settings::*;
 pub use socket::*;
 pub use studies::*;
 
+use crate::words::on_page;
+
 /// The most bytes of a request's body.
 pub const BODY_BYTES_MAX: usize = 256 * 1024;
 
@@ -126,13 +128,16 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Of these words.
+    /// Of these words, as the page says them.
     pub fn new(
         place: impl Into<String>,
         found: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self { place: place.into(), found: found.into(), remedy: remedy.into() }
+        let place = place.into();
+        // A path is left as it is.
+        let place = if place.starts_with("--") { on_page(&place) } else { place };
+        Self { place, found: on_page(&found.into()), remedy: on_page(&remedy.into()) }
     }
 }
 
@@ -140,7 +145,7 @@ impl From<BadInput> for Problem {
     fn from(error: BadInput) -> Self {
         let BadInput { place, field, found, remedy, .. } = error;
         let place = if field.is_empty() { place } else { format!("{place}: {field}") };
-        Self { place, found, remedy }
+        Self::new(place, found, remedy)
     }
 }
 

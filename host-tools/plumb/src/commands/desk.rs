@@ -1,6 +1,6 @@
 //! `plumb desk`: a page for the person who measures.
 
-use std::io::{BufRead as _, IsTerminal as _, Write as _};
+use std::io::{BufRead, IsTerminal as _, Write as _};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,8 +10,9 @@ use std::time::Duration;
 use clap::Args;
 use plumbline_bedside::recording::marks::MarkFrom;
 use plumbline_desk::desk::{Desk, MarkSettings, Settings};
-use plumbline_desk::http::{For, Password, Server};
+use plumbline_desk::http::{CONNECTIONS_MAX, For, Password, Server};
 use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 use plumbline_stream::link::{BAUD, PORT};
 
 use crate::arguments::streams::{StreamArguments, library};
@@ -168,6 +169,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // First of all the trial; pages are shown what becomes of it.
     desk.stop();
     server.end();
+    let gave_way = server.gave_way();
+    if gave_way > 0 {
+        eprintln!(
+            "warning: {} had to give way to others: {CONNECTIONS_MAX} are open at most",
+            counted(gave_way, "connection")
+        );
+    }
     Ok(())
 }
 
@@ -208,24 +216,49 @@ fn password(file: Option<&Path>) -> Result<String, BadInput> {
     }
     eprint!("a password for the desk (it is not shown): ");
     let hidden = Hidden::begin();
-    let mut line = String::new();
-    let read = std::io::stdin().lock().read_line(&mut line);
+    let typed = typed_line(std::io::stdin().lock());
     drop(hidden);
     eprintln!();
-    read.map_err(|error| BadInput::io("standard input", &error))?;
-    Ok(first(&line))
+    typed
 }
 
-/// A terminal that shows nothing of what is typed, until this is dropped.
+/// What Ctrl-C sends where the terminal makes no signal of it.
+const CTRL_C: u8 = 3;
+
+/// The longest line that a terminal gives.
+const LINE_BYTES_MAX: usize = 4096;
+
+/// A line from a terminal that hides it.
+fn typed_line(terminal: impl BufRead) -> Result<String, BadInput> {
+    const PLACE: &str = "the password";
+    let mut line = Vec::new();
+    for byte in terminal.bytes().take(LINE_BYTES_MAX) {
+        match byte.map_err(|error| BadInput::io(PLACE, &error))? {
+            b'\n' => break,
+            CTRL_C => {
+                return Err(BadInput::whole(PLACE, "it was not given", "start the desk again"));
+            }
+            byte => line.push(byte),
+        }
+    }
+    String::from_utf8(line).map_err(|_| {
+        BadInput::whole(PLACE, "it is not UTF-8", "set the terminal's letters to UTF-8")
+    })
+}
+
+/// A terminal that shows nothing of what is typed, until this is dropped. Ctrl-C ends the line, because a
+/// program that it ended would leave the terminal so.
 struct Hidden(Option<nix::sys::termios::Termios>);
 
 impl Hidden {
     fn begin() -> Self {
+        use nix::sys::termios::SpecialCharacterIndices::VEOL;
         use nix::sys::termios::{LocalFlags, SetArg, tcgetattr, tcsetattr};
         let stdin = std::io::stdin();
         let before = tcgetattr(&stdin).ok();
         if let Some(mut settings) = before.clone() {
-            settings.local_flags.remove(LocalFlags::ECHO);
+            settings.local_flags.remove(LocalFlags::ECHO | LocalFlags::ISIG);
+            settings.control_chars[VEOL as usize] = CTRL_C;
             let _ = tcsetattr(&stdin, SetArg::TCSAFLUSH, &settings);
         }
         Self(before)

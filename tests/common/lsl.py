@@ -1,15 +1,17 @@
-"""Takes a stream of `plumb receive --lsl`, as programs of the Lab Streaming Layer do.
+"""Takes the frames of `plumb`, as programs of the Lab Streaming Layer do.
 
-    streams.py library                         the path of liblsl, which pylsl brings
-    streams.py take SECONDS OUT [record mark]  the samples of that time, as JSON; with what LSL's own
-                                               recorder wrote of them (XDF, read by pyxdf), and with
-                                               a marker "zero" sent to the stream Stimuli's listeners
+    lsl.py library                  the path of liblsl, which pylsl brings
+    lsl.py take OUT [record mark]   the samples until standard input ends, as JSON; with what LSL's own
+                                    recorder wrote of them (XDF, read by pyxdf), and with a stream Stimuli,
+                                    to whose listeners each line of standard input is sent as a marker
 """
 
 import json
 import math
+import queue
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,7 +19,6 @@ import pylsl
 
 NAME = "Plumbline"
 PATIENCE_S = 60.0
-MARK_AFTER_S = 4.0
 
 
 def library():
@@ -90,7 +91,20 @@ def numbers(row):
     return [None if math.isnan(value) else value for value in row]
 
 
-def take(seconds, out, wishes):
+def asked():
+    """The lines of standard input as they come; None at its end."""
+    lines = queue.Queue()
+
+    def read():
+        for line in sys.stdin:
+            lines.put(line.strip())
+        lines.put(None)
+
+    threading.Thread(target=read, daemon=True).start()
+    return lines
+
+
+def take(out, wishes):
     info = found(NAME)
     recorder = Recorder(Path(out).with_suffix(".xdf")) if "record" in wishes else None
     stimuli = None
@@ -102,22 +116,27 @@ def take(seconds, out, wishes):
     inlet.open_stream(PATIENCE_S)
     result = {"correction": inlet.time_correction(PATIENCE_S), "times": [], "received": [], "rows": []}
     full = inlet.info(PATIENCE_S)
-    result |= {"labels": labels(full), "xml": full.as_xml(), "mark": None}
+    result |= {"labels": labels(full), "xml": full.as_xml(), "marks": []}
     print("taking", flush=True)
-    begun = time.monotonic()
-    while time.monotonic() < begun + seconds:
-        values, at = inlet.pull_sample(timeout=1.0)
+    lines = asked()
+    while True:
+        try:
+            label = lines.get_nowait()
+            if label is None:
+                break
+            # When it was decided, which is before it is sent.
+            result["marks"].append(pylsl.local_clock())
+            time.sleep(0.05)
+            stimuli.push_sample([label], result["marks"][-1])
+        except queue.Empty:
+            pass
+        values, at = inlet.pull_sample(timeout=0.5)
         now = pylsl.local_clock()
         if values is None:
             continue
         result["times"].append(at)
         result["received"].append(now)
         result["rows"].append(numbers(values))
-        if stimuli and result["mark"] is None and time.monotonic() > begun + MARK_AFTER_S:
-            # When it was decided, which is before it is sent.
-            result["mark"] = pylsl.local_clock()
-            time.sleep(0.05)
-            stimuli.push_sample(["zero"], result["mark"])
     if recorder:
         result["xdf"] = recorder.end()
     Path(out).write_text(json.dumps(result))
@@ -127,7 +146,7 @@ if __name__ == "__main__":
     match sys.argv[1:]:
         case ["library"]:
             library()
-        case ["take", seconds, out, *wishes]:
-            take(float(seconds), out, wishes)
+        case ["take", out, *wishes]:
+            take(out, wishes)
         case _:
             sys.exit(__doc__)

@@ -1,0 +1,122 @@
+//! The Lab Streaming Layer beside the desk: pylsl takes every frame before, during and after a trial, and
+//! its marker becomes the trial's t = 0.
+
+use common::lsl::Lab;
+use plumbline::packet::PosePacket;
+use plumbline::target::Role;
+use plumbline_trial::Trial;
+use plumbline_trial::frame::Frame;
+use serde_json::json;
+
+use super::client::{Page, hear, say};
+use super::protocol::marked;
+use crate::camera::{Shown, TheBox};
+use crate::stand::{Stand, free_port, packets_of};
+
+const BOX: &str = "PL-0001";
+
+/// At this rate a box that shares a busy computer keeps its camera's pace: by its pace the two clocks are
+/// compared.
+const RATE_HZ: usize = 30;
+
+/// How true the marker's time must be.
+const WITHIN_S: f64 = 1e-3;
+
+/// The frames that come before the session, and after the trial.
+const BESIDE: usize = 30;
+
+#[test]
+fn a_laboratory_gets_every_frame_and_its_marker_is_t_zero() {
+    let Some(mut stand) = Stand::new() else { return };
+    let Some(lab) = Lab::new(&stand.path("")) else { return };
+    stand.environment = lab.environment.clone();
+    let folder = stand.ready_box(BOX);
+    let _the_box = TheBox::start(&folder, Shown::Person, RATE_HZ);
+    let desk = stand.desk_with(&format!("--port {} --lsl --mark-lsl Stimuli", free_port()));
+    let page = desk.page();
+    let streams = page.state()["desk"]["streams"].to_string();
+    assert!(streams.contains("Lab Streaming Layer"), "{streams}");
+    let create = json!({ "folder": "marked", "title": "M", "protocol": { "text": marked(2) } });
+    page.done("/api/studies", &create);
+    page.done("/api/studies/marked/participants", &json!({ "code": "P01" }));
+    page.wait(BOX, "the box", |it| it["doing"] == "watching");
+    let mut taking = lab.take(&["mark"]);
+    see_frames(&page);
+    let begin = json!({ "study": "marked", "participant": "P01" });
+    page.act(BOX, "session_begin", "session/begin", &begin);
+    page.happen(BOX, "ready", None);
+    page.wait(BOX, "a recording", |it| !it["session"]["at"]["first_frame_at_ms"].is_null());
+    taking.mark("stands");
+    page.wait(BOX, "t = 0", |it| !it["session"]["at"]["zero_at_ms"].is_null());
+    page.wait(BOX, "a verdict", |it| it["session"]["at"]["is"] == "deciding");
+    see_frames(&page);
+    let taken = taking.end();
+    let said = desk.interrupt();
+
+    // Before, during and after the trial there is no gap.
+    let numbers = taken.frames();
+    let trial = Trial::open(&stand.path("desk/marked/sessions/P01-1/01-stance")).unwrap();
+    let (first, last) = (trial.frames[0].sequence, trial.frames.last().unwrap().sequence);
+    assert_eq!(trial.frames.len(), (last - first) as usize + 1, "frames are missing");
+    assert!(numbers[0] < f64::from(first) && numbers.last().unwrap() > &f64::from(last));
+    // The numbers are those that were recorded; single precision, as the box sends them.
+    let at = |sequence: u32| (f64::from(sequence) - numbers[0]) as usize;
+    let (depth_mm, ap_mm) = (taken.column("lower_cam_z"), taken.column("upper_ap"));
+    let recorded = packets_of(&trial.folder);
+    assert!(recorded.len() >= trial.frames.len());
+    for (_, packet) in &recorded {
+        let lower_mm = packet.pose(Role::Lower).map_or(f32::NAN, |it| it.translation_mm[2]);
+        let upper_mm = packet.upper_trunk.map_or(f32::NAN, |it| it.ap_mm);
+        for (taken_mm, mm) in [(&depth_mm, lower_mm), (&ap_mm, upper_mm)]
+            .map(|(it, mm)| (it[at(packet.sequence)], mm))
+        {
+            assert_eq!((taken_mm as f32).to_bits(), mm.to_bits(), "frame {}", packet.sequence);
+        }
+    }
+    assert!(trial.frames.iter().any(|it| it.upper.is_some()), "nothing was seen");
+
+    // t = 0. The frames of the trial have times of LSL's clock, too.
+    let mark_s = taken.marks_s()[0];
+    let event = trial.manifest.zero_mark().unwrap();
+    assert_eq!((&*event.label, event.source.word()), ("stands", "lsl"));
+    let nearest = trial.frames.iter().min_by(|one, other| {
+        let from = |it: &Frame| (taken.times_s[at(it.sequence)] - mark_s).abs();
+        from(one).total_cmp(&from(other))
+    });
+    let nearest = nearest.unwrap();
+    let wanted_s = nearest.time_s + mark_s - taken.times_s[at(nearest.sequence)];
+    // A trial takes the least delayed frame as not delayed at all, though it was tracked and sent.
+    let latency_us = recorded.iter().map(|(_, packet)| packet.latency_us).min().unwrap();
+    let error_s = event.time_s + 1e-6 * f64::from(latency_us) - wanted_s;
+    // What a box replays has times of a recording, which only the frames' arrival relates to others: where
+    // even the least delayed waited for a busy computer, nobody knows better.
+    let waited_s = least_waits_s(&recorded);
+    println!("t = 0 is off by {:.3} ms; the least waits {:.3} ms", 1e3 * error_s, 1e3 * waited_s);
+    assert!(error_s.abs() < WITHIN_S + waited_s, "{error_s}");
+    assert!(!said.contains("warning"), "{said}");
+}
+
+/// Waits until some frames have come that belong to no trial.
+fn see_frames(page: &Page) {
+    let it = page.wait(BOX, "the box", |it| it["doing"] == "watching");
+    let mut socket = page.socket();
+    say(&mut socket, &json!({ "is": "watch", "box": it["id"] }));
+    let mut seen = 0;
+    while seen < BESIDE {
+        let batch = hear(&mut socket, "frames");
+        seen += batch["frames"].as_array().unwrap().len();
+        say(&mut socket, &json!({ "is": "ack", "batch": batch["batch"] }));
+    }
+}
+
+/// By how much the least times under way differ from one second of a recording to the next.
+fn least_waits_s(packets: &[(u64, PosePacket)]) -> f64 {
+    let way_ns = |(arrival_ns, packet): &(u64, PosePacket)| {
+        let left_ns = packet.capture_time_ns + 1000 * u64::from(packet.latency_us);
+        arrival_ns.wrapping_sub(left_ns).cast_signed()
+    };
+    let seconds = packets.chunks(RATE_HZ).filter(|it| it.len() == RATE_HZ);
+    let least: Vec<i64> = seconds.map(|it| it.iter().map(way_ns).min().unwrap()).collect();
+    let (low, high) = (least.iter().min().unwrap(), least.iter().max().unwrap());
+    1e-9 * (high - low) as f64
+}
