@@ -29,7 +29,7 @@ fn a_mark_of_another_computer_is_refused_and_counted_unless_it_is_named() {
     let none = network.host.enter(|| marks(&network, ""));
     let Some((none, said)) = none else { return };
     assert_eq!(none, [("here".to_owned(), None)]);
-    let refused = "2 marks from other computers did not count: name them with --mark-from";
+    let refused = "2 marks from other computers did not count; name them with --mark-from";
     assert!(said.contains(refused), "{said}");
 
     let more = format!("--mark-from treadmill={STRANGER}");

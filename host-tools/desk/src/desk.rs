@@ -6,17 +6,13 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::thread::{self, JoinHandle};
 
 use plumbline_bedside::keys::{KnownBox, Store};
-use plumbline_bedside::recording::marks::{self, MarkFrom};
 use plumbline_files::BadInput;
 use plumbline_publish::Ways;
 use plumbline_publish::lsl::Lsl;
-use plumbline_publish::lsl::markers::Markers;
-use plumbline_publish::lsl::outlet::MARKS_SUFFIX;
-use plumbline_trial::mark::{Mark, Source};
 
 use crate::cards;
 use crate::hub::Hub;
-use crate::marks::MarkBoard;
+use crate::marks::{MarkBoard, MarkSettings, MarkSources};
 use crate::memory::Memory;
 use crate::porter::{Known, Porter, Strangers};
 use crate::station::{Around, Reach, Refusal, Shared, Station};
@@ -42,19 +38,6 @@ pub struct Settings {
     pub marks: MarkSettings,
 }
 
-/// Where marks of other programs come from.
-#[derive(Debug, Clone, Default)]
-pub struct MarkSettings {
-    /// Datagrams to this address.
-    pub udp: Option<SocketAddr>,
-    /// The computers whose datagrams count, beside this one.
-    pub from: Vec<MarkFrom>,
-    /// Lines from this serial device.
-    pub serial: Option<String>,
-    /// The markers of this stream of the Lab Streaming Layer.
-    pub lsl: Option<String>,
-}
-
 /// The desk.
 pub struct Desk {
     /// Its clock and its news.
@@ -75,7 +58,7 @@ pub struct Desk {
     /// One box is made after the other.
     making: Mutex<()>,
     threads: Mutex<Vec<JoinHandle<()>>>,
-    _markers: Option<Markers>,
+    mark_sources: MarkSources,
 }
 
 impl Desk {
@@ -93,7 +76,12 @@ impl Desk {
         let memory = Arc::new(Memory::open(&folder)?);
         let board = Arc::new(MarkBoard::default());
         let mut threads = Vec::new();
-        let markers = follow_marks(&settings, &hub, &board, &mut threads)?;
+        let (mark_sources, marks) =
+            MarkSources::open(&settings.marks, settings.lsl, settings.ways.lsl.as_deref())?;
+        if let Some(marks) = marks {
+            let (hub, board) = (Arc::clone(&hub), Arc::clone(&board));
+            threads.push(named("marks", move || board.follow(&marks, &hub))?);
+        }
         let mut problems = Vec::new();
         let known = Store::open()?.all()?;
         problems.extend(known.refused);
@@ -137,7 +125,7 @@ impl Desk {
             problems: Mutex::new(problems),
             making: Mutex::default(),
             threads: Mutex::new(threads),
-            _markers: markers,
+            mark_sources,
         };
         let several = known.known.len() + settings.serial.len() > 1;
         for it in &known.known {
@@ -254,7 +242,9 @@ impl Desk {
     }
 
     fn problems(&self) -> Vec<BadInput> {
-        self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        let mut all = self.problems.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        all.extend(self.mark_sources.amiss());
+        all
     }
 
     /// Ends everything, and waits for that: a recording that goes on is ended properly.
@@ -278,32 +268,6 @@ impl Drop for Desk {
 fn named(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, BadInput> {
     let thread = thread::Builder::new().name(name.to_owned()).spawn(run);
     thread.map_err(|error| BadInput::io(format!("a thread: {name}"), &error))
-}
-
-/// Listens to the sources of marks.
-fn follow_marks(
-    settings: &Settings,
-    hub: &Arc<Hub>,
-    board: &Arc<MarkBoard>,
-    threads: &mut Vec<JoinHandle<()>>,
-) -> Result<Option<Markers>, BadInput> {
-    let MarkSettings { udp, from, serial, lsl } = &settings.marks;
-    if udp.is_none() && serial.is_none() && lsl.is_none() {
-        return Ok(None);
-    }
-    let (sender, marks, _) = marks::listen(*udp, from, serial.as_deref())?;
-    let (hub, board) = (Arc::clone(hub), Arc::clone(board));
-    threads.push(named("marks", move || board.follow(&marks, &hub))?);
-    let (Some(name), Some(library)) = (lsl, settings.lsl) else { return Ok(None) };
-    if settings.ways.lsl.as_ref().is_some_and(|own| *name == format!("{own}{MARKS_SUFFIX}")) {
-        return Err(BadInput::whole(
-            format!("--mark-lsl {name}"),
-            "is the stream in which the marks of this desk are published",
-            "name another program's stream",
-        ));
-    }
-    let take = move |at, label: &str| sender.send(at, Mark::new(Source::Lsl, label));
-    Markers::of(library, name, take).map(Some)
 }
 
 /// The ways out of one box: of several, each has names and ports of its own.

@@ -18,7 +18,7 @@ pub mod desk;
 mod frames;
 pub mod http;
 mod hub;
-mod marks;
+pub mod marks;
 mod memory;
 mod porter;
 mod prints;

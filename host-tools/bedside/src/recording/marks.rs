@@ -9,8 +9,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use plumbline_files::BadInput;
+use plumbline_files::counting::counted;
 use plumbline_stream::link::BAUD;
 use plumbline_trial::mark::{Mark, MarkSender, Marks, Source, channel};
+
+use super::modem_line::Watch;
 
 /// A serial device is silent most of the time.
 const LINE_WAIT: Duration = Duration::from_secs(3600);
@@ -54,6 +57,58 @@ impl Strangers {
     #[must_use]
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// What is known of marks that did not count.
+#[derive(Debug, Clone, Default)]
+pub struct Uncounted {
+    /// Datagrams of computers that are not named.
+    pub strangers: Strangers,
+    /// The modem line, where there is one.
+    pub watch: Option<Watch>,
+    /// Markers of the Lab Streaming Layer whose time could not be.
+    pub refused: u64,
+}
+
+impl Uncounted {
+    /// Each kind that there was, and what to do.
+    #[must_use]
+    pub fn amiss(&self) -> Vec<BadInput> {
+        let marks = |count: u64| (count > 0).then(|| counted(count, "mark"));
+        let missed = self.watch.as_ref().map_or(0, Watch::missed);
+        let is_gone = self.watch.as_ref().is_some_and(Watch::is_gone);
+        let kinds = [
+            marks(self.strangers.count()).map(|marks| {
+                BadInput::whole(
+                    "--mark-udp",
+                    format!("{marks} from other computers did not count"),
+                    "name them with --mark-from",
+                )
+            }),
+            marks(missed).map(|marks| {
+                BadInput::whole(
+                    "--mark-line",
+                    format!("{marks} came too fast one after the other and did not count"),
+                    "let the device keep the line for longer, or free a contact of its bouncing",
+                )
+            }),
+            is_gone.then(|| {
+                BadInput::whole(
+                    "--mark-line",
+                    "its device has gone, and what it marked since then is missing",
+                    "plug it in, and start this program again",
+                )
+            }),
+            marks(self.refused).map(|marks| {
+                BadInput::whole(
+                    "--mark-lsl",
+                    format!("{marks} did not count: the time was minutes away"),
+                    "let the other program take its times from the Lab Streaming Layer",
+                )
+            }),
+        ];
+        kinds.into_iter().flatten().collect()
     }
 }
 
@@ -188,6 +243,23 @@ mod tests {
         ] {
             assert_eq!(by(address).as_deref(), sender, "{address}");
         }
+    }
+
+    #[test]
+    fn what_did_not_count_is_told_with_its_number_and_a_remedy() {
+        assert_eq!(Uncounted::default().amiss(), []);
+        let strangers = Strangers::default();
+        strangers.0.store(2, Ordering::Relaxed);
+        let amiss = Uncounted { strangers, watch: None, refused: 1 }.amiss();
+        let said: Vec<String> = amiss.iter().map(ToString::to_string).collect();
+        assert_eq!(
+            said,
+            [
+                "--mark-udp: 2 marks from other computers did not count; name them with --mark-from",
+                "--mark-lsl: 1 mark did not count: the time was minutes away; let the other program \
+                 take its times from the Lab Streaming Layer"
+            ]
+        );
     }
 
     #[test]

@@ -9,8 +9,10 @@ use std::time::Duration;
 
 use clap::Args;
 use plumbline_bedside::recording::marks::MarkFrom;
-use plumbline_desk::desk::{Desk, MarkSettings, Settings};
+use plumbline_bedside::recording::modem_line::ModemLine;
+use plumbline_desk::desk::{Desk, Settings};
 use plumbline_desk::http::{CONNECTIONS_MAX, For, Password, Server};
+use plumbline_desk::marks::MarkSettings;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_stream::link::{BAUD, PORT};
@@ -116,6 +118,13 @@ pub struct Arguments {
     #[arg(long, value_name = "DEVICE[:BAUD]")]
     mark_serial: Option<String>,
 
+    /// Take marks from a modem line of this serial device: cts (default), dsr, dcd or ri
+    ///
+    /// Each time the line is asserted is a mark, named after the line, whose uncertainty is stored with it.
+    /// A trigger at the box's own line is known better: it is among the box's settings.
+    #[arg(long, value_name = "DEVICE[:LINE]", value_parser = ModemLine::parse)]
+    mark_line: Option<ModemLine>,
+
     /// Take marks from the Lab Streaming Layer: the markers of the stream with this name
     #[arg(long, value_name = "NAME")]
     mark_lsl: Option<String>,
@@ -145,6 +154,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             udp: arguments.mark_udp,
             from: arguments.mark_from.clone(),
             serial: arguments.mark_serial.clone(),
+            line: arguments.mark_line.clone(),
             lsl: arguments.mark_lsl.clone(),
         },
     })?;

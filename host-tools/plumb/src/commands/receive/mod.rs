@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use plumbline::packet::{Action, TriggerState};
 use plumbline_bedside::doctor::{Check, Verdict, examine};
-use plumbline_bedside::recording::marks::{self, MarkFrom, Strangers};
+use plumbline_bedside::recording::marks::{self, MarkFrom, Strangers, Uncounted};
 use plumbline_bedside::recording::modem_line::{self, ModemLine, Watch};
 use plumbline_bedside::recording::{Course, Here, Recorded, Zeroing, amiss, check_heard};
 use plumbline_files::BadInput;
@@ -342,28 +342,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     if let Some(Ok(words)) = &ended {
         text += &format!("\n{words}");
     }
-    if strangers.count() > 0 {
-        text += &format!(
-            "\nwarning: {} from other computers did not count: name them with --mark-from",
-            counted(strangers.count(), "mark")
-        );
-    }
-    let missed = watch.as_ref().map_or(0, Watch::missed);
-    if missed > 0 {
-        text += &format!(
-            "\nwarning: {} of --mark-line came too fast one after the other and did not count",
-            counted(missed, "mark")
-        );
-    }
-    if watch.is_some_and(|it| it.is_gone()) {
-        text +=
-            "\nwarning: the device of --mark-line has gone: what it marked since then is missing";
-    }
-    if refused > 0 {
-        text += &format!(
-            "\nwarning: {} of the Lab Streaming Layer did not count: the time was minutes away",
-            counted(refused, "mark")
-        );
+    for amiss in (Uncounted { strangers, watch, refused }).amiss() {
+        text += &format!("\nwarning: {amiss}");
     }
     for words in streams.map(Streams::finish).unwrap_or_default() {
         text += &format!("\n{words}");
