@@ -19,6 +19,9 @@ use crate::station::{Around, Reach, Refusal, Shared, Station};
 use crate::wire::{BoxState, DeskState, LinkState, NewBox, Problem, State};
 use crate::words::on_page;
 
+/// The ids of boxes on serial lines begin with it.
+const SERIAL_ID: &str = "serial-";
+
 /// What the desk is to do.
 #[derive(Debug, Clone, Default)]
 pub struct Settings {
@@ -132,7 +135,7 @@ impl Desk {
             desk.add_known(it, several)?;
         }
         for (at, (device, baud)) in settings.serial.iter().enumerate() {
-            let id = format!("serial-{}", at + 1);
+            let id = format!("{SERIAL_ID}{}", at + 1);
             let shared = Shared::new(Arc::clone(&desk.hub), id, device.clone(), None);
             let reach = Reach::Serial { device: device.clone(), baud: *baud };
             desk.add(Arc::new(shared), reach, several)?;
@@ -206,6 +209,16 @@ impl Desk {
         let version = self.hub.version();
         let mut boxes: Vec<BoxState> = self.stations().iter().map(|it| it.shared.state()).collect();
         let is_away = |it: &BoxState| matches!(it.link, LinkState::Searching { .. });
+        // A box at the end of a cable is not looked for in the network as well.
+        let on_a_line: Vec<String> = boxes
+            .iter()
+            .filter(|it| it.id.starts_with(SERIAL_ID))
+            .filter_map(|it| it.serial_number.clone())
+            .collect();
+        boxes.retain(|it| {
+            let is_there = it.serial_number.as_ref().is_some_and(|it| on_a_line.contains(it));
+            it.id.starts_with(SERIAL_ID) || !is_away(it) || !is_there
+        });
         boxes.sort_by(|one, other| {
             (is_away(one), &one.name, &one.id).cmp(&(is_away(other), &other.name, &other.id))
         });

@@ -32,6 +32,8 @@ fn a_box_on_a_serial_line_is_aimed_and_recorded() {
     let it = page.wait(BOX, "the box", |it| it["doing"] == "watching");
     assert_eq!(it["link"], json!({ "is": "heard", "by": cable.at_host }));
     let id = it["id"].as_str().unwrap().to_owned();
+    // Its key is known here, and yet it is not looked for in the network as well.
+    assert_eq!(page.state()["boxes"].as_array().unwrap().len(), 1, "{:#}", page.state());
 
     page.act(BOX, "aim_begin", "aim/begin", &json!({ "reduction": 8 }));
     page.wait(BOX, "a picture", |it| it["aim"]["picture"].as_u64() > Some(0));
