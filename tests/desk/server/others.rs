@@ -141,6 +141,23 @@ fn others_need_tls_and_the_password() {
     assert!(cookie.contains("; Secure") && cookie.contains("HttpOnly"), "{cookie}");
     let cookie = cookie.split(';').next().unwrap();
     assert_eq!(other.ask("GET", "/api/state", cookie, &[]).status, 200);
+    // A new box can be made there; its key does not leave the computer.
+    let form = other.ask("GET", "/api/new-box", cookie, &[]).json();
+    let mut fields = form["settings"]["fields"].clone();
+    fields["device"] = json!("ward 9");
+    fields["serial_number"] = json!("PL-0009");
+    let asked = json!({ "settings": { "fields": fields }, "size_px": form["size_px"] });
+    let made = other.ask("POST", "/api/new-box", cookie, asked.to_string().as_bytes());
+    assert_eq!(made.status, 200, "{}", made.text());
+    let card = format!("/api/boxes/{}/card", made.json()["id"].as_str().unwrap());
+    let file = |name: &str| other.ask("POST", &format!("{card}/{name}"), cookie, b"{}");
+    assert_eq!(file("config.plb").status, 200);
+    let key = file("box.key");
+    assert!(
+        key.status == 403 && key.text().contains("no key goes over a network"),
+        "{}",
+        key.text()
+    );
     assert_eq!(other.ask("POST", "/api/logout", cookie, b"{}").status, 200);
     assert_eq!(other.ask("GET", "/api/state", cookie, &[]).status, 401, "the cookie is void");
 

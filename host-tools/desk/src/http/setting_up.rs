@@ -2,8 +2,10 @@
 
 use axum::Json;
 use axum::extract::{Path, State};
+use axum::http::StatusCode;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
 use axum::response::{IntoResponse as _, Response};
+use plumbline::seal::KEY_FILE_NAME;
 use plumbline_render::sheet::Paper;
 
 use super::App;
@@ -93,13 +95,21 @@ pub async fn card(State(app): State<App>, Path(id): Path<String>) -> Result<Json
 }
 
 /// A file for that card. Whoever has the key can read and command the box: it is given to the desk's own
-/// page alone, on this computer or by TLS, and no browser keeps a copy of the answer (`no-store`). A
-/// `POST`, because only such a request always says from which page it comes.
+/// page alone, and only on this computer, because no key goes over a network; no browser keeps a copy of
+/// the answer (`no-store`). A `POST`, because only such a request always says from which page it comes.
 pub async fn card_file(
     State(app): State<App>,
     Path((id, name)): Path<(String, String)>,
     _: Sent<Done>,
 ) -> Result<Response, Failure> {
+    if name == KEY_FILE_NAME && app.gate.is_for_others() {
+        return Err(Failure::of(
+            StatusCode::FORBIDDEN,
+            KEY_FILE_NAME,
+            "no key goes over a network, and this desk is open to other computers",
+            "start the desk without --listen, and take the key from its page on that computer",
+        ));
+    }
     let (name, bytes) = beside(move || Ok(cards::file(&app.desk.folder, &id, &name)?)).await?;
     Ok(download("application/octet-stream", name, bytes))
 }

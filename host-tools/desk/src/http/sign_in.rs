@@ -95,7 +95,8 @@ impl Gate {
         }
     }
 
-    fn is_for_others(&self) -> bool {
+    /// Whether pages of other computers may come.
+    pub fn is_for_others(&self) -> bool {
         self.password.is_some()
     }
 

@@ -14,8 +14,8 @@ mod qr;
 /// Each box has a key of 32 random bytes. Only a computer that has it can read what the box sends,
 /// and command the box; the box sends nothing to others. `plumb provision --new-key` makes the key,
 /// and puts it on the box's card as box.key beside config.plb; `plumb desk` makes one for a new box, and
-/// gives it to its own page. Another computer gets it with `export` here and `import` there. No command
-/// sends it over a network, and no box gives it back.
+/// gives it to its page on this computer. Another computer gets it with `export` here and `import` there.
+/// Plumbline never sends it over a network, and no box gives it back.
 ///
 /// A box is named by its name, its serial number, or the first digits of its key's identity, which
 /// `list` shows. The identity gives nothing away; the key itself is shown by `export` alone.
