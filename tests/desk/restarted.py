@@ -4,10 +4,24 @@
 """
 
 import sys
+import time
 
 from desk_page import ask, begin_session, box_of, browser, button, expect, go, short_study, tell
 
 SECONDS = 600
+
+# Of a trial no more than its last second is lost.
+RECORDED_S = 2
+PATIENCE_S = 60
+
+
+def wait_until_recorded(page):
+    """Until some of the trial is on the disk: a recording without a frame is none."""
+    give_up = time.monotonic() + PATIENCE_S
+    while box_of(page)["session"]["at"]["first_frame_at_ms"] is None:
+        assert time.monotonic() < give_up, "no frame is recorded"
+        time.sleep(0.1)
+    time.sleep(RECORDED_S)
 
 
 def main(url):
@@ -18,6 +32,7 @@ def main(url):
         begin_session(page)
         button(page, "Ready: begin").click()
         expect(page.get_by_role("article", name="Recording")).to_be_visible()
+        wait_until_recorded(page)
         ask("kill the desk")
         expect(page.get_by_text("No connection to the desk.")).to_be_visible()
         again = ask("start the desk")

@@ -324,7 +324,7 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     let elsewhere = free_port();
     bench.write("away.toml", &bench.settings("PL-0002", elsewhere));
     let away = "--box away.toml --send --via-udp UDP";
-    bench.provision(away).exits(2).says(&["would no longer be heard here", "or give --force"]);
+    bench.provision(away).exits(2).says(&["would no longer be heard here", "--send --force"]);
     let away = "--box away.toml --send --via-udp UDP --force";
     let warning = format!("warning: the box will send by UDP to {elsewhere}, and not to");
     let kept = ["in use from the box's next start"];
