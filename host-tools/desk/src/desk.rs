@@ -7,6 +7,7 @@ use std::thread::{self, JoinHandle};
 
 use plumbline_bedside::keys::{KnownBox, Store};
 use plumbline_files::BadInput;
+use plumbline_files::text::printable;
 use plumbline_publish::Ways;
 use plumbline_publish::lsl::Lsl;
 
@@ -146,7 +147,7 @@ impl Desk {
     /// Looks for a box whose key is known here.
     fn add_known(&self, known: &KnownBox, several: bool) -> Result<(), BadInput> {
         let id = known.key.id();
-        let (name, number) = (known.title(), known.serial_number.clone());
+        let (name, number) = (name_of(known), known.serial_number.clone());
         let shared = Arc::new(Shared::new(Arc::clone(&self.hub), id.to_string(), name, number));
         shared.show_card(cards::is_waiting(&self.folder, known));
         self.known.add(id, Arc::clone(&shared));
@@ -174,7 +175,7 @@ impl Desk {
         let known = cards::make(&self.folder, asked)?;
         let id = known.key.id().to_string();
         match self.station(&id) {
-            Some(station) => station.shared.update(|state| state.name = known.title()),
+            Some(station) => station.shared.update(|state| state.name = name_of(&known)),
             None => {
                 let several = !self.stations().is_empty();
                 self.add_known(&known, several)?;
@@ -276,6 +277,11 @@ impl Drop for Desk {
     fn drop(&mut self) {
         self.stop();
     }
+}
+
+/// What a box that was not heard yet is called: its number stands beside it.
+fn name_of(known: &KnownBox) -> String {
+    known.name.as_deref().map_or_else(|| known.title(), |name| printable(name).into_owned())
 }
 
 fn named(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, BadInput> {
