@@ -1,0 +1,63 @@
+"""Figures and statistics against what `plumb` has written, to the last bit."""
+
+import csv
+import glob
+import json
+
+import plumbline
+
+TRIALS = [f"trials/{who}-{what}" for who in ("p01", "p02", "p03") for what in ("control", "foam")]
+METHOD = {
+    "filter": "butterworth:10",
+    "span": (0, 25),
+    "bins": [(0, 8), (8, 20)],
+    "covered_min": 0.75,
+    "radius_mm": 2.5,
+}
+TEXTS = {"participant", "condition", "trial", "verdict", "trunk", "segment", "direction", "figure"}
+TEXTS |= {"unit", "filter", "reason"}
+
+
+def read(path):
+    with open(path, newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        for name in row.keys() - TEXTS:
+            row[name] = float(row[name]) if row[name] else None
+    return rows
+
+
+def check(table, path):
+    expected = read(path)
+    found = list(table.rows())
+    assert list(table.columns) == list(expected[0]), path
+    assert len(found) == len(table) == len(expected) > 0
+    for number, (row, wanted) in enumerate(zip(found, expected)):
+        assert row == wanted, (path, number, row, wanted)
+    values = [row["value"] for row in found]
+    assert sum(value is not None for value in values) > len(values) / 2
+    return found
+
+
+found = check(plumbline.figures(TRIALS), "figures.csv")
+check(plumbline.figures(TRIALS, zero="start", **METHOD), "chosen.csv")
+# Trial by trial they are the same.
+one_by_one = [row for path in TRIALS for row in plumbline.open_trial(path).figures().rows()]
+assert one_by_one == found
+table = plumbline.figures(iter(glob.glob("trials/p0*")))
+assert sorted(set(table["trial"])) == TRIALS
+assert table.warnings and all(warning.startswith("trials/p0") for warning in table.warnings)
+
+trial = plumbline.open_trial(TRIALS[0])
+assert trial.analyze() == json.load(open("analysis.json"))
+assert trial.analyze(**METHOD) == json.load(open("chosen.json"))
+assert trial.analyze(span="all") != trial.analyze()
+
+study = plumbline.study("study.toml")
+assert study == json.load(open("study.json"))
+assert study["participants"] == ["p01", "p02", "p03"] and len(study["sway"]) > 50
+
+long = plumbline.study_of_table(
+    "long.csv", response="path", within=["condition", "half"], subject="id"
+)
+assert long == json.load(open("long.json"))
