@@ -44,9 +44,12 @@ pub struct Reception {
     queue: Mutex<Queue<Item>>,
     zero_unix_s: Mutex<f64>,
     shared: Arc<Shared>,
-    thread: Mutex<Option<JoinHandle<Result<Vec<String>, BadInput>>>>,
+    thread: Mutex<Option<JoinHandle<Ended>>>,
     said: Mutex<Vec<String>>,
 }
+
+/// How a reception has ended: what came of it, in words.
+type Ended = Result<Vec<String>, BadInput>;
 
 /// What both threads know.
 #[derive(Default)]
@@ -132,12 +135,7 @@ struct Opened {
 }
 
 /// Opens the link, says so, and follows it until it is to stop; what came of it, in words.
-fn follow(
-    way: &Way,
-    past: bool,
-    shared: &Arc<Shared>,
-    opened: SyncSender<Opened>,
-) -> Result<Vec<String>, BadInput> {
+fn follow(way: &Way, past: bool, shared: &Arc<Shared>, opened: SyncSender<Opened>) -> Ended {
     let warn = {
         let shared = Arc::clone(shared);
         move |warning: &str| locked(&shared.warnings).push(warning.to_owned())

@@ -58,7 +58,9 @@ assert [error.place for error in table.errors] == ["nowhere"] and len(table) > 1
 assert len(plumbline.figures([])) == 0
 
 refused(lambda: plumbline.study("nowhere.toml"), "nowhere.toml")
-pathlib.Path("wrong.toml").write_text('trials = ["trials/*"]\nconditions = ["control"]\n')
+pathlib.Path("wrong.toml").write_text(
+    'title = "wrong"\ntrials = ["trials/*"]\nconditions = ["control"]\n'
+)
 refused(lambda: plumbline.study("wrong.toml"), "wrong.toml", "conditions")
 long = {"response": "path", "within": ["condition"], "subject": "id"}
 refused(lambda: plumbline.study_of_table("nowhere.csv", **long), "nowhere.csv")
@@ -68,7 +70,7 @@ refused(lambda: plumbline.study_of_table("x.csv", delimiter="bar", **long), "tab
 refused(lambda: trial.export("docx", "out"), "export", "format", "docx")
 refused(lambda: trial.export("csv", "out", run=1), "--run")
 refused(lambda: trial.export("bids", "out", run=0), "export", "run")
-refused(lambda: trial.export("csv", "no/such/folder/out.csv"), "no/such/folder")
+refused(lambda: trial.export("csv", "packets.bin/out.csv"), "packets.bin")
 assert not os.path.exists("out")
 
 refused(lambda: plumbline.Camera.open("nowhere.toml"), "nowhere.toml")

@@ -114,7 +114,7 @@ fn extension() -> &'static Path {
         let output = cargo.stdin(Stdio::null()).stderr(Stdio::inherit()).output().unwrap();
         assert!(output.status.success(), "{cargo:?}");
         let messages = String::from_utf8(output.stdout).unwrap();
-        let named = messages.split('"').filter(|it| it.ends_with(EXTENSION));
-        PathBuf::from(named.last().expect("cargo names what it has built"))
+        let mut named = messages.split('"').filter(|it| it.ends_with(EXTENSION));
+        PathBuf::from(named.next_back().expect("cargo names what it has built"))
     })
 }

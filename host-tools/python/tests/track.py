@@ -82,7 +82,7 @@ for number, result in enumerate(results):
         assert target.corners <= target.corners_total
         trunk = result.lower if target.role == "lower" else result.upper
         assert trunk.tolist() == [row["ap_mm"], row["ml_mm"], row["si_mm"]]
-assert poses > 15 and missing > 3
+assert poses > 10 and missing > 3, (poses, missing)
 
 # Any array of these samples is the same frame: turned, a part of another, not to be written.
 frame = next(frames("grey8.y4m"))
