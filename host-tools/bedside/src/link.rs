@@ -38,6 +38,13 @@ pub struct Way {
     pub at: Option<SocketAddr>,
 }
 
+/// What a program on this computer is called at boxes.
+#[must_use]
+pub fn called(program: &str) -> String {
+    let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    format!("{program} on {}", computer.trim())
+}
+
 impl Way {
     /// Opens the socket or the line. `program` is what this program is called at the box; `past`
     /// wants what the box has kept of the last minute as well. `warn` is told, as long as the link

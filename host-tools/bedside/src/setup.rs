@@ -65,10 +65,23 @@ impl Descriptions {
         tell: &mut Tell<'_>,
     ) -> Result<(Camera, Targets, Option<SceneFile>), BadInput> {
         let camera = camera::read(&self.camera)?;
+        let (targets, scene) = self.read_for(&camera.lens, tell)?;
+        Ok((camera, targets, scene))
+    }
+
+    /// Reads the files other than the camera's, for this lens; their warnings are told.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_for(
+        &self,
+        lens: &Lens,
+        tell: &mut Tell<'_>,
+    ) -> Result<(Targets, Option<SceneFile>), BadInput> {
         let targets = self.read_targets(tell)?;
         let scene = self.scene.as_deref();
-        let scene = scene.map(|path| read_scene(path, &camera.lens, tell)).transpose()?;
-        Ok((camera, targets, scene))
+        let scene = scene.map(|path| read_scene(path, lens, tell)).transpose()?;
+        Ok((targets, scene))
     }
 
     /// Reads the targets file; its warnings are told.

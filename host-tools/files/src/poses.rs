@@ -17,8 +17,11 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use nalgebra::Matrix3;
+use plumbline::config::Config;
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline::report::{NoPose, Report, TargetState};
 use plumbline::scene::Anatomical;
+use plumbline::target::Role;
 use serde::{Deserialize, Serialize};
 
 use crate::{BadInput, room};
@@ -58,6 +61,15 @@ const POSITIONS: [&str; 6] = ["x_mm", "y_mm", "z_mm", "ap_mm", "ml_mm", "si_mm"]
 #[must_use]
 pub fn number_columns() -> &'static [&'static str] {
     &COLUMNS[COLUMNS.len() - NUMBERS..]
+}
+
+/// What the column `state` says of a target: its state and, without a pose, the reason.
+#[must_use]
+pub fn state_words(state: TargetState, no_pose: Option<NoPose>) -> String {
+    match no_pose {
+        None => state.word().to_owned(),
+        Some(reason) => format!("{}: {}", state.word(), reason.words()),
+    }
 }
 
 /// One frame and target.
@@ -177,6 +189,36 @@ impl PoseRow {
         self.ml_mm = Some(point.ml_mm);
         self.si_mm = Some(point.si_mm);
         self
+    }
+
+    /// The rows of a frame's results, one for each target in the order of the configuration.
+    pub fn of_report(
+        config: &Config,
+        frame: u64,
+        report: &Report,
+    ) -> impl Iterator<Item = PoseRow> {
+        let seconds = |time_ns: u64| time_ns as f64 / 1e9;
+        config.targets.iter().zip(&report.targets).map(move |(target, found)| {
+            let frame_ns = report.capture_time_ns;
+            let state = state_words(found.state, found.measurement.as_ref().err().copied());
+            let Ok(measured) = &found.measurement else {
+                return Self::without_pose(frame, seconds(frame_ns), &target.name, &state);
+            };
+            let covariance_mm2 = measured.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+            let time_s = seconds(measured.own_time_ns(frame_ns));
+            let row = Self::without_pose(frame, time_s, &target.name, &state)
+                .with_pose(&measured.cam_from_target)
+                .with_quality(&covariance_mm2, measured.rms_px, u32::from(measured.corners));
+            let trunk = match found.role {
+                Role::Upper => report.upper_trunk,
+                Role::Lower => report.lower_trunk,
+                Role::Scene => None,
+            };
+            match trunk {
+                Some(point) => row.with_trunk(&point),
+                None => row,
+            }
+        })
     }
 
     /// The pose, if the row has one.

@@ -12,7 +12,7 @@ use std::io::Write;
 use plumbline::packet::{AnatomicalPoint, Hello, TargetPacket};
 use plumbline::target::Role;
 use plumbline_files::BadInput;
-use plumbline_files::poses::{COLUMNS, PoseRow};
+use plumbline_files::poses::{self, COLUMNS, PoseRow};
 use serde::Serialize;
 
 use crate::sessions::Frame;
@@ -112,10 +112,7 @@ impl<W: Write> Recorder<W> {
 /// What the state column says of a target.
 #[must_use]
 pub fn state_words(target: &TargetPacket) -> String {
-    match target.pose {
-        Ok(_) => target.state.word().to_owned(),
-        Err(reason) => format!("{}: {}", target.state.word(), reason.words()),
-    }
+    poses::state_words(target.state, target.pose.as_ref().err().copied())
 }
 
 fn row(sequence: u32, time_s: f64, target: &TargetPacket, names: &Names) -> PoseRow {

@@ -1,7 +1,7 @@
 //! From trials to figures, and from many trials to statistics.
 //!
 //! ```text
-//! a trial's points ─▶ analysis: the sway figures of one trial
+//! a trial's points ─▶ method: how its figures are made ─▶ analysis: the sway figures of one trial
 //!
 //! study.toml ─▶ manifest, patterns, measures, protocol ─▶ verdict: which trials take part ─▶ sway,
 //!            physiology: each trial's values ─▶ cohort: who has which trials ─▶ values: averaged by
@@ -22,6 +22,7 @@ pub mod inference;
 pub mod long;
 pub mod manifest;
 pub mod measures;
+pub mod method;
 mod patterns;
 pub mod physiology;
 pub mod protocol;

@@ -127,6 +127,7 @@ mod tests {
             place: "t".to_owned(),
             points: vec![point],
             zero: String::new(),
+            zero_s: 0.0,
             is_zero_set: true,
             zero_utc_s: None,
             verdict: None,

@@ -4,7 +4,7 @@
 //! Every trial has the same rows. Where a figure could not be computed, its value is empty and the
 //! reason is given.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use plumbline_analysis::sway::figure::Figure;
 use plumbline_analysis::sway::path::Path as SwayPath;
@@ -89,8 +89,14 @@ pub fn of_trial(
 ) -> Result<Found, BadInput> {
     let trial = Trial::open(folder)?;
     let points = Points::of(&trial, zero.unwrap_or(trial.manifest.zero))?;
-    let settings = &settings(&points);
-    let of_trial = Row::of(folder, &trial.manifest, settings);
+    let settings = settings(&points);
+    Ok(of_points(&trial, points, &settings))
+}
+
+/// The same of a trial that has been read, and of its points.
+#[must_use]
+pub fn of_points(trial: &Trial, points: Points, settings: &Settings) -> Found {
+    let of_trial = Row::of(&trial.folder, &trial.manifest, settings);
     let rows = Trunk::ALL.into_iter().flat_map(|trunk| {
         let point = points.points.iter().find(|it| it.name == trunk.word());
         let rate_hz = point.map(|it| it.series.rate_hz());
@@ -111,7 +117,23 @@ pub fn of_trial(
         });
         rows.collect::<Vec<_>>()
     });
-    Ok(Found { rows: rows.collect(), warnings: points.warnings })
+    Found { rows: rows.collect(), warnings: points.warnings }
+}
+
+/// Refuses trials of which one is given twice: it would count twice.
+///
+/// # Errors
+/// When one is; it is named.
+pub fn refuse_twice(trials: &[PathBuf]) -> Result<(), BadInput> {
+    let real: Vec<PathBuf> =
+        trials.iter().map(|it| it.canonicalize().unwrap_or_else(|_| it.clone())).collect();
+    match (1..real.len()).find(|at| real[..*at].contains(&real[*at])) {
+        None => Ok(()),
+        Some(at) => {
+            let found = "this trial is given twice";
+            Err(BadInput::whole(trials[at].display(), found, "give each trial once"))
+        }
+    }
 }
 
 /// The table as text, with a header.
@@ -127,12 +149,10 @@ pub fn csv(rows: &[Row]) -> Vec<u8> {
     writer.into_inner().expect("memory has no end of writing")
 }
 
-/// The table as Parquet, with the same columns. A text is as it was given: here none is a formula.
-///
-/// # Panics
-/// Never: the columns are of one length, with a name each.
+/// The columns of the table, as statistics programs name them. A text is as it was given: here none
+/// is a formula.
 #[must_use]
-pub fn parquet(rows: &[Row]) -> Vec<u8> {
+pub fn columns(rows: &[Row]) -> Vec<(String, Values)> {
     let texts =
         |of: fn(&Row) -> &str| Values::Texts(rows.iter().map(|row| of(row).to_owned()).collect());
     let numbers = |of: fn(&Row) -> Option<f64>| Values::SomeNumbers(rows.iter().map(of).collect());
@@ -155,8 +175,16 @@ pub fn parquet(rows: &[Row]) -> Vec<u8> {
         ("rate_hz", numbers(|it| it.rate_hz)),
         ("reason", texts(|it| &it.reason)),
     ];
-    let columns = columns.map(|(name, values)| (name.to_owned(), values));
-    parquet::bytes("figures", &columns, Vec::new()).expect("a row is flat")
+    columns.into_iter().map(|(name, values)| (name.to_owned(), values)).collect()
+}
+
+/// The table as Parquet, with the same columns.
+///
+/// # Panics
+/// Never: the columns are of one length, with a name each.
+#[must_use]
+pub fn parquet(rows: &[Row]) -> Vec<u8> {
+    parquet::bytes("figures", &columns(rows), Vec::new()).expect("a row is flat")
 }
 
 impl Row {

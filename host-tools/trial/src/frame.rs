@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix3;
 use plumbline::pose::{Cam, Pose, Target};
+use plumbline::report::{NoPose, TargetState};
 use plumbline::target::Role;
 use serde::{Deserialize, Serialize};
 
@@ -36,6 +37,17 @@ pub struct Frame {
     pub theta: [Option<[f32; 6]>; 2],
     /// Root mean square reprojection errors, pixels: of the upper target, and of the lower.
     pub rms_px: [Option<f32>; 2],
+    /// What the box says of the upper target, and of the lower; `None` where it has none.
+    pub seen: [Option<Seen>; 2],
+}
+
+/// The state of a target after a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Seen {
+    /// Whether it is being tracked.
+    pub state: TargetState,
+    /// Why it has no pose in the frame; `None` where it has one.
+    pub no_pose: Option<NoPose>,
 }
 
 impl Frame {
@@ -51,12 +63,25 @@ impl Frame {
     /// The pose of the target that a trunk's point is fixed to.
     #[must_use]
     pub fn cam_from_target(&self, trunk: Trunk) -> Option<Pose<Cam, Target>> {
-        let [upper, lower] = self.theta;
-        let theta = match trunk {
-            Trunk::Upper => upper,
-            Trunk::Lower => lower,
-        };
-        Some(Pose::from_theta(theta?.map(f64::from)))
+        Some(Pose::from_theta(self.theta_of(trunk)?.map(f64::from)))
+    }
+
+    /// theta1..6 of that pose.
+    #[must_use]
+    pub fn theta_of(&self, trunk: Trunk) -> Option<[f32; 6]> {
+        self.theta[trunk.place()]
+    }
+
+    /// The reprojection error of that target.
+    #[must_use]
+    pub fn rms_px(&self, trunk: Trunk) -> Option<f32> {
+        self.rms_px[trunk.place()]
+    }
+
+    /// The state of that target.
+    #[must_use]
+    pub fn seen(&self, trunk: Trunk) -> Option<Seen> {
+        self.seen[trunk.place()]
     }
 }
 
@@ -81,6 +106,14 @@ impl Trunk {
         match self {
             Self::Upper => "upper",
             Self::Lower => "lower",
+        }
+    }
+
+    /// Its place in the arrays of a [`Frame`].
+    fn place(self) -> usize {
+        match self {
+            Self::Upper => 0,
+            Self::Lower => 1,
         }
     }
 

@@ -48,6 +48,8 @@ pub struct Points {
     pub points: Vec<Point>,
     /// What t = 0 is, in words.
     pub zero: String,
+    /// The same on the trial's clock, seconds since the first frame; 0 for a table.
+    pub zero_s: f64,
     /// Whether a mark or the stand onset has set t = 0, which is the first frame otherwise.
     pub is_zero_set: bool,
     /// The time of day of t = 0, seconds since 1970 by the clock of the computer that recorded
@@ -78,6 +80,7 @@ impl Points {
             place: table.path.display().to_string(),
             points: vec![point],
             zero: "as in the table".to_owned(),
+            zero_s: 0.0,
             is_zero_set: false,
             zero_utc_s: None,
             verdict: None,
@@ -154,6 +157,7 @@ impl Points {
             place,
             points: shifted,
             zero,
+            zero_s,
             is_zero_set,
             zero_utc_s,
             verdict,

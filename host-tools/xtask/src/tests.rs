@@ -113,12 +113,12 @@ impl Part {
     /// a fifth at least.
     fn disk_mb(self) -> u64 {
         match self {
-            Self::Quick | Self::Native => 3500,
+            Self::Quick | Self::Native => 3900,
             Self::Arm => 1200,
             Self::Armhf => 400,
             Self::BareMetal => 1200,
             Self::Boot => 1600,
-            Self::Long => 4500,
+            Self::Long => 4900,
         }
     }
 

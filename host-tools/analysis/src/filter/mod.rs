@@ -17,6 +17,7 @@
 
 use std::fmt;
 use std::ops::{AddAssign, Mul, Range};
+use std::str::FromStr;
 
 use serde::Serialize;
 
@@ -89,6 +90,42 @@ impl fmt::Display for Design {
                 )
             }
         }
+    }
+}
+
+/// The order of each pass of a Butterworth filter unless another is given; of both together it is the
+/// usual four.
+const ORDER: usize = 2;
+
+impl FromStr for Design {
+    type Err = String;
+
+    /// A filter by its name and its numbers, as in `paper:0.5`, `butterworth:10:2` or `none`; the
+    /// error says what to give instead.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let positive =
+            |text: &str| text.parse::<f64>().ok().filter(|it| *it > 0.0 && it.is_finite());
+        let parts: Vec<&str> = text.split(':').map(str::trim).collect();
+        let design = match parts[..] {
+            ["none"] => Some(Self::None),
+            ["paper"] => Some(Self::PAPER),
+            ["paper", window_s] => {
+                positive(window_s).map(|window_s| Self::SavitzkyGolay { window_s })
+            }
+            ["butterworth", cutoff_hz] => {
+                positive(cutoff_hz).map(|cutoff_hz| Self::Butterworth { cutoff_hz, order: ORDER })
+            }
+            ["butterworth", cutoff_hz, order] => positive(cutoff_hz)
+                .zip(order.parse().ok())
+                .map(|(cutoff_hz, order)| Self::Butterworth { cutoff_hz, order }),
+            _ => None,
+        };
+        design.ok_or_else(|| {
+            format!(
+                "{text:?} is not a filter: give paper, paper:SECONDS, butterworth:HZ, \
+                 butterworth:HZ:ORDER, or none, such as paper:0.5 or butterworth:10"
+            )
+        })
     }
 }
 

@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use clap::Args;
 use plumbline_analysis::filter::Design;
-use plumbline_analysis::sway::{Settings, density};
+use plumbline_analysis::sway::Settings;
+use plumbline_study::method::{Choice, Part};
 use plumbline_trial::points::Points;
 
 /// What figures are of. What is not given is as in the paper; clap has no defaults here, so that
@@ -20,7 +21,7 @@ pub struct Window {
     /// HZ and attenuate like twice the ORDER, and the tables state where they are at -3 dB. Ends are
     /// extended by 3 (ORDER + 1) samples, rotated about the end point. Each part without a gap is
     /// filtered alone; samples in parts that are too short are left out and counted.
-    #[arg(long, value_name = "FILTER", value_parser = filter, allow_hyphen_values = true)]
+    #[arg(long, value_name = "FILTER", allow_hyphen_values = true)]
     filter: Option<Design>,
 
     /// Analyse this time only: FROM-TO in seconds from t = 0, or all [default: from t = 0 on where a
@@ -29,23 +30,15 @@ pub struct Window {
     span: Option<Part>,
 }
 
-/// A part of a recording.
-#[derive(Debug, Clone, PartialEq)]
-enum Part {
-    All,
-    Between(Range<f64>),
-}
-
 impl Window {
     /// The settings for these points, the others as in the paper.
     #[must_use]
     pub fn settings(&self, points: &Points) -> Settings {
-        let span_s = match &self.span {
-            None => points.usual_span_s(),
-            Some(Part::All) => None,
-            Some(Part::Between(span_s)) => Some(span_s.clone()),
-        };
-        Settings { filter: self.filter.unwrap_or_default(), span_s, ..Settings::default() }
+        self.choice().settings(points)
+    }
+
+    fn choice(&self) -> Choice {
+        Choice { filter: self.filter, part: self.span.clone(), ..Choice::default() }
     }
 }
 
@@ -78,35 +71,6 @@ pub struct Method {
     #[arg(long, value_name = "MM")]
     radius: Option<f64>,
 }
-
-/// A filter, as in `paper:0.5`, `butterworth:10:2` or `none`.
-fn filter(text: &str) -> Result<Design, String> {
-    let positive = |text: &str| text.parse::<f64>().ok().filter(|it| *it > 0.0 && it.is_finite());
-    let parts: Vec<&str> = text.split(':').map(str::trim).collect();
-    let design = match parts[..] {
-        ["none"] => Some(Design::None),
-        ["paper"] => Some(Design::PAPER),
-        ["paper", window_s] => {
-            positive(window_s).map(|window_s| Design::SavitzkyGolay { window_s })
-        }
-        ["butterworth", cutoff_hz] => {
-            positive(cutoff_hz).map(|cutoff_hz| Design::Butterworth { cutoff_hz, order: ORDER })
-        }
-        ["butterworth", cutoff_hz, order] => positive(cutoff_hz)
-            .zip(order.parse().ok())
-            .map(|(cutoff_hz, order)| Design::Butterworth { cutoff_hz, order }),
-        _ => None,
-    };
-    design.ok_or_else(|| {
-        format!(
-            "{text:?} is not a filter: give paper, paper:SECONDS, butterworth:HZ, \
-             butterworth:HZ:ORDER, or none, such as paper:0.5 or butterworth:10"
-        )
-    })
-}
-
-/// The order of each pass of a Butterworth filter; of both together it is the usual four.
-const ORDER: usize = 2;
 
 /// What is analysed: `all`, or a span.
 fn part(text: &str) -> Result<Part, String> {
@@ -154,11 +118,13 @@ impl Method {
     /// The settings for these points.
     #[must_use]
     pub fn settings(&self, points: &Points) -> Settings {
-        let paper = self.window.settings(points);
-        let radius_mm = self.radius.unwrap_or(paper.density.radius_mm);
-        let bins_s = if self.bins.is_empty() { paper.bins_s.clone() } else { self.bins.clone() };
-        let covered_min = self.covered_min.unwrap_or(paper.covered_min);
-        Settings { bins_s, covered_min, density: density::Settings { radius_mm }, ..paper }
+        let choice = Choice {
+            bins_s: self.bins.clone(),
+            covered_min: self.covered_min,
+            radius_mm: self.radius,
+            ..self.window.choice()
+        };
+        choice.settings(points)
     }
 }
 
@@ -179,6 +145,7 @@ mod tests {
             place: String::new(),
             points: Vec::new(),
             zero: String::new(),
+            zero_s: 0.0,
             is_zero_set,
             zero_utc_s: None,
             verdict: None,
@@ -220,7 +187,7 @@ mod tests {
         let wrong = ["", "0", "0.5", "-1", "paper:0", "paper:nan", "paper:1:2", "butterworth"];
         let more = ["butterworth:-5", "butterworth:5:x", "butterworth:inf", "butterworth:5:-1"];
         for text in wrong.into_iter().chain(more) {
-            let error = filter(text).unwrap_err();
+            let error = text.parse::<Design>().unwrap_err();
             assert!(error.contains("paper:0.5 or butterworth:10"), "{error}");
         }
     }
@@ -247,6 +214,6 @@ mod tests {
             assert!(help.contains(&format!("[default: {default}]")), "no {default}: {help}");
         }
         let (_, default) = help.split_once("none [default: ").unwrap();
-        assert_eq!(filter(default.split(']').next().unwrap()), Ok(paper.filter));
+        assert_eq!(default.split(']').next().unwrap().parse(), Ok(paper.filter));
     }
 }

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use plumbline_bedside::link::{Carried, Way};
+use plumbline_bedside::link::{Carried, Way, called};
 use plumbline_bedside::setup::Descriptions;
 use plumbline_files::BadInput;
 use plumbline_stream::link::{BAUD, BoxLink};
@@ -61,8 +61,7 @@ impl DescriptionArguments {
 #[must_use]
 pub fn program() -> String {
     let subcommand = std::env::args().nth(1).unwrap_or_default();
-    let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    format!("{subcommand} on {}", computer.trim())
+    called(&subcommand)
 }
 
 /// Parses an address to listen at.

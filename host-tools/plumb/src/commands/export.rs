@@ -4,7 +4,6 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
-use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_trial::Trial;
 use plumbline_trial::export::{Format, Recording, export};
@@ -75,13 +74,6 @@ pub struct Arguments {
 /// # Errors
 /// When the trial cannot be used, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let of_data_sets =
-        [("--session", arguments.session.is_some()), ("--run", arguments.run.is_some())];
-    let given = of_data_sets.iter().find(|(_, is_given)| *is_given);
-    if let Some((option, _)) = given.filter(|_| arguments.format != Format::Bids) {
-        let found = "only a data set has sessions and runs";
-        return Err(BadInput::whole(option, found, "leave it out, or give --format bids").into());
-    }
     let trial = Trial::open(&arguments.trial)?;
     let zero = arguments.zero.unwrap_or(trial.manifest.zero);
     let recording = Recording {

@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         // Many trials take a while: whether the table can be written is found out before.
         Late::new(out, *force)?;
     }
-    refuse_twice(trials)?;
+    tidy::refuse_twice(trials)?;
     let progress = Progress::of_trials(trials.len());
     let found: Vec<Result<Found, BadInput>> = trials
         .par_iter()
@@ -111,17 +111,4 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
 
 fn is_parquet(out: &Path) -> bool {
     out.extension().is_some_and(|it| it.eq_ignore_ascii_case("parquet"))
-}
-
-/// A trial that stands twice in a table would count twice.
-fn refuse_twice(trials: &[PathBuf]) -> Result<(), BadInput> {
-    let real: Vec<PathBuf> =
-        trials.iter().map(|it| it.canonicalize().unwrap_or_else(|_| it.clone())).collect();
-    match (1..real.len()).find(|at| real[..*at].contains(&real[*at])) {
-        None => Ok(()),
-        Some(at) => {
-            let found = "this trial is given twice";
-            Err(BadInput::whole(trials[at].display(), found, "give each trial once"))
-        }
-    }
 }

@@ -9,7 +9,6 @@ use plumbline::config::Config;
 use plumbline::pipeline::Pipeline;
 use plumbline::report::GridRejection;
 use plumbline::report::{NoPose, Report};
-use plumbline::target::Role;
 use plumbline_analysis::statistics::describe::median;
 use plumbline_bedside::draw;
 use plumbline_calibration::Search;
@@ -166,7 +165,7 @@ fn track(
             None => tracking::step(pipeline, &frame),
         };
         seen(&report, started.elapsed());
-        for row in pose_rows(config, frame.index, &report) {
+        for row in PoseRow::of_report(config, frame.index, &report) {
             rows.write(&row)?;
         }
         rows.flush()?;
@@ -176,36 +175,6 @@ fn track(
         }
     }
     Ok(())
-}
-
-/// The rows of one report, one per target, in the order of the configuration.
-fn pose_rows(config: &Config, frame: u64, report: &Report) -> impl Iterator<Item = PoseRow> {
-    let seconds = |time_ns: u64| time_ns as f64 / 1e9;
-    config.targets.iter().zip(&report.targets).map(move |(target, found)| {
-        let state = found.state.word();
-        let measured = match &found.measurement {
-            Ok(measured) => measured,
-            Err(reason) => {
-                let state = format!("{state}: {}", reason.words());
-                let time_s = seconds(report.capture_time_ns);
-                return PoseRow::without_pose(frame, time_s, &target.name, &state);
-            }
-        };
-        let covariance_mm2 = measured.covariance.fixed_view::<3, 3>(3, 3).into_owned();
-        let time_s = seconds(measured.own_time_ns(report.capture_time_ns));
-        let row = PoseRow::without_pose(frame, time_s, &target.name, state)
-            .with_pose(&measured.cam_from_target)
-            .with_quality(&covariance_mm2, measured.rms_px, u32::from(measured.corners));
-        let trunk = match found.role {
-            Role::Upper => report.upper_trunk,
-            Role::Lower => report.lower_trunk,
-            Role::Scene => None,
-        };
-        match trunk {
-            Some(point) => row.with_trunk(&point),
-            None => row,
-        }
-    })
 }
 
 /// Why there is no pose when a target's columns or rows are wrong.

@@ -61,6 +61,21 @@ pub struct Recording<'a> {
     pub force: bool,
 }
 
+impl Recording<'_> {
+    /// Refuses what only a data set has, where a file is made.
+    fn check(&self, format: Format) -> Result<(), BadInput> {
+        let given = [("--session", self.session.is_some()), ("--run", self.run.is_some())];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) if format != Format::Bids => Err(BadInput::whole(
+                option,
+                "only a data set has sessions and runs",
+                "leave it out, or give --format bids",
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// Writes a trial in this format: a file or, for BIDS, a recording in the data set of a folder. The
 /// verdict on the trial goes with it where the format has room: in Parquet's metadata, a parameter of
 /// C3D, the JSON of BIDS; a CSV or a TRC has none.
@@ -75,6 +90,7 @@ pub fn export(
     out: &Path,
     recording: &Recording<'_>,
 ) -> Result<Exported, BadInput> {
+    recording.check(format)?;
     let points = Points::of(trial, zero)?;
     let turned = orientation::of(trial, &points);
     let rows = Rows::of(&points, &turned)?;

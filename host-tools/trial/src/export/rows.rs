@@ -201,6 +201,7 @@ mod tests {
             place: "trial".to_owned(),
             points: tracks.iter().map(point).collect(),
             zero: String::new(),
+            zero_s: 0.0,
             is_zero_set: false,
             zero_utc_s: None,
             verdict: None,

@@ -19,7 +19,7 @@ use plumbline_stream::sessions::{self, Judged, Sessions};
 
 use crate::body::{self, Body};
 use crate::correction::{Correction, corrected};
-use crate::frame::{Frame, Trunk};
+use crate::frame::{Frame, Seen, Trunk};
 use crate::journal::{Content, Entry};
 use crate::manifest::{BoxSeen, EventSeen, Manifest, NoiseSeen, Packets};
 use crate::mark::Mark;
@@ -200,6 +200,10 @@ impl Builder {
                 Some([*a, *b, *c, *x, *y, *z])
             }),
             rms_px: [upper, lower].map(|pose| pose.map(|pose| pose.rms_px)),
+            seen: [Role::Upper, Role::Lower].map(|role| {
+                let target = packet.targets.iter().find(|target| target.role == role)?;
+                Some(Seen { state: target.state, no_pose: target.pose.as_ref().err().copied() })
+            }),
         });
     }
 
