@@ -19,25 +19,30 @@ export class Failed extends Error {
 /** A request that takes longer is given up. */
 const PATIENCE_MS = 30_000;
 
-/** @param {string} path @param {RequestInit} options */
-async function answer(path, options) {
+/** A response that is no failure. @param {string} path @param {RequestInit} options */
+async function responded(path, options) {
   let response;
   try {
     response = await fetch(path, { ...options, signal: AbortSignal.timeout(PATIENCE_MS) });
   } catch {
     throw new Failed(0, null);
   }
+  if (response.ok) return response;
   const body = await response.json().catch(() => null);
-  if (!response.ok) throw new Failed(response.status, body && typeof body.found === "string" ? body : null);
-  return body;
+  throw new Failed(response.status, body && typeof body.found === "string" ? body : null);
 }
+
+/** @param {string} path @param {RequestInit} options */
+const answer = async (path, options) => (await responded(path, options)).json().catch(() => null);
+
+/** A request that changes something. @param {object} body @returns {RequestInit} */
+const posted = (body) => ({ method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
 /** @param {string} path */
 export const get = (path) => answer(path, {});
 
 /** @param {string} path @param {object} [body] */
-export const post = (path, body = {}) =>
-  answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+export const post = (path, body = {}) => answer(path, posted(body));
 
 /**
  * Has the browser keep the bytes that a request answers with under a name, as a download.
@@ -45,14 +50,7 @@ export const post = (path, body = {}) =>
  * @param {string} path @param {string} name
  */
 export async function save(path, name) {
-  let response;
-  try {
-    const headers = { "Content-Type": "application/json" };
-    response = await fetch(path, { method: "POST", headers, body: "{}", signal: AbortSignal.timeout(PATIENCE_MS) });
-  } catch {
-    throw new Failed(0, null);
-  }
-  if (!response.ok) throw new Failed(response.status, await response.json().catch(() => null));
+  const response = await responded(path, posted({}));
   const url = URL.createObjectURL(await response.blob());
   Object.assign(document.createElement("a"), { href: url, download: name }).click();
   // The browser has taken it by then.

@@ -3,17 +3,15 @@
  * them while one types; experts have the whole text.
  */
 
-import { post, problem_words } from "../desk/requests.js";
-import { html, useEffect, useState } from "../vendor/preact-htm.js";
+import { problem_words } from "../desk/requests.js";
+import { html } from "../vendor/preact-htm.js";
 import { number_or_text } from "../words.js";
+import { useChecked } from "./checked.js";
 import { Choice, Field, Note, Tick } from "./elements.js";
 
 /** The fields of box.toml, as the desk has them. @typedef {Record<string, any>} Fields */
 /** Fields as they are typed; numbers are texts. @typedef {Record<string, any>} Draft */
 /** What the desk reads. @typedef {{fields: Fields} | {text: string}} Settings */
-
-/** They are checked when nothing has been typed for so long. */
-const QUIET_MS = 400;
 
 /** @type {[string, string][]} */
 const DRIVERS = [["v4l2", "USB (v4l2)"], ["libcamera", "ribbon cable (libcamera)"]];
@@ -63,25 +61,8 @@ export function fields_of({ capture, links, network, trigger, ...draft }) {
   };
 }
 
-/** What the desk says of settings: their text, or their first fault. @param {Settings} settings */
-export function useChecked(settings) {
-  const [checked, set_checked] = useState(/** @type {import("../desk/wire.js").SettingsChecked} */ ({ settings: null, problem: null }));
-  const typed = JSON.stringify(settings);
-  useEffect(() => {
-    let is_wanted = true;
-    const timer = setTimeout(() => {
-      post("/api/settings/check", { settings }).then(
-        (answer) => is_wanted && set_checked(answer),
-        (error) => is_wanted && set_checked({ settings: null, problem: { place: "", found: error.message, remedy: "" } }),
-      );
-    }, QUIET_MS);
-    return () => {
-      is_wanted = false;
-      clearTimeout(timer);
-    };
-  }, [typed]);
-  return checked;
-}
+/** What the desk says of settings: their text, or their first fault. @param {Settings} settings @returns {import("../desk/wire.js").SettingsChecked} */
+export const useCheckedSettings = (settings) => useChecked("/api/settings/check", settings, (it) => ({ settings: it }));
 
 /** @param {{problem: import("../desk/requests.js").Problem | null}} properties */
 export const SettingsProblem = ({ problem }) => html`<div aria-live="polite">

@@ -3,7 +3,7 @@
 import { get, of_box, post } from "../desk/requests.js";
 import { Busy, LinkNote, can } from "../parts/box.js";
 import { Act, Field, Note } from "../parts/elements.js";
-import { CameraFields, ExpertText, NetworkFields, SettingsProblem, WireFields, draft_of, fields_of, useChecked } from "../parts/settings_form.js";
+import { CameraFields, ExpertText, NetworkFields, SettingsProblem, WireFields, draft_of, fields_of, useCheckedSettings } from "../parts/settings_form.js";
 import { WiresOf } from "../parts/wires.js";
 import { address } from "../shell/route.js";
 import { html, useEffect, useState } from "../vendor/preact-htm.js";
@@ -38,7 +38,7 @@ function Form({ box, first }) {
   const [draft, set_draft] = useState(() => draft_of(first.fields));
   const [text, set_text] = useState(/** @type {string | null} */ (null));
   const settings = text === null ? { fields: fields_of(draft) } : { text };
-  const checked = useChecked(settings);
+  const checked = useCheckedSettings(settings);
   const is_as_before = checked.settings?.text === first.text;
   const can_send = can(box, "settings_send");
   return html`<form class="card" aria-label="Settings" onSubmit=${(/** @type {Event} */ event) => event.preventDefault()}>

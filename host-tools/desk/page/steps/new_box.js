@@ -5,7 +5,7 @@
 
 import { get, of_box, post, save } from "../desk/requests.js";
 import { Act, Field, Note } from "../parts/elements.js";
-import { CameraFields, ExpertText, NetworkFields, SettingsProblem, WireFields, draft_of, fields_of, useChecked } from "../parts/settings_form.js";
+import { CameraFields, ExpertText, NetworkFields, SettingsProblem, WireFields, draft_of, fields_of, useCheckedSettings } from "../parts/settings_form.js";
 import { address, go } from "../shell/route.js";
 import { html, useEffect, useState } from "../vendor/preact-htm.js";
 
@@ -49,7 +49,7 @@ function Form({ first, number, replaces }) {
   const [size, set_size] = useState(first.size_px.join("x"));
   const [text, set_text] = useState(/** @type {string | null} */ (null));
   const settings = text === null ? { fields: fields_of(draft) } : { text };
-  const checked = useChecked(settings);
+  const checked = useCheckedSettings(settings);
   const size_px = size.split(/[x×*]/).map((it) => Number(it.trim()));
   const is_size = size_px.length === 2 && size_px.every((it) => Number.isInteger(it) && it > 0 && it < 65536);
   const set = (/** @type {string} */ name) => (/** @type {string} */ value) => set_draft({ ...draft, [name]: value });

@@ -1,15 +1,13 @@
 /** The protocol of a study, to be edited; the desk checks it while one types. */
 
 import { of_study, post, problem_words } from "../desk/requests.js";
+import { useChecked } from "../parts/checked.js";
 import { Act, Choice, Field, Note, Tick } from "../parts/elements.js";
-import { html, useEffect, useState } from "../vendor/preact-htm.js";
+import { html, useState } from "../vendor/preact-htm.js";
 import { clock, counted, needed_number } from "../words.js";
 
 /** @typedef {import("../desk/wire.js").Study} Study */
 /** Fields as they are typed; numbers are texts. @typedef {Record<string, any>} Draft */
-
-/** It is checked when nothing has been typed for so long. */
-const QUIET_MS = 400;
 
 /** @type {[string, string][]} */
 const ORDERS = [["fixed", "as listed"], ["random", "random"], ["latin_square", "Latin square"]];
@@ -50,27 +48,10 @@ function fields_of({ marks, bins, ...draft }) {
 /** @param {{study: Study, done: (study: Study | null) => void}} properties */
 export function ProtocolEditor({ study, done }) {
   const [draft, set_draft] = useState(() => draft_of(study.protocol.fields));
-  const [checked, set_checked] = useState(/** @type {any} */ (null));
-  const as_sent = () => ({ protocol: { fields: fields_of(draft) } });
-  useEffect(() => {
-    let is_wanted = true;
-    const check = async () => {
-      let answer;
-      try {
-        answer = await post("/api/protocols/check", as_sent());
-      } catch (error) {
-        answer = { problem: { place: "", found: error instanceof Error ? error.message : String(error), remedy: "" } };
-      }
-      if (is_wanted) set_checked(answer);
-    };
-    const timer = setTimeout(() => void check(), QUIET_MS);
-    return () => {
-      is_wanted = false;
-      clearTimeout(timer);
-    };
-  }, [JSON.stringify(draft)]);
+  const as_sent = (/** @type {Draft} */ it) => ({ protocol: { fields: fields_of(it) } });
+  const checked = useChecked("/api/protocols/check", draft, as_sent);
   const set = (/** @type {string} */ name) => (/** @type {any} */ value) => set_draft({ ...draft, [name]: value });
-  const save = async () => done(await post(of_study(study.folder, "protocol"), as_sent()));
+  const save = async () => done(await post(of_study(study.folder, "protocol"), as_sent(draft)));
   const tones = draft.tones ?? { start: false, end: false };
   return html`<form class="card" aria-label="Edit the protocol" onSubmit=${(/** @type {Event} */ event) => event.preventDefault()}>
     <h2>Protocol</h2>
@@ -91,11 +72,11 @@ export function ProtocolEditor({ study, done }) {
     </div>
     <${Conditions} list=${draft.condition} zero=${draft.zero} set=${set("condition")} />
     <div aria-live="polite">
-      ${checked?.problem && html`<${Note} verdict="warn" text=${problem_words({ ...checked.problem, remedy: "" })} remedy=${checked.problem.remedy} />`}
-      ${checked?.protocol && html`<p>${counted(checked.protocol.trials, "trial")}, at least ${clock(checked.protocol.lasts_s)}</p>`}
+      ${checked.problem && html`<${Note} verdict="warn" text=${problem_words({ ...checked.problem, remedy: "" })} remedy=${checked.problem.remedy} />`}
+      ${checked.protocol && html`<p>${counted(checked.protocol.trials, "trial")}, at least ${clock(checked.protocol.lasts_s)}</p>`}
     </div>
     <div class="row">
-      <${Act} kind="first" type="submit" act=${save} disabled=${Boolean(checked?.problem)}>Save the protocol<//>
+      <${Act} kind="first" type="submit" act=${save} disabled=${Boolean(checked.problem)}>Save the protocol<//>
       <button type="button" onClick=${() => done(null)}>Leave it as it was</button>
     </div>
   </form>`;
