@@ -188,13 +188,12 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let is_excused = failed.is_empty() || is_slow && failed.iter().all(is_timed);
     assert!(is_excused, "the clocks' drift {drift_ppm:?} ppm: {failed:?}");
     assert_eq!(code, Some(i32::from(!failed.is_empty())), "{:?}", said.lines().next());
-    let driven = machine.look(|seen| driven(&seen.console));
+    let driven = driven_until_low(&machine);
     drop(machine);
     assert_high_while_recorded(&driven, &frame_times_s(&ward.path("received")));
-    assert_sways_as(
-        &poses::read(&ward.path("received/samples.csv")).expect("a recording"),
-        simulation,
-    );
+    let enough = if is_slow { ENOUGH_OF_A_SLOW_BOX } else { ENOUGH };
+    let rows = poses::read(&ward.path("received/samples.csv")).expect("a recording");
+    assert_sways_as(&rows, enough, simulation);
 }
 
 /// What the box has driven its wire to, as the kernel has traced it: seconds of the box's clock, and
@@ -206,6 +205,16 @@ fn driven(console: &str) -> Vec<(f64, bool)> {
         Some((time_s.parse().ok()?, level == "high"))
     };
     lines.map(|text| one(text).expect("a time and a level")).collect()
+}
+
+/// The same, once the wire has been high and is low again. On a busy computer the box tells much later
+/// what it has driven when: all that measures comes before that.
+fn driven_until_low(machine: &Machine) -> Vec<(f64, bool)> {
+    machine.wait_for("the wire to fall", |seen| {
+        let driven = driven(&seen.console);
+        let rise = driven.iter().position(|(_, is_high)| *is_high)?;
+        driven[rise..].iter().any(|(_, is_high)| !is_high).then_some(driven)
+    })
 }
 
 /// When the frames of a trial were captured, by the box's clock.
@@ -350,10 +359,17 @@ fn is_wrong(worst_mm: &Vector3<f64>) -> bool {
     worst_mm.iter().zip(ERRORS_MM_MAX).any(|(worst_mm, max_mm)| *worst_mm >= max_mm)
 }
 
+/// How many of the 150 frames have both trunk points: at first each target is searched for.
+const ENOUGH: usize = 140;
+
+/// The same where the processor was taken from the box: it misses frames, after which a target may
+/// have to be searched for again. These still tell the sway.
+const ENOUGH_OF_A_SLOW_BOX: usize = 100;
+
 /// Every frame's trunk points, about their mean, are the truth's.
-fn assert_sways_as(rows: &[PoseRow], simulation: &Simulation) {
+fn assert_sways_as(rows: &[PoseRow], enough: usize, simulation: &Simulation) {
     let received = received_points(rows);
-    assert!(received.len() >= 140, "{} of 150 frames have both trunk points", received.len());
+    assert!(received.len() >= enough, "{} of 150 frames have both trunk points", received.len());
     let known = known_points(simulation);
     let worst_mm = worst_errors_mm(&received, &known, &frames_of(&received, &known));
     for (name, worst_mm) in NAMES.iter().zip(worst_mm) {
