@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! sequence      2 3 4   6 5   5 6   9   1
-//! arrival       f n n   n l   r r   n   e       f first, n new, l late, r repeated, e early
+//! arrival       f n n   n l   r r   n   l       f first, n new, l late, r repeated
 //! missing               1 0         2   2
 //! ```
 //!
@@ -39,8 +39,9 @@ const CONFIRMED_BY: u32 = 8;
 /// Most gaps that are remembered: a frame of an older one would count as repeated.
 const GAPS_MAX: usize = 4096;
 
-/// The number of packets that may have overtaken the first one.
-const START_REORDER_MAX: i64 = 4;
+/// How far before the first frame that came another may lie and still belong to what is received: as
+/// far as the box's ring reaches, since a host asks for what it has missed.
+const BEFORE_MAX: u64 = RING_PACKETS as u64;
 
 /// What a pose packet is, judged by its number and its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,8 +55,8 @@ pub enum Arrival {
     },
     /// One that was missing; it was overtaken on the way.
     Late,
-    /// One from before the first: what lies between may have come before anybody listened, so that
-    /// it is no part of what is received.
+    /// One from so long before the first that nobody can have asked for it: no part of what is
+    /// received.
     Early,
     /// One that had already come.
     Repeated,
@@ -236,15 +237,14 @@ impl Accounting {
         if !first.may_follow(place) {
             return Arrival::Implausible;
         }
-        let is_overtaken = self.counts.received <= START_REORDER_MAX.unsigned_abs()
-            && first.number - place.number <= START_REORDER_MAX;
-        if !is_overtaken {
+        let frames = place.number.abs_diff(first.number);
+        if frames > BEFORE_MAX {
             return Arrival::Early;
         }
         self.first = Some(place);
         // Those in between are missing now, and this one, until it is counted.
-        self.counts.lost += place.number.abs_diff(first.number);
-        if first.number - place.number > 1 {
+        self.counts.lost += frames;
+        if frames > 1 {
             self.miss(place, first);
         }
         Arrival::Late
@@ -329,7 +329,7 @@ mod tests {
 
     #[test]
     fn every_order_of_arrival_is_told_from_the_others() {
-        let table: [(&str, &[Come], [u64; 5]); 9] = [
+        let table: [(&str, &[Come], [u64; 5]); 10] = [
             // received, lost, repeated, late, implausible
             ("in order", &[(7, 7, First), (8, 8, NEXT)], [2, 0, 0, 0, 0]),
             ("lost", &[(0, 0, First), (4, 4, after(3))], [2, 3, 0, 0, 0]),
@@ -373,8 +373,28 @@ mod tests {
                 [4, 1, 1, 2, 0],
             ),
             (
+                "asked for again, when others had come",
+                &[
+                    (9, 9, First),
+                    (10, 10, NEXT),
+                    (11, 11, NEXT),
+                    (12, 12, NEXT),
+                    (13, 13, NEXT),
+                    (2, 2, Late),
+                    (8, 8, Late),
+                    (8, 8, Repeated),
+                    (14, 14, NEXT),
+                ],
+                [8, 5, 1, 2, 0],
+            ),
+            (
                 "from before anybody listened",
-                &[(100, 100, First), (50, 50, Early), (99, 101, Implausible), (101, 101, NEXT)],
+                &[
+                    (20_000, 20_000, First),
+                    (20_000 - BEFORE_MAX as u32 - 1, 50, Early),
+                    (19_999, 20_001, Implausible),
+                    (20_001, 20_001, NEXT),
+                ],
                 [2, 0, 0, 1, 1],
             ),
             (
@@ -473,8 +493,7 @@ mod tests {
                 let now_ns = 4500 * FRAME_NS;
                 for index in (0..4500).map(order).filter(|it| *it >= first) {
                     let arrival = pose(index, now_ns + 1_000 * index);
-                    let is_counted = arrival.is_frame() || arrival == Early;
-                    assert!(is_counted, "order {number}, frame {index} is {arrival:?}");
+                    assert!(arrival.is_frame(), "order {number}, frame {index} is {arrival:?}");
                 }
                 assert_eq!(accounting.counts().lost, 0, "order {number}");
             }
