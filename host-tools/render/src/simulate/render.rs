@@ -165,16 +165,16 @@ impl PlaneMap {
         Some(Self { plane_by_ray })
     }
 
+    /// The point in homogeneous coordinates: its x and y times z, mm, and z.
     #[inline]
-    fn point_mm(&self, ray: &Vector2<f64>) -> Vector2<f64> {
-        let homogeneous = self.plane_by_ray * Vector3::new(ray.x, ray.y, 1.0);
-        homogeneous.xy() / homogeneous.z
+    fn homogeneous(&self, ray: &Vector2<f64>) -> Vector3<f64> {
+        self.plane_by_ray * Vector3::new(ray.x, ray.y, 1.0)
     }
 
     /// The point, mm, and its Jacobian with respect to the ray.
     #[inline]
     fn point_with_jacobian(&self, ray: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
-        let homogeneous = self.plane_by_ray * Vector3::new(ray.x, ray.y, 1.0);
+        let homogeneous = self.homogeneous(ray);
         let inverse = 1.0 / homogeneous.z;
         let point = homogeneous.xy() * inverse;
         let linear = self.plane_by_ray.fixed_view::<2, 2>(0, 0);
@@ -389,6 +389,12 @@ impl Scratch {
             correlation: Correlation::none(),
         }
     }
+
+    /// Prepares for a blur of this covariance.
+    fn prepare(&mut self, covariance: &Matrix2<f64>, rules: &Rules) {
+        let rho = covariance.m12 / (covariance.m11 * covariance.m22).sqrt();
+        self.correlation.prepare(rho, &rules.correlation);
+    }
 }
 
 /// A board in view.
@@ -448,71 +454,91 @@ impl Painter<'_> {
                 .cell(columns.before + column, rows.before + row)
                 .map_or(background, |grey| grey * gain)
         };
-        if columns.lines_mm.is_empty() && rows.lines_mm.is_empty() {
-            return self.board.cell(columns.before, rows.before).map(|grey| grey * gain);
-        }
-
         let cdf = NormalCdf::new();
         let inverse_sd = sd_mm.map(|sd| 1.0 / sd);
-        let corners = !columns.lines_mm.is_empty() && !rows.lines_mm.is_empty();
-        if corners {
-            let rho = covariance.m12 * inverse_sd.x * inverse_sd.y;
-            scratch.correlation.prepare(rho, &self.optics.rules.correlation);
-        }
-        let points = self
-            .optics
-            .rules
-            .pixel
-            .iter()
-            .flat_map(|x| self.optics.rules.pixel.iter().map(move |y| (x, y)));
-        let points = points.map(|([x_px, x_weight], [y_px, y_weight])| {
-            let there = ray + ray_by_raw * Vector2::new(*x_px, *y_px);
-            (self.map.point_mm(&there), x_weight * y_weight)
-        });
-        // Almost all pixels see only one edge or one corner.
-        if columns.lines_mm.len() <= 1 && rows.lines_mm.len() <= 1 {
-            let (x_line, y_line) = (columns.lines_mm.first(), rows.lines_mm.first());
-            let first = cell(0, 0);
-            let across = x_line.map_or(0.0, |_| cell(1, 0) - first);
-            let down = y_line.map_or(0.0, |_| cell(0, 1) - first);
-            let twist = if corners { cell(1, 1) - first - across - down } else { 0.0 };
-            let value = points.map(|(point_mm, weight)| {
-                let h = x_line.map_or(0.0, |line| (point_mm.x - line) * inverse_sd.x);
-                let k = y_line.map_or(0.0, |line| (point_mm.y - line) * inverse_sd.y);
-                let past_x = if x_line.is_some() { cdf.at(h) } else { 0.0 };
-                let past_y = if y_line.is_some() { cdf.at(k) } else { 0.0 };
-                let mut sum = across * past_x + down * past_y;
-                if twist != 0.0 {
-                    sum += twist * (past_x * past_y + scratch.correlation.added(h, k));
-                }
-                weight * sum
-            });
-            return Some(first + value.sum::<f64>());
-        }
-        let value = points.map(|(point_mm, weight)| {
-            let (h, k) = (&mut scratch.h, &mut scratch.k);
-            let (across, down) = (&mut scratch.x_probabilities, &mut scratch.y_probabilities);
-            columns.probabilities(cdf, point_mm.x, inverse_sd.x, h, across);
-            rows.probabilities(cdf, point_mm.y, inverse_sd.y, k, down);
-            let mut sum = 0.0;
-            for (row, down) in down.iter().enumerate() {
-                for (column, across) in across.iter().enumerate() {
-                    sum += across * down * cell(column, row);
-                }
+        let first = cell(0, 0);
+        let mean = match (columns.lines_mm, rows.lines_mm) {
+            ([], []) => {
+                return self.board.cell(columns.before, rows.before).map(|grey| grey * gain);
             }
-            for (row, k) in k.iter().enumerate() {
-                for (column, h) in h.iter().enumerate() {
-                    let twist = cell(column, row) + cell(column + 1, row + 1)
-                        - cell(column + 1, row)
-                        - cell(column, row + 1);
-                    if twist != 0.0 {
-                        sum += twist * scratch.correlation.added(*h, *k);
+            // Almost all others see only one edge or one corner.
+            ([line], []) => {
+                let across = cell(1, 0) - first;
+                let past = |x_mm: f64| cdf.at((x_mm - line) * inverse_sd.x);
+                first + self.mean(ray, ray_by_raw, |point_mm| across * past(point_mm.x))
+            }
+            ([], [line]) => {
+                let down = cell(0, 1) - first;
+                let past = |y_mm: f64| cdf.at((y_mm - line) * inverse_sd.y);
+                first + self.mean(ray, ray_by_raw, |point_mm| down * past(point_mm.y))
+            }
+            ([x_line], [y_line]) => {
+                scratch.prepare(&covariance, &self.optics.rules);
+                let correlation = &scratch.correlation;
+                let (across, down) = (cell(1, 0) - first, cell(0, 1) - first);
+                let twist = cell(1, 1) - first - across - down;
+                let mean = self.mean(ray, ray_by_raw, |point_mm| {
+                    let h = (point_mm.x - x_line) * inverse_sd.x;
+                    let k = (point_mm.y - y_line) * inverse_sd.y;
+                    let (past_x, past_y) = (cdf.at(h), cdf.at(k));
+                    let both =
+                        if twist == 0.0 { 0.0 } else { past_x * past_y + correlation.added(h, k) };
+                    across * past_x + down * past_y + twist * both
+                });
+                first + mean
+            }
+            _ => {
+                scratch.prepare(&covariance, &self.optics.rules);
+                self.mean(ray, ray_by_raw, |point_mm| {
+                    let (h, k) = (&mut scratch.h, &mut scratch.k);
+                    let (across, down) =
+                        (&mut scratch.x_probabilities, &mut scratch.y_probabilities);
+                    columns.probabilities(cdf, point_mm.x, inverse_sd.x, h, across);
+                    rows.probabilities(cdf, point_mm.y, inverse_sd.y, k, down);
+                    let mut sum = 0.0;
+                    for (row, down) in down.iter().enumerate() {
+                        for (column, across) in across.iter().enumerate() {
+                            sum += across * down * cell(column, row);
+                        }
                     }
-                }
+                    for (row, k) in k.iter().enumerate() {
+                        for (column, h) in h.iter().enumerate() {
+                            let twist = cell(column, row) + cell(column + 1, row + 1)
+                                - cell(column + 1, row)
+                                - cell(column, row + 1);
+                            if twist != 0.0 {
+                                sum += twist * scratch.correlation.added(*h, *k);
+                            }
+                        }
+                    }
+                    sum
+                })
             }
-            weight * sum
-        });
-        Some(value.sum())
+        };
+        Some(mean)
+    }
+
+    /// The mean of a smooth function of the target's plane, mm, over the pixel's square, through
+    /// the lens and the perspective.
+    #[inline(always)]
+    fn mean(
+        &self,
+        ray: &Vector2<f64>,
+        ray_by_raw: &Matrix2<f64>,
+        mut value: impl FnMut(Vector2<f64>) -> f64,
+    ) -> f64 {
+        let rule = &self.optics.rules.pixel[..];
+        let centre = self.map.homogeneous(ray);
+        let by_raw = self.map.plane_by_ray.fixed_columns::<2>(0) * ray_by_raw;
+        let mut sum = 0.0;
+        for [x_px, x_weight] in rule {
+            let column = centre + by_raw.column(0) * *x_px;
+            for [y_px, y_weight] in rule {
+                let there = column + by_raw.column(1) * *y_px;
+                sum += x_weight * y_weight * value(there.xy() * (1.0 / there.z));
+            }
+        }
+        sum
     }
 }
 

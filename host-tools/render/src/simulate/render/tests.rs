@@ -70,7 +70,7 @@ fn brute_force(
     let sample = |fine_x: f64, fine_y: f64| {
         let at = |fine: f64, start: usize| start as f64 - half as f64 - 0.5 + fine / FINE as f64;
         let raw_px = Vector2::new(at(fine_x, corner[0]), at(fine_y, corner[1]));
-        let point = map.point_mm(&lens.ray_from_raw(&raw_px).unwrap());
+        let (point, _) = map.point_with_jacobian(&lens.ray_from_raw(&raw_px).unwrap());
         board.grey_at(point.x, point.y).unwrap_or(BACKGROUND)
     };
     // The weight of a sub-sample at distance d: the blurred square of the pixel, times the width of
