@@ -4,14 +4,18 @@
 set -eu
 cd "$(dirname "$0")"
 
-! command -v cargo && ! command -v rustc
+if command -v cargo || command -v rustc; then
+    echo "there is a Rust here"
+    exit 1
+fi
 apt-get install --yes --no-install-recommends ./plumb_*.deb
 plumb --version
 ldd /usr/bin/plumb
 
 echo "== pages for man and completions"
-MANPAGER=cat man plumb | grep -q "one camera and two printed targets"
-MANPAGER=cat man plumb-receive | grep -q -- --duration
+export MANPAGER=cat MANWIDTH=300
+man plumb | grep -q "one camera and two printed targets"
+man plumb-receive | grep -q -- --duration
 bash -c '
     . /usr/share/bash-completion/bash_completion
     . /usr/share/bash-completion/completions/plumb

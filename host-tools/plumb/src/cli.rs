@@ -60,7 +60,8 @@ const EXIT_FAILED: u8 = 1;
 /// Runs the program on its command line.
 #[must_use]
 pub fn run() -> ExitCode {
-    let arguments = Arguments::parse();
+    // On Windows `photos/*.png` comes as it was typed.
+    let arguments = Arguments::parse_from(wild::args_os());
     match carry_out(&arguments.command) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(EXIT_FAILED),

@@ -191,8 +191,8 @@ fn format_and_lint(journal: &mut Journal) {
     journal.check("lint", || {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
-        // "All targets" are those that `cargo test` runs; this one is separate.
-        let lint = ["clippy", "--workspace", "--test", "boot", "--"];
+        // "All targets" are those that `cargo test` runs; these are separate.
+        let lint = ["clippy", "--workspace", "--test", "boot", "--test", "dist", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
 }

@@ -2,7 +2,7 @@
 //! library, otherwise Debian's, which builds it if it must. Programs for Linux and macOS are linked by
 //! zig, which knows the C libraries of old systems; those for Windows by MinGW's gcc.
 //!
-//! Each platform has a directory of its own below `target/dist-build`, and nothing of it shows in the
+//! Each platform has a directory of its own below `target/dist-work`, and nothing of it shows in the
 //! programs: paths are replaced by names that are the same everywhere.
 
 use std::env;
@@ -20,8 +20,10 @@ use crate::python::Packages;
 use crate::setup::{self, Need, Probe};
 
 /// The tools from Python's package index.
-pub const TOOLS: Packages =
-    Packages { requirements: "host-tools/xtask/src/dist/requirements.txt", place: "dist-tools" };
+pub const TOOLS: Packages = Packages {
+    requirements: "host-tools/xtask/src/dist/requirements.txt",
+    place: "dist-work/python",
+};
 
 /// The oldest C library that programs for Linux start with: that of Debian 10, RHEL 8 and Ubuntu 20.04.
 pub const GLIBC: &str = "2.28";
@@ -73,10 +75,6 @@ impl Platform {
 
     pub const fn is_windows(self) -> bool {
         matches!(self, Self::WindowsX86_64)
-    }
-
-    pub const fn is_macos(self) -> bool {
-        matches!(self, Self::MacosAarch64 | Self::MacosX86_64)
     }
 
     /// Whether its programs run on this computer.
@@ -179,7 +177,7 @@ impl Builder {
         }
     }
 
-    /// Runs a program of the platform's kind of files: the version of the compiler that made it.
+    /// The version of the compiler and of its standard library.
     pub fn compiler_version(&self) -> Result<String> {
         self.compiler.version()
     }
@@ -190,7 +188,7 @@ impl Builder {
     }
 
     fn directory(&self) -> PathBuf {
-        work().join(self.platform.name())
+        work().join("build").join(self.platform.name())
     }
 
     /// A cargo that builds for the platform.
@@ -263,7 +261,7 @@ impl Builder {
 
 /// The directory for everything that is built on the way.
 pub fn work() -> PathBuf {
-    target_directory().join("dist-build")
+    target_directory().join("dist-work")
 }
 
 /// MinGW's linker without Rust's own start-up objects. They are empty on 64-bit Windows, and a standard

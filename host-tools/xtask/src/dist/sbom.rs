@@ -42,8 +42,10 @@ struct Part {
 }
 
 impl Part {
+    /// Its address (a package URL), in which some letters have another meaning.
     fn reference(&self) -> String {
-        format!("pkg:{}/{}@{}", self.kind, self.name, self.version)
+        let version = self.version.replace('+', "%2B").replace(':', "%3A");
+        format!("pkg:{}/{}@{version}", self.kind, self.name)
     }
 }
 
@@ -266,6 +268,7 @@ mod tests {
         let names: Vec<_> =
             json["components"].as_array().unwrap().iter().map(|it| &it["name"]).collect();
         assert_eq!(names, ["clap", "clap_lex", "libm", "plumb", "debian/busybox-static"]);
+        assert_eq!(json["components"][4]["purl"], "pkg:deb/debian/busybox-static@1%3A1.37.0-6");
         let clap = &json["components"][0];
         assert_eq!(clap["hashes"][0]["content"], "ab".repeat(32));
         assert_eq!(json["components"][1]["licenses"][0]["expression"], "MIT OR Apache-2.0");
