@@ -408,8 +408,11 @@ fn released(journal: &mut Journal) {
         return;
     }
     journal.check("debian", || dist::use_in_debian(&out));
-    let test = ["test", "--workspace", "--test", "dist", "--", "--nocapture", "--test-threads=1"];
-    let task = Task::cargo().args(test).env(dist::VARIABLE, &out.to_string_lossy());
+    let test = ["test", "--package", "xtask", "--test", "dist", "--", "--nocapture"];
+    let task = Task::cargo()
+        .args(test)
+        .args(["--test-threads=1"])
+        .env(dist::VARIABLE, &out.to_string_lossy());
     let task = task.env(SKIPS, &journal.skips.to_string_lossy());
     journal.tests("windows", |each_line| task.run_and_read(each_line));
 }

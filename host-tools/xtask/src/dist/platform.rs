@@ -110,8 +110,10 @@ impl Platform {
     pub fn builder(self, commit: &Commit) -> Result<Builder> {
         setup::ensure(&[setup::LINKER, setup::PYTHON, setup::BINUTILS, self.linking_needs()])?;
         TOOLS.prepare()?;
-        cross::add_target(self.triple());
         let (needs, built) = self.fallback();
+        if !setup::are_there(needs) {
+            cross::add_target(self.triple());
+        }
         let compiler = Compiler::of(self.triple(), needs)?;
         let built = if compiler == Compiler::Debian { built } else { None };
         Ok(Builder { platform: self, compiler, built, epoch: commit.epoch() })

@@ -10,7 +10,7 @@ use crate::command::{Task, root};
 use crate::image::DebianRoot;
 use crate::setup::{self, Need, Probe};
 
-/// The variable that tells the tests in `tests/dist` where the files are.
+/// The variable that tells the tests in `host-tools/xtask/tests/dist` where the files are.
 pub const VARIABLE: &str = "PLUMBLINE_DIST";
 
 /// The release in which the package and the wheel are installed.
@@ -28,6 +28,9 @@ const PACKAGES: &[&str] = &[
     "python3-venv",
     "zsh",
 ];
+
+/// What is done there.
+const SCRIPT: &str = "host-tools/xtask/tests/dist/debian.sh";
 
 const WINE: &[Need] = &[
     Need {
@@ -52,7 +55,7 @@ pub fn make_for_tests(out: &Path) -> Result<()> {
 }
 
 /// Installs the package and the wheel in a fresh Debian, and uses both there; what is done is in
-/// `tests/dist/debian.sh`.
+/// [`SCRIPT`].
 pub fn use_in_debian(out: &Path) -> Result<()> {
     let bring = out.join("to-debian");
     if bring.exists() {
@@ -67,7 +70,7 @@ pub fn use_in_debian(out: &Path) -> Result<()> {
         }
     }
     let script = bring.join("debian.sh");
-    fs::copy(root().join("tests/dist/debian.sh"), &script).context("tests/dist/debian.sh")?;
+    fs::copy(root().join(SCRIPT), &script).context(SCRIPT)?;
     // Pages for man are left out of the smallest Debians, unless one says otherwise.
     Task::new("mmdebstrap")
         .args(["--variant=minbase", "--format=null"])

@@ -42,8 +42,9 @@ impl Bench {
             entries.filter(is).max().unwrap_or_else(|| panic!("no {ending} in {}", dist.display()))
         };
         let unpack = |program: &str, arguments: &[&str], archive: &Path| {
-            let done = Command::new(program).args(arguments).arg(archive).current_dir(&folder);
-            assert!(done.status().unwrap().success(), "{}", archive.display());
+            let mut command = Command::new(program);
+            command.args(arguments).arg(archive).current_dir(&folder);
+            assert!(command.status().unwrap().success(), "{}", archive.display());
         };
         unpack("tar", &["--strip-components=1", "-xzf"], &only("linux-x86-64.tar.gz"));
         unpack("unzip", &["-q", "-j"], &only("windows-x86-64.zip"));
