@@ -41,8 +41,13 @@ pub struct Way {
 /// What a program on this computer is called at boxes.
 #[must_use]
 pub fn called(program: &str) -> String {
-    let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    format!("{program} on {}", computer.trim())
+    format!("{program} on {}", this_computer())
+}
+
+/// What this computer is called.
+#[must_use]
+pub fn this_computer() -> String {
+    gethostname::gethostname().to_string_lossy().into_owned()
 }
 
 impl Way {

@@ -61,9 +61,9 @@ pub fn form(udp: &[SocketAddr]) -> Result<NewBoxForm, BadInput> {
 
 /// Where a box can send to, so that it is heard here.
 fn addresses(udp: &[SocketAddr]) -> Vec<SocketAddr> {
-    let own = nix::ifaddrs::getifaddrs().into_iter().flatten();
-    let own = own.filter_map(|it| it.address?.as_sockaddr_in().map(|it| IpAddr::V4(it.ip())));
-    let own: Vec<IpAddr> = own.filter(|it| !it.is_loopback()).collect();
+    let own = if_addrs::get_if_addrs().into_iter().flatten();
+    let own = own.filter(|it| !it.is_loopback()).map(|it| it.ip());
+    let own: Vec<IpAddr> = own.filter(IpAddr::is_ipv4).collect();
     let mut all: Vec<SocketAddr> = udp
         .iter()
         .flat_map(|heard| {

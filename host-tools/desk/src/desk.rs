@@ -107,13 +107,12 @@ impl Desk {
                 Err(error) => problems.push(error),
             }
         }
-        let computer = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
         let desk = Self {
             hub,
             memory: Arc::clone(&memory),
             folder: folder.clone(),
             udp: settings.udp,
-            computer: computer.trim().to_owned(),
+            computer: plumbline_bedside::link::this_computer(),
             streams: Mutex::new(settings.ways.warnings().iter().map(|it| on_page(it)).collect()),
             around: Around {
                 folder,

@@ -18,6 +18,7 @@ pub mod frames;
 pub mod lens_id;
 mod output;
 pub mod poses;
+pub mod private;
 pub mod room;
 pub mod scene;
 pub mod targets;

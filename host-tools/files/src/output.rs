@@ -1,22 +1,18 @@
 //! The one place that writes files.
 //!
-//! What is measured on people is readable by its owner alone, whatever the umask: files have the
-//! mode 0600, also where they replace one that others could read, and directories that are made
-//! have 0700. Directories that exist stay as they are.
+//! What is measured on people is readable by its owner alone ([`private`]): files also where they
+//! replace one that others could read, and directories that are made. Directories that exist stay as
+//! they are.
 //!
 //! The directories above an output are made. Where it is a symbolic link, the link stays, and the file
 //! that it names is written. Nothing is overwritten unasked, and an output that
 //! fails leaves nothing behind, neither a part of a file nor an empty directory.
 
-use std::fs::{DirBuilder, File, Permissions};
+use std::fs::File;
 use std::io::{ErrorKind, Write};
-use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
-use crate::BadInput;
-
-const FILE_MODE: u32 = 0o600;
-const DIRECTORY_MODE: u32 = 0o700;
+use crate::{BadInput, private};
 
 /// As many symbolic links as Linux follows, one after the other.
 const LINKS_MAX: usize = 40;
@@ -45,37 +41,17 @@ pub fn create(path: &Path, force: bool) -> Result<File, BadInput> {
 }
 
 fn open_new(path: &Path, force: bool) -> std::io::Result<File> {
-    let mut options = File::options();
-    options.write(true).mode(FILE_MODE);
+    let mut options = private::options();
+    options.write(true);
     if force {
         options.create(true).truncate(true)
     } else {
         options.create_new(true)
     };
     let file = options.open(path)?;
-    owner_only(&file)?;
+    // One that was there keeps its mode when it is opened.
+    private::own_file(&file)?;
     Ok(file)
-}
-
-/// One that was there keeps its mode when it is opened. Devices and pipes belong to others.
-fn owner_only(file: &File) -> std::io::Result<()> {
-    if !file.metadata()?.is_file() {
-        return Ok(());
-    }
-    or_without_owners(file.set_permissions(Permissions::from_mode(FILE_MODE)))
-}
-
-/// On file systems without owners, such as those of cards and some networks, nothing can be kept
-/// from anybody: that is no reason to write nothing.
-fn or_without_owners(outcome: std::io::Result<()>) -> std::io::Result<()> {
-    match outcome {
-        Err(error)
-            if matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::Unsupported) =>
-        {
-            Ok(())
-        }
-        outcome => outcome,
-    }
 }
 
 fn exists_already(path: &Path, remedy: &str) -> BadInput {
@@ -220,7 +196,7 @@ fn beside(
 ) -> Result<tempfile::NamedTempFile, BadInput> {
     let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
     let file = tempfile::NamedTempFile::new_in(directory_of(path)).map_err(failed)?;
-    owner_only(file.as_file()).map_err(failed)?;
+    private::own_file(file.as_file()).map_err(failed)?;
     fill(file.as_file())?;
     // Otherwise the name may be on the disk before the content.
     file.as_file().sync_all().map_err(failed)?;
@@ -274,16 +250,11 @@ impl Made {
         let is_missing = |it: &&Path| !it.as_os_str().is_empty() && !it.exists();
         let missing: Vec<&Path> = path.ancestors().take_while(is_missing).collect();
         for directory in missing.into_iter().rev() {
-            match DirBuilder::new().mode(DIRECTORY_MODE).create(directory) {
+            match private::make_directory(directory) {
                 // Another program was faster, or the name has `..` in it.
                 Err(error) if error.kind() == ErrorKind::AlreadyExists && directory.is_dir() => {}
                 Err(error) => return Err(error),
-                Ok(()) => {
-                    // The umask may have taken from the owner as well.
-                    let mode = Permissions::from_mode(DIRECTORY_MODE);
-                    or_without_owners(std::fs::set_permissions(directory, mode))?;
-                    self.directories.push(directory.to_owned());
-                }
+                Ok(()) => self.directories.push(directory.to_owned()),
             }
         }
         Ok(())
@@ -332,8 +303,10 @@ pub fn refuse_overwriting<'a>(
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
     use std::io::Read as _;
     use std::os::fd::AsRawFd as _;
+    use std::os::unix::fs::PermissionsExt as _;
 
     use super::*;
 

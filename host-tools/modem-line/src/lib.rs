@@ -6,37 +6,39 @@
 //! Where the driver tells of changes (TIOCMIWAIT, with TIOCGICOUNT to count them), a thread waits for
 //! them; elsewhere it asks again and again, and does not see what is shorter than the time between two
 //! questions. An adapter on USB is itself asked at times of its own, so that it tells late: that adds
-//! to the uncertainty.
+//! to the uncertainty. All of this is Linux; on other systems every line is asked again and again.
 //!
 //! ```text
-//! calls     the kernel's calls                   follower  which changes are assertions, and when
+//! linux     waits for changes, or asks           follower  which changes are assertions, and when
+//! calls     the kernel's calls                   asked     ports of other systems, which are asked
 //! adapter   how late an adapter tells of them
 //! ```
 
+#[cfg(target_os = "linux")]
 mod adapter;
+#[cfg(not(target_os = "linux"))]
+mod asked;
+#[cfg(target_os = "linux")]
 mod calls;
 mod follower;
+#[cfg(target_os = "linux")]
+mod linux;
 
 use std::fmt;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::OpenOptionsExt as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use nix::errno::Errno;
-use nix::libc::{O_NOCTTY, O_NONBLOCK};
-
-use adapter::Adapter;
+#[cfg(not(target_os = "linux"))]
+use asked::Port;
 use follower::{Follower, Seen};
+#[cfg(target_os = "linux")]
+use linux::Port;
 
 /// How often a driver is asked that does not tell of changes.
 const ASK_EVERY: Duration = Duration::from_micros(500);
-
-/// How often a line is looked at until nothing changes meanwhile.
-const LOOKS_MAX: u32 = 8;
 
 /// One of the lines by which a device tells its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,7 +110,7 @@ pub struct Asserted {
 /// A line that is being watched.
 #[derive(Debug, Clone)]
 pub struct Watch {
-    port: Arc<File>,
+    port: Arc<Port>,
     line: Line,
     missed: Arc<AtomicU64>,
 }
@@ -124,7 +126,7 @@ impl Watch {
     /// Whether the device has gone, so that nothing more comes.
     #[must_use]
     pub fn is_gone(&self) -> bool {
-        calls::is_on(&self.port, self.line).is_err()
+        self.port.is_on(self.line).is_err()
     }
 }
 
@@ -175,91 +177,24 @@ impl ModemLine {
         &self,
         mut take: impl FnMut(Asserted) -> bool + Send + 'static,
     ) -> Result<Watch, Error> {
-        let port = File::options()
-            .read(true)
-            .write(true)
-            .custom_flags(O_NOCTTY | O_NONBLOCK)
-            .open(&self.device)
-            .map_err(Error::Device)?;
         let line = self.line;
-        let is_on = calls::is_on(&port, line).map_err(|error| Error::NoLines(error.desc()))?;
-        calls::stay_open(&port).map_err(|error| Error::Device(error.into()))?;
-        let adapter = Adapter::of(&port);
-        if adapter.is_cdc_acm && line == Line::Cts {
-            return Err(Error::NoCts);
-        }
+        let (port, is_on) = Port::open(&self.device, line)?;
         let watch = Watch { port: Arc::new(port), line, missed: Arc::default() };
         let (port, missed) = (Arc::clone(&watch.port), Arc::clone(&watch.missed));
         thread::spawn(move || {
-            let mut tell = |seen: Seen| {
+            let late = port.late();
+            port.follow(line, is_on, &mut |seen: Seen| {
                 missed.fetch_add(seen.missed, Ordering::Relaxed);
-                take(Asserted { at: seen.at, uncertain: seen.uncertain + adapter.late })
-            };
-            match calls::changes(&port, line) {
-                Ok(changes) => {
-                    let follower = Follower::new(is_on, changes, Instant::now());
-                    wait(&port, line, follower, adapter.late, &mut tell);
-                }
-                Err(_) => ask(&port, line, Follower::new(is_on, 0, Instant::now()), &mut tell),
-            }
+                take(Asserted { at: seen.at, uncertain: seen.uncertain + late })
+            });
         });
         Ok(watch)
     }
 }
 
-/// Waits for changes; asks, if the driver cannot be waited for.
-fn wait(
-    port: &File,
-    line: Line,
-    mut follower: Follower,
-    late: Duration,
-    tell: &mut impl FnMut(Seen) -> bool,
-) {
-    let mut now = Instant::now();
-    loop {
-        // Until nothing has changed: a change before the next wait does not end that.
-        loop {
-            match calls::changes(port, line) {
-                Err(_) => return,
-                Ok(changes) if changes == follower.changes() => break,
-                Ok(_) => {}
-            }
-            let Ok((is_on, changes)) = look(port, line, &follower, late) else { return };
-            if follower.woken(is_on, changes, now).is_some_and(|seen| !tell(seen)) {
-                return;
-            }
-            now = Instant::now();
-        }
-        match calls::wait(port, line) {
-            Ok(()) | Err(Errno::EINTR) => now = Instant::now(),
-            Err(Errno::EIO | Errno::ENODEV | Errno::ENXIO) => return,
-            Err(_) => return ask(port, line, follower, tell),
-        }
-    }
-}
-
-/// How the line is, and how often it has changed until then.
-fn look(port: &File, line: Line, follower: &Follower, late: Duration) -> nix::Result<(bool, u32)> {
-    let mut has_settled = false;
-    for _ in 0..LOOKS_MAX {
-        let changes = calls::changes(port, line)?;
-        let is_on = calls::is_on(port, line)?;
-        if calls::changes(port, line)? != changes {
-            continue;
-        }
-        if has_settled || follower.agrees(is_on, changes) {
-            return Ok((is_on, changes));
-        }
-        // Some drivers ask the adapter how the line is, and count its change when it tells of it.
-        thread::sleep(late + ASK_EVERY);
-        has_settled = true;
-    }
-    // It changes all the time.
-    Ok((calls::is_on(port, line)?, calls::changes(port, line)?))
-}
-
-fn ask(port: &File, line: Line, mut follower: Follower, tell: &mut impl FnMut(Seen) -> bool) {
-    while let Ok(is_on) = calls::is_on(port, line) {
+/// Asks again and again, until nobody wants to be told any more or the device has gone.
+fn ask(port: &Port, line: Line, mut follower: Follower, tell: &mut dyn FnMut(Seen) -> bool) {
+    while let Ok(is_on) = port.is_on(line) {
         if follower.asked(is_on, Instant::now()).is_some_and(|seen| !tell(seen)) {
             return;
         }

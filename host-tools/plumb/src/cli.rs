@@ -2,11 +2,11 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, optics, pair,
-    prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
+    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, manual, optics,
+    pair, prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
     validate,
 };
 
@@ -46,6 +46,7 @@ enum Command {
     Validate(validate::Arguments),
     Prove(prove::Arguments),
     Simulate(simulate::SimulateArguments),
+    Manual(manual::Arguments),
 }
 
 /// Exit code for input that cannot be used, the same as clap's for a wrong command line.
@@ -59,7 +60,8 @@ const EXIT_FAILED: u8 = 1;
 /// Runs the program on its command line.
 #[must_use]
 pub fn run() -> ExitCode {
-    let arguments = Arguments::parse();
+    // On Windows `photos/*.png` comes as it was typed.
+    let arguments = Arguments::parse_from(wild::args_os());
     match carry_out(&arguments.command) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(EXIT_FAILED),
@@ -97,6 +99,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Export(arguments) => export::run(arguments),
         Command::Validate(arguments) => validate::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Manual(arguments) => manual::run(arguments, Arguments::command()),
     }?;
     Ok(true)
 }

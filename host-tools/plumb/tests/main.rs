@@ -13,6 +13,7 @@ mod figures;
 mod keys;
 mod link;
 mod live_box;
+mod manual;
 mod pair;
 mod pair_live;
 mod physiology;

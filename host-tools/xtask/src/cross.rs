@@ -10,11 +10,12 @@
 
 use std::env;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use plumbline_test_support::RUNNER;
 
-use crate::command::{Task, target_directory};
+use crate::command::{Task, root, target_directory};
 use crate::setup::{self, Need, Probe};
 
 /// A kind of ARM processor that runs Linux programs.
@@ -98,7 +99,8 @@ pub const BUILT_LIBRARY: &[Need] = &[
     },
 ];
 
-const AARCH64_LINKING: &[Need] = &[
+/// Links for 64-bit ARM.
+pub const AARCH64_LINKING: &[Need] = &[
     Need {
         probe: Probe::Program("aarch64-linux-gnu-gcc"),
         package: "gcc-aarch64-linux-gnu",
@@ -116,7 +118,19 @@ const AARCH64_LINKING: &[Need] = &[
     },
 ];
 
-const AARCH64_COMPILER: &[Need] = &[
+/// Debian's standard library for the processor of most computers.
+pub const X86_64_COMPILER: &[Need] = &[
+    RUSTC,
+    CARGO,
+    Need {
+        probe: Probe::Package("libstd-rust-web-dev:amd64"),
+        package: "libstd-rust-web-dev:amd64",
+        why: "Rust's standard library for x86-64",
+    },
+];
+
+/// Debian's standard library for 64-bit ARM.
+pub const AARCH64_COMPILER: &[Need] = &[
     RUSTC,
     CARGO,
     Need {
@@ -209,7 +223,7 @@ impl Compiler {
     }
 
     /// The environment variables that make cargo use Debian's compiler.
-    fn environment(built: Option<&str>) -> Vec<(&'static str, &str)> {
+    pub fn environment(built: Option<&str>) -> Vec<(&'static str, &str)> {
         let mut environment = vec![("RUSTC", "/usr/bin/rustc"), ("RUSTDOC", "/usr/bin/rustdoc")];
         if let Some(built) = built {
             // Building the standard library is unstable but needs only this: the sources are those
@@ -219,6 +233,38 @@ impl Compiler {
         }
         environment
     }
+}
+
+/// Lets rustup add its standard library for a target. Where there is no rustup or no network,
+/// nothing changes, and Debian's compiler is used.
+pub fn add_target(triple: &str) {
+    let list = Task::new("rustup").args(["target", "list", "--installed"]).output();
+    if list.is_ok_and(|list| !list.lines().any(|line| line == triple))
+        && let Err(error) =
+            Task::new("rustup").args(["target", "add", triple]).run_within(TARGET_WITHIN)
+    {
+        println!("{error:#}");
+    }
+}
+
+/// The time limit for a target's standard library: on some networks the download hangs.
+const TARGET_WITHIN: Duration = Duration::from_secs(90);
+
+/// Flags for rustc that replace the paths of this computer by names that are the same everywhere, so
+/// that a program does not tell where it was built; `directory` is what cargo builds in. Of two that
+/// fit, the later one counts.
+pub fn without_paths(directory: &Path) -> Result<String> {
+    let cargo = match env::var_os("CARGO_HOME") {
+        Some(home) => PathBuf::from(home),
+        None => env::home_dir().context("this user has no home directory")?.join(".cargo"),
+    };
+    let names = [
+        (root().to_owned(), "/plumbline"),
+        (directory.to_owned(), "/target"),
+        (cargo.join("registry/src"), "/registry"),
+    ];
+    let flags = names.map(|(path, name)| format!("--remap-path-prefix={}={name}", path.display()));
+    Ok(flags.join(" "))
 }
 
 /// Where a program finds its C library.
@@ -309,7 +355,7 @@ impl Toolchain {
             ("CARGO_TARGET_DIR".into(), self.target_directory(linking).display().to_string()),
             (format!("{own}_LINKER"), self.target.linker().into()),
             (format!("{own}_RUNNER"), self.target.emulator().into()),
-            (format!("{own}_RUSTFLAGS"), linking.rustflags(self.target)),
+            (format!("{own}_RUSTFLAGS"), self.rustflags(linking)),
             (RUNNER.into(), self.target.emulator().into()),
         ];
         environment.extend(linking.environment());
@@ -317,6 +363,16 @@ impl Toolchain {
             environment.extend(self.headers_and_libraries(root));
         }
         environment
+    }
+
+    /// The flags of the linking, and those that keep this computer's paths out of the programs.
+    fn rustflags(&self, linking: Linking) -> String {
+        let flags = linking.rustflags(self.target);
+        match without_paths(&self.target_directory(linking)) {
+            Ok(without) => format!("{flags} {without}"),
+            // Without a home directory there is no registry there either.
+            Err(_) => flags,
+        }
     }
 
     /// The environment with which build scripts find the headers and libraries of the root: for

@@ -5,6 +5,7 @@
 //! | `demo` | builds the release programs and runs `plumb demo` |
 //! | `test` | formatting, lints, build, tests, and the proof that the core needs no heap |
 //! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
+//! | `dist` | makes what people download: programs, packages, wheels, images |
 //! | `bench` | measures the figures that README.md quotes |
 //!
 //! Exit codes: 0 done, 1 something failed, 2 the input cannot be used, or the machine lacks
@@ -19,7 +20,9 @@ mod command;
 #[cfg(test)]
 mod crates;
 mod cross;
+mod debian;
 mod demo;
+mod dist;
 mod generated;
 mod image;
 mod instructions;
@@ -55,6 +58,9 @@ enum Task {
     Test(tests::Arguments),
     /// Make what a box boots from: for QEMU, an SD card, or a Debian package.
     Image(image::Arguments),
+    /// Make what people download: programs for each platform, Debian packages, wheels, the box's
+    /// card, with lists of components and SHA-256 sums.
+    Dist(dist::Arguments),
     /// Measure speed, spread and memory on rendered frames, beside OpenCV where
     /// Python has it.
     Bench(bench::Arguments),
@@ -65,6 +71,7 @@ fn main() -> ExitCode {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test(arguments) => tests::run(&arguments),
         Task::Image(arguments) => image::run(&arguments),
+        Task::Dist(arguments) => dist::run(&arguments),
         Task::Bench(arguments) => bench::run(&arguments),
     };
     match done {

@@ -18,7 +18,7 @@ use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, image, python, setup};
+use crate::{agreement, bare, bare_metal, dist, image, python, setup};
 
 mod journal;
 
@@ -69,6 +69,9 @@ enum Part {
     /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet
     /// computer; only when it is named.
     Long,
+    /// What people download: the Debian package and the wheel in a fresh Debian without Rust, and the
+    /// Windows program under Wine beside a box. Half an hour; only when it is named.
+    Dist,
 }
 
 impl Part {
@@ -102,9 +105,10 @@ impl Part {
             Self::Armhf => Target::Armv7.prepare(),
             Self::BareMetal => bare_metal::prepare(),
             Self::Boot => image::prepare_for_tests(),
+            Self::Dist => dist::prepare_for_tests(),
             Self::Long => {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
-                python::prepare()
+                python::READERS.prepare()
             }
         }
     }
@@ -119,6 +123,7 @@ impl Part {
             Self::BareMetal => 1200,
             Self::Boot => 1600,
             Self::Long => 4900,
+            Self::Dist => 6000,
         }
     }
 
@@ -131,6 +136,7 @@ impl Part {
             Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
             Self::Long => long(journal),
+            Self::Dist => released(journal),
         }
         Ok(())
     }
@@ -185,8 +191,8 @@ fn format_and_lint(journal: &mut Journal) {
     journal.check("lint", || {
         let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
-        // "All targets" are those that `cargo test` runs; this one is separate.
-        let lint = ["clippy", "--workspace", "--test", "boot", "--"];
+        // "All targets" are those that `cargo test` runs; these are separate.
+        let lint = ["clippy", "--workspace", "--test", "boot", "--test", "dist", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
 }
@@ -206,7 +212,7 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
 
 fn native(journal: &mut Journal) {
     // A download, in parallel with compiling.
-    let python = thread::spawn(python::prepare);
+    let python = thread::spawn(|| python::READERS.prepare());
     format_and_lint(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
@@ -260,8 +266,11 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let debian = DebianRoot::fetch()?;
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
-    let has_readers =
-        all && readers(journal, setup::ensure(&[setup::PYTHON]).and_then(|()| python::prepare()));
+    let has_readers = all
+        && readers(
+            journal,
+            setup::ensure(&[setup::PYTHON]).and_then(|()| python::READERS.prepare()),
+        );
     let cargo = || {
         let task = toolchain
             .cargo(linking)
@@ -303,7 +312,7 @@ fn readers(journal: &mut Journal, prepared: Result<()>) -> bool {
 /// Tells the tests which Python has the readers.
 fn with_readers(task: Task, has_readers: bool) -> Task {
     if has_readers {
-        task.env(python::VARIABLE, &python::program().to_string_lossy())
+        task.env(python::VARIABLE, &python::READERS.program().to_string_lossy())
     } else {
         task
     }
@@ -390,6 +399,22 @@ fn long(journal: &mut Journal) {
         let task = with_readers(task, true);
         journal.tests(name, |each_line| task.run_and_read(each_line));
     }
+}
+
+/// What people download, used where they use it.
+fn released(journal: &mut Journal) {
+    let out = target_directory().join("dist-tests");
+    if !journal.check("dist", || dist::make_for_tests(&out)) {
+        return;
+    }
+    journal.check("debian", || dist::use_in_debian(&out));
+    let test = ["test", "--package", "xtask", "--test", "dist", "--", "--nocapture"];
+    let task = Task::cargo()
+        .args(test)
+        .args(["--test-threads=1"])
+        .env(dist::VARIABLE, &out.to_string_lossy());
+    let task = task.env(SKIPS, &journal.skips.to_string_lossy());
+    journal.tests("windows", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

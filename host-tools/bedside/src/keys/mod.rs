@@ -8,16 +8,15 @@
 //! sees the old or the new one; who changes something holds a lock from reading it to writing it, so
 //! that nothing that another program has noted is lost.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::ErrorKind;
 use std::net::SocketAddr;
-use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use plumbline::config::is_visible;
 use plumbline::limits::DEVICE_TEXT_BYTES_MAX;
 use plumbline::seal::{Key, KeyId};
-use plumbline_files::BadInput;
+use plumbline_files::{BadInput, private};
 use zeroize::Zeroizing;
 
 use crate::kept;
@@ -67,7 +66,7 @@ impl Store {
     /// When others can look into it.
     pub fn at(folder: PathBuf) -> Result<Self, BadInput> {
         match std::fs::metadata(&folder) {
-            Ok(metadata) => refuse_shared(&folder, metadata.permissions().mode(), "700")?,
+            Ok(metadata) => refuse_shared(&folder, &metadata, "700")?,
             // It is made with the first key.
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(BadInput::io(folder.display(), &error)),
@@ -313,8 +312,8 @@ impl Store {
     fn lock(&self) -> Result<File, BadInput> {
         plumbline_files::make_directory(&self.folder)?;
         let path = self.folder.join(LOCK);
-        let mut options = File::options();
-        let file = options.create(true).truncate(false).write(true).mode(0o600).open(&path);
+        let mut options = private::options();
+        let file = options.create(true).truncate(false).write(true).open(&path);
         file.and_then(|file| file.lock().map(|()| file))
             .map_err(|error| BadInput::io(path.display(), &error))
     }
@@ -384,7 +383,7 @@ pub fn refuse_key_as_argument(argument: &str) -> Result<(), BadInput> {
 fn read(path: &Path) -> Result<KnownBox, BadInput> {
     let place = path.display().to_string();
     let metadata = std::fs::metadata(path).map_err(|error| BadInput::io(&place, &error))?;
-    refuse_shared(path, metadata.permissions().mode(), "600")?;
+    refuse_shared(path, &metadata, "600")?;
     let text = Zeroizing::new(plumbline_files::read_text(path)?);
     let known = KnownBox::parse(&text, &place)?;
     if path.file_stem().and_then(|it| it.to_str()) != Some(&known.key.id().to_string()) {
@@ -400,11 +399,9 @@ fn read(path: &Path) -> Result<KnownBox, BadInput> {
 }
 
 /// Refuses a file or a folder that others can use.
-fn refuse_shared(path: &Path, mode: u32, wanted: &str) -> Result<(), BadInput> {
-    if mode & 0o077 == 0 {
-        return Ok(());
-    }
-    let found = format!("others on this computer can use it (mode {:03o})", mode & 0o777);
+fn refuse_shared(path: &Path, metadata: &Metadata, wanted: &str) -> Result<(), BadInput> {
+    let Some(mode) = private::shared_mode(metadata) else { return Ok(()) };
+    let found = format!("others on this computer can use it (mode {mode:03o})");
     let remedy = format!(
         "chmod {wanted} {}; if somebody may have read it, give the box a new key: \
          `plumb provision --new-key`",

@@ -235,6 +235,10 @@ fn password(file: Option<&Path>) -> Result<String, BadInput> {
 /// What Ctrl-C sends where the terminal makes no signal of it.
 const CTRL_C: u8 = 3;
 
+/// What the key that takes the last letter back sends there.
+const BACKSPACE: u8 = 8;
+const DELETE: u8 = 0x7f;
+
 /// The longest line that a terminal gives.
 const LINE_BYTES_MAX: usize = 4096;
 
@@ -244,7 +248,11 @@ fn typed_line(terminal: impl BufRead) -> Result<String, BadInput> {
     let mut line = Vec::new();
     for byte in terminal.bytes().take(LINE_BYTES_MAX) {
         match byte.map_err(|error| BadInput::io(PLACE, &error))? {
-            b'\n' => break,
+            b'\n' | b'\r' => break,
+            // Where the terminal does not take the last letter back itself.
+            BACKSPACE | DELETE => {
+                while line.pop().is_some_and(|byte| byte & 0b1100_0000 == 0b1000_0000) {}
+            }
             CTRL_C => {
                 return Err(BadInput::whole(PLACE, "it was not given", "start the desk again"));
             }
@@ -258,8 +266,10 @@ fn typed_line(terminal: impl BufRead) -> Result<String, BadInput> {
 
 /// A terminal that shows nothing of what is typed, until this is dropped. Ctrl-C ends the line, because a
 /// program that it ended would leave the terminal so.
+#[cfg(unix)]
 struct Hidden(Option<nix::sys::termios::Termios>);
 
+#[cfg(unix)]
 impl Hidden {
     fn begin() -> Self {
         use nix::sys::termios::SpecialCharacterIndices::VEOL;
@@ -275,11 +285,31 @@ impl Hidden {
     }
 }
 
+#[cfg(unix)]
 impl Drop for Hidden {
     fn drop(&mut self) {
         if let Some(before) = &self.0 {
             let how = nix::sys::termios::SetArg::TCSANOW;
             let _ = nix::sys::termios::tcsetattr(std::io::stdin(), how, before);
         }
+    }
+}
+
+/// A console that shows nothing of what is typed, until this is dropped. Ctrl-C is a letter as well.
+#[cfg(not(unix))]
+struct Hidden;
+
+#[cfg(not(unix))]
+impl Hidden {
+    fn begin() -> Self {
+        let _ = crossterm::terminal::enable_raw_mode();
+        Self
+    }
+}
+
+#[cfg(not(unix))]
+impl Drop for Hidden {
+    fn drop(&mut self) {
+        let _ = crossterm::terminal::disable_raw_mode();
     }
 }

@@ -10,6 +10,7 @@ pub mod doctor;
 pub mod export;
 pub mod figures;
 pub mod keys;
+pub mod manual;
 pub mod optics;
 pub mod pair;
 pub mod prove;

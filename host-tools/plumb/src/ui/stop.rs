@@ -9,13 +9,21 @@ use plumbline::packet::Message;
 use plumbline_files::BadInput;
 use plumbline_stream::link::BoxLink;
 use plumbline_stream::transport::{Event, Transport};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+/// Ctrl-C, a request to end, and a terminal that is closed.
+#[cfg(unix)]
+const SIGNALS: &[i32] =
+    &[signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+
+/// Ctrl-C and a request to end. Windows ends a program whose console is closed without asking it.
+#[cfg(not(unix))]
+const SIGNALS: &[i32] = &[signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM];
 
 /// A flag that is set by Ctrl-C, by a request to end, and by a terminal that is closed.
 pub fn stop_on_signals() -> Result<Arc<AtomicBool>, BadInput> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
+    for signal in SIGNALS {
+        signal_hook::flag::register(*signal, Arc::clone(&stop))
             .map_err(|error| BadInput::whole("Ctrl-C", error, "report it: it can be handled"))?;
     }
     Ok(stop)

@@ -5,10 +5,12 @@
 //! newest packages are fetched again.
 
 use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use flate2::read::GzDecoder;
 
 use crate::command::{Task, target_directory};
 use crate::setup::{self, Need, Probe};
@@ -137,6 +139,27 @@ impl DebianRoot {
     /// The path of the kernel itself.
     pub fn kernel_path(&self) -> Result<PathBuf> {
         Ok(self.path.join(format!("boot/vmlinuz-{}", self.kernel_version()?)))
+    }
+
+    /// The packages of which parts get onto a card, with their versions.
+    pub fn versions(&self) -> Result<Vec<(String, String)>> {
+        let kernel = format!("linux-image-{}", self.kernel_version()?);
+        let names = [kernel, "raspi-firmware".into(), "busybox-static".into(), "libc6".into()];
+        names.into_iter().map(|name| Ok((name.clone(), self.version(&name)?))).collect()
+    }
+
+    /// The version of a package, by the first line of its changes: `name (version) ...`.
+    fn version(&self, name: &str) -> Result<String> {
+        let directory = self.path.join("usr/share/doc").join(name);
+        let changes = ["changelog.Debian.gz", "changelog.gz"].map(|it| directory.join(it));
+        let path = changes.iter().find(|it| it.is_file());
+        let path = path.with_context(|| format!("{}: no list of changes", directory.display()))?;
+        let failed = || path.display().to_string();
+        let file = fs::File::open(path).with_context(failed)?;
+        let mut line = String::new();
+        BufReader::new(GzDecoder::new(file)).read_line(&mut line).with_context(failed)?;
+        let version = line.split(['(', ')']).nth(1).with_context(failed)?;
+        Ok(version.to_owned())
     }
 
     /// Which module needs which, as computed by depmod.

@@ -33,6 +33,7 @@ use clap::ValueEnum;
 
 use crate::command::{BadInput, target_directory};
 use crate::cross::{Linking, Target};
+use crate::debian;
 use crate::setup;
 pub use archive::Archive;
 use config::Provided;
@@ -98,7 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let default = match arguments.what {
         What::Virt => "virt".into(),
         What::Rpi4 => "plumbline-rpi4.img".into(),
-        What::Deb => format!("plumbline-board_{}_arm64.deb", deb::VERSION),
+        What::Deb => format!("plumbline-board_{}_arm64.deb", debian::VERSION),
     };
     let out = arguments.out.clone().unwrap_or_else(|| directory().join(default));
     // The programs that make the image run in other directories.
@@ -119,18 +120,28 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     match arguments.what {
         What::Virt => virt::make(&Parts::make()?, &provided, &out),
         What::Rpi4 => rpi4::make(&Parts::make()?, &provided, &out),
-        What::Deb => {
-            prepare()?;
-            let debian = DebianRoot::fetch()?;
-            let program = built_with_libcamera(&debian, Profile::Release)?;
-            deb::make(&program, &out)
-        }
+        What::Deb => make_deb(&out),
     }
+}
+
+/// Makes the image of an SD card without a configuration; returns the Debian packages of which parts are
+/// in it, with their versions.
+pub fn make_card(out: &Path) -> Result<Vec<(String, String)>> {
+    let parts = Parts::make()?;
+    rpi4::make(&parts, &Provided::default(), out)?;
+    parts.debian.versions()
+}
+
+/// Makes the Debian package of the box's program.
+pub fn make_deb(out: &Path) -> Result<()> {
+    prepare()?;
+    let debian = DebianRoot::fetch()?;
+    deb::make(&built_with_libcamera(&debian, Profile::Release)?, out)
 }
 
 /// Installs what making the images needs.
 pub fn prepare() -> Result<()> {
-    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, deb::NEEDS])?;
+    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian::NEEDS])?;
     DebianRoot::prepare()?;
     Target::Aarch64.prepare()
 }

@@ -1,11 +1,7 @@
 //! What a terminal can show, as far as it answers.
 
-use std::fs::File;
-use std::io::{self, Read, Write};
-use std::os::fd::AsFd;
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
-
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 /// A terminal answers within this, also over a network.
 const ANSWER_WITHIN: Duration = Duration::from_millis(500);
@@ -26,31 +22,48 @@ pub struct Ability {
     pub cell_px: Option<[u16; 2]>,
 }
 
-/// Asks the terminal, which must be in raw mode.
+/// Asks the terminal, which must be in raw mode. A Windows console is not asked: it hands over its
+/// answer as keys, one by one, which nobody could tell from a person's. It counts as one that shows
+/// blocks, unless sixels are wanted.
 ///
 /// # Errors
 /// When it cannot be written to or read from.
 pub fn ask(out: &mut impl Write) -> io::Result<Ability> {
+    if cfg!(windows) {
+        return Ok(Ability::default());
+    }
     out.write_all(QUESTIONS)?;
     out.flush()?;
-    // The standard library would read ahead, and keep a key that was pressed meanwhile.
-    let mut terminal = File::from(io::stdin().as_fd().try_clone_to_owned()?);
     let until = Instant::now() + ANSWER_WITHIN;
     let mut answer = Vec::new();
-    while !is_complete(&answer) {
-        let left = until.saturating_duration_since(Instant::now());
-        let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO);
-        let mut waiting = [PollFd::new(terminal.as_fd(), PollFlags::POLLIN)];
-        if poll(&mut waiting, timeout)? == 0 {
-            break;
-        }
-        let mut buffer = [0; 64];
-        match terminal.read(&mut buffer)? {
-            0 => break,
-            count => answer.extend_from_slice(&buffer[..count]),
-        }
-    }
+    while !is_complete(&answer) && read_until(until, &mut answer)? {}
     Ok(understood(&answer))
+}
+
+/// Reads what the terminal sends, without reading ahead as the standard library would, which keeps a
+/// key that was pressed meanwhile. False when nothing more comes.
+#[cfg(unix)]
+fn read_until(until: Instant, answer: &mut Vec<u8>) -> io::Result<bool> {
+    use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+    use std::io::Read as _;
+    use std::os::fd::AsFd as _;
+
+    let stdin = io::stdin();
+    let left = until.saturating_duration_since(Instant::now());
+    let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO);
+    if poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], timeout)? == 0 {
+        return Ok(false);
+    }
+    let mut buffer = [0; 64];
+    let count = std::fs::File::from(stdin.as_fd().try_clone_to_owned()?).read(&mut buffer)?;
+    answer.extend_from_slice(&buffer[..count]);
+    Ok(count > 0)
+}
+
+/// Nothing: a Windows console is not asked.
+#[cfg(not(unix))]
+fn read_until(_: Instant, _: &mut Vec<u8>) -> io::Result<bool> {
+    Ok(false)
 }
 
 /// The answers in what has come: after ESC [, numbers and a letter.

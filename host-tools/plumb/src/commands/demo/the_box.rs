@@ -14,16 +14,27 @@ const VARIABLE: &str = "PLUMBLINE_BOARD";
 /// The program ends by itself this long after its last frame, or is made to.
 const END_MAX: Duration = Duration::from_secs(5);
 
-/// The box's program: `PLUMBLINE_BOARD`, or beside this program.
+/// Where an installation has it, from the directory of this program.
+const INSTALLED: &str = "../lib/plumb/plumbline-board";
+
+/// The box's program: `PLUMBLINE_BOARD`, or beside this program, or where an installation has it.
 pub fn program() -> Result<PathBuf> {
     let (path, remedy) = match std::env::var_os(VARIABLE) {
         Some(path) => (PathBuf::from(path), format!("correct the variable {VARIABLE}")),
+        None if !cfg!(target_os = "linux") => bail!(
+            "the box's program runs on Linux only, so that there is no demonstration here; \
+             `plumb simulate` renders a person for `plumb track`, and `plumb receive` takes the \
+             packets of a box in the network"
+        ),
         None => {
             let own = std::env::current_exe().context("this program cannot find itself")?;
             let remedy = format!(
                 "build it with `cargo build --release -p plumbline-board`, or set {VARIABLE} to it"
             );
-            (own.with_file_name("plumbline-board"), remedy)
+            let places = [own.with_file_name("plumbline-board"), own.with_file_name(INSTALLED)];
+            let [beside, _] = &places;
+            let found = places.iter().find(|it| it.is_file()).unwrap_or(beside);
+            (found.clone(), remedy)
         }
     };
     if !path.is_file() {

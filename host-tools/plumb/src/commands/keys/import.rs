@@ -1,12 +1,11 @@
 //! `plumb keys import`: a key from another computer, or from a card.
 
 use std::io::{IsTerminal as _, Read as _, stdin};
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 use plumbline::seal::Key;
 use plumbline_bedside::keys::{KnownBox, Store, device_text, refuse_key_as_argument};
-use plumbline_files::BadInput;
+use plumbline_files::{BadInput, private};
 use zeroize::Zeroizing;
 
 /// Far more than the text of a key.
@@ -93,7 +92,7 @@ fn from_file(path: &Path) -> Result<Key, BadInput> {
     let place = path.display().to_string();
     let text = Zeroizing::new(plumbline_files::read_text(path)?);
     let key = of(&text, &place)?;
-    if std::fs::metadata(path).is_ok_and(|it| it.permissions().mode() & 0o077 != 0) {
+    if std::fs::metadata(path).is_ok_and(|it| private::shared_mode(&it).is_some()) {
         eprintln!("warning: {place}: others on this computer can read it: remove it, or chmod 600");
     }
     Ok(key)

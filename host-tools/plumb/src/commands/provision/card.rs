@@ -1,9 +1,8 @@
 //! The configuration and the key on a card: the FAT file system that a box starts from, in an image's
 //! file or on the card itself.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
-use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
 use fatfs::{Date, DateTime, FileSystem, FsOptions, Time, TimeProvider};
@@ -148,25 +147,43 @@ const REPLACE_CARD: &str = "take another card";
 /// Opens the image or the card, for this program alone.
 fn open(card: &Path) -> Result<File, BadInput> {
     let place = card.display();
-    File::options()
-        .read(true)
-        .write(true)
-        // Of a device that is mounted, the system would overwrite what is written here.
-        .custom_flags(libc::O_EXCL)
-        .open(card)
-        .map_err(|error| match error.kind() {
-            ErrorKind::ResourceBusy => BadInput::whole(
-                &place,
-                "it is mounted",
-                format!("unmount it, or write to the place where it is: --out PLACE/{FILE_NAME}"),
+    let mut options = File::options();
+    options.read(true).write(true);
+    alone(&mut options);
+    if cfg!(windows) && place.to_string().starts_with(r"\\.\") {
+        return Err(BadInput::whole(
+            &place,
+            "Windows lets programs write to a card's device in whole sectors only",
+            format!(
+                "its first partition has a letter, such as E: write there, --out E:\\{FILE_NAME}"
             ),
-            ErrorKind::IsADirectory => BadInput::whole(
-                &place,
-                "is a directory",
-                format!("write the file there: --out {place}/{FILE_NAME}"),
-            ),
-            _ => BadInput::io(&place, &error),
-        })
+        ));
+    }
+    options.open(card).map_err(|error| match error.kind() {
+        ErrorKind::ResourceBusy => BadInput::whole(
+            &place,
+            "it is mounted",
+            format!("unmount it, or write to the place where it is: --out PLACE/{FILE_NAME}"),
+        ),
+        ErrorKind::IsADirectory => BadInput::whole(
+            &place,
+            "is a directory",
+            format!("write the file there: --out {place}/{FILE_NAME}"),
+        ),
+        _ => BadInput::io(&place, &error),
+    })
+}
+
+/// Of a device that is mounted, the system would overwrite what is written here.
+#[cfg(unix)]
+fn alone(options: &mut OpenOptions) {
+    std::os::unix::fs::OpenOptionsExt::custom_flags(options, libc::O_EXCL);
+}
+
+/// Shared with no other program.
+#[cfg(windows)]
+fn alone(options: &mut OpenOptions) {
+    std::os::windows::fs::OpenOptionsExt::share_mode(options, 0);
 }
 
 /// The file system that a box would find, and where it is, in words.

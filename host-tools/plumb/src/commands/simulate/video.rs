@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{self, Write};
-use std::os::fd::AsFd;
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -73,8 +72,11 @@ impl Video {
 
 /// Standard output without the standard library's line buffer: a frame is passed on whole, at once.
 pub(super) fn standard_output() -> anyhow::Result<File> {
-    let stdout = io::stdout().as_fd().try_clone_to_owned().context("standard output")?;
-    Ok(File::from(stdout))
+    #[cfg(unix)]
+    let stdout = std::os::fd::AsFd::as_fd(&io::stdout()).try_clone_to_owned();
+    #[cfg(windows)]
+    let stdout = std::os::windows::io::AsHandle::as_handle(&io::stdout()).try_clone_to_owned();
+    Ok(File::from(stdout.context("standard output")?))
 }
 
 /// Nothing wrong when the reader of a pipe has had enough.
