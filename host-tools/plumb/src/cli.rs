@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, optics, pair,
+    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, gateway, keys, optics, pair,
     prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
     validate,
 };
@@ -36,6 +36,7 @@ enum Command {
     Doctor(doctor::Arguments),
     Desk(desk::Arguments),
     Receive(receive::Arguments),
+    Gateway(gateway::Arguments),
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
     Budget(budget::Arguments),
@@ -80,6 +81,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Desk(arguments) => desk::run(arguments),
+        Command::Gateway(arguments) => gateway::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Scene(arguments) => scene::run(arguments),
