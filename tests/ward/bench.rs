@@ -54,7 +54,8 @@ impl Bench {
         let host = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         for number in 0..boxes {
             keys::know(folder.path(), &key(number));
-            let file = keys::data(folder.path()).join(format!("plumbline/keys/{}.toml", key(number).id()));
+            let file =
+                keys::data(folder.path()).join(format!("plumbline/keys/{}.toml", key(number).id()));
             let text = std::fs::read_to_string(&file).unwrap();
             let serial_number = serial_number(number);
             std::fs::write(&file, format!("{text}serial_number = \"{serial_number}\"\n")).unwrap();
@@ -79,8 +80,9 @@ impl Bench {
         let (host, port) = (self.host, self.broker.port);
         let common = format!(
             "gateway --broker localhost:{port} --user {user} --password-file {user}.txt --ca {ca} \
-             --folder ward --udp {host} --every 1 {arguments}"
+             --folder ward --udp {host} {arguments}"
         );
+        let common = if arguments.contains("--every") { common } else { common + " --every 1" };
         let said = self.path("gateway-said.txt");
         let file = File::options().create(true).append(true).open(&said).unwrap();
         let mut command = command(plumb());

@@ -5,6 +5,9 @@ use std::io::Write as _;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use plumbline_test_support::{Absent, skip};
@@ -42,7 +45,10 @@ impl Broker {
     pub fn start(folder: &Path) -> Option<Self> {
         let needed = ["mosquitto", "mosquitto_passwd", "mosquitto_sub", "mosquitto_rr"];
         if let Some(missing) = needed.iter().find(|it| program(it).is_none()) {
-            skip(Absent::Tool, &format!("there is no {missing}: Debian's mosquitto, mosquitto-clients"));
+            skip(
+                Absent::Tool,
+                &format!("there is no {missing}: Debian's mosquitto, mosquitto-clients"),
+            );
             return None;
         }
         let folder = folder.join("broker");
@@ -64,7 +70,7 @@ impl Broker {
             "user root\nlistener {port} 127.0.0.1\ncertfile {here}/server.pem\nkeyfile {here}/server.key\n\
              tls_version tlsv1.2\nallow_anonymous false\npassword_file {here}/passwords\n\
              acl_file {here}/acl\npersistence true\npersistence_location {here}/\n\
-             max_queued_messages 0\n"
+             autosave_on_changes true\nautosave_interval 1\nmax_queued_messages 0\n"
         );
         std::fs::write(broker.folder.join("mosquitto.conf"), settings).unwrap();
         broker.restart();
@@ -117,11 +123,25 @@ impl Broker {
     /// Whoever reads everything, also what is published while the broker starts again.
     pub fn reader(&self) -> Reader {
         let said = self.path("read.txt");
+        let file = File::options().create(true).append(true).open(&said).unwrap();
         let mut command = self.client("mosquitto_sub", "reader");
         command.args(["-i", "reader", "-c", "-x", "3600", "-t", "plumbline/#"]);
-        command.args(["-F", "%r\t%t\t%p"]).stdout(File::create(&said).unwrap());
-        let child = command.stdin(Stdio::null()).spawn().unwrap();
-        Reader { child, said }
+        command.args(["-F", "%r\t%t\t%p"]).stdin(Stdio::null());
+        let stop = Arc::<AtomicBool>::default();
+        let is_over = Arc::clone(&stop);
+        // It ends when the broker does.
+        let thread = std::thread::spawn(move || {
+            while !is_over.load(Ordering::Relaxed) {
+                let mut child = command.stdout(file.try_clone().unwrap()).spawn().unwrap();
+                while child.try_wait().unwrap().is_none() {
+                    if is_over.load(Ordering::Relaxed) {
+                        child.kill().unwrap();
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+            }
+        });
+        Reader { stop, thread: Some(thread), said }
     }
 
     /// The answer to a command of a user.
@@ -147,7 +167,8 @@ impl Broker {
         command.args(["-t", "plumbline/#", "--retained-only", "-W", "2", "-F", "%t\t%p"]);
         let Output { stdout, .. } = command.output().unwrap();
         let text = String::from_utf8(stdout).unwrap();
-        let line = |line: &str| line.split_once('\t').map(|(topic, it)| (topic.to_owned(), it.to_owned()));
+        let line =
+            |line: &str| line.split_once('\t').map(|(topic, it)| (topic.to_owned(), it.to_owned()));
         text.lines().filter_map(line).collect()
     }
 }
@@ -158,8 +179,9 @@ impl Drop for Broker {
     }
 }
 
-/// May publish its gateway's state, and nothing else.
-const NARROW: &str = "\nuser narrow\ntopic write plumbline/1/ward/gateway/state\n";
+/// May not publish the states of boxes.
+const NARROW: &str = "\nuser narrow\ntopic write plumbline/1/ward/gateway/#\n\
+                      topic write plumbline/1/ward/+/health\ntopic write plumbline/1/ward/+/examination\n";
 
 /// An authority, and the broker's certificate; and another authority, that signed nothing.
 fn certificates(folder: &Path) {
@@ -187,7 +209,8 @@ fn certificates(folder: &Path) {
 
 /// A subscriber to everything.
 pub struct Reader {
-    child: Child,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
     said: PathBuf,
 }
 
@@ -243,7 +266,9 @@ impl Reader {
 
 impl Drop for Reader {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
     }
 }

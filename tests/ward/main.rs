@@ -9,6 +9,7 @@
 //! | the gateway is ended, killed, and started again | its last will; no trial without a verdict | [`ended`] |
 //! | the broker is stopped and started in the middle | no verdict and no summary is missing, every state is there | [`away`] |
 //! | wrong passwords, another authority, forbidden topics | it is said what to do | [`away`] |
+//! | the desk's page, served by the gateway | the boxes as the desk shows them; nothing can be done with them | [`page`] |
 //! | 10, 30, 100 boxes at 60 Hz | every pose is recorded; processor and memory for each box stay | [`load`] |
 
 mod away;
@@ -17,4 +18,5 @@ mod boxes;
 mod broker;
 mod ended;
 mod load;
+mod page;
 mod published;

@@ -199,9 +199,6 @@ impl Bed {
 
     /// What follows from the time and from what has come.
     fn proceed(&mut self, around: &Around, now: Instant) {
-        if let Some(health) = self.receiver().health() {
-            self.health = Some(HealthState::of(health));
-        }
         match &mut self.phase {
             Phase::Watching(receiver, examining) => {
                 let hello = receiver.runs().last().and_then(|run| run.hello.as_ref());
@@ -367,7 +364,9 @@ impl Bed {
     /// Everything of the trial has come that will.
     fn finish(&mut self, around: &Around, now: Instant) {
         self.leave_receiver();
-        let Phase::Recording(trial) = std::mem::replace(&mut self.phase, watching()) else { return };
+        let Phase::Recording(trial) = std::mem::replace(&mut self.phase, watching()) else {
+            return;
+        };
         let TrialNow { mut receiver, recording, due, .. } = *trial;
         for _ in 0..GOODBYES {
             self.link.send(&Questions::of_tap().ask(Action::Record { on: false }).1);
@@ -434,6 +433,9 @@ impl Bed {
             self.hearing = (hearing, utc());
         }
         let counts = self.counts();
+        if let Some(health) = self.receiver().health() {
+            self.health = Some(HealthState::of(health));
+        }
         let receiver = self.receiver();
         let rate_hz = (10.0 * receiver.rate_hz(now)).round() / 10.0;
         let latency_ms = receiver.latest(now).map(|it| f64::from(it.latency_us) / 1000.0);

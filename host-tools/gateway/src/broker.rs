@@ -8,12 +8,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use plumbline_files::BadInput;
+use rumqttc::v5::mqttbytes::Error;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{ConnectReturnCode, LastWill, Packet, PubAckReason};
-use rumqttc::v5::{AsyncClient, ConnectionError, Event, MqttOptions};
+use rumqttc::v5::{AsyncClient, ConnectionError, Event, MqttOptions, StateError};
 use rumqttc::{Outgoing, TlsConfiguration, Transport};
 use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject as _;
@@ -35,6 +36,10 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 
 /// The first wait before a connection is tried again; each further one is twice as long.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
+
+/// A connection that lasted so long was a good one: the waits begin anew. One that ends sooner may well
+/// end so again.
+const STEADY: Duration = Duration::from_secs(5);
 
 /// No wait is longer.
 const AGAIN_AFTER_MAX: Duration = Duration::from_secs(30);
@@ -159,11 +164,12 @@ impl Courier {
             // Room for the subscription, too.
             let (client, mut connection) =
                 AsyncClient::new(self.options(), usize::from(WINDOW) + 2);
+            let mut since = None;
             let why = loop {
                 match connection.poll().await {
                     Ok(event) => {
                         if let Event::Incoming(Packet::ConnAck(_)) = event {
-                            wait = AGAIN_AFTER;
+                            since = Some(Instant::now());
                             told = None;
                             let commands = self.asked.as_ref().map(|_| self.topics.commands());
                             self.outbox.up(client.clone(), commands);
@@ -181,8 +187,12 @@ impl Courier {
             }
             if told.as_ref() != Some(&why) {
                 let Settings { host, port, .. } = &self.settings;
-                self.notices.say(format!("warning: no broker at {host}:{port}: {why}"));
+                self.notices
+                    .say(format!("warning: no connection to the broker at {host}:{port}: {why}"));
                 told = Some(why);
+            }
+            if since.is_some_and(|since: Instant| since.elapsed() >= STEADY) {
+                wait = AGAIN_AFTER;
             }
             self.pause(wait).await;
             wait = (2 * wait).min(AGAIN_AFTER_MAX);
@@ -207,8 +217,10 @@ impl Courier {
         match event {
             Event::Outgoing(Outgoing::Publish(number)) => self.outbox.numbered(number),
             Event::Incoming(Packet::PubAck(ack)) => {
-                let is_taken =
-                    matches!(ack.reason, PubAckReason::Success | PubAckReason::NoMatchingSubscribers);
+                let is_taken = matches!(
+                    ack.reason,
+                    PubAckReason::Success | PubAckReason::NoMatchingSubscribers
+                );
                 let refusal = (!is_taken).then(|| format!("{:?}", ack.reason));
                 self.outbox.acknowledged(ack.pkid, refusal);
             }
@@ -231,11 +243,7 @@ impl Courier {
         match commands::read(publish, &self.topics) {
             Ok(asked) => {
                 if let Err(TrySendError::Full(asked)) = sender.try_send(asked) {
-                    asked.refuse(
-                        &self.outbox,
-                        "too many commands wait",
-                        "try again in a second",
-                    );
+                    asked.refuse(&self.outbox, "too many commands wait", "try again in a second");
                     self.notices.say("warning: a command was refused: too many wait");
                 }
             }
@@ -252,7 +260,8 @@ fn words(error: &ConnectionError, settings: &Settings) -> String {
     match error {
         ConnectionError::ConnectionRefused(
             ConnectReturnCode::BadUserNamePassword | ConnectReturnCode::NotAuthorized,
-        ) => "it does not know this user with this password: see --user and --password-file".to_owned(),
+        ) => "it does not know this user with this password: see --user and --password-file"
+            .to_owned(),
         ConnectionError::Tls(error) => {
             format!("{error}: compare the broker's certificate, its names and --ca")
         }
@@ -260,6 +269,15 @@ fn words(error: &ConnectionError, settings: &Settings) -> String {
         ConnectionError::Io(error) if settings.tls.is_some() => format!(
             "{error} (with TLS; a broker without it needs --plain, which anybody can read and forge)"
         ),
+        ConnectionError::MqttState(
+            StateError::Io(error) | StateError::Deserialization(Error::Io(error)),
+        ) => format!("it has ended: {error}; the broker's log may say why"),
+        ConnectionError::MqttState(StateError::ConnectionAborted) => {
+            "the broker has ended it; its log may say why".to_owned()
+        }
+        ConnectionError::MqttState(StateError::AwaitPingResp) => {
+            "the broker does not answer any more".to_owned()
+        }
         error => error.to_string(),
     }
 }

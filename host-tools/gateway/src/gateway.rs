@@ -22,7 +22,7 @@ use crate::commands::{self, Asked, Command};
 use crate::judge::Judge;
 use crate::notices::Notices;
 use crate::outbox::Outbox;
-use crate::overview::{BoxNow, Hearing, Overview};
+use crate::overview::{BoxNow, Doing, Hearing, Overview};
 use crate::payload;
 use crate::post::Post;
 use crate::topics::{About, Topics, levels};
@@ -89,6 +89,7 @@ pub struct Gateway {
     leave: Arc<AtomicBool>,
     ward: Option<JoinHandle<()>>,
     broker: Option<JoinHandle<()>>,
+    boxes: Vec<KnownBox>,
 }
 
 impl Gateway {
@@ -139,7 +140,8 @@ impl Gateway {
             datagrams_dropped: 0,
             datagrams_dropped_by_system: None,
         }));
-        let broker = courier(&settings, &topics, &outbox, &notices, &leave, sender)?.start()?;
+        let broker = courier(&settings, &topics, &outbox, &notices, &leave, sender).start()?;
+        let boxes = known.clone();
         let ward = Ward {
             known,
             always,
@@ -158,7 +160,13 @@ impl Gateway {
             .spawn(move || ward.run(udp))
             .map_err(|error| BadInput::io("a thread for the boxes", &error))?;
         let (ward, broker) = (Some(ward), Some(broker));
-        Ok(Self { overview, notices, outbox, stop, hurry, leave, ward, broker })
+        Ok(Self { overview, notices, outbox, stop, hurry, leave, ward, broker, boxes })
+    }
+
+    /// The boxes whose keys it knows.
+    #[must_use]
+    pub fn boxes(&self) -> &[KnownBox] {
+        &self.boxes
     }
 
     /// How everything is.
@@ -171,12 +179,6 @@ impl Gateway {
     #[must_use]
     pub fn take_notices(&self) -> Vec<String> {
         self.notices.take()
-    }
-
-    /// Whether it still receives.
-    #[must_use]
-    pub fn runs(&self) -> bool {
-        self.ward.as_ref().is_some_and(|it| !it.is_finished())
     }
 
     /// It is to end: trials are ended, judged and kept.
@@ -249,9 +251,9 @@ fn courier(
     notices: &Arc<Notices>,
     leave: &Arc<AtomicBool>,
     sender: SyncSender<Asked>,
-) -> Result<Courier, BadInput> {
+) -> Courier {
     let will = gateway_state("offline", None, &[]);
-    Ok(Courier {
+    Courier {
         settings: settings.broker.clone(),
         client_id: format!("plumbline-gateway-{}", settings.ward),
         topics: topics.clone(),
@@ -260,12 +262,11 @@ fn courier(
         notices: Arc::clone(notices),
         asked: settings.commands.then_some(sender),
         stop: Arc::clone(leave),
-    })
+    }
 }
 
 fn gateway_state(is: &str, since: Option<&str>, boxes: &[String]) -> String {
-    let state =
-        payload::GatewayState { is, version: env!("CARGO_PKG_VERSION"), since, boxes };
+    let state = payload::GatewayState { is, version: env!("CARGO_PKG_VERSION"), since, boxes };
     serde_json::to_string(&state).unwrap_or_default()
 }
 
@@ -339,11 +340,8 @@ impl Ward {
         for (place, (level, it)) in levels.iter().zip(&known).enumerate() {
             let met = Rc::<RefCell<_>>::default();
             let memory = Met { at: Rc::clone(&met), store: noted.clone() };
-            let the_box = transport::KnownBox {
-                name: it.title(),
-                key: it.key.clone(),
-                address: it.address,
-            };
+            let the_box =
+                transport::KnownBox { name: it.title(), key: it.key.clone(), address: it.address };
             let link = Link::new(post.letterbox(place), vec![the_box], &settings.program);
             let link = link.remembering(Box::new(memory));
             let mut bed = Bed::new(level.clone(), it, link, met);
@@ -454,7 +452,11 @@ fn carry_out(asked: Asked, beds: &mut [Bed], around: &Around, outbox: &Outbox) {
         Command::Stop { trial } => {
             let is_other = trial.is_some() && trial.as_deref() != bed.trial();
             if bed.trial().is_none() || is_other {
-                return asked.refuse(outbox, "that trial is not being recorded", "see the box's state");
+                return asked.refuse(
+                    outbox,
+                    "that trial is not being recorded",
+                    "see the box's state",
+                );
             }
             // Whoever stops a box that is always recorded does not want the next trial either.
             bed.records_always = false;
@@ -536,19 +538,23 @@ impl Teller {
     /// The gateway ends, and will not know how boxes are.
     fn leave(&self, beds: &mut [Bed], levels: &[String]) {
         let at = utc();
+        let mut boxes = Vec::with_capacity(beds.len());
         for bed in beds {
             let it = bed.now(Instant::now());
             let problem = ("the gateway was ended".to_owned(), "start it again".to_owned());
             let it = BoxNow {
                 hearing: Hearing::Unknown,
                 since: at.clone(),
+                doing: Doing::Watching,
                 trial: None,
                 problem: Some(problem),
                 ..it
             };
             let topic = self.topics.of_box(&it.level, About::State);
             self.outbox.state(topic, json(&payload::State::of(&it)), None);
+            boxes.push(it);
         }
+        self.overview.lock().unwrap_or_else(PoisonError::into_inner).boxes = boxes;
         let state = gateway_state("offline", Some(&at), levels);
         self.outbox.state(self.topics.gateway_state(), state, None);
     }

@@ -114,8 +114,16 @@ impl Judge {
         let room = room.max(left.len());
         let (sender, inbox) = sync_channel(room);
         let counts = Arc::<Counts>::default();
-        let worker =
-            Worker { inbox, folder, topics, outbox, notices, counts: Arc::clone(&counts), names, stop };
+        let worker = Worker {
+            inbox,
+            folder,
+            topics,
+            outbox,
+            notices,
+            counts: Arc::clone(&counts),
+            names,
+            stop,
+        };
         let thread = std::thread::Builder::new()
             .name("judge".to_owned())
             .spawn(move || worker.run())

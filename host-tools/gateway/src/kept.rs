@@ -40,7 +40,8 @@ impl Kept {
         let mut here = BTreeSet::new();
         for entry in std::fs::read_dir(&folder).map_err(failed)? {
             let name = entry.map_err(failed)?.file_name();
-            let number: Option<u64> = name.to_str().and_then(|it| it.strip_suffix(".json")?.parse().ok());
+            let number: Option<u64> =
+                name.to_str().and_then(|it| it.strip_suffix(".json")?.parse().ok());
             here.extend(number);
         }
         let next = here.last().map_or(1, |last| last + 1);
@@ -77,7 +78,11 @@ impl Kept {
         let path = self.path(next);
         let read = plumbline_files::read_text(&path).and_then(|text| {
             serde_json::from_str(&text).map_err(|error| {
-                BadInput::whole(path.display(), error, "it is put aside, and its trial is still there")
+                BadInput::whole(
+                    path.display(),
+                    error,
+                    "it is put aside, and its trial is still there",
+                )
             })
         });
         match read {

@@ -19,6 +19,7 @@ pub mod commands;
 mod gateway;
 mod judge;
 mod kept;
+pub mod list;
 mod notices;
 mod outbox;
 pub mod overview;

@@ -32,7 +32,8 @@ impl Notices {
         let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
         let (notices, dropped) = &mut *waiting;
         let left_out = std::mem::take(dropped);
-        let left_out = (left_out > 0).then(|| format!("{left_out} notices before these were dropped"));
+        let left_out =
+            (left_out > 0).then(|| format!("{left_out} notices before these were dropped"));
         left_out.into_iter().chain(notices.drain(..)).collect()
     }
 }

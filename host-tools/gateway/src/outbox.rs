@@ -227,6 +227,8 @@ impl Outbox {
             let mut filter = Filter::new(path, QoS::AtLeastOnce);
             // What was said before is none of our business.
             filter.retain_forward_rule = RetainForwardRule::Never;
+            // One that is retained stays for others: it is seen as such, and refused.
+            filter.preserve_retain = true;
             // The queue of a new client is empty.
             let _ = client.try_subscribe_many([filter]);
         }
@@ -368,5 +370,105 @@ fn json() -> PublishProperties {
         payload_format_indicator: Some(1),
         content_type: Some("application/json".to_owned()),
         ..PublishProperties::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rumqttc::v5::{EventLoop, MqttOptions};
+
+    use super::*;
+
+    fn outbox() -> (tempfile::TempDir, Outbox) {
+        let folder = tempfile::tempdir().unwrap();
+        let outbox = Outbox::open(folder.path().join("outbox"), Arc::default()).unwrap();
+        (folder, outbox)
+    }
+
+    /// A client whose connection nobody serves.
+    fn client() -> (AsyncClient, EventLoop) {
+        AsyncClient::new(MqttOptions::new("test", "localhost", 1), usize::from(WINDOW) + 2)
+    }
+
+    fn keep(outbox: &Outbox, number: usize) {
+        let message = Message { topic: "t/verdict".into(), payload: number.to_string() };
+        outbox.keep(&message).unwrap();
+    }
+
+    #[test]
+    fn of_a_state_only_the_newest_waits_and_everything_is_due_on_a_new_connection() {
+        let (_folder, outbox) = outbox();
+        for value in 0..1000 {
+            outbox.state("t/state".into(), value.to_string(), None);
+        }
+        outbox.state("t/health".into(), "0".into(), Some(3));
+        assert_eq!(outbox.waiting(), (2, 0));
+        assert_eq!(outbox.counts().replaced, 999);
+        let (first, _connection) = client();
+        outbox.up(first, None);
+        assert_eq!(outbox.waiting(), (0, 0));
+        assert!(!outbox.is_empty());
+        outbox.numbered(1);
+        outbox.acknowledged(1, None);
+        outbox.down("gone".into());
+        // The broker may have forgotten both.
+        let (second, _connection) = client();
+        outbox.up(second, None);
+        for number in 1..=2 {
+            outbox.numbered(number);
+            outbox.acknowledged(number, None);
+        }
+        assert!(outbox.is_empty());
+        assert_eq!((outbox.counts().published, outbox.counts().connections), (3, 2));
+    }
+
+    #[test]
+    fn what_is_kept_goes_only_when_it_is_acknowledged() {
+        let (_folder, outbox) = outbox();
+        for number in 0..100 {
+            keep(&outbox, number);
+        }
+        let (first, _connection) = client();
+        outbox.up(first, None);
+        // No more than the window is on its way.
+        for number in 1..=WINDOW {
+            outbox.numbered(number);
+        }
+        assert_eq!(outbox.waiting(), (0, 100));
+        outbox.acknowledged(3, None);
+        // One that the broker does not take stays.
+        outbox.acknowledged(4, Some("NotAuthorized".into()));
+        assert_eq!((outbox.waiting().1, outbox.counts().refused), (99, 1));
+        outbox.down("gone".into());
+        let (second, _connection) = client();
+        outbox.up(second, None);
+        for turn in 0..99 {
+            let number = turn % WINDOW + 1;
+            outbox.numbered(number);
+            outbox.acknowledged(number, None);
+        }
+        assert!(outbox.is_empty());
+        // An acknowledgement of something else changes nothing.
+        outbox.acknowledged(9, None);
+        assert_eq!(outbox.counts().published, 100);
+    }
+
+    #[test]
+    fn answers_are_for_those_who_wait_for_them() {
+        let (_folder, outbox) = outbox();
+        let answer =
+            || Answer { topic: "t/reply/x".into(), correlation: None, payload: "{}".into() };
+        outbox.answer(answer());
+        assert_eq!((outbox.waiting(), outbox.counts().answers_dropped), ((0, 0), 1));
+        let (first, _connection) = client();
+        outbox.up(first, None);
+        for _ in 0..2 * ANSWERS_MAX {
+            outbox.answer(answer());
+        }
+        assert_eq!(outbox.waiting().0, ANSWERS_MAX);
+        let before = outbox.counts().answers_dropped;
+        assert_eq!(before, (ANSWERS_MAX - usize::from(WINDOW)) as u64 + 1);
+        outbox.down("gone".into());
+        assert_eq!(outbox.counts().answers_dropped, before + ANSWERS_MAX as u64);
     }
 }

@@ -150,6 +150,22 @@ impl Overview {
         )
     }
 
+    /// What came of it all, in one line.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        format!(
+            "{} frames of {} boxes, {} lost; {} trials, {} of them judged; {} messages published, {} kept \
+             for the next start",
+            self.frames(),
+            self.boxes.len(),
+            self.lost(),
+            self.trials_begun,
+            self.trials_judged,
+            self.broker.published,
+            self.waiting.1,
+        )
+    }
+
     /// What had to be dropped, in words.
     #[must_use]
     pub fn amiss(&self) -> Vec<String> {

@@ -219,3 +219,76 @@ impl Carrier for Letterbox {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use plumbline::packet::Start;
+    use plumbline::seal::{BoxEnd, Key, SEALED_BYTES_MAX};
+
+    use super::*;
+
+    fn key(byte: u8) -> Key {
+        Key::new([byte; 32]).unwrap()
+    }
+
+    fn announcement(key: Key) -> Vec<u8> {
+        let mut end = BoxEnd::new(Some(key), Start::new(3).unwrap(), &[5; 32]);
+        end.announcement(&mut [0; SEALED_BYTES_MAX]).to_vec()
+    }
+
+    fn post() -> Post {
+        let udp = Udp::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+        Post::new(udp, &[(key(1).id(), None), (key(2).id(), None)])
+    }
+
+    fn at(port: u16) -> SocketAddr {
+        SocketAddr::from(([192, 0, 2, 1], port))
+    }
+
+    /// The number of datagrams that wait for each box.
+    fn waiting(post: &Post) -> Vec<usize> {
+        post.boxes.iter().map(|it| it.borrow().datagrams.len()).collect()
+    }
+
+    #[test]
+    fn datagrams_come_to_the_box_that_announced_itself_there() {
+        let (mut post, now) = (post(), Instant::now());
+        // Before a box says who it is, nobody knows.
+        post.sort(at(1), &[9; 60], now);
+        post.sort(at(1), &announcement(key(1)), now);
+        post.sort(at(2), &announcement(key(2)), now);
+        post.sort(at(2), &[9; 60], now);
+        post.sort(at(2), &[9; 60], now);
+        assert_eq!((waiting(&post), post.counts()), (vec![1, 3], (1, 0)));
+        assert_eq!(post.touched, [0, 1]);
+    }
+
+    #[test]
+    fn an_address_at_which_a_box_is_for_certain_cannot_be_claimed() {
+        let (mut post, now) = (post(), Instant::now());
+        post.sort(at(1), &announcement(key(1)), now);
+        post.heard(0, at(1), now);
+        // A recorded announcement of the other box, under the address of the first.
+        post.sort(at(1), &announcement(key(2)), now);
+        post.sort(at(1), &[9; 60], now);
+        assert_eq!(waiting(&post), [2, 1]);
+        // After a while it may well be the other one that is there.
+        let later = now + SURE_FOR;
+        post.sort(at(1), &announcement(key(2)), later);
+        post.sort(at(1), &[9; 60], later);
+        assert_eq!(waiting(&post), [2, 3]);
+    }
+
+    #[test]
+    fn floods_and_strangers_take_no_memory() {
+        let (mut post, now) = (post(), Instant::now());
+        for port in 1..2000 {
+            post.sort(at(port), &announcement(key(1)), now);
+            post.sort(at(port), &announcement(key(9)), now);
+        }
+        assert!(post.by_address.len() <= ADDRESSES_PER_BOX * 2, "{}", post.by_address.len());
+        assert_eq!(waiting(&post), [WAITING_MAX, 0]);
+        assert_eq!(post.counts(), (1999, 1999 - WAITING_MAX as u64));
+        assert_eq!(post.take_notices().len(), 1);
+    }
+}

@@ -138,7 +138,8 @@ impl Topics {
     /// The box for which the commands of a topic are.
     #[must_use]
     pub fn commanded<'a>(&self, topic: &'a str) -> Option<&'a str> {
-        let level = topic.strip_prefix(&self.prefix)?.strip_prefix('/')?.strip_suffix("/command")?;
+        let level =
+            topic.strip_prefix(&self.prefix)?.strip_prefix('/')?.strip_suffix("/command")?;
         is_level(level).then_some(level)
     }
 
@@ -163,8 +164,13 @@ mod tests {
             KnownBox::new(key, None, Some(number.to_owned()))
         };
         let nameless = KnownBox::new(fixture::key(), None, None);
-        let boxes =
-            [number("PL-1", 1), number("PL/+", 2), number("gateway", 3), number("PL-1", 4), nameless];
+        let boxes = [
+            number("PL-1", 1),
+            number("PL/+", 2),
+            number("gateway", 3),
+            number("PL-1", 4),
+            nameless,
+        ];
         let levels = levels(&boxes);
         let ids: Vec<String> = boxes.iter().map(|it| it.key.id().to_string()).collect();
         assert_eq!(levels, ["PL-1", &ids[1], &ids[2], &ids[3], &ids[4]]);

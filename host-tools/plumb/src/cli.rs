@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, gateway, keys, optics, pair,
-    prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
+    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, gateway, keys, optics,
+    pair, prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
     validate,
 };
 

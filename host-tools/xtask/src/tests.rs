@@ -69,6 +69,11 @@ enum Part {
     /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet
     /// computer; only when it is named.
     Long,
+    /// A ward: 10, 30 and 100 boxes at 60 Hz, recorded by the gateway as users have it, beside a real
+    /// broker. No pose may be missing, and each box must cost what it costs among few; prints the
+    /// costs, and those of a thousand boxes. Five minutes, alone on a quiet computer; only when it is
+    /// named.
+    Ward,
 }
 
 impl Part {
@@ -106,6 +111,7 @@ impl Part {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
                 python::prepare()
             }
+            Self::Ward => setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BROKER]),
         }
     }
 
@@ -118,7 +124,7 @@ impl Part {
             Self::Armhf => 400,
             Self::BareMetal => 1200,
             Self::Boot => 1600,
-            Self::Long => 4900,
+            Self::Long | Self::Ward => 4900,
         }
     }
 
@@ -131,6 +137,7 @@ impl Part {
             Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
             Self::Long => long(journal),
+            Self::Ward => ward(journal),
         }
         Ok(())
     }
@@ -219,6 +226,9 @@ fn native(journal: &mut Journal) {
         // Ubuntu has it only as a snap, which apt does not install.
         if let Err(error) = setup::ensure(&[setup::BROWSER]) {
             journal.cannot_be_had("a browser", &error);
+        }
+        if let Err(error) = setup::ensure(&[setup::BROKER]) {
+            journal.cannot_be_had("a broker", &error);
         }
         let has_readers = readers(journal, python.join().expect("it does not panic"));
         let cargo = || {
@@ -390,6 +400,19 @@ fn long(journal: &mut Journal) {
         let task = with_readers(task, true);
         journal.tests(name, |each_line| task.run_and_read(each_line));
     }
+}
+
+/// The load of a ward.
+fn ward(journal: &mut Journal) {
+    let build = ["build", "--release", "--package", "plumb"];
+    if !journal.check("build", || Task::cargo().args(build).run()) {
+        return;
+    }
+    let programs = target_directory().join("release");
+    let test = ["test", "--workspace", "--test", "ward", "--", "--nocapture", "--ignored"];
+    let task = Task::cargo().args(test).env(PROGRAMS, &programs.to_string_lossy());
+    let task = task.env(SKIPS, &journal.skips.to_string_lossy());
+    journal.tests("load", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

@@ -63,8 +63,7 @@ impl HealthState {
             warnings.push("its supply is too weak: use the one that came with it".to_owned());
         }
         if health.throttled == Some(true) {
-            warnings
-                .push("it is slowed down by heat or a weak supply: let air to it".to_owned());
+            warnings.push("it is slowed down by heat or a weak supply: let air to it".to_owned());
         }
         match health.camera {
             CameraState::Stalled => warnings.push("its camera gives no frames".to_owned()),

@@ -7,8 +7,10 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use plumbline_desk::http::For;
 use plumbline_files::BadInput;
 use plumbline_gateway::broker::{self, PORT, PORT_PLAIN};
+use plumbline_gateway::list::List;
 use plumbline_gateway::{Gateway, Recorded, Settings, topics};
 use plumbline_stream::link::PORT as BOX_PORT;
 
@@ -22,6 +24,9 @@ use screen::Screen;
 
 /// The end is noticed within this time.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// How everything is, is looked at this often.
+const SHOW_EVERY: Duration = Duration::from_secs(1);
 
 /// Without a terminal a line is written this often.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -48,17 +53,22 @@ const TRIAL_MAX: Duration = Duration::from_secs(3600);
 /// until it has them, also over an end of this program; of everything else the newest state counts.
 /// A message may come twice. What has to be dropped is counted, and said.
 ///
+/// --page serves the desk's page with the boxes of the ward: each by its name, how it is, and what the
+/// doctor finds. It only shows; a desk beside the gateway would contend for the boxes.
+///
 /// A terminal shows a table of the boxes; elsewhere a line is written every ten seconds. Ctrl-C ends it:
 /// trials are ended, judged and kept. Pressed once more, it does not wait for verdicts, which then come
 /// after the next start.
 ///
 /// Exit code 0: done; 2: the address, the folder or an option could not be used.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  plumb gateway --broker mqtt.ward --user gateway --password-file gateway.txt\n  \
+#[command(
+    after_help = "Examples:\n  plumb gateway --broker mqtt.ward --user gateway --password-file gateway.txt\n  \
     plumb gateway --broker mqtt.ward --ca ward-ca.pem --user gateway --ward north --commands\n  \
     plumb gateway --broker mqtt.ward --user gateway --record all --trial-seconds 120\n  \
     plumb gateway --broker localhost --plain         # a broker on this computer, to try it\n  \
-    mosquitto_sub -V 5 -h mqtt.ward --cafile ward-ca.pem -u desk -P ... -v -t 'plumbline/1/north/#'")]
+    mosquitto_sub -V 5 -h mqtt.ward --cafile ward-ca.pem -u desk -P ... -v -t 'plumbline/1/north/#'"
+)]
 pub struct Arguments {
     /// The broker: its name or address, and its port [default port: 8883, with --plain 1883]
     #[arg(long, value_name = "HOST[:PORT]", value_parser = Place::parse)]
@@ -114,6 +124,14 @@ pub struct Arguments {
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = address)]
     udp: Option<SocketAddr>,
 
+    /// Show the boxes on a page as well, as the desk does; its address is printed
+    #[arg(long)]
+    page: bool,
+
+    /// The port of the page, which is for this computer only [default: 4270, or a free one]
+    #[arg(long, value_name = "PORT", requires = "page")]
+    page_port: Option<u16>,
+
     /// Show nothing but warnings
     #[arg(long)]
     quiet: bool,
@@ -137,7 +155,9 @@ impl Place {
         };
         let is_plain = |letter: char| letter.is_ascii_alphanumeric() || ".-_".contains(letter);
         if host.is_empty() || !host.chars().all(is_plain) {
-            return Err("give a name such as mqtt.ward or an IPv4 address, and no scheme".to_owned());
+            return Err(
+                "give a name such as mqtt.ward or an IPv4 address, and no scheme".to_owned()
+            );
         }
         Ok(Self { host: host.to_owned(), port })
     }
@@ -165,15 +185,16 @@ impl Arguments {
             Some(user) => {
                 let password = match &self.password_file {
                     Some(file) => password::of_file(file)?,
-                    None => {
-                        password::typed(&format!("the password of {user:?} (it is not shown)"), || {
+                    None => password::typed(
+                        &format!("the password of {user:?} (it is not shown)"),
+                        || {
                             BadInput::whole(
                                 "--user",
                                 "there is no password, and nobody can be asked for one",
                                 "give --password-file",
                             )
-                        })?
-                    }
+                        },
+                    )?,
                 };
                 Some((user.clone(), password))
             }
@@ -233,16 +254,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         every: arguments.every,
     })?;
     eprintln!("trials are kept in {}; Ctrl-C ends it", folder.join("trials").display());
+    let mut list = match arguments.page {
+        false => None,
+        true => {
+            let whom = For::ThisComputer(arguments.page_port);
+            let list = List::open(folder.join("page"), gateway.boxes(), whom)?;
+            let _ = writeln!(std::io::stdout(), "the ward's boxes: {}", list.url());
+            Some(list)
+        }
+    };
     let is_screen = std::io::stdout().is_terminal() && !arguments.quiet;
     let mut screen = Screen::new(is_screen);
-    let mut line_at = Instant::now() + LINE_EVERY;
+    let mut show_at = Instant::now();
+    let mut line_at = show_at + LINE_EVERY;
     let mut is_ending = false;
     while !gateway.is_over() {
         if stop.swap(false, Ordering::Relaxed) {
             if std::mem::replace(&mut is_ending, true) {
                 gateway.hurry();
             } else {
-                screen.say("trials are ended and judged; Ctrl-C once more leaves the verdicts for later");
+                screen.say(
+                    "trials are ended and judged; Ctrl-C once more leaves the verdicts for later",
+                );
                 gateway.stop();
             }
         }
@@ -251,14 +284,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 screen.say(&words);
             }
         }
-        let overview = gateway.overview();
-        screen.show(&overview);
-        if !is_screen && !arguments.quiet && Instant::now() >= line_at {
-            line_at = Instant::now() + LINE_EVERY;
-            // A closed pipe must not end the ward's records.
-            let _ = writeln!(std::io::stdout(), "{}", overview.line());
+        let now = Instant::now();
+        if now >= show_at {
+            show_at = now + SHOW_EVERY;
+            let overview = gateway.overview();
+            screen.show(&overview);
+            if let Some(list) = &mut list {
+                list.show(&overview);
+            }
+            if !is_screen && !arguments.quiet && now >= line_at {
+                line_at = now + LINE_EVERY;
+                // A closed pipe must not end the ward's records.
+                let _ = writeln!(std::io::stdout(), "{}", overview.line());
+            }
         }
         std::thread::sleep(LOOK_EVERY);
+    }
+    if let Some(list) = &mut list {
+        list.end();
     }
     gateway.end();
     screen.end();
@@ -266,7 +309,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("{words}");
     }
     let overview = gateway.overview();
-    let _ = writeln!(std::io::stdout(), "{}", overview.line());
+    let _ = writeln!(std::io::stdout(), "{}", overview.summary());
     for words in overview.amiss() {
         eprintln!("warning: {words}");
     }
@@ -282,7 +325,8 @@ mod tests {
         let place = |host: &str, port| Ok(Place { host: host.to_owned(), port });
         assert_eq!(Place::parse("mqtt.ward"), place("mqtt.ward", None));
         assert_eq!(Place::parse("10.0.0.3:8884"), place("10.0.0.3", Some(8884)));
-        for wrong in ["", ":1883", "mqtt.ward:0", "mqtt.ward:x", "mqtts://mqtt.ward", "a b", "u@h"] {
+        for wrong in ["", ":1883", "mqtt.ward:0", "mqtt.ward:x", "mqtts://mqtt.ward", "a b", "u@h"]
+        {
             assert!(Place::parse(wrong).is_err(), "{wrong}");
         }
         assert!(Place::parse("127.0.0.1").unwrap().is_here());

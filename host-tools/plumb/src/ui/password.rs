@@ -20,10 +20,7 @@ pub fn of_file(file: &Path) -> Result<Zeroizing<String>, BadInput> {
 ///
 /// # Errors
 /// When there is nobody to type it, or it is not given.
-pub fn typed(
-    what: &str,
-    nobody: impl FnOnce() -> BadInput,
-) -> Result<Zeroizing<String>, BadInput> {
+pub fn typed(what: &str, nobody: impl FnOnce() -> BadInput) -> Result<Zeroizing<String>, BadInput> {
     if !std::io::stdin().is_terminal() {
         return Err(nobody());
     }

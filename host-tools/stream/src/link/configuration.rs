@@ -44,7 +44,9 @@ impl Configuration {
         match (&mut self.state, message) {
             (
                 State::Ask(_),
-                Message::Reply(Reply { outcome: ReplyOutcome::Config { bytes, next_crc, .. }, .. }),
+                Message::Reply(Reply {
+                    outcome: ReplyOutcome::Config { bytes, next_crc, .. }, ..
+                }),
             ) if *bytes as usize <= BLOB_BYTES_MAX => {
                 self.next_crc = Some(*next_crc);
                 self.state = State::Coming(Download::new(Document::Config, *bytes as usize));

@@ -1,7 +1,6 @@
 //! The boxes of a ward in a terminal.
 
 use std::io::Write as _;
-use std::time::{Duration, Instant};
 
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, Table};
@@ -9,9 +8,6 @@ use crossterm::terminal;
 use plumbline_files::text::printable;
 use plumbline_gateway::Standing;
 use plumbline_gateway::overview::{BoxNow, Doing, Hearing, Overview};
-
-/// It is drawn anew this often.
-const SHOW_EVERY: Duration = Duration::from_secs(1);
 
 /// The notices that are shown.
 const NOTICES_MAX: usize = 6;
@@ -22,13 +18,12 @@ const ROWS: u16 = 24;
 /// A table that is drawn over and over, or lines where there is no terminal.
 pub struct Screen {
     is_screen: bool,
-    shown: Option<Instant>,
     notices: Vec<String>,
 }
 
 impl Screen {
     pub fn new(is_screen: bool) -> Self {
-        Self { is_screen, shown: None, notices: Vec::new() }
+        Self { is_screen, notices: Vec::new() }
     }
 
     /// Something that happened.
@@ -41,15 +36,13 @@ impl Screen {
             self.notices.remove(0);
         }
         self.notices.push(words.to_owned());
-        self.shown = None;
     }
 
-    /// Draws it, if it is time.
-    pub fn show(&mut self, overview: &Overview) {
-        if !self.is_screen || self.shown.is_some_and(|at| at.elapsed() < SHOW_EVERY) {
+    /// Draws it anew.
+    pub fn show(&self, overview: &Overview) {
+        if !self.is_screen {
             return;
         }
-        self.shown = Some(Instant::now());
         let (columns, rows) = terminal::size().unwrap_or((80, ROWS));
         let text = page(overview, &self.notices, usize::from(columns), usize::from(rows));
         // From the top, and whatever stood below is erased.
