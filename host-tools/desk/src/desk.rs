@@ -63,14 +63,64 @@ pub struct Desk {
     making: Mutex<()>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     mark_sources: MarkSources,
+    /// Whether boxes are only shown: another part of the program has them.
+    only_shows: bool,
 }
 
 impl Desk {
+    /// A desk that shows these boxes, which another part of the program has: nothing is done with them from
+    /// its page. [`show`](Self::show) says how they are.
+    ///
+    /// # Errors
+    /// When the folder cannot be used.
+    pub fn showing(folder: PathBuf, boxes: &[KnownBox]) -> Result<Self, BadInput> {
+        let desk = Self::set_up(Settings { folder, ..Settings::default() }, true)?;
+        let stations = boxes.iter().map(|it| {
+            let (id, number) = (it.key.id().to_string(), it.serial_number.clone());
+            let shared = Shared::new(Arc::clone(&desk.hub), id, name_of(it), number);
+            Arc::new(Station::shown(Arc::new(shared)))
+        });
+        *desk.stations.write().unwrap_or_else(PoisonError::into_inner) = stations.collect();
+        Ok(desk)
+    }
+
+    /// Changes what is shown of a box.
+    pub fn show(&self, id: &str, change: impl FnOnce(&mut BoxState)) {
+        if let Some(station) = self.station(id) {
+            station.shared.update(change);
+        }
+    }
+
+    /// Whether boxes are only shown.
+    #[must_use]
+    pub fn only_shows(&self) -> bool {
+        self.only_shows
+    }
+
     /// Starts the stations of all boxes whose keys are known here.
     ///
     /// # Errors
     /// When the folder, the keys or a source of marks cannot be used.
     pub fn start(settings: Settings) -> Result<Self, BadInput> {
+        let serial = settings.serial.clone();
+        let known = Store::open()?.all()?;
+        let desk = Self::set_up(settings, false)?;
+        desk.problems.lock().unwrap_or_else(PoisonError::into_inner).splice(0..0, known.refused);
+        let several = known.known.len() + serial.len() > 1;
+        for it in &known.known {
+            desk.add_known(it, several)?;
+        }
+        for (at, (device, baud)) in serial.iter().enumerate() {
+            let id = format!("{SERIAL_ID}{}", at + 1);
+            let shared = Shared::new(Arc::clone(&desk.hub), id, device.clone(), None);
+            let reach = Reach::Serial { device: device.clone(), baud: *baud };
+            desk.add(Arc::new(shared), reach, several)?;
+        }
+        Ok(desk)
+    }
+
+    /// Everything but the boxes.
+    fn set_up(settings: Settings, only_shows: bool) -> Result<Self, BadInput> {
         plumbline_files::make_directory(&settings.folder)?;
         let folder = settings
             .folder
@@ -87,8 +137,6 @@ impl Desk {
             threads.push(named("marks", move || board.follow(&marks, &hub))?);
         }
         let mut problems = Vec::new();
-        let known = Store::open()?.all()?;
-        problems.extend(known.refused);
         let strangers = Arc::new(Strangers::default());
         let by_key = Arc::new(Known::default());
         for address in &settings.udp {
@@ -107,7 +155,7 @@ impl Desk {
                 Err(error) => problems.push(error),
             }
         }
-        let desk = Self {
+        Ok(Self {
             hub,
             memory: Arc::clone(&memory),
             folder: folder.clone(),
@@ -129,18 +177,8 @@ impl Desk {
             making: Mutex::default(),
             threads: Mutex::new(threads),
             mark_sources,
-        };
-        let several = known.known.len() + settings.serial.len() > 1;
-        for it in &known.known {
-            desk.add_known(it, several)?;
-        }
-        for (at, (device, baud)) in settings.serial.iter().enumerate() {
-            let id = format!("{SERIAL_ID}{}", at + 1);
-            let shared = Shared::new(Arc::clone(&desk.hub), id, device.clone(), None);
-            let reach = Reach::Serial { device: device.clone(), baud: *baud };
-            desk.add(Arc::new(shared), reach, several)?;
-        }
-        Ok(desk)
+            only_shows,
+        })
     }
 
     /// Looks for a box whose key is known here.

@@ -5,9 +5,9 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, manual, optics,
-    pair, prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
-    validate,
+    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, gateway, keys, manual,
+    optics, pair, prove, provision, receive, replay, report, scene, show, simulate, study, target,
+    track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -36,6 +36,7 @@ enum Command {
     Doctor(doctor::Arguments),
     Desk(desk::Arguments),
     Receive(receive::Arguments),
+    Gateway(gateway::Arguments),
     Replay(replay::Arguments),
     Analyze(analyze::Arguments),
     Budget(budget::Arguments),
@@ -82,6 +83,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Desk(arguments) => desk::run(arguments),
+        Command::Gateway(arguments) => gateway::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Scene(arguments) => scene::run(arguments),

@@ -17,8 +17,10 @@ use crate::others::{self, Others, is_same_box};
 use crate::questions::Questions;
 use crate::transport::{Event, Transport};
 
+mod configuration;
 mod download;
 
+pub use configuration::Configuration;
 pub use download::{Download, Stopped};
 
 /// Where boxes send their packets, unless they were told otherwise.

@@ -22,7 +22,7 @@ use crate::measures::{Direction, MEASURES, Measure};
 use crate::time::time_name;
 
 /// The name of the segment that is all of the analysed time.
-const WHOLE: &str = "whole";
+pub const WHOLE: &str = "whole";
 
 /// Why a trunk has no figures at all.
 const NOT_SEEN: &str = "fewer than two frames have its position";

@@ -5,10 +5,10 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use plumbline::config::{BLOB_BYTES_MAX, Config};
-use plumbline::packet::{Action, Document, Message, Reply, ReplyOutcome};
+use plumbline::config::Config;
+use plumbline::packet::{Action, Message};
 use plumbline_files::{BadInput, Made};
-use plumbline_stream::link::Download;
+use plumbline_stream::link::Configuration;
 use plumbline_stream::questions::Questions;
 use plumbline_stream::reception::Tap;
 use plumbline_stream::transport::Event;
@@ -28,8 +28,7 @@ const PING_EVERY: Duration = Duration::from_secs(1);
 /// The box is asked this often how the targets look: their light and their focus are in the trial.
 const VIEW_EVERY: Duration = Duration::from_secs(10);
 
-/// The configuration, or a view, is asked for again after this time without an answer: what is asked
-/// before the box was first heard never reaches it.
+/// A view is asked for again after this time without an answer.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
 /// The box is told this often that a trial is being recorded.
@@ -37,15 +36,6 @@ const TELL_EVERY: Duration = Duration::from_secs(5);
 
 /// What is counted and not kept is noted at most this often.
 const NOTE_EVERY: Duration = Duration::from_secs(1);
-
-/// How far the box's configuration has come.
-enum Fetch {
-    /// It is asked for again at this time.
-    Ask(Instant),
-    Coming(Download),
-    /// It is there, or the box does not send it.
-    Done,
-}
 
 /// Is called for each mark that is written, and for each trigger of the box as it comes, with the
 /// seconds since the recording began.
@@ -57,15 +47,19 @@ pub struct Recording {
     /// The folder and those above it that were made for it.
     made: Made,
     journal: Writer,
-    /// The trial as far as it has come.
-    builder: Builder,
+    /// The trial as far as it has come, where it is judged meanwhile.
+    builder: Option<Builder>,
+    /// What the box runs with, once it has told.
+    config: Option<Config>,
+    /// The packets that were written.
+    packets: usize,
     begun: Instant,
     marks: Marks,
     heard: Heard,
     questions: Questions,
     ping_at: Instant,
     view_at: Instant,
-    fetch: Fetch,
+    configuration: Configuration,
     /// Whether the box has said anything.
     is_heard: bool,
     /// When the box is told again that a trial is being recorded.
@@ -100,24 +94,34 @@ impl Recording {
         manifest.write(folder)?;
         plumbline_files::sync_directory(plumbline_files::directory_of(folder));
         let as_if_over = Manifest { state: State::Finished, ..manifest.clone() };
+        let builder = Builder::new(folder, as_if_over, None, None);
         Ok(Self {
             folder: folder.to_owned(),
             made,
             journal,
-            builder: Builder::new(folder, as_if_over, None, None),
+            builder: Some(builder),
+            config: None,
+            packets: 0,
             begun: now,
             marks,
             heard,
             questions: Questions::of_tap(),
             ping_at: now,
             view_at: now,
-            fetch: Fetch::Ask(now),
+            configuration: Configuration::wanted(now),
             is_heard: false,
             tell_at: now,
             not_authentic: 0,
             noted: 0,
             note_at: now,
         })
+    }
+
+    /// The same, without a [`verdict`](Self::verdict) before it ends: then it keeps nothing of what it has
+    /// written, and takes the same memory however long it lasts.
+    #[must_use]
+    pub fn unjudged(self) -> Self {
+        Self { builder: None, ..self }
     }
 
     /// Writes down what was found amiss of the box meanwhile.
@@ -141,13 +145,13 @@ impl Recording {
     /// The box's configuration, once it has come.
     #[must_use]
     pub fn config(&self) -> Option<&Config> {
-        self.builder.trial().config.as_ref()
+        self.config.as_ref()
     }
 
     /// The verdict on the trial, if it ended now: the one that [`end`](Self::end) then writes. It
-    /// looks at all frames until now.
+    /// looks at all frames until now. Where nothing is kept for it, it is good without a reason.
     pub fn verdict(&mut self) -> Verdict {
-        self.builder.judged()
+        self.builder.as_mut().map(Builder::judged).unwrap_or_default()
     }
 
     /// The trial's folder.
@@ -173,7 +177,16 @@ impl Recording {
     ///
     /// # Errors
     /// When the operating system refuses; what was recorded stays.
-    pub fn end(mut self, frames: u64) -> Result<Option<Trial>, BadInput> {
+    pub fn end(self, frames: u64) -> Result<Option<Trial>, BadInput> {
+        self.close(frames)?.map(Closed::judge).transpose()
+    }
+
+    /// Ends the recording as [`end`](Self::end) does, and leaves to its caller when the frames are read
+    /// once more and judged, which takes a while: it may be done in another thread.
+    ///
+    /// # Errors
+    /// When the operating system refuses; what was recorded stays.
+    pub fn close(mut self, frames: u64) -> Result<Option<Closed>, BadInput> {
         if frames == 0 {
             self.discard()?;
             return Ok(None);
@@ -184,9 +197,7 @@ impl Recording {
         }
         self.journal.sync()?;
         self.made.keep();
-        // All frames are read once more: there need not be room for them twice.
-        drop(self.builder);
-        derived::make(&self.folder, manifest).map(Some)
+        Ok(Some(Closed { folder: self.folder, manifest }))
     }
 
     fn discard(self) -> Result<(), BadInput> {
@@ -207,9 +218,16 @@ impl Recording {
     fn write(&mut self, at: Instant, content: Content) -> Result<(), BadInput> {
         let entry = Entry { host_ns: self.host_ns(at), content };
         self.journal.write(&entry)?;
-        self.builder.take(entry);
+        self.packets += usize::from(matches!(entry.content, Content::Raw(_)));
+        let frames = match &mut self.builder {
+            Some(builder) => {
+                builder.take(entry);
+                builder.trial().frames.len()
+            }
+            None => self.packets,
+        };
         // A trial of more frames could not be read.
-        if self.builder.trial().frames.len() >= FRAMES_MAX {
+        if frames >= FRAMES_MAX {
             return Err(too_long(&self.folder));
         }
         Ok(())
@@ -223,28 +241,39 @@ impl Recording {
         if matches!(message, Message::View(_)) {
             self.view_at = now + VIEW_EVERY;
         }
-        match (&mut self.fetch, message) {
-            (
-                Fetch::Ask(_),
-                Message::Reply(Reply { outcome: ReplyOutcome::Config { bytes, .. }, .. }),
-            ) if *bytes as usize <= BLOB_BYTES_MAX => {
-                self.fetch = Fetch::Coming(Download::new(Document::Config, *bytes as usize));
-            }
-            (Fetch::Coming(download), message) => {
-                // A box that refuses is not asked again.
-                if download.take(message, now).is_err() {
-                    self.fetch = Fetch::Done;
-                } else if let Some(blob) = download.file() {
-                    plumbline_files::replace(&self.folder.join(names::CONFIG), blob)?;
-                    if let Ok(config) = Config::decode(blob) {
-                        self.builder.take_config(config);
-                    }
-                    self.fetch = Fetch::Done;
+        if let Some(blob) = self.configuration.take(message, now) {
+            plumbline_files::replace(&self.folder.join(names::CONFIG), &blob)?;
+            if let Ok(config) = Config::decode(&blob) {
+                if let Some(builder) = &mut self.builder {
+                    builder.take_config(config.clone());
                 }
+                self.config = Some(config);
             }
-            _ => {}
         }
         Ok(())
+    }
+}
+
+/// A recording that has ended: everything is on the disk, and what is derived from it is still to be made.
+#[derive(Debug)]
+pub struct Closed {
+    folder: PathBuf,
+    manifest: Manifest,
+}
+
+impl Closed {
+    /// The trial's folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Reads all frames once more, makes the tables, and judges the trial.
+    ///
+    /// # Errors
+    /// When the operating system refuses; what was recorded stays.
+    pub fn judge(self) -> Result<Trial, BadInput> {
+        derived::make(&self.folder, self.manifest)
     }
 }
 
@@ -279,7 +308,10 @@ impl Tap for Recording {
     }
 
     fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
-        self.builder.pass(self.host_ns(now));
+        let host_ns = self.host_ns(now);
+        if let Some(builder) = &mut self.builder {
+            builder.pass(host_ns);
+        }
         while let Some((at, mark)) = self.marks.next() {
             let since_s = at.saturating_duration_since(self.begun).as_secs_f64();
             (self.heard)(&mark, since_s);
@@ -298,22 +330,8 @@ impl Tap for Recording {
             self.tell_at = now + TELL_EVERY;
             return Ok(Some(self.questions.ask(Action::Record { on: true }).1));
         }
-        match &mut self.fetch {
-            Fetch::Ask(at) if now >= *at => {
-                *at = now + ASK_AGAIN;
-                return Ok(Some(self.questions.ask(Action::QueryConfig).1));
-            }
-            Fetch::Coming(download) => match download.due(now) {
-                Ok(Some(action)) => {
-                    let (id, question) = self.questions.ask(action);
-                    download.asked(id, now);
-                    return Ok(Some(question));
-                }
-                Ok(None) => {}
-                // The network may be down for any time.
-                Err(_) => self.fetch = Fetch::Ask(now + ASK_AGAIN),
-            },
-            Fetch::Ask(_) | Fetch::Done => {}
+        if let Some(question) = self.configuration.due(&mut self.questions, now) {
+            return Ok(Some(question));
         }
         if now >= self.view_at {
             self.view_at = now + ASK_AGAIN;

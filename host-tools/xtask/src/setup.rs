@@ -104,6 +104,21 @@ pub const BROWSER: &[Need] = &[Need {
     why: "the tests open what `plumb report` writes, and the desk's page",
 }];
 
+/// A broker, and its clients.
+pub const BROKER: &[Need] = &[
+    Need {
+        // It lies where only root looks for programs.
+        probe: Probe::File("/usr/sbin/mosquitto"),
+        package: "mosquitto",
+        why: "the tests of `plumb gateway` publish to a real MQTT broker",
+    },
+    Need {
+        probe: Probe::Program("mosquitto_rr"),
+        package: "mosquitto-clients",
+        why: "and read there, and command, with programs by others",
+    },
+];
+
 /// Makes a directory with its own Python packages.
 pub const PYTHON: &[Need] = &[Need {
     probe: Probe::PythonModule("ensurepip"),

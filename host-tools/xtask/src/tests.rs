@@ -72,6 +72,11 @@ enum Part {
     /// What people download: the Debian package and the wheel in a fresh Debian without Rust, and the
     /// Windows program under Wine beside a box. Half an hour; only when it is named.
     Dist,
+    /// A ward: 10, 30 and 100 boxes at 60 Hz, recorded by the gateway as users have it, beside a real
+    /// broker. No pose may be missing, and each box must cost what it costs among few; prints the
+    /// costs, and those of a thousand boxes. Five minutes, alone on a quiet computer; only when it is
+    /// named.
+    Ward,
 }
 
 impl Part {
@@ -110,6 +115,7 @@ impl Part {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
                 python::READERS.prepare()
             }
+            Self::Ward => setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BROKER]),
         }
     }
 
@@ -122,7 +128,7 @@ impl Part {
             Self::Armhf => 400,
             Self::BareMetal => 1200,
             Self::Boot => 1600,
-            Self::Long => 4900,
+            Self::Long | Self::Ward => 4900,
             Self::Dist => 6000,
         }
     }
@@ -137,6 +143,7 @@ impl Part {
             Self::Boot => boot(journal),
             Self::Long => long(journal),
             Self::Dist => released(journal),
+            Self::Ward => ward(journal),
         }
         Ok(())
     }
@@ -225,6 +232,9 @@ fn native(journal: &mut Journal) {
         // Ubuntu has it only as a snap, which apt does not install.
         if let Err(error) = setup::ensure(&[setup::BROWSER]) {
             journal.cannot_be_had("a browser", &error);
+        }
+        if let Err(error) = setup::ensure(&[setup::BROKER]) {
+            journal.cannot_be_had("a broker", &error);
         }
         let has_readers = readers(journal, python.join().expect("it does not panic"));
         let cargo = || {
@@ -415,6 +425,19 @@ fn released(journal: &mut Journal) {
         .env(dist::VARIABLE, &out.to_string_lossy());
     let task = task.env(SKIPS, &journal.skips.to_string_lossy());
     journal.tests("windows", |each_line| task.run_and_read(each_line));
+}
+
+/// The load of a ward.
+fn ward(journal: &mut Journal) {
+    let build = ["build", "--release", "--package", "plumb"];
+    if !journal.check("build", || Task::cargo().args(build).run()) {
+        return;
+    }
+    let programs = target_directory().join("release");
+    let test = ["test", "--workspace", "--test", "ward", "--", "--nocapture", "--ignored"];
+    let task = Task::cargo().args(test).env(PROGRAMS, &programs.to_string_lossy());
+    let task = task.env(SKIPS, &journal.skips.to_string_lossy());
+    journal.tests("load", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

@@ -4,6 +4,7 @@
 //!  link ─▶ watch ─▶ findings: figures ─▶ judge ─▶ checks: verdict, what was seen, what to do
 //! ```
 
+mod beside;
 mod check;
 mod findings;
 #[cfg(test)]
@@ -18,6 +19,8 @@ use jiff::civil::Date;
 use plumbline_files::BadInput;
 use plumbline_stream::link::BoxLink;
 
+pub(crate) use beside::Beside;
+pub use beside::Examining;
 pub use check::{Check, Verdict};
 pub use findings::{Background, Expected, Findings, FrameSeen, TargetSeen};
 pub use judge::{SCALE, TAPE_MM_MAX, TAPE_MM_MIN, Tape, all as judged};

@@ -14,7 +14,7 @@ use crate::{background, scale, snapshot};
 
 /// Ten questions for the time a second, out of step with the frames of every usual camera: a
 /// box looks for questions between frames, and the soonest answer counts.
-const PING_EVERY: Duration = Duration::from_millis(97);
+pub(crate) const PING_EVERY: Duration = Duration::from_millis(97);
 
 /// A view costs the box less than a search, and the light changes slowly.
 pub(crate) const VIEW_EVERY: Duration = Duration::from_millis(480);

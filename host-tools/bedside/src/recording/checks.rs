@@ -17,8 +17,7 @@ use plumbline_trial::manifest::{CheckSeen, CheckVerdict};
 use plumbline_trial::recording::Recording;
 
 use super::course::Course;
-use crate::doctor::{self, Background, Check, Findings, LAST_ANSWERS, VIEW_EVERY, Verdict};
-use crate::scale;
+use crate::doctor::{Beside, Check, Verdict};
 
 /// Why the background is not looked at.
 const NO_PICTURE: &str = "with --anyway the recording does not wait for a picture, so that a camera \
@@ -52,7 +51,8 @@ pub struct Recorded {
     /// Is told what the recording is worth.
     course: Rc<RefCell<Course>>,
     judge_at: Option<Instant>,
-    beside: Option<Beside>,
+    /// And who gets the checks.
+    beside: Option<(Beside, Box<Say>)>,
 }
 
 impl Recorded {
@@ -72,13 +72,9 @@ impl Recorded {
         duration: Duration,
         say: impl FnMut(&[Check]) + 'static,
     ) -> Self {
-        let findings = Findings {
-            place: link.place().to_owned(),
-            is_serial: link.kind() == LinkKind::Serial,
-            ..Findings::default()
-        };
-        let say = Box::new(say);
-        let beside = Beside { findings, begun, duration, first: None, view_at: begun, say };
+        let is_serial = link.kind() == LinkKind::Serial;
+        let beside = Beside::new(link.place(), is_serial, begun, duration);
+        let beside = (beside, Box::new(say) as Box<Say>);
         Self { beside: Some(beside), ..Self::checked(recording, course) }
     }
 
@@ -115,40 +111,35 @@ impl Recorded {
     /// The checks are over: gives them, and writes down what is amiss. A recording without a packet
     /// has nothing to be checked.
     fn conclude(&mut self, now: Instant) -> Result<(), BadInput> {
-        let Some(mut beside) = self.beside.take() else { return Ok(()) };
-        if beside.first.is_none() {
+        let Some((beside, mut say)) = self.beside.take() else { return Ok(()) };
+        if !beside.is_heard() {
             return Ok(());
         }
-        let mut findings = beside.findings;
-        findings.silence_s = now.saturating_duration_since(beside.begun).as_secs_f64()
-            - findings.heard_ns as f64 * 1e-9;
-        findings.config = self.recording.config().cloned().map(Ok);
-        findings.compared = findings.config().map(scale::all_kept).unwrap_or_default();
-        let has_scene = findings.config().is_some_and(|it| it.cam_from_scene_theta.is_some());
-        findings.background = has_scene.then(|| Background::NotCompared(NO_PICTURE.into()));
-        let checks = doctor::judged(&findings);
-        (beside.say)(&checks);
+        let checks = beside.checks(self.recording.config().cloned(), NO_PICTURE, now);
+        say(&checks);
         self.recording.note(amiss(&checks))
     }
 }
 
 impl Tap for Recorded {
     fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
-        if let Some(beside) = &mut self.beside {
+        if let Some((beside, _)) = &mut self.beside {
             beside.event(event, now);
         }
         self.recording.event(event, now)
     }
 
     fn turn(&mut self, now: Instant) -> Result<Option<Message>, BadInput> {
-        if self.beside.as_ref().is_some_and(|beside| beside.is_over(now)) {
+        if self.beside.as_ref().is_some_and(|(beside, _)| beside.is_over(now)) {
             self.conclude(now)?;
         }
         let question = self.recording.turn(now)?;
         self.judge(now);
-        let Self { recording, beside: Some(beside), .. } = self else { return Ok(question) };
-        if let Some(Message::Command(Command { action: Action::Ping { .. }, .. })) = question {
-            beside.findings.pings += usize::from(beside.asks(now));
+        let Self { recording, beside: Some((beside, _)), .. } = self else { return Ok(question) };
+        if let Some(Message::Command(Command { action: Action::Ping { .. }, .. })) = question
+            && beside.asks(now)
+        {
+            beside.pinged();
         }
         Ok(question.or_else(|| beside.wants_view(now).then(|| recording.ask(Action::SendView))))
     }
@@ -156,48 +147,3 @@ impl Tap for Recorded {
 
 /// Gets checks that are over.
 type Say = dyn FnMut(&[Check]);
-
-/// What is seen of a box while it is being recorded.
-struct Beside {
-    findings: Findings,
-    /// When the recording began: the zero of its questions for the time.
-    begun: Instant,
-    duration: Duration,
-    /// When the first packet came.
-    first: Option<Instant>,
-    view_at: Instant,
-    /// Gets the checks.
-    say: Box<Say>,
-}
-
-impl Beside {
-    fn event(&mut self, event: &Event, now: Instant) {
-        if matches!(event, Event::Packet(_)) {
-            self.first.get_or_insert(now);
-        }
-        let since = now.saturating_duration_since(self.begun);
-        self.findings.take(event, since.as_nanos() as u64);
-    }
-
-    /// How long the box has been heard.
-    fn heard_for(&self, now: Instant) -> Option<Duration> {
-        self.first.map(|first| now.saturating_duration_since(first))
-    }
-
-    fn is_over(&self, now: Instant) -> bool {
-        self.heard_for(now).is_some_and(|heard| heard >= self.duration + LAST_ANSWERS)
-    }
-
-    /// Whether an answer to a question of now is waited for.
-    fn asks(&self, now: Instant) -> bool {
-        self.heard_for(now).is_some_and(|heard| heard < self.duration)
-    }
-
-    fn wants_view(&mut self, now: Instant) -> bool {
-        let is_due = self.asks(now) && now >= self.view_at;
-        if is_due {
-            self.view_at = now + VIEW_EVERY;
-        }
-        is_due
-    }
-}

@@ -98,6 +98,14 @@ fn admitted(app: &App, request: &Request) -> Result<(), Failure> {
             app.gate.how_to_sign_in(),
         ));
     }
+    if changes && is_inside && !is_door && path != "/api/logout" && app.desk.only_shows() {
+        return Err(Failure::of(
+            StatusCode::CONFLICT,
+            "this page",
+            "it shows the boxes of a ward, which its gateway has: nothing is done with them from here",
+            "end the gateway, and open the desk",
+        ));
+    }
     Ok(())
 }
 

@@ -12,8 +12,10 @@ use plumbline_files::{BadInput, camera};
 use plumbline_stream::link::BoxLink;
 
 use super::can::Stage;
-use super::{Job, Next, Reach, Shared, Worker, show};
-use crate::wire::{CalibrationDeliver, CheckGrade, Examination, SceneMeasure, SceneState};
+use super::{Job, Next, Reach, Shared, Worker};
+use crate::wire::{
+    CalibrationDeliver, CheckGrade, CheckState, Examination, SceneMeasure, SceneState,
+};
 use crate::words::on_page;
 use crate::{prints, settings};
 
@@ -31,7 +33,7 @@ const UPRIGHT_DEG: f64 = 3.0;
 
 /// Shows what the doctor found.
 pub fn show_checks(shared: &Shared, checks: &[doctor::Check]) {
-    let mut shown: Vec<_> = checks.iter().map(show::check).collect();
+    let mut shown: Vec<_> = checks.iter().map(CheckState::of).collect();
     shown.sort_by_key(|it| std::cmp::Reverse(it.verdict));
     let worst = shown.first().map_or(CheckGrade::Skipped, |it| it.verdict);
     let examination = Examination { at_ms: shared.hub.now_ms(), worst, checks: shown };

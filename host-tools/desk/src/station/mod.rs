@@ -125,6 +125,13 @@ impl Station {
         Ok(Self { shared, orders, thread: Mutex::new(Some(thread)) })
     }
 
+    /// A box that another part of the program has: it is shown, and takes no orders.
+    #[must_use]
+    pub fn shown(shared: Arc<Shared>) -> Self {
+        let (orders, _) = sync_channel(0);
+        Self { shared, orders, thread: Mutex::new(None) }
+    }
+
     /// Hands over an order; its answer comes when it was carried out, or has begun.
     ///
     /// # Errors

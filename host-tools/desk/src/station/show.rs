@@ -2,9 +2,7 @@
 
 use std::time::Instant;
 
-use plumbline::packet::{CameraState, Health, TriggerState};
 use plumbline::target::Role;
-use plumbline_bedside::doctor::{self, Check};
 use plumbline_bedside::recording::{self, NotYet, TrunkFigures};
 use plumbline_session::session::{Outcome, Session, State, Status};
 use plumbline_trial::manifest::Zero;
@@ -13,8 +11,8 @@ use plumbline_trial::verdict;
 use super::session::{OnDisk, Open, ended_words};
 use crate::hub::Hub;
 use crate::wire::{
-    CheckGrade, CheckState, ConditionState, EventWord, FiguresState, Grade, HealthState, Judged,
-    PlannedRow, Reason, SessionAt, SessionState, TrunkState, WireState, WiresState,
+    ConditionState, EventWord, FiguresState, Grade, Judged, PlannedRow, Reason, SessionAt,
+    SessionState, TrunkState,
 };
 use crate::words::on_page;
 
@@ -38,71 +36,6 @@ pub fn role(role: Role) -> &'static str {
         Role::Upper => "upper",
         Role::Lower => "lower",
         Role::Scene => "scene",
-    }
-}
-
-/// How a box is.
-pub fn health(health: &Health) -> HealthState {
-    let camera = match health.camera {
-        CameraState::Starting => "starting",
-        CameraState::Running => "running",
-        CameraState::Stalled => "stalled",
-        CameraState::Lost => "lost",
-        CameraState::Ended => "ended",
-    };
-    let mut warnings = Vec::new();
-    if health.undervoltage == Some(true) {
-        warnings.push("its supply is too weak: use the one that came with it".to_owned());
-    }
-    if health.throttled == Some(true) {
-        warnings.push("it is slowed down by heat or a weak supply: let air to it".to_owned());
-    }
-    match health.camera {
-        CameraState::Stalled => warnings.push("its camera gives no frames".to_owned()),
-        CameraState::Lost => warnings.push("its camera is absent or reports errors".to_owned()),
-        _ => {}
-    }
-    HealthState {
-        camera: camera.to_owned(),
-        temperature_c: health.temperature_decicelsius.map(|it| f64::from(it) / 10.0),
-        // Whole minutes: the state does not change with every word of the box.
-        uptime_s: (health.uptime_ms / 60_000 * 60) as f64,
-        warnings,
-        wires: wires(health),
-    }
-}
-
-/// The wires of a box that has some.
-fn wires(health: &Health) -> Option<WiresState> {
-    let state = |state: TriggerState| match state {
-        TriggerState::Off => WireState::Off,
-        TriggerState::Ready => WireState::Ready,
-        TriggerState::Missing => WireState::Missing,
-    };
-    let it = health.trigger;
-    let (input, output) = (state(it.input), state(it.output));
-    let (sent, bounces, dropped, pulses) = (it.sent, it.bounces, it.dropped, it.pulses);
-    let has_some = input != WireState::Off || output != WireState::Off;
-    has_some.then_some(WiresState { input, output, sent, bounces, dropped, pulses })
-}
-
-/// The verdict of a check.
-pub fn check_grade(verdict: doctor::Verdict) -> CheckGrade {
-    match verdict {
-        doctor::Verdict::Skipped => CheckGrade::Skipped,
-        doctor::Verdict::Good => CheckGrade::Good,
-        doctor::Verdict::Warn => CheckGrade::Warn,
-        doctor::Verdict::Fail => CheckGrade::Fail,
-    }
-}
-
-/// A check.
-pub fn check(check: &Check) -> CheckState {
-    CheckState {
-        subject: check.subject.clone(),
-        verdict: check_grade(check.verdict),
-        seen: on_page(&check.seen),
-        remedy: on_page(&check.remedy),
     }
 }
 

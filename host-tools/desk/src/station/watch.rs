@@ -16,7 +16,7 @@ use plumbline_trial::frame::Trunk;
 use super::can::Stage;
 use super::orders::{Envelope, Order};
 use super::{Job, Next, SHOW_EVERY, Worker, show};
-use crate::wire::{FrameRow, LinkState, Live, Problem, Reason, Reference};
+use crate::wire::{FrameRow, HealthState, LinkState, Live, Problem, Reason, Reference};
 
 /// The reference is the mean of this time.
 const REFERENCE: Duration = Duration::from_secs(1);
@@ -212,7 +212,7 @@ impl Worker {
             let warning = words.strip_prefix("warning: ");
             self.shared.notice(warning.is_some(), warning.unwrap_or(&words));
         }
-        let health = receiver.health().map(show::health);
+        let health = receiver.health().map(HealthState::of);
         let unheard = receiver.unheard(now);
         let since_at_ms = unheard.map(|lasts| self.shared.ms(now - lasts).round());
         let by = self.heard_by();

@@ -1,8 +1,10 @@
 //! A box, as a page shows it.
 
+use plumbline_bedside::doctor::{Check, Verdict};
 use serde::{Deserialize, Serialize};
 
 use super::{HealthState, Problem, SessionState};
+use crate::words::on_page;
 
 /// A box whose key is known here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -239,6 +241,24 @@ pub struct CheckState {
     pub seen: String,
     /// What to do; empty where there is nothing to do.
     pub remedy: String,
+}
+
+impl CheckState {
+    /// As the doctor says it.
+    #[must_use]
+    pub fn of(check: &Check) -> Self {
+        Self {
+            subject: check.subject.clone(),
+            verdict: match check.verdict {
+                Verdict::Skipped => CheckGrade::Skipped,
+                Verdict::Good => CheckGrade::Good,
+                Verdict::Warn => CheckGrade::Warn,
+                Verdict::Fail => CheckGrade::Fail,
+            },
+            seen: on_page(&check.seen),
+            remedy: on_page(&check.remedy),
+        }
+    }
 }
 
 /// The verdict of a check.

@@ -9,6 +9,7 @@ pub mod desk;
 pub mod doctor;
 pub mod export;
 pub mod figures;
+pub mod gateway;
 pub mod keys;
 pub mod manual;
 pub mod optics;

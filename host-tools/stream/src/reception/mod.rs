@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Message, Packet};
+use plumbline::packet::{Message, Packet, Start};
 use plumbline_files::BadInput;
 
 use crate::receiver::Receiver;
@@ -99,39 +99,90 @@ pub fn follow<W: std::io::Write>(
         if stop.load(Ordering::Relaxed) || reached(receiver) {
             return Ok(());
         }
-        let mut handled = Ok(());
-        let polled = transport.poll(&mut |event| {
-            // The rest of one read belongs to the next recording, if any.
-            if handled.is_ok() && !reached(receiver) {
-                let now = Instant::now();
-                handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
-            }
-        });
-        handled.and(polled).and_then(|()| receiver.tick(Instant::now()))?;
-        receiver.exchanged().map_or(Ok(()), Err)?;
-        let question = tap.turn(Instant::now())?;
-        for question in [receiver.request(Instant::now()), question].into_iter().flatten() {
-            transport.send(&question);
-        }
+        turn(transport, receiver, tap, &reached)?;
         if show(receiver).is_break() {
             return Ok(());
         }
     }
 }
 
-/// Takes what was lost on the way and is being sent again, and nothing that is newer than what has
-/// come.
+/// One turn of a reception: what has come, or comes while the transport waits, and the questions that
+/// are due. Nothing more is taken once `is_full` is true: the rest belongs to the next recording.
+///
+/// # Errors
+/// As [`receive`].
+pub fn turn<W: std::io::Write>(
+    transport: &mut dyn Transport,
+    receiver: &mut Receiver<W>,
+    tap: &mut dyn Tap,
+    is_full: &dyn Fn(&Receiver<W>) -> bool,
+) -> Result<(), BadInput> {
+    let mut handled = Ok(());
+    let polled = transport.poll(&mut |event| {
+        if handled.is_ok() && !is_full(receiver) {
+            let now = Instant::now();
+            handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
+        }
+    });
+    handled.and(polled).and_then(|()| receiver.tick(Instant::now()))?;
+    receiver.exchanged().map_or(Ok(()), Err)?;
+    let question = tap.turn(Instant::now())?;
+    for question in [receiver.request(Instant::now()), question].into_iter().flatten() {
+        transport.send(&question);
+    }
+    Ok(())
+}
+
 fn take_backlog<W: std::io::Write>(
     transport: &mut dyn Transport,
     receiver: &mut Receiver<W>,
     tap: &mut dyn Tap,
     show: &mut impl FnMut(&mut Receiver<W>) -> ControlFlow<()>,
 ) -> Result<(), BadInput> {
-    let begun = Instant::now();
-    let mut moved = begun;
-    let newest = receiver.newest_pose();
-    while transport.is_missing() && moved.elapsed() < BACKLOG_PAUSE && begun.elapsed() < BACKLOG_MAX
-    {
+    let mut backlog = Backlog::of(receiver);
+    while backlog.is_awaited(transport) {
+        backlog.turn(transport, receiver, tap)?;
+        let _ = show(receiver);
+    }
+    Ok(())
+}
+
+/// What was lost on the way of a reception that is over, and is being sent again: nothing that is newer
+/// than what has come.
+#[derive(Debug, Clone, Copy)]
+pub struct Backlog {
+    begun: Instant,
+    moved: Instant,
+    newest: Option<(Start, u32)>,
+}
+
+impl Backlog {
+    /// Of a reception that is over now.
+    #[must_use]
+    pub fn of<W: std::io::Write>(receiver: &Receiver<W>) -> Self {
+        let begun = Instant::now();
+        Self { begun, moved: begun, newest: receiver.newest_pose() }
+    }
+
+    /// Whether something is missing that may still come.
+    #[must_use]
+    pub fn is_awaited(&self, transport: &dyn Transport) -> bool {
+        transport.is_missing()
+            && self.moved.elapsed() < BACKLOG_PAUSE
+            && self.begun.elapsed() < BACKLOG_MAX
+    }
+
+    /// Takes what has come of it, or comes while the transport waits.
+    ///
+    /// # Errors
+    /// As [`receive`].
+    pub fn turn<W: std::io::Write>(
+        &mut self,
+        transport: &mut dyn Transport,
+        receiver: &mut Receiver<W>,
+        tap: &mut dyn Tap,
+    ) -> Result<(), BadInput> {
+        let Self { moved, newest, .. } = self;
         let mut raw = None;
         let mut handled = Ok(());
         let polled = transport.poll(&mut |event| match event {
@@ -139,20 +190,18 @@ fn take_backlog<W: std::io::Write>(
             Event::Packet(Packet { start, message: Message::Pose(ref pose) })
                 if newest.is_some_and(|(of, last)| start == Some(of) && pose.sequence < last) =>
             {
-                moved = Instant::now();
+                *moved = Instant::now();
                 for event in [raw.take(), Some(event)].into_iter().flatten() {
                     let done =
-                        tap.event(&event, moved).and_then(|()| receiver.handle(event, moved));
+                        tap.event(&event, *moved).and_then(|()| receiver.handle(event, *moved));
                     handled = std::mem::replace(&mut handled, Ok(())).and(done);
                 }
             }
             _ => raw = None,
         });
         handled.and(polled)?;
-        receiver.tick(Instant::now())?;
-        let _ = show(receiver);
+        receiver.tick(Instant::now())
     }
-    Ok(())
 }
 
 #[cfg(test)]
