@@ -5,9 +5,9 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, gateway, keys, manual,
-    optics, pair, prove, provision, receive, replay, report, scene, show, simulate, study, target,
-    track, validate,
+    aim, analyze, budget, calibrate, cohort, demo, desk, doctor, export, figures, gateway, keys,
+    manual, optics, pair, prove, provision, receive, replay, report, scene, show, simulate, study,
+    target, track, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -42,6 +42,7 @@ enum Command {
     Budget(budget::Arguments),
     Figures(figures::Arguments),
     Study(study::Arguments),
+    Cohort(cohort::Arguments),
     Report(report::Arguments),
     Export(export::Arguments),
     Validate(validate::Arguments),
@@ -54,8 +55,8 @@ enum Command {
 const EXIT_BAD_INPUT: u8 = 2;
 
 /// Exit code when a check of `plumb doctor` or `plumb receive` failed, a camera of `plumb optics` will
-/// not do, an error is not shown to be within the limit that `plumb prove` was given, or `plumb figures`
-/// could not read one of its trials.
+/// not do, an error is not shown to be within the limit that `plumb prove` was given, `plumb figures`
+/// could not read one of its trials, or `plumb cohort check` found a fault.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.
@@ -80,6 +81,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Prove(arguments) => return prove::run(arguments),
         Command::Receive(arguments) => return receive::run(arguments),
         Command::Figures(arguments) => return figures::run(arguments),
+        Command::Cohort(arguments) => return cohort::run(arguments),
         Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Desk(arguments) => desk::run(arguments),

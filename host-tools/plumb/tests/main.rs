@@ -24,5 +24,6 @@ mod recording;
 mod report_in_browser;
 mod secrets;
 mod spoiled_study;
+mod study;
 mod validate;
 mod verdict;
