@@ -17,6 +17,7 @@ Bin: TypeAlias = tuple[float, float]
 Span: TypeAlias = Literal["all"] | tuple[float, float]
 Zero: TypeAlias = Literal["mark", "start", "onset"]
 Numbers: TypeAlias = NDArray[np.float64]
+Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
 class Trunk:
     """One trunk's points, a row for each frame of the trial; NaN for what was not measured."""
@@ -194,22 +195,27 @@ class Camera:
         """Of each photograph ``file``, and ``rms_px`` and ``corners``, or ``refused``."""
 
 def calibrate(
-    images: list[Path],
+    images: list[Path] | list[Grey],
     board: tuple[int, int] = (9, 6),
     pitch_mm: float = 20.0,
     *,
     model: str = "auto",
+    white_level: int | None = None,
 ) -> Camera:
     """Calibrates a camera from photographs of a checkerboard, as ``plumb calibrate`` does.
 
     Args:
-        images: files (PNG, JPEG, PGM), or a Y4M video of them.
+        images: files (PNG, JPEG, PGM), or a Y4M video of them; or grey samples in arrays (rows,
+            columns), at most 200, which are named images[0], images[1], ...
         board: columns and rows of INNER corners.
         pitch_mm: from one inner corner to the next.
         model: "auto", or the name of a lens model.
+        white_level: the brightest possible sample of arrays: 255 or 65535 unless it is given, 1023
+            for 10 bits.
 
     Raises:
         BadInput: a photograph cannot be read, or they make no calibration.
+        TypeError: an image is neither a file nor a two-dimensional array of these types.
     """
 
 class TargetPose:
@@ -274,15 +280,27 @@ class Tracker:
         camera: a Camera, or its file.
         targets: targets.toml.
         scene: scene.toml, without which there are poses but no trunk points.
+        independent: search every frame afresh, for photographs that do not follow each other. The
+            frame may cut the squares around a target whose corners are all seen.
+        scale_camera: the columns and rows of the frames, where the camera was calibrated at another
+            size, and they are the same picture resampled.
 
     Raises:
-        BadInput: a file cannot be used.
+        BadInput: a file cannot be used, or the frames would have another shape than the camera's.
     """
 
-    def __new__(cls, camera: Camera | Path, targets: Path, scene: Path | None = None) -> Tracker: ...
+    def __new__(
+        cls,
+        camera: Camera | Path,
+        targets: Path,
+        scene: Path | None = None,
+        *,
+        independent: bool = False,
+        scale_camera: tuple[int, int] | None = None,
+    ) -> Tracker: ...
     def step(
         self,
-        frame: NDArray[np.uint8] | NDArray[np.uint16],
+        frame: Grey,
         time_s: float,
         *,
         white_level: int | None = None,

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! trial ─▶ rows, columns: arrays, a row for each frame, gaps as NaN
-//!      └─▶ figures: sway figures and statistics       camera, tracker: calibration, poses of frames
+//!      └─▶ figures: sway figures and statistics       frame ─▶ camera, tracker: calibration, poses
 //! live: a box's poses while they come
 //! ```
 //!
@@ -17,6 +17,7 @@ mod camera;
 mod columns;
 mod error;
 mod figures;
+mod frame;
 mod live;
 mod method;
 mod rows;
