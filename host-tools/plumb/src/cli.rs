@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    aim, analyze, budget, calibrate, demo, desk, doctor, export, figures, keys, optics, pair,
-    prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
+    aim, analyze, budget, calibrate, cohort, demo, desk, doctor, export, figures, keys, optics,
+    pair, prove, provision, receive, replay, report, scene, show, simulate, study, target, track,
     validate,
 };
 
@@ -41,6 +41,7 @@ enum Command {
     Budget(budget::Arguments),
     Figures(figures::Arguments),
     Study(study::Arguments),
+    Cohort(cohort::Arguments),
     Report(report::Arguments),
     Export(export::Arguments),
     Validate(validate::Arguments),
@@ -52,8 +53,8 @@ enum Command {
 const EXIT_BAD_INPUT: u8 = 2;
 
 /// Exit code when a check of `plumb doctor` or `plumb receive` failed, a camera of `plumb optics` will
-/// not do, an error is not shown to be within the limit that `plumb prove` was given, or `plumb figures`
-/// could not read one of its trials.
+/// not do, an error is not shown to be within the limit that `plumb prove` was given, `plumb figures`
+/// could not read one of its trials, or `plumb cohort check` found a fault.
 const EXIT_FAILED: u8 = 1;
 
 /// Runs the program on its command line.
@@ -77,6 +78,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Prove(arguments) => return prove::run(arguments),
         Command::Receive(arguments) => return receive::run(arguments),
         Command::Figures(arguments) => return figures::run(arguments),
+        Command::Cohort(arguments) => return cohort::run(arguments),
         Command::Optics(arguments) => return Ok(optics::run(arguments)),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Desk(arguments) => desk::run(arguments),

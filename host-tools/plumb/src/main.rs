@@ -8,6 +8,7 @@ mod arguments;
 mod budget;
 mod cli;
 mod commands;
+mod study;
 mod tracking;
 mod ui;
 

@@ -5,6 +5,7 @@ mod aim;
 mod bad_trials;
 mod budget;
 mod cohort;
+mod study;
 mod common;
 mod demo;
 mod export;

@@ -39,7 +39,7 @@ mod stored;
 mod study_toml;
 mod words;
 
-pub use words::check_short;
+pub use words::{check_short, check_text, of_field};
 
 /// The names of files and folders in a study.
 pub mod names {

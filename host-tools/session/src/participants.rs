@@ -88,7 +88,9 @@ pub enum Sex {
 impl Sex {
     const ALL: [Self; 3] = [Self::Female, Self::Male, Self::Other];
 
-    fn letter(self) -> &'static str {
+    /// As the table has it.
+    #[must_use]
+    pub fn letter(self) -> &'static str {
         match self {
             Self::Female => "F",
             Self::Male => "M",

@@ -16,6 +16,9 @@ pub const TEXT_LETTERS_MAX: usize = 1000;
 pub const REASON_LETTERS_MAX: usize = 200;
 
 /// Checks a text: not empty, not too long, and without characters that cannot be seen.
+///
+/// # Errors
+/// What was found, and the remedy.
 pub fn check_text(text: &str, letters_max: usize) -> Result<(), (String, String)> {
     if text.trim().is_empty() {
         return Err(("it is empty".to_owned(), "write it down".to_owned()));
@@ -63,6 +66,9 @@ pub fn check_number(value: f64, from: f64, to: f64, unit: &str) -> Result<(), (S
 }
 
 /// A check's outcome as an error about a field of a file.
+///
+/// # Errors
+/// When there is one.
 pub fn of_field(
     place: &str,
     field: &str,

@@ -1,16 +1,18 @@
 //! All figures of a study.
 
+use std::collections::{HashMap, HashSet};
+
 use plumbline_analysis::physiology::bins::{Event, Window};
 use plumbline_analysis::sway::Settings;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
-use plumbline_trial::Trial;
-use plumbline_trial::points::{Points, point_name};
+use plumbline_trial::points::point_name;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::cohort;
-use crate::manifest::{Entry, Source, Study};
+use crate::candidate::{Candidate, Measured};
+use crate::complete;
+use crate::manifest::Study;
 use crate::physiology::{self, Quantity};
 use crate::sway::{self, SwayFigure};
 use crate::time::{time_name, whole};
@@ -106,6 +108,28 @@ struct OneTrial {
 /// # Errors
 /// When a trial cannot be used, has no participant or condition, or data are missing.
 pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
+    if let Some(cohort) = &study.cohort {
+        return Err(BadInput::new(
+            &study.place,
+            "cohort",
+            format!("its trials are in {}, which is not read here", cohort.display()),
+            "use `plumb study` or `plumb report`",
+        ));
+    }
+    analyze_trials(study, &study.trials, &|| ())
+}
+
+/// The same of these trials, whatever the study names; `advance` is called after each.
+///
+/// Memory holds the values of all trials, and the points of those that are being read.
+///
+/// # Errors
+/// As [`analyze`].
+pub fn analyze_trials<C: Candidate>(
+    study: &Study,
+    trials: &[C],
+    advance: &(dyn Fn() + Sync),
+) -> Result<StudyFigures, BadInput> {
     let settings = Settings {
         bins_s: study.bins_s.clone(),
         span_s: whole(&study.bins_s),
@@ -113,10 +137,14 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
     };
     let windows = study.physiology.as_ref().map(|it| it.windows(&study.bins_s));
     let windows = windows.unwrap_or_default();
-    let (entries, mut warnings) = verdict::admitted(study)?;
+    let (entries, mut warnings) = verdict::admitted(study, trials)?;
     let trials: Vec<OneTrial> = entries
         .par_iter()
-        .map(|entry| one_trial(study, entry, &settings, &windows))
+        .map(|entry| {
+            let found = one_trial(study, *entry, &settings, &windows);
+            advance();
+            found
+        })
         .collect::<Vec<_>>()
         .into_iter()
         // Of several errors, always the first is reported.
@@ -131,7 +159,7 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
         physiologies.push(trial.physiology);
         warnings.extend(trial.warnings);
     }
-    cohort::check(study, &sways)?;
+    complete::check(study, &sways)?;
     StudyFigures::of(study, &windows, &sways, &physiologies, warnings)
 }
 
@@ -208,9 +236,9 @@ impl StudyFigures {
     #[must_use]
     pub fn participants_text(&self) -> String {
         let all = self.participants.len();
-        let is_left_out = |who: &&String| self.left_out().any(|it| it.participant == **who);
-        let left_out: Vec<&str> =
-            self.participants.iter().filter(is_left_out).map(String::as_str).collect();
+        let incomplete: HashSet<&str> = self.left_out().map(|it| &*it.participant).collect();
+        let everybody = self.participants.iter().map(String::as_str);
+        let left_out: Vec<&str> = everybody.filter(|who| incomplete.contains(who)).collect();
         let counted = counted(all, "participant");
         if left_out.is_empty() {
             return counted;
@@ -247,6 +275,8 @@ impl StudyFigures {
 struct Seen {
     /// With the names of the responses that lack them.
     left_out: Vec<(LeftOut, Vec<String>)>,
+    /// Where in that list each is.
+    places: HashMap<LeftOut, usize>,
     not_compared: Vec<NotCompared>,
 }
 
@@ -269,9 +299,12 @@ impl Seen {
         match values::analyse(study, times, trials, response, &name) {
             Ok(response) => {
                 for it in &response.left_out {
-                    match self.left_out.iter_mut().find(|(seen, _)| seen == it) {
-                        Some((_, names)) => names.push(name.clone()),
-                        None => self.left_out.push((it.clone(), vec![name.clone()])),
+                    match self.places.get(it) {
+                        Some(at) => self.left_out[*at].1.push(name.clone()),
+                        None => {
+                            self.places.insert(it.clone(), self.left_out.len());
+                            self.left_out.push((it.clone(), vec![name.clone()]));
+                        }
                     }
                 }
                 Ok(Some(response))
@@ -318,26 +351,16 @@ fn short(names: &[String]) -> String {
     }
 }
 
-fn one_trial(
+fn one_trial<C: Candidate>(
     study: &Study,
-    entry: &Entry,
+    entry: &C,
     settings: &Settings,
     windows: &[Window],
 ) -> Result<OneTrial, BadInput> {
-    let (points, participant, condition) = match &entry.source {
-        Source::Table(table) => (Points::of_table(table)?, None, None),
-        Source::Trial(folder) => {
-            let trial = Trial::open(folder)?;
-            let points = Points::of(&trial, trial.manifest.zero)?;
-            (points, trial.manifest.participant, trial.manifest.condition)
-        }
-    };
+    let Measured { points, participant, condition } = entry.read()?;
     let place = &points.place;
-    // The study's entry takes precedence over the trial's. As in tables, blanks around a name are
-    // ignored.
-    let named = |what: &str, names: [Option<&String>; 2]| {
-        let mut names = names.into_iter().flatten().map(|it| it.trim());
-        names.find(|it| !it.is_empty()).map(str::to_owned).ok_or_else(|| {
+    let named = |what: &str, name: Option<String>| {
+        name.ok_or_else(|| {
             BadInput::new(
                 place,
                 what,
@@ -349,13 +372,14 @@ fn one_trial(
             )
         })
     };
-    let participant = named("participant", [entry.participant.as_ref(), participant.as_ref()])?;
-    let condition = named("condition", [entry.condition.as_ref(), condition.as_ref()])?;
+    let participant = named("participant", participant)?;
+    let condition = named("condition", condition)?;
     let mut warnings: Vec<String> =
         points.warnings.iter().map(|warning| format!("{place}: {warning}")).collect();
     let sway = sway::of_trial(&points, settings, &study.figures);
     warnings.extend(sway.warnings);
-    let physiology = match study.physiology.as_ref().zip(entry.physiology.as_ref()) {
+    let recordings = entry.recordings();
+    let physiology = match study.physiology.as_ref().zip(recordings) {
         Some((plan, recordings)) => {
             physiology::of_trial(study, plan, recordings, &points, windows)?
         }
@@ -369,8 +393,7 @@ fn one_trial(
         responses: sway.responses,
     };
     let responses = physiology.responses;
-    let recordings = entry.physiology.as_ref().map(|it| it.folder.display().to_string());
-    let place = recordings.unwrap_or_else(|| place.clone());
+    let place = recordings.map_or_else(|| place.clone(), |it| it.folder.display().to_string());
     let physiology = TrialValues { place, participant, condition, responses };
     Ok(OneTrial { sway, physiology, warnings })
 }

@@ -3,9 +3,10 @@
 //! ```text
 //! a trial's points ─▶ method: how its figures are made ─▶ analysis: the sway figures of one trial
 //!
-//! study.toml ─▶ manifest, patterns, measures, protocol ─▶ verdict: which trials take part ─▶ sway,
-//!            physiology: each trial's values ─▶ cohort: who has which trials ─▶ values: averaged by
-//!            participant, condition and time, and compared ─▶ figures ─▶ tables, inference
+//! study.toml ─▶ manifest, patterns, measures, protocol ─▶ candidate: its trials ─▶ verdict: which
+//!            take part ─▶ sway, physiology: each trial's values ─▶ complete: who has which trials ─▶
+//!            values: averaged by participant, condition and time, and compared ─▶ figures ─▶
+//!            tables, inference
 //!
 //! many trials ─▶ tidy: a table of all their figures
 //!
@@ -15,7 +16,9 @@
 //! Results are plain values that can be serialised; [`grid`] is the form in which they are shown.
 
 pub mod analysis;
-mod cohort;
+pub mod candidate;
+pub mod choose;
+mod complete;
 pub mod figures;
 pub mod grid;
 pub mod inference;

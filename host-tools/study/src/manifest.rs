@@ -8,6 +8,7 @@ use plumbline_files::{from_toml, read_text};
 use plumbline_trial::positions::{Columns, Table, Unit};
 use serde::Deserialize;
 
+use crate::choose::Choose;
 use crate::measures::{self, Chosen};
 use crate::patterns::{self, Matched};
 use crate::protocol::{Physiology, PhysiologyToml};
@@ -41,8 +42,12 @@ pub struct Study {
     pub doubtful: Doubtful,
     /// The physiology that was recorded, and how its values are obtained.
     pub physiology: Option<Physiology>,
-    /// The trials.
+    /// The trials; none where they are a cohort's.
     pub trials: Vec<Entry>,
+    /// The cohort whose trials are compared.
+    pub cohort: Option<PathBuf>,
+    /// Which of that cohort's trials, beside their conditions.
+    pub choose: Choose,
     /// Folders that a pattern matches although there is no trial in them.
     pub skipped: Vec<PathBuf>,
 }
@@ -138,6 +143,8 @@ struct StudyToml {
     patterns: Vec<String>,
     #[serde(default, rename = "trial")]
     entries: Vec<EntryToml>,
+    cohort: Option<PathBuf>,
+    choose: Option<Choose>,
 }
 
 /// What becomes of several trials of one participant under one condition.
@@ -207,9 +214,26 @@ fn paper_bins() -> Vec<[f64; 2]> {
 /// # Errors
 /// When it is invalid; the error names the field.
 pub fn read(path: &Path) -> Result<Study, BadInput> {
+    read_with(path, None)
+}
+
+/// The same of a cohort, whatever trials or cohort the study names itself.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_of_cohort(path: &Path, cohort: &Path) -> Result<Study, BadInput> {
+    read_with(path, Some(cohort))
+}
+
+fn read_with(path: &Path, cohort: Option<&Path>) -> Result<Study, BadInput> {
     let place = path.display().to_string();
     let remedy = "`plumb study --new FILE` writes an example with comments";
-    let study: StudyToml = from_toml(&read_text(path)?, &place, remedy)?;
+    let mut study: StudyToml = from_toml(&read_text(path)?, &place, remedy)?;
+    let base = plumbline_files::directory_of(path);
+    if cohort.is_some() {
+        (study.cohort, study.patterns, study.entries) = (None, Vec::new(), Vec::new());
+    }
+    let cohort = cohort.map(Path::to_owned).or(study.cohort.take().map(|it| base.join(it)));
     let wrong =
         |field: &str, found: &str, remedy: &str| Err(BadInput::new(&place, field, found, remedy));
     let conditions: Vec<String> = study.conditions.iter().map(|it| it.trim().to_owned()).collect();
@@ -233,14 +257,41 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     if (1..study.bins_s.len()).any(|at| study.bins_s[..at].contains(&study.bins_s[at])) {
         return wrong("bins_s", "one is given twice", "give each once: times are compared");
     }
-    if study.entries.is_empty() && study.patterns.is_empty() {
-        return wrong(
-            "trials",
-            "there is none",
-            "give a pattern, trials = [\"trials/*\"], or list each in a [[trial]] of its own",
-        );
+    let names_trials = !(study.entries.is_empty() && study.patterns.is_empty());
+    match &cohort {
+        Some(_) if names_trials => {
+            return wrong(
+                "cohort",
+                "trials are named as well",
+                "remove one of the two: a study compares a cohort's trials, or those that it names",
+            );
+        }
+        Some(_) if study.physiology.is_some() => {
+            return wrong(
+                "physiology",
+                "a cohort keeps no such recordings",
+                "name the trials instead of the cohort, or remove the section",
+            );
+        }
+        None if !names_trials => {
+            return wrong(
+                "trials",
+                "there is none",
+                "give a pattern, trials = [\"trials/*\"], list each in a [[trial]] of its own, or \
+                 give a cohort",
+            );
+        }
+        None if study.choose.is_some() => {
+            return wrong(
+                "choose",
+                "it is of a cohort, and the study names its trials",
+                "remove the section, or give cohort = \"...\" instead of trials",
+            );
+        }
+        _ => {}
     }
-    let base = plumbline_files::directory_of(path);
+    let choose = study.choose.unwrap_or_default();
+    choose.check(&place)?;
     let physiology = study.physiology.map(|it| it.check(&place)).transpose()?;
     if let Some(at) = study.entries.iter().position(|it| it.physiology.is_some())
         && physiology.is_none()
@@ -278,6 +329,8 @@ pub fn read(path: &Path) -> Result<Study, BadInput> {
     Ok(Study {
         trials: with_entries(folders, listed),
         skipped,
+        cohort,
+        choose,
         place,
         title: study.title,
         conditions,
@@ -368,6 +421,8 @@ impl Study {
             figures: measures::default_choice(),
             physiology: None,
             trials: Vec::new(),
+            cohort: None,
+            choose: Choose::default(),
             skipped: Vec::new(),
         }
     }
@@ -389,7 +444,13 @@ mod tests {
         std::fs::create_dir_all(&trial).unwrap();
         std::fs::write(trial.join("trial.toml"), "").unwrap();
         let path = folder.path().join("study.toml");
-        std::fs::write(&path, EXAMPLE.lines().map(offered).collect::<String>()).unwrap();
+        // A study is of trials or of a cohort.
+        let (cohort, trials): (Vec<&str>, Vec<&str>) =
+            EXAMPLE.split("\n\n").partition(|part| part.contains("\n#cohort = "));
+        let text = |parts: &[&str]| -> String {
+            parts.iter().flat_map(|part| part.lines()).map(offered).collect()
+        };
+        std::fs::write(&path, text(&trials)).unwrap();
         let study = read(&path).unwrap();
         assert!(study.drop_incomplete && study.average_repeats);
         let verdicts = (study.unusable, study.doubtful);
@@ -403,5 +464,35 @@ mod tests {
         let physiology = study.physiology.unwrap();
         assert_eq!(physiology.signals.len(), 3);
         assert_eq!(physiology.baseline_s, Some(-45.0..-15.0));
+
+        let settings = "title = \"t\"\nconditions = [\"a\", \"b\"]\n";
+        std::fs::write(&path, format!("{settings}{}", text(&cohort))).unwrap();
+        let study = read(&path).unwrap();
+        assert_eq!(study.cohort, Some(folder.path().join("cohort")));
+        assert_eq!(study.choose.age_years, Some([18.0, 40.0]));
+        // The option takes precedence over everything that the study names.
+        let named = read_of_cohort(&path, Path::new("other")).unwrap();
+        assert_eq!((named.cohort, named.trials.len()), (Some("other".into()), 0));
+    }
+
+    #[test]
+    fn a_study_is_of_trials_or_of_a_cohort() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("study.toml");
+        let error = |more: &str| {
+            let text = format!("title = \"t\"\nconditions = [\"a\", \"b\"]\n{more}");
+            std::fs::write(&path, text).unwrap();
+            read(&path).unwrap_err().to_string()
+        };
+        for (more, part) in [
+            ("cohort = \"c\"\ntrials = [\"t/*\"]\n", "cohort: trials are named as well"),
+            ("cohort = \"c\"\n[physiology]\nstance_s = 5\n", "physiology: a cohort keeps no"),
+            ("trials = [\"t/*\"]\n[choose]\nruns = [1]\n", "choose: it is of a cohort"),
+            ("cohort = \"c\"\n[choose]\nsex = [\"X\"]\n", "choose.sex: \"X\""),
+            ("cohort = \"c\"\n[choose]\nage = 5\n", "unknown field `age`"),
+        ] {
+            let error = error(more);
+            assert!(error.contains(part), "no {part}: {error}");
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! Every trial has the same rows. Where a figure could not be computed, its value is empty and the
 //! reason is given.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use plumbline_analysis::sway::figure::Figure;
@@ -16,6 +17,7 @@ use plumbline_trial::frame::Trunk;
 use plumbline_trial::manifest::{Manifest, Zero};
 use plumbline_trial::parquet::{self, Values};
 use plumbline_trial::points::{Point, Points};
+use plumbline_trial::verdict::Grade;
 use serde::Serialize;
 
 use crate::measures::{Direction, MEASURES, Measure};
@@ -69,6 +71,32 @@ pub struct Row {
     pub reason: String,
 }
 
+/// What the rows of a trial say of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct About {
+    /// Who was measured.
+    pub participant: String,
+    /// Under which condition.
+    pub condition: String,
+    /// The trial's folder, or what stands for it.
+    pub trial: String,
+    /// The verdict on it.
+    pub verdict: Grade,
+}
+
+impl About {
+    /// A trial's folder.
+    fn of(folder: &Path, manifest: &Manifest) -> Self {
+        let text = |text: &Option<String>| text.as_deref().unwrap_or_default().trim().to_owned();
+        Self {
+            participant: text(&manifest.participant),
+            condition: text(&manifest.condition),
+            trial: folder.display().to_string(),
+            verdict: manifest.verdict().grade(),
+        }
+    }
+}
+
 /// What is found in a trial.
 #[derive(Debug, Clone)]
 pub struct Found {
@@ -96,7 +124,14 @@ pub fn of_trial(
 /// The same of a trial that has been read, and of its points.
 #[must_use]
 pub fn of_points(trial: &Trial, points: Points, settings: &Settings) -> Found {
-    let of_trial = Row::of(&trial.folder, &trial.manifest, settings);
+    let about = About::of(&trial.folder, &trial.manifest);
+    Found { rows: rows(about, &points, settings), warnings: points.warnings }
+}
+
+/// The rows of the points of any trial.
+#[must_use]
+pub fn rows(about: About, points: &Points, settings: &Settings) -> Vec<Row> {
+    let of_trial = Row::of(about, settings);
     let rows = Trunk::ALL.into_iter().flat_map(|trunk| {
         let point = points.points.iter().find(|it| it.name == trunk.word());
         let rate_hz = point.map(|it| it.series.rate_hz());
@@ -117,7 +152,7 @@ pub fn of_points(trial: &Trial, points: Points, settings: &Settings) -> Found {
         });
         rows.collect::<Vec<_>>()
     });
-    Found { rows: rows.collect(), warnings: points.warnings }
+    rows.collect()
 }
 
 /// Refuses trials of which one is given twice: it would count twice.
@@ -127,7 +162,8 @@ pub fn of_points(trial: &Trial, points: Points, settings: &Settings) -> Found {
 pub fn refuse_twice(trials: &[PathBuf]) -> Result<(), BadInput> {
     let real: Vec<PathBuf> =
         trials.iter().map(|it| it.canonicalize().unwrap_or_else(|_| it.clone())).collect();
-    match (1..real.len()).find(|at| real[..*at].contains(&real[*at])) {
+    let mut seen = HashSet::new();
+    match real.iter().position(|it| !seen.insert(it)) {
         None => Ok(()),
         Some(at) => {
             let found = "this trial is given twice";
@@ -189,13 +225,13 @@ pub fn parquet(rows: &[Row]) -> Vec<u8> {
 
 impl Row {
     /// What all rows of a trial have in common.
-    fn of(folder: &Path, manifest: &Manifest, settings: &Settings) -> Self {
-        let text = |text: &Option<String>| text.as_deref().unwrap_or_default().trim().to_owned();
+    fn of(about: About, settings: &Settings) -> Self {
+        let About { participant, condition, trial, verdict } = about;
         Self {
-            participant: text(&manifest.participant),
-            condition: text(&manifest.condition),
-            trial: folder.display().to_string(),
-            verdict: manifest.verdict().grade().word(),
+            participant,
+            condition,
+            trial,
+            verdict: verdict.word(),
             trunk: "",
             segment: String::new(),
             start_s: None,
@@ -300,7 +336,7 @@ mod tests {
     #[test]
     fn a_figure_comes_with_its_uncertainty_or_the_reason_why_there_is_none() {
         let manifest = Manifest::begin(String::new(), None, None, None, Zero::Mark);
-        let row = Row::of(Path::new("t"), &manifest, &Settings::default());
+        let row = Row::of(About::of(Path::new("t"), &manifest), &Settings::default());
         let segment =
             |figure| Segment { name: "T1".to_owned(), span_s: None, measured_s: None, figure };
         let known = Figure::Known { value: 2.0, noise_sd: Some(0.25) };
@@ -320,7 +356,7 @@ mod tests {
     fn a_span_without_an_end_has_none_where_nothing_was_seen() {
         let settings = Settings { span_s: Some(0.0..f64::INFINITY), ..Settings::default() };
         let manifest = Manifest::begin(String::new(), None, None, None, Zero::Mark);
-        let row = Row::of(Path::new("t"), &manifest, &settings);
+        let row = Row::of(About::of(Path::new("t"), &manifest), &settings);
         let unseen = Err(NOT_SEEN.to_owned());
         let whole = segments(&MEASURES[0], Direction::Ap, &unseen, &settings).pop().unwrap();
         let found = whole.row(row);
@@ -334,7 +370,7 @@ mod tests {
         let absent = Row {
             participant: "=P1".to_owned(),
             reason: "gone".to_owned(),
-            ..Row::of(Path::new("t"), &manifest, &Settings::default())
+            ..Row::of(About::of(Path::new("t"), &manifest), &Settings::default())
         };
         let known = Row { value: Some(-1.5e-7), end_s: Some(60.0), unit: "mm²", ..absent.clone() };
         let rows = [absent, known];
@@ -369,7 +405,7 @@ mod tests {
             None,
             Zero::Mark,
         );
-        let row = Row::of(Path::new("-t"), &manifest, &Settings::default());
+        let row = Row::of(About::of(Path::new("-t"), &manifest), &Settings::default());
         let row = Row { value: Some(-1.5e-7), start_s: Some(-5.0), ..row };
         let text = String::from_utf8(csv(&[row])).unwrap();
         let (header, row) = text.split_once('\n').unwrap();

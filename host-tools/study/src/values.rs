@@ -1,5 +1,7 @@
 //! Combines the values of trials into the statistics of a response.
 
+use std::collections::{HashMap, HashSet};
+
 use plumbline_analysis::statistics::inference::Inference;
 use plumbline_analysis::statistics::multiplicity::{benjamini_hochberg, holm};
 use plumbline_analysis::statistics::within::{DesignError, Incomplete, Observation, WithinDesign};
@@ -38,7 +40,7 @@ pub struct Response {
 }
 
 /// A participant who is left out of a response.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize)]
 pub struct LeftOut {
     /// Who.
     pub participant: String,
@@ -67,9 +69,12 @@ pub struct Adjusted {
 #[must_use]
 pub fn responses<M: PartialEq + Clone>(trials: &[TrialValues<M>]) -> Vec<M> {
     let mut found: Vec<M> = Vec::new();
-    for (response, _) in trials.iter().flat_map(|trial| &trial.responses) {
-        if !found.contains(response) {
-            found.push(response.clone());
+    for trial in trials {
+        for (at, (response, _)) in trial.responses.iter().enumerate() {
+            // Most trials have the same ones, in the same order.
+            if found.get(at) != Some(response) && !found.contains(response) {
+                found.push(response.clone());
+            }
         }
     }
     found
@@ -106,12 +111,12 @@ pub fn analyse<M: PartialEq>(
     name: &str,
 ) -> Result<Response, BadInput> {
     let times = if times.len() > 1 { times } else { &[] };
-    let values = Values { times, trials, response };
+    let values = Values::new(times, trials, response);
     let observations = values.means(study);
     let wrong = |found: String, remedy| BadInput::new(&study.place, name, found, remedy);
     for level in study.conditions.iter().chain(times) {
         if !observations.iter().any(|it| it.levels.contains(&&**level)) {
-            let reason = values.reason(|trial, time| {
+            let reason = values.reason(trials.iter(), |trial, time| {
                 trial.condition == *level || times.get(time).is_some_and(|it| it == level)
             });
             return Err(wrong(format!("nobody has a value in {level}: {reason}"), REMEDY_ALL));
@@ -158,29 +163,49 @@ const REMEDY_ALL: &str = "record what is missing, or change the conditions, bins
 /// The values of one response in all trials.
 struct Values<'a, M> {
     times: &'a [String],
-    trials: &'a [TrialValues<M>],
     response: &'a M,
+    /// Where the response is in most trials.
+    at: usize,
+    /// In the order of their first trials.
+    participants: Vec<&'a str>,
+    /// The trials of each participant under each condition.
+    own: HashMap<&'a str, HashMap<&'a str, Vec<&'a TrialValues<M>>>>,
 }
 
 impl<'a, M: PartialEq> Values<'a, M> {
+    fn new(times: &'a [String], trials: &'a [TrialValues<M>], response: &'a M) -> Self {
+        let first = trials.first().map_or(&[][..], |it| &it.responses);
+        let at = first.iter().position(|(it, _)| it == response).unwrap_or(0);
+        let mut own: HashMap<&str, HashMap<&str, Vec<_>>> = HashMap::new();
+        for trial in trials {
+            let of_participant = own.entry(&trial.participant).or_default();
+            of_participant.entry(&trial.condition).or_default().push(trial);
+        }
+        Self { times, response, at, participants: participants(trials), own }
+    }
+
     /// The values of a trial; none if it has not this response.
     fn of(&self, trial: &'a TrialValues<M>) -> &'a [Value] {
-        let found = trial.responses.iter().find(|(it, _)| it == self.response);
+        let is_it = |(it, _): &&(M, Vec<Value>)| it == self.response;
+        let usual = trial.responses.get(self.at).filter(is_it);
+        let found = usual.or_else(|| trial.responses.iter().find(is_it));
         found.map_or(&[], |(_, values)| values)
+    }
+
+    /// The trials of a participant under a condition.
+    fn own(&self, participant: &str, condition: &str) -> &[&'a TrialValues<M>] {
+        let found = self.own.get(participant).and_then(|own| own.get(condition));
+        found.map_or(&[], Vec::as_slice)
     }
 
     /// Ordered by condition and time, so that the tables have the study's order; participants are
     /// in the order of their first trials.
     fn means(&self, study: &'a Study) -> Vec<Observation<'a>> {
-        let participants = participants(self.trials);
         let mut observations = Vec::new();
         for condition in &study.conditions {
             for time in 0..self.times.len().max(1) {
-                for &participant in &participants {
-                    let own = self
-                        .trials
-                        .iter()
-                        .filter(|it| it.participant == participant && it.condition == *condition);
+                for &participant in &self.participants {
+                    let own = self.own(participant, condition).iter();
                     let values = own.filter_map(|trial| self.of(trial).get(time)?.as_ref().ok());
                     let (sum, count) = values.fold((0.0, 0.0), |(sum, n), it| (sum + it, n + 1.0));
                     if count > 0.0 {
@@ -199,19 +224,20 @@ impl<'a, M: PartialEq> Values<'a, M> {
 
     /// Why there is no value in a participant's cell.
     fn left_out(&self, Incomplete { subject, cell }: Incomplete) -> LeftOut {
-        let reason = self.reason(|trial, time| {
-            trial.participant == subject
-                && trial.condition == cell[0]
-                && self.times.get(time) == cell.get(1)
-        });
+        let own = self.own(&subject, &cell[0]).iter().copied();
+        let reason = self.reason(own, |_, time| self.times.get(time) == cell.get(1));
         LeftOut { participant: subject, cell, reason }
     }
 
-    /// The reason for the first absent value of which `is_asked` is true, given its trial and the
-    /// index of its time.
-    fn reason(&self, is_asked: impl Fn(&TrialValues<M>, usize) -> bool) -> String {
+    /// The reason for the first absent value in `trials` of which `is_asked` is true, given its trial
+    /// and the index of its time.
+    fn reason(
+        &self,
+        trials: impl Iterator<Item = &'a TrialValues<M>>,
+        is_asked: impl Fn(&TrialValues<M>, usize) -> bool,
+    ) -> String {
         let mut without: Option<String> = None;
-        for trial in self.trials {
+        for trial in trials {
             for time in (0..self.times.len().max(1)).filter(|time| is_asked(trial, *time)) {
                 match self.of(trial).get(time) {
                     Some(Err(absent)) => return absent.clone(),
@@ -229,13 +255,8 @@ impl<'a, M: PartialEq> Values<'a, M> {
 /// The participants of these trials, in the order of their first ones.
 #[must_use]
 pub fn participants<M>(trials: &[TrialValues<M>]) -> Vec<&str> {
-    let mut participants: Vec<&str> = Vec::new();
-    for trial in trials {
-        if !participants.contains(&&*trial.participant) {
-            participants.push(&trial.participant);
-        }
-    }
-    participants
+    let mut seen = HashSet::new();
+    trials.iter().map(|it| &*it.participant).filter(|who| seen.insert(*who)).collect()
 }
 
 /// Adjusts the p of each effect for the number of responses in which it is tested.

@@ -2,11 +2,11 @@
 
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
-use plumbline_trial::Trial;
-use plumbline_trial::verdict::{Grade, Verdict};
+use plumbline_trial::verdict::Grade;
 use rayon::prelude::*;
 
-use crate::manifest::{Doubtful, Entry, Source, Study, Unusable};
+use crate::candidate::Candidate;
+use crate::manifest::{Doubtful, Study, Unusable};
 
 /// The trials that take part, and warnings that name those that are doubtful or left out.
 ///
@@ -15,10 +15,13 @@ use crate::manifest::{Doubtful, Entry, Source, Study, Unusable};
 ///
 /// # Errors
 /// When a trial cannot be read, or some are unusable and the study refuses such trials: each is named.
-pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
-    let verdicts: Vec<_> = study.trials.par_iter().map(verdict).collect();
+pub fn admitted<'a, C: Candidate>(
+    study: &Study,
+    trials: &'a [C],
+) -> Result<(Vec<&'a C>, Vec<String>), BadInput> {
+    let verdicts: Vec<_> = trials.par_iter().map(Candidate::verdict).collect();
     let (mut admitted, mut warnings, mut refused) = (Vec::new(), Vec::new(), Vec::new());
-    for (entry, verdict) in study.trials.iter().zip(verdicts) {
+    for (entry, verdict) in trials.iter().zip(verdicts) {
         let Some((place, verdict)) = verdict? else {
             admitted.push(entry);
             continue;
@@ -49,11 +52,4 @@ pub fn admitted(study: &Study) -> Result<(Vec<&Entry>, Vec<String>), BadInput> {
         "`plumb show TRIAL` says what can be done for each; or write unusable = \"leave_out\" to go on \
          without them",
     ))
-}
-
-/// The place of an entry and the verdict on it; a table of another system has none.
-fn verdict(entry: &Entry) -> Result<Option<(String, Verdict)>, BadInput> {
-    let Source::Trial(folder) = &entry.source else { return Ok(None) };
-    let trial = Trial::open(folder)?;
-    Ok(Some((folder.display().to_string(), trial.manifest.verdict())))
 }

@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         Late::new(out, *force)?;
     }
     tidy::refuse_twice(trials)?;
-    let progress = Progress::of_trials(trials.len());
+    let progress = Progress::of_trials("analysing", trials.len());
     let found: Vec<Result<Found, BadInput>> = trials
         .par_iter()
         .map(|folder| {

@@ -4,6 +4,7 @@ pub mod aim;
 pub mod analyze;
 pub mod budget;
 pub mod calibrate;
+pub mod cohort;
 pub mod demo;
 pub mod desk;
 pub mod doctor;

@@ -8,7 +8,6 @@ use plumbline_files::BadInput;
 use plumbline_files::{directory_of, write_all};
 use plumbline_report::study;
 use plumbline_report::trial::{self, Beside};
-use plumbline_study::manifest;
 use plumbline_trial::Trial;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
@@ -95,7 +94,7 @@ fn of_study<'a>(arguments: &Arguments, source: &'a Path) -> anyhow::Result<Page<
         return Err(BadInput::whole(source.display(), found, remedy).into());
     }
     refuse_options_of_a_trial(arguments, source)?;
-    let figures = plumbline_study::figures::analyze(&manifest::read(source)?)?;
+    let figures = crate::study::analyze(&crate::study::read(source, None)?)?;
     Ok((study::report(&figures)?, figures.warnings, directory_of(source)))
 }
 

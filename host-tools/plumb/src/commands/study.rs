@@ -7,7 +7,7 @@ use plumbline_files::BadInput;
 use plumbline_files::columns::Delimiter;
 use plumbline_files::counting::counted;
 use plumbline_files::write_all;
-use plumbline_study::{figures, inference, long, manifest};
+use plumbline_study::{inference, long, manifest};
 
 use crate::ui::stdout;
 
@@ -30,15 +30,23 @@ use crate::ui::stdout;
 /// arterial pressure, stroke volume, cardiac output, cerebral blood flow velocity, oxygenation
 /// and end-tidal CO2, from ECG, pressure and other signals in CSV files.
 ///
+/// With --cohort, or with cohort = "..." in study.toml instead of trials, it compares the trials of a
+/// cohort (see `plumb cohort`) that have the study's conditions and what [choose] asks for.
+///
 /// With --long the same is done for a table with one measurement per line.
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("input").required(true).args(["study", "long", "new"])))]
 #[command(after_help = "Examples:\n  plumb study --new study.toml\n  \
     plumb study study.toml --json study.json\n  \
+    plumb study --cohort cohort/ study.toml\n  \
     plumb study --long sway.csv --response path --within condition,time --subject id --json out.json")]
 pub struct Arguments {
     /// The study
     study: Option<PathBuf>,
+
+    /// Compare this cohort's trials, instead of those that the study names
+    #[arg(long, value_name = "FOLDER", requires = "study")]
+    cohort: Option<PathBuf>,
 
     /// Write an example study.toml with comments
     #[arg(long, value_name = "FILE")]
@@ -93,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Ok(());
     }
     let (json, text) = match (&arguments.study, &arguments.long) {
-        (Some(path), _) => of_study(path)?,
+        (Some(path), _) => of_study(path, arguments.cohort.as_deref())?,
         (None, Some(path)) => of_long(arguments, path)?,
         (None, None) => unreachable!("one of them is required"),
     };
@@ -104,8 +112,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn of_study(path: &Path) -> anyhow::Result<(String, String)> {
-    let figures = figures::analyze(&manifest::read(path)?)?;
+fn of_study(path: &Path, cohort: Option<&Path>) -> anyhow::Result<(String, String)> {
+    let figures = crate::study::analyze(&crate::study::read(path, cohort)?)?;
     for warning in &figures.warnings {
         eprintln!("warning: {warning}");
     }

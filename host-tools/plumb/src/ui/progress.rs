@@ -29,10 +29,16 @@ impl Progress {
         progress
     }
 
-    /// For this number of trials.
-    pub fn of_trials(trials: usize) -> Self {
-        let bar = ProgressBar::new(trials as u64);
-        Self::hidden(bar.with_style(style("analysing {wide_bar} {pos}/{len} trials, {eta} left")))
+    /// For this number of trials; `what` is done with each, such as "analysing".
+    pub fn of_trials(what: &'static str, trials: usize) -> Self {
+        let bar = ProgressBar::new(trials as u64).with_prefix(what);
+        let style = style("{prefix} {wide_bar} {pos}/{len} trials, {eta} left");
+        Self::hidden(bar.with_style(style))
+    }
+
+    /// Whether all is done.
+    pub fn is_full(&self) -> bool {
+        Some(self.bar.position()) == self.bar.length()
     }
 
     /// A bar that is not shown yet.

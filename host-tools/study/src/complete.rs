@@ -1,6 +1,8 @@
 //! Who has which trials of a study: what does not fit together is found before anything is
 //! compared.
 
+use std::collections::HashMap;
+
 use plumbline_files::BadInput;
 
 use crate::manifest::Study;
@@ -36,14 +38,15 @@ pub fn check<M>(study: &Study, trials: &[TrialValues<M>]) -> Result<(), BadInput
     let nobody: Vec<String> = nobody.map(|it| format!("no trial has {it:?}")).collect();
     wrong("conditions", &nobody, "write them as the trials have them, or remove them")?;
 
+    let mut places: HashMap<(&str, &str), Vec<&str>> = HashMap::new();
+    for trial in trials {
+        places.entry((&trial.participant, &trial.condition)).or_default().push(&trial.place);
+    }
     let (mut repeated, mut lacking) = (Vec::new(), Vec::new());
     for participant in participants(trials) {
         for condition in conditions {
-            let own = trials
-                .iter()
-                .filter(|it| it.participant == participant && it.condition == *condition);
-            let own: Vec<&str> = own.map(|it| it.place.as_str()).collect();
-            match own[..] {
+            let own = places.get(&(participant, condition)).map_or(&[][..], Vec::as_slice);
+            match own {
                 [] => {
                     lacking.push(format!("participant {participant} has no trial in {condition}"))
                 }

@@ -1,0 +1,64 @@
+//! Studies of a cohort's trials.
+
+use plumbline_files::BadInput;
+use plumbline_study::candidate::{Candidate, Measured};
+use plumbline_study::figures::{self, StudyFigures};
+use plumbline_study::manifest::{Recordings, Study};
+use plumbline_trial::Verdict;
+
+use crate::folder::Cohort;
+use crate::row::Row;
+
+/// A trial of a cohort.
+struct Kept<'a> {
+    cohort: &'a Cohort,
+    row: &'a Row,
+}
+
+impl Candidate for Kept<'_> {
+    fn verdict(&self) -> Result<Option<(String, Verdict)>, BadInput> {
+        Ok(Some((self.row.key.to_string(), self.row.verdict.clone())))
+    }
+
+    fn read(&self) -> Result<Measured, BadInput> {
+        Ok(Measured {
+            points: self.cohort.points(self.row)?,
+            participant: Some(self.row.key.participant.clone()),
+            condition: Some(self.row.key.condition.clone()),
+        })
+    }
+
+    fn recordings(&self) -> Option<&Recordings> {
+        None
+    }
+}
+
+/// The figures of a study, whether its trials are in a cohort or in folders. `begin` is told the
+/// number of trials, and gives what is called after each.
+///
+/// # Errors
+/// As [`figures::analyze`]; when the cohort cannot be read, or none of its trials is chosen.
+pub fn analyze<A: Fn() + Sync>(
+    study: &Study,
+    begin: impl FnOnce(usize) -> A,
+) -> Result<StudyFigures, BadInput> {
+    let Some(path) = &study.cohort else {
+        return figures::analyze_trials(study, &study.trials, &begin(study.trials.len()));
+    };
+    let cohort = Cohort::open(path)?;
+    let rows = cohort.rows()?;
+    let is_chosen = |row: &&Row| {
+        study.conditions.contains(&row.key.condition) && study.choose.takes(&row.known())
+    };
+    let trials: Vec<Kept<'_>> =
+        rows.iter().filter(is_chosen).map(|row| Kept { cohort: &cohort, row }).collect();
+    if trials.is_empty() {
+        return Err(BadInput::new(
+            &study.place,
+            "conditions",
+            format!("none of the {} trials of {} is chosen", rows.len(), path.display()),
+            "write the conditions as `plumb cohort list` shows them, and see what [choose] asks for",
+        ));
+    }
+    figures::analyze_trials(study, &trials, &begin(trials.len()))
+}
