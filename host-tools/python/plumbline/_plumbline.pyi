@@ -134,7 +134,7 @@ def figures(
     radius_mm: float | None = None,
     zero: Zero | None = None,
 ) -> tuple[dict[str, Any], list[str], list[BadInput]]: ...
-def study(path: Path) -> dict[str, Any]: ...
+def study(path: Path, *, cohort: Path | None = None) -> dict[str, Any]: ...
 def study_of_table(
     path: Path,
     *,
@@ -144,6 +144,62 @@ def study_of_table(
     delimiter: str = "comma",
     drop_incomplete: bool = False,
 ) -> dict[str, Any]: ...
+
+class Cohort:
+    @property
+    def path(self) -> os.PathLike[str]: ...
+    def _trials(self) -> dict[str, Any]: ...
+    def _figures(
+        self,
+        *,
+        trials: list[str] | None = None,
+        filter: str | None = None,
+        span: Span | None = None,
+        bins: list[Bin] | None = None,
+        covered_min: float | None = None,
+        radius_mm: float | None = None,
+    ) -> dict[str, Any]: ...
+    def __len__(self) -> int: ...
+
+def open_cohort(path: Path) -> Cohort: ...
+def cohort_columns(
+    table: Literal["trials", "figures", "points"],
+) -> list[tuple[str, Literal["text", "number", "integer", "flag", "instant"]]]: ...
+def figures_of_points(
+    row: dict[str, Any],
+    points: dict[str, Any],
+    *,
+    filter: str | None = None,
+    span: Span | None = None,
+    bins: list[Bin] | None = None,
+    covered_min: float | None = None,
+    radius_mm: float | None = None,
+) -> dict[str, Any]: ...
+
+TakesPart: TypeAlias = tuple[str, str, str, str]
+
+class CohortStudy:
+    """A study of a cohort in steps that can be taken on different computers."""
+
+    def __new__(cls, text: str, place: Path, cohort: Path) -> CohortStudy: ...
+    @property
+    def title(self) -> str: ...
+    def admitted(self, trials: dict[str, Any]) -> tuple[list[TakesPart], list[str]]:
+        """Of the table of trials those that take part: ``trial``, its place in messages, its
+        participant and its condition; and the warnings."""
+    def values(
+        self, row: dict[str, Any], points: dict[str, Any]
+    ) -> tuple[dict[str, Any], list[str]]:
+        """What a trial contributes: columns ``trial``, ``point``, ``chosen`` (which of the study's
+        figures), ``time`` (which of its times, from 0), ``value``, ``absent``; and the warnings."""
+    def compare(
+        self, point: str, chosen: int, takes_part: list[TakesPart], columns: dict[str, Any]
+    ) -> dict[str, Any]:
+        """The statistics of one response, from the columns ``trial``, ``time``, ``value``, ``absent``
+        of all trials; or the ``reason`` why there are none."""
+
+def adjusted(p: list[float]) -> tuple[list[float], list[float]]:
+    """The p of one effect in many responses, adjusted after Holm, and after Benjamini and Hochberg."""
 
 class Camera:
     """A calibrated camera. Pixel (0, 0) is the centre of the top-left pixel."""
