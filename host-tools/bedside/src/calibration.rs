@@ -89,37 +89,70 @@ pub fn board([columns, rows]: [u8; 2], pitch_mm: f64) -> Result<TargetGeometry, 
 pub fn read(images: &[PathBuf]) -> Result<Vec<Picture>, BadInput> {
     // It does not matter when photographs were taken, nor at which rate a video of them runs.
     let mut source = FrameSource::open(images, Some(IMAGE_RATE_HZ))?;
-    let (width, height) = (source.width(), source.height());
-    if width.max(height) < WIDTH_PX_MIN {
-        return Err(BadInput::new(
-            source.place(),
-            "image size",
-            format!("{width} x {height} px"),
-            format!(
-                "a calibration below {WIDTH_PX_MIN} px is refused: its corners are not known well \
-                 enough for the box; photograph the board at the size that the box records at"
-            ),
-        ));
-    }
+    check_size(source.place(), source.width(), source.height())?;
     let mut pictures: Vec<Picture> = Vec::new();
     while let Some(frame) = source.next_frame()? {
         let index = frame.index;
         let samples = in_8_bits(&frame);
+        let (width, height) = (frame.width, frame.height);
         let mut place = source.place().to_owned();
-        if pictures.len() == IMAGES_MAX {
-            return Err(BadInput::new(
-                place,
-                "images",
-                format!("more than {IMAGES_MAX}"),
-                "10 to 20 photographs at different places and tilts are enough",
-            ));
-        }
+        check_count(&pictures, &place)?;
         if pictures.iter().any(|picture| picture.place.starts_with(&place)) {
             place += &format!(", frame {index}");
         }
         pictures.push(Picture { place, samples, width, height });
     }
     Ok(pictures)
+}
+
+/// Adds a photograph that is in memory; `place` is its name.
+///
+/// # Errors
+/// When it is too small or one too many, or of another size than those before.
+pub fn add(pictures: &mut Vec<Picture>, place: String, frame: &Frame<'_>) -> Result<(), BadInput> {
+    let &Frame { width, height, .. } = frame;
+    check_size(&place, width, height)?;
+    check_count(pictures, &place)?;
+    if let Some(first) = pictures.first()
+        && (first.width, first.height) != (width, height)
+    {
+        let found = format!(
+            "{width} x {height} px, but those before have {} x {} px",
+            first.width, first.height
+        );
+        let remedy = "give photographs of one size: a calibration holds for one size";
+        return Err(BadInput::new(place, "image size", found, remedy));
+    }
+    pictures.push(Picture { place, samples: in_8_bits(frame), width, height });
+    Ok(())
+}
+
+fn check_size(place: &str, width: usize, height: usize) -> Result<(), BadInput> {
+    if width.max(height) >= WIDTH_PX_MIN {
+        return Ok(());
+    }
+    Err(BadInput::new(
+        place,
+        "image size",
+        format!("{width} x {height} px"),
+        format!(
+            "a calibration below {WIDTH_PX_MIN} px is refused: its corners are not known well \
+             enough for the box; photograph the board at the size that the box records at"
+        ),
+    ))
+}
+
+/// Checks that there may be one more.
+fn check_count(pictures: &[Picture], place: &str) -> Result<(), BadInput> {
+    if pictures.len() < IMAGES_MAX {
+        return Ok(());
+    }
+    Err(BadInput::new(
+        place,
+        "images",
+        format!("more than {IMAGES_MAX}"),
+        "10 to 20 photographs at different places and tilts are enough",
+    ))
 }
 
 /// The samples of a frame, those of more than 8 bits rounded down.

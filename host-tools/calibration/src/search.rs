@@ -12,7 +12,8 @@
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::limits::FRAME_SIDE_PX_MIN;
 use plumbline::parts::{Corner, CornerList, Detector, FrameBorder, Grid, GridFinder, refined};
-use plumbline::report::GridRejection;
+use plumbline::pipeline::{FoundTarget, Pipeline};
+use plumbline::report::{GridRejection, Report};
 use plumbline::target::GridShape;
 
 /// How often a photograph is halved.
@@ -125,6 +126,26 @@ impl Search {
             only(boards).unwrap_or(Err(why))
         };
         (0..wanted.len()).map(board).collect()
+    }
+
+    /// The report on a photograph that stands for itself: the boards of the wanted shapes, which are
+    /// those of the pipeline's targets in their order, searched here and measured by the pipeline.
+    pub fn measure<P: Pixel>(
+        &mut self,
+        pipeline: &mut Pipeline,
+        image: &GreyImage<'_, P>,
+        wanted: &[GridShape],
+        time_ns: u64,
+    ) -> Report {
+        let boards = self.find(image, wanted);
+        let found: Vec<_> = boards
+            .iter()
+            .map(|board| match board {
+                Ok(Found { grid, corners }) => Ok(FoundTarget { grid, corners }),
+                Err(rejection) => Err(*rejection),
+            })
+            .collect();
+        pipeline.step_found(image, time_ns, &found)
     }
 
     /// The corners, and the grids, in a photograph as it is.

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use plumbline_files::counting::counted;
 use plumbline_files::{BadInput, make_directory, replace, sync_directory};
 use plumbline_study::method::Choice;
-use plumbline_study::tidy::{self, About};
+use plumbline_study::tidy;
 use plumbline_trial::Trial;
-use plumbline_trial::parquet::{self, Values, Writer};
+use plumbline_trial::parquet::{self, Writer};
 use plumbline_trial::points::Points;
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ use crate::folder::{Cohort, Stage};
 use crate::given::{Assumed, Fate, Given, People, Said};
 use crate::key::{Key, RUN_MAX};
 use crate::row::{self, Addition, Person, Row};
-use crate::{content, names, samples};
+use crate::{content, figures, names, samples};
 
 /// So many trials are in memory at once, at most, as values; their points are only while they are
 /// read.
@@ -264,7 +264,7 @@ fn write(
             tidy_rows.extend(of_trial);
             rows.push(row);
         }
-        let columns = figure_columns(&keys, &tidy_rows);
+        let columns = figures::columns(&keys, &tidy_rows);
         let writer = match &mut figures {
             Some(writer) => writer,
             None => figures.insert(
@@ -335,22 +335,6 @@ fn write_trial(
         addition,
     );
     drop(trial);
-    let about = About {
-        participant: given.key.participant.clone(),
-        condition: given.key.condition.clone(),
-        trial: given.trial.clone(),
-        verdict: row.verdict.grade(),
-    };
-    let figures = tidy::rows(about, &points, &Choice::default().settings(&points));
+    let figures = figures::of(&row, &points, &Choice::default());
     Ok((row, figures))
-}
-
-/// The columns of `plumb figures`, with the key's other parts.
-fn figure_columns(keys: &[Key], rows: &[tidy::Row]) -> Vec<(String, Values)> {
-    let sessions = Values::Texts(keys.iter().map(|it| it.session.clone()).collect());
-    let runs = Values::Integers(keys.iter().map(|it| i64::from(it.run)).collect());
-    let mut columns = tidy::columns(rows);
-    columns.insert(1, ("session".to_owned(), sessions));
-    columns.insert(3, ("run".to_owned(), runs));
-    columns
 }

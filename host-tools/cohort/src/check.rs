@@ -4,14 +4,13 @@ use std::collections::{HashMap, HashSet};
 
 use plumbline_files::BadInput;
 use plumbline_study::method::Choice;
-use plumbline_study::tidy::{self, About};
 use plumbline_trial::frame::Trunk;
 use plumbline_trial::parquet::Reader;
 use rayon::prelude::*;
 
 use crate::folder::{Cohort, files};
-use crate::names;
 use crate::row::Row;
+use crate::{figures, names};
 
 /// Far more rows than trials have figures.
 const ROWS_MAX: u64 = 10_000_000_000;
@@ -41,18 +40,18 @@ pub fn check(
     rows: &[Row],
     advance: &(dyn Fn() + Sync),
 ) -> Result<Vec<String>, BadInput> {
-    let figures = figures(cohort)?;
+    let kept = kept(cohort)?;
     let faults: Vec<Option<String>> = rows
         .par_iter()
         .map(|row| {
-            let found = of_trial(cohort, row, figures.get(&row.trial));
+            let found = of_trial(cohort, row, kept.get(&row.trial));
             advance();
             found.err()
         })
         .collect();
     let mut faults: Vec<String> = faults.into_iter().flatten().collect();
     let known: HashSet<&str> = rows.iter().map(|it| &*it.trial).collect();
-    let unknown = figures.keys().filter(|it| !known.contains(it.as_str())).count();
+    let unknown = kept.keys().filter(|it| !known.contains(it.as_str())).count();
     if unknown > 0 {
         let place = cohort.path().join(names::FIGURES);
         faults.push(format!(
@@ -70,7 +69,7 @@ pub fn check(
 }
 
 /// What the table of figures has, by trial.
-fn figures(cohort: &Cohort) -> Result<HashMap<String, Summary>, BadInput> {
+fn kept(cohort: &Cohort) -> Result<HashMap<String, Summary>, BadInput> {
     let mut found: HashMap<String, Summary> = HashMap::new();
     for path in cohort.tables(names::FIGURES)? {
         let reader = Reader::open(&path, ROWS_MAX)?;
@@ -92,7 +91,7 @@ fn figures(cohort: &Cohort) -> Result<HashMap<String, Summary>, BadInput> {
 }
 
 /// What is amiss of one trial.
-fn of_trial(cohort: &Cohort, row: &Row, figures: Option<&Summary>) -> Result<(), String> {
+fn of_trial(cohort: &Cohort, row: &Row, kept: Option<&Summary>) -> Result<(), String> {
     let points = cohort.points(row).map_err(|error| error.to_string())?;
     for (trunk, seen) in Trunk::ALL.into_iter().zip(&row.seen) {
         let point = points.points.iter().find(|it| it.name == trunk.word());
@@ -106,18 +105,12 @@ fn of_trial(cohort: &Cohort, row: &Row, figures: Option<&Summary>) -> Result<(),
             ));
         }
     }
-    let about = About {
-        participant: String::new(),
-        condition: String::new(),
-        trial: String::new(),
-        verdict: row.verdict.grade(),
-    };
     let mut computed = Summary::default();
-    let rows = tidy::rows(about, &points, &Choice::default().settings(&points));
+    let rows = figures::of(row, &points, &Choice::default());
     rows.iter().for_each(|it| computed.add(it.value));
-    match figures {
+    match kept {
         None => Err(format!("{}: the table of figures lacks it", row.key)),
-        Some(figures) if *figures != computed => Err(format!(
+        Some(kept) if *kept != computed => Err(format!(
             "{}: its figures are not those of its points; they were computed by {}",
             row.key, row.program
         )),

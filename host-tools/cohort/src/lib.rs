@@ -12,11 +12,12 @@
 pub mod add;
 pub mod check;
 mod content;
+pub mod figures;
 pub mod folder;
 pub mod given;
 pub mod key;
 pub mod row;
-mod samples;
+pub mod samples;
 pub mod studied;
 
 /// The names of files and folders in a cohort. Names that begin with a dot are hidden from every

@@ -5,7 +5,7 @@ use std::path::Path;
 use plumbline_analysis::series::{Axis, Series};
 use plumbline_files::BadInput;
 use plumbline_trial::frame::Trunk;
-use plumbline_trial::parquet::{self, Reader, Values};
+use plumbline_trial::parquet::{self, Reader, Table, Values};
 use plumbline_trial::points::{Point, Points};
 
 use crate::row::Row;
@@ -103,7 +103,29 @@ pub fn read(path: &Path, row: &Row) -> Result<Points, BadInput> {
             "try again: it was being added to, or is damaged",
         ));
     }
-    let table = reader.all()?;
+    of_table(&reader.all()?, &place.to_string(), row)
+}
+
+/// The columns of such a file, without rows.
+#[must_use]
+pub fn columns() -> Vec<(String, Values)> {
+    let mut table = vec![
+        ("trial".to_owned(), Values::Texts(Vec::new())),
+        ("time_s".to_owned(), Values::Numbers(Vec::new())),
+    ];
+    for trunk in Trunk::ALL {
+        let (time, positions) = names(trunk);
+        let all = std::iter::once(time).chain(positions);
+        table.extend(all.map(|name| (name, Values::SomeNumbers(Vec::new()))));
+    }
+    table
+}
+
+/// The points of a trial from these columns, in the order of time; `place` is where they are from.
+///
+/// # Errors
+/// When a column is absent, or the times do not increase.
+pub fn of_table(table: &Table, place: &str, row: &Row) -> Result<Points, BadInput> {
     let frames_s = table.numbers("time_s")?;
     let mut points = Vec::new();
     for trunk in Trunk::ALL {
@@ -125,7 +147,7 @@ pub fn read(path: &Path, row: &Row) -> Result<Points, BadInput> {
             continue;
         }
         let series = Series::new(time_s, position_mm)
-            .map_err(|error| BadInput::new(place.to_string(), trunk.word(), error, REMEDY))?;
+            .map_err(|error| BadInput::new(place, trunk.word(), error, REMEDY))?;
         points.push(Point { name: trunk.word().to_owned(), series, frame_time_s, noise: None });
     }
     Ok(row.points(points))

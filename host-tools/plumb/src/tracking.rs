@@ -1,13 +1,13 @@
 //! The box's pipeline over recorded frames.
 
 use plumbline::config::Config;
-use plumbline::image::{GreyImage, Pixel};
-use plumbline::pipeline::{FoundTarget, Pipeline};
+use plumbline::image::GreyImage;
+use plumbline::pipeline::Pipeline;
 use plumbline::report::Report;
 use plumbline::target::GridShape;
 use plumbline_bedside::setup::{self, Places};
+use plumbline_calibration::Search;
 use plumbline_calibration::background::Picture;
-use plumbline_calibration::{Found, Search};
 use plumbline_files::BadInput;
 use plumbline_files::camera::{self, Camera};
 use plumbline_files::frames::{Frame, FrameSource, Pixels};
@@ -55,27 +55,9 @@ pub fn step_alone(
 ) -> Report {
     let time_ns = frame.capture_time_ns;
     match view(frame) {
-        View::Grey8(image) => found_and_measured(pipeline, search, wanted, &image, time_ns),
-        View::Grey16(image) => found_and_measured(pipeline, search, wanted, &image, time_ns),
+        View::Grey8(image) => search.measure(pipeline, &image, wanted, time_ns),
+        View::Grey16(image) => search.measure(pipeline, &image, wanted, time_ns),
     }
-}
-
-fn found_and_measured<P: Pixel>(
-    pipeline: &mut Pipeline,
-    search: &mut Search,
-    wanted: &[GridShape],
-    image: &GreyImage<'_, P>,
-    time_ns: u64,
-) -> Report {
-    let boards = search.find(image, wanted);
-    let found: Vec<_> = boards
-        .iter()
-        .map(|board| match board {
-            Ok(Found { grid, corners }) => Ok(FoundTarget { grid, corners }),
-            Err(rejection) => Err(*rejection),
-        })
-        .collect();
-    pipeline.step_found(image, time_ns, &found)
 }
 
 /// A frame as a small picture.

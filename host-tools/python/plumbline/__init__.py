@@ -16,6 +16,7 @@ A pose is that of a printed target in the camera's frame, x right, y down, z for
 # Without it the arrays could not be made.
 import numpy as _numpy  # noqa: F401
 
+from ._cohort import Cohort, open_cohort
 from ._errors import BadInput
 from ._figures import figures, study, study_of_table
 from ._plumbline import (
@@ -36,6 +37,7 @@ from ._trial import Trial, open_trial
 __all__ = [
     "BadInput",
     "Camera",
+    "Cohort",
     "Exported",
     "Reception",
     "Table",
@@ -47,6 +49,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "figures",
+    "open_cohort",
     "open_trial",
     "receive",
     "study",

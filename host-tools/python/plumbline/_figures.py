@@ -56,13 +56,19 @@ def figures(
     return Table(columns, warnings, found)
 
 
-def study(path: str | os.PathLike[str]) -> dict[str, Any]:
+def study(
+    path: str | os.PathLike[str], *, cohort: str | os.PathLike[str] | None = None
+) -> dict[str, Any]:
     """The statistics of a study.toml, as ``plumb study --json`` writes them.
+
+    Args:
+        path: the study.
+        cohort: the cohort whose trials are compared, whatever trials the study names itself.
 
     Raises:
         BadInput: the study, or one of its trials, cannot be used.
     """
-    return _plumbline.study(path)
+    return _plumbline.study(path, cohort=cohort)
 
 
 def study_of_table(

@@ -17,6 +17,7 @@ Bin: TypeAlias = tuple[float, float]
 Span: TypeAlias = Literal["all"] | tuple[float, float]
 Zero: TypeAlias = Literal["mark", "start", "onset"]
 Numbers: TypeAlias = NDArray[np.float64]
+Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
 class Trunk:
     """One trunk's points, a row for each frame of the trial; NaN for what was not measured."""
@@ -133,7 +134,7 @@ def figures(
     radius_mm: float | None = None,
     zero: Zero | None = None,
 ) -> tuple[dict[str, Any], list[str], list[BadInput]]: ...
-def study(path: Path) -> dict[str, Any]: ...
+def study(path: Path, *, cohort: Path | None = None) -> dict[str, Any]: ...
 def study_of_table(
     path: Path,
     *,
@@ -143,6 +144,62 @@ def study_of_table(
     delimiter: str = "comma",
     drop_incomplete: bool = False,
 ) -> dict[str, Any]: ...
+
+class Cohort:
+    @property
+    def path(self) -> os.PathLike[str]: ...
+    def _trials(self) -> dict[str, Any]: ...
+    def _figures(
+        self,
+        *,
+        trials: list[str] | None = None,
+        filter: str | None = None,
+        span: Span | None = None,
+        bins: list[Bin] | None = None,
+        covered_min: float | None = None,
+        radius_mm: float | None = None,
+    ) -> dict[str, Any]: ...
+    def __len__(self) -> int: ...
+
+def open_cohort(path: Path) -> Cohort: ...
+def cohort_columns(
+    table: Literal["trials", "figures", "points"],
+) -> list[tuple[str, Literal["text", "number", "integer", "flag", "instant"]]]: ...
+def figures_of_points(
+    row: dict[str, Any],
+    points: dict[str, Any],
+    *,
+    filter: str | None = None,
+    span: Span | None = None,
+    bins: list[Bin] | None = None,
+    covered_min: float | None = None,
+    radius_mm: float | None = None,
+) -> dict[str, Any]: ...
+
+TakesPart: TypeAlias = tuple[str, str, str, str]
+
+class CohortStudy:
+    """A study of a cohort in steps that can be taken on different computers."""
+
+    def __new__(cls, text: str, place: Path, cohort: Path) -> CohortStudy: ...
+    @property
+    def title(self) -> str: ...
+    def admitted(self, trials: dict[str, Any]) -> tuple[list[TakesPart], list[str]]:
+        """Of the table of trials those that take part: ``trial``, its place in messages, its
+        participant and its condition; and the warnings."""
+    def values(
+        self, row: dict[str, Any], points: dict[str, Any]
+    ) -> tuple[dict[str, Any], list[str]]:
+        """What a trial contributes: columns ``trial``, ``point``, ``chosen`` (which of the study's
+        figures), ``time`` (which of its times, from 0), ``value``, ``absent``; and the warnings."""
+    def compare(
+        self, point: str, chosen: int, takes_part: list[TakesPart], columns: dict[str, Any]
+    ) -> dict[str, Any]:
+        """The statistics of one response, from the columns ``trial``, ``time``, ``value``, ``absent``
+        of all trials; or the ``reason`` why there are none."""
+
+def adjusted(p: list[float]) -> tuple[list[float], list[float]]:
+    """The p of one effect in many responses, adjusted after Holm, and after Benjamini and Hochberg."""
 
 class Camera:
     """A calibrated camera. Pixel (0, 0) is the centre of the top-left pixel."""
@@ -194,22 +251,27 @@ class Camera:
         """Of each photograph ``file``, and ``rms_px`` and ``corners``, or ``refused``."""
 
 def calibrate(
-    images: list[Path],
+    images: list[Path] | list[Grey],
     board: tuple[int, int] = (9, 6),
     pitch_mm: float = 20.0,
     *,
     model: str = "auto",
+    white_level: int | None = None,
 ) -> Camera:
     """Calibrates a camera from photographs of a checkerboard, as ``plumb calibrate`` does.
 
     Args:
-        images: files (PNG, JPEG, PGM), or a Y4M video of them.
+        images: files (PNG, JPEG, PGM), or a Y4M video of them; or grey samples in arrays (rows,
+            columns), at most 200, which are named images[0], images[1], ...
         board: columns and rows of INNER corners.
         pitch_mm: from one inner corner to the next.
         model: "auto", or the name of a lens model.
+        white_level: the brightest possible sample of arrays: 255 or 65535 unless it is given, 1023
+            for 10 bits.
 
     Raises:
         BadInput: a photograph cannot be read, or they make no calibration.
+        TypeError: an image is neither a file nor a two-dimensional array of these types.
     """
 
 class TargetPose:
@@ -274,15 +336,27 @@ class Tracker:
         camera: a Camera, or its file.
         targets: targets.toml.
         scene: scene.toml, without which there are poses but no trunk points.
+        independent: search every frame afresh, for photographs that do not follow each other. The
+            frame may cut the squares around a target whose corners are all seen.
+        scale_camera: the columns and rows of the frames, where the camera was calibrated at another
+            size, and they are the same picture resampled.
 
     Raises:
-        BadInput: a file cannot be used.
+        BadInput: a file cannot be used, or the frames would have another shape than the camera's.
     """
 
-    def __new__(cls, camera: Camera | Path, targets: Path, scene: Path | None = None) -> Tracker: ...
+    def __new__(
+        cls,
+        camera: Camera | Path,
+        targets: Path,
+        scene: Path | None = None,
+        *,
+        independent: bool = False,
+        scale_camera: tuple[int, int] | None = None,
+    ) -> Tracker: ...
     def step(
         self,
-        frame: NDArray[np.uint8] | NDArray[np.uint16],
+        frame: Grey,
         time_s: float,
         *,
         white_level: int | None = None,

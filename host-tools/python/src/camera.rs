@@ -2,15 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
+use numpy::{Element, PyArray2, PyUntypedArray};
 use plumbline_bedside::calibration;
-use plumbline_calibration::Choice;
 use plumbline_calibration::models::MODELS;
+use plumbline_calibration::{Choice, Picture};
 use plumbline_files::camera::{self, Details, Deviations};
+use plumbline_files::frames::{Frame, Pixels};
 use plumbline_files::write_all;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use crate::arrays::{object, shaped, vector};
 use crate::error::{Raise as _, bad_argument};
+use crate::frame::{self, Samples};
 
 /// The camera's numbers before those of the distortion.
 const NUMBERS: [&str; 5] = ["fx_px", "fy_px", "cx_px", "cy_px", "skew_px"];
@@ -40,16 +44,18 @@ impl Camera {
 
 /// Calibrates a camera from photographs of a checkerboard, as `plumb calibrate` does.
 ///
-/// `board`: columns and rows of INNER corners; `pitch_mm`: from one inner corner to the next; `model`:
+/// `images`: files, or two-dimensional arrays of uint8 or uint16, whose brightest possible sample is
+/// `white_level`: 255 or 65535 unless it is given; `board`: columns and rows of INNER corners; `pitch_mm`: from one inner corner to the next; `model`:
 /// "auto", or the name of a lens model.
 #[pyfunction]
-#[pyo3(signature = (images, board = (9, 6), pitch_mm = 20.0, *, model = "auto"))]
+#[pyo3(signature = (images, board = (9, 6), pitch_mm = 20.0, *, model = "auto", white_level = None))]
 pub fn calibrate(
     py: Python<'_>,
-    images: Vec<PathBuf>,
+    images: Vec<Bound<'_, PyAny>>,
     board: (u8, u8),
     pitch_mm: f64,
     model: &str,
+    white_level: Option<u16>,
 ) -> PyResult<Camera> {
     let choice = if model == "auto" {
         Choice::Supported
@@ -61,13 +67,79 @@ pub fn calibrate(
         })?;
         Choice::Compared(named)
     };
+    let images = Images::of(&images, white_level)?;
     let today = jiff::Zoned::now().date();
     let calibrated = py.detach(|| {
         let board = calibration::board(board.into(), pitch_mm)?;
-        let pictures = calibration::read(&images)?;
+        let pictures = match images {
+            Images::Files(paths) => calibration::read(&paths)?,
+            Images::Pictures(pictures) => pictures,
+        };
         calibration::camera_from(&pictures, &board, choice, today, || ())
     });
     Ok(Camera { inner: calibrated.raise()?.camera, place: "the calibration".to_owned() })
+}
+
+/// Photographs.
+enum Images {
+    Files(Vec<PathBuf>),
+    Pictures(Vec<Picture>),
+}
+
+impl Images {
+    /// From a list of arrays, or of files.
+    fn of(images: &[Bound<'_, PyAny>], white_level: Option<u16>) -> PyResult<Self> {
+        let arrays = images.iter().filter(|it| it.cast::<PyUntypedArray>().is_ok()).count();
+        if (1..images.len()).contains(&arrays) {
+            let found = "calibrate: images: files and arrays; give the one or the other";
+            return Err(PyTypeError::new_err(found));
+        }
+        if arrays == 0 {
+            if white_level.is_some() {
+                let remedy = "leave it out: a file says it itself";
+                return Err(bad_argument("calibrate", "white_level", "files are given", remedy));
+            }
+            let files = images.iter().map(|it| it.extract()).collect::<PyResult<_>>()?;
+            return Ok(Self::Files(files));
+        }
+        let mut pictures = Vec::new();
+        for (at, image) in images.iter().enumerate() {
+            let place = format!("images[{at}]");
+            match Samples::of(&format!("calibrate: {place}"), image)? {
+                Samples::Grey8(image) => {
+                    add(&mut pictures, place, &image, white_level.unwrap_or(255), |it| {
+                        Pixels::Grey8(it)
+                    })?;
+                }
+                Samples::Grey16(image) => {
+                    add(&mut pictures, place, &image, white_level.unwrap_or(u16::MAX), |it| {
+                        Pixels::Grey16(it)
+                    })?;
+                }
+            }
+        }
+        Ok(Self::Pictures(pictures))
+    }
+}
+
+/// Adds a photograph to others.
+fn add<P: Element + Copy>(
+    pictures: &mut Vec<Picture>,
+    place: String,
+    image: &Bound<'_, PyArray2<P>>,
+    white_level: u16,
+    pixels: impl Fn(&[P]) -> Pixels<'_>,
+) -> PyResult<()> {
+    if white_level == 0 {
+        let remedy = "give the brightest possible sample, 255 in 8 bits";
+        return Err(bad_argument("calibrate", "white_level", white_level, remedy));
+    }
+    let mut samples = Vec::new();
+    let [width, height] = frame::copy(image, &mut samples, |_, _| Ok(()))?;
+    let pixels = pixels(&samples);
+    let index = pictures.len() as u64;
+    let frame = Frame { index, capture_time_ns: 0, width, height, white_level, pixels };
+    calibration::add(pictures, place, &frame).raise()
 }
 
 #[pymethods]

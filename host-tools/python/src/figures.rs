@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
+use plumbline_cohort::studied;
 use plumbline_files::BadInput;
 use plumbline_study::tidy::{self, Found};
-use plumbline_study::{figures as studies, long, manifest};
+use plumbline_study::{long, manifest};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
@@ -51,10 +52,18 @@ pub fn figures<'py>(
     Ok((table(py, tidy::columns(&rows))?, warnings, errors))
 }
 
-/// The statistics of a study, as `plumb study --json` writes them.
+/// The statistics of a study, as `plumb study --json` writes them; of a `cohort`, whatever trials the
+/// study names.
 #[pyfunction]
-pub fn study(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyAny>> {
-    let figures = py.detach(|| studies::analyze(&manifest::read(&path)?));
+#[pyo3(signature = (path, *, cohort = None))]
+pub fn study(py: Python<'_>, path: PathBuf, cohort: Option<PathBuf>) -> PyResult<Bound<'_, PyAny>> {
+    let figures = py.detach(|| {
+        let study = match cohort {
+            Some(cohort) => manifest::read_of_cohort(&path, &cohort)?,
+            None => manifest::read(&path)?,
+        };
+        studied::analyze(&study, |_| || ())
+    });
     object(py, &figures.raise()?)
 }
 

@@ -2,7 +2,9 @@
 //!
 //! ```text
 //! trial ─▶ rows, columns: arrays, a row for each frame, gaps as NaN
-//!      └─▶ figures: sway figures and statistics       camera, tracker: calibration, poses of frames
+//!      └─▶ figures: sway figures and statistics       frame ─▶ camera, tracker: calibration, poses
+//! cohort ─▶ the same figures of many trials, here or of columns on other computers (given);
+//!        └─▶ study: the statistics in steps for a cluster
 //! live: a box's poses while they come
 //! ```
 //!
@@ -14,12 +16,16 @@ use pyo3::prelude::*;
 
 mod arrays;
 mod camera;
+mod cohort;
 mod columns;
 mod error;
 mod figures;
+mod frame;
+mod given;
 mod live;
 mod method;
 mod rows;
+mod study;
 mod tracker;
 mod trial;
 
@@ -29,9 +35,13 @@ mod _plumbline {
     #[pymodule_export]
     use crate::camera::{Camera, calibrate};
     #[pymodule_export]
+    use crate::cohort::{Cohort, cohort_columns, figures_of_points, open_cohort};
+    #[pymodule_export]
     use crate::figures::{figures, study, study_of_table};
     #[pymodule_export]
     use crate::live::{Reception, receive};
+    #[pymodule_export]
+    use crate::study::{CohortStudy, adjusted};
     #[pymodule_export]
     use crate::tracker::{TargetPose, Tracked, Tracker};
     #[pymodule_export]

@@ -2,40 +2,52 @@
 
 use std::path::PathBuf;
 
-use numpy::{Element, PyArray2, PyArrayMethods as _, PyUntypedArray};
+use numpy::{Element, PyArray2};
 use plumbline::config::Config;
 use plumbline::image::{GreyImage, ImageError, Pixel};
 use plumbline::pipeline::Pipeline;
 use plumbline::report::{Measurement, Report, TargetReport};
 use plumbline::scene::Anatomical;
+use plumbline::target::GridShape;
 use plumbline_bedside::Told;
 use plumbline_bedside::setup::{self, Descriptions, Places};
+use plumbline_calibration::Search;
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_files::poses::{PoseRow, number_columns};
 use plumbline_stream::recorder::role_word;
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{shaped, vector};
 use crate::camera::Camera;
-use crate::error::{Raise as _, bad_argument};
+use crate::error::{Raise as _, bad_argument, raised};
+use crate::frame::{self, Samples};
 
 /// Tracks targets from frame to frame, as the box and `plumb track` do.
 ///
 /// `camera`: a Camera or its file; `targets`: targets.toml; `scene`: scene.toml, without which there
-/// are no trunk points.
+/// are no trunk points; `independent`: whether the frames are photographs that do not follow each
+/// other; `scale_camera`: the columns and rows of the frames, where these are the picture of the
+/// camera's own size resampled.
 #[pyclass(module = "plumbline")]
 pub struct Tracker {
     config: Config,
     pipeline: Box<Pipeline>,
+    /// For frames that do not follow each other.
+    alone: Option<Alone>,
     camera_place: String,
     /// Copies of the frame: another thread may write into the array meanwhile.
     grey8: Vec<u8>,
     grey16: Vec<u16>,
     frames: u64,
     warnings: Vec<String>,
+}
+
+/// What finds the targets in a frame that stands for itself.
+struct Alone {
+    search: Search,
+    wanted: Vec<GridShape>,
 }
 
 /// A camera, or where its file is.
@@ -45,21 +57,17 @@ enum CameraOrFile<'py> {
     File(PathBuf),
 }
 
-/// A frame.
-enum Samples<'py> {
-    Grey8(Bound<'py, PyArray2<u8>>),
-    Grey16(Bound<'py, PyArray2<u16>>),
-}
-
 #[pymethods]
 impl Tracker {
     #[new]
-    #[pyo3(signature = (camera, targets, scene = None))]
+    #[pyo3(signature = (camera, targets, scene = None, *, independent = false, scale_camera = None))]
     fn new(
         py: Python<'_>,
         camera: CameraOrFile<'_>,
         targets: PathBuf,
         scene: Option<PathBuf>,
+        independent: bool,
+        scale_camera: Option<(u16, u16)>,
     ) -> PyResult<Self> {
         let (camera, place) = match camera {
             CameraOrFile::Camera(it) => (it.get().inner.clone(), it.get().place.clone()),
@@ -78,14 +86,25 @@ impl Tracker {
                 }
             };
             let (targets, scene) = descriptions.read_for(&camera.lens, &mut tell)?;
+            let camera = match scale_camera {
+                None => camera,
+                Some((width_px, height_px)) => {
+                    camera::scaled(&camera, width_px.into(), height_px.into(), &place)?
+                }
+            };
             let config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
             let pipeline = setup::configured(&config, &places)?;
             Ok::<_, BadInput>((config, pipeline))
         });
         let (config, pipeline) = made.raise()?;
+        let alone = independent.then(|| Alone {
+            search: Search::new(),
+            wanted: config.targets.iter().map(|target| target.geometry.shape()).collect(),
+        });
         Ok(Self {
             config,
             pipeline,
+            alone,
             camera_place: place,
             grey8: Vec::new(),
             grey16: Vec::new(),
@@ -107,9 +126,9 @@ impl Tracker {
         white_level: Option<u16>,
     ) -> PyResult<Tracked> {
         let time_ns = nanoseconds(time_s)?;
-        let Self { config, pipeline, grey8, grey16, .. } = self;
-        let mut step = Step { py, config, pipeline, place: &self.camera_place, time_ns };
-        let report = match samples(frame)? {
+        let Self { config, pipeline, alone, grey8, grey16, .. } = self;
+        let mut step = Step { py, config, pipeline, alone, place: &self.camera_place, time_ns };
+        let report = match Samples::of("step: frame", frame)? {
             Samples::Grey8(frame) => step.of(&frame, grey8, white_level.unwrap_or(u8::MAX.into())),
             Samples::Grey16(frame) => step.of(&frame, grey16, white_level.unwrap_or(u16::MAX)),
         }?;
@@ -143,6 +162,7 @@ struct Step<'a, 'py> {
     py: Python<'py>,
     config: &'a Config,
     pipeline: &'a mut Pipeline,
+    alone: &'a mut Option<Alone>,
     place: &'a str,
     time_ns: u64,
 }
@@ -154,49 +174,27 @@ impl Step<'_, '_> {
         copy: &mut Vec<P>,
         white_level: u16,
     ) -> PyResult<Report> {
-        let frame = frame.try_readonly()?;
-        let frame = frame.as_array();
-        let (height, width) = frame.dim();
-        let lens = &self.config.lens;
-        camera::check_frame_size(lens, self.place, width, height, "the frame").raise()?;
-        copy.clear();
-        match frame.as_slice() {
-            Some(samples) => copy.extend_from_slice(samples),
-            // A part or a turned view of another array.
-            None => copy.extend(frame.iter()),
-        }
+        let [width, height] = frame::copy(frame, copy, |width, height| {
+            let lens = &self.config.lens;
+            let checked = camera::check_frame_size(lens, self.place, width, height, "the frame");
+            checked.map_err(|mut error| {
+                error.remedy += ", or scale_camera=(columns, rows) if these frames are the same \
+                                 picture resampled";
+                raised(error)
+            })
+        })?;
         let image = GreyImage::with_white_level(copy, width, height, width, white_level);
         let image = image.map_err(|error: ImageError| {
             let remedy = "give frames of the camera's size, and the brightest possible sample";
             bad_argument("step", "frame, white_level", error, remedy)
         })?;
         let (pipeline, time_ns) = (&mut *self.pipeline, self.time_ns);
-        Ok(self.py.detach(|| pipeline.step(&image, time_ns)))
+        let alone = &mut *self.alone;
+        Ok(self.py.detach(|| match alone {
+            Some(Alone { search, wanted }) => search.measure(pipeline, &image, wanted, time_ns),
+            None => pipeline.step(&image, time_ns),
+        }))
     }
-}
-
-/// A frame's array, of one of the two types.
-fn samples<'py>(frame: &Bound<'py, PyAny>) -> PyResult<Samples<'py>> {
-    // Samples that do not begin where a processor expects it, as in a file behind an odd header.
-    let is_aligned = match frame.cast::<PyUntypedArray>() {
-        Ok(_) => frame.getattr("flags")?.getattr("aligned")?.extract()?,
-        Err(_) => true,
-    };
-    let frame = if is_aligned { frame } else { &frame.call_method0("copy")? };
-    if let Ok(frame) = frame.cast::<PyArray2<u8>>() {
-        return Ok(Samples::Grey8(frame.clone()));
-    }
-    if let Ok(frame) = frame.cast::<PyArray2<u16>>() {
-        return Ok(Samples::Grey16(frame.clone()));
-    }
-    let about = |name: &str| frame.getattr(name).map_or("none".to_owned(), |it| it.to_string());
-    let found = match frame.hasattr("dtype")? {
-        true => format!("an array of {} and the shape {}", about("dtype"), about("shape")),
-        false => frame.get_type().name()?.to_string(),
-    };
-    Err(PyTypeError::new_err(format!(
-        "step: frame: {found}; give a two-dimensional numpy array of uint8 or uint16"
-    )))
 }
 
 /// The latest time that a frame can have: a century.

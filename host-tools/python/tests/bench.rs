@@ -31,6 +31,11 @@ impl Bench {
             skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has NumPy");
             return None;
         };
+        Self::with(python)
+    }
+
+    /// The same with this Python.
+    pub fn with(python: PathBuf) -> Option<Self> {
         if is_emulated() {
             skip(
                 Absent::Emulator,

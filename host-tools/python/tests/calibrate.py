@@ -4,15 +4,49 @@ import glob
 import pathlib
 
 import numpy as np
+from lock import beside_another_thread
+from PIL import Image
 
 import plumbline
 
 photographs = sorted(glob.glob("dry/photos/*"))
-camera = plumbline.calibrate(photographs, board=(9, 6), pitch_mm=20, model="radial2")
+HOW = {"board": (9, 6), "pitch_mm": 20, "model": "radial2"}
+camera = beside_another_thread(lambda: plumbline.calibrate(photographs, **HOW))
 written = pathlib.Path("plumb.toml").read_text()
 # Only the day may have changed meanwhile.
 undated = [line for line in written.splitlines() if not line.startswith("date")]
 assert [it for it in camera.to_toml().splitlines() if not it.startswith("date")] == undated
+# The same photographs in arrays have names of their own.
+grey = [np.asarray(Image.open(path).convert("L")) for path in photographs]
+wide = [image.astype(np.uint16) * 4 for image in grey]
+named = camera.to_toml()
+for at, path in enumerate(photographs):
+    named = named.replace(f'"{path}"', f'"images[{at}]"')
+assert named != camera.to_toml()
+assert plumbline.calibrate(grey, **HOW).to_toml() == named
+# Of 10 bits, every other row of an array twice as high.
+views = [np.repeat(image, 2, axis=0)[::2] for image in wide]
+assert plumbline.calibrate(views, white_level=1020, **HOW).to_toml() == named
+
+
+def refused(kind, found, images, **options):
+    try:
+        plumbline.calibrate(images, **{**HOW, **options})
+    except kind as error:
+        assert found in str(error), error
+    else:
+        raise AssertionError(f"{found}: nothing was refused")
+
+
+refused(plumbline.BadInput, "images[1]: image size", [grey[0], grey[1][:-1]])
+refused(plumbline.BadInput, "images[0]: image size", [grey[0][:, :600]] * 3)
+refused(plumbline.BadInput, "more than 200", [grey[0]] * 201)
+refused(plumbline.BadInput, "white_level", grey, white_level=0)
+refused(plumbline.BadInput, "white_level", photographs, white_level=255)
+refused(plumbline.BadInput, "1 of 1 show", grey[:1])
+refused(TypeError, "images[1]", [grey[0], grey[1].astype(float)])
+refused(TypeError, "files and arrays", [grey[0], photographs[0]])
+
 camera.save("python.toml")
 try:
     camera.save("python.toml")

@@ -4,6 +4,7 @@
 //! Each test starts a script of this folder, which checks with `assert`.
 
 mod bench;
+mod cluster;
 mod documented;
 mod live;
 mod tracking;

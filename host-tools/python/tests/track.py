@@ -4,6 +4,7 @@ import csv
 import threading
 
 import numpy as np
+from lock import beside_another_thread
 
 import plumbline
 
@@ -96,6 +97,21 @@ odd = np.frombuffer(b"-" + grey12.tobytes(), "<u2", offset=1).reshape(grey12.sha
 assert not odd.flags.aligned
 result = plumbline.Tracker(*FILES, "scene.toml").step(odd, 0, white_level=4095)
 assert result.rows() == list(rows("grey12.csv"))[:2]
+# Frames that do not follow each other, and those of half the size.
+alone = plumbline.Tracker(*FILES, "scene.toml", independent=True)
+check(track(alone, "grey8.y4m"), "independent.csv")
+half = plumbline.Tracker(*FILES, "scene.toml", scale_camera=(728, 544))
+check(track(half, "half.y4m"), "half.csv")
+for sides, found in (((728, 500), "another shape"), ((0, 0), "width_px"), ((8, 6), "px")):
+    try:
+        plumbline.Tracker(*FILES, scale_camera=sides)
+    except plumbline.BadInput as error:
+        assert found in str(error), error
+    else:
+        raise AssertionError(f"{sides} was taken")
+# Other threads go on meanwhile.
+for tracker_of_one in (alone, plumbline.Tracker(*FILES)):
+    beside_another_thread(lambda: tracker_of_one.step(frame, 0))
 # A frame of the past, or the same time again, is a frame like any other.
 tracker.forget()
 for time_s in (7.5, 7.5, 0):
@@ -111,7 +127,7 @@ def refused(kind, field, *arguments, **options):
         raise AssertionError(f"{field}: nothing was refused")
 
 
-refused(plumbline.BadInput, "frame size", frame[:-1], 0)
+refused(plumbline.BadInput, "scale_camera", frame[:-1], 0)
 refused(plumbline.BadInput, "frame size", np.zeros((0, 0), np.uint8), 0)
 refused(plumbline.BadInput, "white_level", frame, 0, white_level=0)
 for time_s in (-1.0, float("nan"), float("inf"), 1e30):

@@ -14,8 +14,8 @@ const TAKEN: [std::ops::Range<usize>; 2] = [0..5, 56..60];
 /// "FRAME", and the end of its line.
 const MARKER: &[u8] = b"FRAME\n";
 
-/// The taken frames of a video, as they are and in 12 bits.
-fn shorten(from: &Path, grey8: &Path, grey12: &Path) {
+/// The taken frames of a video: as they are, in 12 bits, and of half the size.
+fn shorten(from: &Path, [grey8, grey12, half]: [&Path; 3]) {
     let mut source = BufReader::new(File::open(from).unwrap());
     let mut header = String::new();
     source.read_line(&mut header).unwrap();
@@ -23,11 +23,17 @@ fn shorten(from: &Path, grey8: &Path, grey12: &Path) {
         let side = header.split_whitespace().find_map(|it| it.strip_prefix(letter));
         side.unwrap().parse().unwrap()
     };
-    let mut frame = vec![0; side('W') * side('H')];
-    let [mut grey8, mut grey12] = [grey8, grey12].map(|path| File::create(path).unwrap());
+    let (width, height) = (side('W'), side('H'));
+    let mut frame = vec![0; width * height];
+    let [mut grey8, mut grey12, mut half] =
+        [grey8, grey12, half].map(|path| File::create(path).unwrap());
     grey8.write_all(header.as_bytes()).unwrap();
     assert!(header.contains("Cmono"), "{header}");
     grey12.write_all(header.replace("Cmono", "Cmono12").as_bytes()).unwrap();
+    let sides = |width: usize, height: usize| format!(" W{width} H{height} ");
+    assert!(header.contains(&sides(width, height)), "{header}");
+    let of_half = header.replace(&sides(width, height), &sides(width / 2, height / 2));
+    half.write_all(of_half.as_bytes()).unwrap();
     for at in 0..TAKEN[1].end {
         let mut marker = [0; 6];
         source.read_exact(&mut marker).unwrap();
@@ -37,6 +43,12 @@ fn shorten(from: &Path, grey8: &Path, grey12: &Path) {
             let wide = frame.iter().flat_map(|&grey| (u16::from(grey) * 16 + 5).to_le_bytes());
             grey8.write_all(&[MARKER, &frame].concat()).unwrap();
             grey12.write_all(&[MARKER, &wide.collect::<Vec<u8>>()].concat()).unwrap();
+            let places = (0..height / 2).flat_map(|row| (0..width / 2).map(move |at| (row, at)));
+            let mean = places.map(|(row, at)| {
+                let four = [0, 1, width, width + 1].map(|it| frame[2 * (row * width + at) + it]);
+                (four.into_iter().map(u16::from).sum::<u16>() / 4) as u8
+            });
+            half.write_all(&[MARKER, &mean.collect::<Vec<u8>>()].concat()).unwrap();
         }
     }
 }
@@ -45,8 +57,8 @@ fn shorten(from: &Path, grey8: &Path, grey12: &Path) {
 fn frames_in_arrays_have_the_poses_of_plumb() {
     let Some(bench) = Bench::new() else { return };
     let recorded = recording(STANDARD);
-    let [grey8, grey12] = ["grey8.y4m", "grey12.y4m"].map(|name| bench.path(name));
-    shorten(&recorded.join(FRAMES_FILE), &grey8, &grey12);
+    let videos = ["grey8.y4m", "grey12.y4m", "half.y4m"].map(|name| bench.path(name));
+    shorten(&recorded.join(FRAMES_FILE), videos.each_ref().map(|it| it.as_path()));
     for name in ["camera.toml", "targets.toml", "scene.toml"] {
         fs::copy(recorded.join(name), bench.path(name)).unwrap();
     }
@@ -57,6 +69,12 @@ fn frames_in_arrays_have_the_poses_of_plumb() {
         bench.plumb(&[&files[..], &scene, &["--out", &out, &video]].concat());
     }
     bench.plumb(&[&files[..], &["--out", "no_scene.csv", "grey8.y4m"]].concat());
+    for (how, out, video) in [
+        ("--independent", "independent.csv", "grey8.y4m"),
+        ("--scale-camera", "half.csv", "half.y4m"),
+    ] {
+        bench.plumb(&[&files[..], &scene, &[how, "--out", out, video]].concat());
+    }
     bench.ran(bench.script("track.py"));
 }
 

@@ -50,14 +50,22 @@ fn write(bench: &Bench, trials: &[(&str, &str)]) {
     for (who, what) in trials {
         let at = (1..).zip(PARTICIPANTS).find(|(_, it)| it == who).unwrap().0;
         let more = if *what == CONDITIONS[1] { 0.4 } else { 0.0 };
-        write_trial(bench, who, what, at, more);
+        write_trial(bench, [who, what], FRAMES, at, more);
     }
 }
 
-fn write_trial(bench: &Bench, participant: &str, condition: &str, at: u32, more: f64) {
+/// Writes the trial of a participant under a condition; `at` tells participants apart, and `more` is
+/// the share by which this one sways more.
+pub fn write_trial(
+    bench: &Bench,
+    [participant, condition]: [&str; 2],
+    frames: u32,
+    at: u32,
+    more: f64,
+) {
     let config = config();
     let cam_from_scene = config.cam_from_scene().unwrap();
-    let mut made = Made::with_poses(&config, FRAMES, |sequence, role| {
+    let mut made = Made::with_poses(&config, frames, |sequence, role| {
         // Each with a part of their own.
         let scene_from_target = scene_from_target(role, sequence + 100 * at);
         let phase = f64::from(sequence) * (0.03 + 0.007 * f64::from(at));

@@ -119,6 +119,12 @@ pub fn analyze(study: &Study) -> Result<StudyFigures, BadInput> {
     analyze_trials(study, &study.trials, &|| ())
 }
 
+/// How the sway figures of a study's trials are made.
+#[must_use]
+pub fn settings(study: &Study) -> Settings {
+    Settings { bins_s: study.bins_s.clone(), span_s: whole(&study.bins_s), ..Settings::default() }
+}
+
 /// The same of these trials, whatever the study names; `advance` is called after each.
 ///
 /// Memory holds the values of all trials, and the points of those that are being read.
@@ -130,11 +136,7 @@ pub fn analyze_trials<C: Candidate>(
     trials: &[C],
     advance: &(dyn Fn() + Sync),
 ) -> Result<StudyFigures, BadInput> {
-    let settings = Settings {
-        bins_s: study.bins_s.clone(),
-        span_s: whole(&study.bins_s),
-        ..Settings::default()
-    };
+    let settings = settings(study);
     let windows = study.physiology.as_ref().map(|it| it.windows(&study.bins_s));
     let windows = windows.unwrap_or_default();
     let (entries, mut warnings) = verdict::admitted(study, trials)?;
@@ -176,12 +178,9 @@ impl StudyFigures {
         mut warnings: Vec<String>,
     ) -> Result<Self, BadInput> {
         let mut seen = Seen::default();
-        let times: Vec<String> = (0..study.bins_s.len()).map(time_name).collect();
         let mut sway = Vec::new();
         for figure in values::responses(sways) {
-            let name = format!("{}, {}", point_name(&figure.point), figure.name());
-            let times = if figure.is_by_time { &times[..] } else { &[] };
-            let response = seen.compare(study, times, sways, &figure, &name)?;
+            let response = seen.note(compare_sway(study, sways, &figure)?);
             sway.extend(response.map(|response| SwayResponse { figure, response }));
         }
         let times: Vec<String> = windows.iter().map(|it| it.name.clone()).collect();
@@ -189,7 +188,7 @@ impl StudyFigures {
         let measured = values::responses(physiologies);
         for quantity in Quantity::ALL.into_iter().filter(|it| measured.contains(it)) {
             let (name, unit) = quantity.name_and_unit();
-            let response = seen.compare(study, &times, physiologies, &quantity, name)?;
+            let response = seen.note(compare(study, &times, physiologies, &quantity, name)?);
             physiology.extend(response.map(|response| Physiological { quantity, unit, response }));
         }
         // What the paper's two tables ask are two questions.
@@ -270,6 +269,46 @@ impl StudyFigures {
     }
 }
 
+/// The name of a response and its statistics, or why there are none.
+pub type Compared = Result<(String, Response), NotCompared>;
+
+/// The statistics of a figure of sway.
+///
+/// # Errors
+/// When data are missing, and the study does not leave out whoever is incomplete.
+pub fn compare_sway(
+    study: &Study,
+    trials: &[TrialValues<SwayFigure>],
+    figure: &SwayFigure,
+) -> Result<Compared, BadInput> {
+    let name = format!("{}, {}", point_name(&figure.point), figure.name());
+    let times: Vec<String> = match figure.is_by_time {
+        true => (0..study.bins_s.len()).map(time_name).collect(),
+        false => Vec::new(),
+    };
+    compare(study, &times, trials, figure, &name)
+}
+
+/// The statistics of a response; none where nobody has a value at all or, if the study leaves out
+/// whoever is incomplete, where too few remain.
+fn compare<M: PartialEq>(
+    study: &Study,
+    times: &[String],
+    trials: &[TrialValues<M>],
+    response: &M,
+    name: &str,
+) -> Result<Compared, BadInput> {
+    let name = name.to_owned();
+    if let Some(reason) = values::never_measured(trials, response) {
+        return Ok(Err(NotCompared { name, reason }));
+    }
+    match values::analyse(study, times, trials, response, &name) {
+        Ok(response) => Ok(Ok((name, response))),
+        Err(error) if study.drop_incomplete => Ok(Err(NotCompared { name, reason: error.found })),
+        Err(error) => Err(error),
+    }
+}
+
 /// What is seen while a study's responses are compared one by one.
 #[derive(Default)]
 struct Seen {
@@ -281,23 +320,10 @@ struct Seen {
 }
 
 impl Seen {
-    /// The statistics of a response; `None` where nobody has a value at all or, if the study leaves
-    /// out whoever is incomplete, where too few remain.
-    fn compare<M: PartialEq>(
-        &mut self,
-        study: &Study,
-        times: &[String],
-        trials: &[TrialValues<M>],
-        response: &M,
-        name: &str,
-    ) -> Result<Option<Response>, BadInput> {
-        let name = name.to_owned();
-        if let Some(reason) = values::never_measured(trials, response) {
-            self.not_compared.push(NotCompared { name, reason });
-            return Ok(None);
-        }
-        match values::analyse(study, times, trials, response, &name) {
-            Ok(response) => {
+    /// Keeps what is to be said of a response; gives its statistics.
+    fn note(&mut self, compared: Compared) -> Option<Response> {
+        match compared {
+            Ok((name, response)) => {
                 for it in &response.left_out {
                     match self.places.get(it) {
                         Some(at) => self.left_out[*at].1.push(name.clone()),
@@ -307,13 +333,12 @@ impl Seen {
                         }
                     }
                 }
-                Ok(Some(response))
+                Some(response)
             }
-            Err(error) if study.drop_incomplete => {
-                self.not_compared.push(NotCompared { name, reason: error.found });
-                Ok(None)
+            Err(not_compared) => {
+                self.not_compared.push(not_compared);
+                None
             }
-            Err(error) => Err(error),
         }
     }
 

@@ -18,7 +18,7 @@
 pub mod analysis;
 pub mod candidate;
 pub mod choose;
-mod complete;
+pub mod complete;
 pub mod figures;
 pub mod grid;
 pub mod inference;

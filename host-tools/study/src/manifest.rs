@@ -226,9 +226,21 @@ pub fn read_of_cohort(path: &Path, cohort: &Path) -> Result<Study, BadInput> {
 }
 
 fn read_with(path: &Path, cohort: Option<&Path>) -> Result<Study, BadInput> {
+    parse(&read_text(path)?, path, cohort)
+}
+
+/// The same of the text of a study of this cohort; `path` is where it is from.
+///
+/// # Errors
+/// When it is invalid; the error names the field.
+pub fn parse_of_cohort(text: &str, path: &Path, cohort: &Path) -> Result<Study, BadInput> {
+    parse(text, path, Some(cohort))
+}
+
+fn parse(text: &str, path: &Path, cohort: Option<&Path>) -> Result<Study, BadInput> {
     let place = path.display().to_string();
     let remedy = "`plumb study --new FILE` writes an example with comments";
-    let mut study: StudyToml = from_toml(&read_text(path)?, &place, remedy)?;
+    let mut study: StudyToml = from_toml(text, &place, remedy)?;
     let base = plumbline_files::directory_of(path);
     if cohort.is_some() {
         (study.cohort, study.patterns, study.entries) = (None, Vec::new(), Vec::new());

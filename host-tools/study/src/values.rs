@@ -262,6 +262,15 @@ pub fn participants<M>(trials: &[TrialValues<M>]) -> Vec<&str> {
 /// Adjusts the p of each effect for the number of responses in which it is tested.
 pub fn adjust(responses: &mut [&mut Response]) {
     let tested: Vec<Vec<(String, f64)>> = responses.iter().map(|it| p_of_effects(it)).collect();
+    for (response, adjusted) in responses.iter_mut().zip(adjusted(&tested)) {
+        response.adjusted = adjusted;
+    }
+}
+
+/// For each response, given its effects and their p, these with p adjusted.
+#[must_use]
+pub fn adjusted(tested: &[Vec<(String, f64)>]) -> Vec<Vec<Adjusted>> {
+    let mut responses = vec![Vec::new(); tested.len()];
     let mut effects: Vec<&str> = Vec::new();
     for (effect, _) in tested.iter().flatten() {
         if !effects.contains(&&**effect) {
@@ -277,7 +286,7 @@ pub fn adjust(responses: &mut [&mut Response]) {
             tested.iter().enumerate().filter_map(of_effect).unzip();
         let (p_holm, p_bh) = (holm(&p), benjamini_hochberg(&p));
         for (test, index) in indices.iter().enumerate() {
-            responses[*index].adjusted.push(Adjusted {
+            responses[*index].push(Adjusted {
                 effect: effect.to_owned(),
                 tests: p.len(),
                 p: p[test],
@@ -286,10 +295,12 @@ pub fn adjust(responses: &mut [&mut Response]) {
             });
         }
     }
+    responses
 }
 
 /// The effects whose ANOVA-type statistic is defined, and its p.
-fn p_of_effects(response: &Response) -> Vec<(String, f64)> {
+#[must_use]
+pub fn p_of_effects(response: &Response) -> Vec<(String, f64)> {
     let ranks = response.inference.ranks.known().into_iter().flat_map(|it| &it.effects);
     ranks.filter_map(|it| Some((it.effect.clone(), it.anova_type.as_ref()?.p))).collect()
 }

@@ -134,6 +134,12 @@ impl Values {
 }
 
 impl Table {
+    /// Rows that are in memory; `place` is where they are from, for messages.
+    #[must_use]
+    pub fn new(place: String, columns: Vec<(String, Values)>) -> Self {
+        Self { place, columns }
+    }
+
     /// The columns.
     #[must_use]
     pub fn columns(&self) -> &[(String, Values)] {
