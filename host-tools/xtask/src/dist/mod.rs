@@ -35,6 +35,7 @@ use crate::command::{BadInput, Task, root, target_directory};
 use crate::{debian, image, setup};
 use commit::Commit;
 use host::Programs;
+use image::Profile;
 use platform::{Builder, Platform};
 use sbom::Contents;
 pub use used::{VARIABLE, make_for_tests, prepare_for_tests, use_in_debian};
@@ -57,6 +58,10 @@ pub struct Arguments {
     /// Do without this; may be repeated. What cannot be made is an error otherwise.
     #[arg(long, value_enum, value_name = "WHAT")]
     leave_out: Vec<What>,
+    /// Pack the programs of the tests, for this computer alone: to try the packing, not to be given
+    /// away.
+    #[arg(long, conflicts_with = "check")]
+    tried: bool,
     /// Make it a second time, from a clone of the commit in another directory, and compare.
     #[arg(long)]
     check: bool,
@@ -210,7 +215,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         println!("Files differ from the commit: what is made is not what the commit would give.");
     }
     say_beforehand(&wanted, &arguments.leave_out, arguments.check)?;
-    make_from(&commit, &wanted, &out)?;
+    let programs = if arguments.tried { Profile::Dev } else { Profile::Release };
+    make_from(&commit, &wanted, &out, programs)?;
     if arguments.check {
         let words: Vec<String> = wanted.iter().map(|it| it.word()).collect();
         check::again(&words, &out, &commit)?;
@@ -220,12 +226,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// Makes these things of the commit that is checked out, as [`run`] does.
 fn make(wanted: &[What], out: &Path) -> Result<()> {
-    make_from(&Commit::read()?, wanted, out)
+    make_from(&Commit::read()?, wanted, out, Profile::Release)
 }
 
-fn make_from(commit: &Commit, wanted: &[What], out: &Path) -> Result<()> {
+fn make_from(commit: &Commit, wanted: &[What], out: &Path, profile: Profile) -> Result<()> {
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let mut making = Making { out, commit, built: BTreeMap::new() };
+    let mut making = Making { out, commit, profile, built: BTreeMap::new() };
     let mut failures = Vec::new();
     for &what in wanted {
         let begun = Instant::now();
@@ -268,6 +274,7 @@ fn say_beforehand(wanted: &[What], left_out: &[What], twice: bool) -> Result<()>
 struct Making<'a> {
     out: &'a Path,
     commit: &'a Commit,
+    profile: Profile,
     built: BTreeMap<Platform, Programs>,
 }
 
@@ -277,7 +284,7 @@ impl Making<'_> {
         match what.platform() {
             None => self.make_for_box(what),
             Some(platform) => {
-                let builder = platform.builder(self.commit)?;
+                let builder = platform.builder(self.commit, self.profile)?;
                 if what.has_programs() {
                     self.make_host(what, &builder)
                 } else {

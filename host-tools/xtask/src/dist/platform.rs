@@ -10,12 +10,13 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow, bail};
 
 use super::commit::Commit;
 use super::macos;
-use crate::command::{Task, target_directory};
+use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{self, Compiler};
+use crate::image::Profile;
 use crate::python::Packages;
 use crate::setup::{self, Need, Probe};
 
@@ -107,7 +108,11 @@ impl Platform {
     }
 
     /// Installs what is missing, and returns what builds for it.
-    pub fn builder(self, commit: &Commit) -> Result<Builder> {
+    pub fn builder(self, commit: &Commit, profile: Profile) -> Result<Builder> {
+        if profile == Profile::Dev && !self.is_here() {
+            let name = self.name();
+            bail!(BadInput(format!("--tried: {name} is not this computer; name what is for it")));
+        }
         setup::ensure(&[setup::LINKER, setup::PYTHON, setup::BINUTILS, self.linking_needs()])?;
         TOOLS.prepare()?;
         let (needs, built) = self.fallback();
@@ -116,7 +121,7 @@ impl Platform {
         }
         let compiler = Compiler::of(self.triple(), needs)?;
         let built = if compiler == Compiler::Debian { built } else { None };
-        Ok(Builder { platform: self, compiler, built, epoch: commit.epoch() })
+        Ok(Builder { platform: self, profile, compiler, built, epoch: commit.epoch() })
     }
 }
 
@@ -130,6 +135,7 @@ const MINGW: &[Need] = &[Need {
 #[derive(Debug)]
 pub struct Builder {
     pub platform: Platform,
+    profile: Profile,
     compiler: Compiler,
     /// The parts of the standard library that are built.
     built: Option<&'static str>,
@@ -139,6 +145,9 @@ pub struct Builder {
 impl Builder {
     /// Builds the host's program; returns its path.
     pub fn plumb(&self) -> Result<PathBuf> {
+        if self.profile == Profile::Dev {
+            return tried("plumb");
+        }
         let build = ["--release", "--locked", "--package", "plumb"];
         if self.platform.is_windows() {
             self.cargo()?.args(["build"]).args(build).run()?;
@@ -154,8 +163,11 @@ impl Builder {
 
     /// Builds the box's program for Linux; returns its path. It has its C library in itself.
     pub fn board(&self) -> Result<PathBuf> {
-        setup::ensure(&[setup::VIDEO])?;
         const BOARD: &str = "plumbline-board";
+        setup::ensure(&[setup::VIDEO])?;
+        if self.profile == Profile::Dev {
+            return tried(BOARD);
+        }
         self.cargo()?
             .args(["rustc", "--release", "--locked", "--package", BOARD, "--bin", BOARD])
             .args(["--", "-Ctarget-feature=+crt-static"])
@@ -186,6 +198,9 @@ impl Builder {
 
     /// The directory of the programs.
     pub fn programs(&self) -> PathBuf {
+        if self.profile == Profile::Dev {
+            return work().join("tried");
+        }
         self.directory().join(self.platform.triple()).join("release")
     }
 
@@ -259,6 +274,15 @@ impl Builder {
         }
         Ok(environment)
     }
+}
+
+/// A program as the tests have it, without what a debugger wants.
+fn tried(name: &str) -> Result<PathBuf> {
+    let program = plumbline_test_support::program(name).map_err(|error| anyhow!(error))?;
+    let stripped = work().join("tried").join(name);
+    fs::create_dir_all(work().join("tried")).context("the programs of the tests")?;
+    Task::new("strip").args(["-o".as_ref(), stripped.as_os_str()]).args([&program]).output()?;
+    Ok(stripped)
 }
 
 /// The directory for everything that is built on the way.
