@@ -232,7 +232,7 @@ mod tests {
     }
 
     fn announcement(key: Key) -> Vec<u8> {
-        let mut end = BoxEnd::new(Some(key), Start::new(3).unwrap(), &[5; 32]);
+        let end = BoxEnd::new(Some(key), Start::new(3).unwrap(), &[5; 32]);
         end.announcement(&mut [0; SEALED_BYTES_MAX]).to_vec()
     }
 

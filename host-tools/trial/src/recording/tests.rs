@@ -1,4 +1,8 @@
-use plumbline::packet::{Command, Deframer, Health, Hello, PART_BYTES_MAX, Part, PosePacket};
+use plumbline::config::BLOB_BYTES_MAX;
+use plumbline::packet::{
+    Command, Deframer, Document, Health, Hello, PART_BYTES_MAX, Part, PosePacket, Reply,
+    ReplyOutcome,
+};
 use plumbline::report::NoPose;
 use plumbline_stream::fixture::{config, event, health, hello, pose_packet, view};
 
@@ -30,13 +34,17 @@ fn tell(recording: &mut Recording, config: &Config, now: Instant) {
 /// Records this trial as if it came from a box: what the verdict was five seconds after its
 /// last packet, and the one of the trial on the disk.
 fn recorded(made: &Made) -> (Verdict, Verdict) {
+    recorded_as(made, |recording| recording)
+}
+
+fn recorded_as(made: &Made, how: impl Fn(Recording) -> Recording) -> (Verdict, Verdict) {
     let folder = tempfile::tempdir().unwrap();
     let start = Instant::now();
     let (sender, marks) = mark::channel();
     let manifest = Manifest { state: State::Recording, ..made.manifest.clone() };
     let path = folder.path().join("p01");
     let heard = Box::new(|_: &Mark, _| {});
-    let mut recording = Recording::begin(&path, &manifest, marks, start, heard).unwrap();
+    let mut recording = how(Recording::begin(&path, &manifest, marks, start, heard).unwrap());
     let mut deframer = Deframer::new();
     for (at, Entry { host_ns, content }) in made.entries.iter().enumerate() {
         let now = start + Duration::from_nanos(*host_ns);
@@ -59,6 +67,16 @@ fn recorded(made: &Made) -> (Verdict, Verdict) {
     recording.turn(start + Duration::from_nanos(last_ns) + Duration::from_secs(5)).unwrap();
     let live = recording.verdict();
     (live, recording.end(1).unwrap().unwrap().manifest.verdict())
+}
+
+#[test]
+fn a_recording_that_keeps_nothing_in_memory_has_the_same_verdict_in_the_end() {
+    let mut made = Made::good();
+    made.each_pose(|packet| (packet.sequence % 7 != 0).then_some(packet));
+    let (_, judged) = recorded(&made);
+    let (meanwhile, unjudged) = recorded_as(&made, Recording::unjudged);
+    assert_ne!(judged.is, Grade::Good);
+    assert_eq!((meanwhile, unjudged), (Verdict::default(), judged));
 }
 
 #[test]
