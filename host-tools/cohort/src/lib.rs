@@ -5,6 +5,7 @@
 //!                                                                              visible at once
 //! folder ─▶ studied: the statistics of a study
 //!        ─▶ check: whether everything is there
+//!        ─▶ reference: percentiles by age and condition
 //! ```
 //!
 //! The layout and the columns are written down in this crate's `README.md`.
@@ -15,6 +16,7 @@ mod content;
 pub mod folder;
 pub mod given;
 pub mod key;
+pub mod reference;
 pub mod row;
 mod samples;
 pub mod studied;

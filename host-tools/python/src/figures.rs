@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
+use plumbline_cohort::studied;
 use plumbline_files::BadInput;
 use plumbline_study::tidy::{self, Found};
-use plumbline_study::{figures as studies, long, manifest};
+use plumbline_study::{long, manifest};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
@@ -51,10 +52,10 @@ pub fn figures<'py>(
     Ok((table(py, tidy::columns(&rows))?, warnings, errors))
 }
 
-/// The statistics of a study, as `plumb study --json` writes them.
+/// The statistics of a study, as `plumb study --json` writes them; its trials may be in a cohort.
 #[pyfunction]
 pub fn study(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyAny>> {
-    let figures = py.detach(|| studies::analyze(&manifest::read(&path)?));
+    let figures = py.detach(|| studied::analyze(&manifest::read(&path)?, |_| || ()));
     object(py, &figures.raise()?)
 }
 

@@ -3,6 +3,7 @@
 mod add;
 mod check;
 mod list;
+mod reference;
 mod show;
 
 use clap::{Args, Subcommand};
@@ -37,6 +38,7 @@ enum Command {
     List(list::Arguments),
     Show(show::Arguments),
     Check(check::Arguments),
+    Reference(reference::Arguments),
 }
 
 /// Runs the subcommand. Gives whether what it checks is as it should be.
@@ -48,6 +50,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         Command::Add(arguments) => add::run(arguments),
         Command::List(arguments) => list::run(arguments),
         Command::Show(arguments) => show::run(arguments),
+        Command::Reference(arguments) => reference::run(arguments),
         Command::Check(arguments) => return check::run(arguments),
     }?;
     Ok(true)
