@@ -69,13 +69,18 @@ fn about(first: &Placed, all: &[Placed]) -> Markup {
 }
 
 fn placed(all: &[Placed]) -> Markup {
-    let header = ["figure", "this trial", "5th", "median", "95th", "", "where it lies"];
+    let header = ["figure", "this trial", "5th", "median", "95th", ""];
     html! {
         div.table {
             p.caption { "Figures of this trial among those of the reference" }
             div.wide {
                 table aria-label="Figures of this trial among those of the reference" {
-                    thead { tr { @for cell in header { th scope="col" { (cell) } } } }
+                    thead {
+                        tr {
+                            @for cell in header { th scope="col" { (cell) } }
+                            th scope="col" style="text-align: left" { "where it lies" }
+                        }
+                    }
                     tbody {
                         @for it in all {
                             tr {
