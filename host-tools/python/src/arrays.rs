@@ -42,7 +42,8 @@ pub fn from_json<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// Columns by their names: arrays of numbers, NaN where there is none, and lists of texts.
+/// Columns by their names: arrays of numbers, NaN where there is none, of whole numbers and of flags;
+/// lists of texts, and of whole numbers that may be absent, None where there is none.
 ///
 /// # Errors
 /// When Python has no memory for them.
@@ -51,6 +52,12 @@ pub fn table<'py>(py: Python<'py>, columns: Vec<(String, Values)>) -> PyResult<B
     for (name, values) in columns {
         match values {
             Values::Texts(texts) => table.set_item(name, texts)?,
+            Values::SomeTexts(texts) => table.set_item(name, texts)?,
+            Values::Integers(numbers) => table.set_item(name, vector(py, numbers))?,
+            Values::SomeIntegers(numbers) | Values::SomeInstants(numbers) => {
+                table.set_item(name, numbers)?;
+            }
+            Values::Flags(flags) => table.set_item(name, vector(py, flags))?,
             Values::Numbers(numbers) => table.set_item(name, vector(py, numbers))?,
             Values::SomeNumbers(numbers) => {
                 let numbers = numbers.into_iter().map(|it| it.unwrap_or(f64::NAN)).collect();
