@@ -76,4 +76,5 @@ fn but_the_last() -> String {
 fn a_cluster_computes_what_one_computer_does_also_when_a_worker_dies() {
     let Some(bench) = prepared() else { return };
     print!("{}", bench.ran(bench.script("spark/study.py")));
+    assert!(fs::read(bench.path("cluster.png")).unwrap().starts_with(b"\x89PNG"));
 }

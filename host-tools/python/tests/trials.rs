@@ -37,6 +37,16 @@ figures = \"all\"
 drop_incomplete = true
 ";
 
+/// The folders of all trials.
+pub const EVERYBODY: [&str; 6] = [
+    "trials/p01-control",
+    "trials/p01-foam",
+    "trials/p02-control",
+    "trials/p02-foam",
+    "trials/p03-control",
+    "trials/p03-foam",
+];
+
 /// Writes all trials and the study.
 pub fn write_all(bench: &Bench) {
     let all = PARTICIPANTS.into_iter().flat_map(|who| CONDITIONS.map(|what| (who, what)));

@@ -17,8 +17,9 @@ use crate::bare_metal::Document;
 use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
+use crate::python::{Environment, READERS, SPARK};
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, image, python, setup};
+use crate::{agreement, bare, bare_metal, image, setup};
 
 mod journal;
 
@@ -69,6 +70,12 @@ enum Part {
     /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet
     /// computer; only when it is named.
     Long,
+    /// The pages for other languages: their examples in R and Octave, whose packages are large; only
+    /// when it is named.
+    Languages,
+    /// A cohort on a cluster of Apache Spark, whose processes run on this computer. The download is 400
+    /// MB; only when it is named.
+    Cluster,
 }
 
 impl Part {
@@ -104,7 +111,16 @@ impl Part {
             Self::Boot => image::prepare_for_tests(),
             Self::Long => {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
-                python::prepare()
+                READERS.prepare()
+            }
+            Self::Languages => {
+                let build = [setup::LINKER, setup::VIDEO, setup::PYTHON];
+                setup::ensure(&[&build[..], &[setup::LANGUAGES]].concat())?;
+                READERS.prepare()
+            }
+            Self::Cluster => {
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::JAVA])?;
+                SPARK.prepare()
             }
         }
     }
@@ -119,6 +135,8 @@ impl Part {
             Self::BareMetal => 1200,
             Self::Boot => 1600,
             Self::Long => 4900,
+            Self::Languages => 4900,
+            Self::Cluster => 5100,
         }
     }
 
@@ -131,6 +149,8 @@ impl Part {
             Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
             Self::Long => long(journal),
+            Self::Languages => of_python(journal, "languages::", READERS),
+            Self::Cluster => of_python(journal, "cluster::", SPARK),
         }
         Ok(())
     }
@@ -206,7 +226,7 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
 
 fn native(journal: &mut Journal) {
     // A download, in parallel with compiling.
-    let python = thread::spawn(python::prepare);
+    let python = thread::spawn(|| READERS.prepare());
     format_and_lint(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
@@ -261,7 +281,7 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
     let has_readers =
-        all && readers(journal, setup::ensure(&[setup::PYTHON]).and_then(|()| python::prepare()));
+        all && readers(journal, setup::ensure(&[setup::PYTHON]).and_then(|()| READERS.prepare()));
     let cargo = || {
         let task = toolchain
             .cargo(linking)
@@ -303,7 +323,7 @@ fn readers(journal: &mut Journal, prepared: Result<()>) -> bool {
 /// Tells the tests which Python has the readers.
 fn with_readers(task: Task, has_readers: bool) -> Task {
     if has_readers {
-        task.env(python::VARIABLE, &python::program().to_string_lossy())
+        task.env(READERS.variable, &READERS.program().to_string_lossy())
     } else {
         task
     }
@@ -390,6 +410,21 @@ fn long(journal: &mut Journal) {
         let task = with_readers(task, true);
         journal.tests(name, |each_line| task.run_and_read(each_line));
     }
+}
+
+/// The tests of the Python package that run only when they are asked for, with a Python of their own.
+fn of_python(journal: &mut Journal, name: &str, python: Environment) {
+    let build = ["build", "--package", "plumb", "--package", "plumbline-python"];
+    if !journal.check("build", || Task::cargo().args(build).run()) {
+        return;
+    }
+    let test = ["test", "--package", "plumbline-python", "--test", "python", "--", "--nocapture"];
+    let task = Task::cargo().args(test).args(["--test-threads=1", "--ignored", name]);
+    let task = task
+        .env(PROGRAMS, &target_directory().join("debug").to_string_lossy())
+        .env(python.variable, &python.program().to_string_lossy())
+        .env(SKIPS, &journal.skips.to_string_lossy());
+    journal.tests("tests", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

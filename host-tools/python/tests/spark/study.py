@@ -2,12 +2,16 @@
 
 import csv
 import json
+import os
+import pathlib
 import struct
+import subprocess
+import sys
 import threading
 import time
 
 import pyarrow.dataset
-from cluster import Cluster, executors, until
+from cluster import HOME, HOST, PATIENCE_S, Cluster, executors, until
 
 import plumbline
 import plumbline.spark
@@ -194,6 +198,23 @@ def killed_in_the_middle(cluster, session, expected):
     print(f"a worker killed when {done} of {PARTS} parts were done: the same figures, {seconds:.1f} s")
 
 
+def run_example(cluster):
+    """The example draws its picture, by the worker that is left."""
+    example = pathlib.Path(__file__).parents[2] / "examples/cluster.py"
+    settings = [f"--conf={name}={value}" for name, value in cluster.settings().items()]
+    submit = [HOME / "bin/spark-submit", "--master", cluster.url, *settings, example]
+    environment = {**os.environ, "PYSPARK_PYTHON": sys.executable, "SPARK_LOCAL_IP": HOST}
+    ran = subprocess.run(
+        [*submit, COHORT, "dropping.toml", "cluster.png"],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=PATIENCE_S,
+        check=True,
+    )
+    assert "control" in ran.stdout and "path length" in ran.stdout, ran.stdout
+
+
 here = plumbline.open_cohort(COHORT)
 expected = by_key(here.figures().rows())
 with Cluster("spark") as cluster:
@@ -216,3 +237,4 @@ with Cluster("spark") as cluster:
     check_bad_input(session)
     killed_in_the_middle(cluster, session, expected)
     session.stop()
+    run_example(cluster)
