@@ -243,6 +243,10 @@ class Cohort:
         Args:
             trials: rows of the table of trials; all unless it is given.
             filter, span, bins, covered_min, radius_mm: as in :meth:`plumbline.Trial.figures`.
+
+        Raises:
+            BadInput: an argument is wrong. When a trial cannot be read, the task of Spark that is to
+                compute it fails with it.
         """
         method = {
             "filter": filter,
@@ -251,6 +255,8 @@ class Cohort:
             "covered_min": covered_min,
             "radius_mm": radius_mm,
         }
+        # Of no trial, for what an argument may lack: here, and not in a task.
+        _plumbline.figures([], **method)  # type: ignore[arg-type]
         kinds = _columns_of("figures")
 
         def work(row: dict[str, Any], points: dict[str, Any]) -> pa.Table:

@@ -160,7 +160,7 @@ def refused(work, *parts):
 def check_bad_input(session):
     spark = plumbline.spark.Cohort(session, COHORT)
     refused(lambda: plumbline.spark.Cohort(session, COHORT, parts=0), "parts")
-    refused(lambda: rows_of(spark.figures(filter="gauss")), "filter", "gauss")
+    refused(lambda: spark.figures(filter="gauss"), "filter", "gauss")
     refused(lambda: spark.study("study.toml", spark.trials.where("run = 7")), "none of the 0 trials")
     half = spark.trials.where("condition = 'foam' or participant = 'p01'")
     refused(lambda: spark.study("strict.toml", half), "has no trial in control")
