@@ -259,7 +259,7 @@ fn write(
             .collect();
         let (mut keys, mut tidy_rows) = (Vec::new(), Vec::new());
         for (row, of_trial) in written.into_iter().collect::<Result<Vec<_>, _>>()? {
-            warnings.extend(row.warnings.iter().map(|it| format!("{}: {it}", row.key)));
+            warnings.extend(row.warnings.iter().map(|it| (it.clone(), row.key.clone())));
             keys.extend(std::iter::repeat_n(row.key.clone(), of_trial.len()));
             tidy_rows.extend(of_trial);
             rows.push(row);
@@ -284,7 +284,27 @@ fn write(
     })?;
     replace(&place, &bytes)?;
     sync_directory(stage.path());
-    Ok(warnings)
+    Ok(grouped(warnings))
+}
+
+/// One line for each warning, which names the first trial that has it and says how many others do.
+fn grouped(warnings: Vec<(String, Key)>) -> Vec<String> {
+    let mut groups: Vec<(String, Key, usize)> = Vec::new();
+    let mut places: HashMap<String, usize> = HashMap::new();
+    for (text, key) in warnings {
+        match places.get(&text) {
+            Some(at) => groups[*at].2 += 1,
+            None => {
+                places.insert(text.clone(), groups.len());
+                groups.push((text, key, 0));
+            }
+        }
+    }
+    let line = |(text, key, others): (String, Key, usize)| match others {
+        0 => format!("{key}: {text}"),
+        others => format!("{key}, and {}: {text}", counted(others, "other trial")),
+    };
+    groups.into_iter().map(line).collect()
 }
 
 /// When it was added, and which trials.

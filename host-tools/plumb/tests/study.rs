@@ -30,7 +30,7 @@ const ABOVE_MM: f64 = 400.0;
 const ROWS_OF_TRUNK: usize = 2 * 6 * 4 + 6 + 3 + 4 * 3 + 4 * 3 + 3 + 7 * 4;
 
 /// A trial whose points are pulled back to where they stand and pushed at random, as sway is.
-fn record(folder: &Path, participant: &str, condition: &str, seconds: u32, seed: u64) {
+pub fn record(folder: &Path, participant: &str, condition: &str, seconds: u32, seed: u64) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let push_mm = if condition == "wild" { 1.5 } else { 1.0 };
     let mut now_mm = [[0.0; 3]; 2];
@@ -55,7 +55,7 @@ fn record(folder: &Path, participant: &str, condition: &str, seconds: u32, seed:
 }
 
 /// The trials in `trials`, and beside them what is none.
-fn setting() -> TempDir {
+pub fn setting() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let trials = folder.path().join("trials");
     std::fs::create_dir_all(trials.join("notes")).unwrap();
@@ -69,7 +69,7 @@ fn setting() -> TempDir {
     folder
 }
 
-const STUDY: &str = "title = \"Cohort\"\ntrials = [\"trials/*\"]\nconditions = [\"calm\", \"wild\"]\n\
+pub const STUDY: &str = "title = \"Cohort\"\ntrials = [\"trials/*\"]\nconditions = [\"calm\", \"wild\"]\n\
                      bins_s = [[0, 10], [10, 20], [20, 30]]\n";
 
 fn study(folder: &TempDir, more: &str) -> Finished {
@@ -77,7 +77,7 @@ fn study(folder: &TempDir, more: &str) -> Finished {
     plumb(folder.path(), &["study", "study.toml", "--json", "study.json", "--force"])
 }
 
-fn json(folder: &TempDir, name: &str) -> Value {
+pub fn json(folder: &TempDir, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(folder.path().join(name)).unwrap()).unwrap()
 }
 
