@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import os
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -248,7 +248,7 @@ class Cohort:
             BadInput: an argument is wrong. When a trial cannot be read, the task of Spark that is to
                 compute it fails with it.
         """
-        method = {
+        method: dict[str, Any] = {
             "filter": filter,
             "span": span,
             "bins": bins,
@@ -256,7 +256,7 @@ class Cohort:
             "radius_mm": radius_mm,
         }
         # Of no trial, for what an argument may lack: here, and not in a task.
-        _plumbline.figures([], **method)  # type: ignore[arg-type]
+        _plumbline.figures([], **method)
         kinds = _columns_of("figures")
 
         def work(row: dict[str, Any], points: dict[str, Any]) -> pa.Table:
@@ -401,10 +401,10 @@ def _compare(
 
 def _rows(
     function: Callable[[dict[str, Any]], list[dict[str, Any]]], kinds: dict[str, str]
-) -> Callable[[Iterator[pa.RecordBatch]], Iterator[pa.RecordBatch]]:
+) -> Callable[[Iterable[pa.RecordBatch]], Iterable[pa.RecordBatch]]:
     """Rows from the statistics of responses."""
 
-    def rows(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    def rows(batches: Iterable[pa.RecordBatch]) -> Iterable[pa.RecordBatch]:
         for batch in batches:
             found = []
             for response in batch.to_pylist():

@@ -163,6 +163,22 @@ fn figures_and_statistics_are_those_of_plumb() {
 }
 
 #[test]
+fn a_cohort_has_the_figures_and_statistics_of_plumb() {
+    let Some(bench) = Bench::new() else { return };
+    write_all(&bench);
+    bench.plumb(&[&["cohort", "add", "--to", "cohort"], &EVERYBODY[..]].concat());
+    bench.plumb(&[&["figures"], &EVERYBODY[..], &["--out", "figures.csv"]].concat());
+    let foam = EVERYBODY.into_iter().filter(|it| it.ends_with("foam")).collect::<Vec<_>>();
+    let method = ["--filter", "butterworth:10", "--bins", "0-8,8-20", "--out", "chosen.csv"];
+    bench.plumb(&[&["figures"], &foam[..], &method].concat());
+    let elsewhere = STUDY.replace("trials/*", "elsewhere/*");
+    fs::write(bench.path("elsewhere.toml"), elsewhere).unwrap();
+    let study = ["study", "--cohort", "cohort", "elsewhere.toml", "--json", "study.json"];
+    bench.plumb(&study);
+    bench.ran(bench.script("cohort.py"));
+}
+
+#[test]
 fn exports_are_those_of_plumb() {
     let Some(bench) = Bench::new() else { return };
     write(&bench, &[("p02", "foam")]);
