@@ -19,7 +19,8 @@ cohort.trials.groupBy("condition", "verdict").agg(F.count("*"), F.sum("duration_
 
 # %% Every figure of every trial, and what Spark makes of them
 figures = cohort.figures(cohort.trials.where("verdict != 'unusable'"))
-velocities = figures.where("figure = 'mean velocity' and direction = 'APML' and segment = 'whole'")
+# Kept, since they are asked for twice.
+velocities = figures.where("figure = 'mean velocity' and direction = 'APML' and segment = 'whole'").persist()
 quartiles = [F.percentile(F.col("value"), share).alias(f"at {share}") for share in (0.25, 0.5, 0.75)]
 velocities.groupBy("trunk", "condition").agg(*quartiles).orderBy("trunk", "condition").show()
 
@@ -35,9 +36,8 @@ cells = study.cells.where("point = 'upper' and figure = 'path length' and direct
 cells = cells.orderBy("condition", "time").toArrow().to_pylist()
 conditions = sorted({row["condition"] for row in of_upper})
 for condition in conditions:
-    left.hist(
-        [row["value"] for row in of_upper if row["condition"] == condition], bins=8, alpha=0.6, label=condition
-    )
+    values = [row["value"] for row in of_upper if row["condition"] == condition]
+    left.hist(values, bins=8, alpha=0.6, label=condition)
     own = [row for row in cells if row["condition"] == condition]
     right.errorbar(
         [row["time"] for row in own],

@@ -99,6 +99,7 @@ class Cluster:
         """Those of a session: one executor in each worker, all on this computer."""
         return {
             "spark.ui.enabled": "false",
+            "spark.ui.showConsoleProgress": "false",
             "spark.driver.host": HOST,
             "spark.driver.bindAddress": HOST,
             "spark.driver.memory": "1g",

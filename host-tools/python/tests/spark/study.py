@@ -23,6 +23,10 @@ CHOSEN = {"filter": "butterworth:10", "span": (0, 25), "bins": [(0, 8), (8, 20)]
 KEY = ("participant", "session", "condition", "run", "trial", "trunk", "segment", "direction", "figure")
 
 
+def say(line):
+    print(line, flush=True)
+
+
 def bits(value):
     return struct.pack("<d", value) if isinstance(value, float) else value
 
@@ -61,7 +65,7 @@ def check_figures(session, cohort, here):
     chosen = [row["trial"] for row in rows_of(some)]
     ours = by_key(rows_of(spark.figures(some, **CHOSEN)))
     assert len(chosen) == 2 and ours == by_key(here.figures(chosen, **CHOSEN).rows())
-    print(f"{len(theirs)} figures of {len(here)} trials: the same bits")
+    say(f"{len(theirs)} figures of {len(here)} trials: the same bits")
 
 
 def near(one, other, path=""):
@@ -145,7 +149,7 @@ def check_study(session, study_file, expected_file):
     warnings = {*study.warnings, *(it["warning"] for it in rows_of(study.trial_warnings))}
     assert warnings <= set(expected["warnings"]), warnings - set(expected["warnings"])
     study.unpersist()
-    print(f"{study.title}: {len(compared)} responses: off by {off:g} at most; {left_out} left out")
+    say(f"{study.title}: {len(compared)} responses: off by {off:g} at most; {left_out} left out")
 
 
 def refused(work, *parts):
@@ -195,7 +199,7 @@ def killed_in_the_middle(cluster, session, expected):
     ((seconds, figures),) = found
     assert figures == expected
     until("one executor left", lambda: executors(session) == 1)
-    print(f"a worker killed when {done} of {PARTS} parts were done: the same figures, {seconds:.1f} s")
+    say(f"a worker killed when {done} of {PARTS} parts were done: the same figures, {seconds:.1f} s")
 
 
 def run_example(cluster):
@@ -209,7 +213,8 @@ def run_example(cluster):
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
-        timeout=PATIENCE_S,
+        # Far more than it takes, since a loaded computer is slow.
+        timeout=5 * PATIENCE_S,
         check=True,
     )
     assert "control" in ran.stdout and "path length" in ran.stdout, ran.stdout
@@ -224,13 +229,13 @@ with Cluster("spark") as cluster:
     timed(session)
     seconds, found = timed(session)
     assert found == expected
-    print(f"{len(here)} trials in {PARTS} parts, one worker: {seconds:.1f} s")
+    say(f"{len(here)} trials in {PARTS} parts, one worker: {seconds:.1f} s")
     cluster.add_worker()
     until("the second executor", lambda: executors(session) == 2)
     timed(session)
     seconds_of_two, found = timed(session)
     assert found == expected
-    print(f"the same, two workers: {seconds_of_two:.1f} s, {seconds / seconds_of_two:.2f} times as fast")
+    say(f"the same, two workers: {seconds_of_two:.1f} s, {seconds / seconds_of_two:.2f} times as fast")
     check_figures(session, COHORT, here)
     check_study(session, "study.toml", "study.json")
     check_study(session, "dropping.toml", "dropping.json")
