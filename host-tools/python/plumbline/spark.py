@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import os
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -203,6 +203,11 @@ class Cohort:
         """The points of all trials, a row for each frame: ``trial`` says of which."""
         return self._read("points", recursiveFileLookup="true")
 
+    def _cores(self) -> int:
+        """The processor cores of the cluster."""
+        cores: int = self._session.sparkContext.defaultParallelism
+        return cores
+
     def _each_trial(
         self,
         trials: DataFrame,
@@ -212,8 +217,7 @@ class Cohort:
         """What `work` makes of the row and the points of each of these trials."""
         parts = self._parts
         if parts is None:
-            cores = self._session.sparkContext.defaultParallelism
-            parts = max(4 * cores, -(-trials.count() // TRIALS_PER_PART))
+            parts = max(4 * self._cores(), -(-trials.count() // TRIALS_PER_PART))
         # In so many parts also where Spark thinks fewer were enough for the few bytes: it is the
         # work on them that takes long.
         rows = trials.select(*_columns_of("trials")).repartition(parts, "trial")
@@ -239,14 +243,20 @@ class Cohort:
         Args:
             trials: rows of the table of trials; all unless it is given.
             filter, span, bins, covered_min, radius_mm: as in :meth:`plumbline.Trial.figures`.
+
+        Raises:
+            BadInput: an argument is wrong. When a trial cannot be read, the task of Spark that is to
+                compute it fails with it.
         """
-        method = {
+        method: dict[str, Any] = {
             "filter": filter,
             "span": span,
             "bins": bins,
             "covered_min": covered_min,
             "radius_mm": radius_mm,
         }
+        # Of no trial, for what an argument may lack: here, and not in a task.
+        _plumbline.figures([], **method)
         kinds = _columns_of("figures")
 
         def work(row: dict[str, Any], points: dict[str, Any]) -> pa.Table:
@@ -300,7 +310,9 @@ class Study:
         #: What a user should know of the trials: ``trial``, ``warning``.
         self.trial_warnings: DataFrame = found.where("warning is not null").select(*_WARNINGS)
         compare = _compare(study, session.sparkContext.broadcast(takes_part))
-        responses = self.values.groupBy("point", "chosen").applyInArrow(compare, _ddl(_RESPONSES))
+        # Not into the number of parts that is usual for tables a thousand times as large.
+        values = self.values.repartition(4 * cohort._cores(), "point", "chosen")
+        responses = values.groupBy("point", "chosen").applyInArrow(compare, _ddl(_RESPONSES))
         responses = responses.persist()
         self._kept = (found, responses)
         #: Each response in the order of ``plumb study``: ``n``, its number of participants, and
@@ -312,8 +324,8 @@ class Study:
         self, function: Callable[[dict[str, Any]], list[dict[str, Any]]], columns: dict[str, str]
     ) -> DataFrame:
         kinds = {**_RESPONSE, **columns}
-        ordered = self.responses.where("statistics is not null")
-        return ordered.mapInArrow(_rows(function, kinds), _ddl(kinds))
+        _, responses = self._kept
+        return responses.where("statistics is not null").mapInArrow(_rows(function, kinds), _ddl(kinds))
 
     @property
     def cells(self) -> DataFrame:
@@ -328,11 +340,13 @@ class Study:
         Mauchly's test and the correction of Greenhouse and Geisser; and the ANOVA-type statistic of
         Brunner, Domhof and Langer, whose p is also adjusted for the number of responses."""
         effects = self._table(_effects, _EFFECTS)
-        by_effect = effects.where("anova_type_p is not null").groupBy("effect")
+        # In one place: of each effect there is one number for each response.
+        tested = effects.where("anova_type_p is not null").coalesce(1)
+        by_effect = tested.groupBy("effect")
         keys = [*_RESPONSE, "effect"]
         kinds = {**_RESPONSE, "effect": "string", **_ADJUSTED}
         adjusted = by_effect.applyInArrow(_adjusted, _ddl(kinds))
-        return effects.join(adjusted, keys, "left")
+        return effects.join(F.broadcast(adjusted), keys, "left")
 
     @property
     def comparisons(self) -> DataFrame:
@@ -387,10 +401,10 @@ def _compare(
 
 def _rows(
     function: Callable[[dict[str, Any]], list[dict[str, Any]]], kinds: dict[str, str]
-) -> Callable[[Iterator[pa.RecordBatch]], Iterator[pa.RecordBatch]]:
+) -> Callable[[Iterable[pa.RecordBatch]], Iterable[pa.RecordBatch]]:
     """Rows from the statistics of responses."""
 
-    def rows(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    def rows(batches: Iterable[pa.RecordBatch]) -> Iterable[pa.RecordBatch]:
         for batch in batches:
             found = []
             for response in batch.to_pylist():

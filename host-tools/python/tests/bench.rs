@@ -27,7 +27,7 @@ pub struct Bench {
 impl Bench {
     /// `None`, with the test recorded as skipped, without Python.
     pub fn new() -> Option<Self> {
-        let Some(python) = std::env::var_os(PYTHON).map(PathBuf::from) else {
+        let Some(python) = python() else {
             skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has NumPy");
             return None;
         };
@@ -93,6 +93,11 @@ impl Bench {
         assert!(output.status.success(), "{command:?}: {said}");
         String::from_utf8(output.stdout).unwrap()
     }
+}
+
+/// The Python that has NumPy.
+pub fn python() -> Option<PathBuf> {
+    std::env::var_os(PYTHON).map(PathBuf::from)
 }
 
 /// The crate's directory.

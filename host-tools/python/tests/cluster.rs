@@ -75,5 +75,8 @@ fn but_the_last() -> String {
 #[ignore = "starts a cluster of Spark: cargo xtask test cluster"]
 fn a_cluster_computes_what_one_computer_does_also_when_a_worker_dies() {
     let Some(bench) = prepared() else { return };
-    print!("{}", bench.ran(bench.script("spark/study.py")));
+    // What it measures is seen while it runs.
+    let status = bench.script("spark/study.py").status().unwrap();
+    assert!(status.success(), "{status}");
+    assert!(fs::read(bench.path("cluster.png")).unwrap().starts_with(b"\x89PNG"));
 }

@@ -6,6 +6,7 @@
 mod bench;
 mod cluster;
 mod documented;
+mod languages;
 mod live;
 mod tracking;
 mod trials;

@@ -37,6 +37,16 @@ figures = \"all\"
 drop_incomplete = true
 ";
 
+/// The folders of all trials.
+pub const EVERYBODY: [&str; 6] = [
+    "trials/p01-control",
+    "trials/p01-foam",
+    "trials/p02-control",
+    "trials/p02-foam",
+    "trials/p03-control",
+    "trials/p03-foam",
+];
+
 /// Writes all trials and the study.
 pub fn write_all(bench: &Bench) {
     let all = PARTICIPANTS.into_iter().flat_map(|who| CONDITIONS.map(|what| (who, what)));
@@ -150,6 +160,22 @@ fn figures_and_statistics_are_those_of_plumb() {
     let long = ["study", "--long", "long.csv", "--response", "path", "--within", "condition,half"];
     bench.plumb(&[&long[..], &["--subject", "id", "--json", "long.json"]].concat());
     bench.ran(bench.script("figures.py"));
+}
+
+#[test]
+fn a_cohort_has_the_figures_and_statistics_of_plumb() {
+    let Some(bench) = Bench::new() else { return };
+    write_all(&bench);
+    bench.plumb(&[&["cohort", "add", "--to", "cohort"], &EVERYBODY[..]].concat());
+    bench.plumb(&[&["figures"], &EVERYBODY[..], &["--out", "figures.csv"]].concat());
+    let foam = EVERYBODY.into_iter().filter(|it| it.ends_with("foam")).collect::<Vec<_>>();
+    let method = ["--filter", "butterworth:10", "--bins", "0-8,8-20", "--out", "chosen.csv"];
+    bench.plumb(&[&["figures"], &foam[..], &method].concat());
+    let elsewhere = STUDY.replace("trials/*", "elsewhere/*");
+    fs::write(bench.path("elsewhere.toml"), elsewhere).unwrap();
+    let study = ["study", "--cohort", "cohort", "elsewhere.toml", "--json", "study.json"];
+    bench.plumb(&study);
+    bench.ran(bench.script("cohort.py"));
 }
 
 #[test]

@@ -9,11 +9,8 @@ use anyhow::{Context, Result};
 
 use crate::command::{Task, root, target_directory};
 
-/// The variable that tells tests which Python has the packages.
-pub const VARIABLE: &str = "PLUMBLINE_PYTHON";
-
-/// The time limit for installing the packages: on some networks the download hangs.
-const INSTALLED_WITHIN: Duration = Duration::from_secs(600);
+/// The time limit for installing packages: on some networks the download hangs.
+const INSTALLED_WITHIN: Duration = Duration::from_secs(900);
 
 /// Packages with pinned versions, in a directory of their own.
 #[derive(Debug, Clone, Copy)]
@@ -22,11 +19,23 @@ pub struct Packages {
     pub requirements: &'static str,
     /// The directory's name below the target directory.
     pub place: &'static str,
+    /// The variable that tells tests where the packages' Python is, if there are such tests.
+    pub variable: Option<&'static str>,
 }
 
 /// Other people's readers of what the programs write: a second opinion in the tests.
-pub const READERS: Packages =
-    Packages { requirements: "host-tools/plumb/tests/export/requirements.txt", place: "python" };
+pub const READERS: Packages = Packages {
+    requirements: "host-tools/plumb/tests/export/requirements.txt",
+    place: "python",
+    variable: Some("PLUMBLINE_PYTHON"),
+};
+
+/// Apache Spark, which is large.
+pub const SPARK: Packages = Packages {
+    requirements: "host-tools/python/tests/spark/requirements.txt",
+    place: "spark",
+    variable: Some("PLUMBLINE_SPARK"),
+};
 
 impl Packages {
     /// Installs what is missing. What is present is used as it is, without the network.
@@ -41,7 +50,9 @@ impl Packages {
         Task::new("python3").args(["-m", "venv", "--clear"]).args([&place]).run()?;
         Task::new(self.program())
             .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
-            .args(["--only-binary", ":all:", "--requirement", self.requirements])
+            // Spark, whose programs are Java's, is published without a wheel.
+            .args(["--only-binary", ":all:", "--no-binary", "pyspark"])
+            .args(["--requirement", self.requirements])
             .run_within(INSTALLED_WITHIN)?;
         fs::write(&installed, wanted).with_context(|| installed.display().to_string())
     }
@@ -54,6 +65,14 @@ impl Packages {
     /// The directory of the packages' programs.
     pub fn programs(&self) -> PathBuf {
         self.place().join("bin")
+    }
+
+    /// Tells tests where it is.
+    pub fn tells(&self, task: Task) -> Task {
+        match self.variable {
+            Some(variable) => task.env(variable, &self.program().to_string_lossy()),
+            None => task,
+        }
     }
 
     fn place(&self) -> PathBuf {

@@ -126,6 +126,38 @@ pub const PYTHON: &[Need] = &[Need {
     why: "other people's programs read what `plumb export` writes, receive from the box, and use the desk",
 }];
 
+/// Languages in which a lab analyses what was measured.
+pub const LANGUAGES: &[Need] = &[
+    Need { probe: Probe::Program("Rscript"), package: "r-base-core", why: "runs the example in R" },
+    Need {
+        probe: Probe::Package("r-cran-reticulate"),
+        package: "r-cran-reticulate",
+        why: "reads Parquet in R, through Python: Debian has no package of R for it",
+    },
+    Need {
+        probe: Probe::Program("octave-cli"),
+        package: "octave",
+        why: "runs the example in MATLAB's language",
+    },
+    Need {
+        probe: Probe::Program("gnuplot"),
+        package: "gnuplot-nox",
+        why: "draws Octave's picture without a screen",
+    },
+    Need {
+        probe: Probe::Program("gs"),
+        package: "ghostscript",
+        why: "Octave writes its picture with it",
+    },
+];
+
+/// Runs Apache Spark.
+pub const JAVA: &[Need] = &[Need {
+    probe: Probe::Program("java"),
+    package: "openjdk-17-jre-headless",
+    why: "Apache Spark is a program for Java",
+}];
+
 /// A whole emulated computer.
 pub const QEMU_SYSTEM: &[Need] = &[Need {
     probe: Probe::Program("qemu-system-aarch64"),

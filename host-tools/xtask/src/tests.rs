@@ -17,8 +17,9 @@ use crate::bare_metal::Document;
 use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
+use crate::python::{Packages, READERS, SPARK};
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, dist, image, python, setup};
+use crate::{agreement, bare, bare_metal, dist, image, setup};
 
 mod journal;
 
@@ -80,6 +81,12 @@ enum Part {
     /// costs, and those of a thousand boxes. Five minutes, alone on a quiet computer; only when it is
     /// named.
     Ward,
+    /// The pages for other languages: their examples in R and Octave, whose packages are large; only
+    /// when it is named.
+    Languages,
+    /// A cohort on a cluster of Apache Spark, whose processes run on this computer. The download is 400
+    /// MB; only when it is named.
+    Cluster,
 }
 
 impl Part {
@@ -116,11 +123,20 @@ impl Part {
             Self::Dist => dist::prepare_for_tests(),
             Self::Cohort => {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON])?;
-                python::READERS.prepare()
+                READERS.prepare()
             }
             Self::Long => {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
-                python::READERS.prepare()
+                READERS.prepare()
+            }
+            Self::Languages => {
+                let build = [setup::LINKER, setup::VIDEO, setup::PYTHON];
+                setup::ensure(&[&build[..], &[setup::LANGUAGES]].concat())?;
+                READERS.prepare()
+            }
+            Self::Cluster => {
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::JAVA])?;
+                SPARK.prepare()
             }
             Self::Ward => setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BROKER]),
         }
@@ -138,6 +154,8 @@ impl Part {
             Self::Cohort => 8200,
             Self::Long | Self::Ward => 4900,
             Self::Dist => 6000,
+            Self::Languages => 4900,
+            Self::Cluster => 5100,
         }
     }
 
@@ -153,6 +171,8 @@ impl Part {
             Self::Long => long(journal),
             Self::Dist => released(journal),
             Self::Ward => ward(journal),
+            Self::Languages => of_python(journal, "languages::", READERS),
+            Self::Cluster => of_python(journal, "cluster::", SPARK),
         }
         Ok(())
     }
@@ -228,7 +248,7 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
 
 fn native(journal: &mut Journal) {
     // A download, in parallel with compiling.
-    let python = thread::spawn(|| python::READERS.prepare());
+    let python = thread::spawn(|| READERS.prepare());
     format_and_lint(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
@@ -285,11 +305,8 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let debian = DebianRoot::fetch()?;
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
-    let has_readers = all
-        && readers(
-            journal,
-            setup::ensure(&[setup::PYTHON]).and_then(|()| python::READERS.prepare()),
-        );
+    let has_readers =
+        all && readers(journal, setup::ensure(&[setup::PYTHON]).and_then(|()| READERS.prepare()));
     let cargo = || {
         let task = toolchain
             .cargo(linking)
@@ -330,11 +347,7 @@ fn readers(journal: &mut Journal, prepared: Result<()>) -> bool {
 
 /// Tells the tests which Python has the readers.
 fn with_readers(task: Task, has_readers: bool) -> Task {
-    if has_readers {
-        task.env(python::VARIABLE, &python::READERS.program().to_string_lossy())
-    } else {
-        task
-    }
+    if has_readers { READERS.tells(task) } else { task }
 }
 
 /// The core on a smaller processor: its own tests.
@@ -462,6 +475,21 @@ fn cohort(journal: &mut Journal) {
         .env(SKIPS, &journal.skips.to_string_lossy());
     let task = with_readers(task, true);
     journal.tests("cohort", |each_line| task.run_and_read(each_line));
+}
+
+/// The tests of the Python package that run only when they are asked for, with a Python of their own.
+fn of_python(journal: &mut Journal, name: &str, python: Packages) {
+    let build = ["build", "--package", "plumb", "--package", "plumbline-python"];
+    if !journal.check("build", || Task::cargo().args(build).run()) {
+        return;
+    }
+    let test = ["test", "--package", "plumbline-python", "--test", "python", "--", "--nocapture"];
+    let task = Task::cargo().args(test).args(["--test-threads=1", "--ignored", name]);
+    let task = python
+        .tells(task)
+        .env(PROGRAMS, &target_directory().join("debug").to_string_lossy())
+        .env(SKIPS, &journal.skips.to_string_lossy());
+    journal.tests("tests", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

@@ -95,11 +95,11 @@ class Cluster:
         """Ends the last worker, and its executor, at once."""
         kill(self.workers.pop())
 
-    def session(self):
-        """A session with this cluster, with one executor in each worker."""
-        builder = pyspark.sql.SparkSession.builder.master(self.url).appName("plumbline")
-        for name, value in {
+    def settings(self):
+        """Those of a session: one executor in each worker, all on this computer."""
+        return {
             "spark.ui.enabled": "false",
+            "spark.ui.showConsoleProgress": "false",
             "spark.driver.host": HOST,
             "spark.driver.bindAddress": HOST,
             "spark.driver.memory": "1g",
@@ -108,12 +108,17 @@ class Cluster:
             "spark.local.dir": str(self.folder / "driver.local"),
             "spark.sql.warehouse.dir": str(self.folder / "warehouse"),
             "spark.executorEnv.PYTHONPATH": os.environ["PYTHONPATH"],
-            # For reading the folders of many trials one after the other would do here.
+            # As many tasks as there are folders would be too many for two cores.
             "spark.sql.sources.parallelPartitionDiscovery.parallelism": "4",
-        }.items():
-            builder = builder.config(name, value)
+        }
+
+    def session(self):
+        """A session with this cluster."""
         os.environ["PYSPARK_PYTHON"] = sys.executable
         os.environ["SPARK_LOCAL_IP"] = HOST
+        builder = pyspark.sql.SparkSession.builder.master(self.url).appName("plumbline")
+        for name, value in self.settings().items():
+            builder = builder.config(name, value)
         session = builder.getOrCreate()
         session.sparkContext.setLogLevel("ERROR")
         return session

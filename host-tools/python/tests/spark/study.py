@@ -2,12 +2,16 @@
 
 import csv
 import json
+import os
+import pathlib
 import struct
+import subprocess
+import sys
 import threading
 import time
 
 import pyarrow.dataset
-from cluster import Cluster, executors, until
+from cluster import HOME, HOST, PATIENCE_S, Cluster, executors, until
 
 import plumbline
 import plumbline.spark
@@ -17,6 +21,10 @@ COHORT = "cohort"
 PARTS = 16
 CHOSEN = {"filter": "butterworth:10", "span": (0, 25), "bins": [(0, 8), (8, 20)], "radius_mm": 2.5}
 KEY = ("participant", "session", "condition", "run", "trial", "trunk", "segment", "direction", "figure")
+
+
+def say(line):
+    print(line, flush=True)
 
 
 def bits(value):
@@ -57,7 +65,7 @@ def check_figures(session, cohort, here):
     chosen = [row["trial"] for row in rows_of(some)]
     ours = by_key(rows_of(spark.figures(some, **CHOSEN)))
     assert len(chosen) == 2 and ours == by_key(here.figures(chosen, **CHOSEN).rows())
-    print(f"{len(theirs)} figures of {len(here)} trials: the same bits")
+    say(f"{len(theirs)} figures of {len(here)} trials: the same bits")
 
 
 def near(one, other, path=""):
@@ -141,7 +149,7 @@ def check_study(session, study_file, expected_file):
     warnings = {*study.warnings, *(it["warning"] for it in rows_of(study.trial_warnings))}
     assert warnings <= set(expected["warnings"]), warnings - set(expected["warnings"])
     study.unpersist()
-    print(f"{study.title}: {len(compared)} responses: off by {off:g} at most; {left_out} left out")
+    say(f"{study.title}: {len(compared)} responses: off by {off:g} at most; {left_out} left out")
 
 
 def refused(work, *parts):
@@ -156,7 +164,7 @@ def refused(work, *parts):
 def check_bad_input(session):
     spark = plumbline.spark.Cohort(session, COHORT)
     refused(lambda: plumbline.spark.Cohort(session, COHORT, parts=0), "parts")
-    refused(lambda: rows_of(spark.figures(filter="gauss")), "filter", "gauss")
+    refused(lambda: spark.figures(filter="gauss"), "filter", "gauss")
     refused(lambda: spark.study("study.toml", spark.trials.where("run = 7")), "none of the 0 trials")
     half = spark.trials.where("condition = 'foam' or participant = 'p01'")
     refused(lambda: spark.study("strict.toml", half), "has no trial in control")
@@ -191,7 +199,25 @@ def killed_in_the_middle(cluster, session, expected):
     ((seconds, figures),) = found
     assert figures == expected
     until("one executor left", lambda: executors(session) == 1)
-    print(f"a worker killed when {done} of {PARTS} parts were done: the same figures, {seconds:.1f} s")
+    say(f"a worker killed when {done} of {PARTS} parts were done: the same figures, {seconds:.1f} s")
+
+
+def run_example(cluster):
+    """The example draws its picture, by the worker that is left."""
+    example = pathlib.Path(__file__).parents[2] / "examples/cluster.py"
+    settings = [f"--conf={name}={value}" for name, value in cluster.settings().items()]
+    submit = [HOME / "bin/spark-submit", "--master", cluster.url, *settings, example]
+    environment = {**os.environ, "PYSPARK_PYTHON": sys.executable, "SPARK_LOCAL_IP": HOST}
+    ran = subprocess.run(
+        [*submit, COHORT, "dropping.toml", "cluster.png"],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        # Far more than it takes, since a loaded computer is slow.
+        timeout=5 * PATIENCE_S,
+        check=True,
+    )
+    assert "control" in ran.stdout and "path length" in ran.stdout, ran.stdout
 
 
 here = plumbline.open_cohort(COHORT)
@@ -203,16 +229,17 @@ with Cluster("spark") as cluster:
     timed(session)
     seconds, found = timed(session)
     assert found == expected
-    print(f"{len(here)} trials in {PARTS} parts, one worker: {seconds:.1f} s")
+    say(f"{len(here)} trials in {PARTS} parts, one worker: {seconds:.1f} s")
     cluster.add_worker()
     until("the second executor", lambda: executors(session) == 2)
     timed(session)
     seconds_of_two, found = timed(session)
     assert found == expected
-    print(f"the same, two workers: {seconds_of_two:.1f} s, {seconds / seconds_of_two:.2f} times as fast")
+    say(f"the same, two workers: {seconds_of_two:.1f} s, {seconds / seconds_of_two:.2f} times as fast")
     check_figures(session, COHORT, here)
     check_study(session, "study.toml", "study.json")
     check_study(session, "dropping.toml", "dropping.json")
     check_bad_input(session)
     killed_in_the_middle(cluster, session, expected)
     session.stop()
+    run_example(cluster)

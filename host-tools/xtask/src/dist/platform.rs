@@ -23,6 +23,7 @@ use crate::setup::{self, Need, Probe};
 /// The tools from Python's package index.
 pub const TOOLS: Packages = Packages {
     requirements: "host-tools/xtask/src/dist/requirements.txt",
+    variable: None,
     place: "dist-work/python",
 };
 
