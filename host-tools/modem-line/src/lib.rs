@@ -20,6 +20,8 @@ mod adapter;
 mod asked;
 #[cfg(target_os = "linux")]
 mod calls;
+// What counts changes is for Linux alone.
+#[cfg_attr(not(target_os = "linux"), allow(dead_code))]
 mod follower;
 #[cfg(target_os = "linux")]
 mod linux;

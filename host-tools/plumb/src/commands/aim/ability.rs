@@ -73,7 +73,10 @@ fn answers(bytes: &[u8]) -> impl Iterator<Item = (Vec<u16>, char)> {
     parts.into_iter().filter_map(|part| {
         let (numbers, rest) = part.split_at(part.find(|c: char| c.is_ascii_alphabetic())?);
         let numbers = numbers.trim_start_matches('?').split(';');
-        Some((numbers.filter_map(|number| number.parse().ok()).collect(), rest.chars().next()?))
+        Some((
+            numbers.filter_map(|number| number.parse::<u16>().ok()).collect(),
+            rest.chars().next()?,
+        ))
     })
 }
 
