@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use plumbline_test_support::{Absent, skip};
+use plumbline_test_support::{Absent, is_emulated, skip};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 
 use crate::bench::{PATIENCE, wait_for};
@@ -43,6 +43,10 @@ fn program(name: &str) -> Option<PathBuf> {
 impl Broker {
     /// A broker that has started; `None`, with the test recorded as skipped, where there is no Mosquitto.
     pub fn start(folder: &Path) -> Option<Self> {
+        if is_emulated() {
+            skip(Absent::Emulator, "a ward in an emulator does not keep pace with its boxes");
+            return None;
+        }
         let needed = ["mosquitto", "mosquitto_passwd", "mosquitto_sub", "mosquitto_rr"];
         if let Some(missing) = needed.iter().find(|it| program(it).is_none()) {
             skip(

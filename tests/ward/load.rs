@@ -161,51 +161,54 @@ fn a_hundred_boxes_cost_what_ten_cost_each_and_no_pose_is_lost() {
         let Some(costs) = record(count) else { return };
         all.push(costs);
     }
-    let per_box = |of: fn(&Costs) -> f64| {
-        let (first, last) = (&all[0], &all[all.len() - 1]);
-        // What each further box costs: what the gateway costs by itself is left out.
-        (of(last) - of(first)) / (last.boxes - first.boxes)
-    };
-    let cpu = per_box(|it| it.cpu);
-    let memory_mb = per_box(|it| it.memory_mb);
-    println!("each further box: {:.3} % of a core, {memory_mb:.2} MB", 100.0 * cpu);
+    let cpu = Line::of(&all, |it| it.cpu);
+    let memory_mb = Line::of(&all, |it| it.memory_mb);
+    println!("each further box: {:.3} % of a core, {:.2} MB", 100.0 * cpu.each, memory_mb.each);
+    // The one in the middle lies where the other two say: each further box costs the same.
     let middle = &all[1];
-    let between =
-        |of: fn(&Costs) -> f64, slope: f64| of(&all[0]) + slope * (middle.boxes - all[0].boxes);
-    // Linear: the one in the middle lies where the other two say.
-    for (what, seen, expected) in [
-        ("processor", middle.cpu, between(|it| it.cpu, cpu)),
-        ("memory", middle.memory_mb, between(|it| it.memory_mb, memory_mb)),
-    ] {
+    for (what, seen, line) in
+        [("processor", middle.cpu, &cpu), ("memory", middle.memory_mb, &memory_mb)]
+    {
+        let expected = line.at(middle.boxes);
         let ratio = seen / expected;
         assert!((0.6..1.6).contains(&ratio), "{what}: {seen} at 30 boxes, {expected} expected");
     }
-    project(&all, cpu, memory_mb);
+    project(&all, &cpu, &memory_mb);
 }
 
-/// A thousand boxes on paper.
-fn project(all: &[Costs], cpu: f64, memory_mb: f64) {
+/// What something costs by itself, and for each box.
+struct Line {
+    own: f64,
+    each: f64,
+}
+
+impl Line {
+    /// Through the costs of the fewest and of the most boxes.
+    fn of(all: &[Costs], of: fn(&Costs) -> f64) -> Self {
+        let (first, last) = (&all[0], &all[all.len() - 1]);
+        let each = (of(last) - of(first)) / (last.boxes - first.boxes);
+        Self { own: of(first) - each * first.boxes, each }
+    }
+
+    fn at(&self, boxes: f64) -> f64 {
+        self.own + self.each * boxes
+    }
+}
+
+/// A thousand boxes on paper, and what their number is limited by.
+fn project(all: &[Costs], cpu: &Line, memory_mb: &Line) {
     const BOXES: f64 = 1000.0;
-    let (first, last) = (&all[0], &all[all.len() - 1]);
-    let cpu = first.cpu + cpu * (BOXES - first.boxes);
-    let memory_mb = first.memory_mb + memory_mb * (BOXES - first.boxes);
-    let disk_mb_s = 1e-6 * last.disk_bytes_s / last.boxes * BOXES;
-    let network_mb_s = 1e-6 * last.network_bytes_s / last.boxes * BOXES;
-    println!("a thousand boxes, from these costs:");
-    println!(
-        "  processor  {cpu:.1} cores; one thread receives for all, so that {:.0} boxes are its limit",
-        {
-            let (own, each) = (
-                first.cpu - (cpu - first.cpu) / (BOXES - first.boxes) * first.boxes,
-                (cpu - first.cpu) / (BOXES - first.boxes),
-            );
-            (1.0 - own.max(0.0)) / each
-        }
-    );
-    println!("  memory     {memory_mb:.0} MB");
-    println!(
-        "  network    {network_mb_s:.1} MB/s, both ways together, as the loopback counts them"
-    );
-    println!("  disk       {disk_mb_s:.1} MB/s, {:.0} GB in a day", disk_mb_s * 86.4);
-    println!("  disk       {:.0} fdatasync a second: two for each trial", 2.0 * BOXES);
+    /// The journal of each trial is brought to the disk twice a second.
+    const SYNCS_PER_BOX: f64 = 2.0;
+    let last = &all[all.len() - 1];
+    let mb_s = |bytes_s: f64| 1e-6 * bytes_s / last.boxes * BOXES;
+    let disk_mb_s = mb_s(last.disk_bytes_s);
+    let full_at = (1.0 - cpu.own.max(0.0)) / cpu.each;
+    println!("a thousand boxes, from these costs, all of them recorded:");
+    println!("  processor  {:.2} cores", cpu.at(BOXES));
+    println!("  memory     {:.0} MB", memory_mb.at(BOXES));
+    println!("  network    {:.1} MB/s, both ways together", mb_s(last.network_bytes_s));
+    println!("  disk       {disk_mb_s:.1} MB/s, {:.0} GB in a day", 86.4 * disk_mb_s);
+    println!("  disk       {:.0} fdatasync a second", SYNCS_PER_BOX * BOXES);
+    println!("one thread receives for all boxes: a core is full at {full_at:.0} boxes");
 }

@@ -315,7 +315,15 @@ impl Bed {
             .inspect_err(|_| due.forget(&around.due))?
             .unjudged();
         let csv = recording.csv();
-        let recorder = Recorder::new(Late::new(&csv, false)?, csv.display().to_string());
+        let recorder = match Late::new(&csv, false) {
+            Ok(file) => Recorder::new(file, csv.display().to_string()),
+            Err(error) => {
+                // Nothing was recorded: no folder is left.
+                let _ = recording.close(0);
+                due.forget(&around.due);
+                return Err(error);
+            }
+        };
         self.leave_receiver();
         self.failed = None;
         let receiver = Receiver::new(Some(recorder));

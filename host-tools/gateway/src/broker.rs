@@ -26,8 +26,9 @@ use crate::notices::Notices;
 use crate::outbox::{Outbox, WINDOW};
 use crate::topics::Topics;
 
-/// The port of brokers with TLS, and without.
+/// The port of brokers with TLS.
 pub const PORT: u16 = 8883;
+
 /// The port of brokers without TLS.
 pub const PORT_PLAIN: u16 = 1883;
 

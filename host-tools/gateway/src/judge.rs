@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -50,6 +50,12 @@ impl Due {
         let text = serde_json::to_vec(self)
             .map_err(|error| BadInput::whole(path.display(), error, "report it: texts are JSON"))?;
         plumbline_files::replace(&path, &text)
+    }
+
+    /// It can have none: the file is put aside, so that it is not tried again at every start.
+    fn put_aside(&self, folder: &Path) {
+        let path = self.path(folder);
+        let _ = std::fs::rename(&path, path.with_extension("unjudged"));
     }
 
     /// It needs none any more.
@@ -148,7 +154,7 @@ impl Judge {
         if handed.is_err() {
             self.counts.waiting.fetch_sub(1, Ordering::Relaxed);
         }
-        !matches!(handed, Err(TrySendError::Full(_) | TrySendError::Disconnected(_)))
+        handed.is_ok()
     }
 
     /// Nothing more comes: what waits is judged, unless it is stopped.
@@ -193,7 +199,12 @@ impl Worker {
             match self.inbox.recv_timeout(WAIT) {
                 Ok(job) => {
                     let Job { due, closed } = job;
+                    // What failed once is tried again after the next start.
+                    let is_second = closed.is_none();
                     if let Err(error) = self.judge(&due, closed) {
+                        if is_second {
+                            due.put_aside(&self.folder);
+                        }
                         self.notices.say(format!(
                             "warning: {}: trial {} has no verdict: {error}",
                             due.level, due.trial

@@ -315,8 +315,18 @@ impl Outbox {
                 payload,
                 properties,
             );
-            // It holds more than the window, unless the connection has just ended.
+            // It holds more than the window; when the connection has just ended, nothing may be lost.
             if handed.is_err() {
+                match sent {
+                    Sent::State { topic } => {
+                        if let Some(state) = inner.latest.get_mut(&topic) {
+                            state.is_due = true;
+                            inner.due.push_front(topic);
+                        }
+                    }
+                    Sent::Kept { number, .. } => inner.kept_sent = number - 1,
+                    Sent::Answer => inner.counts.answers_dropped += 1,
+                }
                 return;
             }
             inner.handed.push_back(sent);
@@ -387,7 +397,7 @@ mod tests {
 
     /// A client whose connection nobody serves.
     fn client() -> (AsyncClient, EventLoop) {
-        AsyncClient::new(MqttOptions::new("test", "localhost", 1), usize::from(WINDOW) + 2)
+        AsyncClient::new(MqttOptions::new("test", "localhost", 1), 1000)
     }
 
     fn keep(outbox: &Outbox, number: usize) {

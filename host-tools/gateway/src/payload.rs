@@ -90,7 +90,7 @@ pub struct State<'a> {
     name: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     serial_number: Option<&'a str>,
-    /// `watching`, `recording` or `judging`.
+    /// `watching`, `recording`, or `ending` while what was lost on the way still comes.
     doing: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     trial: Option<&'a str>,
