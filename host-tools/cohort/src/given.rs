@@ -122,7 +122,7 @@ impl Said {
             run: run.unwrap_or(1),
         };
         key.check(&place)?;
-        let person = people.get(&real, &key.participant);
+        let person = people.get(&real, &key.participant)?;
         let (trial, started) = (content::of(folder)?, manifest.started);
         let folder = folder.to_owned();
         Ok(Fate::Taken(Box::new(Given { folder, key, is_assumed, trial, started, person })))
@@ -240,11 +240,15 @@ impl People {
         self.files.keys().map(|it| it.join(names::PARTICIPANTS))
     }
 
-    /// What is known of a trial's participant.
-    fn get(&self, folder: &Path, participant: &str) -> Person {
-        let file = self.given.as_deref().or_else(|| above(folder));
+    /// What is known of the participant of the trial in this folder.
+    ///
+    /// # Errors
+    /// When there is no such folder.
+    pub fn get(&self, folder: &Path, participant: &str) -> Result<Person, BadInput> {
+        let real = folder.canonicalize().map_err(|error| BadInput::io(folder.display(), &error))?;
+        let file = self.given.as_deref().or_else(|| above(&real));
         let people = file.and_then(|it| self.files.get(it));
-        people.and_then(|it| it.get(participant)).cloned().unwrap_or_default()
+        Ok(people.and_then(|it| it.get(participant)).cloned().unwrap_or_default())
     }
 }
 

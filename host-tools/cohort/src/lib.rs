@@ -5,6 +5,7 @@
 //!                                                                              visible at once
 //! folder ─▶ studied: the statistics of a study
 //!        ─▶ check: whether everything is there
+//!        ─▶ reference: percentiles by age and condition
 //! ```
 //!
 //! The layout and the columns are written down in this crate's `README.md`.
@@ -16,6 +17,7 @@ pub mod figures;
 pub mod folder;
 pub mod given;
 pub mod key;
+pub mod reference;
 pub mod row;
 pub mod samples;
 pub mod studied;

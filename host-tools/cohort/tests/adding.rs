@@ -81,7 +81,7 @@ fn a_verdict_and_a_rolling_shutter_survive() {
     });
     made.write(&path);
     let cohort = folder.path().join("c");
-    added(&cohort, &[path.clone()], &Said::default()).unwrap();
+    added(&cohort, std::slice::from_ref(&path), &Said::default()).unwrap();
     let cohort = Cohort::open(&cohort).unwrap();
     let [row] = &cohort.rows().unwrap()[..] else { panic!("one") };
     let (wanted, found) = (Points::of_trial(&path, None).unwrap(), cohort.points(row).unwrap());
@@ -154,9 +154,9 @@ fn what_cannot_be_added_is_named_and_nothing_is_added() {
     };
     check_all(&["2 trials cannot be added:", "nothing was added"]);
     // The same when there is a cohort; only what is in it may be given once more.
-    added(&cohort, &[good[2].clone()], &none()).unwrap();
+    added(&cohort, &good[2..3], &none()).unwrap();
     check_all(&[]);
-    added(&cohort, &[good[0].clone()], &none()).unwrap();
+    added(&cohort, &good[..1], &none()).unwrap();
     let error =
         |trial: &str, said: Said| added(&cohort, &[at(trial)], &said).unwrap_err().to_string();
     let found = error("again", none());

@@ -4,4 +4,5 @@ mod adding;
 mod interrupted;
 mod many;
 mod sessions;
+mod statistics;
 mod support;

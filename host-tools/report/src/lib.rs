@@ -1,7 +1,7 @@
 //! The pages and pictures of what was measured.
 //!
 //! ```text
-//!  trial, table ─▶ trial::report ◀─ budget, agreement
+//!  trial, table ─▶ trial::report ◀─ budget, agreement, reference
 //!  study ────────▶ study::report
 //!  calibration ──▶ calibration::svg
 //! ```
@@ -20,6 +20,7 @@ mod labels;
 pub mod page;
 pub mod palette;
 mod plots;
+mod reference;
 pub mod study;
 pub mod trial;
 mod verdict;

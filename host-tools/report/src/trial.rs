@@ -13,6 +13,7 @@ use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_study::analysis::{Analysis, PointFigures, tables};
 use plumbline_study::grid::digits;
+use plumbline_study::reference::Comparison;
 use plumbline_trial::Trial;
 use plumbline_trial::points::{Point, Points, point_name};
 
@@ -20,7 +21,7 @@ use crate::agreement::{self, Validation};
 use crate::budget::{self, TrialBudget};
 use crate::page::{annotated, facts, figure, key, page, table, warnings};
 use crate::plots::{self, Event, Outline};
-use crate::verdict;
+use crate::{reference, verdict};
 
 /// More gaps make no list that is read: these are the longest.
 const GAPS_MAX: usize = 20;
@@ -32,6 +33,8 @@ pub struct Beside<'a> {
     pub budget: Option<&'a TrialBudget>,
     /// How well the trial agrees with a reference.
     pub validation: Option<&'a Validation>,
+    /// Where its figures lie among those of others.
+    pub comparison: Option<&'a Comparison>,
 }
 
 /// The page of a trial, or of a table (without a trial), as HTML, and all warnings.
@@ -52,6 +55,7 @@ pub fn report(
     let beside = [
         beside.budget.map(budget::section),
         beside.validation.map(agreement::section).transpose()?,
+        beside.comparison.map(reference::section),
     ];
     let bins = settings.bins_s.iter().enumerate();
     let bins = bins.map(|(at, it)| (plots::colour(at), format!("{} to {} s", it.start, it.end)));

@@ -8,7 +8,8 @@
 //!            values: averaged by participant, condition and time, and compared ─▶ figures ─▶
 //!            tables, inference
 //!
-//! many trials ─▶ tidy: a table of all their figures
+//! many trials ─▶ tidy: a table of all their figures ─▶ reference: percentiles of them, and where a
+//!                trial lies among them
 //!
 //! any long table ─▶ long ─▶ the same comparisons
 //! ```
@@ -29,6 +30,7 @@ pub mod method;
 mod patterns;
 pub mod physiology;
 pub mod protocol;
+pub mod reference;
 mod signals;
 pub mod sway;
 pub mod tables;

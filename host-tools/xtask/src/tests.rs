@@ -66,6 +66,9 @@ enum Part {
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
     Boot,
+    /// Up to ten thousand simulated trials of a minute in a cohort: seconds, memory and bytes for each.
+    /// An hour and a half, alone on a quiet computer, and 4 GB of disk; only when it is named.
+    Cohort,
     /// What others watch for seconds, watched for ten minutes each, with the programs as users have
     /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet
     /// computer; only when it is named.
@@ -109,6 +112,10 @@ impl Part {
             Self::Armhf => Target::Armv7.prepare(),
             Self::BareMetal => bare_metal::prepare(),
             Self::Boot => image::prepare_for_tests(),
+            Self::Cohort => {
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON])?;
+                READERS.prepare()
+            }
             Self::Long => {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON, setup::BROWSER])?;
                 READERS.prepare()
@@ -134,6 +141,7 @@ impl Part {
             Self::Armhf => 400,
             Self::BareMetal => 1200,
             Self::Boot => 1600,
+            Self::Cohort => 8200,
             Self::Long => 4900,
             Self::Languages => 4900,
             Self::Cluster => 5100,
@@ -148,6 +156,7 @@ impl Part {
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
+            Self::Cohort => cohort(journal),
             Self::Long => long(journal),
             Self::Languages => of_python(journal, "languages::", READERS),
             Self::Cluster => of_python(journal, "cluster::", SPARK),
@@ -425,6 +434,21 @@ fn of_python(journal: &mut Journal, name: &str, python: Environment) {
         .env(python.variable, &python.program().to_string_lossy())
         .env(SKIPS, &journal.skips.to_string_lossy());
     journal.tests("tests", |each_line| task.run_and_read(each_line));
+}
+
+/// What thousands of trials in a cohort cost, one test after the other, since they measure times.
+fn cohort(journal: &mut Journal) {
+    let build = ["build", "--release", "--package", "plumb", "--package", "plumbline-board"];
+    if !journal.check("build", || Task::cargo().args(build).run()) {
+        return;
+    }
+    let test = ["test", "--package", "plumbline-cohort", "--test", "cohort", "--", "--nocapture"];
+    let task = Task::cargo().args(test).args(["--test-threads=1", "--ignored"]);
+    let task = task
+        .env(PROGRAMS, &target_directory().join("release").to_string_lossy())
+        .env(SKIPS, &journal.skips.to_string_lossy());
+    let task = with_readers(task, true);
+    journal.tests("cohort", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

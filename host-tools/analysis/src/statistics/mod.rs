@@ -7,7 +7,8 @@
 //!                         └─▶ ranks              the same without normality
 //! pairs of values ────────┬─▶ regression
 //!                         └─▶ bland_altman       limits of agreement
-//! any values ───────────────▶ shapiro_wilk
+//! any values ─────────────┬─▶ shapiro_wilk
+//!                         └─▶ quantiles          percentiles and how well they are known
 //! within ───────────────────▶ inference          all of it, of one response
 //! p values of many responses ▶ multiplicity      adjusted for their number
 //! ```
@@ -23,6 +24,7 @@ pub mod distributions;
 pub mod inference;
 pub mod multiplicity;
 pub mod paired;
+pub mod quantiles;
 pub mod ranks;
 pub mod regression;
 pub mod shapiro_wilk;

@@ -4,10 +4,14 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use plumbline_analysis::sway::Settings;
+use plumbline_cohort::given::People;
 use plumbline_files::BadInput;
 use plumbline_files::{directory_of, write_all};
 use plumbline_report::study;
 use plumbline_report::trial::{self, Beside};
+use plumbline_study::reference::{self, Comparison};
+use plumbline_study::tidy::{self, About};
 use plumbline_trial::Trial;
 use plumbline_trial::manifest::Zero;
 use plumbline_trial::points::Points;
@@ -21,7 +25,8 @@ use crate::budget::Conditions;
 /// Of a trial: sway paths in the three planes, positions over time with events and gaps, spectra,
 /// all figures, how good the data are and, with --camera, how well the figures are known (see `plumb
 /// budget`) and, with --reference, how well the trial agrees with motion capture (see `plumb
-/// validate`). Figures, filter and span are those of `plumb analyze`; a table of another system,
+/// validate`) and, with --bands, where its figures lie among those of a cohort (see `plumb cohort
+/// reference`). Figures, filter and span are those of `plumb analyze`; a table of another system,
 /// such as a force plate, gets the same page with --table. Of a study: the figures that it compares,
 /// by condition and time, and their statistics. The page is one file that needs nothing else.
 #[derive(Debug, Args)]
@@ -31,6 +36,7 @@ use crate::budget::Conditions;
     plumb report trials/p01-control --bins 0-30,30-60 --out p01.html\n  \
     plumb report trials/p01-control --camera camera.toml --budget budget.toml\n  \
     plumb report trials/p01-control --reference p01.trc --marker LPSI --marker RPSI\n  \
+    plumb report trials/p01-control --bands bands.parquet --age 63\n  \
     plumb report --table plate.txt --columns 'time=Time[s],ap=COPx[cm],ml=COPy[cm]' --unit cm \\\n      \
     --out plate.html\n  \
     plumb report study.toml --out study.html")]
@@ -58,6 +64,14 @@ pub struct Arguments {
     #[command(flatten)]
     conditions: Conditions,
 
+    /// Show the trial's figures beside these reference bands, as `plumb cohort reference` makes them
+    #[arg(long, value_name = "FILE", conflicts_with = "table")]
+    bands: Option<PathBuf>,
+
+    /// The participant's age, years [default: from participants.tsv in a folder above the trial]
+    #[arg(long, value_name = "YEARS", requires = "bands")]
+    age: Option<f64>,
+
     /// The page [default: report.html in the trial's folder, or beside study.toml or the table]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -70,7 +84,7 @@ pub struct Arguments {
 /// A study would not hear of them.
 fn refuse_options_of_a_trial(arguments: &Arguments, source: &Path) -> Result<(), BadInput> {
     let Arguments { method, zero, against, conditions, .. } = arguments;
-    let zero = zero.map(|_| "--zero");
+    let zero = zero.map(|_| "--zero").or(arguments.bands.as_ref().map(|_| "--bands"));
     let beside = against.given().or(against.how.table.given()).or(conditions.given());
     match method.given().or(zero).or(beside) {
         None => Ok(()),
@@ -123,9 +137,44 @@ fn of_trial<'a>(arguments: &Arguments, folder: &'a Path) -> anyhow::Result<Page<
     let conditioned = arguments.conditions.of(&trial, &points, zero)?;
     let budget = conditioned.map(|it| it.budget(&settings)).transpose()?;
     points.warnings.extend(budget.iter().flat_map(|it| it.budget.warnings.clone()));
-    let beside = Beside { budget: budget.as_ref(), validation: validation.as_ref() };
+    let comparison = compare(arguments, &trial, &points, &settings)?;
+    let beside = Beside {
+        budget: budget.as_ref(),
+        validation: validation.as_ref(),
+        comparison: comparison.as_ref(),
+    };
     let (html, warnings) = trial::report(Some(&trial), &points, &settings, &beside)?;
     Ok((html, warnings, folder))
+}
+
+/// The trial's figures beside the bands that are given.
+fn compare(
+    arguments: &Arguments,
+    trial: &Trial,
+    points: &Points,
+    settings: &Settings,
+) -> Result<Option<Comparison>, BadInput> {
+    let Some(path) = &arguments.bands else { return Ok(None) };
+    let bands = reference::read(path)?;
+    let text = |text: &Option<String>| text.as_deref().unwrap_or_default().trim().to_owned();
+    let about = About {
+        participant: text(&trial.manifest.participant),
+        condition: text(&trial.manifest.condition),
+        trial: String::new(),
+        verdict: trial.manifest.verdict().grade(),
+    };
+    let age_years = match arguments.age {
+        Some(age) => Some(age),
+        None => {
+            let people = People::of(std::slice::from_ref(&trial.folder), None)?;
+            people.get(&trial.folder, &about.participant)?.age_years
+        }
+    };
+    let mut points = points.clone();
+    // The uncertainty of the figures is not compared, and takes long.
+    points.points.iter_mut().for_each(|it| it.noise = None);
+    let rows = tidy::rows(about, &points, settings);
+    Ok(Some(reference::compare(&bands, &rows, age_years)))
 }
 
 /// Runs the subcommand.

@@ -1,6 +1,7 @@
 //! Trials that are kept in a cohort: the same statistics, whatever happens to the program, and read by
 //! other people's.
 
+mod bands;
 mod killed;
 mod readers;
 

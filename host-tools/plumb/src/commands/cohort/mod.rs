@@ -3,25 +3,27 @@
 mod add;
 mod check;
 mod list;
+mod reference;
 mod show;
 
 use clap::{Args, Subcommand};
 
 /// Keep a data set of many trials, in Parquet files that every data program reads.
 ///
-/// A cohort is a folder. `plumb cohort add` puts trials into it; `plumb study --cohort` compares them;
-/// DuckDB, Polars, pandas, R and Spark read it as it is:
-///
-///   trials/*.parquet    one row for each trial: key, start, duration, rate, frames, gaps, verdict,
-///                       box, calibration, age, sex, height, mass
-///   figures/*.parquet   the table of `plumb figures`: one row for each figure
-///   points/participant=P/session=S/condition=C/run=R/points.parquet
-///                       both trunk points over time: one row for each frame
+/// A cohort is a folder with three tables: the trials, their figures, and their points over time.
+/// `plumb cohort add` puts trials into it; `plumb study --cohort` compares them; DuckDB, Polars,
+/// pandas, R and Spark read it as it is.
 ///
 /// A trial's key is participant, session, condition and run. The column `trial`, which all three
 /// tables have, is the SHA-256 of the trial's content.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  plumb cohort add trials/* --to cohort/\n  \
+#[command(after_help = "Tables:\n  \
+    trials/*.parquet    one row for each trial: key, start, duration, rate, frames, gaps, verdict,\n                      \
+    box, calibration, age, sex, height, mass\n  \
+    figures/*.parquet   the table of `plumb figures`: one row for each figure\n  \
+    points/participant=P/session=S/condition=C/run=R/points.parquet\n                      \
+    both trunk points over time: one row for each frame\n\n\
+Examples:\n  plumb cohort add trials/* --to cohort/\n  \
     plumb cohort list cohort/\n  \
     plumb study --cohort cohort/ study.toml\n  \
     duckdb -c \"select condition, avg(value) from 'cohort/figures/*.parquet' \\\n      \
@@ -37,6 +39,7 @@ enum Command {
     List(list::Arguments),
     Show(show::Arguments),
     Check(check::Arguments),
+    Reference(reference::Arguments),
 }
 
 /// Runs the subcommand. Gives whether what it checks is as it should be.
@@ -48,6 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         Command::Add(arguments) => add::run(arguments),
         Command::List(arguments) => list::run(arguments),
         Command::Show(arguments) => show::run(arguments),
+        Command::Reference(arguments) => reference::run(arguments),
         Command::Check(arguments) => return check::run(arguments),
     }?;
     Ok(true)
