@@ -7,6 +7,7 @@
 import sys
 
 import matplotlib.pyplot as plt
+import numpy as np
 from pyspark.sql import SparkSession
 from pyspark.sql import functions as F
 
@@ -35,9 +36,10 @@ of_upper = velocities.where("trunk = 'upper'").select("condition", "value").toAr
 cells = study.cells.where("point = 'upper' and figure = 'path length' and direction = 'APML'")
 cells = cells.orderBy("condition", "time").toArrow().to_pylist()
 conditions = sorted({row["condition"] for row in of_upper})
+steps = np.linspace(0, max(row["value"] for row in of_upper), 11)
 for condition in conditions:
     values = [row["value"] for row in of_upper if row["condition"] == condition]
-    left.hist(values, bins=8, alpha=0.6, label=condition)
+    left.hist(values, bins=steps, alpha=0.6, label=condition)
     own = [row for row in cells if row["condition"] == condition]
     right.errorbar(
         [row["time"] for row in own],

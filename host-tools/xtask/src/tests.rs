@@ -17,11 +17,12 @@ use crate::bare_metal::Document;
 use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
-use crate::python::{Packages, READERS, SPARK};
+use crate::python::{READERS, SPARK};
 use crate::suite::Suite;
 use crate::{agreement, bare, bare_metal, dist, image, setup};
 
 mod journal;
+mod named;
 
 use journal::Journal;
 pub use journal::Told;
@@ -167,12 +168,12 @@ impl Part {
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
             Self::Boot => boot(journal),
-            Self::Cohort => cohort(journal),
-            Self::Long => long(journal),
-            Self::Dist => released(journal),
-            Self::Ward => ward(journal),
-            Self::Languages => of_python(journal, "languages::", READERS),
-            Self::Cluster => of_python(journal, "cluster::", SPARK),
+            Self::Cohort => named::cohort(journal),
+            Self::Long => named::long(journal),
+            Self::Dist => named::dist(journal),
+            Self::Ward => named::ward(journal),
+            Self::Languages => named::of_python(journal, "languages::", &READERS),
+            Self::Cluster => named::of_python(journal, "cluster::", &SPARK),
         }
         Ok(())
     }
@@ -406,90 +407,6 @@ fn boot(journal: &mut Journal) {
             journal.tests(name, |each_line| task.run_and_read(each_line));
         }
     }
-}
-
-/// How long [`long`] has the streams watched; the desk's tests know it themselves.
-const STREAM_SECONDS: (&str, &str) = ("PLUMBLINE_STREAM_SECONDS", "600");
-
-/// The tests that take long, one after the other, since they measure times and memory.
-fn long(journal: &mut Journal) {
-    let build = ["build", "--release", "--package", "plumb", "--package", "plumbline-board"];
-    if !journal.check("build", || Task::cargo().args(build).run()) {
-        return;
-    }
-    let programs = target_directory().join("release");
-    let streams = "streams::every_frame_reaches_everybody_and_the_recording_is_whole";
-    for (name, program, which) in
-        [("desk", "desk", ["--ignored"].as_slice()), ("streams", "link", &["--exact", streams])]
-    {
-        let test = ["test", "--workspace", "--test", program, "--", "--nocapture"];
-        let task = Task::cargo().args(test).args(["--test-threads=1"]).args(which);
-        let task = task
-            .env(PROGRAMS, &programs.to_string_lossy())
-            .env(STREAM_SECONDS.0, STREAM_SECONDS.1)
-            .env(SKIPS, &journal.skips.to_string_lossy());
-        let task = with_readers(task, true);
-        journal.tests(name, |each_line| task.run_and_read(each_line));
-    }
-}
-
-/// What people download, used where they use it.
-fn released(journal: &mut Journal) {
-    let out = target_directory().join("dist-tests");
-    if !journal.check("dist", || dist::make_for_tests(&out)) {
-        return;
-    }
-    journal.check("debian", || dist::use_in_debian(&out));
-    let test = ["test", "--package", "xtask", "--test", "dist", "--", "--nocapture"];
-    let task = Task::cargo()
-        .args(test)
-        .args(["--test-threads=1"])
-        .env(dist::VARIABLE, &out.to_string_lossy());
-    let task = task.env(SKIPS, &journal.skips.to_string_lossy());
-    journal.tests("windows", |each_line| task.run_and_read(each_line));
-}
-
-/// The load of a ward.
-fn ward(journal: &mut Journal) {
-    let build = ["build", "--release", "--package", "plumb"];
-    if !journal.check("build", || Task::cargo().args(build).run()) {
-        return;
-    }
-    let programs = target_directory().join("release");
-    let test = ["test", "--workspace", "--test", "ward", "--", "--nocapture", "--ignored"];
-    let task = Task::cargo().args(test).env(PROGRAMS, &programs.to_string_lossy());
-    let task = task.env(SKIPS, &journal.skips.to_string_lossy());
-    journal.tests("load", |each_line| task.run_and_read(each_line));
-}
-
-/// What thousands of trials in a cohort cost, one test after the other, since they measure times.
-fn cohort(journal: &mut Journal) {
-    let build = ["build", "--release", "--package", "plumb", "--package", "plumbline-board"];
-    if !journal.check("build", || Task::cargo().args(build).run()) {
-        return;
-    }
-    let test = ["test", "--package", "plumbline-cohort", "--test", "cohort", "--", "--nocapture"];
-    let task = Task::cargo().args(test).args(["--test-threads=1", "--ignored"]);
-    let task = task
-        .env(PROGRAMS, &target_directory().join("release").to_string_lossy())
-        .env(SKIPS, &journal.skips.to_string_lossy());
-    let task = with_readers(task, true);
-    journal.tests("cohort", |each_line| task.run_and_read(each_line));
-}
-
-/// The tests of the Python package that run only when they are asked for, with a Python of their own.
-fn of_python(journal: &mut Journal, name: &str, python: Packages) {
-    let build = ["build", "--package", "plumb", "--package", "plumbline-python"];
-    if !journal.check("build", || Task::cargo().args(build).run()) {
-        return;
-    }
-    let test = ["test", "--package", "plumbline-python", "--test", "python", "--", "--nocapture"];
-    let task = Task::cargo().args(test).args(["--test-threads=1", "--ignored", name]);
-    let task = python
-        .tells(task)
-        .env(PROGRAMS, &target_directory().join("debug").to_string_lossy())
-        .env(SKIPS, &journal.skips.to_string_lossy());
-    journal.tests("tests", |each_line| task.run_and_read(each_line));
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

@@ -208,16 +208,20 @@ def run_example(cluster):
     settings = [f"--conf={name}={value}" for name, value in cluster.settings().items()]
     submit = [HOME / "bin/spark-submit", "--master", cluster.url, *settings, example]
     environment = {**os.environ, "PYSPARK_PYTHON": sys.executable, "SPARK_LOCAL_IP": HOST}
-    ran = subprocess.run(
-        [*submit, COHORT, "dropping.toml", "cluster.png"],
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
-        # Far more than it takes, since a loaded computer is slow.
-        timeout=5 * PATIENCE_S,
-        check=True,
-    )
-    assert "control" in ran.stdout and "path length" in ran.stdout, ran.stdout
+    log = cluster.folder / "example.log"
+    with log.open("wb") as errors:
+        ran = subprocess.run(
+            [*submit, COHORT, "dropping.toml", "cluster.png"],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            # Far more than it takes, since a loaded computer is slow.
+            timeout=5 * PATIENCE_S,
+        )
+    assert ran.returncode == 0, log.read_text()[-5000:]
+    for part in ("good", "at 0.25", "p_bonferroni"):
+        assert part in ran.stdout, ran.stdout
 
 
 here = plumbline.open_cohort(COHORT)
