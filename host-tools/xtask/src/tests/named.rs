@@ -20,7 +20,8 @@ fn released(journal: &mut Journal, packages: &[&str]) -> bool {
 
 /// Tests that take the released programs, one after the other, since they measure times and memory.
 fn of_released(journal: &Journal, test: &[&str], which: &[&str]) -> Task {
-    let task = Task::cargo().arg("test").args(test).args(["--", "--nocapture", "--test-threads=1"]);
+    let task =
+        Task::cargo().args(["test"]).args(test).args(["--", "--nocapture", "--test-threads=1"]);
     let task = task
         .args(which)
         .env(PROGRAMS, &target_directory().join("release").to_string_lossy())
