@@ -38,7 +38,9 @@ use host::Programs;
 use image::Profile;
 use platform::{Builder, Platform};
 use sbom::Contents;
-pub use used::{VARIABLE, make_for_tests, prepare_for_tests, use_in_debian};
+pub use used::{
+    VARIABLE, WINE_VARIABLE, make_for_tests, make_wine, prepare_for_tests, use_in_debian,
+};
 
 /// The arguments of `cargo xtask dist`.
 #[derive(clap::Args)]

@@ -1,7 +1,7 @@
 //! What people download, used where they use it: in a fresh Debian without Rust, and under Wine.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
@@ -32,20 +32,43 @@ const PACKAGES: &[&str] = &[
 /// What is done there.
 const SCRIPT: &str = "host-tools/xtask/tests/dist/debian.sh";
 
-const WINE: &[Need] = &[
-    Need {
-        probe: Probe::Program("wine"),
-        package: "wine",
-        why: "runs the Windows program as Windows does",
-    },
-    Need { probe: Probe::Package("wine64"), package: "wine64", why: "64-bit Windows for it" },
-    Need { probe: Probe::Program("unzip"), package: "unzip", why: "unpacks its archive" },
-];
+const ARCHIVES: &[Need] = &[Need {
+    probe: Probe::Program("unzip"),
+    package: "unzip",
+    why: "unpacks the Windows program's archive",
+}];
+
+/// The variable that tells them where the Debian with Wine is.
+pub const WINE_VARIABLE: &str = "PLUMBLINE_WINE";
+
+/// The release whose Wine has all of Windows that Rust's programs need: older ones lack
+/// `bcryptprimitives.dll`.
+const WINE_RELEASE: &str = "trixie";
 
 /// Installs what the tests need.
 pub fn prepare_for_tests() -> Result<()> {
-    setup::ensure(&[WINE])?;
+    setup::ensure(&[ARCHIVES])?;
     DebianRoot::prepare()
+}
+
+/// Makes a Debian with Wine, in which the tests run Windows' program; the directory it is in.
+pub fn make_wine() -> Result<PathBuf> {
+    let path = super::platform::work().join("wine");
+    // Written last, so that an interrupted installation starts again.
+    let made = path.join("made");
+    if made.exists() {
+        println!("Wine is in {}", path.display());
+        return Ok(path);
+    }
+    if path.exists() {
+        fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
+    }
+    Task::new("mmdebstrap")
+        .args(["--variant=minbase", "--include=wine64,wine", WINE_RELEASE])
+        .args([&path])
+        .run()?;
+    fs::write(&made, WINE_RELEASE).with_context(|| made.display().to_string())?;
+    Ok(path)
 }
 
 /// Makes what the tests use.

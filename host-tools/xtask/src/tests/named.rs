@@ -1,6 +1,8 @@
 //! The parts that run only when they are named: they take long, want a quiet computer, or need large
 //! downloads. Most of them try the programs as users have them.
 
+use std::path::PathBuf;
+
 use plumbline_test_support::{PROGRAMS, SKIPS};
 
 use super::journal::Journal;
@@ -70,11 +72,20 @@ pub fn dist(journal: &mut Journal) {
         return;
     }
     journal.check("debian", || dist::use_in_debian(&out));
+    let mut wine = PathBuf::new();
+    let has_wine = journal.check("wine", || {
+        wine = dist::make_wine()?;
+        Ok(())
+    });
+    if !has_wine {
+        return;
+    }
     let test = ["test", "--package", "xtask", "--test", "dist"];
     let task = Task::cargo()
         .args(test)
         .args(["--", "--nocapture", "--test-threads=1"])
         .env(dist::VARIABLE, &out.to_string_lossy())
+        .env(dist::WINE_VARIABLE, &wine.to_string_lossy())
         .env(SKIPS, &journal.skips.to_string_lossy());
     journal.tests("windows", |each_line| task.run_and_read(each_line));
 }

@@ -5,3 +5,6 @@ mod windows;
 
 /// The directory of `cargo xtask dist`.
 pub const DIST: &str = "PLUMBLINE_DIST";
+
+/// The directory of a Debian with Wine.
+pub const WINE: &str = "PLUMBLINE_WINE";

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::DIST;
+use crate::{DIST, WINE};
 
 /// How long anything may take on a busy computer.
 const WITHIN: Duration = Duration::from_secs(600);
@@ -21,10 +21,20 @@ const WITHIN: Duration = Duration::from_secs(600);
 /// system has its own library for those.
 const WITHIN_SHARE: f64 = 1e-9;
 
-/// Both programs, unpacked, and a Windows of their own.
+/// Both programs, unpacked, and a Windows of their own: a folder in the Debian that has Wine.
 struct Bench {
-    folder: tempfile::TempDir,
+    debian: PathBuf,
+    folder: PathBuf,
 }
+
+/// Runs its arguments after the first two in the folder that is the second, in the Debian that is the
+/// first, with this computer's devices and processes.
+const IN_DEBIAN: &str = r#"
+    mount --bind /proc "$1/proc" && mount --rbind /dev "$1/dev" || exit 125
+    debian=$1 folder=$2
+    shift 2
+    exec chroot "$debian" sh -c 'cd "$1" && shift && exec "$@"' sh "$folder" "$@"
+"#;
 
 /// A program of a system with its arguments.
 type Program = fn(&Bench, &[&str]) -> Command;
@@ -35,7 +45,13 @@ static BENCH: LazyLock<Bench> = LazyLock::new(Bench::new);
 impl Bench {
     fn new() -> Self {
         let dist = PathBuf::from(env::var_os(DIST).expect("cargo xtask test dist sets it"));
-        let folder = tempfile::tempdir().unwrap();
+        let debian = PathBuf::from(env::var_os(WINE).expect("cargo xtask test dist sets it"));
+        // One that is used by all tests is there until the next run. Its server ends with its programs.
+        let folder = debian.join("srv/bench");
+        if folder.exists() {
+            fs::remove_dir_all(&folder).unwrap();
+        }
+        fs::create_dir(&folder).unwrap();
         let only = |ending: &str| {
             let entries = fs::read_dir(&dist).unwrap().map(|entry| entry.unwrap().path());
             let is = |path: &PathBuf| path.to_string_lossy().ends_with(ending);
@@ -48,21 +64,24 @@ impl Bench {
         };
         unpack("tar", &["--strip-components=1", "-xzf"], &only("linux-x86-64.tar.gz"));
         unpack("unzip", &["-q", "-j"], &only("windows-x86-64.zip"));
-        let bench = Self { folder };
+        let bench = Self { debian, folder };
         let said = bench.done(bench.windows(&["--version"]));
         assert!(said.starts_with("plumb "), "{said}");
         bench
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        self.folder.join(name)
     }
 
     /// Windows' program, in the folder.
     fn windows(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new("wine");
-        command.arg(self.path("plumb.exe")).args(arguments).current_dir(&self.folder);
-        command.env("WINEPREFIX", self.path("wine")).env("WINEDEBUG", "-all");
+        let inside = self.folder.strip_prefix(&self.debian).unwrap();
+        let inside = Path::new("/").join(inside);
+        let mut command = Command::new("unshare");
+        command.args(["--mount", "sh", "-c", IN_DEBIAN, "sh"]).arg(&self.debian).arg(&inside);
+        command.args(["wine", "plumb.exe"]).args(arguments).env("HOME", &inside);
+        command.env("WINEPREFIX", inside.join("wine")).env("WINEDEBUG", "-all");
         // No offer to install .NET or a browser.
         command.env("WINEDLLOVERRIDES", "mscoree=;mshtml=").env_remove("DISPLAY");
         command
@@ -100,14 +119,6 @@ impl Bench {
     fn text(&self, name: &str) -> String {
         let path = self.path(name);
         fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
-    }
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        let stop =
-            Command::new("wineserver").arg("-k").env("WINEPREFIX", self.path("wine")).status();
-        drop(stop);
     }
 }
 
