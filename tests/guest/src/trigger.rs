@@ -11,7 +11,8 @@
 //! its line high, as the kernel has traced it.
 
 use std::fs::{self, File};
-use std::io::{BufRead as _, BufReader};
+use std::io::{ErrorKind, Read as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -41,6 +42,9 @@ const DIRECTIONS: usize = 0x400;
 const LINES: [u32; 2] = [0, 1];
 
 const TRACING: &str = "/sys/kernel/tracing";
+
+/// How often the trace is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Pulses at times that no camera has, and then as many as possible at once.
 const PULSES: u32 = 20;
@@ -98,13 +102,24 @@ pub fn pull() -> Result<()> {
 /// Says on the console what the box drives, as the kernel traces it: `test: driven SECONDS high` or
 /// `low`.
 pub fn tell_output() -> Result<()> {
-    let trace = File::open(Path::new(TRACING).join("trace_pipe")).context("trace_pipe")?;
-    for line in BufReader::new(trace).lines() {
-        if let Some((time_s, is_high)) = driven(&line?) {
-            println!("test: driven {time_s} {}", if is_high { "high" } else { "low" });
+    let pipe = Path::new(TRACING).join("trace_pipe");
+    let mut pipe = File::options().read(true).custom_flags(nix::libc::O_NONBLOCK).open(pipe)?;
+    let mut lines = Vec::new();
+    loop {
+        let mut bytes = [0; 4096];
+        match pipe.read(&mut bytes) {
+            Ok(read) => lines.extend_from_slice(&bytes[..read]),
+            // A reader that waits in the kernel is now and then not woken for the last line.
+            Err(error) if error.kind() == ErrorKind::WouldBlock => sleep(LOOK_EVERY),
+            Err(error) => return Err(error).context("trace_pipe"),
+        }
+        while let Some(end) = lines.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = lines.drain(..=end).collect();
+            if let Some((time_s, is_high)) = driven(&String::from_utf8_lossy(&line)) {
+                println!("test: driven {time_s} {}", if is_high { "high" } else { "low" });
+            }
         }
     }
-    bail!("the trace has ended")
 }
 
 /// When a line was driven, and whether high, in a line of the kernel's trace such as
