@@ -31,12 +31,11 @@ pub fn make(builder: &Builder, programs: &Programs, commit: &Commit, out: &Path)
     let copyright = source("copyright")? + &debian::expat()?;
     tree.file("usr/share/doc/plumb/copyright", copyright);
     let architecture = builder.platform.debian();
-    let program = builder.programs().join("plumb");
     let control = source("control")?
         .replace("@VERSION@", debian::VERSION)
         .replace("@ARCHITECTURE@", architecture)
         .replace("@INSTALLED_KIB@", &tree.kib().to_string())
-        .replace("@DEPENDS@", &debian::depends("readelf", &program, &[])?);
+        .replace("@DEPENDS@", &debian::depends("readelf", &programs.plumb, &[])?);
     tree.file("DEBIAN/control", control);
     let directory = work().join(format!("deb-{architecture}"));
     if directory.exists() {

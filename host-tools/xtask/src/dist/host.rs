@@ -9,7 +9,7 @@
 //! ```
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
@@ -23,6 +23,8 @@ use crate::command::{Task, root};
 pub struct Programs {
     /// Everything below a prefix such as /usr.
     pub tree: Tree,
+    /// Where `plumb` was built.
+    pub plumb: PathBuf,
     pub contents: Contents,
 }
 
@@ -32,14 +34,14 @@ impl Programs {
         let platform = builder.platform;
         let mut tree = Tree::default();
         let plumb = builder.plumb()?;
-        let plumb = fs::read(&plumb).with_context(|| plumb.display().to_string())?;
+        let bytes = fs::read(&plumb).with_context(|| plumb.display().to_string())?;
         let mut contents = Contents::of_crates("plumb", platform.triple(), &[])?
             .with_standard_library(&builder.compiler_version()?);
         if platform.is_windows() {
-            tree.program("plumb.exe", plumb);
+            tree.program("plumb.exe", bytes);
             tree.copy("_plumb.ps1", &manual.join("completions/_plumb.ps1"))?;
         } else {
-            tree.program("bin/plumb", plumb);
+            tree.program("bin/plumb", bytes);
             add_manual(&mut tree, manual)?;
         }
         if platform.is_linux() {
@@ -49,7 +51,7 @@ impl Programs {
             contents =
                 contents.and(Contents::of_crates("plumbline-board", platform.triple(), &[])?);
         }
-        Ok(Self { tree, contents })
+        Ok(Self { tree, plumb, contents })
     }
 
     /// The archive for people without a package manager, and how its name ends.

@@ -132,6 +132,18 @@ const MINGW: &[Need] = &[Need {
     why: "links programs for Windows",
 }];
 
+/// What is compiled in a directory of its own: with one for all, each tool would compile anew what
+/// another has compiled with its own linker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Compiled {
+    /// The host's program.
+    Plumb,
+    /// The box's program.
+    Board,
+    /// The Python package.
+    Wheel,
+}
+
 /// Builds for one platform.
 #[derive(Debug)]
 pub struct Builder {
@@ -151,15 +163,16 @@ impl Builder {
         }
         let build = ["--release", "--locked", "--package", "plumb"];
         if self.platform.is_windows() {
-            self.cargo()?.args(["build"]).args(build).run()?;
+            self.cargo(Compiled::Plumb)?.args(["build"]).args(build).run()?;
         } else {
-            self.zig(self.with_environment(Task::new(TOOLS.programs().join("cargo-zigbuild")))?)
+            let zigbuild = Task::new(TOOLS.programs().join("cargo-zigbuild"));
+            self.zig(self.with_environment(zigbuild, Compiled::Plumb)?)
                 .args(["zigbuild"])
                 .args(build)
                 .args(["--target".to_owned(), self.linking_target()])
                 .run()?;
         }
-        Ok(self.programs().join(self.platform.program("plumb")))
+        Ok(self.programs(Compiled::Plumb).join(self.platform.program("plumb")))
     }
 
     /// Builds the box's program for Linux; returns its path. It has its C library in itself.
@@ -169,16 +182,17 @@ impl Builder {
         if self.profile == Profile::Dev {
             return tried(BOARD);
         }
-        self.cargo()?
+        self.cargo(Compiled::Board)?
             .args(["rustc", "--release", "--locked", "--package", BOARD, "--bin", BOARD])
             .args(["--", "-Ctarget-feature=+crt-static"])
             .run()?;
-        Ok(self.programs().join(BOARD))
+        Ok(self.programs(Compiled::Board).join(BOARD))
     }
 
     /// Builds the Python package into a directory.
     pub fn wheel(&self, out: &Path) -> Result<()> {
-        let maturin = self.with_environment(Task::new(TOOLS.programs().join("maturin")))?;
+        let maturin = Task::new(TOOLS.programs().join("maturin"));
+        let maturin = self.with_environment(maturin, Compiled::Wheel)?;
         let maturin = if self.platform.is_windows() { maturin } else { self.zig(maturin) };
         let maturin = maturin
             .args(["build", "--release", "--locked", "--manifest-path"])
@@ -197,29 +211,32 @@ impl Builder {
         self.compiler.version()
     }
 
-    /// The directory of the programs.
-    pub fn programs(&self) -> PathBuf {
-        if self.profile == Profile::Dev {
-            return work().join("tried");
-        }
-        self.directory().join(self.platform.triple()).join("release")
+    /// The directory of a program.
+    fn programs(&self, compiled: Compiled) -> PathBuf {
+        self.directory(compiled).join(self.platform.triple()).join("release")
     }
 
-    fn directory(&self) -> PathBuf {
-        work().join("build").join(self.platform.name())
+    fn directory(&self, compiled: Compiled) -> PathBuf {
+        let name = self.platform.name();
+        let name = match compiled {
+            Compiled::Plumb => name.to_owned(),
+            Compiled::Board => format!("{name}-board"),
+            Compiled::Wheel => format!("{name}-wheel"),
+        };
+        work().join("build").join(name)
     }
 
     /// A cargo that builds for the platform.
-    fn cargo(&self) -> Result<Task> {
+    fn cargo(&self, compiled: Compiled) -> Result<Task> {
         let task = match self.compiler {
             Compiler::Rustup => Task::cargo(),
             Compiler::Debian => Task::new("/usr/bin/cargo"),
         };
-        self.with_environment(task)
+        self.with_environment(task, compiled)
     }
 
-    fn with_environment(&self, task: Task) -> Result<Task> {
-        let environment = self.environment()?;
+    fn with_environment(&self, task: Task, compiled: Compiled) -> Result<Task> {
+        let environment = self.environment(&self.directory(compiled))?;
         Ok(environment.into_iter().fold(task, |task, (name, value)| task.env(&name, &value)))
     }
 
@@ -239,11 +256,10 @@ impl Builder {
         if self.platform.is_linux() { format!("{triple}.{GLIBC}") } else { triple.to_owned() }
     }
 
-    fn environment(&self) -> Result<Vec<(String, String)>> {
+    fn environment(&self, directory: &Path) -> Result<Vec<(String, String)>> {
         let triple = self.platform.triple();
         let own = format!("CARGO_TARGET_{}", triple.replace('-', "_").to_uppercase());
-        let directory = self.directory();
-        let mut flags = cross::without_paths(&directory)?;
+        let mut flags = cross::without_paths(directory)?;
         let mut environment: Vec<(String, String)> = vec![
             ("CARGO_BUILD_TARGET".into(), triple.into()),
             ("CARGO_TARGET_DIR".into(), directory.display().to_string()),
