@@ -275,13 +275,16 @@ impl<W: Write> Receiver<W> {
         self.take_judged(now)
     }
 
-    /// Nothing more comes: what waits is judged by what is known.
+    /// Nothing more comes: what waits is judged by what is known, and the recording is closed. On
+    /// Windows no other file can take the place of one that is open.
     ///
     /// # Errors
     /// When the recording cannot go on.
     pub fn finish(&mut self, now: Instant) -> Result<(), BadInput> {
         self.sessions.finish();
-        self.take_judged(now)
+        let judged = self.take_judged(now);
+        self.rows.close();
+        judged
     }
 
     fn since_begun_ns(&mut self, now: Instant) -> u64 {

@@ -55,4 +55,9 @@ impl<W: Write> Rows<W> {
         }
         self.recorder.as_mut().map_or(Ok(()), |recorder| recorder.write(frame, names))
     }
+
+    /// Nothing more is recorded. Each row is with the operating system already.
+    pub(super) fn close(&mut self) {
+        self.recorder = None;
+    }
 }
