@@ -170,7 +170,7 @@ fn chosen(what: &[What], left_out: &[What]) -> Vec<What> {
 }
 
 /// What one costs the first time, in minutes of two quiet cores and megabytes below the target
-/// directory: as measured, and a fifth more.
+/// directory: an estimate.
 fn cost(wanted: &[What]) -> (u64, u64) {
     let platforms = |has: &dyn Fn(What) -> bool| -> u64 {
         let mut all: Vec<_> =
