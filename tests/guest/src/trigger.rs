@@ -109,7 +109,7 @@ pub fn tell_output() -> Result<()> {
         let mut bytes = [0; 4096];
         match pipe.read(&mut bytes) {
             Ok(read) => lines.extend_from_slice(&bytes[..read]),
-            // A reader that waits in the kernel is now and then not woken for the last line.
+            // A reader that waits in the kernel was seen not to get the last line.
             Err(error) if error.kind() == ErrorKind::WouldBlock => sleep(LOOK_EVERY),
             Err(error) => return Err(error).context("trace_pipe"),
         }
