@@ -25,7 +25,10 @@ mod outbox;
 pub mod overview;
 mod payload;
 mod post;
+mod settings;
 pub mod topics;
+mod ward;
 
-pub use gateway::{Gateway, Recorded, Settings};
+pub use gateway::Gateway;
 pub use outbox::{Counts, Standing};
+pub use settings::{Recorded, Settings};

@@ -154,7 +154,7 @@ impl Part {
             Self::Boot => 1600,
             Self::Cohort => 8200,
             Self::Long | Self::Ward => 4900,
-            Self::Dist => 6000,
+            Self::Dist => 9000,
             Self::Languages => 4900,
             Self::Cluster => 5100,
         }
