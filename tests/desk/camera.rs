@@ -8,13 +8,13 @@ use std::process::{Child, ChildStdin, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use plumbline::seal::KEY_FILE_NAME;
 use plumbline_test_support::{command, program};
 use tempfile::TempDir;
 
-use crate::stand::plumb;
+use crate::stand::{PATIENCE, plumb};
 
 /// The pace of the box's camera.
 pub const RATE_HZ: usize = 60;
@@ -99,9 +99,16 @@ impl Shown {
     }
 }
 
+/// Frames that were begun before a camera shows something else and are not yet tracked when the next
+/// is taken, at most: one in the pipe, one that is read ahead, one that is tracked; and the one that was
+/// being written.
+const UNDER_WAY: usize = 4;
+
 /// What the threads of a box share.
 struct Shared {
     reel: AtomicUsize,
+    /// How many frames the program has taken, over all its starts.
+    taken: AtomicUsize,
     is_over: AtomicBool,
 }
 
@@ -122,7 +129,8 @@ impl TheBox {
     /// The same, with a serial line besides.
     pub fn start_on(folder: &Path, shown: Shown, rate_hz: usize, serial: Option<&str>) -> Self {
         let reel = AtomicUsize::new(shown.reel());
-        let shared = Arc::new(Shared { reel, is_over: AtomicBool::new(false) });
+        let (taken, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
+        let shared = Arc::new(Shared { reel, taken, is_over });
         let (for_supervisor, folder) = (Arc::clone(&shared), folder.to_owned());
         let serial = serial.map(str::to_owned);
         let supervisor = std::thread::spawn(move || {
@@ -133,9 +141,16 @@ impl TheBox {
         Self { shared, supervisor: Some(supervisor) }
     }
 
-    /// From the next frame on the camera shows this.
+    /// Has the camera show this; the poses of what it showed before have been sent when this returns.
+    #[track_caller]
     pub fn show(&self, shown: Shown) {
         self.shared.reel.store(shown.reel(), Ordering::Relaxed);
+        let taken = || self.shared.taken.load(Ordering::Relaxed);
+        let (before, give_up) = (taken(), Instant::now() + PATIENCE);
+        while taken() <= before + UNDER_WAY {
+            assert!(Instant::now() < give_up, "the box takes no frames");
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 }
 
@@ -193,6 +208,7 @@ fn feed(mut camera: ChildStdin, shared: &Shared, rate_hz: usize) {
         if !is_taken {
             break;
         }
+        shared.taken.fetch_add(1, Ordering::Relaxed);
     }
 }
 

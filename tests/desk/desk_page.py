@@ -98,6 +98,7 @@ def browser(url, is_strict=True, more=()):
         except BaseException:
             for number, page in enumerate(it for context in chromium.contexts for it in context.pages):
                 shot(page, f"failed-{Path(sys.argv[0]).stem}-{number}")
+                tell(f"the page says:\n{page.locator('body').inner_text()}")
             raise
         finally:
             chromium.close()

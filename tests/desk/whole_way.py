@@ -7,12 +7,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from desk_page import Keyboard, Mouse, ask, begin_of, browser, button, expect, keep, link, shot
+from desk_page import Keyboard, Mouse, ask, begin_of, browser, button, expect, keep, link, shot, tell
 
 PHOTOGRAPHS = 12
 SECONDS = 3
 # A box that shares a busy computer may have measured a little less when they are over.
 COMPARED_S = 2
+MEASURED_TIMES_MAX = 3
 
 
 def sheets(page, hands):
@@ -97,7 +98,16 @@ def picture_number(page):
 
 def scene(page, hands):
     ask("show standing")
-    hands.press(button(page, "Measure"))
+    measured = page.get_by_role("article", name="The scene")
+    for _ in range(MEASURED_TIMES_MAX):
+        hands.press(button(page, "Measure"))
+        expect(page.get_by_role("progressbar")).to_be_visible()
+        failed = page.get_by_role("alert")
+        expect(measured.or_(failed).first).to_be_visible()
+        if measured.is_visible():
+            break
+        # Of a box that shares a busy computer too little may have been heard: then a person measures again.
+        tell(f"the scene: {failed.first.inner_text()}")
     hands.press(button(page, "Keep it in the box"))
     expect(page.get_by_role("heading", name="The box has this scene")).to_be_visible()
     shot(page, "way-scene")
