@@ -17,8 +17,9 @@ use crate::notices::Notices;
 use crate::outbox::Outbox;
 use crate::overview::Overview;
 use crate::settings::{Recorded, Settings};
+use crate::teller::gateway_state;
 use crate::topics::Topics;
-use crate::ward::{Ward, gateway_state};
+use crate::ward::Ward;
 
 /// At the end, what is waited for is looked at this often.
 const LOOK_EVERY: Duration = Duration::from_millis(20);

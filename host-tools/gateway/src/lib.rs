@@ -26,6 +26,7 @@ pub mod overview;
 mod payload;
 mod post;
 mod settings;
+mod teller;
 pub mod topics;
 mod ward;
 
