@@ -1,4 +1,5 @@
-//! A good trial, for tests that spoil it: thirty seconds of a person who stands and sways.
+//! A good trial, for tests that spoil it: thirty seconds of a person who stands and sways. And points
+//! that are not of a trial.
 
 use std::path::Path;
 
@@ -11,6 +12,7 @@ use plumbline::packet::{
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
+use plumbline_analysis::series::Series;
 use plumbline_stream::fixture::{START, config, health, hello, pose, pose_packet, view};
 use plumbline_stream::transport::Raw;
 use tempfile::TempDir;
@@ -18,6 +20,7 @@ use tempfile::TempDir;
 use crate::journal::{Content, Entry, Writer};
 use crate::manifest::{Manifest, State, Zero};
 use crate::mark::{Mark, Source};
+use crate::points::{Point, Points};
 use crate::{Trial, Verdict, names};
 
 /// One second.
@@ -25,6 +28,22 @@ pub const SECOND_NS: u64 = 1_000_000_000;
 
 /// From a frame's capture to its packet, by clocks that agree but for their zero.
 const DELAY_NS: u64 = 5_000_000;
+
+/// The lower trunk's points at these positions, of nothing that was recorded; `place` is for messages.
+pub fn points(place: &str, series: Series) -> Points {
+    let frame_time_s = series.time_s().to_vec();
+    Points {
+        place: place.to_owned(),
+        points: vec![Point { name: "lower".to_owned(), series, frame_time_s, noise: None }],
+        zero: String::new(),
+        zero_s: 0.0,
+        is_zero_set: true,
+        zero_utc_s: None,
+        verdict: None,
+        events: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
 
 /// A trial that is not on the disk yet.
 pub struct Made {
