@@ -1,6 +1,6 @@
 //! Removes trials from a cohort.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::path::Path;
 
@@ -36,18 +36,21 @@ impl Chosen {
     /// # Errors
     /// When a key names no trial or several, or a participant has none.
     pub fn of<'a>(&self, rows: &'a [Row], place: &Path) -> Result<Vec<&'a Row>, BadInput> {
+        let mut by_name: HashMap<String, Vec<&Row>> = HashMap::new();
+        for row in rows {
+            by_name.entry(name(&row.key)).or_default().push(row);
+        }
         let mut chosen: HashSet<&Key> = HashSet::new();
         let mut faults = Vec::new();
         for text in &self.keys {
-            let mut named = rows.iter().filter(|row| is_named(row, text));
-            match (named.next(), named.count()) {
-                (Some(row), 0) => {
+            let begins = |row: &&Row| text.len() >= DIGITS_MIN && row.trial.starts_with(text);
+            let named = by_name.get(text).cloned();
+            match &named.unwrap_or_else(|| rows.iter().filter(begins).collect())[..] {
+                [row] => {
                     chosen.insert(&row.key);
                 }
-                (None, _) => faults.push(format!("no trial is {text:?}")),
-                (Some(_), others) => {
-                    faults.push(format!("{} are {text:?}", counted(others + 1, "trial")));
-                }
+                [] => faults.push(format!("no trial is {text:?}")),
+                several => faults.push(format!("{} are {text:?}", counted(several.len(), "trial"))),
             }
         }
         for participant in &self.participants {
@@ -74,10 +77,9 @@ impl Chosen {
     }
 }
 
-fn is_named(row: &Row, text: &str) -> bool {
-    let Key { participant, session, condition, run } = &row.key;
-    text == format!("{participant}/{session}/{condition}/{run}")
-        || text.len() >= DIGITS_MIN && row.trial.starts_with(text)
+/// What names a trial on the command line. Where parts of keys have a `/`, two may have the same.
+fn name(Key { participant, session, condition, run }: &Key) -> String {
+    format!("{participant}/{session}/{condition}/{run}")
 }
 
 /// Removes trials: all that are chosen or, when something is wrong, none. Gives their keys, and the

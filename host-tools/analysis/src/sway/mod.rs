@@ -311,9 +311,9 @@ impl<'a> Prepared<'a> {
         )
     }
 
-    /// All figures, without the effect of noise on the path lengths: for a minute at 60 Hz, that
-    /// takes longer than the uncertainties of the figures. Also returns the number of noisy copies,
-    /// as [`lengths`](Self::lengths).
+    /// All figures, without the effect of noise on the path lengths, which for a minute at 60 Hz
+    /// takes as long as the uncertainties of all figures. Also returns the number of noisy copies, as
+    /// [`lengths`](Self::lengths).
     ///
     /// # Errors
     /// As [`lengths`](Self::lengths).
