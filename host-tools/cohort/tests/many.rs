@@ -139,7 +139,8 @@ struct Stage {
 }
 
 /// Prints what more trials than were measured would cost, if each costs what it does at the last stage
-/// and memory goes on growing as it did between the last two.
+/// and memory goes on growing as it did since the one before it. Of fewer than a batch, memory says
+/// nothing of more.
 fn project(fewer: &Stage, more: &Stage) {
     println!("Projected from {} trials, not measured:", more.trials);
     println!("trials | adding: hours | MB | study: hours | MB | GB on the disk");
@@ -148,10 +149,11 @@ fn project(fewer: &Stage, more: &Stage) {
         let hours = |cost: Cost| cost.s * trials as f64 / 3600.0;
         let mb = |few: Cost, many: Cost| {
             let grows = (many.bytes - few.bytes) / (more.trials - fewer.trials) as f64;
-            (many.bytes + grows.max(0.0) * others) / 1e6
+            let mb = (many.bytes + grows.max(0.0) * others) / 1e6;
+            if fewer.trials < BATCH { "?".to_owned() } else { format!("{mb:.0}") }
         };
         println!(
-            "{trials} | {:.1} | {:.0} | {:.1} | {:.0} | {:.0}",
+            "{trials} | {:.1} | {} | {:.1} | {} | {:.0}",
             hours(more.adding),
             mb(fewer.adding, more.adding),
             hours(more.study),

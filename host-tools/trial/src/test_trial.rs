@@ -67,24 +67,26 @@ pub fn scene_from_target(role: Role, sequence: u32) -> Pose<Scene, Target> {
     Pose::from_theta([0.05, 0.1 + 0.01 * phase.sin(), -0.08, x, y, z])
 }
 
-/// The packet of a frame, as a box with this configuration sends it: the trunk points are of the
-/// poses before these are rounded.
+/// The packet of a frame with the targets at these poses, as a box whose scene is known sends it, with
+/// the virtual point of the lower target: the trunk points are of the poses before these are rounded.
 fn packet(
-    config: &Config,
+    scene: Option<&(SceneFrame, Vector3<f64>)>,
     sequence: u32,
     cam_from_target: impl Fn(Role) -> Pose<Cam, Target>,
 ) -> PosePacket {
+    let [lower, upper] = [Role::Lower, Role::Upper].map(&cam_from_target);
     let mut packet = pose_packet(sequence);
     for target in &mut packet.targets {
-        target.pose = Ok(measured(&cam_from_target(target.role)));
+        target.pose = Ok(match target.role {
+            Role::Lower => measured(&lower),
+            Role::Upper => measured(&upper),
+            other => measured(&cam_from_target(other)),
+        });
     }
-    if let Some(scene) = config.cam_from_scene().map(SceneFrame::new) {
-        let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower).unwrap();
-        let lever_mm = lower.geometry.virtual_point_mm();
-        let lower = scene.lower_trunk(&cam_from_target(Role::Lower), &lever_mm);
-        let upper = scene.upper_trunk(&cam_from_target(Role::Upper));
+    if let Some((scene, virtual_point_mm)) = scene {
+        let lower = scene.lower_trunk(&lower, virtual_point_mm);
         packet.lower_trunk = Some(AnatomicalPoint::from(&lower));
-        packet.upper_trunk = Some(AnatomicalPoint::from(&upper));
+        packet.upper_trunk = Some(AnatomicalPoint::from(&scene.upper_trunk(&upper)));
     }
     packet
 }
@@ -137,8 +139,12 @@ impl Made {
         );
         manifest.state = State::Finished;
         let mut entries = vec![Entry { host_ns: 0, content: raw(&Message::Hello(hello(config))) }];
+        let scene = config.cam_from_scene().map(|cam_from_scene| {
+            let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower).unwrap();
+            (SceneFrame::new(cam_from_scene), lower.geometry.virtual_point_mm())
+        });
         for sequence in 0..frames {
-            let packet = packet(config, sequence, |role| pose(sequence, role));
+            let packet = packet(scene.as_ref(), sequence, |role| pose(sequence, role));
             let host_ns = packet.capture_time_ns + DELAY_NS;
             entries.push(Entry { host_ns, content: raw(&Message::Pose(packet)) });
             if sequence % 600 == 300 {
