@@ -143,11 +143,7 @@ impl Series {
     /// # Errors
     /// When times do not increase, a number or the duration is not finite, or the lengths differ.
     pub fn new(time_s: Vec<f64>, position_mm: [Vec<f64>; 3]) -> Result<Self, SeriesError> {
-        for (axis, values) in Axis::ALL.into_iter().zip(&position_mm) {
-            if !values.is_empty() && values.len() != time_s.len() {
-                return Err(SeriesError::Lengths(axis));
-            }
-        }
+        lengths(&time_s, &position_mm)?;
         let all = [&time_s].into_iter().chain(&position_mm);
         if let Some(at) = all.filter_map(|it| it.iter().position(|it| !it.is_finite())).min() {
             return Err(SeriesError::NotFinite(at));
@@ -252,10 +248,23 @@ impl Series {
     /// The same times with other positions, such as filtered ones.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// When a position is not finite, or the lengths differ.
     pub fn with_positions(&self, position_mm: [Vec<f64>; 3]) -> Result<Self, SeriesError> {
-        let series = Self::new(self.time_s.clone(), position_mm)?;
-        Ok(Self { period_s: self.period_s, ..series })
+        lengths(&self.time_s, &position_mm)?;
+        let not_finite = |values: &Vec<f64>| values.iter().position(|it| !it.is_finite());
+        match position_mm.iter().filter_map(not_finite).min() {
+            Some(at) => Err(SeriesError::NotFinite(at)),
+            None => Ok(Self { time_s: self.time_s.clone(), position_mm, period_s: self.period_s }),
+        }
+    }
+}
+
+/// Checks that each axis that was measured has a position at each time.
+fn lengths(time_s: &[f64], position_mm: &[Vec<f64>; 3]) -> Result<(), SeriesError> {
+    let differs = |values: &Vec<f64>| !values.is_empty() && values.len() != time_s.len();
+    match Axis::ALL.into_iter().zip(position_mm).find(|(_, values)| differs(values)) {
+        Some((axis, _)) => Err(SeriesError::Lengths(axis)),
+        None => Ok(()),
     }
 }
 

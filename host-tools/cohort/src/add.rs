@@ -13,7 +13,8 @@ use plumbline_trial::parquet::{self, Writer};
 use plumbline_trial::points::Points;
 use rayon::prelude::*;
 
-use crate::folder::{Cohort, Stage};
+use crate::change::{Change, Stage};
+use crate::folder::Cohort;
 use crate::given::{Assumed, Fate, Given, People, Said};
 use crate::key::{Key, RUN_MAX};
 use crate::row::{self, Addition, Person, Row};
@@ -88,9 +89,9 @@ pub fn add(
     done.notes = notes(&new, &people);
     let addition =
         Addition { added_us: jiff::Timestamp::now().as_microsecond(), program: program.to_owned() };
-    let stage = locked.stage()?;
+    let stage = locked.stage(Change::Addition)?;
     let warnings = write(&stage, &new, &addition, &|| advance(Step::Written))?;
-    stage.add()?;
+    stage.make()?;
     done.notes.extend(warnings);
     done.added = new.into_iter().map(|it| it.key).collect();
     Ok(done)
@@ -324,8 +325,7 @@ fn write_trial(
     let points = Points::of(&trial, trial.manifest.zero)?;
     let frames_s: Vec<f64> = trial.frames.iter().map(|it| it.time_s - points.zero_s).collect();
     let bytes = samples::bytes(&given.trial, &points, &frames_s)?;
-    let folder = stage.path().join(names::POINTS).join(given.key.folder());
-    replace(&folder.join(names::POINTS_FILE), &bytes)?;
+    replace(&stage.path().join(given.key.points_file()), &bytes)?;
     let row = Row::of(
         given.key.clone(),
         given.trial.clone(),

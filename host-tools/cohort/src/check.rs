@@ -12,9 +12,6 @@ use crate::folder::{Cohort, files};
 use crate::row::Row;
 use crate::{figures, names};
 
-/// Far more rows than trials have figures.
-const ROWS_MAX: u64 = 10_000_000_000;
-
 /// What the table of figures has of a trial.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Summary {
@@ -72,7 +69,7 @@ pub fn check(
 fn kept(cohort: &Cohort) -> Result<HashMap<String, Summary>, BadInput> {
     let mut found: HashMap<String, Summary> = HashMap::new();
     for path in cohort.tables(names::FIGURES)? {
-        let reader = Reader::open(&path, ROWS_MAX)?;
+        let reader = Reader::open(&path, figures::ROWS_MAX)?;
         for group in 0..reader.groups() {
             let table = reader.group(group, &["trial", "value"])?;
             for (trial, value) in table.texts("trial")?.iter().zip(table.some_numbers("value")?) {

@@ -8,6 +8,9 @@ use plumbline_trial::points::Points;
 use crate::key::Key;
 use crate::row::Row;
 
+/// Far more rows than trials have figures.
+pub(crate) const ROWS_MAX: u64 = 10_000_000_000;
+
 /// The figures of a trial, whose points these are.
 #[must_use]
 pub fn of(row: &Row, points: &Points, choice: &Choice) -> Vec<tidy::Row> {

@@ -1,25 +1,15 @@
 //! A cohort on the disk.
-//!
-//! ```text
-//! .adding/ ──all written and on the disk──▶ .added/ ──file by file──▶ points/, figures/, trials/
-//! ```
-//!
-//! An addition is written into `.adding`, which nobody reads. Once everything is on the disk, the
-//! folder is renamed to `.added`: from then on it is part of the cohort. Its files then move to their
-//! places, the table of trials last, so that each trial that the table names has its points and
-//! figures. Whatever happens to the program or the computer: a `.adding` that is found is deleted, and
-//! the moves from an `.added` are completed when the cohort is next opened.
 
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use plumbline_files::{BadInput, from_toml, make_directory, read_text, replace, sync_directory};
+use plumbline_files::{BadInput, from_toml, make_directory, read_text, replace};
 use plumbline_trial::parquet::Reader;
 use plumbline_trial::points::Points;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::change::{Change, Stage, complete_all, is_any_made};
 use crate::row::{self, Row};
 use crate::{names, samples};
 
@@ -27,7 +17,7 @@ use crate::{names, samples};
 const FORMAT: u32 = 1;
 
 /// Far more trials than one computer analyses.
-const TRIALS_MAX: u64 = 10_000_000;
+pub(crate) const TRIALS_MAX: u64 = 10_000_000;
 
 /// `cohort.toml`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -53,10 +43,10 @@ pub struct Locked {
 }
 
 impl Cohort {
-    /// Opens a cohort, and completes an addition that was interrupted.
+    /// Opens a cohort, and completes a change that was interrupted.
     ///
     /// # Errors
-    /// When there is none, it is of another format, or another program is adding to it right now.
+    /// When there is none, it is of another format, or another program is changing it right now.
     pub fn open(path: &Path) -> Result<Self, BadInput> {
         let about = path.join(names::ABOUT);
         if !about.is_file() {
@@ -68,18 +58,18 @@ impl Cohort {
         }
         check_format(&about)?;
         let cohort = Self { path: path.to_owned() };
-        if path.join(names::ADDED).exists() {
+        if is_any_made(path) {
             // Whoever is moving the files holds the lock.
             cohort.clone().lock()?;
         }
         Ok(cohort)
     }
 
-    /// Locks a cohort for an addition; without one, makes it. What an interrupted addition has left
-    /// is completed or deleted.
+    /// Locks a cohort for an addition; without one, makes it. What an interrupted change has left is
+    /// completed or deleted.
     ///
     /// # Errors
-    /// When the folder is something else, another program is adding to it, or the operating system
+    /// When the folder is something else, another program is changing it, or the operating system
     /// refuses.
     pub fn for_addition(path: &Path, program: &str) -> Result<Locked, BadInput> {
         let about = path.join(names::ABOUT);
@@ -101,7 +91,11 @@ impl Cohort {
         Ok(locked)
     }
 
-    fn lock(self) -> Result<Locked, BadInput> {
+    /// Locks it for a change. What an interrupted one has left is completed or deleted.
+    ///
+    /// # Errors
+    /// When another program is changing it, or the operating system refuses.
+    pub fn lock(self) -> Result<Locked, BadInput> {
         let path = self.path.join(names::LOCK);
         let failed = |error: std::io::Error| BadInput::io(path.display(), &error);
         let lock = File::options().create(true).append(true).open(&path).map_err(failed)?;
@@ -110,15 +104,14 @@ impl Cohort {
             Err(TryLockError::WouldBlock) => {
                 return Err(BadInput::whole(
                     self.path.display(),
-                    "another program is adding to this cohort",
+                    "another program is changing this cohort",
                     "try again when it has ended",
                 ));
             }
             Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
-        let locked = Locked { cohort: self, _lock: lock };
-        locked.complete()?;
-        Ok(locked)
+        complete_all(&self.path)?;
+        Ok(Locked { cohort: self, _lock: lock })
     }
 
     /// Its folder.
@@ -173,7 +166,7 @@ impl Cohort {
     /// The file of a trial's points.
     #[must_use]
     pub fn points_file(&self, row: &Row) -> PathBuf {
-        self.path.join(names::POINTS).join(row.key.folder()).join(names::POINTS_FILE)
+        self.path.join(row.key.points_file())
     }
 
     /// Reads a trial's points.
@@ -192,87 +185,12 @@ impl Locked {
         &self.cohort
     }
 
-    /// An empty folder for what is to be added.
+    /// An empty folder for a change.
     ///
     /// # Errors
     /// When the operating system refuses.
-    pub fn stage(&self) -> Result<Stage<'_>, BadInput> {
-        let path = self.cohort.path.join(names::ADDING);
-        make_directory(&path)?;
-        Ok(Stage { locked: self, path, is_added: false })
-    }
-
-    /// Completes what was added, and deletes what was not.
-    fn complete(&self) -> Result<(), BadInput> {
-        let adding = self.cohort.path.join(names::ADDING);
-        if adding.exists() {
-            std::fs::remove_dir_all(&adding)
-                .map_err(|error| BadInput::io(adding.display(), &error))?;
-        }
-        self.publish()
-    }
-
-    /// Moves the files of an addition to their places.
-    fn publish(&self) -> Result<(), BadInput> {
-        let added = self.cohort.path.join(names::ADDED);
-        if !added.exists() {
-            return Ok(());
-        }
-        // A trial is in the table once its points and figures are in their places.
-        for part in [names::POINTS, names::FIGURES, names::TRIALS] {
-            let (from, to) = (added.join(part), self.cohort.path.join(part));
-            let files = files(&from)?;
-            files.par_iter().try_for_each(|file| {
-                let to = to.join(file.strip_prefix(&from).unwrap_or(file));
-                let folder = plumbline_files::directory_of(&to);
-                make_directory(folder)?;
-                std::fs::rename(file, &to).map_err(|error| BadInput::io(to.display(), &error))?;
-                sync_directory(folder);
-                Ok(())
-            })?;
-            sync_directory(&to);
-        }
-        sync_directory(&self.cohort.path);
-        std::fs::remove_dir_all(&added).map_err(|error| BadInput::io(added.display(), &error))
-    }
-}
-
-/// An addition that is being written. Unless it is [added](Self::add), it is deleted.
-#[derive(Debug)]
-pub struct Stage<'a> {
-    locked: &'a Locked,
-    path: PathBuf,
-    is_added: bool,
-}
-
-impl Stage<'_> {
-    /// Its folder, in which everything has its place as in the cohort.
-    #[must_use]
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// Makes what was written part of the cohort. Every file must be on the disk.
-    ///
-    /// # Errors
-    /// When the operating system refuses.
-    pub fn add(mut self) -> Result<(), BadInput> {
-        let cohort = &self.locked.cohort.path;
-        let added = cohort.join(names::ADDED);
-        std::fs::rename(&self.path, &added)
-            .map_err(|error| BadInput::io(added.display(), &error))?;
-        self.is_added = true;
-        sync_directory(cohort);
-        self.locked.publish()
-    }
-}
-
-impl Drop for Stage<'_> {
-    fn drop(&mut self) {
-        if !self.is_added {
-            // What stays is deleted when the cohort is next opened.
-            let _ = std::fs::remove_dir_all(&self.path);
-        }
+    pub fn stage(&self, change: Change) -> Result<Stage<'_>, BadInput> {
+        Stage::begin(&self.cohort.path, change)
     }
 }
 

@@ -1,10 +1,12 @@
 //! The key of a trial, and the folder that it names.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plumbline_files::BadInput;
 use plumbline_session::{check_text, of_field};
+
+use crate::names;
 
 /// The most characters of a participant, session or condition.
 const LETTERS_MAX: usize = 80;
@@ -63,6 +65,12 @@ impl Key {
         ]
         .iter()
         .collect()
+    }
+
+    /// The file of its points, relative to the cohort.
+    #[must_use]
+    pub fn points_file(&self) -> PathBuf {
+        Path::new(names::POINTS).join(self.folder()).join(names::POINTS_FILE)
     }
 }
 

@@ -100,7 +100,7 @@ pub fn read(path: &Path, row: &Row) -> Result<Points, BadInput> {
             place,
             "trial",
             found,
-            "try again: it was being added to, or is damaged",
+            "try again: it was being changed, or is damaged",
         ));
     }
     of_table(&reader.all()?, &place.to_string(), row)

@@ -3,6 +3,7 @@
 mod adding;
 mod interrupted;
 mod many;
+mod removing;
 mod sessions;
 mod statistics;
 mod support;

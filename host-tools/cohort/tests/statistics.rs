@@ -7,8 +7,7 @@ use plumbline_files::BadInput;
 use plumbline_study::candidate::{Candidate, Measured};
 use plumbline_study::figures::analyze_trials;
 use plumbline_study::manifest::{self, Recordings};
-use plumbline_trial::Verdict;
-use plumbline_trial::points::{Point, Points};
+use plumbline_trial::{Verdict, test_trial};
 
 /// Were anything quadratic, it would be a hundred; the shared computer may add its part.
 const GROWS_MAX: f64 = 16.0;
@@ -31,19 +30,8 @@ impl Candidate for MadeUp {
             time_s.iter().map(at).collect()
         };
         let position_mm = [along(1.1), along(0.7), along(0.3)];
-        let series = Series::new(time_s.clone(), position_mm).expect("times increase");
-        let point = Point { name: "lower".to_owned(), series, frame_time_s: time_s, noise: None };
-        let points = Points {
-            place: format!("made up {}", self.0),
-            points: vec![point],
-            zero: String::new(),
-            zero_s: 0.0,
-            is_zero_set: true,
-            zero_utc_s: None,
-            verdict: None,
-            events: Vec::new(),
-            warnings: Vec::new(),
-        };
+        let series = Series::new(time_s, position_mm).expect("times increase");
+        let points = test_trial::points(&format!("made up {}", self.0), series);
         let condition = ["a", "b"][self.0 % 2].to_owned();
         let participant = Some(format!("P{:05}", self.0 / 2));
         Ok(Measured { points, participant, condition: Some(condition) })

@@ -17,7 +17,7 @@ def open_cohort(path: str | os.PathLike[str]) -> Cohort:
     """Opens a cohort: the folder that ``plumb cohort add --to`` has made.
 
     Raises:
-        BadInput: there is no cohort, or another program is adding to it right now.
+        BadInput: there is no cohort, or another program is changing it right now.
     """
     return Cohort(_plumbline.open_cohort(path))
 

@@ -3,10 +3,11 @@ seconds; body's axes are AP, ML, SI; the camera's x right, y down, z forward."""
 
 import os
 from types import TracebackType
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from ._errors import BadInput
 
@@ -15,6 +16,18 @@ __version__: str
 Path: TypeAlias = str | os.PathLike[str]
 Bin: TypeAlias = tuple[float, float]
 Span: TypeAlias = Literal["all"] | tuple[float, float]
+# How figures are made.
+Method = TypedDict(
+    "Method",
+    {
+        "filter": str | None,
+        "span": Span | None,
+        "bins": list[Bin] | None,
+        "covered_min": float | None,
+        "radius_mm": float | None,
+    },
+    total=False,
+)
 Zero: TypeAlias = Literal["mark", "start", "onset"]
 Numbers: TypeAlias = NDArray[np.float64]
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
@@ -94,24 +107,8 @@ class Trial:
     def rate_hz(self) -> float | None: ...
     @property
     def warnings(self) -> list[str]: ...
-    def _figures(
-        self,
-        *,
-        filter: str | None = None,
-        span: Span | None = None,
-        bins: list[Bin] | None = None,
-        covered_min: float | None = None,
-        radius_mm: float | None = None,
-    ) -> tuple[dict[str, Any], list[str]]: ...
-    def analyze(
-        self,
-        *,
-        filter: str | None = None,
-        span: Span | None = None,
-        bins: list[Bin] | None = None,
-        covered_min: float | None = None,
-        radius_mm: float | None = None,
-    ) -> dict[str, Any]: ...
+    def _figures(self, **method: Unpack[Method]) -> tuple[dict[str, Any], list[str]]: ...
+    def analyze(self, **method: Unpack[Method]) -> dict[str, Any]: ...
     def export(
         self,
         format: str,
@@ -127,12 +124,8 @@ def open_trial(path: Path, *, zero: Zero | None = None) -> Trial: ...
 def figures(
     paths: list[Path],
     *,
-    filter: str | None = None,
-    span: Span | None = None,
-    bins: list[Bin] | None = None,
-    covered_min: float | None = None,
-    radius_mm: float | None = None,
     zero: Zero | None = None,
+    **method: Unpack[Method],
 ) -> tuple[dict[str, Any], list[str], list[BadInput]]: ...
 def study(path: Path, *, cohort: Path | None = None) -> dict[str, Any]: ...
 def study_of_table(
@@ -153,11 +146,7 @@ class Cohort:
         self,
         *,
         trials: list[str] | None = None,
-        filter: str | None = None,
-        span: Span | None = None,
-        bins: list[Bin] | None = None,
-        covered_min: float | None = None,
-        radius_mm: float | None = None,
+        **method: Unpack[Method],
     ) -> dict[str, Any]: ...
     def __len__(self) -> int: ...
 
@@ -166,14 +155,7 @@ def cohort_columns(
     table: Literal["trials", "figures", "points"],
 ) -> list[tuple[str, Literal["text", "number", "integer", "flag", "instant"]]]: ...
 def figures_of_points(
-    row: dict[str, Any],
-    points: dict[str, Any],
-    *,
-    filter: str | None = None,
-    span: Span | None = None,
-    bins: list[Bin] | None = None,
-    covered_min: float | None = None,
-    radius_mm: float | None = None,
+    row: dict[str, Any], points: dict[str, Any], **method: Unpack[Method]
 ) -> dict[str, Any]: ...
 
 TakesPart: TypeAlias = tuple[str, str, str, str]

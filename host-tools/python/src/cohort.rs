@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::arrays::table;
 use crate::error::{Raise as _, bad_argument, raised};
 use crate::given;
-use crate::method::{Span, choice};
+use crate::method::choice;
 
 /// A cohort: opened by `plumbline.open_cohort`.
 #[pyclass(frozen, module = "plumbline")]
@@ -49,19 +49,14 @@ impl Cohort {
     }
 
     /// The figures of all trials, or of those with these `trial`, from their points.
-    #[allow(clippy::too_many_arguments)] // Python's callers name them.
-    #[pyo3(signature = (*, trials = None, filter = None, span = None, bins = None, covered_min = None, radius_mm = None))]
+    #[pyo3(signature = (*, trials = None, **method))]
     fn _figures<'py>(
         &self,
         py: Python<'py>,
         trials: Option<Vec<String>>,
-        filter: Option<&str>,
-        span: Option<Span>,
-        bins: Option<Vec<[f64; 2]>>,
-        covered_min: Option<f64>,
-        radius_mm: Option<f64>,
+        method: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let choice = choice("figures", filter, span, bins, covered_min, radius_mm)?;
+        let choice = choice("figures", method)?;
         let unknown = |it: &&String| self.rows.iter().all(|row| row.trial != **it);
         if let Some(other) = trials.iter().flatten().find(unknown) {
             let remedy = "give values of the column trial of the table of trials";
@@ -124,8 +119,7 @@ pub fn rows(columns: &Bound<'_, PyDict>) -> PyResult<Vec<Row>> {
 /// When they do not belong together.
 pub fn trial(row: &Bound<'_, PyDict>, points: &Bound<'_, PyDict>) -> PyResult<(Row, Points)> {
     let wrong = |place: &str, found: String| {
-        let remedy =
-            "the cohort was being added to, or is damaged: `plumb cohort check` says which";
+        let remedy = "the cohort was being changed, or is damaged: `plumb cohort check` says which";
         raised(BadInput::whole(place, found, remedy))
     };
     let mut rows = rows(row)?;
@@ -147,19 +141,14 @@ pub fn trial(row: &Bound<'_, PyDict>, points: &Bound<'_, PyDict>) -> PyResult<(R
 
 /// The figures of one trial, from the columns of its row and of its points.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // Python's callers name them.
-#[pyo3(signature = (row, points, *, filter = None, span = None, bins = None, covered_min = None, radius_mm = None))]
+#[pyo3(signature = (row, points, **method))]
 pub fn figures_of_points<'py>(
     py: Python<'py>,
     row: &Bound<'py, PyDict>,
     points: &Bound<'py, PyDict>,
-    filter: Option<&str>,
-    span: Option<Span>,
-    bins: Option<Vec<[f64; 2]>>,
-    covered_min: Option<f64>,
-    radius_mm: Option<f64>,
+    method: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let choice = choice("figures", filter, span, bins, covered_min, radius_mm)?;
+    let choice = choice("figures", method)?;
     let (row, points) = trial(row, points)?;
     let found = py.detach(|| figures::of(&row, &points, &choice));
     let keys = vec![row.key; found.len()];

@@ -12,26 +12,21 @@ use rayon::prelude::*;
 
 use crate::arrays::{object, table};
 use crate::error::{Raise as _, bad_argument, raised, word};
-use crate::method::{Span, choice, zero};
+use crate::method::{choice, zero};
 
 /// What is found in many trials: the columns of the table, the warnings, the errors.
 type Many<'py> = (Bound<'py, PyDict>, Vec<String>, Vec<Py<PyAny>>);
 
 /// The figures of these trials, the warnings, and the errors of trials that cannot be read.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // Python's callers name them.
-#[pyo3(signature = (paths, *, filter = None, span = None, bins = None, covered_min = None, radius_mm = None, zero = None))]
+#[pyo3(signature = (paths, *, zero = None, **method))]
 pub fn figures<'py>(
     py: Python<'py>,
     paths: Vec<PathBuf>,
-    filter: Option<&str>,
-    span: Option<Span>,
-    bins: Option<Vec<[f64; 2]>>,
-    covered_min: Option<f64>,
-    radius_mm: Option<f64>,
     zero: Option<&str>,
+    method: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Many<'py>> {
-    let choice = choice("figures", filter, span, bins, covered_min, radius_mm)?;
+    let choice = choice("figures", method)?;
     let zero = self::zero("figures", zero)?;
     let found = py.detach(|| {
         tidy::refuse_twice(&paths)?;

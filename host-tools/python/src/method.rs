@@ -2,7 +2,9 @@
 
 use plumbline_study::method::{Choice, Part};
 use plumbline_trial::manifest::Zero;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::error::{bad_argument, word};
 
@@ -15,18 +17,29 @@ pub enum Span {
     Between([f64; 2]),
 }
 
-/// What was chosen by the arguments of `function`; the paper's for what is `None`.
+/// What was chosen by these arguments of `function`, as Python gives them by their names: `filter`,
+/// `span`, `bins`, `covered_min` and `radius_mm`; the paper's for what is absent or `None`.
 ///
 /// # Errors
-/// When an argument cannot be used; it is named.
-pub fn choice(
-    function: &str,
-    filter: Option<&str>,
-    span: Option<Span>,
-    bins: Option<Vec<[f64; 2]>>,
-    covered_min: Option<f64>,
-    radius_mm: Option<f64>,
-) -> PyResult<Choice> {
+/// When there is another argument, or one cannot be used; it is named.
+pub fn choice(function: &str, arguments: Option<&Bound<'_, PyDict>>) -> PyResult<Choice> {
+    let mut filter: Option<String> = None;
+    let mut span: Option<Span> = None;
+    let mut bins: Option<Vec<[f64; 2]>> = None;
+    let [mut covered_min, mut radius_mm] = [None::<f64>; 2];
+    for (name, value) in arguments.into_iter().flatten() {
+        let name: String = name.extract()?;
+        let read = match &*name {
+            "filter" => value.extract().map(|it| filter = it),
+            "span" => value.extract().map(|it| span = it),
+            "bins" => value.extract().map(|it| bins = it),
+            "covered_min" => value.extract().map(|it| covered_min = it),
+            "radius_mm" => value.extract().map(|it| radius_mm = it),
+            _ => Err(PyTypeError::new_err("there is no such argument")),
+        };
+        read.map_err(|error| PyTypeError::new_err(format!("{function}: {name}: {error}")))?;
+    }
+    let filter = filter.as_deref();
     let filter = filter.map(str::parse).transpose().map_err(|error: String| {
         bad_argument(function, "filter", error, "such as filter=\"butterworth:10\"")
     })?;

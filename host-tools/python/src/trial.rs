@@ -16,7 +16,7 @@ use pyo3::types::{PyDict, PyList, PyString};
 use crate::arrays::{object, shaped, table, vector};
 use crate::columns::Columns;
 use crate::error::{Raise as _, bad_argument};
-use crate::method::{Span, choice, zero};
+use crate::method::{choice, zero};
 use crate::rows::{self, Row};
 
 /// One trunk's points, a row for each frame of the trial.
@@ -254,17 +254,13 @@ impl Trial {
     }
 
     /// The figures as `plumb figures` gives them.
-    #[pyo3(signature = (*, filter = None, span = None, bins = None, covered_min = None, radius_mm = None))]
+    #[pyo3(signature = (**method))]
     fn _figures<'py>(
         &self,
         py: Python<'py>,
-        filter: Option<&str>,
-        span: Option<Span>,
-        bins: Option<Vec<[f64; 2]>>,
-        covered_min: Option<f64>,
-        radius_mm: Option<f64>,
+        method: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
-        let choice = choice("figures", filter, span, bins, covered_min, radius_mm)?;
+        let choice = choice("figures", method)?;
         let found = py.detach(|| {
             let points = Points::of(&self.inner, self.zero)?;
             let settings = choice.settings(&points);
@@ -275,17 +271,13 @@ impl Trial {
     }
 
     /// All figures, filtered and unfiltered, as `plumb analyze --json` writes them.
-    #[pyo3(signature = (*, filter = None, span = None, bins = None, covered_min = None, radius_mm = None))]
+    #[pyo3(signature = (**method))]
     fn analyze<'py>(
         &self,
         py: Python<'py>,
-        filter: Option<&str>,
-        span: Option<Span>,
-        bins: Option<Vec<[f64; 2]>>,
-        covered_min: Option<f64>,
-        radius_mm: Option<f64>,
+        method: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let choice = choice("analyze", filter, span, bins, covered_min, radius_mm)?;
+        let choice = choice("analyze", method)?;
         let analysis = py.detach(|| {
             let points = Points::of(&self.inner, self.zero)?;
             Analysis::of(&points, &choice.settings(&points))

@@ -26,7 +26,8 @@ for name, node in classes.items():
     stubbed = public(it.name for it in node.body if isinstance(it, ast.FunctionDef))
     assert own(getattr(_plumbline, name)) == stubbed, (name, own(getattr(_plumbline, name)) ^ stubbed)
 for name, node in functions.items():
-    arguments = [it.arg for it in node.args.args + node.args.kwonlyargs]
+    rest = [node.args.kwarg] if node.args.kwarg else []
+    arguments = [it.arg for it in node.args.args + node.args.kwonlyargs + rest]
     assert list(inspect.signature(getattr(_plumbline, name)).parameters) == arguments, name
 
 assert (pathlib.Path(plumbline.__file__).parent / "py.typed").exists()

@@ -161,29 +161,14 @@ fn px(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use plumbline_study::reference::What;
+    use plumbline_study::fixture::band;
 
     use super::*;
 
     fn placed_at(value: f64, participants: u32) -> Placed {
         let values: Vec<f64> = (1..=participants).map(f64::from).collect();
-        let percentiles = Band::percentiles(values).unwrap();
-        let band = Band {
-            condition: "eyes closed".to_owned(),
-            age_from_years: Some(40.0),
-            age_to_years: Some(60.0),
-            what: What {
-                trunk: "lower".to_owned(),
-                segment: "whole".to_owned(),
-                figure: "RMS".to_owned(),
-                direction: "AP".to_owned(),
-            },
-            unit: "mm".to_owned(),
-            filter: String::new(),
-            measured_s: None,
-            participants: participants as usize,
-            percentiles: Some(percentiles),
-        };
+        let band = band(values);
+        let percentiles = band.percentiles.unwrap();
         Placed { band, percentiles, value }
     }
 
@@ -197,7 +182,7 @@ mod tests {
         for part in [
             "lower trunk, RMS AP (mm)",
             "between the 25th and the 50th percentile",
-            "200 participants aged 40 to below 60, eyes closed, one value for each",
+            "200 participants aged 40 to below 60, calm, one value for each",
             "Not shown: no age.",
             "<polygon",
         ] {

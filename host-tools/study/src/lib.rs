@@ -21,6 +21,8 @@ pub mod candidate;
 pub mod choose;
 pub mod complete;
 pub mod figures;
+#[cfg(any(test, feature = "fixture"))]
+pub mod fixture;
 pub mod grid;
 pub mod inference;
 pub mod long;

@@ -321,25 +321,7 @@ pub fn has_percentiles(figure: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn band(values: Vec<f64>) -> Band {
-        Band {
-            condition: "calm".to_owned(),
-            age_from_years: Some(40.0),
-            age_to_years: Some(60.0),
-            what: What {
-                trunk: "lower".to_owned(),
-                segment: "whole".to_owned(),
-                figure: "RMS".to_owned(),
-                direction: "AP".to_owned(),
-            },
-            unit: "mm".to_owned(),
-            filter: "none".to_owned(),
-            measured_s: Some(60.0),
-            participants: values.len(),
-            percentiles: Band::percentiles(values),
-        }
-    }
+    use crate::fixture::band;
 
     fn row(value: Option<f64>) -> tidy::Row {
         tidy::Row {

@@ -111,7 +111,7 @@ fn values(
 #[cfg(test)]
 mod tests {
     use plumbline_analysis::series::Series;
-    use plumbline_trial::points::Point;
+    use plumbline_trial::test_trial;
 
     use super::*;
     use crate::measures;
@@ -121,19 +121,8 @@ mod tests {
     fn found(seconds: u32, figure: &str) -> Found {
         let time_s: Vec<f64> = (0..=60 * seconds).map(|at| f64::from(at) / 60.0).collect();
         let ap_mm: Vec<f64> = time_s.iter().map(|it| it.sin()).collect();
-        let series = Series::new(time_s.clone(), [ap_mm.clone(), ap_mm, Vec::new()]).unwrap();
-        let point = Point { name: "lower".to_owned(), series, frame_time_s: time_s, noise: None };
-        let points = Points {
-            place: "t".to_owned(),
-            points: vec![point],
-            zero: String::new(),
-            zero_s: 0.0,
-            is_zero_set: true,
-            zero_utc_s: None,
-            verdict: None,
-            events: Vec::new(),
-            warnings: Vec::new(),
-        };
+        let series = Series::new(time_s, [ap_mm.clone(), ap_mm, Vec::new()]).unwrap();
+        let points = test_trial::points("t", series);
         let bins_s = vec![0.0..10.0, 10.0..20.0, 20.0..30.0];
         let settings = Settings { span_s: whole(&bins_s), bins_s, ..Settings::default() };
         of_trial(&points, &settings, &measures::choose([figure]).unwrap())

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use plumbline_analysis::sway::figure::Figure;
 use plumbline_analysis::sway::path::Path as SwayPath;
-use plumbline_analysis::sway::{self, Settings, Sway};
+use plumbline_analysis::sway::{Prepared, Settings, SwayFigures};
 use plumbline_files::BadInput;
 use plumbline_files::text::as_cell;
 use plumbline_trial::Trial;
@@ -250,9 +250,11 @@ impl Row {
 }
 
 /// The figures of a point, or why it has none.
-fn sway_of(point: Option<&Point>, settings: &Settings) -> Result<Sway, String> {
+fn sway_of(point: Option<&Point>, settings: &Settings) -> Result<SwayFigures, String> {
     let point = point.ok_or(NOT_SEEN)?;
-    sway::analyze(&point.series, point.noise.as_ref(), settings).map_err(|error| error.to_string())
+    let prepared = Prepared::of(&point.series, settings);
+    let figures = prepared.and_then(|it| it.figures(point.noise.as_ref()));
+    figures.map(|(figures, _)| figures).map_err(|error| error.to_string())
 }
 
 /// A figure in a part of the trial.
@@ -267,12 +269,12 @@ struct Segment<'a> {
 fn segments<'a>(
     measure: &Measure,
     direction: Direction,
-    sway: &'a Result<Sway, String>,
+    sway: &'a Result<SwayFigures, String>,
     settings: &Settings,
 ) -> Vec<Segment<'a>> {
     let times = if measure.is_by_time() { &settings.bins_s[..] } else { &[] };
     let times = times.iter().enumerate().map(|(at, bin)| {
-        let path = sway.as_ref().ok().map(|sway| &sway.figures.bins[at]);
+        let path = sway.as_ref().ok().map(|sway| &sway.bins[at]);
         let figure = path.and_then(|path| measure.of_path(path, direction));
         Segment {
             name: time_name(at),
@@ -281,7 +283,7 @@ fn segments<'a>(
             figure: figure.ok_or_else(|| reason(sway)),
         }
     });
-    let figures = sway.as_ref().ok().map(|sway| &sway.figures);
+    let figures = sway.as_ref().ok();
     let path = figures.map(|it| &it.path);
     let given_s = settings.span_s.as_ref().map(|it| [it.start, it.end]);
     let longest_s = figures.map(|it| it.spectrum.to_s - it.spectrum.from_s);
@@ -298,7 +300,7 @@ fn measured_s(path: &SwayPath) -> f64 {
     path.covered * (path.to_s - path.from_s)
 }
 
-fn reason(sway: &Result<Sway, String>) -> &str {
+fn reason(sway: &Result<SwayFigures, String>) -> &str {
     sway.as_ref().err().map_or("", String::as_str)
 }
 

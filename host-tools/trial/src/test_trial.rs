@@ -1,4 +1,5 @@
-//! A good trial, for tests that spoil it: thirty seconds of a person who stands and sways.
+//! A good trial, for tests that spoil it: thirty seconds of a person who stands and sways. And points
+//! that are not of a trial.
 
 use std::path::Path;
 
@@ -11,6 +12,7 @@ use plumbline::packet::{
 use plumbline::pose::{Cam, Pose, Scene, Target};
 use plumbline::scene::SceneFrame;
 use plumbline::target::Role;
+use plumbline_analysis::series::Series;
 use plumbline_stream::fixture::{START, config, health, hello, pose, pose_packet, view};
 use plumbline_stream::transport::Raw;
 use tempfile::TempDir;
@@ -18,6 +20,7 @@ use tempfile::TempDir;
 use crate::journal::{Content, Entry, Writer};
 use crate::manifest::{Manifest, State, Zero};
 use crate::mark::{Mark, Source};
+use crate::points::{Point, Points};
 use crate::{Trial, Verdict, names};
 
 /// One second.
@@ -25,6 +28,22 @@ pub const SECOND_NS: u64 = 1_000_000_000;
 
 /// From a frame's capture to its packet, by clocks that agree but for their zero.
 const DELAY_NS: u64 = 5_000_000;
+
+/// The lower trunk's points at these positions, of nothing that was recorded; `place` is for messages.
+pub fn points(place: &str, series: Series) -> Points {
+    let frame_time_s = series.time_s().to_vec();
+    Points {
+        place: place.to_owned(),
+        points: vec![Point { name: "lower".to_owned(), series, frame_time_s, noise: None }],
+        zero: String::new(),
+        zero_s: 0.0,
+        is_zero_set: true,
+        zero_utc_s: None,
+        verdict: None,
+        events: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
 
 /// A trial that is not on the disk yet.
 pub struct Made {
@@ -48,24 +67,26 @@ pub fn scene_from_target(role: Role, sequence: u32) -> Pose<Scene, Target> {
     Pose::from_theta([0.05, 0.1 + 0.01 * phase.sin(), -0.08, x, y, z])
 }
 
-/// The packet of a frame, as a box with this configuration sends it: the trunk points are of the
-/// poses before these are rounded.
+/// The packet of a frame with the targets at these poses, as a box whose scene is known sends it, with
+/// the virtual point of the lower target: the trunk points are of the poses before these are rounded.
 fn packet(
-    config: &Config,
+    scene: Option<&(SceneFrame, Vector3<f64>)>,
     sequence: u32,
     cam_from_target: impl Fn(Role) -> Pose<Cam, Target>,
 ) -> PosePacket {
+    let [lower, upper] = [Role::Lower, Role::Upper].map(&cam_from_target);
     let mut packet = pose_packet(sequence);
     for target in &mut packet.targets {
-        target.pose = Ok(measured(&cam_from_target(target.role)));
+        target.pose = Ok(match target.role {
+            Role::Lower => measured(&lower),
+            Role::Upper => measured(&upper),
+            other => measured(&cam_from_target(other)),
+        });
     }
-    if let Some(scene) = config.cam_from_scene().map(SceneFrame::new) {
-        let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower).unwrap();
-        let lever_mm = lower.geometry.virtual_point_mm();
-        let lower = scene.lower_trunk(&cam_from_target(Role::Lower), &lever_mm);
-        let upper = scene.upper_trunk(&cam_from_target(Role::Upper));
+    if let Some((scene, virtual_point_mm)) = scene {
+        let lower = scene.lower_trunk(&lower, virtual_point_mm);
         packet.lower_trunk = Some(AnatomicalPoint::from(&lower));
-        packet.upper_trunk = Some(AnatomicalPoint::from(&upper));
+        packet.upper_trunk = Some(AnatomicalPoint::from(&scene.upper_trunk(&upper)));
     }
     packet
 }
@@ -118,8 +139,12 @@ impl Made {
         );
         manifest.state = State::Finished;
         let mut entries = vec![Entry { host_ns: 0, content: raw(&Message::Hello(hello(config))) }];
+        let scene = config.cam_from_scene().map(|cam_from_scene| {
+            let lower = config.targets.iter().find(|it| it.geometry.role() == Role::Lower).unwrap();
+            (SceneFrame::new(cam_from_scene), lower.geometry.virtual_point_mm())
+        });
         for sequence in 0..frames {
-            let packet = packet(config, sequence, |role| pose(sequence, role));
+            let packet = packet(scene.as_ref(), sequence, |role| pose(sequence, role));
             let host_ns = packet.capture_time_ns + DELAY_NS;
             entries.push(Entry { host_ns, content: raw(&Message::Pose(packet)) });
             if sequence % 600 == 300 {

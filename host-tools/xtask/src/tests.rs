@@ -67,8 +67,9 @@ enum Part {
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
     Boot,
-    /// Up to ten thousand simulated trials of a minute in a cohort: seconds, memory and bytes for each.
-    /// An hour and a half, alone on a quiet computer, and 4 GB of disk; only when it is named.
+    /// Up to ten thousand simulated trials of a minute in a cohort: seconds, memory and bytes for each,
+    /// and what a million would cost. Half an hour with what is built, alone on a quiet computer, and 4
+    /// GB of disk; only when it is named.
     Cohort,
     /// What others watch for seconds, watched for ten minutes each, with the programs as users have
     /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet

@@ -85,8 +85,8 @@ impl Figures for Diffusion {
     }
 }
 
-pub(super) fn diffusion(series: &Series) -> Diffusion {
-    let displacements = ByAxis::of(|axis| displacements(series, axis));
+pub(super) fn diffusion(series: &Series, planner: &mut RealFftPlanner<f64>) -> Diffusion {
+    let displacements = ByAxis::of(|axis| displacements(series, axis, planner));
     let ByAxis { ap, ml, .. } = &displacements;
     let sum = |ap: &[f64], ml: &[f64]| ap.iter().zip(ml).map(|(ap, ml)| ap + ml).collect();
     let together = match (ap, ml) {
@@ -226,7 +226,11 @@ impl Line {
 /// `sum (x(i + lag) - x(i))^2` is the sum of both squares minus twice the sum of the products,
 /// which is a correlation: computed block by block with FFTs, for lags far shorter than the trial.
 /// The mean of each block is subtracted, so that a slow drift does not cost precision.
-fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
+fn displacements(
+    series: &Series,
+    axis: Axis,
+    planner: &mut RealFftPlanner<f64>,
+) -> Result<Vec<f64>, Absent> {
     let positions_mm = along(series, axis)?;
     if positions_mm.iter().all(|it| *it == positions_mm[0]) {
         return Err(Absent::NoMovement);
@@ -235,7 +239,6 @@ fn displacements(series: &Series, axis: Axis) -> Result<Vec<f64>, Absent> {
     let lags = (LONGEST_LAG_S / series.period_s()).round() as usize;
     let length = (4 * (lags + 1)).next_power_of_two();
     let block = length - lags;
-    let mut planner = RealFftPlanner::<f64>::new();
     let (forward, inverse) = (planner.plan_fft_forward(length), planner.plan_fft_inverse(length));
     let mut spectrum = vec![Complex::default(); length / 2 + 1];
     let mut starts_spectrum = spectrum.clone();
@@ -296,7 +299,8 @@ mod tests {
             .map(|time| 12.0 * time + 3.0 * (2.0 * time).sin() + (37.0 * time * time).cos())
             .collect();
         let series = Series::new(time_s, [ap.clone(), Vec::new(), Vec::new()]).unwrap();
-        let displacements = displacements(&series, Axis::Ap).unwrap();
+        let mut planner = RealFftPlanner::new();
+        let displacements = displacements(&series, Axis::Ap, &mut planner).unwrap();
         assert_eq!(displacements.len(), 200);
         for (value, lag) in displacements.iter().zip(1_usize..) {
             let squares = |part: &[f64]| -> Vec<f64> {

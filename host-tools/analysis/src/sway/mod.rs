@@ -17,6 +17,7 @@
 use std::fmt;
 use std::ops::Range;
 
+use realfft::RealFftPlanner;
 use serde::Serialize;
 
 use crate::filter::{Design, Filter, Filtered, Unsuitable};
@@ -225,21 +226,13 @@ pub fn analyze(
 ) -> Result<Sway, SwayError> {
     let prepared = Prepared::of(series, settings)?;
     let Prepared { smooth, filter, spans, span, .. } = &prepared;
-    let noise = noise.map(|noise| prepared.kept_noise(noise)).transpose()?;
-    let of = |smooth: &Series| SwayFigures::of(smooth, spans, settings);
-    let mut figures = of(smooth).ok_or(SwayError::EmptySpan)?;
-    let noise = noise.as_ref().map(|noise| {
-        let steps = noise::step_factors(noise, smooth, filter);
+    let (figures, copies) = prepared.figures(noise)?;
+    let noise = noise.map(|noise| -> Result<PathNoises, SwayError> {
+        let noise = prepared.kept_noise(noise)?;
+        let steps = noise::step_factors(&noise, smooth, filter);
         let path_noise = |span: &Span| noise::path_noise(smooth, span, &steps);
         let (total, bins) = (path_noise(&spans.total), spans.bins.iter().map(path_noise).collect());
-        let measured = figures.ellipse.clone();
-        let again = |noisy: &Series| {
-            let mut figures = of(noisy)?;
-            ellipse::turn_towards(&mut figures.ellipse, &measured);
-            Some(figures)
-        };
-        let copies = noise::uncertainties(&mut figures, noise, smooth, filter, again);
-        PathNoises { total, bins, copies }
+        Ok(PathNoises { total, bins, copies })
     });
     Ok(Sway {
         rate_hz: series.rate_hz(),
@@ -258,7 +251,7 @@ pub fn analyze(
             },
             left_out_samples: prepared.left_out_samples,
         },
-        noise,
+        noise: noise.transpose()?,
         figures,
     })
 }
@@ -311,18 +304,47 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// When the noise is not of this series, or fewer than two samples lie in the span.
     pub fn lengths(&self, noise: Option<&Noise>) -> Result<(Lengths, usize), SwayError> {
-        let of = |smooth: &Series| Lengths::of(smooth, &self.spans, self.settings);
-        let mut lengths = of(&self.smooth).ok_or(SwayError::EmptySpan)?;
-        let Some(noise) = noise else { return Ok((lengths, 0)) };
-        let measured = lengths.ellipse.clone();
-        let again = |noisy: &Series| {
-            let mut lengths = of(noisy)?;
-            ellipse::turn_towards(&mut lengths.ellipse, &measured);
-            Some(lengths)
-        };
+        self.with_uncertainties(
+            noise,
+            |smooth| Lengths::of(smooth, &self.spans, self.settings),
+            |lengths| &mut lengths.ellipse,
+        )
+    }
+
+    /// All figures, without the effect of noise on the path lengths, which for a minute at 60 Hz
+    /// takes as long as the uncertainties of all figures. Also returns the number of noisy copies, as
+    /// [`lengths`](Self::lengths).
+    ///
+    /// # Errors
+    /// As [`lengths`](Self::lengths).
+    pub fn figures(&self, noise: Option<&Noise>) -> Result<(SwayFigures, usize), SwayError> {
+        // A transform is planned once for all copies.
+        let mut planner = RealFftPlanner::new();
+        self.with_uncertainties(
+            noise,
+            |smooth| SwayFigures::of(smooth, &self.spans, self.settings, &mut planner),
+            |figures| &mut figures.ellipse,
+        )
+    }
+
+    /// What `of` computes of the filtered positions, with uncertainties where noise is given.
+    fn with_uncertainties<T: Figures>(
+        &self,
+        noise: Option<&Noise>,
+        mut of: impl FnMut(&Series) -> Option<T>,
+        ellipse: fn(&mut T) -> &mut ByPlane<Ellipse>,
+    ) -> Result<(T, usize), SwayError> {
+        let mut figures = of(&self.smooth).ok_or(SwayError::EmptySpan)?;
+        let Some(noise) = noise else { return Ok((figures, 0)) };
         let noise = self.kept_noise(noise)?;
-        let copies = noise::uncertainties(&mut lengths, &noise, &self.smooth, &self.filter, again);
-        Ok((lengths, copies))
+        let measured = ellipse(&mut figures).clone();
+        let again = |noisy: &Series| {
+            let mut figures = of(noisy)?;
+            ellipse::turn_towards(ellipse(&mut figures), &measured);
+            Some(figures)
+        };
+        let copies = noise::uncertainties(&mut figures, &noise, &self.smooth, &self.filter, again);
+        Ok((figures, copies))
     }
 
     /// Only what moves the length of the total path away from its true one.
@@ -377,16 +399,21 @@ impl Spans {
 
 impl SwayFigures {
     /// The figures of filtered positions; `None` when fewer than two lie in the span.
-    fn of(smooth: &Series, spans: &Spans, settings: &Settings) -> Option<Self> {
+    fn of(
+        smooth: &Series,
+        spans: &Spans,
+        settings: &Settings,
+        planner: &mut RealFftPlanner<f64>,
+    ) -> Option<Self> {
         let span = settings.cut(smooth)?;
         Some(Self {
             path: path::path(smooth, &spans.total),
             bins: spans.bins.iter().map(|bin| path::path(smooth, bin)).collect(),
             extent: extent::extent(&span),
             ellipse: ellipse::ellipses(&span),
-            spectrum: spectrum::spectrum(&span),
+            spectrum: spectrum::spectrum(&span, planner),
             density: density::density(&span, settings.density),
-            diffusion: diffusion::diffusion(&span),
+            diffusion: diffusion::diffusion(&span, planner),
         })
     }
 }

@@ -310,7 +310,7 @@ pub(super) fn uncertainties<T: Figures>(
     noise: &Noise,
     series: &Series,
     filter: &Filter,
-    measure: impl Fn(&Series) -> Option<T>,
+    mut measure: impl FnMut(&Series) -> Option<T>,
 ) -> usize {
     let copies = (COPIED_SAMPLES / series.samples()).clamp(COPIES_MIN, COPIES_MAX);
     let mut random = ChaCha8Rng::seed_from_u64(SEED);

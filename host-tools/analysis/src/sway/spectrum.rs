@@ -91,9 +91,8 @@ pub(super) fn long_enough(samples: usize, series: &Series, needed_s: f64) -> Res
     Ok(())
 }
 
-pub(super) fn spectrum(series: &Series) -> Spectrum {
+pub(super) fn spectrum(series: &Series, planner: &mut RealFftPlanner<f64>) -> Spectrum {
     let segment = longest_segment(series);
-    let mut planner = RealFftPlanner::new();
     let mut frequencies = |samples: Option<&[f64]>, absent| -> Result<[f64; 4], Absent> {
         let samples = &samples.ok_or(absent)?[segment.clone()];
         long_enough(samples.len(), series, SHORTEST_S)?;
@@ -105,7 +104,7 @@ pub(super) fn spectrum(series: &Series) -> Spectrum {
         if count < PART_MIN {
             return Err(Absent::TooFewSamples { samples: count, needed: PART_MIN });
         }
-        let density = density(&mut planner, samples, count, false, Detrend::Mean);
+        let density = density(planner, samples, count, false, Detrend::Mean);
         figures(&density, series.rate_hz() / count as f64)
     };
     let axes = ByAxis::of(|axis| {

@@ -1,4 +1,4 @@
-//! The program is killed while it adds, and the disk is full.
+//! The program is killed while it adds or removes, and the disk is full.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use plumbline_test_support::{Absent, command, skip};
 
 use super::{add, plumb, record, trials};
 
-/// At so many moments of an addition.
+/// At so many moments of an addition, and of a removal.
 const KILLED: u32 = 12;
 
 fn setting() -> tempfile::TempDir {
@@ -55,6 +55,65 @@ fn killed_at_any_moment_an_addition_is_there_as_a_whole_or_not_at_all() {
         assert_eq!((check.code, &*check.stdout), (Some(0), "cohort: 16 trials, all is there\n"));
         let hidden = [".adding", ".added"].map(|it| folder.path().join("cohort").join(it).exists());
         assert_eq!(hidden, [false; 2]);
+    }
+    println!("killed {KILLED} times: {} of nothing, {} of the whole", outcomes[0], outcomes[1]);
+    assert!(outcomes[0] > 0, "it was always too late");
+}
+
+#[test]
+fn killed_at_any_moment_a_removal_is_made_as_a_whole_or_not_at_all() {
+    let folder = setting();
+    let names = trials(folder.path());
+    // In several tables, of which some go, some stay, and one is replaced.
+    for some in names.chunks(3) {
+        let trials: Vec<&str> = some.iter().map(String::as_str).collect();
+        let added =
+            plumb(folder.path(), &[&["cohort", "add", "--to", "kept"], &trials[..]].concat());
+        assert_eq!(added.code, Some(0), "{}", added.stderr);
+    }
+    let copy = || {
+        let mut copying = Command::new("cp");
+        copying.args(["-R", "kept", "cohort"]).current_dir(folder.path());
+        assert!(copying.status().unwrap().success());
+    };
+    let gone: Vec<String> = (0..10).map(|at| format!("P{at:02}/1/calm/1")).collect();
+    let mut arguments = vec!["cohort", "remove", "cohort", "--yes"];
+    arguments.extend(gone.iter().map(String::as_str));
+    copy();
+    // Without --yes, nothing.
+    let listed = plumb(folder.path(), &[&arguments[..3], &arguments[4..]].concat());
+    assert_eq!(listed.code, Some(0), "{}", listed.stderr);
+    assert!(listed.stdout.contains("10 trials of 10 participants"), "{}", listed.stdout);
+    assert!(listed.stderr.contains("nothing was removed: add --yes to remove them from cohort"));
+    let begun = Instant::now();
+    let removed = plumb(folder.path(), &arguments);
+    let whole = begun.elapsed();
+    let done = "cohort: 10 trials removed, 6 trials left\n";
+    assert_eq!((removed.code, &*removed.stdout), (Some(0), done), "{}", removed.stderr);
+    let mut outcomes = [0; 2];
+    for moment in 0..KILLED {
+        std::fs::remove_dir_all(folder.path().join("cohort")).unwrap();
+        copy();
+        let mut removing = command(env!("CARGO_BIN_EXE_plumb"));
+        removing.current_dir(folder.path()).args(&arguments);
+        removing.stdout(Stdio::null()).stderr(Stdio::null());
+        let mut removing = removing.spawn().unwrap();
+        std::thread::sleep(whole * moment / KILLED);
+        // SIGKILL. It may have ended before.
+        let _ = removing.kill();
+        removing.wait().unwrap();
+        let check = plumb(folder.path(), &["cohort", "check", "cohort"]);
+        assert_eq!(check.code, Some(0), "{}", check.stderr);
+        let all = check.stdout.contains("cohort: 6 trials, ");
+        assert!(all || check.stdout.contains("cohort: 16 trials, "), "{}", check.stdout);
+        outcomes[usize::from(all)] += 1;
+        if !all {
+            let removed = plumb(folder.path(), &arguments);
+            assert_eq!((removed.code, &*removed.stdout), (Some(0), done), "{}", removed.stderr);
+        }
+        let hidden = [".removing", ".removed"];
+        assert_eq!(hidden.map(|it| folder.path().join("cohort").join(it).exists()), [false; 2]);
+        assert!(!folder.path().join("cohort/points/participant=P09").exists());
     }
     println!("killed {KILLED} times: {} of nothing, {} of the whole", outcomes[0], outcomes[1]);
     assert!(outcomes[0] > 0, "it was always too late");

@@ -117,6 +117,23 @@ impl Reader {
 }
 
 impl Values {
+    /// Keeps the values of some rows.
+    fn retain(&mut self, is_kept: &[bool]) {
+        fn retain<T>(values: &mut Vec<T>, is_kept: &[bool]) {
+            let mut is_kept = is_kept.iter();
+            values.retain(|_| is_kept.next() == Some(&true));
+        }
+        match self {
+            Self::Texts(values) => retain(values, is_kept),
+            Self::SomeTexts(values) => retain(values, is_kept),
+            Self::Numbers(values) => retain(values, is_kept),
+            Self::SomeNumbers(values) => retain(values, is_kept),
+            Self::Integers(values) => retain(values, is_kept),
+            Self::SomeIntegers(values) | Self::SomeInstants(values) => retain(values, is_kept),
+            Self::Flags(values) => retain(values, is_kept),
+        }
+    }
+
     /// Adds the values of another column of the same kind.
     fn extend(&mut self, more: Self) {
         match (self, more) {
@@ -144,6 +161,11 @@ impl Table {
     #[must_use]
     pub fn columns(&self) -> &[(String, Values)] {
         &self.columns
+    }
+
+    /// Keeps some rows, in their order: those for which `is_kept` is true, which has a value for each.
+    pub fn retain(&mut self, is_kept: &[bool]) {
+        self.columns.iter_mut().for_each(|(_, values)| values.retain(is_kept));
     }
 
     /// A column, if there is one of this name.

@@ -48,11 +48,10 @@ pub fn long(journal: &mut Journal) {
 
 /// What thousands of trials in a cohort cost.
 pub fn cohort(journal: &mut Journal) {
-    if !released(journal, &["plumb", "plumbline-board"]) {
+    if !released(journal, &["plumb"]) {
         return;
     }
-    let test = ["--package", "plumbline-cohort", "--test", "cohort"];
-    let task = of_released(journal, &test, &["--ignored"]);
+    let task = of_released(journal, &["--workspace", "--test", "cohort"], &["--ignored"]);
     journal.tests("cohort", |each_line| task.run_and_read(each_line));
 }
 

@@ -59,7 +59,8 @@ pub fn table(header: &[&str]) -> Table {
     table
 }
 
-fn listed(rows: &[Row]) -> String {
+/// A line for each trial, and how many there are.
+pub fn listed(rows: &[Row]) -> String {
     let header = ["participant", "session", "condition", "run", "started", "s", "Hz", "verdict"];
     let mut table = table(&header);
     for row in rows {

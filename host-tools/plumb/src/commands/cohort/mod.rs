@@ -4,6 +4,7 @@ mod add;
 mod check;
 mod list;
 mod reference;
+mod remove;
 mod show;
 
 use clap::{Args, Subcommand};
@@ -25,6 +26,7 @@ use clap::{Args, Subcommand};
     both trunk points over time: one row for each frame\n\n\
 Examples:\n  plumb cohort add trials/* --to cohort/\n  \
     plumb cohort list cohort/\n  \
+    plumb cohort remove cohort/ --participant P07\n  \
     plumb study --cohort cohort/ study.toml\n  \
     duckdb -c \"select condition, avg(value) from 'cohort/figures/*.parquet' \\\n      \
     where figure = 'path length' and direction = 'APML' and segment = 'whole' group by all\"")]
@@ -36,6 +38,7 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     Add(add::Arguments),
+    Remove(remove::Arguments),
     List(list::Arguments),
     Show(show::Arguments),
     Check(check::Arguments),
@@ -49,6 +52,7 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     match &arguments.command {
         Command::Add(arguments) => add::run(arguments),
+        Command::Remove(arguments) => remove::run(arguments),
         Command::List(arguments) => list::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Reference(arguments) => reference::run(arguments),
