@@ -403,9 +403,8 @@ pub fn boot_with_camera() -> Result<Task> {
     Ok(Task::cargo().args(test).env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and observes it from outside, on three machines at a time, since each keeps one
-/// processor core busy for two thirds of its time, and its clock goes by what it computes; and on one
-/// [`ALONE`].
+/// Boots the box and observes it from outside, on two machines at a time, since each keeps one
+/// processor core busy; and on one [`ALONE`].
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
@@ -414,7 +413,7 @@ fn boot(journal: &mut Journal) {
     });
     if made {
         for (name, how) in [
-            ("tests", ["--test-threads=3", "--skip", ALONE].as_slice()),
+            ("tests", ["--test-threads=2", "--skip", ALONE].as_slice()),
             ("first trial", ["--test-threads=1", "--exact", ALONE].as_slice()),
         ] {
             let test = [&BOOT_TESTS[..], &["--nocapture"], how].concat();
