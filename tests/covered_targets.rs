@@ -158,6 +158,13 @@ impl Cover {
             let at = self.normal.dot(&point);
             // An edge as blurred as the target's.
             let inside = (at - self.from_px + 0.5).min(self.to_px - at + 0.5).clamp(0.0, 1.0);
+            if inside == 0.0 {
+                continue;
+            }
+            if self.strands == 0.0 {
+                *grey += (inside * (self.grey - f64::from(*grey))) as f32;
+                continue;
+            }
             let along = self.normal.x * point.y - self.normal.y * point.x;
             let waves = phases.map(|[phase, rate, bend]| {
                 let across = at + 6.0 * bend * (along / 40.0 + phase).sin();

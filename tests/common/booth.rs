@@ -137,8 +137,14 @@ impl Booth {
         let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
         let gain =
             |x: f64, _y: f64| shot.light * (1.0 + shot.gradient * (x / f64::from(WIDTH) - 0.5));
-        // An odd number of instants, evenly spaced: their mean is the pose itself.
-        let instants = if shot.motion_mm == Vector3::zeros() { 1 } else { 9 };
+        // An odd number of instants, evenly spaced: their mean is the pose itself. Where they are less than
+        // half of the blur's deviation apart, a steady motion would look the same.
+        let moved_px = shot.motion_mm.norm() * self.lens.fx_px / cam_from_target.translation_mm.z;
+        let instants = match moved_px / shot.psf_sigma_px {
+            0.0 => 1,
+            ..2.0 => 5,
+            _ => 9,
+        };
         let mut sum = Picture::uniform(width, height, 0.0);
         for instant in 0..instants {
             let mut pose = *cam_from_target;

@@ -8,7 +8,7 @@
 //! calls, and no `malloc`.
 
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -25,8 +25,8 @@ const COMPILERS_OWN: &[&str] = &["memcpy", "memmove", "memset", "memcmp", "bcmp"
 /// quarter of a megabyte takes no space in a program's file or a board's flash.
 const DATA_BYTES_MAX: usize = 4096;
 
-/// Builds the artefact and checks its symbols and the size of its data.
-pub fn check() -> Result<()> {
+/// Builds the artefact; returns its path.
+pub fn build() -> Result<PathBuf> {
     // Separate from the other builds, so that their choice of features does not affect it.
     let directory = target_directory().join("bare");
     Task::cargo()
@@ -35,7 +35,12 @@ pub fn check() -> Result<()> {
         .args([&directory])
         .args(["--", "-C", "link-arg=-nostartfiles"])
         .run()?;
-    let artefact = directory.join("bare/libplumbline_bare.so");
+    Ok(directory.join("bare/libplumbline_bare.so"))
+}
+
+/// Builds the artefact and checks its symbols and the size of its data.
+pub fn check() -> Result<()> {
+    let artefact = build()?;
     let defined = symbols(&artefact, "--defined-only")?;
     ensure!(defined.contains(ENTRY), "{} does not define {ENTRY}", artefact.display());
     let undefined = symbols(&artefact, "--undefined-only")?;

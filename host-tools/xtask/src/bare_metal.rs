@@ -121,7 +121,7 @@ const MPS2_AN500: Board = Board {
     processor: Processor { binutils: "arm-linux-gnueabihf-", address_bytes: 4, call_bytes: 0 },
     // The target by default has single-precision arithmetic only.
     rustflags: "-Ctarget-cpu=cortex-m7",
-    features: &["--features", "small-limits"],
+    features: &["--features", "plumbline-bare-metal/small-limits"],
     emulator: &["qemu-system-arm", "-M", "mps2-an500"],
     needs: &[Need {
         probe: Probe::Program("arm-linux-gnueabihf-ld"),
@@ -160,11 +160,17 @@ pub fn prepare() -> Result<()> {
 }
 
 impl Board {
+    /// Builds what [`Self::check`] needs, which then finds it built.
+    pub fn build_ahead(&self, recordings: &Path) -> Result<()> {
+        let stored = self.stored(recordings)?;
+        self.build_here()?;
+        self.build(&stored).map(drop)
+    }
+
     /// Builds the program, runs it on the board, and compares its poses with this machine's and its
     /// stack with memory.md.
     pub fn check(&self, recordings: &Path, document: Document) -> Result<()> {
-        let stored = target_directory().join("bare-metal").join(self.name);
-        self.store(recordings, &stored)?;
+        let stored = self.stored(recordings)?;
         let expected = self.here(&[&stored])?;
         let expected = Printed::read(&expected.lines().map(str::to_owned).collect::<Vec<_>>())?;
         let program = self.build(&stored)?;
@@ -209,12 +215,15 @@ impl Board {
 
     /// Runs the program on this machine; what it prints.
     fn here(&self, arguments: &[&Path]) -> Result<String> {
-        Task::cargo()
-            .args(["run", "--quiet", "--package", PACKAGE])
-            .args(self.features)
-            .args(["--"])
-            .args(arguments)
-            .output()
+        Task::new(self.build_here()?).args(arguments).output()
+    }
+
+    /// Builds the program for this machine, in the place of that for another board; returns its path.
+    /// Of the whole workspace, so that what it uses has the features, and so the builds, of the tests.
+    fn build_here(&self) -> Result<PathBuf> {
+        let build = ["build", "--quiet", "--workspace", "--bin", PACKAGE];
+        Task::cargo().args(build).args(self.features).output()?;
+        Ok(target_directory().join("debug").join(PACKAGE))
     }
 
     /// Opens the packets that the board has printed, and compares what they say with this machine's
@@ -261,15 +270,22 @@ impl Board {
         Compiler::of(self.triple, BUILT_LIBRARY)
     }
 
-    /// Puts the recording's first frame and its configuration into a directory.
-    fn store(&self, recordings: &Path, directory: &Path) -> Result<()> {
+    /// Puts the recording's first frame and its configuration into a directory of the board's.
+    fn stored(&self, recordings: &Path) -> Result<PathBuf> {
+        let directory = target_directory().join("bare-metal").join(self.name);
         let from = recordings.join(self.recording);
-        fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
-        fs::copy(from.join(CONFIG_FILE), directory.join(CONFIG_FILE)).context(CONFIG_FILE)?;
+        fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
         let place = from.join(FRAMES_FILE);
         let frame = first_frame(&place).with_context(|| place.display().to_string())?;
-        let stored = directory.join(FRAMES_FILE);
-        fs::write(&stored, frame).with_context(|| stored.display().to_string())
+        let config = fs::read(from.join(CONFIG_FILE)).context(CONFIG_FILE)?;
+        for (name, content) in [(CONFIG_FILE, config), (FRAMES_FILE, frame)] {
+            let stored = directory.join(name);
+            // What contains it would be built again if it were written again.
+            if !fs::read(&stored).is_ok_and(|before| before == content) {
+                fs::write(&stored, content).with_context(|| stored.display().to_string())?;
+            }
+        }
+        Ok(directory)
     }
 
     /// The output of the program.

@@ -10,6 +10,7 @@ use std::fmt::{self, Write as _};
 use std::io::{self, BufRead, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
+use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -220,6 +221,35 @@ impl Task {
     }
 }
 
+/// Something to run, which may fail.
+pub type Job<'a> = Box<dyn FnOnce() -> Result<()> + Send + 'a>;
+
+/// Runs all of them, as many at a time as there are processor cores, the first ones first; the error
+/// tells every failure.
+pub fn run_beside_each_other(jobs: Vec<Job<'_>>) -> Result<()> {
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let queue = Mutex::new(jobs.into_iter());
+    let next = || queue.lock().expect("nobody panics with it").next();
+    let failures = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..cores {
+            scope.spawn(|| {
+                while let Some(job) = next() {
+                    if let Err(error) = job() {
+                        let mut failures = failures.lock().expect("nobody panics with it");
+                        failures.push(format!("{error:#}"));
+                    }
+                }
+            });
+        }
+    });
+    let failures = failures.into_inner().expect("nobody panicked with it");
+    if !failures.is_empty() {
+        bail!("{}", failures.join("\n"));
+    }
+    Ok(())
+}
+
 /// A word as one would type it in a shell.
 pub fn quoted(word: &OsStr) -> String {
     let word = word.to_string_lossy();
@@ -259,6 +289,24 @@ mod tests {
         let error = Task::new("sleep").args(["60"]).run_within(Duration::from_millis(200));
         assert!(error.unwrap_err().to_string().contains("`sleep 60`"));
         assert!(start.elapsed() < Duration::from_secs(30));
+    }
+
+    #[test]
+    fn jobs_are_all_run_and_every_failure_is_told() {
+        let (folder, jobs) = (tempfile::tempdir().unwrap(), 5);
+        let job = |number: usize| -> Job<'_> {
+            let place = folder.path().join(number.to_string());
+            Box::new(move || {
+                std::fs::write(place, "")?;
+                if number % 2 == 1 { bail!("number {number}") } else { Ok(()) }
+            })
+        };
+        let error = run_beside_each_other((0..jobs).map(job).collect()).unwrap_err().to_string();
+        let mut told: Vec<&str> = error.lines().collect();
+        told.sort_unstable();
+        assert_eq!(told, ["number 1", "number 3"]);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), jobs);
+        assert!(run_beside_each_other(Vec::new()).is_ok());
     }
 
     #[test]

@@ -21,6 +21,7 @@ use crate::python::{READERS, SPARK};
 use crate::suite::Suite;
 use crate::{agreement, bare, bare_metal, dist, image, setup};
 
+mod ahead;
 mod journal;
 mod named;
 
@@ -53,8 +54,7 @@ enum Part {
     /// or photograph many pictures, start the box's program, or open a browser; without the tests
     /// in the documentation, other processors and images.
     Quick,
-    /// On this machine: rustfmt, clippy, build, all tests, and the core linked
-    /// without an allocator.
+    /// On this machine: rustfmt, clippy, build, all tests.
     Native,
     /// The tests of what ships on 64-bit ARM, the core and the box's program, built for it and run
     /// under QEMU; and one recording whose poses agree with this machine's.
@@ -62,7 +62,7 @@ enum Part {
     /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
     Armhf,
     /// The core as firmware, on an emulated 64-bit ARM board and on one with a Cortex-M7; how
-    /// much of the stack it takes there and here, against memory.md.
+    /// much of the stack it takes there and here, against memory.md; and linked without an allocator.
     BareMetal,
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
@@ -95,6 +95,9 @@ impl Part {
     /// The parts that are checked if none is named.
     const EVERYTHING: [Self; 5] =
         [Self::Native, Self::Arm, Self::Armhf, Self::BareMetal, Self::Boot];
+
+    /// Those that compile for other processors.
+    const FOR_OTHERS: [Self; 4] = [Self::Arm, Self::Armhf, Self::BareMetal, Self::Boot];
 
     /// Its name on the command line.
     fn word(self) -> String {
@@ -205,7 +208,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         part.prepare()?;
     }
     let mut journal = Journal::begin()?;
-    for part in parts {
+    let mut is_ahead = false;
+    for (index, part) in parts.iter().enumerate() {
+        let left = &parts[index..];
+        let has_several = left.len() > 1 || *part == Part::BareMetal;
+        // After what runs on this machine, which renders the recordings.
+        if Part::FOR_OTHERS.contains(part) && has_several && !is_ahead && !arguments.all {
+            ahead::build(&mut journal, left);
+            is_ahead = true;
+        }
         journal.part = part.word();
         part.run(&mut journal, arguments)?;
     }
@@ -282,7 +293,6 @@ fn native(journal: &mut Journal) {
         };
         journal.suite("tests", &suite);
     }
-    journal.check("bare", bare::check);
 }
 
 /// The packages that ship on ARM; the tests in `tests/core` read rendered frames.
@@ -352,12 +362,15 @@ fn with_readers(task: Task, has_readers: bool) -> Task {
     if has_readers { READERS.tells(task) } else { task }
 }
 
+/// What ships on 32-bit ARM.
+const ARMHF: &[&str] = &["--package", "plumbline", "--lib"];
+
 /// The core on a smaller processor: its own tests.
 fn armhf(journal: &mut Journal) -> Result<()> {
     let toolchain = Target::Armv7.toolchain()?;
     let suite = Suite {
         cargo: &|| toolchain.cargo(Linking::Static),
-        selection: &["--package", "plumbline", "--lib"],
+        selection: ARMHF,
         emulator: Some(toolchain.emulator()),
         with_documentation: false,
     };
@@ -365,8 +378,10 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     Ok(())
 }
 
-/// The core on computers with no other software, and as the same program on this machine.
+/// The core on computers with no other software, and as the same program on this machine; and without
+/// an allocator.
 fn bare_metal(journal: &mut Journal, document: Document) {
+    journal.check("no allocator", bare::check);
     let Some(recordings) = recordings(journal) else { return };
     for board in bare_metal::BOARDS {
         journal.check(board.name, || board.check(&recordings, document));

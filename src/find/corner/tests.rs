@@ -92,35 +92,49 @@ pub(crate) fn render(
     }
     let inverses: Vec<_> =
         boards.iter().map(|board| board.picture_from_board.try_inverse().unwrap()).collect();
-    let brightness = |x: f64, y: f64| {
+    // The brightness of a point, and the number of the part that it is in: a square, a side of a board's
+    // margin, or a side beyond it and a piece of clutter. All parts are convex, but for the clutter, whose
+    // pieces are larger than a pixel.
+    let part = |x: f64, y: f64| {
+        let mut number = 0_u64;
         for (board, inverse) in boards.iter().zip(&inverses) {
             let point = inverse * nalgebra::Vector3::new(x, y, 1.0);
             let (u, v) = (point.x / point.z, point.y / point.z);
-            let out = (-u)
-                .max(u - f64::from(board.columns - 1))
-                .max(-v)
-                .max(v - f64::from(board.rows - 1));
-            if out < 1.0 {
+            let outs = [-u, u - f64::from(board.columns - 1), -v, v - f64::from(board.rows - 1)];
+            let side = (0..4).max_by(|&a, &b| outs[a].total_cmp(&outs[b])).unwrap();
+            number = 4096 * number + side as u64;
+            if outs[side] < 1.0 {
                 let dark = (u.floor() + v.floor()).rem_euclid(2.0) == 0.0;
-                return if dark { 0.5 - 0.5 * contrast } else { 0.5 + 0.5 * contrast };
+                let square = 8 + 32 * (u.floor() + 1.0) as u64 + (v.floor() + 1.0) as u64;
+                let value = if dark { 0.5 - 0.5 * contrast } else { 0.5 + 0.5 * contrast };
+                return (number - side as u64 + square, value);
             }
-            if out < 1.5 {
-                return 0.5 + 0.5 * contrast;
+            if outs[side] < 1.5 {
+                return (number + 4, 0.5 + 0.5 * contrast);
             }
         }
         let inside = |[x0, y0, x1, y1]: [f64; 4]| x >= x0 && x < x1 && y >= y0 && y < y1;
-        clutter.iter().rev().find(|(area, _)| inside(*area)).map_or(0.5, |(_, value)| *value)
+        let piece = clutter.iter().rposition(|(area, _)| inside(*area));
+        let value = piece.map_or(0.5, |piece| clutter[piece].1);
+        (4096 * number + piece.map_or(0, |piece| piece as u64 + 1), value)
     };
     let mut sharp = Vec::new();
     for y in 0..height {
         for x in 0..width {
-            let mut sum = 0.0;
-            for sample in 0..FINE * FINE {
+            let sample = |column: usize, row: usize| {
                 let offset = |n: usize| (n as f64 + 0.5) / FINE as f64 - 0.5;
-                sum +=
-                    brightness(x as f64 + offset(sample % FINE), y as f64 + offset(sample / FINE));
+                part(x as f64 + offset(column), y as f64 + offset(row))
+            };
+            // Where the outermost samples are of one part, so are all between them.
+            let [(one, value), others @ ..] =
+                [(0, 0), (FINE - 1, 0), (0, FINE - 1), (FINE - 1, FINE - 1)]
+                    .map(|(column, row)| sample(column, row));
+            if others.iter().all(|(other, _)| *other == one) {
+                sharp.push(value);
+                continue;
             }
-            sharp.push(sum / (FINE * FINE) as f64);
+            let all = (0..FINE * FINE).map(|index| sample(index % FINE, index / FINE).1);
+            sharp.push(all.sum::<f64>() / (FINE * FINE) as f64);
         }
     }
     let mut blurred = Vec::new();
@@ -165,24 +179,29 @@ pub(crate) fn detect<P: Pixel>(image: &GreyImage<'_, P>) -> Box<CornerList> {
     corners
 }
 
-/// The likelihood by the definition: each kernel as a mask, each mask normed by its own sum.
-fn plain_likelihood<P: Pixel>(image: &GreyImage<'_, P>, x: usize, y: usize) -> Option<f64> {
-    let mut best: Option<f64> = None;
-    for radius in kernel::RADII_PX {
-        let inside = |value: usize, side: usize| value >= radius && value + radius < side;
-        if !inside(x, image.width()) || !inside(y, image.height()) {
-            continue;
-        }
-        // A, B, C, D of prototype 1, then of prototype 2.
-        let mut sums = [[0.0_f64; 2]; 8];
+/// A size of the kernels by the definition: each as a mask.
+struct PlainKernels {
+    radius: usize,
+    /// Offset from the pixel, weight, and which of A, B, C, D of prototype 1, then of prototype 2, it
+    /// belongs to.
+    taps: Vec<([isize; 2], f64, [bool; 8])>,
+    /// The sum of each mask's weights.
+    norms: [f64; 8],
+}
+
+impl PlainKernels {
+    fn all() -> Vec<Self> {
+        kernel::RADII_PX.into_iter().map(Self::new).collect()
+    }
+
+    fn new(radius: usize) -> Self {
+        let mut kernels = Self { radius, taps: Vec::new(), norms: [0.0; 8] };
         let reach = radius as isize;
         for dy in -reach..=reach {
             for dx in -reach..=reach {
                 let sigma = radius as f64 / 2.0;
                 let weight = (-((dx * dx + dy * dy) as f64) / (2.0 * sigma * sigma)).exp();
-                let value: f32 =
-                    image.row(y.wrapping_add_signed(dy))[x.wrapping_add_signed(dx)].into();
-                let kernels = [
+                let masks = [
                     dx < 0 && dy < 0,
                     dx > 0 && dy > 0,
                     dx > 0 && dy < 0,
@@ -192,15 +211,42 @@ fn plain_likelihood<P: Pixel>(image: &GreyImage<'_, P>, x: usize, y: usize) -> O
                     dx < 0 && dy.abs() < -dx,
                     dx > 0 && dy.abs() < dx,
                 ];
-                for (sum, inside) in sums.iter_mut().zip(kernels) {
-                    if inside {
-                        sum[0] += weight * f64::from(value);
-                        sum[1] += weight;
-                    }
+                for (norm, _) in kernels.norms.iter_mut().zip(masks).filter(|(_, inside)| *inside) {
+                    *norm += weight;
                 }
+                kernels.taps.push(([dx, dy], weight, masks));
             }
         }
-        let answers = sums.map(|[sum, weight]| sum / weight);
+        kernels
+    }
+}
+
+/// The likelihood by the definition: each mask normed by its own sum.
+fn plain_likelihood<P: Pixel>(
+    kernels: &[PlainKernels],
+    image: &GreyImage<'_, P>,
+    x: usize,
+    y: usize,
+) -> Option<f64> {
+    let mut best: Option<f64> = None;
+    for PlainKernels { radius, taps, norms } in kernels {
+        let inside = |value: usize, side: usize| value >= *radius && value + radius < side;
+        if !inside(x, image.width()) || !inside(y, image.height()) {
+            continue;
+        }
+        let mut sums = [0.0_f64; 8];
+        for ([dx, dy], weight, masks) in taps {
+            let value: f32 =
+                image.row(y.wrapping_add_signed(*dy))[x.wrapping_add_signed(*dx)].into();
+            let weighted = weight * f64::from(value);
+            for (sum, _) in sums.iter_mut().zip(masks).filter(|(_, inside)| **inside) {
+                *sum += weighted;
+            }
+        }
+        let mut answers = [0.0; 8];
+        for ((answer, sum), norm) in answers.iter_mut().zip(sums).zip(norms) {
+            *answer = sum / norm;
+        }
         for prototype in answers.chunks(4) {
             let [a, b, c, d] = prototype.try_into().unwrap();
             let mean = 0.25 * (a + b + c + d);
@@ -217,9 +263,10 @@ fn plain_likelihood<P: Pixel>(image: &GreyImage<'_, P>, x: usize, y: usize) -> O
 fn plain_detect<P: Pixel>(image: &GreyImage<'_, P>) -> Vec<Corner> {
     let (width, height) = (image.width(), image.height());
     let least = 0.01 * f64::from(image.white_level());
-    let likelihoods: Vec<Vec<f64>> = (0..height)
-        .map(|y| (0..width).map(|x| plain_likelihood(image, x, y).unwrap_or(0.0)).collect())
-        .collect();
+    let kernels = PlainKernels::all();
+    let likelihood = |x, y| plain_likelihood(&kernels, image, x, y).unwrap_or(0.0);
+    let likelihoods: Vec<Vec<f64>> =
+        (0..height).map(|y| (0..width).map(|x| likelihood(x, y)).collect()).collect();
     let mut corners: Vec<Corner> = Vec::new();
     for y in 3..height - 3 {
         for x in 3..width - 3 {
@@ -261,6 +308,7 @@ fn the_kernels_are_their_definition_at_every_place() {
     let image = GreyImage::new(&bytes, width, height, width + 5).unwrap();
     let deep = GreyImage::with_white_level(&words, width, height, width + 3, 1023).unwrap();
     let kernels = kernel::Kernels::new();
+    let masks = PlainKernels::all();
     let sizes = 0..kernel::RADII_PX.len();
     for y in 0..height {
         for x in 0..width {
@@ -275,16 +323,19 @@ fn the_kernels_are_their_definition_at_every_place() {
                     }
                     (fast, plain) => assert!(fast.is_none() && plain.is_none(), "{x} {y}"),
                 };
-            check(kernels.best(&image, x, y, sizes.clone()), plain_likelihood(&image, x, y), 255.0);
-            check(kernels.best(&deep, x, y, sizes.clone()), plain_likelihood(&deep, x, y), 1023.0);
+            let plain = plain_likelihood(&masks, &image, x, y);
+            check(kernels.best(&image, x, y, sizes.clone()), plain, 255.0);
+            let plain = plain_likelihood(&masks, &deep, x, y);
+            check(kernels.best(&deep, x, y, sizes.clone()), plain, 1023.0);
         }
     }
 }
 
-/// Boards over clutter, some extending beyond the frame's border, in frames of different widths.
-fn scenes() -> Vec<(Vec<f64>, usize, usize)> {
+/// Boards over clutter, some extending beyond the frame's border, in frames of different widths. Each
+/// is rendered when it is taken.
+fn scenes() -> impl Iterator<Item = (Vec<f64>, usize, usize)> {
     let mut random = Random(7);
-    (0..8)
+    let boards: Vec<_> = (0..8)
         .map(|n| {
             let (width, height) = (230 + 17 * n, 210);
             let board = Board::new(
@@ -295,10 +346,15 @@ fn scenes() -> Vec<(Vec<f64>, usize, usize)> {
                 1.0 * random.next(),
                 0.02,
             );
-            let noise = [0.0, 0.008, 0.02][n % 3];
-            (render([width, height], &[board], 0.5, noise, n as u64), width, height)
+            (board, width, height)
         })
-        .collect()
+        .collect();
+    (0..boards.len()).map(move |n| {
+        let (board, width, height) = &boards[n];
+        let noise = [0.0, 0.008, 0.02][n % 3];
+        let boards = core::slice::from_ref(board);
+        (render([*width, *height], boards, 0.5, noise, n as u64), *width, *height)
+    })
 }
 
 #[test]
@@ -307,7 +363,7 @@ fn the_search_finds_what_the_plain_one_finds() {
     const CLEAR: f32 = 0.05;
     let mut compared = 0;
     let scenes_used = repetitions(8);
-    for (n, (picture, width, height)) in scenes().into_iter().take(scenes_used).enumerate() {
+    for (n, (picture, width, height)) in scenes().take(scenes_used).enumerate() {
         let words: Vec<u16> = samples(&picture, width, n, 1023);
         let image = GreyImage::with_white_level(&words, width, height, width + n, 1023).unwrap();
         let fast = detect(&image);
@@ -377,7 +433,7 @@ fn corners_are_where_they_were_drawn_with_dark_from_edge_0_to_edge_1() {
 
 #[test]
 fn parts_of_a_picture_hold_the_same_corners_as_the_whole() {
-    let (picture, width, height) = scenes().swap_remove(3);
+    let (picture, width, height) = scenes().nth(3).unwrap();
     let bytes: Vec<u8> = samples(&picture, width, 0, 255);
     let image = GreyImage::new(&bytes, width, height, width).unwrap();
     let whole = detect(&image);

@@ -155,6 +155,9 @@ impl Scene {
             raw_by_ray * ray_by_point(&point_cam_mm, &ray) * rotation.fixed_columns::<2>(0);
         let plane_by_raw = raw_by_plane.try_inverse().expect("not seen from the side");
         let covariance = plane_by_raw * plane_by_raw.transpose() * (self.psf_px * self.psf_px);
+        if self.is_even_around(&on_plane_mm, &plane_by_raw, &covariance) {
+            return self.blurred_dark(&on_plane_mm, &covariance);
+        }
         let mut share = 0.0;
         for (y, y_weight) in RULE {
             for (x, x_weight) in RULE {
@@ -163,6 +166,27 @@ impl Scene {
             }
         }
         share
+    }
+
+    /// Whether no side of a square is so near to a pixel that any of it is seen in there: then all
+    /// points of the pixel have one value.
+    fn is_even_around(
+        &self,
+        place_mm: &Vector2<f64>,
+        plane_by_raw: &Matrix2<f64>,
+        covariance: &Matrix2<f64>,
+    ) -> bool {
+        let corners = [self.target.columns(), self.target.rows()];
+        let half_pixel_mm = plane_by_raw.abs() * Vector2::repeat(0.5);
+        (0..2).all(|axis| {
+            let reach_mm = SEEN_SD_MAX * libm::sqrt(covariance[(axis, axis)])
+                + half_pixel_mm[axis]
+                + self.growth_mm;
+            let squares = (corners[axis] + 1) as f64;
+            let from_first = place_mm[axis] / PITCH_MM + squares / 2.0;
+            let nearest = libm::round(from_first).clamp(0.0, squares);
+            (from_first - nearest).abs() * PITCH_MM > reach_mm
+        })
     }
 
     /// The sum of all dark squares after a Gaussian blur: products of their profiles along x and y,
@@ -204,10 +228,12 @@ pub(super) fn checker(columns: u8, rows: u8) -> TargetGeometry {
         .expect("a usual grid")
 }
 
+/// Beyond this many standard deviations, what is left of a blurred step is less than 1e-9.
+const SEEN_SD_MAX: f64 = 6.0;
+
 /// The integral of the standard normal density up to `x`, and its slope.
 fn normal_integral(x: f64) -> (f64, f64) {
-    // Beyond, what is left is less than 1e-9.
-    if x.abs() > 6.0 {
+    if x.abs() > SEEN_SD_MAX {
         return (if x > 0.0 { 1.0 } else { 0.0 }, 0.0);
     }
     let density = libm::exp(-0.5 * x * x) / libm::sqrt(core::f64::consts::TAU);
@@ -222,17 +248,16 @@ pub(super) struct Picture {
 impl Picture {
     /// The samples, with Gaussian noise whose standard deviation is this fraction of white.
     pub(super) fn sampled(&self, noise: f64, random: &mut Random) -> Vec<u16> {
-        let white = f64::from(WHITE);
-        self.levels
-            .iter()
-            .map(|level| (level + noise * random.normal()) * white + 0.5)
-            .map(|level| level as u16)
-            .collect()
+        self.levels.iter().map(|level| sample(level + noise * random.normal())).collect()
     }
 
     pub(super) fn noise_free(&self) -> Vec<u16> {
-        self.sampled(0.0, &mut Random::new(0))
+        self.levels.iter().map(|level| sample(*level)).collect()
     }
+}
+
+fn sample(level: f64) -> u16 {
+    (level * f64::from(WHITE) + 0.5) as u16
 }
 
 pub(super) fn image(pixels: &[u16]) -> GreyImage<'_, u16> {

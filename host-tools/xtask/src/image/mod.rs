@@ -193,6 +193,14 @@ impl Profile {
     }
 }
 
+/// Builds the programs that [`make_for_tests`] needs, which then finds them built.
+pub fn build_ahead(profile: Profile) -> Result<()> {
+    let debian = DebianRoot::fetch()?;
+    built(&debian, profile, Libraries::Inside, GUEST, &[])?;
+    built(&debian, profile, Libraries::Inside, BOARD, &["fault-injection"])?;
+    built_with_libcamera(&debian, profile).map(drop)
+}
+
 /// Makes what the tests boot, and the SD card that they inspect; returns their directory.
 ///
 /// The box's program in it can be told by the kernel's command line to hang or to panic; without
