@@ -12,7 +12,8 @@ use crate::trials::write_trial;
 /// Names the Python that has Spark; `cargo xtask test cluster` installs it.
 const PYTHON: &str = "PLUMBLINE_SPARK";
 
-const PARTICIPANTS: u32 = 16;
+/// Enough that the work, and not the start of a task, takes the time that is measured.
+const PARTICIPANTS: u32 = 64;
 const CONDITIONS: [&str; 2] = ["control", "foam"];
 
 /// A minute.

@@ -71,10 +71,15 @@ impl Task {
         Self { command, line: quoted(program.as_ref()) }
     }
 
-    /// The cargo that runs this program.
+    /// The cargo that runs this program, as if it were started by hand: without what it has said of this
+    /// package, since some build scripts look at such variables, and all that uses what they build would be
+    /// compiled again.
     pub fn cargo() -> Self {
         let mut task = Self::new(env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
         task.line = "cargo".into();
+        for (name, _) in env::vars_os().filter(|(name, _)| is_of_this_package(name)) {
+            task.command.env_remove(name);
+        }
         task
     }
 
@@ -221,6 +226,12 @@ impl Task {
     }
 }
 
+/// Whether cargo tells a program with this variable about the program's package.
+fn is_of_this_package(variable: &OsStr) -> bool {
+    let variable = variable.to_string_lossy();
+    ["CARGO_PKG_", "CARGO_MANIFEST_"].iter().any(|begin| variable.starts_with(begin))
+}
+
 /// Something to run, which may fail.
 pub type Job<'a> = Box<dyn FnOnce() -> Result<()> + Send + 'a>;
 
@@ -307,6 +318,18 @@ mod tests {
         assert_eq!(told, ["number 1", "number 3"]);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), jobs);
         assert!(run_beside_each_other(Vec::new()).is_ok());
+    }
+
+    #[test]
+    fn cargo_is_not_told_of_this_package() {
+        assert!(env::vars_os().any(|(name, _)| is_of_this_package(&name)), "cargo runs this test");
+        let cargo = Task::cargo();
+        let removed = cargo.command.get_envs().filter(|(_, value)| value.is_none());
+        let removed: Vec<&OsStr> = removed.map(|(name, _)| name).collect();
+        for name in ["CARGO_PKG_NAME", "CARGO_PKG_VERSION", "CARGO_MANIFEST_DIR"] {
+            assert!(env::var_os(name).is_none() || removed.contains(&OsStr::new(name)), "{name}");
+        }
+        assert!(!removed.contains(&OsStr::new("CARGO_HOME")));
     }
 
     #[test]
