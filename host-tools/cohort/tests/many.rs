@@ -222,7 +222,7 @@ const STUDY: &str = "title = \"Simulated\"\ncohort = \"cohort\"\nconditions = [\
 /// Nothing is known of the noise: the standard uncertainties of the figures, which take thirty times
 /// as long as the figures, are absent.
 #[test]
-#[ignore = "takes a quarter of an hour: `cargo xtask test cohort`"]
+#[ignore = "takes ten minutes: `cargo xtask test cohort`"]
 fn a_trial_costs_as_much_whether_there_are_ten_or_ten_thousand() {
     measure(10_000, false);
 }

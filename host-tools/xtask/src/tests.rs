@@ -68,8 +68,8 @@ enum Part {
     /// happens to a box.
     Boot,
     /// Up to ten thousand simulated trials of a minute in a cohort: seconds, memory and bytes for each,
-    /// and what a million would cost. Half an hour with what is built, alone on a quiet computer, and 4
-    /// GB of disk; only when it is named.
+    /// and what a million would cost. A quarter of an hour with what is built, alone on a quiet
+    /// computer, and 3 GB of disk; only when it is named.
     Cohort,
     /// What others watch for seconds, watched for ten minutes each, with the programs as users have
     /// them: the desk at 200 Hz, and the streams for other programs. Half an hour, alone on a quiet

@@ -61,7 +61,7 @@ class Cluster:
         for process in reversed(self.processes):
             kill(process)
 
-    def _start(self, name, java_class, arguments):
+    def _start(self, name, java_class, arguments, before=()):
         environment = {
             **os.environ,
             "SPARK_HOME": str(HOME),
@@ -73,7 +73,7 @@ class Cluster:
         }
         log = open(self.folder / f"{name}.log", "wb")
         process = subprocess.Popen(
-            [HOME / "bin/spark-class", java_class, *arguments],
+            [*before, HOME / "bin/spark-class", java_class, *arguments],
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -85,11 +85,14 @@ class Cluster:
         return process
 
     def add_worker(self):
-        """One more worker, which has one core."""
-        name = f"worker{len(self.workers) + 1}"
+        """One more worker: a computer with one core, which none of its threads can leave."""
+        number = len(self.workers)
+        name = f"worker{number + 1}"
+        cores = sorted(os.sched_getaffinity(0))
+        pinned = ["taskset", "--cpu-list", str(cores[number % len(cores)])]
         names = ["--host", HOST, "--webui-port", str(free_port()), "--cores", "1", "--memory", "1g"]
         java_class = "org.apache.spark.deploy.worker.Worker"
-        self.workers.append(self._start(name, java_class, [*names, self.url]))
+        self.workers.append(self._start(name, java_class, [*names, self.url], before=pinned))
 
     def kill_worker(self):
         """Ends the last worker, and its executor, at once."""
