@@ -143,10 +143,10 @@ struct Stage {
 /// nothing of more.
 fn project(fewer: &Stage, more: &Stage) {
     println!("Projected from {} trials, not measured:", more.trials);
-    println!("trials | adding: hours | MB | study: hours | MB | GB on the disk");
+    println!("trials | adding: minutes | MB | study: minutes | MB | GB on the disk");
     for trials in PROJECTED {
         let others = (trials - more.trials) as f64;
-        let hours = |cost: Cost| cost.s * trials as f64 / 3600.0;
+        let minutes = |cost: Cost| cost.s * trials as f64 / 60.0;
         let mb = |few: Cost, many: Cost| {
             let grows = (many.bytes - few.bytes) / (more.trials - fewer.trials) as f64;
             let mb = (many.bytes + grows.max(0.0) * others) / 1e6;
@@ -154,9 +154,9 @@ fn project(fewer: &Stage, more: &Stage) {
         };
         println!(
             "{trials} | {:.1} | {} | {:.1} | {} | {:.0}",
-            hours(more.adding),
+            minutes(more.adding),
             mb(fewer.adding, more.adding),
-            hours(more.study),
+            minutes(more.study),
             mb(fewer.study, more.study),
             more.disk_bytes * trials as f64 / 1e9
         );
@@ -219,8 +219,8 @@ fn words(text: &str) -> Vec<String> {
 const STUDY: &str = "title = \"Simulated\"\ncohort = \"cohort\"\nconditions = [\"eyes-open\", \"eyes-closed\"]\n\
                      figures = [\"path length\", \"RMS\", \"ellipse area\"]\n";
 
-/// Nothing is known of the noise: the standard uncertainties of the figures, which take thirty times
-/// as long as the figures, are absent.
+/// Nothing is known of the noise: the standard uncertainties of the figures, which take far longer than
+/// the figures, are absent.
 #[test]
 #[ignore = "takes ten minutes: `cargo xtask test cohort`"]
 fn a_trial_costs_as_much_whether_there_are_ten_or_ten_thousand() {

@@ -30,7 +30,7 @@ struct Told {
 pub(crate) struct Teller {
     told: Vec<Told>,
     topics: Topics,
-    pub outbox: Arc<Outbox>,
+    outbox: Arc<Outbox>,
     overview: Arc<Mutex<Overview>>,
     every: Duration,
     /// The boxes' levels in topics.

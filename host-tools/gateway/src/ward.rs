@@ -85,6 +85,7 @@ impl Ward {
             let (store, notices) = (self.store, self.notices);
             move || note_addresses(&store, &note, &notices)
         });
+        let outbox = Arc::clone(&self.outbox);
         let teller =
             Teller::new(self.topics, self.outbox, self.overview, self.settings.every, levels);
         teller.arrive();
@@ -93,6 +94,7 @@ impl Ward {
             beds,
             around,
             teller,
+            outbox,
             asked: self.asked,
             sweep_at: Instant::now(),
             ends_at: None,
@@ -132,6 +134,7 @@ struct Round {
     beds: Vec<Bed>,
     around: Around,
     teller: Teller,
+    outbox: Arc<Outbox>,
     asked: Receiver<Asked>,
     /// When every box has its turn, whether something came for it or not.
     sweep_at: Instant,
@@ -165,7 +168,7 @@ impl Round {
             self.around.notices.say(words);
         }
         for one in self.asked.try_iter() {
-            carry_out(one, &mut self.beds, &self.around, &self.teller.outbox);
+            carry_out(one, &mut self.beds, &self.around, &self.outbox);
         }
         (0..self.beds.len()).collect()
     }

@@ -61,7 +61,7 @@ class Cluster:
         for process in reversed(self.processes):
             kill(process)
 
-    def _start(self, name, java_class, arguments, before=()):
+    def _start(self, name, java_class, arguments, prefix=()):
         environment = {
             **os.environ,
             "SPARK_HOME": str(HOME),
@@ -73,7 +73,7 @@ class Cluster:
         }
         log = open(self.folder / f"{name}.log", "wb")
         process = subprocess.Popen(
-            [*before, HOME / "bin/spark-class", java_class, *arguments],
+            [*prefix, HOME / "bin/spark-class", java_class, *arguments],
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -92,7 +92,7 @@ class Cluster:
         pinned = ["taskset", "--cpu-list", str(cores[number % len(cores)])]
         names = ["--host", HOST, "--webui-port", str(free_port()), "--cores", "1", "--memory", "1g"]
         java_class = "org.apache.spark.deploy.worker.Worker"
-        self.workers.append(self._start(name, java_class, [*names, self.url], before=pinned))
+        self.workers.append(self._start(name, java_class, [*names, self.url], prefix=pinned))
 
     def kill_worker(self):
         """Ends the last worker, and its executor, at once."""

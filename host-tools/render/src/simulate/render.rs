@@ -14,8 +14,6 @@
 //! less than 0.001 px in the corner of a wide-angle image (f 800 px, k1 -0.28, 57 degrees off
 //! axis), and for the standard lens no more than 0.0001 px, the accuracy of the brute-force
 //! reference. For a print seen at grazing incidence (beyond 75 degrees) the curvature is larger.
-//!
-//! Cost: about 20 ms for both targets of the standard scene on one core.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use plumbline::lens::Lens;
