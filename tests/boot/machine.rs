@@ -264,10 +264,11 @@ impl Drop for Machine {
             && let Ok(seen) = self.seen.lock()
         {
             let health = seen.health();
+            // Its last words first: what is long may be cut.
             println!(
-                "console:\n{}\nlast Health: {health:?}\nlogs: {}",
-                seen.console,
-                logs(&seen.udp)
+                "last Health: {health:?}\nlogs: {}\nconsole:\n{}",
+                logs(&seen.udp),
+                seen.console
             );
         }
     }

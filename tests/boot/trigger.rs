@@ -29,6 +29,12 @@ fn pulled(seen: &Seen) -> Option<Vec<(u64, u64)>> {
     })
 }
 
+/// How many edges the kernel of the box has seen.
+fn seen_by_kernel(console: &str) -> usize {
+    let count = console.lines().find_map(|line| line.trim().strip_prefix("test: seen "));
+    count.and_then(|text| text.parse().ok()).expect("a count")
+}
+
 fn triggers(messages: &[Message]) -> Vec<Trigger> {
     let trigger = |message: &Message| match message {
         Message::Trigger(trigger) => Some(*trigger),
@@ -54,14 +60,17 @@ fn edges_have_their_times_to_a_fifth_of_a_millisecond_and_each_frame_its_pulse()
         crate::boot_with_camera(&host, &disk, "test.trigger test.modem_line iomem=relaxed");
     let edges = machine.wait_for("the edges that were pulled", pulled);
     assert_eq!(edges.len(), 2 * (PULSES + BURST));
-    // What was sent before the Health that tells of all of them.
+    let seen_by_kernel = machine.look(|seen| seen_by_kernel(&seen.console));
+    println!("the kernel has seen {seen_by_kernel} of {} edges", edges.len());
+    // What was sent before the Health that tells of all that the kernel has seen. Some that it has not
+    // seen, the box knows from two of the same kind in a row.
     let health: Health = machine.wait_for("a Health that tells of all edges", |seen| {
         let is_whole =
-            |it: &&Health| (it.trigger.sent + it.trigger.dropped) as usize == edges.len();
+            |it: &&Health| (it.trigger.sent + it.trigger.dropped) as usize >= seen_by_kernel;
         healths(&seen.udp).find(is_whole).cloned()
     });
     machine.wait_for("all triggers", |seen| {
-        (triggers(&seen.udp).len() == health.trigger.sent as usize).then_some(())
+        (triggers(&seen.udp).len() >= health.trigger.sent as usize).then_some(())
     });
     let (udp, console) = machine.look(|seen| (in_order(&seen.udp), seen.console.clone()));
     drop(machine);
@@ -71,22 +80,28 @@ fn edges_have_their_times_to_a_fifth_of_a_millisecond_and_each_frame_its_pulse()
     assert_eq!((lines.input, lines.output), (TriggerState::Ready, TriggerState::Ready));
     assert_eq!((lines.bounces, health.heap_allocations), (0, Some(0)));
 
-    // Those by themselves are all there, each with its time; of those that came all at once, any that
-    // are missing are counted.
+    // Those by themselves are all there, each with its time; of those that came all at once, the kernel
+    // has seen more than it keeps, and any that it has seen and that are missing are counted.
     let triggers = triggers(&udp);
     assert!(triggers.iter().zip(0..).all(|(it, number)| it.sequence == number));
-    assert_eq!(triggers.len() + lines.dropped as usize, edges.len());
+    let told = triggers.len() + lines.dropped as usize;
+    assert!((seen_by_kernel..=edges.len()).contains(&told), "{told} of {seen_by_kernel}");
+    assert!(lines.dropped > 0, "the kernel kept all: no burst");
     let mut errors_ns = Vec::new();
-    for (number, (trigger, (before_ns, _))) in
+    for (number, (trigger, &(before_ns, after_ns))) in
         triggers.iter().zip(&edges).take(2 * PULSES).enumerate()
     {
         let edge = if number % 2 == 0 { Edge::Rising } else { Edge::Falling };
         assert_eq!(trigger.edge, edge, "{trigger:?} is not edge {number}");
-        assert!(trigger.time_ns >= *before_ns, "{trigger:?} comes before its edge, {before_ns}");
-        let error_ns = trigger.time_ns - before_ns;
-        errors_ns.push(error_ns);
+        let may_be = before_ns..=after_ns + ERROR_NS_MAX;
+        assert!(may_be.contains(&trigger.time_ns), "{trigger:?} is not in {may_be:?}");
         assert!(u64::from(trigger.uncertain_ns) <= ERROR_NS_MAX);
+        // Who pulls may be interrupted in between, and then does not know it better than that.
+        if after_ns - before_ns <= ERROR_NS_MAX {
+            errors_ns.push(trigger.time_ns - before_ns);
+        }
     }
+    assert!(errors_ns.len() >= 30, "the time of only {} edges is known", errors_ns.len());
     errors_ns.sort_unstable();
     let (median_ns, worst_ns) = (errors_ns[errors_ns.len() / 2], errors_ns[errors_ns.len() - 1]);
     println!(

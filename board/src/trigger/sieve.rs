@@ -16,6 +16,7 @@ pub(super) struct Sieve {
     debounce_ns: u64,
     /// The kernel's number of the latest edge, from 1; 0 before the first.
     latest: u32,
+    latest_kind: Option<EdgeKind>,
     latest_ns: Option<u64>,
     sent: u32,
     bounces: u32,
@@ -29,6 +30,7 @@ impl Sieve {
             edges: input.map_or(Edges::Both, |it| it.edges),
             debounce_ns: input.map_or(0, |it| 1000 * u64::from(it.debounce_us)),
             latest: 0,
+            latest_kind: None,
             latest_ns: None,
             sent: 0,
             bounces: 0,
@@ -39,11 +41,18 @@ impl Sieve {
     /// The line has been opened anew, and the kernel counts from the beginning.
     pub(super) fn start_over(&mut self) {
         self.latest = 0;
+        self.latest_kind = None;
     }
 
     /// Takes an edge.
     pub(super) fn take(&mut self, event: &EdgeEvent) -> Option<Trigger> {
-        let missing = event.line_seqno.wrapping_sub(self.latest).wrapping_sub(1);
+        let mut missing = event.line_seqno.wrapping_sub(self.latest).wrapping_sub(1);
+        let kind_before = self.latest_kind.replace(event.kind);
+        // The kernel tells an edge's kind by the level that it finds afterwards. Where it found the
+        // same level twice, a pulse was over before it looked, and an edge is missing.
+        if missing == 0 && kind_before == Some(event.kind) {
+            missing = 1;
+        }
         self.dropped = self.dropped.saturating_add(missing);
         self.latest = event.line_seqno;
         let time_ns = event.timestamp_ns;
@@ -148,13 +157,30 @@ mod tests {
     fn what_the_kernel_had_no_room_for_is_counted() {
         let mut sieve = sieve(Edges::Both, 0);
         // The first three are lost, and two in between.
-        for number in [4, 5, 8] {
-            assert!(sieve.take(&event(number, u64::from(number) * MS, EdgeKind::Rising)).is_some());
+        for (number, kind) in
+            [(4, EdgeKind::Falling), (5, EdgeKind::Rising), (8, EdgeKind::Falling)]
+        {
+            assert!(sieve.take(&event(number, u64::from(number) * MS, kind)).is_some());
         }
         assert_eq!((sieve.sent(), sieve.dropped()), (3, 5));
         // The line is opened anew.
         sieve.start_over();
         assert!(sieve.take(&event(1, 20 * MS, EdgeKind::Rising)).is_some());
         assert_eq!((sieve.sent(), sieve.dropped()), (4, 5));
+    }
+
+    #[test]
+    fn a_pulse_that_is_over_before_the_kernel_looks_costs_an_edge_that_is_counted() {
+        let mut sieve = sieve(Edges::Rising, 0);
+        assert!(sieve.take(&event(1, MS, EdgeKind::Rising)).is_some());
+        assert_eq!(sieve.take(&event(2, 2 * MS, EdgeKind::Falling)), None);
+        // Up and down at once: the kernel finds the line low.
+        assert_eq!(sieve.take(&event(3, 3 * MS, EdgeKind::Falling)), None);
+        assert!(sieve.take(&event(4, 4 * MS, EdgeKind::Rising)).is_some());
+        assert_eq!((sieve.sent(), sieve.dropped()), (2, 1));
+        // Of a line that is opened anew nothing is known from before.
+        sieve.start_over();
+        assert!(sieve.take(&event(1, 20 * MS, EdgeKind::Rising)).is_some());
+        assert_eq!((sieve.sent(), sieve.dropped()), (3, 1));
     }
 }

@@ -132,7 +132,8 @@ pub struct TriggerHealth {
     pub sent: u32,
     /// Edges that did not count, because they came too soon after another one.
     pub bounces: u32,
-    /// Edges of either kind that came faster than they were read, and are lost.
+    /// Edges of either kind that came too fast, for the loop that reads them or for the kernel that
+    /// looks at the line, and are lost.
     pub dropped: u32,
     /// Pulses of the output line.
     pub pulses: u32,

@@ -7,8 +7,9 @@
 //! kernel lets a program at the registers only with `iomem=relaxed` on its command line.
 //!
 //! Everything is said on the console, in CLOCK_MONOTONIC: `test: edge BEFORE AFTER`, the nanoseconds
-//! before and after the line was pulled, and `test: pulse SECONDS` for each time that the box drove
-//! its line high, as the kernel has traced it.
+//! before and after the line was pulled; as the kernel has traced it, `test: pulse SECONDS` for each
+//! time that the box drove its line high, and with `test: seen COUNT` how many edges the kernel itself
+//! has seen: two that come before it looks at the line are one to it.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read as _};
@@ -20,7 +21,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use gpiocdev::chip::{Chip, chips};
 use nix::mount::{MsFlags, mount};
+use nix::sched::{CpuSet, sched_setaffinity};
 use nix::time::{ClockId, clock_gettime};
+use nix::unistd::Pid;
 
 use crate::PATIENCE;
 use crate::kernel::Registers;
@@ -61,14 +64,16 @@ pub fn set_up() -> Result<()> {
 /// Pulls the line once the box listens, and says what was done and what the box did.
 pub fn pull() -> Result<()> {
     wait_for_box()?;
+    use_processor_of_interrupts()?;
     let mut registers = Registers::map(REGISTERS)?;
     let mut edges = Vec::new();
     let mut pull_to = |is_high: bool| {
         let line = 1_u8 << LINES[0];
         let directions = registers.read(DIRECTIONS);
-        let before_ns = now_ns();
         registers.write(DIRECTIONS, directions | line);
         registers.write(DATA + (usize::from(line) << 2), if is_high { line } else { 0 });
+        // Only as an input is it seen to change.
+        let before_ns = now_ns();
         registers.write(DIRECTIONS, directions & !line);
         edges.push((before_ns, now_ns()));
     };
@@ -92,11 +97,20 @@ pub fn pull() -> Result<()> {
             said += &format!("test: pulse {time_s}\n");
         }
     }
+    said += &format!("test: seen {}\n", trace.lines().filter(|line| is_looked_at(line)).count());
     for (before_ns, after_ns) in edges {
         said += &format!("test: edge {before_ns} {after_ns}\n");
     }
     println!("{said}test: all edges");
     Ok(())
+}
+
+/// Pulls on the processor that the kernel interrupts, the first one. The emulated ones take turns, and
+/// one that pulls without end would leave the other no time to see the edges.
+fn use_processor_of_interrupts() -> Result<()> {
+    let mut processors = CpuSet::new();
+    processors.set(0)?;
+    sched_setaffinity(Pid::from_raw(0), &processors).context("the first processor")
 }
 
 /// Says on the console what the box drives, as the kernel traces it: `test: driven SECONDS high` or
@@ -132,6 +146,12 @@ fn driven(line: &str) -> Option<(&str, bool)> {
         _ => return None,
     };
     Some((before.split_whitespace().last()?, is_high))
+}
+
+/// Whether the kernel has looked at a line's level, in a line of its trace such as
+/// `irq/52-plumblin-74 [000] ..... 13.570312: gpio_value: 512 get 1`: it does after each edge.
+fn is_looked_at(line: &str) -> bool {
+    line.split_once(": gpio_value:").is_some_and(|(_, value)| value.contains(" get "))
 }
 
 /// Until both lines are in use.

@@ -29,7 +29,7 @@ pub struct WiresState {
     pub sent: u32,
     /// Edges that do not count, because they came too soon after another one.
     pub bounces: u32,
-    /// Edges that came faster than the box reads them, and are lost.
+    /// Edges that came too fast for the box, and are lost.
     pub dropped: u32,
     /// Pulses of the output line.
     pub pulses: u32,

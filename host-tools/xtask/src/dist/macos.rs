@@ -15,7 +15,7 @@ struct Framework {
     symbols: &'static [&'static str],
 }
 
-const FRAMEWORKS: [Framework; 2] = [
+const FRAMEWORKS: [Framework; 3] = [
     Framework {
         name: "CoreFoundation",
         symbols: &[
@@ -81,6 +81,16 @@ const FRAMEWORKS: [Framework; 2] = [
             "IOServiceGetMatchingServices",
             "IOServiceMatching",
             "kIOMasterPortDefault",
+        ],
+    },
+    // The certificates that the computer trusts.
+    Framework {
+        name: "Security",
+        symbols: &[
+            "SecCertificateCopyData",
+            "SecCopyErrorMessageString",
+            "SecTrustSettingsCopyCertificates",
+            "SecTrustSettingsCopyTrustSettings",
         ],
     },
 ];

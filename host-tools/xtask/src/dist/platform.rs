@@ -236,7 +236,7 @@ impl Builder {
     }
 
     fn with_environment(&self, task: Task, compiled: Compiled) -> Result<Task> {
-        let environment = self.environment(&self.directory(compiled))?;
+        let environment = self.environment(compiled)?;
         Ok(environment.into_iter().fold(task, |task, (name, value)| task.env(&name, &value)))
     }
 
@@ -256,10 +256,11 @@ impl Builder {
         if self.platform.is_linux() { format!("{triple}.{GLIBC}") } else { triple.to_owned() }
     }
 
-    fn environment(&self, directory: &Path) -> Result<Vec<(String, String)>> {
+    fn environment(&self, compiled: Compiled) -> Result<Vec<(String, String)>> {
         let triple = self.platform.triple();
+        let directory = self.directory(compiled);
         let own = format!("CARGO_TARGET_{}", triple.replace('-', "_").to_uppercase());
-        let mut flags = cross::without_paths(directory)?;
+        let mut flags = cross::without_paths(&directory)?;
         let mut environment: Vec<(String, String)> = vec![
             ("CARGO_BUILD_TARGET".into(), triple.into()),
             ("CARGO_TARGET_DIR".into(), directory.display().to_string()),
@@ -274,14 +275,14 @@ impl Builder {
                 environment.push((format!("{own}_LINKER"), linker));
                 flags += " -Clink-arg=-Wl,--no-insert-timestamp";
             }
-            Platform::LinuxAarch64 => {
-                // For the box's program alone; zig names itself.
+            // maturin takes a linker that is named here instead of zig.
+            Platform::LinuxAarch64 if compiled == Compiled::Board => {
                 environment.push((format!("{own}_LINKER"), "aarch64-linux-gnu-gcc".into()));
             }
             Platform::MacosAarch64 | Platform::MacosX86_64 => {
                 flags += &macos::flags(&work().join("frameworks"))?;
             }
-            Platform::LinuxX86_64 => {}
+            Platform::LinuxX86_64 | Platform::LinuxAarch64 => {}
         }
         environment.push((format!("{own}_RUSTFLAGS"), flags));
         if self.compiler == Compiler::Debian {
