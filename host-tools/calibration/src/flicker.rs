@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
 
 use nalgebra::{Complex, Matrix3, Vector3};
-use plumbline::image::{GreyImage, Pixel};
+use plumbline::image::GreyImage;
 
 use crate::readout::Readout;
 use crate::readout::sandwich::variance_of_sum;
@@ -78,10 +78,10 @@ pub enum Failure {
 }
 
 /// The mean grey of each row of a frame.
-pub fn rows<P: Pixel>(image: &GreyImage<'_, P>) -> Vec<Row> {
+pub fn rows(image: &GreyImage<'_, u8>) -> Vec<Row> {
     let mean = |y: usize| {
         let row = image.row(y);
-        let sum: u64 = row.iter().map(|&pixel| u64::from(Into::<u32>::into(pixel))).sum();
+        let sum: u64 = row.iter().map(|&pixel| u64::from(pixel)).sum();
         sum as f64 / row.len() as f64
     };
     (0..image.height()).map(mean).collect()

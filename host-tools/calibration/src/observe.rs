@@ -6,7 +6,7 @@
 //! edge. The refinement's standard deviations rely on that.
 
 use nalgebra::Vector2;
-use plumbline::image::{GreyImage, Pixel};
+use plumbline::image::GreyImage;
 use plumbline::lens_table::LensTable;
 use plumbline::parts::{Appearance, SeenEdge};
 use plumbline::parts::{View, Workspace};
@@ -42,13 +42,13 @@ impl Finder {
         Self { search: Search::new(), workspace: Box::new(Workspace::new()) }
     }
 
-    /// Finds the board.
+    /// Finds the board. Photographs for a calibration have 8 bits.
     ///
     /// # Errors
     /// When no board is found.
-    pub fn find<P: Pixel>(
+    pub fn find(
         &mut self,
-        image: &GreyImage<'_, P>,
+        image: &GreyImage<'_, u8>,
         board: &TargetGeometry,
     ) -> Result<Found, GridRejection> {
         let mut found = self.search.find(image, &[board.shape()]);
@@ -57,9 +57,9 @@ impl Finder {
 
     /// Measures a board that was found, through the best lens known so far; `None` when its edges
     /// do not support a pose.
-    pub(crate) fn measure<P: Pixel>(
+    pub(crate) fn measure(
         &mut self,
-        image: &GreyImage<'_, P>,
+        image: &GreyImage<'_, u8>,
         board: &TargetGeometry,
         lens: &LensTable,
         found: &Found,

@@ -9,7 +9,6 @@ mod budget;
 mod cli;
 mod commands;
 mod study;
-mod tracking;
 mod ui;
 
 use std::process::ExitCode;

@@ -5,17 +5,15 @@ use std::path::PathBuf;
 use numpy::{Element, PyArray2};
 use plumbline::config::Config;
 use plumbline::image::{GreyImage, ImageError, Pixel};
-use plumbline::pipeline::Pipeline;
 use plumbline::report::{Measurement, Report, TargetReport};
 use plumbline::scene::Anatomical;
-use plumbline::target::GridShape;
 use plumbline_bedside::Told;
 use plumbline_bedside::setup::{self, Descriptions, Places};
-use plumbline_calibration::Search;
 use plumbline_files::BadInput;
 use plumbline_files::camera;
 use plumbline_files::poses::{PoseRow, number_columns};
 use plumbline_stream::recorder::role_word;
+use plumbline_tracking::Image;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -33,21 +31,13 @@ use crate::frame::{self, Samples};
 #[pyclass(module = "plumbline")]
 pub struct Tracker {
     config: Config,
-    pipeline: Box<Pipeline>,
-    /// For frames that do not follow each other.
-    alone: Option<Alone>,
+    tracker: plumbline_tracking::Tracker,
     camera_place: String,
     /// Copies of the frame: another thread may write into the array meanwhile.
     grey8: Vec<u8>,
     grey16: Vec<u16>,
     frames: u64,
     warnings: Vec<String>,
-}
-
-/// What finds the targets in a frame that stands for itself.
-struct Alone {
-    search: Search,
-    wanted: Vec<GridShape>,
 }
 
 /// A camera, or where its file is.
@@ -93,18 +83,13 @@ impl Tracker {
                 }
             };
             let config = setup::config(&camera, &targets, scene.as_ref(), &places)?;
-            let pipeline = setup::configured(&config, &places)?;
-            Ok::<_, BadInput>((config, pipeline))
+            let tracker = plumbline_tracking::Tracker::new(&config, independent, &places)?;
+            Ok::<_, BadInput>((config, tracker))
         });
-        let (config, pipeline) = made.raise()?;
-        let alone = independent.then(|| Alone {
-            search: Search::new(),
-            wanted: config.targets.iter().map(|target| target.geometry.shape()).collect(),
-        });
+        let (config, tracker) = made.raise()?;
         Ok(Self {
             config,
-            pipeline,
-            alone,
+            tracker,
             camera_place: place,
             grey8: Vec::new(),
             grey16: Vec::new(),
@@ -126,8 +111,8 @@ impl Tracker {
         white_level: Option<u16>,
     ) -> PyResult<Tracked> {
         let time_ns = nanoseconds(time_s)?;
-        let Self { config, pipeline, alone, grey8, grey16, .. } = self;
-        let mut step = Step { py, config, pipeline, alone, place: &self.camera_place, time_ns };
+        let Self { config, tracker, grey8, grey16, .. } = self;
+        let mut step = Step { py, config, tracker, place: &self.camera_place, time_ns };
         let report = match Samples::of("step: frame", frame)? {
             Samples::Grey8(frame) => step.of(&frame, grey8, white_level.unwrap_or(u8::MAX.into())),
             Samples::Grey16(frame) => step.of(&frame, grey16, white_level.unwrap_or(u16::MAX)),
@@ -141,7 +126,7 @@ impl Tracker {
 
     /// Forgets where the targets are: the next frame is searched afresh.
     fn forget(&mut self) {
-        self.pipeline.forget();
+        self.tracker.forget();
     }
 
     /// The names of the targets, in the order of their file.
@@ -161,19 +146,21 @@ impl Tracker {
 struct Step<'a, 'py> {
     py: Python<'py>,
     config: &'a Config,
-    pipeline: &'a mut Pipeline,
-    alone: &'a mut Option<Alone>,
+    tracker: &'a mut plumbline_tracking::Tracker,
     place: &'a str,
     time_ns: u64,
 }
 
 impl Step<'_, '_> {
-    fn of<P: Pixel + Element>(
+    fn of<'a, P: Pixel + Element>(
         &mut self,
         frame: &Bound<'_, PyArray2<P>>,
-        copy: &mut Vec<P>,
+        copy: &'a mut Vec<P>,
         white_level: u16,
-    ) -> PyResult<Report> {
+    ) -> PyResult<Report>
+    where
+        GreyImage<'a, P>: Into<Image<'a>>,
+    {
         let [width, height] = frame::copy(frame, copy, |width, height| {
             let lens = &self.config.lens;
             let checked = camera::check_frame_size(lens, self.place, width, height, "the frame");
@@ -188,12 +175,8 @@ impl Step<'_, '_> {
             let remedy = "give frames of the camera's size, and the brightest possible sample";
             bad_argument("step", "frame, white_level", error, remedy)
         })?;
-        let (pipeline, time_ns) = (&mut *self.pipeline, self.time_ns);
-        let alone = &mut *self.alone;
-        Ok(self.py.detach(|| match alone {
-            Some(Alone { search, wanted }) => search.measure(pipeline, &image, wanted, time_ns),
-            None => pipeline.step(&image, time_ns),
-        }))
+        let (tracker, image) = (&mut *self.tracker, image.into());
+        Ok(self.py.detach(|| tracker.step_image(&image, self.time_ns)))
     }
 }
 

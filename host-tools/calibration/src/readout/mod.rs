@@ -14,7 +14,7 @@
 //! A second of video takes about 0.1 s.
 
 use nalgebra::Vector2;
-use plumbline::image::{GreyImage, Pixel};
+use plumbline::image::GreyImage;
 use plumbline::lens::Lens;
 use plumbline::lens_table::LensTable;
 use plumbline::parts::points_mm;
@@ -95,9 +95,9 @@ pub enum Failure {
 
 impl Finder {
     /// Observes the board in a frame of a video; `None` when it is not there. `table` is the lens's.
-    pub fn observe<P: Pixel>(
+    pub fn observe(
         &mut self,
-        image: &GreyImage<'_, P>,
+        image: &GreyImage<'_, u8>,
         board: &TargetGeometry,
         lens: &Lens,
         table: &LensTable,

@@ -6,20 +6,18 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use plumbline::config::Config;
-use plumbline::pipeline::Pipeline;
 use plumbline::report::GridRejection;
 use plumbline::report::{NoPose, Report};
 use plumbline_analysis::statistics::describe::median;
 use plumbline_bedside::draw;
-use plumbline_calibration::Search;
 use plumbline_files::BadInput;
 use plumbline_files::counting::counted;
 use plumbline_files::frames::FrameSource;
 use plumbline_files::poses::{PoseRow, Writer};
 use plumbline_files::{camera, refuse_overwriting};
+use plumbline_tracking::Tracker;
 
 use crate::arguments::DescriptionArguments;
-use crate::tracking;
 use crate::ui::png;
 use crate::ui::progress::Progress;
 use crate::ui::waiting;
@@ -94,8 +92,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             error.remedy += ", or --scale-camera if these frames are the same picture resampled";
             error
         })?;
-    let (config, mut pipeline) =
-        tracking::pipeline(&camera, &targets, scene.as_ref(), &source, &places)?;
+    let files = (&camera, &targets, scene.as_ref());
+    let (config, mut tracker) = Tracker::of_source(&source, arguments.independent, files, &places)?;
 
     let mut rows = poses_writer(arguments)?;
     if let Some(directory) = &arguments.draw {
@@ -106,7 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let is_shown = arguments.out.is_some() || !std::io::stdout().is_terminal();
     let progress = Progress::new(source.count_hint(), is_shown);
     let outcome =
-        track(arguments, &config, &mut source, &mut pipeline, &mut rows, &mut |report, time| {
+        track(arguments, &config, &mut source, &mut tracker, &mut rows, &mut |report, time| {
             summary.add(report, time);
             progress.advance();
         });
@@ -152,18 +150,13 @@ fn track(
     arguments: &Arguments,
     config: &Config,
     source: &mut FrameSource,
-    pipeline: &mut Pipeline,
+    tracker: &mut Tracker,
     rows: &mut Writer<Box<dyn Write>>,
     seen: &mut dyn FnMut(&Report, Duration),
 ) -> anyhow::Result<()> {
-    let mut search = arguments.independent.then(Search::new);
-    let wanted: Vec<_> = config.targets.iter().map(|target| target.geometry.shape()).collect();
     while let Some(frame) = source.next_frame()? {
         let started = Instant::now();
-        let report = match &mut search {
-            Some(search) => tracking::step_alone(pipeline, search, &wanted, &frame),
-            None => tracking::step(pipeline, &frame),
-        };
+        let report = tracker.step(&frame);
         seen(&report, started.elapsed());
         for row in PoseRow::of_report(config, frame.index, &report) {
             rows.write(&row)?;

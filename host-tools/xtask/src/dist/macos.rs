@@ -95,7 +95,9 @@ const FRAMEWORKS: [Framework; 3] = [
     },
 ];
 
-/// Flags with which the linker finds the frameworks; their stubs are written to `directory`.
+/// Flags with which the linker finds the frameworks, whose stubs are written to `directory`, and leaves
+/// out what a debugger wants: whatever did it afterwards would spoil the signature of what is linked,
+/// and Debian's compiler has no tool for it.
 pub fn flags(directory: &Path) -> Result<String> {
     for framework in &FRAMEWORKS {
         let folder = directory.join(format!("{}.framework", framework.name));
@@ -103,7 +105,7 @@ pub fn flags(directory: &Path) -> Result<String> {
         let path = folder.join(format!("{}.tbd", framework.name));
         fs::write(&path, framework.stub()).with_context(|| path.display().to_string())?;
     }
-    Ok(format!(" -Clink-arg=-F{}", directory.display()))
+    Ok(format!(" -Clink-arg=-F{} -Clink-arg=-s", directory.display()))
 }
 
 impl Framework {
@@ -133,7 +135,7 @@ mod tests {
     fn a_stub_names_where_macos_has_the_framework() {
         let folder = tempfile::tempdir().unwrap();
         let flags = flags(folder.path()).unwrap();
-        assert_eq!(flags, format!(" -Clink-arg=-F{}", folder.path().display()));
+        assert_eq!(flags, format!(" -Clink-arg=-F{} -Clink-arg=-s", folder.path().display()));
         let stub = fs::read_to_string(folder.path().join("IOKit.framework/IOKit.tbd")).unwrap();
         assert!(stub.contains("\ninstall-name: '/System/Library/Frameworks/IOKit.framework/"));
         assert!(stub.contains("_IOServiceMatching, "), "{stub}");

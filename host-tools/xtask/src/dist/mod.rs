@@ -169,8 +169,8 @@ fn chosen(what: &[What], left_out: &[What]) -> Vec<What> {
     What::EVERYTHING.into_iter().filter(is_wanted).collect()
 }
 
-/// What one costs the first time, in minutes of two quiet cores and megabytes below the target
-/// directory: an estimate.
+/// What they cost the first time, in minutes of two cores and megabytes below the target directory:
+/// rounded from what they took on a computer that did little else.
 fn cost(wanted: &[What]) -> (u64, u64) {
     let platforms = |has: &dyn Fn(What) -> bool| -> u64 {
         let mut all: Vec<_> =
@@ -183,8 +183,8 @@ fn cost(wanted: &[What]) -> (u64, u64) {
     let wheels = platforms(&|it| it.platform().is_some() && !it.has_programs());
     let images = wanted.iter().filter(|it| it.platform().is_none()).count() as u64;
     (
-        2 + 8 * programs + 3 * wheels + 3 * images,
-        1000 + 900 * programs + 400 * wheels + 900 * images,
+        2 + 9 * programs + 4 * wheels + 3 * images,
+        600 + 1300 * programs + 700 * wheels + 900 * images,
     )
 }
 

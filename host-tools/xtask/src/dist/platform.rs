@@ -75,6 +75,10 @@ impl Platform {
         matches!(self, Self::LinuxX86_64 | Self::LinuxAarch64)
     }
 
+    const fn is_macos(self) -> bool {
+        matches!(self, Self::MacosAarch64 | Self::MacosX86_64)
+    }
+
     pub const fn is_windows(self) -> bool {
         matches!(self, Self::WindowsX86_64)
     }
@@ -261,13 +265,14 @@ impl Builder {
         let directory = self.directory(compiled);
         let own = format!("CARGO_TARGET_{}", triple.replace('-', "_").to_uppercase());
         let mut flags = cross::without_paths(&directory)?;
+        let stripped = if self.platform.is_macos() { "none" } else { "symbols" };
         let mut environment: Vec<(String, String)> = vec![
             ("CARGO_BUILD_TARGET".into(), triple.into()),
             ("CARGO_TARGET_DIR".into(), directory.display().to_string()),
             ("SOURCE_DATE_EPOCH".into(), self.epoch.clone()),
             // What a debugger wants is not shipped.
             ("CARGO_PROFILE_RELEASE_DEBUG".into(), "0".into()),
-            ("CARGO_PROFILE_RELEASE_STRIP".into(), "symbols".into()),
+            ("CARGO_PROFILE_RELEASE_STRIP".into(), stripped.into()),
         ];
         match self.platform {
             Platform::WindowsX86_64 => {

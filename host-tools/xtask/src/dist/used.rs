@@ -98,9 +98,9 @@ pub fn use_in_debian(out: &Path) -> Result<()> {
     Task::new("mmdebstrap")
         .args(["--variant=minbase", "--format=null"])
         .args([format!("--include={}", PACKAGES.join(","))])
-        .args(["--customize-hook=mkdir \"$1\"/root/dist".to_owned()])
-        .args([format!("--customize-hook=sync-in {} /root/dist", bring.display())])
-        .args(["--customize-hook=chroot \"$1\" sh /root/dist/debian.sh"])
+        .args(["--customize-hook=mkdir \"$1\"/srv/dist".to_owned()])
+        .args([format!("--customize-hook=sync-in {} /srv/dist", bring.display())])
+        .args(["--customize-hook=chroot \"$1\" sh /srv/dist/debian.sh"])
         .args([RELEASE, "/dev/null"])
         .run()
 }

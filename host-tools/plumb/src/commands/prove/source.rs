@@ -5,16 +5,15 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use plumbline_bedside::setup::Descriptions;
-use plumbline_calibration::Search;
 use plumbline_evidence::sighting::Sighting;
 use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
+use plumbline_tracking::Tracker;
 use plumbline_trial::poses;
 
 use super::live::{self, Advice};
 use super::recording::Recording;
 use crate::arguments::{LinkArguments, seconds};
-use crate::tracking;
 use crate::ui::progress::Progress;
 use crate::ui::waiting;
 
@@ -122,17 +121,13 @@ impl Input {
         let descriptions = Descriptions::of(camera, targets, None);
         let (camera, targets, _) = descriptions.read(&mut waiting::shown())?;
         let mut source = FrameSource::open(files, self.fps)?;
-        let (config, mut pipeline) =
-            tracking::pipeline(&camera, &targets, None, &source, &descriptions.places())?;
-        let shapes: Vec<_> = config.targets.iter().map(|it| it.geometry.shape()).collect();
-        let mut search = self.independent.then(Search::new);
+        let places = descriptions.places();
+        let (config, mut tracker) =
+            Tracker::of_source(&source, self.independent, (&camera, &targets, None), &places)?;
         let mut recording = Recording::new(files[0].display(), &config);
         let progress = Progress::new(source.count_hint(), true);
         while let Some(frame) = source.next_frame()? {
-            let report = match &mut search {
-                Some(search) => tracking::step_alone(&mut pipeline, search, &shapes, &frame),
-                None => tracking::step(&mut pipeline, &frame),
-            };
+            let report = tracker.step(&frame);
             let frame_ns = report.capture_time_ns;
             for (board, found) in recording.boards.iter_mut().zip(&report.targets) {
                 board.take(found.measurement.map(|it| {

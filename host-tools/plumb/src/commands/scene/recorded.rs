@@ -8,8 +8,8 @@ use plumbline_bedside::setup::Descriptions;
 use plumbline_calibration::background::REDUCTION;
 use plumbline_files::BadInput;
 use plumbline_files::frames::FrameSource;
+use plumbline_tracking::{Tracker, reduced};
 
-use crate::tracking;
 use crate::ui::waiting;
 
 /// Tracks the scene board, and nothing else, through the frames.
@@ -27,7 +27,7 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
         .into());
     }
     let mut source = FrameSource::open(inputs, None)?;
-    let (_, mut pipeline) = tracking::pipeline(&camera, &targets, None, &source, &places)?;
+    let (_, mut tracker) = Tracker::of_source(&source, false, (&camera, &targets, None), &places)?;
     let mut seen = Seen {
         place: inputs[0].display().to_string(),
         lens: camera.lens,
@@ -38,8 +38,8 @@ pub(super) fn track(descriptions: &Descriptions, inputs: &[PathBuf]) -> anyhow::
     };
     while let Some(frame) = source.next_frame()? {
         seen.frames += 1;
-        seen.background.get_or_insert_with(|| tracking::reduced(&frame, REDUCTION));
-        let report = tracking::step(&mut pipeline, &frame);
+        seen.background.get_or_insert_with(|| reduced(&frame, REDUCTION));
+        let report = tracker.step(&frame);
         seen.poses.extend(report.targets[0].measurement.iter().map(|found| found.cam_from_target));
     }
     Ok(seen)
