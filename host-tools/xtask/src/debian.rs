@@ -43,16 +43,25 @@ pub fn depends(readelf: &str, program: &Path, more: &[&'static str]) -> Result<S
     listed(&read("--dynamic")?, &read("--version-info")?, more)
 }
 
-/// The same from readelf's output.
+/// The newest version of the C library whose names a program uses: 28 for 2.28.
+pub fn newest_c_library(program: &Path) -> Result<u32> {
+    newest(&Task::new("readelf").args(["--wide", "--version-info"]).args([program]).output()?)
+}
+
+fn newest(versions: &str) -> Result<u32> {
+    let minor = |word: &str| word.strip_prefix("GLIBC_2.")?.parse().ok();
+    let newest = versions.split_whitespace().filter_map(minor).max();
+    newest.context("readelf reports no version of the C library")
+}
+
+/// `Depends` from readelf's output.
 fn listed(dynamic: &str, versions: &str, more: &[&'static str]) -> Result<String> {
     let mut packages = BTreeSet::new();
     for line in dynamic.lines().filter(|line| line.contains("(NEEDED)")) {
         let library = line.split(['[', ']']).nth(1).context("a NEEDED without a name")?;
         packages.insert(package_of(library)?);
     }
-    let minor = |word: &str| word.strip_prefix("GLIBC_2.")?.parse::<u32>().ok();
-    let newest = versions.split_whitespace().filter_map(minor).max();
-    let newest = newest.context("readelf reports no version of the C library")?;
+    let newest = newest(versions)?;
     let text = |package: &&str| match *package {
         "libc6" => format!("libc6 (>= 2.{newest})"),
         package => package.to_owned(),

@@ -10,12 +10,13 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::commit::Commit;
 use super::macos;
 use crate::command::{BadInput, Task, target_directory};
 use crate::cross::{self, Compiler};
+use crate::debian;
 use crate::image::Profile;
 use crate::python::Packages;
 use crate::setup::{self, Need, Probe};
@@ -27,8 +28,9 @@ pub const TOOLS: Packages = Packages {
     place: "dist-work/python",
 };
 
-/// The oldest C library that programs for Linux start with: that of Debian 10, RHEL 8 and Ubuntu 20.04.
-pub const GLIBC: &str = "2.28";
+/// The oldest C library that programs for Linux start with, 2.28: that of Debian 10, RHEL 8 and
+/// Ubuntu 20.04.
+const GLIBC_MINOR: u32 = 28;
 
 /// What a program runs on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -176,7 +178,13 @@ impl Builder {
                 .args(["--target".to_owned(), self.linking_target()])
                 .run()?;
         }
-        Ok(self.programs(Compiled::Plumb).join(self.platform.program("plumb")))
+        let plumb = self.programs(Compiled::Plumb).join(self.platform.program("plumb"));
+        if self.platform.is_linux() {
+            let newest = debian::newest_c_library(&plumb)?;
+            let plumb = plumb.display();
+            ensure!(newest <= GLIBC_MINOR, "{plumb} needs version 2.{newest} of the C library");
+        }
+        Ok(plumb)
     }
 
     /// Builds the box's program for Linux; returns its path. It has its C library in itself.
@@ -203,7 +211,7 @@ impl Builder {
             .args(["host-tools/python/Cargo.toml", "--target", self.platform.triple(), "--out"])
             .args([out]);
         if self.platform.is_linux() {
-            let tag = format!("manylinux_{}", GLIBC.replace('.', "_"));
+            let tag = format!("manylinux_2_{GLIBC_MINOR}");
             maturin.args(["--zig", "--compatibility", &tag]).run()
         } else {
             maturin.run()
@@ -256,8 +264,9 @@ impl Builder {
 
     /// zig's name for the platform, with the C library's version.
     fn linking_target(&self) -> String {
-        let triple = self.platform.triple();
-        if self.platform.is_linux() { format!("{triple}.{GLIBC}") } else { triple.to_owned() }
+        let version =
+            if self.platform.is_linux() { format!(".2.{GLIBC_MINOR}") } else { String::new() };
+        self.platform.triple().to_owned() + &version
     }
 
     fn environment(&self, compiled: Compiled) -> Result<Vec<(String, String)>> {
@@ -280,7 +289,7 @@ impl Builder {
                 environment.push((format!("{own}_LINKER"), linker));
                 flags += " -Clink-arg=-Wl,--no-insert-timestamp";
             }
-            // maturin takes a linker that is named here instead of zig.
+            // What links with zig would take a linker that is named here instead.
             Platform::LinuxAarch64 if compiled == Compiled::Board => {
                 environment.push((format!("{own}_LINKER"), "aarch64-linux-gnu-gcc".into()));
             }
