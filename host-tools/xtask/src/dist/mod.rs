@@ -169,8 +169,8 @@ fn chosen(what: &[What], left_out: &[What]) -> Vec<What> {
     What::EVERYTHING.into_iter().filter(is_wanted).collect()
 }
 
-/// What they cost the first time, in minutes of two cores and megabytes below the target directory:
-/// rounded from what they took on a computer that did little else.
+/// What they cost the first time, in minutes of two cores and megabytes below the target directory,
+/// rounded from what was measured.
 fn cost(wanted: &[What]) -> (u64, u64) {
     let platforms = |has: &dyn Fn(What) -> bool| -> u64 {
         let mut all: Vec<_> =
