@@ -292,6 +292,8 @@ impl Linking<'_> {
         }
     }
 
+    /// No build id: it would be a hash of what is stripped afterwards as well, with the paths of
+    /// this computer, and the package is to be the same bytes wherever it is made.
     fn rustflags(self, target: Target) -> String {
         match self {
             Self::Static => "-Ctarget-feature=+crt-static".into(),
@@ -303,7 +305,8 @@ impl Linking<'_> {
                 format!(
                     "-Clink-arg=--sysroot={root} \
                      -Clink-arg=-Wl,-rpath-link,{root}/{libraries} \
-                     -Clink-arg=-Wl,--allow-shlib-undefined",
+                     -Clink-arg=-Wl,--allow-shlib-undefined \
+                     -Clink-arg=-Wl,--build-id=none",
                     root = root.display()
                 )
             }
