@@ -24,6 +24,7 @@
 //! | [`random`] | random bytes |
 //! | [`equipment`] | the links and the camera of a configuration, if a box can use it |
 //! | [`provisioning`], [`config_store`] | a new configuration from a host, and where it is kept |
+//! | [`update`] | a new system from a host: the idle slot, its trial, and the way back |
 //! | [`key_store`] | the key of the box, and where it is kept |
 //! | [`stored_file`] | how either takes the place of the old one, whatever happens to the power |
 //! | [`boot`] | everything that a box does before its session, beside it, and when it fails |
@@ -49,6 +50,7 @@ pub mod source;
 pub mod status;
 pub mod stored_file;
 pub mod trigger;
+pub mod update;
 
 #[cfg(test)]
 mod test_config;

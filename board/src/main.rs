@@ -28,6 +28,7 @@ use plumbline_board::source::FrameSource;
 use plumbline_board::source::chosen::Source;
 use plumbline_board::source::replay::{Input, Pace, Replay};
 use plumbline_board::trigger::Triggers;
+use plumbline_board::update::Updates;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use static_cell::ConstStaticCell;
 
@@ -123,6 +124,9 @@ fn run(cli: &Cli) -> Result<()> {
         },
         store: Some(ConfigStore::file(&cli.config)),
         may_reboot: cli.supervised,
+        updates: Updates::impossible(
+            "it is a program among others on its computer, and is updated as these are, with apt",
+        ),
     };
     if live {
         realtime::set_up(&config.machine);

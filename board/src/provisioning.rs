@@ -91,10 +91,15 @@ impl Provisioning {
 
 /// A refusal with as much of its reason as there is room for.
 pub fn refused(refusal: Refusal, reason: impl std::fmt::Display) -> ReplyOutcome {
-    let mut text = crate::logger::Cut::<REASON_BYTES_MAX>::default();
+    ReplyOutcome::Refused { refusal, reason: cut(reason) }
+}
+
+/// As much of a text as there is room for in a reply.
+pub fn cut(text: impl std::fmt::Display) -> heapless::String<REASON_BYTES_MAX> {
+    let mut cut = crate::logger::Cut::<REASON_BYTES_MAX>::default();
     // It never fails; text that does not fit is left out.
-    let _ = write!(text, "{reason}");
-    ReplyOutcome::Refused { refusal, reason: text.text }
+    let _ = write!(cut, "{text}");
+    cut.text
 }
 
 #[cfg(test)]

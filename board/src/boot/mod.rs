@@ -58,6 +58,7 @@ use crate::random;
 use crate::session::{self, Setup};
 use crate::source::chosen::Source;
 use crate::trigger::Triggers;
+use crate::update::{Leave, Updates};
 use card::Card;
 use gate::Gate;
 
@@ -106,9 +107,15 @@ pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! 
     step(&modules.to_string());
 
     let partition::Found { partition, config } = partition::find();
+    let (partition, device) = partition.unzip();
     let card = Card::read(partition.as_ref());
+    let mut updates = Updates::of_box(partition.as_ref().zip(device.as_deref()));
     let (config, Equipment { ports, source }) = match config.and_then(configuration) {
         Ok(usable) => usable,
+        Err(error) if updates.is_on_trial() => {
+            updates.give_up(&format!("it refuses the configuration: {error:#}"));
+            restart::in_good_order(partition.as_ref())
+        }
         Err(error) => {
             failure::tell(&options.links, card.usable_key(), None);
             children::look_after(Network::Dhcp);
@@ -121,9 +128,15 @@ pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! 
     children::look_after(config.machine.network);
     let start_count = partition.as_ref().and_then(|it| start_count(&config, it));
     let links = Prepared { ports, card, start_count, ring };
-    match measure(pipeline, &config, links, Gate::new(source, &options)) {
-        Ok(()) => restart::in_good_order(partition.as_ref()),
-        Err(error) => failure::end(&format!("{error:#}")),
+    let source = Gate::new(source, &options);
+    let ended = measure(pipeline, &config, links, source, &mut updates);
+    if let Err(error) = &ended {
+        updates.give_up(&format!("{error:#}"));
+    }
+    match (ended, updates.leave()) {
+        (_, Some(Leave::ToTry)) => restart::to_try(partition.as_ref()),
+        (_, Some(Leave::ToGiveUp)) | (Ok(()), None) => restart::in_good_order(partition.as_ref()),
+        (Err(error), None) => failure::end(&format!("{error:#}")),
     }
 }
 
@@ -166,12 +179,14 @@ fn measure(
     config: &Config,
     Prepared { ports, card, start_count, ring }: Prepared,
     mut source: Gate<Source>,
+    updates: &mut Updates,
 ) -> Result<()> {
     self_test::run(pipeline).context("self-test")?;
     pipeline.configure(config).context("the configuration")?;
     step("self-test passed");
     let watchdog = Watchdog::of(&config.machine);
     let reset_reason = restart::reason(watchdog.as_ref(), card.is_marked);
+    updates.begin_session(card.usable_key().is_some());
     let identity = Identity {
         start: random::start(),
         name: Identity::name_of(config),
@@ -189,10 +204,12 @@ fn measure(
         triggers: Triggers::of(config.trigger.as_ref(), config.capture.as_ref()),
         store: card.config_store,
         may_reboot: true,
+        updates: std::mem::replace(updates, Updates::impossible("")),
     };
     realtime::set_up(&config.machine);
     let never = AtomicBool::new(false);
     let ended = session::run(pipeline, config, &mut source, setup, &never);
+    *updates = ended.updates;
     ended.broken.map_or(Ok(()), |message| bail!(message))
 }
 

@@ -3,12 +3,15 @@
 //! Disks appear once their drivers have found them, so all of them are searched
 //! repeatedly for a while. Partitions are mounted read-only.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount, umount};
 use plumbline::config::FILE_NAME;
+use plumbline_update::card::{SECTOR_BYTES, SETTINGS_LABEL};
 
 use crate::config_store::ConfigStore;
 use crate::machine::read_only_partition::{MOUNT_FLAGS, ReadOnlyPartition};
@@ -28,8 +31,9 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// What was found on the disks.
 #[derive(Debug)]
 pub struct Found {
-    /// Where the configuration is stored, or can be; `None` if there is no FAT file system.
-    pub partition: Option<ReadOnlyPartition>,
+    /// Where the configuration is stored, or can be, and on which device that is; `None` if there is
+    /// no FAT file system.
+    pub partition: Option<(ReadOnlyPartition, String)>,
     /// The configuration's bytes and the device they are on, or why they could not be read:
     /// [`Absent`] if no disk has a configuration.
     pub config: Result<(Vec<u8>, String)>,
@@ -60,8 +64,11 @@ impl std::error::Error for Absent {}
 /// Searches for the configuration until it is found, or for [`PATIENCE`].
 pub fn find() -> Found {
     let config = find_config();
-    let mounted = config.is_ok() || mount_first();
-    Found { partition: mounted.then(partition), config }
+    let mounted = match &config {
+        Ok((_, device)) => Some(device.clone()),
+        Err(_) => mount_one(),
+    };
+    Found { partition: mounted.map(|device| (partition(), device)), config }
 }
 
 fn partition() -> ReadOnlyPartition {
@@ -85,9 +92,21 @@ fn find_config() -> Result<(Vec<u8>, String)> {
     }
 }
 
-/// Mounts the first FAT file system; false if there is none.
-fn mount_first() -> bool {
-    devices(Path::new(BLOCK_DEVICES)).is_ok_and(|devices| devices.iter().any(|it| mount_at(it)))
+/// Mounts the FAT file system that is for settings, or else the first; returns its device.
+fn mount_one() -> Option<String> {
+    let devices = devices(Path::new(BLOCK_DEVICES)).ok()?;
+    let (settings, others): (Vec<_>, Vec<_>) =
+        devices.into_iter().partition(|it| is_for_settings(&Path::new("/dev").join(it)));
+    settings.into_iter().chain(others).find(|it| mount_at(it))
+}
+
+/// Whether a device begins with a FAT32 file system that has the settings' label.
+fn is_for_settings(device: &Path) -> bool {
+    // By Microsoft's specification of FAT: the label's place in the boot sector, padded with spaces.
+    const LABEL: std::ops::Range<usize> = 71..82;
+    let mut sector = [0; SECTOR_BYTES];
+    let read = File::open(device).and_then(|mut file| file.read_exact(&mut sector));
+    read.is_ok() && sector[LABEL].trim_ascii_end() == SETTINGS_LABEL.as_bytes()
 }
 
 /// The disks and partitions that are not empty, in the order of their names.
@@ -131,6 +150,19 @@ fn mount_at(device: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_settings_are_told_by_their_label() {
+        let device = tempfile::NamedTempFile::new().unwrap();
+        for (label, is_one) in [("PLUMBLINE  ", true), ("PL-SLOT    ", false)] {
+            let mut sector = [0; SECTOR_BYTES];
+            sector[71..82].copy_from_slice(label.as_bytes());
+            std::fs::write(device.path(), sector).unwrap();
+            assert_eq!(is_for_settings(device.path()), is_one, "{label}");
+        }
+        std::fs::write(device.path(), [0; 100]).unwrap();
+        assert!(!is_for_settings(device.path()));
+    }
 
     #[test]
     fn disks_without_a_medium_are_skipped() {

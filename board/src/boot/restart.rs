@@ -12,6 +12,9 @@
 //! | reset by the watchdog | present | an orderly restart |
 //! | the power was switched on | any | power, but unknown on a board of revision 1.1, whose boot loader switches the power off and on after every reset |
 
+// The restart with words for the firmware has no safe wrapper.
+#![allow(unsafe_code)]
+
 use std::fs;
 use std::path::Path;
 
@@ -28,6 +31,10 @@ const MARK: &str = "restart";
 /// The mark's text, for a person who finds it.
 const MARK_TEXT: &str =
     "The box was restarted in good order. It removes this file when it starts.\r\n";
+
+/// What the firmware of a Raspberry Pi understands as: the other slot, in the next start alone. The
+/// number is that of the partition, 0 for the one that the chooser names.
+const TRYBOOT: &std::ffi::CStr = c"0 tryboot";
 
 /// Where the boot firmware leaves its information.
 const DEVICE_TREE: &str = "/proc/device-tree";
@@ -47,6 +54,33 @@ pub fn in_good_order(card: Option<&ReadOnlyPartition>) -> ! {
         log::warn!("the restart leaves no mark on the card: {error:#}");
     }
     now()
+}
+
+/// Restarts the computer, and asks the boot firmware to start the other slot, once.
+pub fn to_try(card: Option<&ReadOnlyPartition>) -> ! {
+    if let Some(card) = card
+        && let Err(error) = leave_mark(card)
+    {
+        log::warn!("the restart leaves no mark on the card: {error:#}");
+    }
+    log::info!("restarting to try the other slot");
+    nix::unistd::sync();
+    let error = restart_with(TRYBOOT);
+    log::error!("the other slot cannot be asked for: {error}");
+    now()
+}
+
+/// Restarts the computer with words for its firmware; returns why it could not.
+fn restart_with(words: &std::ffi::CStr) -> std::io::Error {
+    use nix::libc::{
+        LINUX_REBOOT_CMD_RESTART2, LINUX_REBOOT_MAGIC1, LINUX_REBOOT_MAGIC2, SYS_reboot, syscall,
+    };
+    let command = LINUX_REBOOT_CMD_RESTART2;
+    // SAFETY: the words end with a zero and outlive the call, which reads them.
+    unsafe {
+        syscall(SYS_reboot, LINUX_REBOOT_MAGIC1, LINUX_REBOOT_MAGIC2, command, words.as_ptr());
+    }
+    std::io::Error::last_os_error()
 }
 
 /// Restarts the computer.

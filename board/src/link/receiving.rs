@@ -45,6 +45,14 @@ pub struct Arrivals {
     answers: usize,
 }
 
+impl Arrivals {
+    /// Whether a host has said anything that was answered, or acted on.
+    #[must_use]
+    pub fn is_heard(&self) -> bool {
+        self.messages + self.answers > 0
+    }
+}
+
 impl Links {
     /// Passes on the messages from hosts received since the last call, except what the link itself
     /// answers.

@@ -40,13 +40,29 @@ fn pin(cpu: u8) {
     }
 }
 
-fn prioritise(priority: u8) {
+/// Takes back from the calling thread what it has inherited from the one that measures: it waits like
+/// any other program, and on any core.
+pub fn be_ordinary() {
+    // What is not granted leaves it as it is: with a disk it spends its time waiting anyway.
+    let _ = schedule(libc::SCHED_OTHER, 0);
+    let mut cpus = CpuSet::new();
+    for cpu in 0..CpuSet::count() {
+        let _ = cpus.set(cpu);
+    }
+    let _ = sched_setaffinity(Pid::from_raw(0), &cpus);
+}
+
+fn schedule(policy: libc::c_int, priority: u8) -> std::io::Result<()> {
     // SAFETY: an all-zero sched_param is valid: it consists of integers.
     let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
     parameters.sched_priority = priority.into();
     // SAFETY: the pointer is to a local that outlives the call; 0 is this thread.
-    if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) } != 0 {
-        let error = std::io::Error::last_os_error();
+    let done = unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) };
+    if done == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
+}
+
+fn prioritise(priority: u8) {
+    if let Err(error) = schedule(libc::SCHED_FIFO, priority) {
         log::warn!(
             "machine.realtime_priority: {priority} is not granted: {error}; allow it \
              (CAP_SYS_NICE, or ulimit -r {priority})"

@@ -32,6 +32,7 @@ use crate::provisioning::Provisioning;
 use crate::source::{Exposure, Frame, FrameSource, Next, Pixels};
 use crate::status::{self, Status};
 use crate::trigger::{self, Triggers};
+use crate::update::Updates;
 use aim::Aim;
 use counters::Counters;
 use outgoing::Outgoing;
@@ -69,6 +70,8 @@ pub struct Setup {
     pub store: Option<ConfigStore>,
     /// Whether the host may ask for a restart, which the caller then carries out.
     pub may_reboot: bool,
+    /// The update of the whole system.
+    pub updates: Updates,
 }
 
 /// Tracks until the source ends, the host asks for a restart, or `stop` is set.
@@ -81,8 +84,8 @@ pub fn run(
 ) -> Ended {
     let mut session = Session::new(config, setup);
     let broken = session.run(pipeline, source, stop);
-    let (summary, unrecorded) = session.finish();
-    Ended { summary, broken, unrecorded }
+    let (summary, unrecorded, updates) = session.finish();
+    Ended { summary, broken, unrecorded, updates }
 }
 
 struct Session {
@@ -104,6 +107,7 @@ struct Session {
     aim: Aim,
     outgoing: Outgoing,
     provisioning: Provisioning,
+    updates: Updates,
     /// Who wants a View of the next frame, by their places.
     views_wanted: [Option<ListenerId>; LISTENERS_MAX],
     /// When the last pose was sent beside a document.
@@ -134,6 +138,7 @@ impl Session {
             aim: Aim::default(),
             outgoing: Outgoing::default(),
             provisioning: Provisioning::new(setup.store),
+            updates: setup.updates,
             views_wanted: [None; LISTENERS_MAX],
             pose_beside: started,
         }
@@ -147,7 +152,7 @@ impl Session {
         stop: &AtomicBool,
     ) -> Option<String> {
         let mut beat = self.started;
-        while !stop.load(Ordering::Relaxed) && !self.reboot {
+        while !stop.load(Ordering::Relaxed) && !self.reboot && self.updates.leave().is_none() {
             let now = Instant::now();
             self.look_after(source);
             if now >= beat {
@@ -306,12 +311,21 @@ impl Session {
     fn serve_links(&mut self, source: &mut impl FrameSource) {
         self.send_logs();
         let mut commands = heapless::Vec::<(ListenerId, Command), COMMANDS_PER_TURN_MAX>::new();
+        let is_recorded = self.links.is_recorded();
         let arrivals = self.links.receive(|listener, message| match message {
             // There is room for all of them.
             Message::Command(command) => drop(commands.push((listener, command))),
+            Message::Part(part) if part.document == Document::Update => {
+                if !is_recorded {
+                    self.updates.take(listener, &part);
+                }
+            }
             Message::Part(part) => self.provisioning.take(listener, &part),
             _ => {}
         });
+        if self.updates.look_after(self.counters.frames, arrivals.is_heard()) {
+            self.counters.forget_allocations();
+        }
         if arrivals.is_paired {
             // Those who listened with the key before have no part in what follows.
             commands.clear();
@@ -332,6 +346,7 @@ impl Session {
         let file = |document| match document {
             Document::Config => Some(&self.blob[..]),
             Document::Picture(number) => self.aim.file(number),
+            Document::Update => None,
         };
         self.outgoing.serve(&mut self.links, file);
         self.links.service();
@@ -343,7 +358,7 @@ impl Session {
 
     /// Tells the hosts that the session ends, and sends waiting packets. Returns the figures,
     /// and why packets could not be recorded, if so.
-    fn finish(mut self) -> (Summary, Option<String>) {
+    fn finish(mut self) -> (Summary, Option<String>, Updates) {
         let source = self.counters.source;
         self.counters.source.camera = CameraState::Ended;
         self.send_logs();
@@ -359,7 +374,7 @@ impl Session {
             step: self.counters.step,
             latency: self.counters.latency,
         };
-        (summary, unrecorded)
+        (summary, unrecorded, self.updates)
     }
 }
 

@@ -64,7 +64,7 @@ pub use framing::{
 pub use message::{
     AIM_S_MAX, Action, CameraState, Command, Health, Hello, LINKS_MAX, LOG_TARGET_BYTES_MAX,
     LOG_TEXT_BYTES_MAX, LinkHealth, LinkKind, Log, LogLevel, REASON_BYTES_MAX, Refusal, Reply,
-    ReplyOutcome, ResetReason, TargetInfo, Trigger, TriggerHealth, TriggerState,
+    ReplyOutcome, ResetReason, TargetInfo, Trigger, TriggerHealth, TriggerState, UpdateState,
 };
 pub use pose::{
     AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, POSITION_MM_MAX, PosePacket,

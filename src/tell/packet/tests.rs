@@ -139,6 +139,9 @@ fn longest_messages() -> StdVec<Message> {
         Action::TakePicture { reduction: u8::MAX },
         Action::Expose { exposure_us: Some(u32::MAX), gain: Some(1.0) },
         Action::Reboot,
+        Action::BeginUpdate,
+        Action::QueryUpdate,
+        Action::TryUpdate,
         Action::Resend { first: u64::MAX, mask: u64::MAX },
         Action::Record { on: true },
         Action::SendPoses { every: u16::MAX },
@@ -152,6 +155,7 @@ fn longest_messages() -> StdVec<Message> {
         ReplyOutcome::Config { crc: u32::MAX, bytes: u32::MAX, next_crc: u32::MAX },
         ReplyOutcome::Stored { crc: u32::MAX },
         ReplyOutcome::Gone { first: u64::MAX },
+        ReplyOutcome::Update { state: UpdateState::Receiving { next: u32::MAX }, text: full() },
         ReplyOutcome::Accepted,
         ReplyOutcome::Refused { refusal: Refusal::Incomplete { from: u32::MAX }, reason: full() },
     ] {

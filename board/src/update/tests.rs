@@ -1,0 +1,295 @@
+//! An update from its first part to the program that stays, with slots and chooser in files.
+
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
+
+use plumbline::packet::PART_BYTES_MAX;
+use plumbline_update::card::{SECTOR_BYTES, Slot};
+use plumbline_update::header::{KeyId, Text};
+use plumbline_update::sign::{SigningKey, signed, slot_hash};
+use plumbline_update::{chooser, firmware};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::test_listeners::listened_to;
+
+/// Blocks in the slot that is sent, and a sector.
+const SLOT: usize = 5 * BLOCK_BYTES + SECTOR_BYTES;
+
+/// A card in a directory, and the flag of its firmware.
+struct Bench {
+    folder: tempfile::TempDir,
+    flag: firmware::Flag,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        for slot in ["a", "b"] {
+            fs::write(folder.path().join(slot), vec![slot.as_bytes()[0]; 2 * SLOT]).unwrap();
+        }
+        fs::write(folder.path().join("chooser"), chooser::sector(Slot::A)).unwrap();
+        Self { folder, flag: firmware::Flag::default() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The box starts, from the slot that the firmware takes.
+    fn start(&mut self) -> Updates {
+        let is_try = self.flag.take();
+        let sector = fs::read(self.path("chooser")).unwrap();
+        let partition = firmware::partition(&sector, is_try).unwrap();
+        let running = Slot::of_partition(partition).unwrap();
+        let devices = [self.path("a"), self.path("b")];
+        let mut updates = Updates::of_card(Card {
+            slots: Slots::in_files(running, is_try, devices, &self.path("chooser")),
+            board: "virt",
+            keys: vec![key(1).verifying_key()],
+            notes: NoteStore::file(&self.path("update.txt")),
+        });
+        updates.begin_session(true);
+        updates
+    }
+
+    /// It restarts, as its session has ended for.
+    fn restart(&mut self, updates: &Updates) -> Updates {
+        match updates.leave().expect("it stays") {
+            Leave::ToTry => self.flag.ask_for_try(),
+            Leave::ToGiveUp => {}
+        }
+        self.start()
+    }
+
+    fn running(&mut self) -> Slot {
+        let updates = self.start();
+        updates.card.unwrap().slots.running
+    }
+}
+
+fn key(byte: u8) -> SigningKey {
+    SigningKey::from_bytes(&[byte; 32])
+}
+
+/// The slot of an update.
+fn slot() -> std::vec::Vec<u8> {
+    (0..SLOT).map(|at| (at / 100 % 253) as u8).collect()
+}
+
+fn header() -> Header {
+    Header {
+        board: Text::new("virt").unwrap(),
+        version: "0.2.0".parse().unwrap(),
+        oldest_allowed: "0.1.0".parse().unwrap(),
+        commit: Text::new("0123456789ab").unwrap(),
+        schema_hash: 7,
+        slot_bytes: SLOT as u32,
+        slot_hash: slot_hash(&slot()),
+        key: KeyId::of(&key(1).verifying_key()),
+    }
+}
+
+fn file(header: &Header, slot: &[u8]) -> std::vec::Vec<u8> {
+    [&signed(header, &key(1))[..], slot].concat()
+}
+
+fn state(updates: &Updates) -> (UpdateState, String) {
+    match updates.query() {
+        ReplyOutcome::Update { state, text } => (state, text.as_str().to_owned()),
+        other => panic!("{other:?}"),
+    }
+}
+
+fn part(offset: usize, bytes: &[u8]) -> Part {
+    let bytes = bytes.iter().copied().collect();
+    Part { document: Document::Update, offset: offset as u32, bytes }
+}
+
+/// Sends an update as a host does, over a link that loses every tenth part.
+fn send(updates: &mut Updates, sender: ListenerId, file: &[u8]) -> (UpdateState, String) {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    assert_eq!(updates.begin(sender), ReplyOutcome::Accepted);
+    for _ in 0..100_000 {
+        updates.look_after(0, false);
+        let UpdateState::Receiving { next } = state(updates).0 else { break };
+        let from = next as usize;
+        for (index, bytes) in file[from..].chunks(PART_BYTES_MAX).take(500).enumerate() {
+            if !random.random_bool(0.1) {
+                updates.take(sender, &part(from + index * PART_BYTES_MAX, bytes));
+            }
+        }
+    }
+    for _ in 0..10_000 {
+        updates.look_after(0, false);
+        if state(updates).0 != UpdateState::Checking {
+            return state(updates);
+        }
+        sleep(Duration::from_millis(1));
+    }
+    panic!("it is never checked")
+}
+
+#[test]
+fn an_update_is_sent_tried_and_stays() {
+    let (_, [host, _]) = listened_to();
+    let mut bench = Bench::new();
+    let mut old = bench.start();
+    assert_eq!(state(&old), (UpdateState::None, String::new()));
+    let before = fs::read(bench.path("a")).unwrap();
+    assert_eq!(send(&mut old, host, &file(&header(), &slot())).0, UpdateState::Ready);
+    // The slot that runs, and what chooses, are as they were.
+    assert_eq!(fs::read(bench.path("a")).unwrap(), before);
+    assert_eq!(fs::read(bench.path("chooser")).unwrap(), chooser::sector(Slot::A));
+    assert!(fs::read(bench.path("b")).unwrap().starts_with(&slot()));
+    assert_eq!(old.try_it(), ReplyOutcome::Accepted);
+
+    let mut new = bench.restart(&old);
+    let (now, text) = state(&new);
+    assert!(now == UpdateState::OnTrial && text.contains("0 of 30 frames"), "{text}");
+    // Nobody replaces what has yet to show that it works, nor what it would go back to.
+    assert!(matches!(new.begin(host), ReplyOutcome::Refused { refusal: Refusal::Busy, .. }));
+    new.look_after(29, true);
+    assert_eq!(state(&new).0, UpdateState::OnTrial);
+    new.look_after(30, false);
+    let installed = (UpdateState::Installed, "version 0.2.0 (0123456789ab)".to_owned());
+    assert_eq!((state(&new), new.leave()), (installed.clone(), None));
+    assert_eq!(fs::read(bench.path("chooser")).unwrap(), chooser::sector(Slot::B));
+    // From then on, and the next update goes to the other slot.
+    let mut later = bench.start();
+    assert_eq!(state(&later), installed);
+    assert_eq!(send(&mut later, host, &file(&header(), &slot())).0, UpdateState::Ready);
+    assert!(fs::read(bench.path("a")).unwrap().starts_with(&slot()));
+    assert_eq!(bench.running(), Slot::B);
+}
+
+#[test]
+fn a_trial_that_fails_hangs_or_loses_power_leads_back_and_the_box_says_why() {
+    let (_, [host, _]) = listened_to();
+    for (fails, words) in [
+        (true, "version 0.2.0 (0123456789ab): the camera is broken"),
+        (false, "it never came to say that it works"),
+    ] {
+        let mut bench = Bench::new();
+        let mut old = bench.start();
+        send(&mut old, host, &file(&header(), &slot()));
+        old.try_it();
+        let mut new = bench.restart(&old);
+        let back = if fails {
+            new.give_up("the camera is broken");
+            bench.restart(&new)
+        } else {
+            // The watchdog, or the power: nothing could be written.
+            bench.start()
+        };
+        let (now, text) = state(&back);
+        assert!(now == UpdateState::GivenUp && text.contains(words), "{text}");
+        assert_eq!(back.card.as_ref().unwrap().slots.running, Slot::A);
+        // It is no end: the same update can be sent again.
+        assert_eq!(send(&mut bench.start(), host, &file(&header(), &slot())).0, UpdateState::Ready);
+    }
+}
+
+#[test]
+fn power_cut_between_the_chooser_and_the_note_is_an_installed_update() {
+    let (_, [host, _]) = listened_to();
+    let mut bench = Bench::new();
+    let mut old = bench.start();
+    send(&mut old, host, &file(&header(), &slot()));
+    old.try_it();
+    let new = bench.restart(&old);
+    new.card.as_ref().unwrap().slots.commit().unwrap();
+    assert_eq!(state(&bench.start()).0, UpdateState::Installed);
+}
+
+#[test]
+fn what_is_not_signed_for_this_box_is_refused_before_anything_is_written() {
+    let (_, [host, _]) = listened_to();
+    let sound = header();
+    let forged = |change: &dyn Fn(&mut std::vec::Vec<u8>)| {
+        let mut file = file(&sound, &slot());
+        change(&mut file);
+        file
+    };
+    let other = Header { board: Text::new("rpi4").unwrap(), ..sound };
+    let (version, oldest_allowed) = ("0.0.9".parse().unwrap(), "0.0.9".parse().unwrap());
+    let old = Header { version, oldest_allowed, ..sound };
+    let unknown = Header { key: KeyId::of(&key(2).verifying_key()), ..sound };
+    for (file, words) in [
+        (forged(&|it| it[80] ^= 1), "its signature is wrong"),
+        (forged(&|it| it[0] ^= 1), "not an update of a box"),
+        (file(&other, &slot()), "it is for the board rpi4"),
+        (file(&old, &slot()), "its version is 0.0.9, and the box goes back to 0.1.0 at most"),
+        (file(&unknown, &slot()), "which the box does not know"),
+    ] {
+        let mut bench = Bench::new();
+        let mut updates = bench.start();
+        let before = fs::read(bench.path("b")).unwrap();
+        let (now, text) = send(&mut updates, host, &file);
+        assert!(now == UpdateState::Unusable && text.contains(words), "{words}: {text}");
+        assert_eq!(fs::read(bench.path("b")).unwrap(), before, "{words}");
+        assert!(matches!(updates.try_it(), ReplyOutcome::Refused { .. }));
+        assert_eq!(updates.leave(), None);
+    }
+}
+
+#[test]
+fn a_slot_that_is_not_what_was_signed_is_never_tried() {
+    let (_, [host, _]) = listened_to();
+    let mut damaged = slot();
+    damaged[SLOT - 1] ^= 1;
+    let mut bench = Bench::new();
+    let mut updates = bench.start();
+    let (now, text) = send(&mut updates, host, &file(&header(), &damaged));
+    assert!(now == UpdateState::Unusable && text.contains("not what was signed"), "{text}");
+    assert!(matches!(updates.try_it(), ReplyOutcome::Refused { .. }));
+}
+
+#[test]
+fn parts_of_two_hosts_are_not_mixed_and_what_was_begun_can_be_begun_again() {
+    let (_, [one, other]) = listened_to();
+    let file = file(&header(), &slot());
+    let mut bench = Bench::new();
+    let mut updates = bench.start();
+    updates.begin(one);
+    updates.take(other, &part(0, &file[..100]));
+    assert_eq!(state(&updates).0, UpdateState::Receiving { next: 0 });
+    updates.take(one, &part(0, &file[..100]));
+    updates.take(one, &part(101, &file[101..200]));
+    updates.take(one, &part(0, &file[..100]));
+    assert_eq!(state(&updates).0, UpdateState::Receiving { next: 100 });
+    assert!(matches!(updates.try_it(), ReplyOutcome::Refused { .. }));
+    assert_eq!(send(&mut updates, other, &file).0, UpdateState::Ready);
+}
+
+#[test]
+fn a_computer_that_is_no_box_of_its_own_says_how_it_is_updated() {
+    let (_, [host, _]) = listened_to();
+    let mut updates = Updates::impossible("use apt");
+    for outcome in [updates.begin(host), updates.query()] {
+        let ReplyOutcome::Refused { refusal, reason } = outcome else { panic!("{outcome:?}") };
+        assert_eq!((refusal, reason.as_str()), (Refusal::NotSupported, "use apt"));
+    }
+}
+
+#[test]
+fn boards_are_told_by_the_kernels_device_tree() {
+    assert_eq!(board(b"raspberrypi,4-model-b\0brcm,bcm2711\0"), Some("rpi4"));
+    assert_eq!(board(b"linux,dummy-virt\0"), Some("virt"));
+    assert_eq!(board(b"raspberrypi,5-model-b\0brcm,bcm2712\0"), None);
+    assert_eq!(board(b""), None);
+}
+
+#[test]
+fn keys_are_whole_and_there_is_one() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let words = |path: &Path| format!("{:#}", keys(path).unwrap_err());
+    assert!(words(file.path()).contains("empty"));
+    fs::write(file.path(), [7; 33]).unwrap();
+    assert!(words(file.path()).contains("has no keys"));
+    assert!(words(Path::new("/nowhere")).contains("--update-key"));
+    fs::write(file.path(), key(1).verifying_key().to_bytes()).unwrap();
+    assert_eq!(keys(file.path()).unwrap(), [key(1).verifying_key()]);
+}
