@@ -315,12 +315,12 @@ impl Session {
         let arrivals = self.links.receive(|listener, message| match message {
             // There is room for all of them.
             Message::Command(command) => drop(commands.push((listener, command))),
-            Message::Part(part) if part.document == Document::Update => {
-                if !is_recorded {
-                    self.updates.take(listener, &part);
-                }
-            }
-            Message::Part(part) => self.provisioning.take(listener, &part),
+            Message::Part(part) => match part.document {
+                // A trial is not to be disturbed by a card that is busy.
+                Document::Update if is_recorded => {}
+                Document::Update => self.updates.take(listener, &part),
+                Document::Config | Document::Picture(_) => self.provisioning.take(listener, &part),
+            },
             _ => {}
         });
         if self.updates.look_after(self.counters.frames, arrivals.is_heard()) {
