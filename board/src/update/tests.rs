@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use plumbline::packet::PART_BYTES_MAX;
 use plumbline_update::card::{SECTOR_BYTES, Slot};
-use plumbline_update::header::{KeyId, Text};
-use plumbline_update::sign::{SigningKey, signed, slot_hash};
+use plumbline_update::header::{KeyId, Text, slot_hash};
+use plumbline_update::sign::{SigningKey, signed};
 use plumbline_update::{chooser, firmware};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -85,7 +85,6 @@ fn header() -> Header {
         version: "0.2.0".parse().unwrap(),
         oldest_allowed: "0.1.0".parse().unwrap(),
         commit: Text::new("0123456789ab").unwrap(),
-        schema_hash: 7,
         slot_bytes: SLOT as u32,
         slot_hash: slot_hash(&slot()),
         key: KeyId::of(&key(1).verifying_key()),

@@ -7,7 +7,6 @@
 //! | 6 | the version: three numbers of 16 bits |
 //! | 6 | the oldest version that a box with this one goes to |
 //! | 24 | the commit that it was made from, in ASCII, then zeros |
-//! | 4 | the [schema hash](https://docs.rs/postcard-schema) of the messages that its program knows |
 //! | 4 | the length of what follows the head |
 //! | 32 | the SHA-256 of what follows the head |
 //! | 8 | which key it is signed with |
@@ -41,7 +40,7 @@ pub const COMMIT_BYTES: usize = 24;
 pub const HASH_BYTES: usize = 32;
 
 const SIGNED_BYTES: usize =
-    8 + BOARD_BYTES + 2 * Version::BYTES + COMMIT_BYTES + 4 + 4 + HASH_BYTES + KeyId::BYTES;
+    8 + BOARD_BYTES + 2 * Version::BYTES + COMMIT_BYTES + 4 + HASH_BYTES + KeyId::BYTES;
 
 /// A short text of letters, digits and `.+-_`.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -112,8 +111,6 @@ pub struct Header {
     pub oldest_allowed: Version,
     /// The commit that it was made from.
     pub commit: Text<COMMIT_BYTES>,
-    /// Stands for the messages that its program knows.
-    pub schema_hash: u32,
     /// The length of the slot that follows: whole sectors.
     pub slot_bytes: u32,
     /// The SHA-256 of the slot that follows.
@@ -134,7 +131,6 @@ impl Header {
             &self.version.to_bytes(),
             &self.oldest_allowed.to_bytes(),
             &self.commit.0,
-            &self.schema_hash.to_le_bytes(),
             &self.slot_bytes.to_le_bytes(),
             &self.slot_hash,
             &self.key.0,
@@ -160,7 +156,6 @@ impl Header {
             version: Version::of_bytes(take(&mut rest)),
             oldest_allowed: Version::of_bytes(take(&mut rest)),
             commit: Text::of_bytes(take(&mut rest)).ok_or(Fault::Field("commit"))?,
-            schema_hash: u32::from_le_bytes(take(&mut rest)),
             slot_bytes: u32::from_le_bytes(take(&mut rest)),
             slot_hash: take(&mut rest),
             key: KeyId(take(&mut rest)),
@@ -214,6 +209,12 @@ fn take<const BYTES: usize>(rest: &mut &[u8]) -> [u8; BYTES] {
     field.copy_from_slice(bytes);
     *rest = after;
     field
+}
+
+/// The SHA-256 of a slot.
+#[must_use]
+pub fn slot_hash(slot: &[u8]) -> [u8; HASH_BYTES] {
+    Sha256::digest(slot).into()
 }
 
 /// The public keys in a file of them, one after the other; `None` for anything else.
@@ -283,9 +284,8 @@ mod tests {
             version: "0.2.0".parse().unwrap(),
             oldest_allowed: "0.1.0".parse().unwrap(),
             commit: Text::new("0123456789ab").unwrap(),
-            schema_hash: 7,
             slot_bytes: 512,
-            slot_hash: Sha256::digest([1; 512]).into(),
+            slot_hash: slot_hash(&[1; 512]),
             key: KeyId::of(&key.verifying_key()),
         }
     }

@@ -7,7 +7,6 @@ use ed25519_dalek::Signer as _;
 pub use ed25519_dalek::pkcs8::{self, spki};
 use ed25519_dalek::pkcs8::{DecodePrivateKey as _, DecodePublicKey as _};
 pub use ed25519_dalek::{SigningKey, VerifyingKey};
-use sha2::{Digest, Sha256};
 
 use crate::card::SECTOR_BYTES;
 use crate::header::{HEADER_BYTES, Header};
@@ -37,12 +36,6 @@ pub fn signed(header: &Header, key: &SigningKey) -> [u8; HEADER_BYTES] {
     bytes[..signed.len()].copy_from_slice(&signed);
     bytes[signed.len()..].copy_from_slice(&signature.to_bytes());
     bytes
-}
-
-/// The SHA-256 of a slot.
-#[must_use]
-pub fn slot_hash(slot: &[u8]) -> [u8; 32] {
-    Sha256::digest(slot).into()
 }
 
 /// The part of a FAT32 file system that must be sent: up to its last cluster that belongs to a file,

@@ -5,6 +5,7 @@
 //!                         ├▶ aim: its picture, focus, exposure; stills of a board
 //!                         ├▶ scene: which way is forward
 //!                         ├▶ setup ─▶ delivery: another configuration
+//!                         ├▶ update: another system
 //!                         └▶ recording: what a trial needs while it is recorded
 //!  photographs ─▶ calibration: a camera file, and what is to be known about it
 //! ```
@@ -33,5 +34,6 @@ pub mod scene;
 pub mod setup;
 mod snapshot;
 mod told;
+pub mod update;
 
 pub use told::{Tell, Told};

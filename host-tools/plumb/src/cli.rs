@@ -7,7 +7,7 @@ use clap::{CommandFactory as _, Parser, Subcommand};
 use crate::commands::{
     aim, analyze, budget, calibrate, cohort, demo, desk, doctor, export, figures, gateway, keys,
     manual, optics, pair, prove, provision, receive, replay, report, scene, show, simulate, study,
-    target, track, validate,
+    target, track, update, validate,
 };
 
 /// Measure how a standing person sways, from one camera and two printed targets.
@@ -31,6 +31,7 @@ enum Command {
     Provision(provision::Arguments),
     Keys(keys::Arguments),
     Pair(pair::Arguments),
+    Update(update::Arguments),
     Aim(aim::Arguments),
     Show(show::Arguments),
     Doctor(doctor::Arguments),
@@ -93,6 +94,7 @@ fn carry_out(command: &Command) -> anyhow::Result<bool> {
         Command::Provision(arguments) => provision::run(arguments),
         Command::Keys(arguments) => keys::run(arguments),
         Command::Pair(arguments) => pair::run(arguments),
+        Command::Update(arguments) => update::run(arguments),
         Command::Aim(arguments) => aim::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),

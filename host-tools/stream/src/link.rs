@@ -284,6 +284,15 @@ impl BoxLink {
         id
     }
 
+    /// Sends bytes of a document that begin at `offset` in it, as parts, without waiting for anything.
+    pub fn send_parts(&mut self, document: Document, offset: usize, bytes: &[u8]) {
+        for (index, bytes) in bytes.chunks(PART_BYTES_MAX).enumerate() {
+            let offset = (offset + index * PART_BYTES_MAX) as u32;
+            let bytes = bytes.iter().copied().collect();
+            self.transport.send(&Message::Part(Part { document, offset, bytes }));
+        }
+    }
+
     /// Repeats a question until it is answered. Other messages that come meanwhile go to
     /// `aside`.
     ///
@@ -449,12 +458,7 @@ impl BoxLink {
         let crc = config.crc();
         let mut from = 0;
         for _ in 0..BARREN_MAX {
-            for (index, bytes) in blob[from..].chunks(PART_BYTES_MAX).enumerate() {
-                let offset = (from + index * PART_BYTES_MAX) as u32;
-                let bytes = bytes.iter().copied().collect();
-                let part = Part { document: Document::Config, offset, bytes };
-                self.transport.send(&Message::Part(part));
-            }
+            self.send_parts(Document::Config, from, &blob[from..]);
             let store = Action::StoreConfig { bytes: blob.len() as u32, crc };
             match self.ask_aside(store, STORED_WITHIN, |_| {})? {
                 ReplyOutcome::Stored { crc: stored } if stored == crc => return Ok(crc),

@@ -26,4 +26,5 @@ pub mod simulate;
 pub mod study;
 pub mod target;
 pub mod track;
+pub mod update;
 pub mod validate;

@@ -8,9 +8,6 @@ use anyhow::Result;
 use crate::command::Task;
 use crate::setup::{Need, Probe};
 
-/// The label of the file systems.
-pub const LABEL: &str = "PLUMBLINE";
-
 /// The tools needed to make them.
 pub const NEEDS: &[Need] = &[
     Need {
@@ -37,9 +34,15 @@ pub struct Fat<'a> {
 impl<'a> Fat<'a> {
     /// Makes an empty file system of `size_bytes` at `start_bytes` of the file, which must be large
     /// enough. `bits` is 12, 16 or 32.
-    pub fn make(file: &'a Path, start_bytes: u64, size_bytes: u64, bits: u8) -> Result<Self> {
+    pub fn make(
+        file: &'a Path,
+        start_bytes: u64,
+        size_bytes: u64,
+        bits: u8,
+        label: &str,
+    ) -> Result<Self> {
         Task::new("/usr/sbin/mkfs.fat")
-            .args(["--invariant", "-n", LABEL, "-F", &bits.to_string()])
+            .args(["--invariant", "-n", label, "-F", &bits.to_string()])
             .args(["--offset", &(start_bytes / SECTOR_BYTES).to_string()])
             .args([file])
             .args([(size_bytes / 1024).to_string()])

@@ -5,6 +5,7 @@
 //! | `/init` | `plumbline-board`, static: the first process |
 //! | `/etc/plumbline/modules` | the kernel modules to load, in order |
 //! | `/lib/modules/*.ko` | these modules |
+//! | `/etc/plumbline/update-keys` | the public keys with which updates must be signed, if there are any |
 //! | `/sbin/busybox` | for its DHCP client only |
 //! | `/sbin/network-lease` | what that client tells an address to: `/init` again |
 //!
@@ -16,20 +17,26 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use flate2::{Compression, GzBuilder};
+use plumbline_update::header::VerifyingKey;
 
 use super::archive::{self, Archive};
 use super::debian_root::DebianRoot;
 use super::modules;
 use crate::command::Task;
 
-/// Makes the initramfs with `program` as its first process.
-pub fn make(debian: &DebianRoot, program: &Path) -> Result<Vec<u8>> {
+/// Makes the initramfs with `program` as its first process, for a box that takes updates signed with
+/// these keys.
+pub fn make(debian: &DebianRoot, program: &Path, update_keys: &[VerifyingKey]) -> Result<Vec<u8>> {
     let mut root = Archive::default();
     root.program("init", stripped(program)?);
     // The boards' own modules first, because they include the watchdogs.
     let names = modules::listed(&["rpi4", "virt", "common"])?;
     let list = modules::add(&mut root, debian, &names, "lib/modules")?;
     root.file("etc/plumbline/modules", (list.join("\n") + "\n").into_bytes());
+    if !update_keys.is_empty() {
+        let keys = update_keys.iter().flat_map(|key| key.to_bytes());
+        root.file("etc/plumbline/update-keys", keys.collect());
+    }
     root.program("sbin/busybox", debian.read("usr/bin/busybox")?);
     root.link("sbin/network-lease", "/init");
     compressed(&root.to_bytes()?)
@@ -47,7 +54,7 @@ pub fn stripped(program: &Path) -> Result<Vec<u8>> {
 }
 
 /// Of the formats known to the kernel, gzip unpacks fastest after lz4, which is twice as large.
-fn compressed(archive: &[u8]) -> Result<Vec<u8>> {
+pub fn compressed(archive: &[u8]) -> Result<Vec<u8>> {
     let mut encoder = GzBuilder::new().mtime(0).write(Vec::new(), Compression::best());
     encoder.write_all(archive)?;
     let mut bytes = encoder.finish()?;

@@ -21,8 +21,10 @@ mod initramfs;
 mod modules;
 mod output;
 mod rpi4;
+mod slot;
 mod test_debian;
 mod test_overlay;
+mod update;
 mod virt;
 
 use std::fs;
@@ -30,6 +32,8 @@ use std::path::{self, Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
+use plumbline_update::header::VerifyingKey;
+use plumbline_update::sign::SigningKey;
 
 use crate::command::{BadInput, target_directory};
 use crate::cross::{Linking, Target};
@@ -51,11 +55,16 @@ Examples:
   An SD card for a Raspberry Pi 4, 400 or CM4 with a USB camera; X is the card's letter:
     cargo xtask image rpi4 --config box.plb
     sudo dd if=target/image/plumbline-rpi4.img of=/dev/sdX bs=4M conv=fsync
+  An update for boxes whose cards were made with the key of the same name (`plumb update`):
+    openssl genpkey -algorithm ed25519 -out release.key
+    openssl pkey -in release.key -pubout -out release.pub
+    cargo xtask image rpi4 --config box.plb --update-key release.pub
+    cargo xtask image update --signing-key release.key
   A package for Raspberry Pi OS or Debian, for a camera on a ribbon cable:
     cargo xtask image deb
 
-The configuration is the file config.plb in the root of the card's one
-partition, and the key the file box.key beside it: any computer can replace
+The configuration is the file config.plb in the root of the card's partition
+PLUMBLINE, and the key the file box.key beside it: any computer can replace
 them. `plumb provision --new-key --out box.plb` writes both, and `plumb
 provision --card` puts them into an image or onto a card. Whoever reads an
 image with a key in it can listen to that box and command it.")]
@@ -71,8 +80,16 @@ pub struct Arguments {
     /// without a key only says that it is there, and takes one over its serial cable.
     #[arg(long, value_name = "box.key", requires = "config")]
     key: Option<PathBuf>,
+    /// A public key in PEM with whose private one updates are signed; may be repeated. A box whose
+    /// image has none is updated by writing its card anew.
+    #[arg(long, value_name = "FILE.pub")]
+    update_key: Vec<PathBuf>,
+    /// With `update`: the private key in PEM to sign it with. Its public one is in the update itself,
+    /// so that the next one can follow.
+    #[arg(long, value_name = "FILE.key")]
+    signing_key: Option<PathBuf>,
     /// Where to [default: target/image/virt, target/image/plumbline-rpi4.img,
-    /// target/image/plumbline-board_VERSION_arm64.deb]
+    /// target/image/plumbline-board_VERSION_arm64.deb, target/image/plumbline-VERSION-rpi4.plu]
     #[arg(long, value_name = "DIR|FILE")]
     out: Option<PathBuf>,
 }
@@ -86,6 +103,8 @@ enum What {
     Rpi4,
     /// The Debian package of the box's program with libcamera, for arm64.
     Deb,
+    /// An update of the boxes whose cards this makes, for `plumb update`.
+    Update,
 }
 
 /// The configuration's name on the boot partition.
@@ -100,14 +119,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         What::Virt => "virt".into(),
         What::Rpi4 => "plumbline-rpi4.img".into(),
         What::Deb => format!("plumbline-board_{}_arm64.deb", debian::VERSION),
+        What::Update => format!("plumbline-{}-rpi4.plu", debian::VERSION),
     };
     let out = arguments.out.clone().unwrap_or_else(|| directory().join(default));
     // The programs that make the image run in other directories.
     let out = path::absolute(out).context("--out")?;
     output::check(&out, arguments.what == What::Virt)?;
-    if arguments.what == What::Deb && arguments.config.is_some() {
+    let signing_key = signing_key(arguments)?;
+    let mut update_keys = update::public_keys(&arguments.update_key)?;
+    update_keys.extend(signing_key.as_ref().map(SigningKey::verifying_key));
+    if matches!(arguments.what, What::Deb | What::Update) && arguments.config.is_some() {
         bail!(BadInput(
-            "--config: a package serves all boxes; leave it out, and copy the configuration to \
+            "--config: a package or an update serves all boxes; leave it out, and copy the configuration to \
              /var/lib/plumbline/config.plb on the box"
                 .into()
         ));
@@ -118,16 +141,34 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => Provided::default(),
     };
     match arguments.what {
-        What::Virt => virt::make(&Parts::make()?, &provided, &out),
-        What::Rpi4 => rpi4::make(&Parts::make()?, &provided, &out),
+        What::Virt => virt::make(&Parts::make(&update_keys)?, &provided, &out),
+        What::Rpi4 => rpi4::make(&Parts::make(&update_keys)?, &provided, &out),
         What::Deb => make_deb(&out),
+        What::Update => {
+            let key = signing_key.context("--signing-key")?;
+            update::make(&Parts::make(&update_keys)?, &key, &out)
+        }
+    }
+}
+
+/// The key to sign an update with: given for one, and for nothing else.
+fn signing_key(arguments: &Arguments) -> Result<Option<SigningKey>> {
+    match (arguments.what, &arguments.signing_key) {
+        (What::Update, Some(file)) => update::signing_key(file).map(Some),
+        (What::Update, None) => bail!(BadInput(
+            "--signing-key: an update must be signed: give the private key whose public one the \
+             boxes' cards were made with (--update-key)"
+                .into()
+        )),
+        (_, Some(_)) => bail!(BadInput("--signing-key: only an update is signed".into())),
+        (_, None) => Ok(None),
     }
 }
 
 /// Makes the image of an SD card without a configuration; returns the Debian packages of which parts are
 /// in it, with their versions.
 pub fn make_card(out: &Path) -> Result<Vec<(String, String)>> {
-    let parts = Parts::make()?;
+    let parts = Parts::make(&[])?;
     rpi4::make(&parts, &Provided::default(), out)?;
     parts.debian.versions()
 }
@@ -211,6 +252,7 @@ pub fn build_ahead(profile: Profile) -> Result<()> {
 /// | `vmlinuz`, `initramfs` | as they ship, but for the program |
 /// | `overlay.cpio` | [`test_overlay`] |
 /// | `rpi4.img` | the SD card, without a configuration |
+/// | `update.key` | the private key for its updates |
 /// | `rpi4.dtb`, `qemu-raspi4b` | [`emulated_pi`] |
 /// | `kernel-config` | what the kernel was built with |
 /// | `plumbline-board.deb` | the Debian package |
@@ -225,12 +267,14 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     let overlay = test_overlay::make(&debian, &guest)?;
     fs::write(directory.join("overlay.cpio"), overlay)?;
     let program = built(&debian, profile, Libraries::Inside, BOARD, &["fault-injection"])?;
-    let initramfs = initramfs::make(&debian, &program)?;
+    let key = SigningKey::from_bytes(&TEST_SIGNING_KEY);
+    let initramfs = initramfs::make(&debian, &program, &[key.verifying_key()])?;
     let parts = Parts { debian, initramfs };
     parts.write_to(&directory)?;
+    fs::write(directory.join("update.key"), TEST_SIGNING_KEY)?;
     let debian = &parts.debian;
     rpi4::make(&parts, &Provided::default(), &directory.join("rpi4.img"))?;
-    let tree = debian.device_trees()?.join(rpi4::DEVICE_TREES[0]);
+    let tree = debian.device_trees()?.join(slot::DEVICE_TREES[0]);
     emulated_pi::make_tree(&tree, &directory.join("rpi4.dtb"))?;
     emulated_pi::make_emulator(&directory.join("qemu-raspi4b"))?;
     fs::copy(debian.kernel_config_path()?, directory.join("kernel-config"))?;
@@ -259,12 +303,12 @@ struct Parts {
 }
 
 impl Parts {
-    /// Fetches and builds them.
-    fn make() -> Result<Self> {
+    /// Fetches and builds them, for boxes that take updates signed with these keys.
+    fn make(update_keys: &[VerifyingKey]) -> Result<Self> {
         prepare()?;
         let debian = DebianRoot::fetch()?;
         let program = built(&debian, Profile::Release, Libraries::Inside, BOARD, &[])?;
-        let initramfs = initramfs::make(&debian, &program)?;
+        let initramfs = initramfs::make(&debian, &program, update_keys)?;
         Ok(Self { debian, initramfs })
     }
 
@@ -275,6 +319,9 @@ impl Parts {
         Ok(())
     }
 }
+
+/// The private key for updates of the boxes in the tests: no secret, and good for nothing else.
+const TEST_SIGNING_KEY: [u8; 32] = [7; 32];
 
 /// The package of the box's program, and the program's name.
 const BOARD: &str = "plumbline-board";

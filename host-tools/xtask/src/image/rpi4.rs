@@ -1,24 +1,19 @@
-//! The SD card of a Raspberry Pi 4, a Pi 400 or a Compute Module 4: one FAT partition, from which
-//! the Pi's own boot firmware boots and the box reads its configuration.
-//!
-//! | file | from | is |
-//! |---|---|---|
-//! | `start4.elf`, `fixup4.dat` | raspi-firmware | the firmware; the Pi 4 has its first stage in its own memory |
-//! | [`DEVICE_TREES`] | linux-image-arm64 | what each board is made of; the firmware takes the one of its own |
-//! | `vmlinuz`, `initramfs` | | the same as for `virt` |
-//! | `config.txt`, `cmdline.txt` | `board/image/rpi4` | what the firmware and the kernel are told |
-//! | `config.plb` | `--config` | the box's configuration |
-//! | `box.key` | `--key`, or beside the configuration | the box's key |
+//! The SD card of a Raspberry Pi 4, a Pi 400 or a Compute Module 4, with the partitions of
+//! [`plumbline_update::card`]: the Pi's own boot firmware reads which slot to start, and starts it; the
+//! box reads its configuration and its key from the settings.
 
 use std::fs::{self, File};
+use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use plumbline_update::card::{CARD_BYTES, CHOOSER, PARTITIONS, SETTINGS, Slot};
+use plumbline_update::chooser;
 
 use super::config::Provided;
 use super::fat::Fat;
-use super::{Parts, output};
-use crate::command::{Task, root, target_directory};
+use super::{Parts, output, slot};
+use crate::command::{Task, target_directory};
 use crate::setup::{Need, Probe};
 
 /// The additional tools needed.
@@ -27,16 +22,6 @@ pub const NEEDS: &[Need] = &[Need {
     package: "fdisk",
     why: "makes the SD card's partition table",
 }];
-
-/// Named as the firmware expects with `upstream_kernel=1`.
-pub const DEVICE_TREES: [&str; 3] =
-    ["bcm2711-rpi-4-b.dtb", "bcm2711-rpi-400.dtb", "bcm2711-rpi-cm4-io.dtb"];
-
-/// The start of the partition: cards are written in blocks of this size or a fraction of it.
-const START_BYTES: u64 = 4 << 20;
-
-/// The size of the partition: twice its contents, so that the next kernel fits beside this one.
-const PARTITION_BYTES: u64 = 128 << 20;
 
 /// Makes the image `card`.
 pub fn make(parts: &Parts, provided: &Provided, card: &Path) -> Result<()> {
@@ -49,36 +34,38 @@ pub fn make(parts: &Parts, provided: &Provided, card: &Path) -> Result<()> {
 fn write(parts: &Parts, provided: &Provided, card: &Path) -> Result<()> {
     // The remains of a killed run must not show through.
     let file = File::create(card).with_context(|| card.display().to_string())?;
-    file.set_len(START_BYTES + PARTITION_BYTES)?;
+    file.set_len(CARD_BYTES)?;
+    partition(card)?;
+    let slot_file = slot::make(parts)?;
+    let system = fs::read(&slot_file).with_context(|| slot_file.display().to_string())?;
+    for slot in Slot::ALL {
+        (&file).seek(SeekFrom::Start(slot.partition().start_bytes))?;
+        (&file).write_all(&system)?;
+    }
+    let make = |it: plumbline_update::card::Partition| {
+        Fat::make(card, it.start_bytes, it.bytes, 32, it.label)
+    };
+    let sector = target_directory().join("image").join(chooser::FILE_NAME);
+    fs::write(&sector, chooser::sector(Slot::A))?;
+    make(CHOOSER)?.copy(&sector, chooser::FILE_NAME)?;
+    provided.copy(&make(SETTINGS)?)
+}
+
+/// Writes the partition table.
+fn partition(card: &Path) -> Result<()> {
     // Type c is the FAT32 that the firmware looks for; the label-id is the disk identifier, which
     // would otherwise be random.
-    let table = format!(
-        "label: dos\nlabel-id: 0x504c4d42\nunit: sectors\n\
-         start={}, size={}, type=c, bootable\n",
-        START_BYTES / 512,
-        PARTITION_BYTES / 512
-    );
+    let mut table = "label: dos\nlabel-id: 0x504c4d42\nunit: sectors\n".to_owned();
+    for it in PARTITIONS {
+        let bootable = if it == CHOOSER { ", bootable" } else { "" };
+        let (start, size) = (it.start_bytes / 512, it.bytes / 512);
+        table += &format!("start={start}, size={size}, type=c{bootable}\n");
+    }
     let script = target_directory().join("image/rpi4.sfdisk");
     fs::write(&script, table)?;
     Task::new("sh")
         .args(["-c", "/usr/sbin/sfdisk --quiet \"$1\" < \"$2\"", "sh"])
         .args([card, &script])
-        .output()?;
-
-    let fat = Fat::make(card, START_BYTES, PARTITION_BYTES, 32)?;
-    let firmware = parts.debian.path().join("usr/lib/raspi-firmware");
-    let device_trees = parts.debian.device_trees()?;
-    fat.copy(&firmware.join("start4.elf"), "start4.elf")?;
-    fat.copy(&firmware.join("fixup4.dat"), "fixup4.dat")?;
-    for name in DEVICE_TREES {
-        fat.copy(&device_trees.join(name), name)?;
-    }
-    fat.copy(&parts.debian.kernel_path()?, "vmlinuz")?;
-    let initramfs = target_directory().join("image/initramfs");
-    fs::write(&initramfs, &parts.initramfs)?;
-    fat.copy(&initramfs, "initramfs")?;
-    for name in ["config.txt", "cmdline.txt"] {
-        fat.copy(&root().join("board/image/rpi4").join(name), name)?;
-    }
-    provided.copy(&fat)
+        .output()
+        .map(drop)
 }

@@ -6,6 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use anyhow::Result;
+use plumbline_update::card::SETTINGS_LABEL;
 
 use super::config::Provided;
 use super::fat::Fat;
@@ -21,7 +22,7 @@ pub fn make(parts: &Parts, provided: &Provided, directory: &Path) -> Result<()> 
         parts.write_to(directory)?;
         let disk = directory.join("boot.img");
         File::create(&disk)?.set_len(DISK_BYTES)?;
-        let fat = Fat::make(&disk, 0, DISK_BYTES, 12)?;
+        let fat = Fat::make(&disk, 0, DISK_BYTES, 12, SETTINGS_LABEL)?;
         provided.copy(&fat)?;
         write_run(&directory.join("run"), &unpacked_programs())
     })?;
