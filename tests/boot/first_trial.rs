@@ -90,6 +90,7 @@ impl Ward {
             ),
             boot_disk: &self.disk,
             frames_disk: Some(frames_disk),
+            device_tree: None,
         };
         (Machine::start(&parts, &host), host)
     }

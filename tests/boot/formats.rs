@@ -79,6 +79,7 @@ impl Sent {
                 command_line: &format!("rdinit=/test/start test.usb_camera={}", self.name()),
                 boot_disk: &disk,
                 frames_disk: None,
+                device_tree: None,
             },
             &host,
         );

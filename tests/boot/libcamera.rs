@@ -53,6 +53,7 @@ fn libcameras_virtual_camera_is_tracked() {
         command_line: "rdinit=/init",
         boot_disk: &disk,
         frames_disk: None,
+        device_tree: None,
     };
     let machine = Machine::start(&parts, &host);
     // A Health comes every second, but on a busy machine it may be among the packets that were

@@ -28,6 +28,9 @@ use crate::scene;
 /// other things, or never.
 pub const PATIENCE: Duration = Duration::from_secs(240);
 
+/// What QEMU makes a device tree of.
+pub const VIRT: &str = "-machine virt -cpu cortex-a72 -smp 2 -m 512";
+
 /// The guest's name of this machine.
 pub const HOST: [u8; 4] = [10, 0, 2, 2];
 
@@ -47,6 +50,9 @@ pub struct Parts<'a> {
     pub boot_disk: &'a Path,
     /// What vivid plays, where the test guest is in the initramfs.
     pub frames_disk: Option<&'a Path>,
+    /// What the firmware hands over, where that is not QEMU's own. Such a machine is off after a reset:
+    /// its firmware, which the test plays, is to start it.
+    pub device_tree: Option<&'a Path>,
 }
 
 /// The network and the serial line as the box's host sees them, there before the machine is.
@@ -200,10 +206,13 @@ impl Machine {
         let line = directory.path().join("line");
 
         let mut command = Command::new("qemu-system-aarch64");
-        command.args("-machine virt -cpu cortex-a72 -smp 2 -m 512 -nodefaults".split(' '));
+        command.args(VIRT.split(' ')).arg("-nodefaults");
         command.args("-icount shift=1,sleep=on -display none -serial stdio".split(' '));
         command.arg("-kernel").arg(&parts.kernel).arg("-initrd").arg(&initramfs);
         command.arg("-append").arg(format!("console=ttyAMA0 quiet {}", parts.command_line));
+        if let Some(tree) = parts.device_tree {
+            command.arg("-no-reboot").arg("-dtb").arg(tree);
+        }
         let disks = [("boot", Some(parts.boot_disk)), ("frames", parts.frames_disk)];
         for (name, path) in disks {
             let Some(path) = path else { continue };
@@ -235,6 +244,11 @@ impl Machine {
         let line = connect(&line, &mut child);
         watch_serial(&line, &host.key, &seen, &Arc::default());
         Self { child, seen, line, _directory: directory }
+    }
+
+    /// Whether it is off, after a reset.
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().expect("it can be asked").is_some()
     }
 
     /// Sends a packet over the serial line.

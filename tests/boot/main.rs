@@ -27,6 +27,7 @@ mod provisioning;
 mod strangers;
 mod trigger;
 mod trouble;
+mod update;
 
 use std::path::Path;
 
@@ -41,6 +42,7 @@ fn boot_with_camera(host: &Host, boot_disk: &Path, more: &str) -> Machine {
         command_line: &format!("rdinit=/test/start {more}"),
         boot_disk,
         frames_disk: Some(&SCENE.frames_disk),
+        device_tree: None,
     };
     Machine::start(&parts, host)
 }

@@ -140,6 +140,7 @@ fn the_packaged_service_reaches_its_devices_as_its_own_user() {
         command_line: "rdinit=/test/start systemd.unit=test.target systemd.show_status=true",
         boot_disk: &disk,
         frames_disk: None,
+        device_tree: None,
     };
     let machine = Machine::start(&parts, &Host::new());
     let health = machine.wait_for("poses, and a Health after them", |seen| {

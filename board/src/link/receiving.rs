@@ -26,6 +26,9 @@ const FRAMES_PER_TURN_MAX: usize = 64;
 /// come over the serial line; the others wait.
 pub const MESSAGES_PER_TURN_MAX: usize = 16;
 
+/// Parts of documents that are taken in one turn, which are as cheap as what is thrown away.
+const PARTS_PER_TURN_MAX: usize = 64;
+
 /// Handshakes that are answered in one turn; hosts ask again.
 const ANSWERS_PER_TURN_MAX: usize = 128;
 
@@ -42,6 +45,7 @@ pub struct Arrivals {
     /// Somebody has asked for packets once more.
     pub is_asked_again: bool,
     messages: usize,
+    parts: usize,
     answers: usize,
 }
 
@@ -49,7 +53,12 @@ impl Arrivals {
     /// Whether a host has said anything that was answered, or acted on.
     #[must_use]
     pub fn is_heard(&self) -> bool {
-        self.messages + self.answers > 0
+        self.messages + self.parts + self.answers > 0
+    }
+
+    /// Whether the others must wait for the next turn.
+    fn is_full(&self) -> bool {
+        self.messages == MESSAGES_PER_TURN_MAX || self.parts == PARTS_PER_TURN_MAX
     }
 }
 
@@ -61,7 +70,7 @@ impl Links {
         let give_up = Instant::now() + TIME_PER_TURN_MAX;
         let mut datagram = [0; DATAGRAM_BYTES_MAX];
         for _ in 0..DATAGRAMS_PER_TURN_MAX {
-            if arrivals.messages == MESSAGES_PER_TURN_MAX || Instant::now() >= give_up {
+            if arrivals.is_full() || Instant::now() >= give_up {
                 break;
             }
             let Some(udp) = &mut self.ports.udp else { break };
@@ -74,17 +83,18 @@ impl Links {
             return arrivals;
         }
         // A flood on the network does not cost what the cable says.
-        let messages_before = std::mem::take(&mut arrivals.messages);
+        let before = (std::mem::take(&mut arrivals.messages), std::mem::take(&mut arrivals.parts));
         let mut frame = [0; SEALED_FRAME_BYTES_MAX];
         for _ in 0..FRAMES_PER_TURN_MAX {
             let Some(serial) = &mut self.ports.serial else { break };
             let Some(length) = serial.receive(&mut frame) else { break };
             self.hear(Peer::Serial, &frame[..length], &mut arrivals, &mut take);
-            if arrivals.messages == MESSAGES_PER_TURN_MAX {
+            if arrivals.is_full() {
                 break;
             }
         }
-        arrivals.messages += messages_before;
+        arrivals.messages += before.0;
+        arrivals.parts += before.1;
         arrivals
     }
 
@@ -106,7 +116,10 @@ impl Links {
                 }
             }
             Heard::Message { listener, has_joined, message } => {
-                arrivals.messages += 1;
+                match message {
+                    Message::Part(_) => arrivals.parts += 1,
+                    _ => arrivals.messages += 1,
+                }
                 if has_joined {
                     arrivals.has_joined = true;
                     requests::log_joined(from);

@@ -5,13 +5,25 @@ use std::io::Read as _;
 use std::path::Path;
 
 use super::firmware::{self, BOARDS};
+use plumbline_update::card::{CARD_BYTES, CHOOSER, PARTITIONS, Partition, Slot};
+use plumbline_update::{chooser, firmware as choosing};
+
 use crate::machine::{image, read};
 use crate::scene::{file_on, files_on, run};
 
-/// Where the card's one partition starts.
-pub const START_BYTES: u64 = 4 << 20;
+/// A partition of a card as mtools take it.
+pub fn place(card: &Path, partition: &Partition) -> String {
+    format!("{}@@{}", card.display(), partition.start_bytes)
+}
 
-/// The files of a card, which have names without case.
+/// The slot that the firmware takes from a card.
+pub fn chosen(card: &Path, is_try: bool) -> Slot {
+    let sector = file_on(&place(card, &CHOOSER), chooser::FILE_NAME).expect("a chooser");
+    let partition = choosing::partition(&sector, is_try);
+    partition.and_then(Slot::of_partition).expect("it names a slot")
+}
+
+/// The files of a card's slot, which have names without case.
 #[derive(Clone)]
 pub struct Card {
     files: BTreeMap<String, Vec<u8>>,
@@ -21,9 +33,10 @@ pub struct Card {
 }
 
 impl Card {
-    /// Reads the image of a card.
-    pub fn of(image_file: &Path) -> Self {
-        let partition = format!("{}@@{START_BYTES}", image_file.display());
+    /// Reads the slot that the firmware takes from the image of a card.
+    pub fn of(image_file: &Path, is_try: bool) -> Self {
+        let slot = chosen(image_file, is_try);
+        let partition = place(image_file, &slot.partition());
         let names = files_on(&partition).into_iter();
         let files = names.filter_map(|name| Some((name.clone(), file_on(&partition, &name)?)));
         let files: BTreeMap<_, _> = files.collect();
@@ -74,10 +87,15 @@ impl Card {
     }
 }
 
+fn unzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut unzipped = Vec::new();
+    flate2::read::GzDecoder::new(bytes).read_to_end(&mut unzipped).expect("it is compressed");
+    unzipped
+}
+
 /// The names in an initramfs, and its list of modules.
 fn unpacked(initramfs: &[u8]) -> (Vec<String>, String) {
-    let mut archive = Vec::new();
-    flate2::read::GzDecoder::new(initramfs).read_to_end(&mut archive).expect("it is compressed");
+    let archive = unzipped(initramfs);
     let (mut rest, mut names, mut modules) = (&archive[..], Vec::new(), String::new());
     loop {
         let mut reader = cpio::NewcReader::new(rest).expect("an archive");
@@ -113,14 +131,15 @@ fn complaints(card: &Card) -> String {
 
 #[test]
 fn the_firmware_finds_what_the_card_makes_it_look_for_on_every_board() {
-    let card = Card::of(&image("rpi4.img"));
+    let card = Card::of(&image("rpi4.img"), false);
     for board in &BOARDS {
         let start = firmware::start(&card, board).unwrap_or_else(|complaints| {
             panic!("the card does not start:\n{}", complaints.join("\n"))
         });
         println!("{}: {start:?}", board.name);
         assert_eq!(start.device_tree, board.tree);
-        assert!(card.file(&start.kernel) == Some(&read(&image("vmlinuz"))[..]), "another kernel");
+        let kernel = card.file(&start.kernel).expect("it is there");
+        assert!(unzipped(kernel) == read(&image("vmlinuz")), "another kernel");
         assert!(card.file(&start.initramfs) == Some(&read(&image("initramfs"))[..]), "another one");
     }
     // The firmware itself is what it is called.
@@ -130,7 +149,7 @@ fn the_firmware_finds_what_the_card_makes_it_look_for_on_every_board() {
 
 #[test]
 fn a_card_that_would_not_start_is_told_by_what_is_wrong_with_it() {
-    let card = Card::of(&image("rpi4.img"));
+    let card = Card::of(&image("rpi4.img"), false);
     let never_booted = complaints(&card.with("config.txt", CONFIG_THAT_NEVER_BOOTED));
     for words in [
         "Pi 4 Model B: start4cd.elf is not on the card",
@@ -178,24 +197,30 @@ fn a_card_that_would_not_start_is_told_by_what_is_wrong_with_it() {
 }
 
 #[test]
-fn the_card_has_one_partition_where_the_firmware_looks_for_it() {
-    let directory = tempfile::tempdir().unwrap();
-    let card = directory.path().join("card.img");
-    run("cp", &["--sparse=always", image("rpi4.img").to_str().unwrap(), card.to_str().unwrap()]);
-    let card_name = card.to_str().unwrap();
-
+fn the_card_has_partitions_where_the_firmware_looks_for_them() {
+    let card = image("rpi4.img");
     // doc: raspberry-pi/eeprom-bootloader.adoc: a partition table as of old, and FAT32.
-    let table = run("/usr/sbin/sfdisk", &["--json", card_name]);
+    let table = run("/usr/sbin/sfdisk", &["--json", card.to_str().unwrap()]);
     let compact: String = table.split_whitespace().collect();
     assert!(compact.contains(r#""label":"dos""#), "{table}");
-    assert_eq!(compact.matches(r#""node":"#).count(), 1, "{table}");
-    assert!(
-        compact.contains(r#""start":8192,"size":262144,"type":"c","bootable":true"#),
-        "{table}"
-    );
-    let partition = directory.path().join("partition.img");
+    assert_eq!(compact.matches(r#""node":"#).count(), PARTITIONS.len(), "{table}");
     let bytes = read(&card);
-    std::fs::write(&partition, &bytes[START_BYTES as usize..]).unwrap();
-    let checked = run("/usr/sbin/fsck.fat", &["-n", "-v", partition.to_str().unwrap()]);
-    assert!(checked.contains("32 bit entries"), "{checked}");
+    assert_eq!(bytes.len() as u64, CARD_BYTES);
+    let directory = tempfile::tempdir().unwrap();
+    let of = |it: &Partition| &bytes[it.start_bytes as usize..][..it.bytes as usize];
+    for partition in PARTITIONS {
+        let (start, size) = (partition.start_bytes / 512, partition.bytes / 512);
+        // The first bootable one is where autoboot.txt is looked for.
+        let bootable = if partition == CHOOSER { r#","bootable":true"# } else { "" };
+        let entry = format!(r#""start":{start},"size":{size},"type":"c"{bootable}}}"#);
+        assert!(compact.contains(&entry), "{entry} is not in {table}");
+        let file = directory.path().join("partition.img");
+        std::fs::write(&file, of(&partition)).unwrap();
+        let checked = run("/usr/sbin/fsck.fat", &["-n", "-v", file.to_str().unwrap()]);
+        assert!(checked.contains("32 bit entries"), "{checked}");
+        assert_eq!(of(&partition)[71..82].trim_ascii_end(), partition.label.as_bytes());
+    }
+    assert!(of(&Slot::A.partition()) == of(&Slot::B.partition()), "slots that differ");
+    assert_eq!((chosen(&card, false), chosen(&card, true)), (Slot::A, Slot::B));
+    assert_eq!(files_on(&place(&card, &CHOOSER)), [chooser::FILE_NAME]);
 }

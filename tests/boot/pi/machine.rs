@@ -19,8 +19,9 @@ use nix::fcntl::OFlag;
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
 use nix::sys::termios::{FlushArg, SetArg, cfmakeraw, tcflush, tcgetattr, tcsetattr};
 use plumbline::config::FILE_NAME;
+use plumbline_update::card::SETTINGS;
 
-use super::card::{Card, START_BYTES};
+use super::card::{Card, chosen};
 use super::firmware::{self, BOARDS};
 use super::power_management::{LOOK_EVERY, PowerManagement, Reset};
 use super::qmp::Qmp;
@@ -66,16 +67,16 @@ impl Pi {
     /// added to its command line.
     pub fn new(blob: Option<&[u8]>, options: &str) -> Self {
         Self::with_card(options, |card| {
-            scene::copy_key(card, START_BYTES);
+            scene::copy_key(card, SETTINGS.start_bytes);
             if let Some(blob) = blob {
-                scene::copy(card, START_BYTES, FILE_NAME, blob);
+                scene::copy(card, SETTINGS.start_bytes, FILE_NAME, blob);
             }
         })
     }
 
     /// A new card with this configuration, and without a key.
     pub fn unpaired(blob: &[u8]) -> Self {
-        Self::with_card("", |card| scene::copy(card, START_BYTES, FILE_NAME, blob))
+        Self::with_card("", |card| scene::copy(card, SETTINGS.start_bytes, FILE_NAME, blob))
     }
 
     fn with_card(options: &str, fill: impl FnOnce(&Path)) -> Self {
@@ -212,7 +213,8 @@ impl Starter {
 
     /// Plays the firmware: takes from the card what its rules say, and starts that.
     fn start(&self, reset: Reset) -> Child {
-        let card = Card::of(&self.card);
+        let slot = chosen(&self.card, false);
+        let card = Card::of(&self.card, false);
         let start = firmware::start(&card, &BOARDS[0])
             .unwrap_or_else(|complaints| panic!("{}", complaints.join("\n")));
         let path = |name: &str| self.directory.join(name);
@@ -227,6 +229,9 @@ impl Starter {
         let status = format!("{:x}", reset.status());
         let loader = "/chosen/bootloader";
         run("fdtput", &["-p", "-t", "x", tree, loader, "rsts", &status]);
+        let number = format!("{:x}", slot.partition().number);
+        run("fdtput", &["-p", "-t", "x", tree, loader, "partition", &number]);
+        run("fdtput", &["-p", "-t", "x", tree, loader, "tryboot", "0"]);
         run("fdtput", &["-p", "-t", "x", tree, "/system", "linux,revision", "b03115"]);
         // The firmware's random numbers, without which a machine whose clock counts instructions
         // has none: the box waits for them.

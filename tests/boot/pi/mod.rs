@@ -19,11 +19,12 @@ use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 use plumbline_stream::link::BoxLink;
 use plumbline_stream::transport::{Link, Serial};
+use plumbline_update::card::SETTINGS;
 
 use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, known_box, two_of};
 use crate::scene::{self, Position, SCENE, distance_mm, file_on, files_on};
-use card::START_BYTES;
+pub use card::{chosen, place};
 use common::{binary, keys};
 use machine::{LINE, Lent, Pi};
 
@@ -175,7 +176,7 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
     let options = format!("plumbline.serial={LINE}:115200");
     let mut pi = Pi::new(None, &options);
     pi.switch_on();
-    let lacks = "no configuration: no config.plb in 10 s on a FAT partition (mmcblk0 mmcblk0p1): \
+    let lacks = "no configuration: no config.plb in 10 s on a FAT partition (mmcblk0 mmcblk0p1 mmcblk0p2 mmcblk0p3 mmcblk0p4): \
                  send one with `plumb provision`, or copy it to the boot partition";
     pi.wait_for("what it lacks", |seen| logs(&seen.serial).contains(lacks).then_some(()));
     assert_shows(&pi, Status::NoConfiguration, "Plumbline", lacks);
@@ -240,7 +241,7 @@ impl Computer for Pi {
     }
 
     fn disk(&self) -> String {
-        format!("{}@@{START_BYTES}", self.card().display())
+        place(self.card(), &SETTINGS)
     }
 }
 
