@@ -34,7 +34,7 @@ Examples:
     plumbline-board --config box.plb --replay trial.y4m --serial /dev/ttyAMA0 --udp host:4210
 
 As the first process of a computer (init) it takes no command line: it finds its
-configuration, config.plb, on the boot partition, brings up the network and tracks.
+configuration, config.plb, on the settings partition, brings up the network and tracks.
 
 Exit code: 0 when the recording ended or the program was asked to stop, 2 when
 an input or a device was at fault or a packet could not be recorded; the message

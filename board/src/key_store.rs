@@ -34,7 +34,7 @@ impl KeyStore {
         Self(StoredFile::file(&KEY, path))
     }
 
-    /// The file of a box's boot partition.
+    /// The file of a box's settings partition.
     #[must_use]
     pub fn on_partition(partition: &ReadOnlyPartition) -> Self {
         Self(StoredFile::on_partition(&KEY, partition, KEY_FILE_NAME))

@@ -34,7 +34,7 @@ fn after_a_power_cut_at_any_moment_the_next_boot_tracks() {
         println!("cut {cut} after {moment:?}, tracking: {tracked}");
         // A start sees nothing else of the one before: after each of these cuts the next boot is the
         // same.
-        assert!(read(&disk) == before, "the boot partition was written to");
+        assert!(read(&disk) == before, "the settings partition was written to");
     }
     let machine = crate::boot_with_camera(&host, &disk, "");
     machine.wait_for("a pose after the power cuts", first_pose);

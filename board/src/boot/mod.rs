@@ -140,7 +140,7 @@ pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! 
     }
 }
 
-/// The configuration of a boot partition with its equipment, once all of it has been found
+/// The configuration of a settings partition with its equipment, once all of it has been found
 /// usable.
 fn configuration((blob, device): (Vec<u8>, String)) -> Result<(Config, Equipment)> {
     let config = Config::decode(&blob).with_context(|| in_config(&device))?;

@@ -1,4 +1,4 @@
-//! The boot partition: the first FAT file system that has a configuration.
+//! The settings partition: the first FAT file system that has a configuration.
 //!
 //! Disks appear once their drivers have found them, so all of them are searched
 //! repeatedly for a while. Partitions are mounted read-only.
@@ -54,7 +54,7 @@ impl std::fmt::Display for Absent {
         write!(
             formatter,
             "no {FILE_NAME} in {seconds} s on a FAT partition ({looked}): send one with `plumb \
-             provision`, or copy it to the boot partition"
+             provision`, or copy it to the settings partition"
         )
     }
 }

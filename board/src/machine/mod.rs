@@ -1,5 +1,5 @@
 //! The computer that the program runs on: its clocks, its watchdog, its power supply, its
-//! temperature, the priority of the measurement, and its boot partition.
+//! temperature, the priority of the measurement, and its settings partition.
 //!
 //! Each is asked of the kernel and does without what a computer lacks: that is logged, or its
 //! value is `None`, and the box measures all the same.

@@ -177,7 +177,7 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
     let mut pi = Pi::new(None, &options);
     pi.switch_on();
     let lacks = "no configuration: no config.plb in 10 s on a FAT partition (mmcblk0 mmcblk0p1 mmcblk0p2 mmcblk0p3 mmcblk0p4): \
-                 send one with `plumb provision`, or copy it to the boot partition";
+                 send one with `plumb provision`, or copy it to the settings partition";
     pi.wait_for("what it lacks", |seen| logs(&seen.serial).contains(lacks).then_some(()));
     assert_shows(&pi, Status::NoConfiguration, "Plumbline", lacks);
     let line = pi.lend_line();

@@ -14,7 +14,7 @@ use super::{CONFIG_NAME, KEY_NAME};
 use crate::command::{BadInput, Task, target_directory};
 use crate::setup;
 
-/// What a box is given on its boot partition: absolute paths.
+/// What a box is given on its settings partition: absolute paths.
 #[derive(Debug, Default, PartialEq)]
 pub struct Provided {
     /// Its configuration.
@@ -50,7 +50,7 @@ impl Provided {
         })
     }
 
-    /// Copies them onto the boot partition.
+    /// Copies them onto the settings partition.
     pub fn copy(&self, fat: &Fat<'_>) -> Result<()> {
         for (file, name) in [(&self.config, CONFIG_NAME), (&self.key, KEY_NAME)] {
             if let Some(file) = file {
@@ -60,7 +60,7 @@ impl Provided {
         Ok(())
     }
 
-    /// Says what is lacking, and how it gets onto the boot partition of `image`.
+    /// Says what is lacking, and how it gets onto the settings partition of `image`.
     pub fn say_what_is_lacking(&self, image: &Path) {
         let lacking = match self {
             Self { config: None, .. } => "configuration and no key",

@@ -13,7 +13,7 @@ pub const NEEDS: &[Need] = &[
     Need {
         probe: Probe::File("/usr/sbin/mkfs.fat"),
         package: "dosfstools",
-        why: "makes the boot partition's file system",
+        why: "makes the settings partition's file system",
     },
     Need {
         probe: Probe::Program("mcopy"),

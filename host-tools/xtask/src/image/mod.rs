@@ -107,7 +107,7 @@ enum What {
     Update,
 }
 
-/// The configuration's name on the boot partition.
+/// The configuration's name on the settings partition.
 const CONFIG_NAME: &str = "config.plb";
 
 /// The name of the key beside it.

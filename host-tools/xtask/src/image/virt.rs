@@ -1,5 +1,5 @@
 //! The image for QEMU's arm64 board `virt`: a directory with the kernel, the initramfs, a disk with
-//! the boot partition, and a script that starts them.
+//! the settings partition, and a script that starts them.
 
 use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt;

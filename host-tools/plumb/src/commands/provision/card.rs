@@ -1,5 +1,5 @@
-//! The configuration and the key on a card: the FAT file system that a box starts from, in an image's
-//! file or on the card itself.
+//! The configuration and the key on a card: the FAT file system from which a box reads them, in an
+//! image's file or on the card itself.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -13,6 +13,7 @@ use plumbline::seal::{KEY_FILE_NAME, Key, NEW_KEY_FILE_NAME};
 use plumbline_bedside::delivery::refuse_another_box;
 use plumbline_bedside::keys::{self, Found};
 use plumbline_files::BadInput;
+use plumbline_update::card::SETTINGS_LABEL;
 
 const SECTOR_BYTES: usize = 512;
 
@@ -197,27 +198,31 @@ fn file_system<'a>(file: &'a File, place: &str) -> Result<(Fat<'a>, &'static str
     if let Some(fat) = opened(Some((0, bytes))) {
         return Ok((fat, "on it"));
     }
-    let partition = first_fat_partition(file, bytes).map_err(|error| fault(place, &error))?;
-    let fat = opened(partition).ok_or_else(|| {
-        BadInput::whole(
+    let partitions = fat_partitions(file, bytes).map_err(|error| fault(place, &error))?;
+    let mut found: Vec<_> =
+        partitions.into_iter().filter_map(|range| opened(Some(range))).collect();
+    // The one for settings, or else the first.
+    let settings = found.iter().position(|it| it.volume_label() == SETTINGS_LABEL).unwrap_or(0);
+    if found.is_empty() {
+        return Err(BadInput::whole(
             place,
             "neither a FAT file system nor a card with one on a partition of its table",
             "give an image of `cargo xtask image`, or the card that it was written to",
-        )
-    })?;
-    Ok((fat, "on its boot partition"))
+        ));
+    }
+    Ok((found.swap_remove(settings), "on its settings partition"))
 }
 
-/// Where the first FAT partition begins and ends, by the table in the first sector.
-fn first_fat_partition(mut file: &File, bytes: u64) -> io::Result<Option<(u64, u64)>> {
+/// Where the FAT partitions begin and end, by the table in the first sector.
+fn fat_partitions(mut file: &File, bytes: u64) -> io::Result<Vec<(u64, u64)>> {
     if bytes < SECTOR_BYTES as u64 {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let mut sector = [0; SECTOR_BYTES];
     file.seek(SeekFrom::Start(0))?;
     file.read_exact(&mut sector)?;
     if !sector.ends_with(&[0x55, 0xaa]) {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let number = |entry: &[u8], at: usize| {
         let bytes = [entry[at], entry[at + 1], entry[at + 2], entry[at + 3]];
@@ -228,7 +233,7 @@ fn first_fat_partition(mut file: &File, bytes: u64) -> io::Result<Option<(u64, u
         let start = number(entry, 8);
         (start, (start + number(entry, 12)).min(bytes))
     });
-    Ok(found.into_iter().find(|(start, end)| start < end))
+    Ok(found.filter(|(start, end)| start < end).collect())
 }
 
 /// The bytes of a file that is there, if it is; one more than `bytes_max` at most.
@@ -353,6 +358,41 @@ mod tests {
             let mut kernel = Vec::new();
             fat.root_dir().open_file("vmlinuz").unwrap().read_to_end(&mut kernel).unwrap();
             assert_eq!(kernel, vec![7; 70_000]);
+        }
+    }
+
+    #[test]
+    fn of_several_file_systems_the_one_for_settings_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let card = folder.path().join("card");
+        for (labels, taken) in [
+            ([*b"PL-CHOOSER ", *b"PLUMBLINE  "], 1),
+            ([*b"PLUMBLINE  ", *b"PL-SLOT    "], 0),
+            ([*b"ONE        ", *b"OTHER      "], 0),
+        ] {
+            let mut disk = vec![0; MIB];
+            for (index, label) in labels.into_iter().enumerate() {
+                let mut partition = Cursor::new(vec![0; MIB]);
+                let options = FormatVolumeOptions::new().fat_type(FatType::Fat12);
+                format_volume(&mut partition, options.volume_label(label)).unwrap();
+                disk.extend(partition.into_inner());
+                let entry = &mut disk[TABLE_START + index * ENTRY_BYTES..][..ENTRY_BYTES];
+                entry[4] = 0x0c;
+                let sectors = (MIB / SECTOR_BYTES) as u32;
+                entry[8..12].copy_from_slice(&((index as u32 + 1) * sectors).to_le_bytes());
+                entry[12..].copy_from_slice(&sectors.to_le_bytes());
+            }
+            disk[SECTOR_BYTES - 2..SECTOR_BYTES].copy_from_slice(&[0x55, 0xaa]);
+            std::fs::write(&card, disk).unwrap();
+            let config = config("ward 3");
+            write(&card, &config, &blob(&config), None, false).unwrap();
+            let file = open(&card).unwrap();
+            for index in 0..labels.len() {
+                let start = ((index + 1) * MIB) as u64;
+                let slice = StreamSlice::new(&file, start, start + MIB as u64).unwrap();
+                let fat = FileSystem::new(slice, FsOptions::new()).unwrap();
+                assert_eq!(fat.root_dir().open_file(FILE_NAME).is_ok(), index == taken);
+            }
         }
     }
 
