@@ -109,7 +109,8 @@ impl Ward {
         let tree = self.path("tree.dtb");
         let name = tree.to_str().expect("a plain path");
         let machine = VIRT.replace("-machine virt", &format!("-machine virt,dumpdtb={name}"));
-        let arguments: Vec<&str> = machine.split(' ').chain(["-display", "none"]).collect();
+        let arguments: Vec<&str> =
+            machine.split(' ').chain(["-nodefaults", "-display", "none"]).collect();
         run("qemu-system-aarch64", &arguments);
         let loader = "/chosen/bootloader";
         let number = format!("{:x}", self.slot.partition().number);

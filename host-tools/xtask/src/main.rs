@@ -7,6 +7,7 @@
 //! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
 //! | `dist` | makes what people download: programs, packages, wheels, images |
 //! | `bench` | measures the figures that README.md quotes |
+//! | `evidence` | runs what is tried long and often, and writes `tests/evidence.md` |
 //!
 //! Exit codes: 0 done, 1 something failed, 2 the input cannot be used, or the machine lacks
 //! something that could not be installed (the message contains the remedy, or the line to run).
@@ -23,6 +24,7 @@ mod cross;
 mod debian;
 mod demo;
 mod dist;
+mod evidence;
 mod generated;
 mod image;
 mod instructions;
@@ -64,6 +66,8 @@ enum Task {
     /// Measure speed, spread and memory on rendered frames, beside OpenCV where
     /// Python has it.
     Bench(bench::Arguments),
+    /// Run what is tried long and often, and write down how often, and what was found. Takes a night.
+    Evidence(evidence::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -73,6 +77,7 @@ fn main() -> ExitCode {
         Task::Image(arguments) => image::run(&arguments),
         Task::Dist(arguments) => dist::run(&arguments),
         Task::Bench(arguments) => bench::run(&arguments),
+        Task::Evidence(arguments) => evidence::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

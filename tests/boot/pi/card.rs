@@ -87,7 +87,8 @@ impl Card {
     }
 }
 
-fn unzipped(bytes: &[u8]) -> Vec<u8> {
+/// What a gzip archive holds.
+pub fn unzipped(bytes: &[u8]) -> Vec<u8> {
     let mut unzipped = Vec::new();
     flate2::read::GzDecoder::new(bytes).read_to_end(&mut unzipped).expect("it is compressed");
     unzipped

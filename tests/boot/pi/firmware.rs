@@ -13,7 +13,7 @@
 
 use std::path::Path;
 
-use super::card::Card;
+use super::card::{Card, unzipped};
 use crate::scene::run;
 
 /// A board that a card may be put into.
@@ -208,6 +208,9 @@ impl Firmware<'_> {
 
     fn check_kernel(&mut self, start: &Start) {
         let Some(kernel) = self.card.file(&start.kernel) else { return };
+        // doc: config_txt/boot.adoc, arm_64bit: "gzip archives of an image", recognized by the bytes
+        // with which they start.
+        let kernel = if kernel.starts_with(&[0x1f, 0x8b]) { &unzipped(kernel) } else { kernel };
         // kernel: Documentation/arch/arm64/booting.rst. firmware 1415: the firmware reads the
         // same header, and places the kernel by it.
         if kernel.get(56..60) != Some(b"ARM\x64") {

@@ -41,8 +41,10 @@ impl<'a> Fat<'a> {
         bits: u8,
         label: &str,
     ) -> Result<Self> {
+        // Clusters of one sector: otherwise a small file system has fewer than FAT32 must have, and
+        // some take it for FAT16.
         Task::new("/usr/sbin/mkfs.fat")
-            .args(["--invariant", "-n", label, "-F", &bits.to_string()])
+            .args(["--invariant", "-n", label, "-F", &bits.to_string(), "-s", "1"])
             .args(["--offset", &(start_bytes / SECTOR_BYTES).to_string()])
             .args([file])
             .args([(size_bytes / 1024).to_string()])
