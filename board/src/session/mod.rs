@@ -154,6 +154,12 @@ impl Session {
         let mut beat = self.started;
         while !stop.load(Ordering::Relaxed) && !self.reboot && self.updates.leave().is_none() {
             let now = Instant::now();
+            if self.updates.is_tried()
+                && let Some(watchdog) = &mut self.watchdog
+            {
+                // It watches the loop itself, with and without a camera: what hangs is no system to keep.
+                watchdog.feed();
+            }
             self.look_after(source);
             if now >= beat {
                 self.send_hello();
@@ -194,6 +200,7 @@ impl Session {
             return;
         }
         if matches!(camera, CameraState::Lost | CameraState::Stalled)
+            && !self.updates.is_tried()
             && let Some(watchdog) = &mut self.watchdog
         {
             watchdog.stop();

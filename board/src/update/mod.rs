@@ -146,6 +146,12 @@ impl Updates {
         self.card.as_ref().is_ok_and(|card| card.slots.is_on_trial)
     }
 
+    /// Whether the new program has yet to show that it works.
+    #[must_use]
+    pub fn is_tried(&self) -> bool {
+        self.trial.is_some()
+    }
+
     /// The session begins; `has_key` if the box's key was read.
     pub fn begin_session(&mut self, has_key: bool) {
         if self.is_on_trial() {

@@ -191,6 +191,38 @@ fn a_trial_that_fails_hangs_or_loses_power_leads_back_and_the_box_says_why() {
     }
 }
 
+/// The sectors of an update in the order in which they are written: the idle slot, and at last the one
+/// of the chooser. A card writes a sector or does not.
+#[test]
+fn power_cut_after_any_sector_leaves_a_box_that_starts() {
+    let mut bench = Bench::new();
+    let is_measuring = |bench: &mut Bench, slot: Slot| {
+        let system = fs::read(bench.path(if slot == Slot::A { "a" } else { "b" })).unwrap();
+        let whole = if slot == Slot::A { vec![b'a'; 2 * SLOT] } else { slot_of_card() };
+        bench.running() == slot && system == whole
+    };
+    let (mut on_card, update) = (vec![b'b'; 2 * SLOT], slot());
+    for (index, sector) in update.chunks(SECTOR_BYTES).enumerate() {
+        assert!(is_measuring(&mut bench, Slot::A), "after {index} sectors");
+        on_card[index * SECTOR_BYTES..][..sector.len()].copy_from_slice(sector);
+        fs::write(bench.path("b"), &on_card).unwrap();
+    }
+    let note = Note { update: Update::of(&header(), Slot::B), fate: Fate::Trying };
+    NoteStore::file(&bench.path("update.txt")).keep(&note).unwrap();
+    assert!(is_measuring(&mut bench, Slot::A));
+    assert_eq!(state(&bench.start()).0, UpdateState::GivenUp);
+    fs::write(bench.path("chooser"), chooser::sector(Slot::B)).unwrap();
+    assert!(is_measuring(&mut bench, Slot::B));
+    assert_eq!(state(&bench.start()).0, UpdateState::Installed);
+}
+
+/// Slot B when the update has been written to it.
+fn slot_of_card() -> std::vec::Vec<u8> {
+    let mut slot = slot();
+    slot.resize(2 * SLOT, b'b');
+    slot
+}
+
 #[test]
 fn power_cut_between_the_chooser_and_the_note_is_an_installed_update() {
     let (_, [host, _]) = listened_to();
