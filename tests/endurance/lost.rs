@@ -234,9 +234,11 @@ fn lose(frames: u64, loss_every: u64, person: usize) -> (String, u64, Growth) {
     assert_eq!(u64::from(health.camera_losses), losses, "{health:?}");
     assert_eq!(u64::from(health.frames_missed), missed, "{health:?}");
     assert_eq!(health.camera, CameraState::Ended);
-    let counted =
-        format!("frames       {frames} (0 late), 0 dropped, {missed} missed, camera lost {losses} times");
-    for words in [counted.as_str(), "allocations  0 after the first frame", " sent, 0 dropped (file"]
+    let counted = format!(
+        "frames       {frames} (0 late), 0 dropped, {missed} missed, camera lost {losses} times"
+    );
+    for words in
+        [counted.as_str(), "allocations  0 after the first frame", " sent, 0 dropped (file"]
     {
         assert!(said.contains(words), "{words}:\n{said}");
     }

@@ -43,7 +43,7 @@ pub fn is_too_slow() -> bool {
 }
 
 /// The camera's side of the pipe.
-fn feed(box_in: ChildStdin, show: &Show, steps: impl Iterator<Item = Step>, silent_every: u64) {
+fn feed(mut box_in: ChildStdin, show: &Show, steps: impl Iterator<Item = Step>, silent_every: u64) {
     // Larger than a frame, so that the two processes rarely wait for each other. Where that is not
     // allowed it is only slower.
     let _ = fcntl(&box_in, FcntlArg::F_SETPIPE_SZ(1 << 20));
@@ -100,8 +100,10 @@ fn replay(frames: u64, silences: u64, person: usize) -> (String, Growth) {
     let said = std::fs::read_to_string(said).expect("it has said something");
     assert!(child.wait().expect("it has ended").success(), "{said}");
     assert_eq!(judge.seen, frames, "{said}");
-    let counted = format!("frames       {frames} (0 late), 0 dropped, 0 missed, camera lost 0 times");
-    for words in [counted.as_str(), "allocations  0 after the first frame", " sent, 0 dropped (file"]
+    let counted =
+        format!("frames       {frames} (0 late), 0 dropped, 0 missed, camera lost 0 times");
+    for words in
+        [counted.as_str(), "allocations  0 after the first frame", " sent, 0 dropped (file"]
     {
         assert!(said.contains(words), "{words}:\n{said}");
     }
@@ -130,7 +132,9 @@ pub fn assert_constant(Growth { settled, largest }: &Growth) -> String {
     let grown_kb = largest.1.own_kb - settled.1.own_kb;
     assert!(grown_kb <= GROWTH_KB_MAX, "{grown_kb} KB: {settled:?}, {largest:?}");
     let (begin, own_kb, resident_kb) = (settled.0, settled.1.own_kb, settled.1.resident_kb);
-    format!("memory {own_kb} KB ({resident_kb} KB resident) at frame {begin}, +{grown_kb} KB at most")
+    format!(
+        "memory {own_kb} KB ({resident_kb} KB resident) at frame {begin}, +{grown_kb} KB at most"
+    )
 }
 
 #[test]

@@ -18,7 +18,8 @@ pub const SHARE: &str = "PLUMBLINE_SHARE";
 /// When [`SEED`] is not a number.
 pub fn seed() -> u64 {
     let given = env::var(SEED).ok();
-    let given = given.map(|text| text.parse().unwrap_or_else(|_| panic!("{SEED}={text}: a number")));
+    let given =
+        given.map(|text| text.parse().unwrap_or_else(|_| panic!("{SEED}={text}: a number")));
     // The standard library draws the keys of its hash maps at random.
     let seed = given.unwrap_or_else(|| RandomState::new().build_hasher().finish());
     println!("\nseed {seed}: {SEED}={seed} repeats what is random in this test");
