@@ -127,12 +127,14 @@ pub fn assert_power_cuts_leave_one(
 struct Virt {
     host: Host,
     disk: PathBuf,
+    disk_options: &'static str,
     machine: Option<Machine>,
 }
 
 impl Computer for Virt {
     fn switch_on(&mut self) {
-        self.machine = Some(crate::boot_with_camera(&self.host, &self.disk, ""));
+        let machine = crate::boot_with_disk(&self.host, &self.disk, self.disk_options, "");
+        self.machine = Some(machine);
     }
 
     fn cut_power(&mut self) {
@@ -146,16 +148,18 @@ impl Computer for Virt {
 
 #[test]
 fn a_power_cut_while_a_configuration_is_stored_leaves_the_old_or_the_new_one() {
-    power_cuts(4);
+    let cut = power_cuts(4, "");
+    println!("{cut:?}");
 }
 
-/// Cuts the power of QEMU's own board this many times while configurations are stored.
-pub fn power_cuts(cuts: usize) -> Cut {
+/// Cuts the power of QEMU's own board this many times while configurations are stored on a disk with
+/// these options of QEMU's.
+pub fn power_cuts(cuts: usize, disk_options: &'static str) -> Cut {
     let directory = tempfile::tempdir().unwrap();
     let (mut link, address) = link();
     let configs = two_of(&scene::config(address));
     let disk = scene::boot_disk(directory.path(), &scene::blob(&configs[0]));
-    let mut computer = Virt { host: Host::new(), disk, machine: None };
+    let mut computer = Virt { host: Host::new(), disk, disk_options, machine: None };
     assert_power_cuts_leave_one(&mut computer, &mut link, &configs, cuts)
 }
 
