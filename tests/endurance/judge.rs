@@ -5,9 +5,9 @@ use plumbline::packet::{CameraState, Health, Message, PosePacket};
 use crate::script::Script;
 use crate::show::{Position, RATE_HZ};
 
-/// How far a pose may be from the truth: a pose of something else, or of the wrong corners, is off by
-/// a centimetre at least; the noise of this camera, in the dimmest light, stays below.
-const ERROR_MM_MAX: f64 = 4.0;
+/// How far a pose may be from the truth. The noise of this camera, in the dimmest light, reaches half of
+/// it once in millions; a pose of something else, or of the wrong corners, is off by a centimetre.
+const ERROR_MM_MAX: f64 = 1.0;
 
 /// Whose clock the capture times are of.
 #[derive(Debug, Clone, Copy)]

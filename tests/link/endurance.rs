@@ -311,7 +311,8 @@ fn a_host_whose_clock_jumps_records_as_any_other() {
     let Some(mut bench) = Bench::new() else { return };
     let relay = Relay::new(&bench.hosts, seed);
     let offset = bench.path("offset");
-    fs::write(&offset, "+0").unwrap();
+    // A third of a century ago.
+    fs::write(&offset, "-1000000000").unwrap();
     let words = |text: &str| OsString::from(text);
     bench.environment = vec![
         ("LD_PRELOAD", library.into()),
@@ -344,6 +345,8 @@ fn a_host_whose_clock_jumps_records_as_any_other() {
         host.interrupt();
         host.succeeds();
     }
+    let [jumped, not] = ["jumping", "steady"].map(|trial| bench.manifest(trial).started);
+    assert_ne!(jumped[..4], not[..4], "nobody has changed its clock");
     let times_ns: Vec<u64> = bench.entries("jumping").iter().map(|it| it.host_ns).collect();
     assert!(times_ns.is_sorted(), "the recording's own time jumps");
     for trial in ["jumping", "steady"] {
