@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use crate::machine::read_only_partition::{ReadOnlyPartition, sync_disk_of};
+use crate::machine::watchdog;
 
 /// The journal of a file: where a new one is written first.
 #[must_use]
@@ -151,7 +152,9 @@ impl StoredFile {
             file.set_len(bytes.len() as u64)?;
             file.sync_all()
         };
-        write().with_context(|| format!("{} cannot be written", path.display()))?;
+        write()
+            .inspect(|()| watchdog::written())
+            .with_context(|| format!("{} cannot be written", path.display()))?;
         sync_disk_of(path)
     }
 

@@ -89,6 +89,7 @@ impl Ward {
                 self.port
             ),
             boot_disk: &self.disk,
+            boot_disk_options: "",
             frames_disk: Some(frames_disk),
             device_tree: None,
         };

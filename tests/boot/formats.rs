@@ -3,6 +3,8 @@
 //! The kernel's own driver for USB cameras streams from a virtual one, as it does from most that
 //! people have.
 
+use std::path::Path;
+
 use common::coloured;
 use plumbline::config::PixelFormat;
 use plumbline::packet::Health;
@@ -40,7 +42,7 @@ const ERROR_MM_MAX: [f64; 2] = [0.12, 0.28];
 const DIFFERENCE_MM_MAX: f64 = 0.05;
 
 /// What a camera sends.
-struct Sent {
+pub struct Sent {
     format: PixelFormat,
     code: &'static [u8; 4],
     frames: Vec<Vec<u8>>,
@@ -59,30 +61,34 @@ impl Sent {
         Self { format, code, frames, whole }
     }
 
+    /// Boots with a camera that sends them; `more` goes to the kernel's command line.
+    pub fn start(&self, host: &Host, directory: &Path, more: &str) -> Machine {
+        let mut config = scene::config(host.address());
+        let capture = config.capture.as_mut().unwrap();
+        (capture.pixel_format, capture.rate_hz) = (self.format, RATE_HZ);
+        let disk = scene::boot_disk(directory, &scene::blob(&config));
+        let files = self.frames.iter().enumerate();
+        let files = files.map(|(place, frame)| (format!("frames/{place}"), frame.clone()));
+        let frames = directory.join("frames.cpio");
+        std::fs::write(&frames, scene::archive(files)).unwrap();
+        let parts = Parts {
+            kernel: built("vmlinuz"),
+            initramfs: vec![built("initramfs"), built("overlay.cpio"), frames],
+            command_line: &format!("rdinit=/test/start test.usb_camera={} {more}", self.name()),
+            boot_disk: &disk,
+            boot_disk_options: "",
+            frames_disk: None,
+            device_tree: None,
+        };
+        Machine::start(&parts, host)
+    }
+
     /// Boots with a camera that sends them; the last Health, after enough poses. Each of them is
     /// that of a frame that this machine reads and tracks, at most as far from it as allowed.
     fn boot(&self) -> Health {
         let host = Host::new();
         let directory = tempfile::tempdir().unwrap();
-        let mut config = scene::config(host.address());
-        let capture = config.capture.as_mut().unwrap();
-        (capture.pixel_format, capture.rate_hz) = (self.format, RATE_HZ);
-        let disk = scene::boot_disk(directory.path(), &scene::blob(&config));
-        let files = self.frames.iter().enumerate();
-        let files = files.map(|(place, frame)| (format!("frames/{place}"), frame.clone()));
-        let frames = directory.path().join("frames.cpio");
-        std::fs::write(&frames, scene::archive(files)).unwrap();
-        let machine = Machine::start(
-            &Parts {
-                kernel: built("vmlinuz"),
-                initramfs: vec![built("initramfs"), built("overlay.cpio"), frames],
-                command_line: &format!("rdinit=/test/start test.usb_camera={}", self.name()),
-                boot_disk: &disk,
-                frames_disk: None,
-                device_tree: None,
-            },
-            &host,
-        );
+        let machine = self.start(&host, directory.path(), "");
         let health = machine.wait_for("poses and a Health after them", |seen| {
             let enough = poses(&seen.udp).filter(|pose| is_measured(pose)).count() >= POSES;
             seen.health().filter(|health| enough && health.frames >= POSES as u32).cloned()
@@ -164,8 +170,13 @@ fn motion_jpeg_is_decoded_and_a_damaged_frame_is_missed() {
 
 #[test]
 fn a_colour_sensors_own_samples_are_tracked_by_their_green() {
+    mosaic().boot();
+}
+
+/// As a colour sensor sends its samples.
+pub fn mosaic() -> Sent {
     let mosaic = |grey: &[u8]| coloured::mosaic(b"BA81", grey, size_px().0);
-    Sent::new(PixelFormat::Bayer8, b"BA81", mosaic).boot();
+    Sent::new(PixelFormat::Bayer8, b"BA81", mosaic)
 }
 
 #[test]

@@ -52,6 +52,7 @@ fn libcameras_virtual_camera_is_tracked() {
         initramfs: vec![built("initramfs"), built("overlay-libcamera.cpio"), frames],
         command_line: "rdinit=/init",
         boot_disk: &disk,
+        boot_disk_options: "",
         frames_disk: None,
         device_tree: None,
     };

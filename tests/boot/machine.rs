@@ -48,6 +48,8 @@ pub struct Parts<'a> {
     pub initramfs: Vec<PathBuf>,
     pub command_line: &'a str,
     pub boot_disk: &'a Path,
+    /// How QEMU emulates that disk, beside what is usual: `throttling.iops-write=4`.
+    pub boot_disk_options: &'a str,
     /// What vivid plays, where the test guest is in the initramfs.
     pub frames_disk: Option<&'a Path>,
     /// What the firmware hands over, where that is not QEMU's own. Such a machine is off after a reset:
@@ -213,11 +215,14 @@ impl Machine {
         if let Some(tree) = parts.device_tree {
             command.arg("-no-reboot").arg("-dtb").arg(tree);
         }
-        let disks = [("boot", Some(parts.boot_disk)), ("frames", parts.frames_disk)];
-        for (name, path) in disks {
+        let disks = [
+            ("boot", Some(parts.boot_disk), parts.boot_disk_options),
+            ("frames", parts.frames_disk, "readonly=on"),
+        ];
+        for (name, path, options) in disks {
             let Some(path) = path else { continue };
-            let read_only = if name == "frames" { ",readonly=on" } else { "" };
-            let drive = format!("if=none,id={name},format=raw{read_only},file=");
+            let comma = if options.is_empty() { "" } else { "," };
+            let drive = format!("if=none,id={name},format=raw{comma}{options},file=");
             command.arg("-drive").arg(drive + path.to_str().expect("a plain path"));
             command.arg("-device").arg(format!("virtio-blk-pci,drive={name},serial={name}"));
         }

@@ -15,6 +15,7 @@ mod machine;
 mod scene;
 
 mod configuration;
+mod endurance;
 mod first_trial;
 mod formats;
 mod libcamera;
@@ -36,11 +37,17 @@ use scene::SCENE;
 
 /// Boots with vivid playing the scene; `more` goes to the kernel's command line.
 fn boot_with_camera(host: &Host, boot_disk: &Path, more: &str) -> Machine {
+    boot_with_disk(host, boot_disk, "", more)
+}
+
+/// The same with a boot disk that QEMU emulates in its own way.
+fn boot_with_disk(host: &Host, boot_disk: &Path, boot_disk_options: &str, more: &str) -> Machine {
     let parts = Parts {
         kernel: image("vmlinuz"),
         initramfs: vec![image("initramfs"), image("overlay.cpio")],
         command_line: &format!("rdinit=/test/start {more}"),
         boot_disk,
+        boot_disk_options,
         frames_disk: Some(&SCENE.frames_disk),
         device_tree: None,
     };

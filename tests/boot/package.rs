@@ -139,6 +139,7 @@ fn the_packaged_service_reaches_its_devices_as_its_own_user() {
         initramfs: vec![image("debian.cpio"), image("overlay.cpio"), package, frames],
         command_line: "rdinit=/test/start systemd.unit=test.target systemd.show_status=true",
         boot_disk: &disk,
+        boot_disk_options: "",
         frames_disk: None,
         device_tree: None,
     };

@@ -10,6 +10,7 @@ use plumbline::packet::{Action, Hello, LinkKind, Message};
 use plumbline::seal::KEY_FILE_NAME;
 use plumbline_stream::link::BoxLink;
 use plumbline_stream::transport::{KnownBox, Link, Udp};
+use plumbline_test_support::seed;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -17,7 +18,7 @@ use crate::machine::{HOST, Host, Machine, PATIENCE};
 use crate::scene::{self, file_on, files_on};
 
 /// The host's own end of a link, and what the box calls it.
-fn link() -> (BoxLink, SocketAddr) {
+pub fn link() -> (BoxLink, SocketAddr) {
     let udp = Udp::bind((Ipv4Addr::LOCALHOST, 0).into()).expect("a free port");
     let port = udp.local_address().expect("it is bound").port();
     let link = Link::new(udp, vec![known_box()], "boot test");
@@ -30,7 +31,7 @@ pub fn known_box() -> KnownBox {
 }
 
 /// Who the box is, once it says so by itself: it may be starting.
-fn hello(link: &mut BoxLink) -> Hello {
+pub fn hello(link: &mut BoxLink) -> Hello {
     let hello = link.messages(Instant::now() + PATIENCE, |message| match message {
         Message::Hello(hello) => Some(hello.clone()),
         _ => None,
@@ -39,7 +40,7 @@ fn hello(link: &mut BoxLink) -> Hello {
 }
 
 /// The configuration on a disk, as a box finds it at its next start.
-fn on_disk(disk: &str) -> Vec<u8> {
+pub fn on_disk(disk: &str) -> Vec<u8> {
     let whole = |name: &str| file_on(disk, name).filter(|blob| Config::decode(blob).is_ok());
     whole("config.plb").or_else(|| whole("config.new")).expect("a whole configuration")
 }
@@ -64,6 +65,15 @@ pub fn two_of(config: &Config) -> [Config; 2] {
 /// More configurations than are stored before any power cut.
 const STORED_MAX: usize = 200;
 
+/// What was being done when the power was cut.
+#[derive(Debug, Default)]
+pub struct Cut {
+    /// Configurations that were stored until then, in all.
+    pub stored: usize,
+    /// The cuts after which the journal of a file was still there.
+    pub in_the_middle: usize,
+}
+
 /// Stores the configurations in turn and cuts the power at random moments, `cuts` times: each
 /// time one of them must be there whole, and the computer must start with it in the end.
 /// `computer` starts with the first of them.
@@ -72,10 +82,9 @@ pub fn assert_power_cuts_leave_one(
     link: &mut BoxLink,
     configs: &[Config; 2],
     cuts: usize,
-) {
-    let seed = rand::random();
-    println!("power cuts: seed {seed}");
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
+) -> Cut {
+    let mut random = ChaCha8Rng::seed_from_u64(seed());
+    let mut seen = Cut::default();
     for cut in 1..=cuts {
         computer.switch_on();
         let met = hello(link);
@@ -96,6 +105,9 @@ pub fn assert_power_cuts_leave_one(
         });
         assert!(more < STORED_MAX - 1, "the power was never cut");
         println!("cut {cut} {moment:?} after the first was stored: {more} more stored");
+        seen.stored += 1 + more;
+        let has_journal = files_on(&computer.disk()).iter().any(|name| name == "config.new");
+        seen.in_the_middle += usize::from(has_journal);
         let found = on_disk(&computer.disk());
         assert!(configs.iter().any(|config| scene::blob(config) == found), "half a configuration");
     }
@@ -108,18 +120,21 @@ pub fn assert_power_cuts_leave_one(
     assert!(!files.iter().any(|name| name == "config.new"), "{files:?}");
     assert_eq!(file_on(&computer.disk(), KEY_FILE_NAME), Some(scene::key_file(&scene::key())));
     computer.cut_power();
+    seen
 }
 
 /// QEMU's own board.
 struct Virt {
     host: Host,
     disk: PathBuf,
+    disk_options: &'static str,
     machine: Option<Machine>,
 }
 
 impl Computer for Virt {
     fn switch_on(&mut self) {
-        self.machine = Some(crate::boot_with_camera(&self.host, &self.disk, ""));
+        let machine = crate::boot_with_disk(&self.host, &self.disk, self.disk_options, "");
+        self.machine = Some(machine);
     }
 
     fn cut_power(&mut self) {
@@ -133,12 +148,19 @@ impl Computer for Virt {
 
 #[test]
 fn a_power_cut_while_a_configuration_is_stored_leaves_the_old_or_the_new_one() {
+    let cut = power_cuts(4, "");
+    println!("{cut:?}");
+}
+
+/// Cuts the power of QEMU's own board this many times while configurations are stored on a disk with
+/// these options of QEMU's.
+pub fn power_cuts(cuts: usize, disk_options: &'static str) -> Cut {
     let directory = tempfile::tempdir().unwrap();
     let (mut link, address) = link();
     let configs = two_of(&scene::config(address));
     let disk = scene::boot_disk(directory.path(), &scene::blob(&configs[0]));
-    let mut computer = Virt { host: Host::new(), disk, machine: None };
-    assert_power_cuts_leave_one(&mut computer, &mut link, &configs, 4);
+    let mut computer = Virt { host: Host::new(), disk, disk_options, machine: None };
+    assert_power_cuts_leave_one(&mut computer, &mut link, &configs, cuts)
 }
 
 #[test]

@@ -102,6 +102,7 @@ impl Ward {
             initramfs: vec![self.path("initramfs"), image("overlay.cpio")],
             command_line: &format!("rdinit=/test/start {}", words.join(" ")),
             boot_disk: &self.card,
+            boot_disk_options: "",
             frames_disk: Some(&SCENE.frames_disk),
             device_tree: Some(&tree),
         };

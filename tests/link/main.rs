@@ -22,6 +22,7 @@
 //! | B14 50,000 datagrams of junk a second at the box, at a host | no pose lost, no memory taken, no junk kept | [`floods`] |
 //! | another receiver, in Python, written from LINK.md | the same poses; it makes and opens the published packets | [`python`], [`vectors`] |
 //! | other programs take the poses while they come, many at once, idle ones, one that goes away | every frame, with true times; the recording is whole | [`streams`] |
+//! | killed while recording, dead links, full disks, clocks that jump, a hundred times each | what was recorded is there until then; nothing that was sent is missing | [`endurance`] |
 //!
 //! B15 and B16 and B18 to B20 are not of the link: updates, files and terminals have tests of their
 //! own. A box as strangers find it on a serial cable is tested with the box's program.
@@ -29,6 +30,7 @@
 mod attacks;
 mod bench;
 mod elsewhere;
+mod endurance;
 mod floods;
 mod loss;
 mod network;

@@ -8,6 +8,8 @@ use anyhow::{Context, Result};
 use nix::mount::{MsFlags, mount};
 use nix::unistd::syncfs;
 
+use super::watchdog;
+
 /// How it is mounted, apart from read-only or writable.
 pub const MOUNT_FLAGS: MsFlags =
     MsFlags::MS_NOSUID.union(MsFlags::MS_NODEV).union(MsFlags::MS_NOEXEC);
@@ -48,6 +50,7 @@ impl ReadOnlyPartition {
     fn remount(&self, access: MsFlags) -> nix::Result<()> {
         let flags = MsFlags::MS_REMOUNT | MOUNT_FLAGS | access;
         mount(None::<&str>, &self.place, None::<&str>, flags, None::<&str>)
+            .inspect(|()| watchdog::written())
     }
 }
 
@@ -58,5 +61,6 @@ impl ReadOnlyPartition {
 pub fn sync_disk_of(path: &Path) -> Result<()> {
     let sync = || -> std::io::Result<()> { Ok(syncfs(File::open(path)?)?) };
     sync()
+        .inspect(|()| watchdog::written())
         .with_context(|| format!("the disk of {} does not accept what was written", path.display()))
 }

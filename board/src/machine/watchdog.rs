@@ -5,11 +5,13 @@
 //!            a frame              the camera is lost
 //!   Stopped ─────────▶ Running ──────────────────────▶ Stopped
 //!                      │     ▲
-//!                      └─────┘ a frame feeds it
+//!                      └─────┘ a frame feeds it, or a write that the card has finished
 //! ```
 //!
-//! Nothing else feeds it: a loop that runs without measuring is as bad as one that
-//! hangs. A lost camera is no fault of the computer, and a restart would not bring it
+//! While something is stored no frames are processed, and a slow card may take longer for all of it
+//! than the longest time without a frame. Each write that the card has finished therefore feeds the
+//! watchdog, too; a card that finishes none restarts the computer. Nothing else feeds it: a loop that
+//! runs without measuring is as bad as one that hangs. A lost camera is no fault of the computer, and a restart would not bring it
 //! back, so the watchdog is then stopped.
 //!
 //! It is also stopped when the program ends normally. When the program ends in a panic
@@ -21,8 +23,9 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
-use std::os::fd::AsRawFd;
+use std::os::fd::{AsRawFd, RawFd};
 use std::path::Path;
+use std::sync::atomic::{AtomicI32, Ordering};
 
 use anyhow::{Context, Result};
 use nix::libc::c_int;
@@ -47,6 +50,28 @@ mod ioctl {
     nix::ioctl_read!(set_options, b'W', 4, c_int);
     nix::ioctl_read!(keep_alive, b'W', 5, c_int);
     nix::ioctl_readwrite!(set_timeout, b'W', 6, c_int);
+}
+
+/// No file.
+const NONE: RawFd = -1;
+
+/// The open device of the watchdog that is running, for [`written`].
+static RUNNING: AtomicI32 = AtomicI32::new(NONE);
+
+/// The card has finished a write: what is being stored comes along. Does nothing while no watchdog
+/// is running.
+pub fn written() {
+    let device = RUNNING.load(Ordering::Relaxed);
+    if device != NONE {
+        keep_alive(device);
+    }
+}
+
+fn keep_alive(device: RawFd) {
+    let mut unused = 0;
+    // SAFETY: `unused` outlives the call, which touches at most one integer.
+    // A failure shows as a restart, which is the best that can be done about it.
+    let _ = unsafe { ioctl::keep_alive(device, &raw mut unused) };
 }
 
 /// The computer's watchdog.
@@ -127,15 +152,14 @@ impl Watchdog {
     pub fn feed(&mut self) {
         if !self.running {
             self.running = self.set(WDIOS_ENABLECARD);
+            RUNNING.store(self.device.as_raw_fd(), Ordering::Relaxed);
         }
-        let mut unused = 0;
-        // SAFETY: `unused` outlives the call, which touches at most one integer.
-        // A failure shows as a restart, which is the best that can be done about it.
-        let _ = unsafe { ioctl::keep_alive(self.device.as_raw_fd(), &raw mut unused) };
+        keep_alive(self.device.as_raw_fd());
     }
 
     /// The camera is lost, so that there will be no frames for a while.
     pub fn stop(&mut self) {
+        RUNNING.store(NONE, Ordering::Relaxed);
         if self.running {
             self.running = !self.set(WDIOS_DISABLECARD);
         }
@@ -149,6 +173,8 @@ impl Watchdog {
 
 impl Drop for Watchdog {
     fn drop(&mut self) {
+        // The device is closed, and its number may become another file's.
+        RUNNING.store(NONE, Ordering::Relaxed);
         if !std::thread::panicking() {
             self.stop();
             // This letter permits the kernel to stop it when the device is closed.

@@ -9,8 +9,8 @@
 //!                            error, or silent for a second
 //! ```
 //!
-//! Opening an absent camera is retried, soon at first and then every [`BACK_OFF_MAX`],
-//! for as long as it takes. Opening allocates; giving frames does not, unless they are compressed.
+//! Opening an absent camera is retried again and again, for as long as it takes: see [`PAUSE`].
+//! Opening allocates; giving frames does not, unless they are compressed.
 
 use std::time::{Duration, Instant};
 
@@ -24,11 +24,10 @@ use crate::logger;
 /// An open camera that is silent for this long is closed and reopened.
 const SILENCE_MAX: Duration = Duration::from_secs(1);
 
-/// The pause after the first failure; each further one doubles it.
-const BACK_OFF_MIN: Duration = Duration::from_millis(100);
-
-/// The longest pause between two attempts.
-pub const BACK_OFF_MAX: Duration = Duration::from_secs(2);
+/// The pause before an attempt to open a camera, the same however long it has been absent: somebody
+/// who plugs it in again waits for less than a second, most of which its driver and its first frame
+/// take. Without a camera the box has nothing else to do.
+const PAUSE: Duration = Duration::from_millis(100);
 
 /// How often a fault is repeated to the hosts, as one may have started listening
 /// only now.
@@ -89,8 +88,6 @@ pub struct Camera<D> {
     /// The counts of earlier openings.
     earlier: Counts,
     losses: u32,
-    /// Attempts since the last frame.
-    attempts: u32,
     /// The last fault, so that the console shows it once, and when it was last reported.
     last_fault: String,
     fault_reported_at: Instant,
@@ -116,7 +113,6 @@ impl<D: Device> Camera<D> {
             reported: CameraState::Starting,
             earlier: Counts::default(),
             losses: 0,
-            attempts: 0,
             last_fault: String::new(),
             fault_reported_at: Instant::now(),
         }
@@ -129,25 +125,23 @@ impl<D: Device> Camera<D> {
             std::thread::sleep(again_at.min(until).saturating_duration_since(now));
             return;
         }
-        self.attempts = self.attempts.saturating_add(1);
         match D::open(&self.capture, self.size_px) {
             Ok(device) => self.state = State::Waiting { device, since: Instant::now() },
             Err(error) => {
                 if self.capture != self.configured {
                     // The camera may have refused an exposure that is being tried out.
                     self.capture = self.configured.clone();
-                    self.attempts = 0;
                 }
                 self.report(format!("{error:#}"));
                 self.reported = CameraState::Lost;
-                self.state = State::Absent { again_at: Instant::now() + back_off(self.attempts) };
+                self.state = State::Absent { again_at: Instant::now() + PAUSE };
             }
         }
     }
 
     /// Closes a camera that is silent or broken.
     fn close(&mut self, reported: CameraState, what: String) {
-        let absent = State::Absent { again_at: Instant::now() + back_off(self.attempts) };
+        let absent = State::Absent { again_at: Instant::now() + PAUSE };
         match std::mem::replace(&mut self.state, absent) {
             State::Absent { .. } => {}
             State::Waiting { device, .. } => self.add_counts(&device),
@@ -183,12 +177,6 @@ impl<D: Device> Camera<D> {
         }
         self.fault_reported_at = Instant::now();
     }
-}
-
-/// The pause before the next attempt after a number of failed ones.
-fn back_off(attempts: u32) -> Duration {
-    let doublings = attempts.saturating_sub(1).min(10);
-    (BACK_OFF_MIN * 2_u32.pow(doublings)).min(BACK_OFF_MAX)
 }
 
 impl<D: Device> FrameSource for Camera<D> {
@@ -228,7 +216,6 @@ impl<D: Device> FrameSource for Camera<D> {
             log::info!("camera: frames are arriving again");
             self.last_fault.clear();
         }
-        self.attempts = 0;
         self.reported = CameraState::Running;
         match &self.state {
             State::Giving { device, .. } => {
@@ -427,9 +414,11 @@ mod tests {
     }
 
     #[test]
-    fn pauses_double_up_to_their_bound() {
-        let pauses_ms: Vec<u128> = (0..8).map(|n| back_off(n).as_millis()).collect();
-        assert_eq!(pauses_ms, [100, 100, 200, 400, 800, 1600, 2000, 2000]);
-        assert_eq!(back_off(u32::MAX), BACK_OFF_MAX);
+    fn a_camera_that_was_absent_for_long_is_found_as_soon_as_any() {
+        const ATTEMPTS: usize = 12;
+        let absent = (0..ATTEMPTS).map(|_| Step::Fails("absent"));
+        let mut camera = camera(absent.chain([Step::Opens, Step::Gives]));
+        // One turn for each attempt, and one for the pause before it.
+        assert!(frame_within(&mut camera, 2 * ATTEMPTS + 2));
     }
 }

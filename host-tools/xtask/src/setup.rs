@@ -119,6 +119,13 @@ pub const BROKER: &[Need] = &[
     },
 ];
 
+/// Tells programs another time than it is.
+pub const FALSE_TIME: &[Need] = &[Need {
+    probe: Probe::Program("faketime"),
+    package: "faketime",
+    why: "a trial is recorded while this computer's clock seems to jump",
+}];
+
 /// Makes a directory with its own Python packages.
 pub const PYTHON: &[Need] = &[Need {
     probe: Probe::PythonModule("ensurepip"),

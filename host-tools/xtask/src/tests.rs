@@ -83,6 +83,13 @@ enum Part {
     /// costs, and those of a thousand boxes. Five minutes, alone on a quiet computer; only when it is
     /// named.
     Ward,
+    /// What a box meets in years, in hours, with the programs as users have them: a million frames,
+    /// a thousand losses of the camera; a hundred power cuts, pulled plugs, killed recordings and dead
+    /// links; full disks, slow cards, clocks that jump; and its latency beside programs that never
+    /// rest. Four hours on a quiet computer, 10 GB of disk, and root for the full disks;
+    /// `PLUMBLINE_SHARE=0.05` does a twentieth of all, `PLUMBLINE_SEED` repeats what was random. Only
+    /// when it is named.
+    Endurance,
     /// The pages for other languages: their examples in R and Octave, whose packages are large; only
     /// when it is named.
     Languages,
@@ -144,6 +151,10 @@ impl Part {
                 SPARK.prepare()
             }
             Self::Ward => setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BROKER]),
+            Self::Endurance => {
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::FALSE_TIME])?;
+                image::prepare_for_tests()
+            }
         }
     }
 
@@ -159,6 +170,7 @@ impl Part {
             Self::Cohort => 8200,
             Self::Long | Self::Ward => 4900,
             Self::Dist => 9000,
+            Self::Endurance => 10_000,
             Self::Languages => 4900,
             Self::Cluster => 5100,
         }
@@ -176,6 +188,7 @@ impl Part {
             Self::Long => named::long(journal),
             Self::Dist => named::dist(journal),
             Self::Ward => named::ward(journal),
+            Self::Endurance => named::endurance(journal),
             Self::Languages => named::of_python(journal, "languages::", &READERS),
             Self::Cluster => named::of_python(journal, "cluster::", &SPARK),
         }

@@ -251,7 +251,8 @@ fn a_power_cut_while_the_card_is_written_to_leaves_the_old_or_the_new_configurat
     let mut pi = Pi::new(Some(&scene::blob(&configs[0])), "");
     let line = pi.lend_line();
     let mut link = link(&line);
-    assert_power_cuts_leave_one(&mut pi, &mut link, &configs, 2);
+    let cut = assert_power_cuts_leave_one(&mut pi, &mut link, &configs, 2);
+    println!("{cut:?}");
 }
 
 /// The host's end of the line.

@@ -20,11 +20,15 @@
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
 //! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
 //! as they are on the disk; `test.trigger` pulls at a GPIO line; `test.output` says what the box drives
-//! at another; `test.modem_line` pulls at modem lines before the box starts.
+//! at another; `test.modem_line` pulls at modem lines before the box starts. `test.unplug=TIMES` pulls
+//! the plug of the USB camera and puts it back, and `test.set_clock` sets the computer's clock, both
+//! at random, by `test.seed=NUMBER`; `test.load=PROGRAMS` starts programs that never rest.
 
 mod camera;
+mod disturbances;
 mod kernel;
 mod modem_line;
+mod random;
 mod seccomp;
 mod trigger;
 mod usb_camera;
@@ -62,6 +66,8 @@ fn main() {
         ["trigger"] => trigger::pull(),
         ["output"] => trigger::tell_output(),
         ["modem_line"] => modem_line::run(),
+        ["set_clock"] => seed().and_then(disturbances::set_clock),
+        ["burn"] => disturbances::burn(),
         _ => start(),
     };
     let Err(error) = done else { return };
@@ -91,6 +97,12 @@ fn start() -> Result<()> {
     if is_asked_for("test.modem_line")? {
         // To its end, so that neither disturbs the other.
         Command::new("/proc/self/exe").arg("modem_line").status().context("the modem's lines")?;
+    }
+    if is_asked_for("test.set_clock")? {
+        Command::new("/proc/self/exe").arg("set_clock").spawn().context("nobody sets the clock")?;
+    }
+    for _ in 0..number("test.load=")?.unwrap_or(0) {
+        Command::new("/proc/self/exe").arg("burn").spawn().context("no load")?;
     }
     let mut player = Command::new("/proc/self/exe");
     if let Some(code) = value_of(&options()?, "test.usb_camera=") {
@@ -181,6 +193,18 @@ fn is_asked_for(word: &str) -> Result<bool> {
 /// What follows this beginning of a word of the kernel's command line.
 fn value_of<'a>(options: &'a str, beginning: &str) -> Option<&'a str> {
     options.split_whitespace().find_map(|word| word.strip_prefix(beginning))
+}
+
+/// The number that follows this beginning of a word of the kernel's command line.
+fn number(beginning: &str) -> Result<Option<u64>> {
+    let options = options()?;
+    let number = value_of(&options, beginning).map(str::parse).transpose();
+    number.with_context(|| format!("{beginning} of the kernel's command line"))
+}
+
+/// Of what happens at random.
+fn seed() -> Result<u64> {
+    Ok(number("test.seed=")?.unwrap_or(1))
 }
 
 /// 0, 1 ... n-1, n-1 ... 1, 0 and again.

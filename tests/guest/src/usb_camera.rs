@@ -10,17 +10,20 @@
 
 use std::collections::VecDeque;
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
+use std::net::Shutdown;
 use std::os::fd::AsRawFd;
 use std::os::unix::net::UnixStream;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
-use std::thread;
+use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::frame_index;
+use crate::disturbances::monotonic_ns;
+use crate::random::Random;
 use crate::usb_descriptors::{Descriptors, Format};
+use crate::{PATIENCE, frame_index, number, seed};
 
 /// Where the kernel takes the socket of a virtual USB device.
 const ATTACH: &str = "/sys/devices/platform/vhci_hcd.0/attach";
@@ -62,14 +65,58 @@ pub fn play(code: &str) -> Result<()> {
         frames.push(frame);
     }
     ensure!(!frames.is_empty(), "there is no /frames/0");
-    let (device, kernels) = UnixStream::pair()?;
-    fs::write(ATTACH, format!("0 {} 1 {HIGH_SPEED}", kernels.as_raw_fd())).context(ATTACH)?;
-    // The kernel has taken it.
-    drop(kernels);
-    let commands = read_commands(device.try_clone()?);
-    let stream = Stream { frames, step: 0, sent: 0, due: Instant::now() };
     let descriptors = Descriptors::new(&format);
-    UsbCamera { device, format, descriptors, waiting: VecDeque::new(), stream }.serve(&commands)
+    let mut stream = Stream { frames, step: 0, sent: 0, due: Instant::now() };
+    let mut random = Random::new(seed()?);
+    let payloads = u64::from(format.frame_bytes_max).div_ceil(PAYLOAD_BYTES_MAX as u64);
+    for left in (0..=number("test.unplug=")?.unwrap_or(0)).rev() {
+        let (device, at_ns) = plug_in()?;
+        println!("test: the camera is plugged in at {at_ns} ns");
+        let commands = read_commands(device.try_clone()?);
+        // Some frames at least, so that there is something to lose.
+        let payloads = random.in_range(FRAMES_MIN * payloads..FRAMES_MAX * payloads);
+        let until = (left > 0).then_some(payloads);
+        let mut camera = UsbCamera {
+            device,
+            format: &format,
+            descriptors: &descriptors,
+            waiting: VecDeque::new(),
+            stream,
+        };
+        camera.serve(&commands, until)?;
+        camera.device.shutdown(Shutdown::Both)?;
+        println!("test: the camera is unplugged at {} ns", monotonic_ns()?);
+        stream = camera.stream;
+        stream.sent = 0;
+        sleep(Duration::from_millis(random.in_range(AWAY_MS)));
+    }
+    Ok(())
+}
+
+/// Frames of the camera, at its full size, until its plug is pulled.
+const FRAMES_MIN: u64 = 3;
+const FRAMES_MAX: u64 = 10;
+
+/// How long the plug is out.
+const AWAY_MS: std::ops::Range<u64> = 20..5_000;
+
+/// Plugs a device in, as soon as the port is free; its end of the socket, and when that was.
+fn plug_in() -> Result<(UnixStream, u64)> {
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        let (device, kernels) = UnixStream::pair()?;
+        let at_ns = monotonic_ns()?;
+        match attach(&kernels) {
+            // The kernel has taken it, and this process's handle may go.
+            Ok(()) => return Ok((device, at_ns)),
+            Err(error) if Instant::now() > give_up => return Err(error).context(ATTACH),
+            Err(_) => sleep(Duration::from_millis(5)),
+        }
+    }
+}
+
+fn attach(kernels: &UnixStream) -> io::Result<()> {
+    fs::write(ATTACH, format!("0 {} 1 {HIGH_SPEED}", kernels.as_raw_fd()))
 }
 
 /// A request of the host's.
@@ -142,18 +189,20 @@ impl Stream {
     }
 }
 
-struct UsbCamera {
+struct UsbCamera<'a> {
     device: UnixStream,
-    format: Format,
-    descriptors: Descriptors,
+    format: &'a Format,
+    descriptors: &'a Descriptors,
     /// Transfers that wait for a part of a frame: number and length.
     waiting: VecDeque<(u32, usize)>,
     stream: Stream,
 }
 
-impl UsbCamera {
-    fn serve(mut self, commands: &Receiver<Command>) -> Result<()> {
-        loop {
+impl UsbCamera<'_> {
+    /// Answers the kernel, without end or until this many payloads have been sent.
+    fn serve(&mut self, commands: &Receiver<Command>, until: Option<u64>) -> Result<()> {
+        let mut payloads = 0;
+        while until.is_none_or(|until| payloads < until) {
             let command = if self.waiting.is_empty() {
                 commands.recv().map_err(|_| RecvTimeoutError::Disconnected)
             } else {
@@ -165,10 +214,12 @@ impl UsbCamera {
                     let (number, length) = self.waiting.pop_front().expect("it was not empty");
                     let payload = self.stream.payload(length);
                     self.reply(number, 0, payload.len(), &payload)?;
+                    payloads += 1;
                 }
                 Err(RecvTimeoutError::Disconnected) => bail!("the kernel has dropped the camera"),
             }
         }
+        Ok(())
     }
 
     fn answer(&mut self, command: Command) -> Result<()> {

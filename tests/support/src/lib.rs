@@ -7,6 +7,7 @@
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
 //! - [`mutations`]: damaged versions of a good file.
+//! - [`evidence`], [`repetitions`], [`seed`]: what is tried many times, and what was found.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
 //!
@@ -17,7 +18,10 @@
 //! | [`SKIPS`] | the file that skips are appended to |
 //! | [`PROGRAMS`] | where this project's programs are built |
 //! | [`RECORDINGS`] | where the rendered recordings are |
+//! | [`SEED`] | the seed of what is tried at random |
+//! | [`SHARE`] | the share of the repetitions that is done |
 
+mod evidence;
 mod mutations;
 mod recordings;
 mod skips;
@@ -27,6 +31,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+pub use evidence::{SEED, SHARE, evidence, repetitions, seed};
 pub use mutations::mutations;
 pub use recordings::{
     CONFIG_FILE, FRAMES_FILE, PROGRAMS, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,

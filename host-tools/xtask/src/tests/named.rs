@@ -5,10 +5,11 @@ use std::path::PathBuf;
 
 use plumbline_test_support::{PROGRAMS, SKIPS};
 
+use super::IMAGES;
 use super::journal::Journal;
 use crate::command::{Task, target_directory};
-use crate::dist;
 use crate::python::{Packages, READERS};
+use crate::{dist, image};
 
 /// How long [`long`] has the streams watched; the desk's tests know it themselves.
 const STREAM_SECONDS: (&str, &str) = ("PLUMBLINE_STREAM_SECONDS", "600");
@@ -62,6 +63,32 @@ pub fn ward(journal: &mut Journal) {
     }
     let task = of_released(journal, &["--workspace", "--test", "ward"], &["--ignored"]);
     journal.tests("load", |each_line| task.run_and_read(each_line));
+}
+
+/// What happens to a box in years: to its program, to what records it, and to the booted box.
+pub fn endurance(journal: &mut Journal) {
+    if !released(journal, &["plumb", "plumbline-board"]) {
+        return;
+    }
+    // One of its tests is the box that another one starts.
+    for (name, program, which) in [
+        ("frames", "endurance", ["--ignored", "--skip", "the_box"].as_slice()),
+        ("recording", "link", &["--ignored"]),
+    ] {
+        let task = of_released(journal, &["--workspace", "--test", program], which);
+        journal.tests(name, |each_line| task.run_and_read(each_line));
+    }
+    let mut images = PathBuf::new();
+    let made = journal.check("images", || {
+        images = image::make_for_tests(image::Profile::Release)?;
+        Ok(())
+    });
+    if made {
+        // Alone: a watched box must not wait for another one's processor.
+        let task = of_released(journal, &["--workspace", "--test", "boot"], &["--ignored"]);
+        let task = task.env(IMAGES, &images.to_string_lossy());
+        journal.tests("box", |each_line| task.run_and_read(each_line));
+    }
 }
 
 /// What people download, used where they use it.
