@@ -71,7 +71,7 @@ impl DebianRoot {
 
     /// Fetches the packages, unless they are already there.
     pub fn fetch() -> Result<Self> {
-        let path = target_directory().join("image").join(format!("{RELEASE}-arm64"));
+        let path = path();
         let packages = PACKAGES.join(",");
         if fs::read_to_string(stamp(&path)).is_ok_and(|found| found == packages) {
             println!("Debian's packages are those in {}", path.display());
@@ -170,17 +170,41 @@ impl DebianRoot {
 
 const DEPENDENCIES: &str = "modules.dep";
 
+/// Where the unpacked packages are.
+pub fn path() -> PathBuf {
+    target_directory().join("image").join(format!("{RELEASE}-arm64"))
+}
+
 /// Unpacks packages of the release and their dependencies into a new directory; nothing in them is
 /// run.
 pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result<()> {
+    let include = format!("--include={}", packages.join(","));
+    bootstrap(&format!("--architectures={architecture}"), &include, directory)
+}
+
+/// Unpacks packages of the release into a new directory, each named as `name:architecture` and
+/// without those that it depends on; the first of the architectures is this machine's.
+pub fn unpack_alone(architectures: &[&str], packages: &[String], directory: &Path) -> Result<()> {
+    // Where a hook runs, the lists of packages are there, with their signatures checked; `$1` is
+    // the new root.
+    let hook = format!(
+        "--extract-hook=cd \"$1\" && \
+         APT_CONFIG=\"$MMDEBSTRAP_APT_CONFIG\" apt-get --quiet download {} && \
+         for it in *.deb; do dpkg-deb --extract \"$it\" . && rm \"$it\" || exit 1; done",
+        packages.join(" ")
+    );
+    bootstrap(&format!("--architectures={}", architectures.join(",")), &hook, directory)
+}
+
+fn bootstrap(architectures: &str, contents: &str, directory: &Path) -> Result<()> {
     if directory.exists() {
         fs::remove_dir_all(directory).with_context(|| directory.display().to_string())?;
     }
     fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
     let archive = directory.with_extension("tar");
     Task::new("mmdebstrap")
-        .args(["--variant=extract".into(), format!("--architectures={architecture}")])
-        .args([format!("--components={COMPONENTS}"), format!("--include={}", packages.join(","))])
+        .args(["--variant=extract", architectures])
+        .args([&format!("--components={COMPONENTS}"), contents])
         .args([RELEASE.as_ref(), archive.as_os_str()])
         .run()?;
     // Device files belong to a running system, and only root may create them.

@@ -19,7 +19,7 @@ use flate2::{Compression, GzBuilder};
 
 use super::archive::{self, Archive};
 use super::debian_root::DebianRoot;
-use super::modules;
+use super::{modules, own_module};
 use crate::command::Task;
 
 /// Makes the initramfs with `program` as its first process.
@@ -28,7 +28,8 @@ pub fn make(debian: &DebianRoot, program: &Path) -> Result<Vec<u8>> {
     root.program("init", stripped(program)?);
     // The boards' own modules first, because they include the watchdogs.
     let names = modules::listed(&["rpi4", "virt", "common"])?;
-    let list = modules::add(&mut root, debian, &names, "lib/modules")?;
+    let own = own_module::make(debian)?;
+    let list = modules::add(&mut root, debian, Some(&own), &names, "lib/modules")?;
     root.file("etc/plumbline/modules", (list.join("\n") + "\n").into_bytes());
     root.program("sbin/busybox", debian.read("usr/bin/busybox")?);
     root.link("sbin/network-lease", "/init");
