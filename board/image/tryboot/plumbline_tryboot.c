@@ -24,6 +24,7 @@
 
 #define pr_fmt(fmt) KBUILD_MODNAME ": " fmt
 
+#include <linux/bits.h>
 #include <linux/errno.h>
 #include <linux/module.h>
 #include <linux/notifier.h>
@@ -32,11 +33,26 @@
 #include <linux/string.h>
 #include <soc/bcm2835/raspberrypi-firmware.h>
 
-/* Properties of the firmware that the kernel's own list lacks. */
+/* A property of the firmware that the kernel's own list lacks, and its one flag. */
 #define SET_REBOOT_FLAGS 0x00038064
-#define TRY_ONCE 0x1
+#define TRY_ONCE BIT(0)
+
+/* Set by the firmware in the length of a property that it knows. */
+#define ANSWERED BIT(31)
 
 static struct rpi_firmware *firmware;
+
+/* What the firmware is sent, and then what it has made of it. */
+static struct {
+	struct rpi_firmware_property_tag_header header;
+	__le32 flags;
+} request = {
+	.header = {
+		.tag = SET_REBOOT_FLAGS,
+		.buf_size = sizeof(__le32),
+	},
+	.flags = cpu_to_le32(TRY_ONCE),
+};
 
 /* Whether a restart with this command asks for a try: "PARTITION tryboot". */
 static bool asks_for_try(const char *command)
@@ -49,17 +65,16 @@ static bool asks_for_try(const char *command)
 static int before_restart(struct notifier_block *block, unsigned long action,
 			  void *command)
 {
-	__le32 flags = cpu_to_le32(TRY_ONCE);
 	int failed;
 
 	if (action != SYS_RESTART || !asks_for_try(command))
 		return NOTIFY_DONE;
-	failed = rpi_firmware_property(firmware, SET_REBOOT_FLAGS, &flags,
-				       sizeof(flags));
+	failed = rpi_firmware_property_list(firmware, &request, sizeof(request));
 	/* The restart goes on: without the flag it leads back to the same slot. */
 	if (failed)
-		pr_err("the firmware does not take the request for one try: error %d\n",
-		       failed);
+		pr_err("the firmware cannot be asked for one try: error %d\n", failed);
+	else if (!(request.header.req_resp_size & ANSWERED))
+		pr_err("this firmware knows no try: it is too old\n");
 	else
 		pr_notice("the firmware is asked for one try of the other slot\n");
 	return NOTIFY_OK;

@@ -12,10 +12,12 @@
 //! | reset by the watchdog | present | an orderly restart |
 //! | the power was switched on | any | power, but unknown on a board of revision 1.1, whose boot loader switches the power off and on after every reset |
 
+use std::ffi::CStr;
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use nix::libc;
 use nix::sys::reboot::{RebootMode, reboot};
 use plumbline::packet::ResetReason;
 
@@ -38,15 +40,47 @@ const RESET_BY_WATCHDOG: u32 = 0x20;
 /// In PM_RSTS: the power was switched on (HADPOR).
 const POWER_CAME_ON: u32 = 0x1000;
 
+/// What the restart's system call is told for a try: the partition to start from, of which 0 leaves
+/// the choice to the firmware, and the word for which the kernel module of `board/image/tryboot` sets
+/// the firmware's flag.
+const TRY: &CStr = c"0 tryboot";
+
 /// Restarts the computer because a host has asked for it.
 pub fn in_good_order(card: Option<&ReadOnlyPartition>) -> ! {
+    mark_on(card);
+    now()
+}
+
+/// Restarts the computer in good order, and has a Raspberry Pi's firmware start the other slot, this
+/// once. Where there is no such firmware, this is an ordinary restart.
+#[cfg_attr(not(feature = "fault-injection"), expect(dead_code))]
+#[allow(unsafe_code, reason = "nix's reboot takes no argument for the firmware")]
+pub fn to_try(card: Option<&ReadOnlyPartition>) -> ! {
+    mark_on(card);
+    log::info!("restarting into one try of the other slot");
+    nix::unistd::sync();
+    // SAFETY: reboot(2) with this command reads the text up to its end, which lives for ever, and
+    // writes nothing. It returns only if it has done nothing.
+    unsafe {
+        libc::syscall(
+            libc::SYS_reboot,
+            libc::LINUX_REBOOT_MAGIC1,
+            libc::LINUX_REBOOT_MAGIC2,
+            libc::LINUX_REBOOT_CMD_RESTART2,
+            TRY.as_ptr(),
+        )
+    };
+    log::error!("the restart into the other slot is refused: {}", std::io::Error::last_os_error());
+    now()
+}
+
+fn mark_on(card: Option<&ReadOnlyPartition>) {
     if let Some(card) = card
         && let Err(error) = leave_mark(card)
     {
         // On a Raspberry Pi the next start then takes this for a restart by the watchdog.
         log::warn!("the restart leaves no mark on the card: {error:#}");
     }
-    now()
 }
 
 /// Restarts the computer.

@@ -30,6 +30,10 @@ const PACKAGES: &[&str] = &[
     "libstdc++-14-dev",
 ];
 
+/// The release from which the Raspberry Pi's boot firmware comes: [`RELEASE`] has one of April 2024,
+/// which cannot start the watchdog before the kernel (`kernel_watchdog_timeout`, of July 2025).
+const FIRMWARE_RELEASE: &str = "forky";
+
 /// The Raspberry Pi's boot firmware is not free software and is in a section of its own.
 const COMPONENTS: &str = "main,non-free-firmware";
 
@@ -72,7 +76,7 @@ impl DebianRoot {
     /// Fetches the packages, unless they are already there.
     pub fn fetch() -> Result<Self> {
         let path = path();
-        let packages = PACKAGES.join(",");
+        let packages = format!("{},{FIRMWARE_RELEASE}", PACKAGES.join(","));
         if fs::read_to_string(stamp(&path)).is_ok_and(|found| found == packages) {
             println!("Debian's packages are those in {}", path.display());
             return Ok(Self { path });
@@ -81,7 +85,13 @@ impl DebianRoot {
             fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
         }
         let unfinished = path.with_extension("unfinished");
-        unpack("arm64", PACKAGES, &unfinished)?;
+        // From the same place, and of that release nothing but what is not free.
+        let firmware = format!(
+            "--setup-hook=sed --quiet 's/ {RELEASE} .*/ {FIRMWARE_RELEASE} non-free-firmware/p' \
+             \"$1/etc/apt/sources.list\" > \"$1/etc/apt/sources.list.d/firmware.list\""
+        );
+        let include = format!("--include={}", PACKAGES.join(","));
+        bootstrap(&["--architectures=arm64", &include, &firmware], &unfinished)?;
         // Debian has moved /lib to /usr; the link is normally made by a script, which is not run
         // here.
         if !unfinished.join("lib").exists() {
@@ -179,7 +189,7 @@ pub fn path() -> PathBuf {
 /// run.
 pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result<()> {
     let include = format!("--include={}", packages.join(","));
-    bootstrap(&format!("--architectures={architecture}"), &include, directory)
+    bootstrap(&[&format!("--architectures={architecture}"), &include], directory)
 }
 
 /// Unpacks packages of the release into a new directory, each named as `name:architecture` and
@@ -193,18 +203,18 @@ pub fn unpack_alone(architectures: &[&str], packages: &[String], directory: &Pat
          for it in *.deb; do dpkg-deb --extract \"$it\" . && rm \"$it\" || exit 1; done",
         packages.join(" ")
     );
-    bootstrap(&format!("--architectures={}", architectures.join(",")), &hook, directory)
+    bootstrap(&[&format!("--architectures={}", architectures.join(",")), &hook], directory)
 }
 
-fn bootstrap(architectures: &str, contents: &str, directory: &Path) -> Result<()> {
+fn bootstrap(options: &[&str], directory: &Path) -> Result<()> {
     if directory.exists() {
         fs::remove_dir_all(directory).with_context(|| directory.display().to_string())?;
     }
     fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
     let archive = directory.with_extension("tar");
     Task::new("mmdebstrap")
-        .args(["--variant=extract", architectures])
-        .args([&format!("--components={COMPONENTS}"), contents])
+        .args(["--variant=extract", &format!("--components={COMPONENTS}")])
+        .args(options)
         .args([RELEASE.as_ref(), archive.as_os_str()])
         .run()?;
     // Device files belong to a running system, and only root may create them.
