@@ -120,8 +120,16 @@ fn a_start_that_hangs_is_reported_and_restarted_by_the_watchdog() {
     let starts = |seen: &Seen| seen.console.matches("boot: started").count();
     machine.wait_for("a second start", |seen| (starts(seen) == 2).then_some(()));
     machine.look(|seen| {
-        assert!(seen.console.contains("the start has not come to an end in 2."), "{}", seen.console);
+        assert!(
+            seen.console.contains("the start has not come to an end in 2."),
+            "{}",
+            seen.console
+        );
         // The program would have restarted the computer itself, but later.
         assert!(!seen.console.contains("restarting"), "{}", seen.console);
     });
+    println!(
+        "evidence | a box whose start hangs before the camera | 1 start | reported, and reset by the \
+         watchdog"
+    );
 }

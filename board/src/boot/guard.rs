@@ -12,8 +12,16 @@
 //! for all of them. When that is over, the failure is reported like any other, and the watchdog
 //! restarts the computer even if the report hangs as well.
 //!
-//! The watchdog may have been started before, by a firmware that does so. The kernel's driver then
-//! feeds it until this opens it, or for as long as the kernel's option `watchdog.open_timeout` says.
+//! Before that the watchdog is the firmware's, on a Raspberry Pi. Which hang is ended by what:
+//!
+//! | what hangs | on a Raspberry Pi | on QEMU's `virt` |
+//! |---|---|---|
+//! | the boot loader in the Pi's EEPROM, or the firmware | nothing on the card; the loader's own setting `BOOT_WATCHDOG_TIMEOUT` can | there is none |
+//! | the kernel, or this program before the watchdog's driver, the first module | the firmware's watchdog: 15 s after the kernel's start, by `kernel_watchdog_timeout` in `config.txt` | nothing: no watchdog runs |
+//! | the loading of the other modules | the driver feeds it for 15 s, by `watchdog.open_timeout` from the firmware; it bites 15 s later | nothing |
+//! | the start, up to the session | this guard | this guard |
+//! | the session before its first frame | nothing: it may wait for a camera | nothing |
+//! | the session | the watchdog, which frames feed | the same |
 
 use std::io;
 use std::sync::Arc;

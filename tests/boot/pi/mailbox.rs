@@ -61,8 +61,7 @@ fn answered_flags(memory: &Path) -> Vec<u32> {
                 let bytes = request[4 * index..][..4].try_into().expect("four bytes");
                 u32::from_le_bytes(bytes)
             };
-            let is_one =
-                word(0) == SET_REBOOT_FLAGS && word(1) == 4 && word(2) & ANSWERED != 0;
+            let is_one = word(0) == SET_REBOOT_FLAGS && word(1) == 4 && word(2) & ANSWERED != 0;
             is_one.then(|| word(3))
         }));
         // One may lie across the end.
@@ -80,7 +79,11 @@ fn an_answered_request_is_found_and_its_flags_are_read() {
     let write = |at: u64, words: [u32; 4]| {
         file.write_all_at(&words.map(u32::to_le_bytes).concat(), at).unwrap();
     };
-    let line = |tag: u32| format!("7@1764162.000001:bcm2835_mbox_property mbox property tag:0x{tag:08x} in_sz:4 out_sz:0\n");
+    let line = |tag: u32| {
+        format!(
+            "7@1764162.000001:bcm2835_mbox_property mbox property tag:0x{tag:08x} in_sz:4 out_sz:0\n"
+        )
+    };
     // As it lies in the module before it is sent.
     write(0x1000, [SET_REBOOT_FLAGS, 4, 0, TRY_ONCE]);
     std::fs::write(&log, line(0x0003_0002) + &line(NOTIFY_REBOOT)).unwrap();

@@ -237,7 +237,12 @@ fn a_program_that_hangs_is_reset_by_the_pis_watchdog_which_the_next_hello_says()
 fn a_box_that_restarts_into_a_try_asks_the_firmware_for_it() {
     let mut pi = Pi::new(Some(&scene::blob(&config())), "plumbline.try_after=2");
     pi.switch_on();
-    assert!(pi.wait_for_restart().to_try);
+    let restart = pi.wait_for_restart();
+    assert!(restart.to_try, "{restart:?}");
+    println!(
+        "evidence | a Pi that restarts to try its other slot | 1 restart | the firmware got the flag \
+         before the restart"
+    );
 }
 
 #[test]

@@ -85,9 +85,13 @@ impl DebianRoot {
             fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
         }
         let unfinished = path.with_extension("unfinished");
-        // From the same place, and of that release nothing but what is not free.
+        // From the same place, and of that release nothing but what is not free. Its list of packages
+        // is signed like the others, but has a date after which it is to be replaced, by which a
+        // mirror may be late.
         let firmware = format!(
-            "--setup-hook=sed --quiet 's/ {RELEASE} .*/ {FIRMWARE_RELEASE} non-free-firmware/p' \
+            "--setup-hook=sed --quiet \
+             's/^deb \\(\\[\\(.*\\)\\] \\)\\?\\(.*\\) {RELEASE} .*/\
+             deb [\\2 check-valid-until=no] \\3 {FIRMWARE_RELEASE} non-free-firmware/p' \
              \"$1/etc/apt/sources.list\" > \"$1/etc/apt/sources.list.d/firmware.list\""
         );
         let include = format!("--include={}", PACKAGES.join(","));

@@ -102,7 +102,8 @@ impl Headers {
         })?;
         let scripts = unfinished.join(format!("usr/lib/linux-kbuild-{tools}/scripts"));
         // The second is one of a family, of which a small program chooses.
-        for (name, program) in [("basic/fixdep", None), ("mod/modpost", Some("modpost.real-lsb-64"))]
+        for (name, program) in
+            [("basic/fixdep", None), ("mod/modpost", Some("modpost.real-lsb-64"))]
         {
             loaded(&scripts.join(name), program, &here)?;
         }
@@ -181,6 +182,9 @@ mod tests {
         let after = folder.path().join("another");
         fs::rename(&before, &after).unwrap();
         let moved = after.join("usr/lib/linux-kbuild-1/scripts/basic/fixdep");
-        assert_eq!(Task::new(moved).args(["one word"]).output().unwrap(), "the program, one word\n");
+        assert_eq!(
+            Task::new(moved).args(["one word"]).output().unwrap(),
+            "the program, one word\n"
+        );
     }
 }
