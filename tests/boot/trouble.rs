@@ -8,7 +8,7 @@ use plumbline::packet::{CameraState, Hello, Message, ResetReason};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::machine::{Host, Seen, healths, is_measured, poses, read};
+use crate::machine::{Host, Machine, Parts, Seen, healths, image, is_measured, poses, read};
 use crate::scene;
 
 fn first_pose(seen: &Seen) -> Option<()> {
@@ -104,4 +104,32 @@ fn a_loop_that_hangs_is_restarted_by_the_watchdog_which_the_next_hello_says() {
     // It was that loop: no frame after the sixtieth was ever processed, in either boot.
     let last = machine.look(|seen| poses(&seen.udp).map(|pose| pose.sequence).max());
     assert!(last.is_some_and(|last| (30..60).contains(&last)), "{last:?}");
+}
+
+#[test]
+fn a_start_that_hangs_is_reported_and_restarted_by_the_watchdog() {
+    let directory = tempfile::tempdir().unwrap();
+    let parts = Parts {
+        kernel: image("vmlinuz"),
+        initramfs: vec![image("initramfs")],
+        command_line: "plumbline.hang_at_start=2",
+        boot_disk: &scene::empty_disk(directory.path()),
+        frames_disk: None,
+    };
+    let machine = Machine::start(&parts, &Host::new());
+    let starts = |seen: &Seen| seen.console.matches("boot: started").count();
+    machine.wait_for("a second start", |seen| (starts(seen) == 2).then_some(()));
+    machine.look(|seen| {
+        assert!(
+            seen.console.contains("the start has not come to an end in 2."),
+            "{}",
+            seen.console
+        );
+        // The program would have restarted the computer itself, but later.
+        assert!(!seen.console.contains("restarting"), "{}", seen.console);
+    });
+    println!(
+        "evidence | a box whose start hangs before the camera | 1 start | reported, and reset by the \
+         watchdog"
+    );
 }

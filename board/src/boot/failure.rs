@@ -27,7 +27,7 @@ use crate::random;
 use crate::status::{self, Status};
 
 /// The watchdog's timeout if the configuration gives none.
-const WATCHDOG_S: u16 = 10;
+pub const WATCHDOG_S: u16 = 10;
 
 /// How long after the watchdog's timeout the program restarts the computer itself.
 const GRACE: Duration = Duration::from_secs(5);
@@ -85,8 +85,8 @@ pub fn end(what: &str) -> ! {
     let audience = AUDIENCE.try_lock().ok().and_then(|audience| audience.clone());
     let nobody = Audience { links: Links::default(), key: None, watchdog_s: WATCHDOG_S };
     let Audience { links, key, watchdog_s } = audience.unwrap_or(nobody);
-    // If the session has it open, it is running already, unless the camera was lost; then the
-    // restart below comes first.
+    // If the start's guard or the session has it open, it is running already, unless the camera was
+    // lost; then the restart below comes first.
     if let Ok(mut watchdog) = Watchdog::open(watchdog_s) {
         watchdog.feed();
         std::mem::forget(watchdog);

@@ -1,13 +1,15 @@
 //! Passes frames through until something has failed. Then the loop that asks for
 //! frames blocks here, and nothing feeds the watchdog any more.
 //!
-//! With the feature `fault-injection` it also blocks, or panics, after a number of
-//! frames, to test the watchdog.
+//! With the feature `fault-injection` it also blocks, panics or restarts the box after a number of
+//! frames, to test the watchdog and the way to the other slot.
 
 use std::time::Instant;
 
 use super::failure;
 use super::kernel_command_line::Options;
+#[cfg(feature = "fault-injection")]
+use super::restart;
 use crate::source::{Condition, Exposure, FrameSource, Next};
 
 /// A source behind the gate.
@@ -29,6 +31,7 @@ impl<S: FrameSource> Gate<S> {
                 frames: 0,
                 hang_after: options.hang_after,
                 panic_after: options.panic_after,
+                try_after: options.try_after,
             },
         }
     }
@@ -71,6 +74,7 @@ struct Faults {
     frames: u64,
     hang_after: Option<u64>,
     panic_after: Option<u64>,
+    try_after: Option<u64>,
 }
 
 #[cfg(feature = "fault-injection")]
@@ -78,6 +82,9 @@ impl Faults {
     fn next_frame(&mut self) {
         if self.hang_after == Some(self.frames) {
             failure::stand_still();
+        }
+        if self.try_after == Some(self.frames) {
+            restart::to_try(None);
         }
         assert!(self.panic_after != Some(self.frames), "a panic was asked for");
         self.frames += 1;

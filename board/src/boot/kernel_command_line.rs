@@ -11,11 +11,17 @@
 //! |---|---|
 //! | `plumbline.hang_after=FRAMES` | the loop hangs after this number of frames |
 //! | `plumbline.panic_after=FRAMES` | the loop panics instead |
+//! | `plumbline.try_after=FRAMES` | the box restarts instead, into one try of the other slot |
+//! | `plumbline.hang_at_start=SECONDS` | the start hangs before the camera, and has this time in all |
 //!
 //! All other options are the kernel's. An option that cannot be used is ignored with
 //! a warning: a box with a mistyped option still tracks.
 
+use std::time::Duration;
+
 use plumbline::config::{Links, SerialLink};
+
+use super::START_WITHIN;
 
 /// The options in use.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -28,6 +34,24 @@ pub struct Options {
     /// Frames until the loop panics.
     #[cfg(feature = "fault-injection")]
     pub panic_after: Option<u64>,
+    /// Frames until the box restarts into the other slot.
+    #[cfg(feature = "fault-injection")]
+    pub try_after: Option<u64>,
+    /// The time that a start which hangs has, in seconds.
+    #[cfg(feature = "fault-injection")]
+    pub hang_at_start: Option<u64>,
+}
+
+impl Options {
+    /// The time for the whole start.
+    #[cfg_attr(not(feature = "fault-injection"), expect(clippy::unused_self))]
+    pub fn start_within(&self) -> Duration {
+        #[cfg(feature = "fault-injection")]
+        if let Some(seconds) = self.hang_at_start {
+            return Duration::from_secs(seconds);
+        }
+        START_WITHIN
+    }
 }
 
 /// The options of this boot.
@@ -54,15 +78,13 @@ fn parse(text: &str, mut complain: impl FnMut(String)) -> Options {
                 options.links.serial.is_none().then_some("give DEVICE:BAUD, as /dev/ttyS0:115200")
             }
             #[cfg(feature = "fault-injection")]
-            "hang_after" => {
-                options.hang_after = value.parse().ok();
-                options.hang_after.is_none().then_some("give a number of frames")
-            }
+            "hang_after" => number(value, &mut options.hang_after),
             #[cfg(feature = "fault-injection")]
-            "panic_after" => {
-                options.panic_after = value.parse().ok();
-                options.panic_after.is_none().then_some("give a number of frames")
-            }
+            "panic_after" => number(value, &mut options.panic_after),
+            #[cfg(feature = "fault-injection")]
+            "try_after" => number(value, &mut options.try_after),
+            #[cfg(feature = "fault-injection")]
+            "hang_at_start" => number(value, &mut options.hang_at_start),
             _ => Some("this program has no such option"),
         };
         if let Some(remedy) = remedy {
@@ -70,6 +92,13 @@ fn parse(text: &str, mut complain: impl FnMut(String)) -> Options {
         }
     }
     options
+}
+
+/// Takes a number; otherwise the remedy.
+#[cfg(feature = "fault-injection")]
+fn number(value: &str, option: &mut Option<u64>) -> Option<&'static str> {
+    *option = value.parse().ok();
+    option.is_none().then_some("give a number")
 }
 
 fn serial(value: &str) -> Option<SerialLink> {

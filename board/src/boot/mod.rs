@@ -2,6 +2,7 @@
 //! pose, without a login and without a writable disk.
 //!
 //! ```text
+//!                    ╭───────────────── the guard ──────────────────╮
 //!  mounts ─▶ modules ─▶ partition ─▶ configuration ─▶ network ─▶ self-test ─▶ session
 //!                           │              │          (a process    │            │
 //!                           │ none in 10 s │ refused    of its own) │ fails      │ asked to,
@@ -9,6 +10,8 @@
 //!                        refusal: repeats the reason            failure       restart
 //!                                         gives the reason, and the watchdog restarts
 //! ```
+//!
+//! From the watchdog's driver on, a start that takes too long is a failure as well: see [`guard`].
 //!
 //! A *refusal* is about the configuration: a restart would read the same one,
 //! so the box stays up and repeats what is wrong, until a host sends another one.
@@ -29,6 +32,7 @@ mod card;
 mod children;
 mod failure;
 mod gate;
+mod guard;
 mod kernel_command_line;
 mod modules;
 mod mounts;
@@ -41,6 +45,7 @@ mod self_test;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use plumbline::config::{Config, FILE_NAME, Network};
@@ -61,6 +66,7 @@ use crate::trigger::Triggers;
 use crate::update::{Leave, Updates};
 use card::Card;
 use gate::Gate;
+use guard::Guard;
 
 /// What this process is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,6 +97,10 @@ impl Role {
 /// Kernel modules to load, in this order.
 const MODULES: &str = "/etc/plumbline/modules";
 
+/// The time that a start has from the watchdog's driver to the session. It takes a second or two, and
+/// ten more where the card is looked for in vain.
+const START_WITHIN: Duration = Duration::from_secs(60);
+
 /// Boots the box, and measures until the computer restarts.
 pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! {
     logger::install(log::LevelFilter::Info);
@@ -105,6 +115,11 @@ pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! 
     failure::tell(&options.links, None, None);
     let modules = modules::load_all(Path::new(MODULES));
     step(&modules.to_string());
+    let guard = Guard::start(failure::WATCHDOG_S, Instant::now() + options.start_within());
+    #[cfg(feature = "fault-injection")]
+    if options.hang_at_start.is_some() {
+        failure::stand_still();
+    }
 
     let partition::Found { partition, config } = partition::find();
     let (partition, device) = partition.unzip();
@@ -119,7 +134,8 @@ pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! 
         Err(error) => {
             failure::tell(&options.links, card.usable_key(), None);
             children::look_after(Network::Dhcp);
-            let reason = restart::reason(None, card.is_marked);
+            // Nothing here is waited for any longer: the watchdog is stopped.
+            let reason = restart::reason(guard.map(Guard::hand_over).as_ref(), card.is_marked);
             refusal::stay(&options.links, card, reason, ring, &error);
             restart::in_good_order(partition.as_ref())
         }
@@ -129,7 +145,7 @@ pub fn run(pipeline: &'static mut Pipeline, ring: &'static mut StreamRing) -> ! 
     let start_count = partition.as_ref().and_then(|it| start_count(&config, it));
     let links = Prepared { ports, card, start_count, ring };
     let source = Gate::new(source, &options);
-    let ended = measure(pipeline, &config, links, source, &mut updates);
+    let ended = measure(pipeline, &config, links, source, guard, &mut updates);
     if let Err(error) = &ended {
         updates.give_up(&format!("{error:#}"));
     }
@@ -179,13 +195,18 @@ fn measure(
     config: &Config,
     Prepared { ports, card, start_count, ring }: Prepared,
     mut source: Gate<Source>,
+    guard: Option<Guard>,
     updates: &mut Updates,
 ) -> Result<()> {
     self_test::run(pipeline).context("self-test")?;
     pipeline.configure(config).context("the configuration")?;
     step("self-test passed");
-    let watchdog = Watchdog::of(&config.machine);
+    let watchdog = guard.map(Guard::hand_over);
     let reset_reason = restart::reason(watchdog.as_ref(), card.is_marked);
+    let watchdog = match watchdog {
+        Some(watchdog) => watchdog.kept_for(&config.machine),
+        None => Watchdog::of(&config.machine),
+    };
     updates.begin_session(card.usable_key().is_some());
     let identity = Identity {
         start: random::start(),

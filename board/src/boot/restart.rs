@@ -12,13 +12,12 @@
 //! | reset by the watchdog | present | an orderly restart |
 //! | the power was switched on | any | power, but unknown on a board of revision 1.1, whose boot loader switches the power off and on after every reset |
 
-// The restart with words for the firmware has no safe wrapper.
-#![allow(unsafe_code)]
-
+use std::ffi::CStr;
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use nix::libc;
 use nix::sys::reboot::{RebootMode, reboot};
 use plumbline::packet::ResetReason;
 
@@ -32,10 +31,6 @@ const MARK: &str = "restart";
 const MARK_TEXT: &str =
     "The box was restarted in good order. It removes this file when it starts.\r\n";
 
-/// What the firmware of a Raspberry Pi understands as: the other slot, in the next start alone. The
-/// number is that of the partition, 0 for the one that the chooser names.
-const TRYBOOT: &std::ffi::CStr = c"0 tryboot";
-
 /// Where the boot firmware leaves its information.
 const DEVICE_TREE: &str = "/proc/device-tree";
 
@@ -45,42 +40,46 @@ const RESET_BY_WATCHDOG: u32 = 0x20;
 /// In PM_RSTS: the power was switched on (HADPOR).
 const POWER_CAME_ON: u32 = 0x1000;
 
+/// What the restart's system call is told for a try: the partition to start from, of which 0 leaves
+/// the choice to the firmware, and the word for which the kernel module of `board/image/tryboot` sets
+/// the firmware's flag.
+const TRY: &CStr = c"0 tryboot";
+
 /// Restarts the computer because a host has asked for it.
 pub fn in_good_order(card: Option<&ReadOnlyPartition>) -> ! {
+    mark_on(card);
+    now()
+}
+
+/// Restarts the computer in good order, and has a Raspberry Pi's firmware start the other slot, this
+/// once. Where there is no such firmware, this is an ordinary restart.
+#[allow(unsafe_code, reason = "nix's reboot takes no argument for the firmware")]
+pub fn to_try(card: Option<&ReadOnlyPartition>) -> ! {
+    mark_on(card);
+    log::info!("restarting into one try of the other slot");
+    nix::unistd::sync();
+    // SAFETY: reboot(2) with this command reads the text up to its end, which lives for ever, and
+    // writes nothing. It returns only if it has done nothing.
+    unsafe {
+        libc::syscall(
+            libc::SYS_reboot,
+            libc::LINUX_REBOOT_MAGIC1,
+            libc::LINUX_REBOOT_MAGIC2,
+            libc::LINUX_REBOOT_CMD_RESTART2,
+            TRY.as_ptr(),
+        )
+    };
+    log::error!("the restart into the other slot is refused: {}", std::io::Error::last_os_error());
+    now()
+}
+
+fn mark_on(card: Option<&ReadOnlyPartition>) {
     if let Some(card) = card
         && let Err(error) = leave_mark(card)
     {
         // On a Raspberry Pi the next start then takes this for a restart by the watchdog.
         log::warn!("the restart leaves no mark on the card: {error:#}");
     }
-    now()
-}
-
-/// Restarts the computer, and asks the boot firmware to start the other slot, once.
-pub fn to_try(card: Option<&ReadOnlyPartition>) -> ! {
-    if let Some(card) = card
-        && let Err(error) = leave_mark(card)
-    {
-        log::warn!("the restart leaves no mark on the card: {error:#}");
-    }
-    log::info!("restarting to try the other slot");
-    nix::unistd::sync();
-    let error = restart_with(TRYBOOT);
-    log::error!("the other slot cannot be asked for: {error}");
-    now()
-}
-
-/// Restarts the computer with words for its firmware; returns why it could not.
-fn restart_with(words: &std::ffi::CStr) -> std::io::Error {
-    use nix::libc::{
-        LINUX_REBOOT_CMD_RESTART2, LINUX_REBOOT_MAGIC1, LINUX_REBOOT_MAGIC2, SYS_reboot, syscall,
-    };
-    let command = LINUX_REBOOT_CMD_RESTART2;
-    // SAFETY: the words end with a zero and outlive the call, which reads them.
-    unsafe {
-        syscall(SYS_reboot, LINUX_REBOOT_MAGIC1, LINUX_REBOOT_MAGIC2, command, words.as_ptr());
-    }
-    std::io::Error::last_os_error()
 }
 
 /// Restarts the computer.

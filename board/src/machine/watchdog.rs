@@ -118,20 +118,9 @@ impl Watchdog {
             Err(_) => ResetReason::Unknown,
         };
         let mut watchdog = Self { device, reset_reason, running: true };
-        let mut granted = c_int::from(seconds);
-        // SAFETY: `granted` outlives the call, which reads and writes one integer.
-        let set = unsafe { ioctl::set_timeout(fd, &raw mut granted) };
+        let set = watchdog.set_timeout(seconds);
         watchdog.stop();
-        set.with_context(|| {
-            format!(
-                "machine.watchdog_s: {} does not accept {seconds} s: ask for less",
-                path.display()
-            )
-        })?;
-        if granted != c_int::from(seconds) {
-            // Some hardware rounds; a much longer time is not what was asked for.
-            log::warn!("the watchdog's timeout is {granted} s instead of {seconds} s");
-        }
+        set.with_context(|| path.display().to_string())?;
         if watchdog.running {
             log::warn!(
                 "{} cannot be stopped, and will restart the computer whenever the camera is \
@@ -140,6 +129,29 @@ impl Watchdog {
             );
         }
         Ok(watchdog)
+    }
+
+    /// The same watchdog for a session, stopped until the first frame, if the configuration asks for
+    /// one; otherwise it is closed. One that does not accept the time is logged, and the measurement
+    /// runs without it.
+    #[must_use]
+    pub fn kept_for(mut self, machine: &Machine) -> Option<Self> {
+        let set = self.set_timeout(machine.watchdog_s?);
+        self.stop();
+        set.inspect_err(|error| log::error!("{error:#}")).ok().map(|()| self)
+    }
+
+    fn set_timeout(&mut self, seconds: u16) -> Result<()> {
+        let mut granted = c_int::from(seconds);
+        // SAFETY: `granted` outlives the call, which reads and writes one integer.
+        unsafe { ioctl::set_timeout(self.device.as_raw_fd(), &raw mut granted) }.with_context(
+            || format!("machine.watchdog_s: it does not accept {seconds} s: ask for less"),
+        )?;
+        if granted != c_int::from(seconds) {
+            // Some hardware rounds; a much longer time is not what was asked for.
+            log::warn!("the watchdog's timeout is {granted} s instead of {seconds} s");
+        }
+        Ok(())
     }
 
     /// Why the computer started.

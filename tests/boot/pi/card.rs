@@ -177,6 +177,11 @@ fn a_card_that_would_not_start_is_told_by_what_is_wrong_with_it() {
         (card.without("vmlinuz"), "vmlinuz is not on the card"),
         (card.without("cmdline.txt"), "cmdline.txt is not on the card"),
         (card.without("config.txt"), "there is no config.txt"),
+        (
+            card.with("start4.elf", "\x7fELF of April 2024"),
+            "start4.elf is too old for kernel_watchdog_timeout",
+        ),
+        (with_line("kernel_watchdog_timeout=16"), "`kernel_watchdog_timeout=16`: there is no rule"),
         (with_line("start_x=1"), "`start_x=1`: there is no rule"),
         (with_line("gpu_mem=8"), "`gpu_mem=8`: there is no rule"),
         (with_line("initramfs=initramfs"), "`initramfs=initramfs`: there is no rule"),

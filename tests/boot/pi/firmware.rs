@@ -57,6 +57,8 @@ pub struct Start {
     pub initramfs: String,
     pub device_tree: String,
     pub command_line: String,
+    /// The time of the watchdog, which runs then.
+    pub watchdog_s: Option<u32>,
 }
 
 /// Starts the card on a board; or all that keeps it from starting.
@@ -78,6 +80,7 @@ struct Config {
     serial_console: bool,
     upstream_kernel: bool,
     gpu_mem_mb: Option<u32>,
+    watchdog_s: Option<u32>,
     kernel: Option<String>,
     initramfs: Option<String>,
     device_tree: Option<String>,
@@ -140,6 +143,12 @@ impl Firmware<'_> {
                 Ok(mb @ 16..=512) => self.config.gpu_mem_mb = Some(mb),
                 _ => return false,
             },
+            // doc: config_txt/boot.adoc, kernel_watchdog_timeout. kernel: bcm2835_wdt.c: the register
+            // counts 20 bits of 1/65536 s.
+            ("kernel_watchdog_timeout", value) => match value.parse() {
+                Ok(seconds @ 1..=15) => self.config.watchdog_s = Some(seconds),
+                _ => return false,
+            },
             // doc: configuration/uart.adoc: also fixes the core's clock, on which the mini UART's
             // rate depends.
             ("enable_uart", "1") => self.config.serial_console = true,
@@ -173,6 +182,12 @@ impl Firmware<'_> {
             // doc: configuration/boot_folder.adoc: each has its pair.
             _ => self.look_for("fixup4.dat", "it belongs to start4.elf"),
         }
+        // Only what it has a word for does anything; firmware 1980: since July 2025.
+        let word = b"kernel_watchdog_timeout";
+        let knows = |file: &[u8]| file.windows(word.len()).any(|it| it == word);
+        if self.config.watchdog_s.is_some() && !self.card.file("start4.elf").is_some_and(knows) {
+            self.complain("start4.elf is too old for kernel_watchdog_timeout".into());
+        }
         for name in MUST_BE_ABSENT {
             if self.card.has(name) {
                 self.complain(format!("{name} is on the card, and would be obeyed first"));
@@ -202,8 +217,13 @@ impl Firmware<'_> {
         self.look_for(&device_tree, "it is the board's device tree");
         // doc: configuration/kernel-command-line.adoc.
         self.look_for("cmdline.txt", "without it the firmware has a command line of its own");
-        let command_line = self.card.text("cmdline.txt").unwrap_or_default().trim().to_owned();
-        Start { kernel, initramfs, device_tree, command_line }
+        let mut command_line = self.card.text("cmdline.txt").unwrap_or_default().trim().to_owned();
+        let watchdog_s = self.config.watchdog_s;
+        if let Some(seconds) = watchdog_s {
+            // doc: config_txt/boot.adoc: "The value is passed to the OS via the kernel command line".
+            command_line += &format!(" watchdog.open_timeout={seconds}");
+        }
+        Start { kernel, initramfs, device_tree, command_line, watchdog_s }
     }
 
     fn check_kernel(&mut self, start: &Start) {
@@ -283,6 +303,12 @@ impl Firmware<'_> {
                             self.card.first_module()
                         ));
                     }
+                }
+                // kernel: Documentation/watchdog/watchdog-parameters.rst: so long the driver feeds a
+                // watchdog that it has found running, until a program opens it.
+                _ if word.starts_with("watchdog.open_timeout=") => {
+                    self.needs_built_in(word, "WATCHDOG_CORE");
+                    self.needs_built_in(word, "WATCHDOG_HANDLE_BOOT_ENABLED");
                 }
                 _ => self.complain(format!(
                     "cmdline.txt: `{word}`: there is no rule for this; find out what the kernel \

@@ -14,6 +14,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle, sleep};
+use std::time::Instant;
 
 use nix::fcntl::OFlag;
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
@@ -23,9 +24,10 @@ use plumbline_update::card::SETTINGS;
 
 use super::card::{Card, chosen};
 use super::firmware::{self, BOARDS};
+use super::mailbox::asked_for_try;
 use super::power_management::{LOOK_EVERY, PowerManagement, Reset};
 use super::qmp::Qmp;
-use crate::machine::{Seen, connect, image, read, wait_for, watch_serial};
+use crate::machine::{PATIENCE, Seen, connect, image, read, wait_for, watch_serial};
 use crate::scene::{self, SCENE, run};
 
 /// The box's serial line: the PL011, by the name that the kernel gives it.
@@ -54,11 +56,21 @@ pub struct Pi {
     running: Option<Running>,
 }
 
+/// A reset by the watchdog's registers, which is how a Pi is restarted, too.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Restart {
+    /// When, on the clock that begins when the machine starts.
+    pub at_s: f64,
+    /// Whether the firmware had been asked for one try of the other slot.
+    pub to_try: bool,
+}
+
 /// A machine that is switched on.
 struct Running {
     child: Arc<Mutex<Child>>,
     qmp: Arc<Mutex<Qmp>>,
     off: Arc<AtomicBool>,
+    restarts: Arc<Mutex<Vec<Restart>>>,
     keeper: JoinHandle<()>,
 }
 
@@ -110,17 +122,29 @@ impl Pi {
     /// Power comes on.
     pub fn switch_on(&mut self) {
         assert!(self.running.is_none(), "it is on");
-        let start = Arc::new(Starter::new(self));
-        let child = Arc::new(Mutex::new(start.start(Reset::PowerOn)));
-        let qmp = Arc::new(Mutex::new(start.control(&child)));
-        self.line.plug_in(start.line(&child));
-        let off = Arc::new(AtomicBool::new(false));
+        let starter = Starter::new(self);
+        let (child, qmp, registers) = starter.start(Reset::PowerOn, false, &self.line);
+        let (child, qmp) = (Arc::new(Mutex::new(child)), Arc::new(Mutex::new(qmp)));
+        let (off, restarts) = (Arc::<AtomicBool>::default(), Arc::<Mutex<Vec<_>>>::default());
         let keeper = {
             let (child, qmp, off) = (Arc::clone(&child), Arc::clone(&qmp), Arc::clone(&off));
-            let line = self.line.clone();
-            thread::spawn(move || keep(&start, &child, &qmp, &off, &line))
+            let (line, restarts) = (self.line.clone(), Arc::clone(&restarts));
+            thread::spawn(move || keep(&starter, registers, &child, &qmp, &off, &line, &restarts))
         };
-        self.running = Some(Running { child, qmp, off, keeper });
+        self.running = Some(Running { child, qmp, off, restarts, keeper });
+    }
+
+    /// The first restart since the power came on, once it has come.
+    pub fn wait_for_restart(&self) -> Restart {
+        let running = self.running.as_ref().expect("it is on");
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            if let Some(restart) = running.restarts.lock().expect("no panic").first() {
+                return *restart;
+            }
+            assert!(Instant::now() < give_up, "the machine was not restarted");
+            sleep(LOOK_EVERY);
+        }
     }
 
     /// The plug is pulled.
@@ -172,8 +196,15 @@ impl Drop for Pi {
 }
 
 /// Does what the hardware does while power is on: the watchdog's reset.
-fn keep(start: &Starter, child: &Mutex<Child>, qmp: &Mutex<Qmp>, off: &AtomicBool, line: &Line) {
-    let mut registers = PowerManagement::of(&start.memory);
+fn keep(
+    starter: &Starter,
+    mut registers: PowerManagement,
+    child: &Mutex<Child>,
+    qmp: &Mutex<Qmp>,
+    off: &AtomicBool,
+    line: &Line,
+    restarts: &Mutex<Vec<Restart>>,
+) {
     while !off.load(Ordering::Relaxed) {
         sleep(LOOK_EVERY);
         // Without an answer the machine has just been switched off.
@@ -181,18 +212,21 @@ fn keep(start: &Starter, child: &Mutex<Child>, qmp: &Mutex<Qmp>, off: &AtomicBoo
         if !registers.go_on(now_us) {
             continue;
         }
-        println!("reset by the watchdog's registers");
         let mut running = child.lock().expect("no panic");
         if off.load(Ordering::Relaxed) {
             return;
         }
         let _ = running.kill();
         let _ = running.wait();
-        *running = start.start(Reset::Watchdog);
+        let to_try = asked_for_try(&starter.log, &starter.memory);
+        let restart = Restart { at_s: f64::from(now_us) * 1e-6, to_try };
+        println!("reset by the watchdog's registers: {restart:?}");
+        restarts.lock().expect("no panic").push(restart);
+        let (started, control, counting) = starter.start(Reset::Watchdog, to_try, line);
+        *running = started;
         drop(running);
-        *qmp.lock().expect("no panic") = start.control(child);
-        line.plug_in(start.line(child));
-        registers = PowerManagement::of(&start.memory);
+        *qmp.lock().expect("no panic") = control;
+        registers = counting;
     }
 }
 
@@ -202,19 +236,22 @@ struct Starter {
     card: PathBuf,
     options: String,
     memory: PathBuf,
+    /// Where QEMU writes what the firmware is asked for.
+    log: PathBuf,
 }
 
 impl Starter {
     fn new(pi: &Pi) -> Self {
         let directory = pi.directory.path().to_owned();
-        let memory = directory.join("memory");
-        Self { card: pi.card.clone(), options: pi.options.clone(), memory, directory }
+        let (memory, log) = (directory.join("memory"), directory.join("firmware.log"));
+        Self { card: pi.card.clone(), options: pi.options.clone(), memory, log, directory }
     }
 
-    /// Plays the firmware: takes from the card what its rules say, and starts that.
-    fn start(&self, reset: Reset) -> Child {
-        let slot = chosen(&self.card, false);
-        let card = Card::of(&self.card, false);
+    /// Plays the firmware: takes from the card what its rules say, in a start that was asked for as a
+    /// try or in any other, starts the watchdog if it is to run, and then the kernel.
+    fn start(&self, reset: Reset, is_try: bool, line: &Line) -> (Child, Qmp, PowerManagement) {
+        let slot = chosen(&self.card, is_try);
+        let card = Card::of(&self.card, is_try);
         let start = firmware::start(&card, &BOARDS[0])
             .unwrap_or_else(|complaints| panic!("{}", complaints.join("\n")));
         let path = |name: &str| self.directory.join(name);
@@ -231,7 +268,7 @@ impl Starter {
         run("fdtput", &["-p", "-t", "x", tree, loader, "rsts", &status]);
         let number = format!("{:x}", slot.partition().number);
         run("fdtput", &["-p", "-t", "x", tree, loader, "partition", &number]);
-        run("fdtput", &["-p", "-t", "x", tree, loader, "tryboot", "0"]);
+        run("fdtput", &["-p", "-t", "x", tree, loader, "tryboot", if is_try { "1" } else { "0" }]);
         run("fdtput", &["-p", "-t", "x", tree, "/system", "linux,revision", "b03115"]);
         // The firmware's random numbers, without which a machine whose clock counts instructions
         // has none: the box waits for them.
@@ -262,15 +299,17 @@ impl Starter {
         command.args(["-append", &command_line]);
         command.args(["-drive", &format!("if=sd,format=raw,file={}", text(&self.card))]);
         command.args(["-serial", &socket("line"), "-serial", "null", "-qmp", &socket("control")]);
-        command.stdin(Stdio::null()).spawn().expect("QEMU starts")
-    }
-
-    fn control(&self, child: &Mutex<Child>) -> Qmp {
-        Qmp::new(connect(&self.directory.join("control"), &mut child.lock().expect("no panic")))
-    }
-
-    fn line(&self, child: &Mutex<Child>) -> UnixStream {
-        connect(&self.directory.join("line"), &mut child.lock().expect("no panic"))
+        command.args(["-d", "trace:bcm2835_mbox_property", "-D", &text(&self.log)]);
+        // Its processor waits until all is connected.
+        let mut child = command.arg("-S").stdin(Stdio::null()).spawn().expect("QEMU starts");
+        let mut qmp = Qmp::new(connect(&path("control"), &mut child));
+        line.plug_in(connect(&path("line"), &mut child));
+        let registers = PowerManagement::of(&self.memory);
+        if let Some(seconds) = start.watchdog_s {
+            registers.start(seconds);
+        }
+        qmp.go();
+        (child, qmp, registers)
     }
 }
 

@@ -4,6 +4,7 @@
 mod card;
 mod firmware;
 mod machine;
+mod mailbox;
 mod power_management;
 mod qmp;
 
@@ -186,6 +187,8 @@ fn a_card_without_a_configuration_shows_it_and_takes_one_over_the_line() {
     assert_eq!(link.store_config(None, &config()).unwrap().1, config().crc());
     link.request(Action::Reboot, "to restart").unwrap();
     drop((link, line));
+    // An ordinary restart is no try.
+    assert!(!pi.wait_for_restart().to_try);
     // The kernel restarts a Pi by its watchdog, and the box knows that it was asked to.
     assert_eq!(start_number(&pi, 1).reset_reason, ResetReason::PowerOn);
     pi.wait_for("a pose", |seen| poses(&seen.serial).any(is_measured).then_some(()));
@@ -229,6 +232,38 @@ fn a_program_that_hangs_is_reset_by_the_pis_watchdog_which_the_next_hello_says()
     assert_eq!(start_number(&pi, 2).reset_reason, ResetReason::Watchdog);
     let last = pi.wait_for("poses", |seen| poses(&seen.serial).map(|pose| pose.sequence).max());
     assert!((30..60).contains(&last), "frame {last} was processed after the hang");
+}
+
+#[test]
+fn a_box_that_restarts_into_a_try_asks_the_firmware_for_it() {
+    let mut pi = Pi::new(Some(&scene::blob(&config())), "plumbline.try_after=2");
+    pi.switch_on();
+    let restart = pi.wait_for_restart();
+    assert!(restart.to_try, "{restart:?}");
+    println!(
+        "evidence | a Pi that restarts to try its other slot | 1 restart | the firmware got the flag \
+         before the restart"
+    );
+}
+
+#[test]
+fn a_first_program_that_hangs_is_reset_by_the_watchdog_that_the_firmware_has_started() {
+    // Nobody loads the watchdog's driver.
+    let options = "rdinit=/sbin/busybox -- sleep 3600";
+    let mut pi = Pi::new(None, options);
+    let config = file_on(&pi.disk(), "config.txt").expect("there is one");
+    let config = String::from_utf8(config).expect("it is text");
+    let sooner = config.replace("kernel_watchdog_timeout=15", "kernel_watchdog_timeout=8");
+    assert_ne!(sooner, config);
+    scene::copy(pi.card(), START_BYTES, "config.txt", sooner.as_bytes());
+    pi.switch_on();
+    let restart = pi.wait_for_restart();
+    assert!((7.9..9.0).contains(&restart.at_s) && !restart.to_try, "{restart:?}");
+    println!(
+        "evidence | a Pi whose first program hangs at once, with the watchdog that the firmware has \
+         started for 8 s | 1 start | reset after {:.1} s",
+        restart.at_s
+    );
 }
 
 impl Computer for Pi {

@@ -20,6 +20,9 @@ const WDOG: u64 = REGISTERS + 0x24;
 /// In PM_RSTC: a full reset is asked for when the time is over.
 const FULL_RESET: u32 = 0x20;
 
+/// What a write must contain to be one.
+const PASSWORD: u32 = 0x5a00_0000;
+
 /// The bits of PM_WDOG that count, 16 us each.
 const TIME: u32 = 0x000f_ffff;
 const TICKS_PER_S: f64 = 65_536.0;
@@ -57,6 +60,12 @@ impl PowerManagement {
     pub fn of(memory: &Path) -> Self {
         let memory = OpenOptions::new().read(true).write(true).open(memory);
         Self { memory: memory.expect("the machine's memory is a file"), before_us: None }
+    }
+
+    /// Starts the watchdog, as the firmware does before the kernel.
+    pub fn start(&self, seconds: u32) {
+        self.write(WDOG, PASSWORD | seconds << 16 & TIME);
+        self.write(RSTC, PASSWORD | FULL_RESET);
     }
 
     /// Lets the time go on to `now_us` of the machine's clock; true when the watchdog bites.
@@ -115,4 +124,9 @@ fn it_bites_when_its_time_is_over_and_only_then() {
     start(&registers);
     assert!(!registers.go_on(84_900_000));
     assert!(registers.go_on(85_100_000));
+    // Started by the firmware, which nobody feeds.
+    let mut registers = PowerManagement::of(memory.path());
+    registers.start(15);
+    assert!(!registers.go_on(0) && !registers.go_on(14_900_000));
+    assert!(registers.go_on(15_100_000));
 }

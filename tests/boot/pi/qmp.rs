@@ -20,6 +20,11 @@ impl Qmp {
         qmp
     }
 
+    /// Lets a machine that waits begin.
+    pub fn go(&mut self) {
+        self.execute("cont", json!({})).expect("it begins");
+    }
+
     /// The 32-bit word at a physical address; `None` when QEMU has gone.
     pub fn word(&mut self, address: u64) -> Option<u32> {
         let line = format!("xp /1wx {address:#x}");

@@ -30,6 +30,10 @@ const PACKAGES: &[&str] = &[
     "libstdc++-14-dev",
 ];
 
+/// The release from which the Raspberry Pi's boot firmware comes: [`RELEASE`] has one of April 2024,
+/// which cannot start the watchdog before the kernel (`kernel_watchdog_timeout`, of July 2025).
+const FIRMWARE_RELEASE: &str = "forky";
+
 /// The Raspberry Pi's boot firmware is not free software and is in a section of its own.
 const COMPONENTS: &str = "main,non-free-firmware";
 
@@ -71,8 +75,8 @@ impl DebianRoot {
 
     /// Fetches the packages, unless they are already there.
     pub fn fetch() -> Result<Self> {
-        let path = target_directory().join("image").join(format!("{RELEASE}-arm64"));
-        let packages = PACKAGES.join(",");
+        let path = path();
+        let packages = format!("{},{FIRMWARE_RELEASE}", PACKAGES.join(","));
         if fs::read_to_string(stamp(&path)).is_ok_and(|found| found == packages) {
             println!("Debian's packages are those in {}", path.display());
             return Ok(Self { path });
@@ -81,7 +85,17 @@ impl DebianRoot {
             fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
         }
         let unfinished = path.with_extension("unfinished");
-        unpack("arm64", PACKAGES, &unfinished)?;
+        // From the same place, and of that release nothing but what is not free. Its list of packages
+        // is signed like the others, but has a date after which it is to be replaced, by which a
+        // mirror may be late.
+        let firmware = format!(
+            "--setup-hook=sed --quiet \
+             's/^deb \\(\\[\\(.*\\)\\] \\)\\?\\(.*\\) {RELEASE} .*/\
+             deb [\\2 check-valid-until=no] \\3 {FIRMWARE_RELEASE} non-free-firmware/p' \
+             \"$1/etc/apt/sources.list\" > \"$1/etc/apt/sources.list.d/firmware.list\""
+        );
+        let include = format!("--include={}", PACKAGES.join(","));
+        bootstrap(&["--architectures=arm64", &include, &firmware], &unfinished)?;
         // Debian has moved /lib to /usr; the link is normally made by a script, which is not run
         // here.
         if !unfinished.join("lib").exists() {
@@ -170,17 +184,41 @@ impl DebianRoot {
 
 const DEPENDENCIES: &str = "modules.dep";
 
+/// Where the unpacked packages are.
+pub fn path() -> PathBuf {
+    target_directory().join("image").join(format!("{RELEASE}-arm64"))
+}
+
 /// Unpacks packages of the release and their dependencies into a new directory; nothing in them is
 /// run.
 pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result<()> {
+    let include = format!("--include={}", packages.join(","));
+    bootstrap(&[&format!("--architectures={architecture}"), &include], directory)
+}
+
+/// Unpacks packages of the release into a new directory, each named as `name:architecture` and
+/// without those that it depends on; the first of the architectures is this machine's.
+pub fn unpack_alone(architectures: &[&str], packages: &[String], directory: &Path) -> Result<()> {
+    // Where a hook runs, the lists of packages are there, with their signatures checked; `$1` is
+    // the new root.
+    let hook = format!(
+        "--extract-hook=cd \"$1\" && \
+         APT_CONFIG=\"$MMDEBSTRAP_APT_CONFIG\" apt-get --quiet download {} && \
+         for it in *.deb; do dpkg-deb --extract \"$it\" . && rm \"$it\" || exit 1; done",
+        packages.join(" ")
+    );
+    bootstrap(&[&format!("--architectures={}", architectures.join(",")), &hook], directory)
+}
+
+fn bootstrap(options: &[&str], directory: &Path) -> Result<()> {
     if directory.exists() {
         fs::remove_dir_all(directory).with_context(|| directory.display().to_string())?;
     }
     fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
     let archive = directory.with_extension("tar");
     Task::new("mmdebstrap")
-        .args(["--variant=extract".into(), format!("--architectures={architecture}")])
-        .args([format!("--components={COMPONENTS}"), format!("--include={}", packages.join(","))])
+        .args(["--variant=extract", &format!("--components={COMPONENTS}")])
+        .args(options)
         .args([RELEASE.as_ref(), archive.as_os_str()])
         .run()?;
     // Device files belong to a running system, and only root may create them.

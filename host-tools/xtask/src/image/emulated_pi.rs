@@ -20,12 +20,12 @@
 //! QEMU itself removes PCIe, Ethernet, the thermal sensor and the random number generator.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 
 use super::debian_root::{self, RELEASE};
+use super::here::{Here, write_script};
 use crate::command::{Task, quoted, target_directory};
 use crate::setup::{Need, Probe};
 
@@ -169,9 +169,7 @@ pub fn make_emulator(script: &Path) -> Result<()> {
         format!("{loader} --library-path {libraries} {}", place("usr/bin/qemu-system-aarch64"))
     };
     let text = format!("#!/bin/sh\nexec {command} -machine {MACHINE} \"$@\"\n");
-    fs::write(script, text).with_context(|| script.display().to_string())?;
-    fs::set_permissions(script, fs::Permissions::from_mode(0o755))?;
-    Ok(())
+    write_script(script, &text)
 }
 
 fn system_has_it() -> bool {
@@ -189,24 +187,6 @@ fn fetched() -> Result<PathBuf> {
         fs::rename(&unfinished, &path)?;
     }
     Ok(path)
-}
-
-/// Debian's names for the machine on which the emulator runs.
-struct Here {
-    architecture: &'static str,
-    libraries: &'static str,
-    loader: &'static str,
-}
-
-impl Here {
-    fn of_this_machine() -> Result<Self> {
-        let (architecture, libraries, loader) = match std::env::consts::ARCH {
-            "x86_64" => ("amd64", "usr/lib/x86_64-linux-gnu", "usr/lib64/ld-linux-x86-64.so.2"),
-            "aarch64" => ("arm64", "usr/lib/aarch64-linux-gnu", "usr/lib/ld-linux-aarch64.so.1"),
-            other => bail!("an emulator for {other} is not fetched: install QEMU 9 or newer"),
-        };
-        Ok(Self { architecture, libraries, loader })
-    }
 }
 
 #[cfg(test)]

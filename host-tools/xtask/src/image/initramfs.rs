@@ -21,7 +21,7 @@ use plumbline_update::header::VerifyingKey;
 
 use super::archive::{self, Archive};
 use super::debian_root::DebianRoot;
-use super::modules;
+use super::{modules, own_module};
 use crate::command::Task;
 
 /// Makes the initramfs with `program` as its first process, for a box that takes updates signed with
@@ -31,7 +31,8 @@ pub fn make(debian: &DebianRoot, program: &Path, update_keys: &[VerifyingKey]) -
     root.program("init", stripped(program)?);
     // The boards' own modules first, because they include the watchdogs.
     let names = modules::listed(&["rpi4", "virt", "common"])?;
-    let list = modules::add(&mut root, debian, &names, "lib/modules")?;
+    let own = own_module::make(debian)?;
+    let list = modules::add(&mut root, debian, Some(&own), &names, "lib/modules")?;
     root.file("etc/plumbline/modules", (list.join("\n") + "\n").into_bytes());
     if !update_keys.is_empty() {
         let keys = update_keys.iter().flat_map(|key| key.to_bytes());

@@ -17,9 +17,11 @@ mod deb;
 mod debian_root;
 mod emulated_pi;
 mod fat;
+mod here;
 mod initramfs;
 mod modules;
 mod output;
+mod own_module;
 mod rpi4;
 mod slot;
 mod test_debian;
@@ -182,7 +184,7 @@ pub fn make_deb(out: &Path) -> Result<()> {
 
 /// Installs what making the images needs.
 pub fn prepare() -> Result<()> {
-    setup::ensure(&[NEEDS, fat::NEEDS, rpi4::NEEDS, debian::NEEDS])?;
+    setup::ensure(&[NEEDS, own_module::NEEDS, fat::NEEDS, rpi4::NEEDS, debian::NEEDS])?;
     DebianRoot::prepare()?;
     Target::Aarch64.prepare()
 }

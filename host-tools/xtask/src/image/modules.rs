@@ -1,30 +1,37 @@
 //! Which kernel modules go into the initramfs, and the order in which they are loaded.
 
 use std::fs;
+use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 
 use super::archive::Archive;
 use super::debian_root::DebianRoot;
+use super::own_module;
 use crate::command::{Task, root};
 
-/// Puts the modules in the lists, and those that they need, into the archive, and the order of
-/// loading into `list`.
+/// Puts the modules of these names, and those that they need, into the archive; returns where they
+/// are in it, in the order of loading. `own` is the file of the box's own module, where it is one of
+/// them.
 ///
 /// The lists are files of names in `board/image/modules`; one initramfs serves all computers, so
 /// that the one that was tested is the one that runs.
 pub fn add(
     archive: &mut Archive,
     debian: &DebianRoot,
+    own: Option<&Path>,
     names: &[String],
     directory: &str,
 ) -> Result<Vec<String>> {
-    let dependencies = debian.module_dependencies()?;
+    // It needs only what is built in.
+    let own_line = own.map_or(String::new(), |_| format!("{}.ko:\n", own_module::NAME));
+    let dependencies = own_line + &debian.module_dependencies()?;
     let kernel = debian.path().join("usr/lib/modules").join(debian.kernel_version()?);
     let mut list = Vec::new();
     for path in in_order(names, &dependencies)? {
         let name = format!("{directory}/{}.ko", module_name(&path));
-        let packed = kernel.join(&path);
+        let own = own.filter(|_| module_name(&path) == own_module::NAME);
+        let packed = own.map_or_else(|| kernel.join(&path), Path::to_owned);
         let module = match path.rsplit_once('.') {
             Some((_, "xz")) => {
                 Task::new("xz").args(["--decompress", "--stdout"]).args([&packed]).output_bytes()?

@@ -41,7 +41,7 @@ pub fn make(debian: &DebianRoot, guest: &Path) -> Result<Vec<u8>> {
     for (name, modules, options) in MODULES {
         let directory = format!("test/modules.d/{name}");
         let modules: Vec<String> = modules.iter().map(|&it| it.to_owned()).collect();
-        let list = modules::add(&mut root, debian, &modules, &directory)?;
+        let list = modules::add(&mut root, debian, None, &modules, &directory)?;
         let list = format!("{} {options}\n", list.join("\n"));
         root.file(&format!("test/modules.{name}"), list.into_bytes());
     }
