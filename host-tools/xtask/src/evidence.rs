@@ -30,7 +30,7 @@ const MARK: &str = "evidence | ";
 #[command(after_help = "\
 Examples:
   cargo xtask evidence                        # everything; a night
-  cargo xtask evidence update                 # one of them
+  cargo xtask evidence endurance              # one of them
   cargo xtask evidence fuzz --minutes 10      # less than an hour for each target")]
 pub struct Arguments {
     /// What to try; everything when left out.
@@ -46,10 +46,9 @@ pub struct Arguments {
 enum What {
     /// Whatever bytes may come from outside: `cargo xtask fuzz`.
     Fuzz,
-    /// A million frames, and everything that goes wrong meanwhile: `cargo xtask test endurance`.
+    /// A million frames, what goes wrong meanwhile, and power cuts while a box is updated: `cargo xtask
+    /// test endurance`.
     Endurance,
-    /// Power cuts while a box is updated: `cargo xtask test update`.
-    Update,
 }
 
 impl What {
@@ -60,11 +59,10 @@ impl What {
 
     /// The words of `cargo xtask` that try it.
     fn words(self, minutes: u32) -> Vec<String> {
-        let words = match self {
+        match self {
             Self::Fuzz => vec!["fuzz".to_owned(), "--minutes".to_owned(), minutes.to_string()],
-            Self::Endurance | Self::Update => vec!["test".to_owned(), self.word()],
-        };
-        words
+            Self::Endurance => vec!["test".to_owned(), self.word()],
+        }
     }
 }
 
