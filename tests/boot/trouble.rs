@@ -114,7 +114,9 @@ fn a_start_that_hangs_is_reported_and_restarted_by_the_watchdog() {
         initramfs: vec![image("initramfs")],
         command_line: "plumbline.hang_at_start=2",
         boot_disk: &scene::empty_disk(directory.path()),
+        boot_disk_options: "",
         frames_disk: None,
+        device_tree: None,
     };
     let machine = Machine::start(&parts, &Host::new());
     let starts = |seen: &Seen| seen.console.matches("boot: started").count();

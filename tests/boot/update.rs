@@ -13,7 +13,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use plumbline::config::FILE_NAME;
-use plumbline_test_support::evidence::{evidence, repetitions, seed};
+use plumbline_test_support::{evidence, repetitions, seed};
 use plumbline_update::card::{SETTINGS, Slot};
 use plumbline_update::firmware::Flag;
 use plumbline_update::header::{Header, KeyId, Text, slot_hash};

@@ -20,7 +20,8 @@ use plumbline_board::logger::Latest;
 use plumbline_board::status::Status;
 use plumbline_stream::link::BoxLink;
 use plumbline_stream::transport::{Link, Serial};
-use plumbline_update::card::SETTINGS;
+use plumbline_test_support::evidence;
+use plumbline_update::card::{SETTINGS, Slot};
 
 use crate::machine::{PATIENCE, healths, is_measured, logs, poses, read};
 use crate::provisioning::{Computer, assert_power_cuts_leave_one, known_box, two_of};
@@ -251,18 +252,19 @@ fn a_first_program_that_hangs_is_reset_by_the_watchdog_that_the_firmware_has_sta
     // Nobody loads the watchdog's driver.
     let options = "rdinit=/sbin/busybox -- sleep 3600";
     let mut pi = Pi::new(None, options);
-    let config = file_on(&pi.disk(), "config.txt").expect("there is one");
+    let slot = Slot::A.partition();
+    let config = file_on(&place(pi.card(), &slot), "config.txt").expect("there is one");
     let config = String::from_utf8(config).expect("it is text");
     let sooner = config.replace("kernel_watchdog_timeout=15", "kernel_watchdog_timeout=8");
     assert_ne!(sooner, config);
-    scene::copy(pi.card(), START_BYTES, "config.txt", sooner.as_bytes());
+    scene::copy(pi.card(), slot.start_bytes, "config.txt", sooner.as_bytes());
     pi.switch_on();
     let restart = pi.wait_for_restart();
     assert!((7.9..9.0).contains(&restart.at_s) && !restart.to_try, "{restart:?}");
-    println!(
-        "evidence | a Pi whose first program hangs at once, with the watchdog that the firmware has \
-         started for 8 s | 1 start | reset after {:.1} s",
-        restart.at_s
+    evidence(
+        "a Pi whose first program hangs at once, with the watchdog that the firmware has started for 8 s",
+        "1 start",
+        &format!("reset after {:.1} s", restart.at_s),
     );
 }
 
