@@ -5,6 +5,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use plumbline::packet::{CameraState, Hello, Message, ResetReason};
+use plumbline_test_support::evidence;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -130,8 +131,9 @@ fn a_start_that_hangs_is_reported_and_restarted_by_the_watchdog() {
         // The program would have restarted the computer itself, but later.
         assert!(!seen.console.contains("restarting"), "{}", seen.console);
     });
-    println!(
-        "evidence | a box whose start hangs before the camera | 1 start | reported, and reset by the \
-         watchdog"
+    evidence(
+        "a box whose start hangs before the camera",
+        "1 start",
+        "reported, and reset by the watchdog",
     );
 }

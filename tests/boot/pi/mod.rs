@@ -241,9 +241,10 @@ fn a_box_that_restarts_into_a_try_asks_the_firmware_for_it() {
     pi.switch_on();
     let restart = pi.wait_for_restart();
     assert!(restart.to_try, "{restart:?}");
-    println!(
-        "evidence | a Pi that restarts to try its other slot | 1 restart | the firmware got the flag \
-         before the restart"
+    evidence(
+        "a Pi that restarts to try its other slot",
+        "1 restart",
+        "the firmware got the flag before the restart",
     );
 }
 
