@@ -297,8 +297,8 @@ fn the_longest_packets_keep_their_bounds() {
     assert_eq!(
         lengths,
         [
-            243, 172, 135, 193, 31, 21, 21, 21, 21, 35, 31, 24, 22, 32, 21, 41, 22, 24, 21, 60, 35,
-            25, 30, 20, 228, 113, 121, 35, 37, 251
+            243, 172, 135, 193, 31, 21, 21, 21, 21, 35, 31, 24, 22, 32, 21, 21, 21, 21, 41, 22, 24,
+            21, 60, 35, 25, 30, 228, 20, 228, 113, 121, 35, 37, 251
         ]
     );
     // Shorter buffers are refused, and nothing is written past them.
@@ -319,7 +319,7 @@ fn the_longest_packets_keep_their_bounds() {
 fn the_schema_hash_is_this_one_and_follows_the_shape() {
     // When this fails, a message has changed its shape, and boxes and hosts
     // must be updated together. Then write the new number here.
-    assert_eq!(format!("{SCHEMA_HASH:08x}"), "d7043a3d");
+    assert_eq!(format!("{SCHEMA_HASH:08x}"), "b5919084");
 
     mod changed {
         use super::*;

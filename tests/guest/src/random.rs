@@ -16,6 +16,6 @@ impl Random {
         self.0 =
             self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let high = self.0 >> 32;
-        range.start + (high * (range.end - range.start) >> 32)
+        range.start + ((high * (range.end - range.start)) >> 32)
     }
 }
