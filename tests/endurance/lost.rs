@@ -35,7 +35,7 @@ use crate::judge::{Clock, Judge};
 use crate::replayed::{assert_constant, is_too_slow, set_up, sums};
 use crate::script::{Happening, Script, Step};
 use crate::show::{Kinds, SIZE_PX, Show};
-use crate::watched::{Growth, SETTLED, watch};
+use crate::watched::{Growth, SETTLED, TheBox, watch};
 
 /// Tells the box what to show: a seed, the frames, the frames in which it is lost once, and the numbers
 /// of pictures.
@@ -215,8 +215,10 @@ fn lose(frames: u64, loss_every: u64, person: usize) -> (String, u64, Growth) {
     scene.show.write(&folder.path().join("pictures.grey"));
     let [record, said] = ["packets.bin", "said.txt"].map(|name| folder.path().join(name));
     let file = File::create(&said).expect("there is room");
-    let mut child = Command::new(env::current_exe().expect("this program"))
-        .args(["--exact", "lost::the_box", "--ignored", "--nocapture"])
+    let child = Command::new(env::current_exe().expect("this program"))
+        // With one thread the runner of the tests waits without a clock: otherwise it says after a
+        // minute that this test is slow, for which it allocates.
+        .args(["--exact", "lost::the_box", "--ignored", "--nocapture", "--test-threads=1"])
         .env(BOX, format!("{seed} {frames} {loss_every} {person} {dark} {strange}"))
         .current_dir(folder.path())
         .stdout(file.try_clone().expect("a second handle"))
@@ -225,9 +227,10 @@ fn lose(frames: u64, loss_every: u64, person: usize) -> (String, u64, Growth) {
         .expect("the box starts");
     let script = Script::new(seed, scene.show.kinds, Some(loss_every));
     let mut judge = Judge::new(script, Clock::Camera, &scene.truth_mm);
-    let growth = watch(&mut child, &record, &mut judge, frames);
+    let mut the_box = TheBox(child);
+    let growth = watch(&mut the_box, &record, &mut judge, frames);
     let said = std::fs::read_to_string(said).expect("it has said something");
-    assert!(child.wait().expect("it has ended").success(), "{said}");
+    assert!(the_box.succeeds(), "{said}");
 
     let losses = judge.script.happened(Happening::Loss);
     assert_eq!((judge.seen, losses), (frames, frames / loss_every), "{said}");

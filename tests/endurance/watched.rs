@@ -16,6 +16,23 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Frames after which the box has all the memory that it needs.
 pub const SETTLED: u64 = 10_000;
 
+/// The process of a box; killed when the test leaves it behind.
+pub struct TheBox(pub Child);
+
+impl TheBox {
+    /// Whether it has ended as it should.
+    pub fn succeeds(&mut self) -> bool {
+        self.0.wait().expect("it has ended").success()
+    }
+}
+
+impl Drop for TheBox {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// The memory of a process, in kilobytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
@@ -45,7 +62,8 @@ pub struct Growth {
 
 /// Judges what the box writes into `record`, until it has ended; `frames` are to come. Its memory is
 /// looked at a hundred times.
-pub fn watch(child: &mut Child, record: &Path, judge: &mut Judge, frames: u64) -> Growth {
+pub fn watch(the_box: &mut TheBox, record: &Path, judge: &mut Judge, frames: u64) -> Growth {
+    let child = &mut the_box.0;
     let began = Instant::now();
     let mut deframer: Deframer<512> = Deframer::new();
     let mut file = None;
