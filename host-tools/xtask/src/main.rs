@@ -7,6 +7,7 @@
 //! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
 //! | `dist` | makes what people download: programs, packages, wheels, images |
 //! | `bench` | measures the figures that README.md quotes |
+//! | `fuzz` | tries what must hold for any bytes from outside, with inputs that are made up |
 //!
 //! Exit codes: 0 done, 1 something failed, 2 the input cannot be used, or the machine lacks
 //! something that could not be installed (the message contains the remedy, or the line to run).
@@ -23,6 +24,7 @@ mod cross;
 mod debian;
 mod demo;
 mod dist;
+mod fuzz;
 mod generated;
 mod image;
 mod instructions;
@@ -64,6 +66,9 @@ enum Task {
     /// Measure speed, spread and memory on rendered frames, beside OpenCV where
     /// Python has it.
     Bench(bench::Arguments),
+    /// Try what must hold for any bytes from outside, with inputs that libFuzzer
+    /// makes up. Ctrl-C ends it; what was counted and found until then is told.
+    Fuzz(fuzz::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -73,6 +78,7 @@ fn main() -> ExitCode {
         Task::Image(arguments) => image::run(&arguments),
         Task::Dist(arguments) => dist::run(&arguments),
         Task::Bench(arguments) => bench::run(&arguments),
+        Task::Fuzz(arguments) => fuzz::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

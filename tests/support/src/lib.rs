@@ -7,6 +7,7 @@
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
 //! - [`mutations`]: damaged versions of a good file.
+//! - [`fuzz`]: what `cargo xtask fuzz` tries.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
 //!
@@ -18,6 +19,7 @@
 //! | [`PROGRAMS`] | where this project's programs are built |
 //! | [`RECORDINGS`] | where the rendered recordings are |
 
+pub mod fuzz;
 mod mutations;
 mod recordings;
 mod skips;
