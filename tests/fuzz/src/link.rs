@@ -430,7 +430,9 @@ impl World {
 
 /// Inputs in which programs join and talk, by an honest network and by others.
 pub fn seeds() -> Vec<Vec<u8>> {
-    let join: &[&[u8]] = &[&[10], &[1], &[1], &[1], &[0], &[1; 8], &[8, 0], &[8, 1], &[1; 6], &[9]];
+    // An announcement, what is due, and enough arrivals for both handshakes; then everybody speaks.
+    let join: &[&[u8]] =
+        &[&[10], &[1; 3], &[0], &[1; 14], &[8, 0], &[8, 1], &[1; 6], &[9], &[1; 4]];
     let join = join.concat();
     let with = |steps: &[u8]| [&[0, 1, 0, 0, 0][..], &join, steps].concat();
     let mut noise = vec![6, 5, 0];
@@ -451,4 +453,24 @@ pub fn seeds() -> Vec<Vec<u8>> {
     seeds.push(alone(bx.announcement(&mut buffer)));
     seeds.push(alone(key(1).text().as_str().as_bytes()));
     seeds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Otherwise nothing is tried but packets that nobody takes.
+    #[test]
+    fn programs_are_heard_in_the_seeds() {
+        let mut heard = 0;
+        for seed in seeds().iter().filter(|seed| seed[0] & 0x80 == 0) {
+            let mut input = Input::new(&seed[1..]);
+            let mut world = World::new(input.number().into());
+            while !input.is_empty() {
+                world.step(&mut input);
+            }
+            heard += usize::from(!world.heard.is_empty() && !world.reached.is_empty());
+        }
+        assert!(heard >= 4, "somebody is heard and hears in {heard} of them");
+    }
 }

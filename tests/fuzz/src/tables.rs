@@ -206,12 +206,16 @@ fn cameras() -> Vec<Vec<u8>> {
 }
 
 fn target_files() -> Vec<Vec<u8>> {
-    let listed = "[[target]]\nname = \"a\"\nrole = \"scene\"\ncolumns = 3\nrows = 2\npoints_mm = \
-        [[0.0, 0.0, 0.0], [12.0, 0.0, 0.0], [24.0, 0.0, 0.1], [0.0, 12.0, 0.0], [12.0, 12.0, 0.0], \
-        [24.0, 12.0, 0.0]]\n";
+    let points: Vec<String> = (0..12)
+        .map(|it| format!("[{}.0, {}.0, 0.0{}]", 12 * (it % 4), 12 * (it / 4), it % 3))
+        .collect();
+    let listed = format!(
+        "[[target]]\nname = \"a\"\nrole = \"scene\"\ncolumns = 4\nrows = 3\npoints_mm = [{}]\n",
+        points.join(", ")
+    );
     let mut all = targets::standard_pair();
     all.push(targets::standard_board());
-    vec![targets::to_toml(&all).into_bytes(), listed.as_bytes().to_vec()]
+    vec![targets::to_toml(&all).into_bytes(), listed.into_bytes()]
 }
 
 fn scenes() -> Vec<Vec<u8>> {
@@ -304,4 +308,36 @@ fn c3d() -> Vec<Vec<u8>> {
     }
     file.resize(file.len().next_multiple_of(BLOCK), 0);
     vec![file]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Otherwise nothing is tried but how files are refused.
+    #[test]
+    fn the_seeds_are_read() {
+        for camera in &cameras()[..4] {
+            camera::parse(&text(camera), PLACE).unwrap();
+        }
+        Criteria::parse(&text(&cameras()[4]), PLACE).unwrap();
+        for file in target_files() {
+            targets::parse(&text(&file), PLACE).unwrap();
+        }
+        for file in scenes() {
+            scene::parse(&text(&file), PLACE).unwrap();
+        }
+        for file in settings() {
+            box_settings::parse(&text(&file), PLACE).unwrap();
+        }
+        for bytes in trc() {
+            assert_eq!(Markers::read(&file("a.trc", &bytes)).unwrap().markers.len(), 2);
+        }
+        for bytes in c3d() {
+            assert_eq!(Markers::read(&file("a.c3d", &bytes)).unwrap().markers.len(), 1);
+        }
+        for table in pose_tables() {
+            assert_eq!(poses::parse(&table[..], PLACE).unwrap().len(), 3);
+        }
+    }
 }

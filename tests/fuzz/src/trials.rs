@@ -213,3 +213,26 @@ fn put(seed: &mut Vec<u8>, content: &Content) {
         Content::NotAuthentic(count) => put_entry(seed, 6, 0, &count.to_le_bytes()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Otherwise nothing is tried but how folders are refused.
+    #[test]
+    fn the_seeds_are_trials() {
+        let folder = tempfile::tempdir().unwrap();
+        let seed = seeds().swap_remove(0);
+        let mut input = &seed[..];
+        let mut journal = MAGIC.to_vec();
+        while let [ENTRY, kind, _, _, ..] = input {
+            let mut content = Input::new(&input[4..]);
+            journal.extend(entry(kind + 1, 0, content.block()));
+            input = content.rest();
+        }
+        assert!(read(&journal).len() > 40);
+        fs::write(folder.path().join(names::JOURNAL), &journal).unwrap();
+        restored(folder.path());
+        assert_eq!(Trial::open(folder.path()).unwrap().frames.len(), 40);
+    }
+}

@@ -75,8 +75,8 @@ mod tests {
         let inputs = [9000, 8000, 10, 8001, 8002, 8003, 8004].map(input).to_vec();
         let sizes: Vec<u64> = chosen(inputs).into_iter().map(|(bytes, _)| bytes).collect();
         assert_eq!(sizes, [10, 8000, 8001, 8002, 8003, 8004]);
-        let inputs = [10, 8188, 8189, 8190, 8191, 8192, 8192].map(input).to_vec();
+        let inputs = [10, 8189, 8189, 8190, 8191, 8192, 8192].map(input).to_vec();
         let sizes: Vec<u64> = chosen(inputs).into_iter().map(|(bytes, _)| bytes).collect();
-        assert_eq!(sizes, [10, 8188, 8189, 8190, 8191]);
+        assert_eq!(sizes, [10, 8189, 8189, 8190, 8191]);
     }
 }

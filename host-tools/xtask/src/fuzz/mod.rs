@@ -43,7 +43,7 @@ const RUNNER: &str = "tests/fuzz/runner";
 const CARGO_FUZZ: CargoTool =
     CargoTool { name: "cargo-fuzz", version: "0.13.2", why: "compiles programs for libFuzzer" };
 
-/// What the programs take below the target directory, as measured, plus a fifth.
+/// What the programs may take below the target directory: an estimate.
 const DISK_MB: u64 = 6000;
 
 /// The arguments of `cargo xtask fuzz`.
