@@ -10,7 +10,7 @@ use std::fmt::{self, Write as _};
 use std::io::{self, BufRead, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
-use std::sync::Mutex;
+use std::sync::{Mutex, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -170,6 +170,48 @@ impl Task {
         self.judge(child.wait())
     }
 
+    /// Prints the line, runs it, and passes each line of output and error output to `each`, printing
+    /// none; or `None` when `pause` has passed without one. The program is ended where `each` returns
+    /// false. Returns its exit status.
+    pub fn watch(
+        mut self,
+        pause: Duration,
+        mut each: impl FnMut(Option<&str>) -> bool,
+    ) -> Result<ExitStatus> {
+        self.announce();
+        let (reader, writer) = io::pipe()?;
+        self.command.stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
+        let child = self.command.spawn();
+        // As in `run_and_read`.
+        self.command.stdout(Stdio::null()).stderr(Stdio::null());
+        let mut child = child.with_context(|| format!("cannot start `{}`", self.line))?;
+        let (sender, lines) = mpsc::sync_channel(1000);
+        let read = thread::spawn(move || {
+            for line in BufReader::new(reader).split(b'\n') {
+                // Without a reader, or one who waits, there is nothing left to do.
+                let Ok(line) = line else { break };
+                if sender.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
+                    break;
+                }
+            }
+        });
+        loop {
+            let goes_on = match lines.recv_timeout(pause) {
+                Ok(line) => each(Some(&line)),
+                Err(mpsc::RecvTimeoutError::Timeout) => each(None),
+                Err(mpsc::RecvTimeoutError::Disconnected) => break,
+            };
+            if !goes_on {
+                child.kill()?;
+                break;
+            }
+        }
+        drop(lines);
+        let status = child.wait()?;
+        read.join().expect("reading does not panic");
+        Ok(status)
+    }
+
     /// Prints the line and returns the standard output; error output goes to this program's own.
     pub fn run_and_take(mut self) -> Result<String> {
         self.announce();
@@ -292,6 +334,24 @@ mod tests {
             Task::new("sh").args(["-c", script]).run_and_read(|line| lines.push(line.to_owned()));
         assert!(done.is_err());
         assert_eq!(lines, ["one", "two", "three"]);
+    }
+
+    #[test]
+    fn a_program_is_watched_and_ended_when_it_is_no_longer_wanted() {
+        let (mut lines, mut pauses) = (Vec::new(), 0);
+        let status = Task::new("sh").args(["-c", "echo one; echo two >&2; exit 3"]);
+        let status = status.watch(Duration::from_secs(60), |line| {
+            lines.extend(line.map(str::to_owned));
+            true
+        });
+        assert_eq!((lines, status.unwrap().code()), (vec!["one".into(), "two".into()], Some(3)));
+        let start = Instant::now();
+        let status = Task::new("sleep").args(["60"]).watch(Duration::from_millis(10), |line| {
+            pauses += usize::from(line.is_none());
+            pauses < 3
+        });
+        assert_eq!((pauses, status.unwrap().success()), (3, false));
+        assert!(start.elapsed() < Duration::from_secs(30));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 //! | `dist` | makes what people download: programs, packages, wheels, images |
 //! | `bench` | measures the figures that README.md quotes |
 //! | `evidence` | runs what is tried long and often, and writes `tests/evidence.md` |
+//! | `fuzz` | tries what must hold for any bytes from outside, with inputs that are made up |
 //!
 //! Exit codes: 0 done, 1 something failed, 2 the input cannot be used, or the machine lacks
 //! something that could not be installed (the message contains the remedy, or the line to run).
@@ -25,6 +26,7 @@ mod debian;
 mod demo;
 mod dist;
 mod evidence;
+mod fuzz;
 mod generated;
 mod image;
 mod instructions;
@@ -68,6 +70,9 @@ enum Task {
     Bench(bench::Arguments),
     /// Run what is tried long and often, and write down how often, and what was found. Takes a night.
     Evidence(evidence::Arguments),
+    /// Try what must hold for any bytes from outside, with inputs that libFuzzer
+    /// makes up. Ctrl-C ends it; what was counted and found until then is told.
+    Fuzz(fuzz::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -78,6 +83,7 @@ fn main() -> ExitCode {
         Task::Dist(arguments) => dist::run(&arguments),
         Task::Bench(arguments) => bench::run(&arguments),
         Task::Evidence(arguments) => evidence::run(&arguments),
+        Task::Fuzz(arguments) => fuzz::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -14,7 +14,7 @@ use anyhow::{Context, Result, bail};
 use nix::sys::statvfs::statvfs;
 
 use crate::beside;
-use crate::command::{Task, unpacked_programs};
+use crate::command::{Task, unpacked, unpacked_programs};
 
 /// The time limit for a download through rustup: on some networks it hangs.
 const RUSTUP_WITHIN: Duration = Duration::from_secs(300);
@@ -178,6 +178,45 @@ pub const QEMU_MICROCONTROLLER: &[Need] = &[Need {
     package: "qemu-system-arm",
     why: "the board with a Cortex-M7 that the core runs on",
 }];
+
+/// Compiles libFuzzer, and names the places of a failure.
+pub const LIBFUZZER: &[Need] = &[
+    Need { probe: Probe::Program("c++"), package: "g++", why: "compiles libFuzzer, which is C++" },
+    Need {
+        probe: Probe::Program("llvm-symbolizer"),
+        package: "llvm",
+        why: "names the places of what the address sanitizer finds",
+    },
+];
+
+/// A program by others that cargo builds, in this version.
+#[derive(Debug, Clone, Copy)]
+pub struct CargoTool {
+    /// The name of its package, which is that of its program.
+    pub name: &'static str,
+    /// The version.
+    pub version: &'static str,
+    /// The reason, for the person who waits for it.
+    pub why: &'static str,
+}
+
+impl CargoTool {
+    /// Builds it beside the system, if it is not there in this version. Every [`Task`] finds it there.
+    pub fn ensure(&self) -> Result<()> {
+        let program = unpacked_programs().join(self.name);
+        let said = Task::new(&program).args(["--version"]).output().unwrap_or_default();
+        if said.split_whitespace().any(|word| word == self.version) {
+            return Ok(());
+        }
+        println!("This machine lacks:\n  {:<26} {}", self.name, self.why);
+        let place = unpacked();
+        let install = Task::cargo().args(["install", self.name, "--locked", "--force"]);
+        let install = install.args(["--version", self.version, "--root", &place.to_string_lossy()]);
+        install.run().map_err(|error| {
+            Lacking(format!("{error}\nWith a working network, try again: crates.io has it")).into()
+        })
+    }
+}
 
 /// A part of the Rust toolchain that a minimal installation omits.
 struct Component {

@@ -8,6 +8,7 @@
 //! - [`recording`]: rendered frames with known poses, in files.
 //! - [`mutations`]: damaged versions of a good file.
 //! - [`evidence`], [`repetitions`], [`seed`]: what is tried many times, and what was found.
+//! - [`fuzz`]: what `cargo xtask fuzz` tries.
 //!
 //! Variables of the environment, which `cargo xtask test` sets and anyone may set:
 //!
@@ -22,6 +23,7 @@
 //! | [`SHARE`] | the share of the repetitions that is done |
 
 mod evidence;
+pub mod fuzz;
 mod mutations;
 mod recordings;
 mod skips;

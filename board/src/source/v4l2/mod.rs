@@ -12,13 +12,13 @@
 //! losing the camera does, once. A frame that was given stays intact until the next
 //! wait.
 
-mod buffers;
+pub mod buffers;
 mod controls;
 mod device;
 mod driver;
-mod intake;
+pub mod intake;
 pub mod luma;
-mod mapping;
+pub mod mapping;
 mod stamp;
 
 use std::time::Instant;

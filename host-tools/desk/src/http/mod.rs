@@ -176,6 +176,14 @@ impl Drop for Server {
     }
 }
 
+/// The answers of a desk to programs of this computer, as a [`Server`] at this address gives them, without
+/// a network; and what a person opens.
+pub fn answers(desk: Arc<Desk>, address: SocketAddr) -> (Router, String) {
+    let gate = Arc::new(Gate::new(Arc::clone(&desk.memory), address, None, desk.computer()));
+    let url = gate.url();
+    (router(App { desk, gate }), url)
+}
+
 /// The same server, within bounds.
 fn bounded<A>(
     server: axum_server::Server<SocketAddr, A>,

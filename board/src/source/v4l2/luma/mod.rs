@@ -34,6 +34,10 @@ use super::super::Pixels;
 // Words are read in place, in the byte order of the formats.
 const _: () = assert!(cfg!(target_endian = "little"));
 
+/// No frame takes more memory: of the largest, each pixel has 3 bytes, and its rows may be padded to more
+/// than twice their length. A driver that asks for more does not know what it says.
+const FRAME_BYTES_MAX: usize = 128 << 20;
+
 /// White of 10-bit samples.
 const WHITE_10_BIT: u16 = 1023;
 
@@ -117,6 +121,13 @@ impl Luma {
         }
         if matches!(samples, Samples::Words { .. }) && !stride_bytes.is_multiple_of(2) {
             bail!("its rows of 16-bit words are {stride_bytes} bytes apart, an odd number");
+        }
+        let rows_bytes = stride_bytes.checked_mul(height_px);
+        if rows_bytes.is_none_or(|bytes| bytes > FRAME_BYTES_MAX) {
+            bail!(
+                "its {height_px} rows are {stride_bytes} bytes apart: a frame has at most {} MiB",
+                FRAME_BYTES_MAX >> 20
+            );
         }
         let luma = Self { width_px, height_px, stride_bytes, row_bytes, samples };
         let blank = vec![0; luma.bytes_min()];
@@ -314,6 +325,9 @@ mod tests {
             (b"Y16 ", (64, 64), 129, "an odd number"),
             (b"Y10P", (66, 64), 0, "multiples of 4"),
             (b"GREY", (8, 8), 0, "cannot be tracked"),
+            // The most that a driver can say, of which nobody has the memory.
+            (b"YUYV", (64, 64), u32::MAX as usize, "at most 128 MiB"),
+            (b"GREY", (64, 64), usize::MAX, "at most 128 MiB"),
         ];
         for (code, size_px, stride, expected) in cases {
             let error = Luma::new(code, size_px, stride).unwrap_err().to_string();
