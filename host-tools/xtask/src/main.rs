@@ -17,6 +17,7 @@ mod bare_metal;
 mod bench;
 mod beside;
 mod command;
+mod commit;
 #[cfg(test)]
 mod crates;
 mod cross;

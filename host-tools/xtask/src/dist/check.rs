@@ -5,9 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
-use super::commit::Commit;
 use super::{platform, sums};
 use crate::command::{Task, root};
+use crate::commit::Commit;
 
 /// The directory of the second checkout; its name has another length than that of any checkout here.
 const ELSEWHERE: &str = "checked-out-elsewhere";

@@ -13,7 +13,6 @@
 //! `--check` proves it.
 
 mod check;
-mod commit;
 mod deb;
 mod host;
 mod macos;
@@ -32,8 +31,8 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
 use crate::command::{BadInput, Task, root, target_directory};
+use crate::commit::Commit;
 use crate::{debian, image, setup};
-use commit::Commit;
 use host::Programs;
 use image::Profile;
 use platform::{Builder, Platform};

@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use super::commit::Commit;
 use super::macos;
 use crate::command::{BadInput, Task, target_directory};
+use crate::commit::{self, Commit};
 use crate::cross::{self, Compiler};
 use crate::debian;
 use crate::image::Profile;
@@ -128,7 +128,7 @@ impl Platform {
         }
         let compiler = Compiler::of(self.triple(), needs)?;
         let built = if compiler == Compiler::Debian { built } else { None };
-        Ok(Builder { platform: self, profile, compiler, built, epoch: commit.epoch() })
+        Ok(Builder { platform: self, profile, compiler, built, commit: commit.clone() })
     }
 }
 
@@ -158,7 +158,7 @@ pub struct Builder {
     compiler: Compiler,
     /// The parts of the standard library that are built.
     built: Option<&'static str>,
-    epoch: String,
+    commit: Commit,
 }
 
 impl Builder {
@@ -179,6 +179,7 @@ impl Builder {
                 .run()?;
         }
         let plumb = self.programs(Compiled::Plumb).join(self.platform.program("plumb"));
+        self.commit.ensure_said_by(&plumb)?;
         if self.platform.is_linux() {
             let newest = debian::newest_c_library(&plumb)?;
             let plumb = plumb.display();
@@ -198,7 +199,9 @@ impl Builder {
             .args(["rustc", "--release", "--locked", "--package", BOARD, "--bin", BOARD])
             .args(["--", "-Ctarget-feature=+crt-static"])
             .run()?;
-        Ok(self.programs(Compiled::Board).join(BOARD))
+        let board = self.programs(Compiled::Board).join(BOARD);
+        self.commit.ensure_said_by(&board)?;
+        Ok(board)
     }
 
     /// Builds the Python package into a directory.
@@ -278,7 +281,8 @@ impl Builder {
         let mut environment: Vec<(String, String)> = vec![
             ("CARGO_BUILD_TARGET".into(), triple.into()),
             ("CARGO_TARGET_DIR".into(), directory.display().to_string()),
-            ("SOURCE_DATE_EPOCH".into(), self.epoch.clone()),
+            ("SOURCE_DATE_EPOCH".into(), self.commit.epoch()),
+            (commit::VARIABLE.into(), self.commit.mark()),
             // What a debugger wants is not shipped.
             ("CARGO_PROFILE_RELEASE_DEBUG".into(), "0".into()),
             ("CARGO_PROFILE_RELEASE_STRIP".into(), stripped.into()),

@@ -20,9 +20,9 @@ use cyclonedx_bom::prelude::{
 };
 use toml::{Table, Value};
 
-use super::commit::Commit;
 use super::sums::sha256;
 use crate::command::{Task, root};
+use crate::commit::Commit;
 
 /// What is in a deliverable.
 #[derive(Debug, Default, Clone)]

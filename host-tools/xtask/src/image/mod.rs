@@ -32,6 +32,7 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
 use crate::command::{BadInput, target_directory};
+use crate::commit::{self, Commit};
 use crate::cross::{Linking, Target};
 use crate::debian;
 use crate::setup;
@@ -304,8 +305,16 @@ fn built(
 ) -> Result<PathBuf> {
     let toolchain = Target::Aarch64.toolchain()?;
     let linking = Linking::Root(debian.path());
-    let cargo = toolchain
-        .cargo(linking)
+    let cargo = toolchain.cargo(linking);
+    let cargo = match (profile, Commit::read()) {
+        (Profile::Release, Ok(commit)) => cargo.env(commit::VARIABLE, &commit.mark()),
+        (Profile::Release, Err(error)) => {
+            println!("{error:#}\nThe program will not say which commit it is of.");
+            cargo
+        }
+        (Profile::Dev, _) => cargo,
+    };
+    let cargo = cargo
         .args(["rustc", "--profile", profile.name(), "--package", program, "--bin", program])
         .args(profile.arguments())
         .args(features.iter().flat_map(|feature| ["--features", feature]));
