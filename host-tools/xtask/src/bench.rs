@@ -86,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn count_instructions(directory: &Path) -> Result<Figures> {
     setup::ensure(&[setup::QEMU_SYSTEM])?;
     render(directory, instructions::FRAMES, &[])?;
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::for_checks()?;
     let figures = figures_of(|each_line| instructions::count(&debian, directory, each_line))?;
     let thousands = |run: &str| anyhow::Ok(get(&figures, run)?.parse::<f64>()?);
     let (sealing, tracking) = (thousands("sealing_median_us")?, thousands("tracking_median_us")?);

@@ -31,6 +31,7 @@ mod python;
 mod setup;
 mod stack;
 mod suite;
+mod sums;
 mod tests;
 
 use std::process::ExitCode;

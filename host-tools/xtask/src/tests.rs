@@ -220,6 +220,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         journal.part = part.word();
         part.run(&mut journal, arguments)?;
     }
+    if [Part::Arm, Part::Boot].iter().any(|part| parts.contains(part)) {
+        journal.notices.extend(DebianRoot::notice()?);
+    }
     journal.close()
 }
 
@@ -314,7 +317,7 @@ const SHIPPED: &[&str] = &[
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::for_checks()?;
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
     let has_readers =

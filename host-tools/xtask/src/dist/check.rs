@@ -5,9 +5,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
-use super::{platform, sums};
+use super::platform;
 use crate::command::{Task, root};
 use crate::commit::Commit;
+use crate::sums;
 
 /// The directory of the second checkout; its name has another length than that of any checkout here.
 const ELSEWHERE: &str = "checked-out-elsewhere";

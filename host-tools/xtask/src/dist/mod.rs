@@ -8,8 +8,8 @@
 //! all of these ─▶ NAME.cdx.json, SHA256SUMS
 //! ```
 //!
-//! The same commit gives the same bytes, wherever it is built, by the same compilers and from the same
-//! Debian packages: every date is the commit's, and no path, name or time of this computer is in them.
+//! The same commit gives the same bytes, wherever it is built, by the same compilers: Debian's
+//! packages are those of a lock file, every date is the commit's, and no path, name or time of this computer is in them.
 //! `--check` proves it.
 
 mod check;
@@ -18,7 +18,6 @@ mod host;
 mod macos;
 mod platform;
 mod sbom;
-mod sums;
 mod tree;
 mod used;
 
@@ -32,7 +31,7 @@ use clap::ValueEnum;
 
 use crate::command::{BadInput, Task, root, target_directory};
 use crate::commit::Commit;
-use crate::{debian, image, setup};
+use crate::{debian, image, setup, sums};
 use host::Programs;
 use image::Profile;
 use platform::{Builder, Platform};
@@ -355,10 +354,7 @@ impl Making<'_> {
         fs::write(self.out.join(&name), packed.output_bytes()?)?;
         fs::remove_file(&card)?;
         let contents = Contents::of_crates("plumbline-board", triple, &[])?;
-        let with = |contents: Contents, (name, version): &(String, String)| {
-            contents.with_debian_package(name, version)
-        };
-        self.list(&name, &packages.iter().fold(contents, with))?;
+        self.list(&name, &packages.iter().fold(contents, Contents::with_debian_package))?;
         Ok(name)
     }
 

@@ -20,9 +20,10 @@ use cyclonedx_bom::prelude::{
 };
 use toml::{Table, Value};
 
-use super::sums::sha256;
 use crate::command::{Task, root};
 use crate::commit::Commit;
+use crate::image::Package;
+use crate::sums::sha256;
 
 /// What is in a deliverable.
 #[derive(Debug, Default, Clone)]
@@ -103,13 +104,13 @@ impl Contents {
     }
 
     /// Adds a Debian package.
-    pub fn with_debian_package(mut self, name: &str, version: &str) -> Self {
+    pub fn with_debian_package(mut self, package: &Package) -> Self {
         self.add(Part {
             kind: "deb",
-            name: format!("debian/{name}"),
-            version: version.to_owned(),
+            name: format!("debian/{}", package.name),
+            version: package.version.clone(),
             licence: None,
-            sha256: None,
+            sha256: Some(package.sha256.clone()),
         });
         self
     }
@@ -247,12 +248,18 @@ mod tests {
     }
 
     fn contents() -> Contents {
+        let busybox = Package {
+            name: "busybox-static".into(),
+            version: "1:1.37.0-6".into(),
+            architecture: "arm64".into(),
+            bytes: 1,
+            sha256: "cd".repeat(32),
+            place: "debian/pool/main/b/busybox/busybox-static_1.37.0-6_arm64.deb".into(),
+        };
         let lock = "[[package]]\nname = \"clap\"\nversion = \"4.5.0\"\nchecksum = \"".to_owned()
             + &"ab".repeat(32)
             + "\"\n[[package]]\nname = \"plumb\"\nversion = \"0.1.0\"\n";
-        Contents::parse(TREE, &checksums(&lock).unwrap())
-            .unwrap()
-            .with_debian_package("busybox-static", "1:1.37.0-6")
+        Contents::parse(TREE, &checksums(&lock).unwrap()).unwrap().with_debian_package(&busybox)
     }
 
     #[test]
@@ -269,6 +276,7 @@ mod tests {
             json["components"].as_array().unwrap().iter().map(|it| &it["name"]).collect();
         assert_eq!(names, ["clap", "clap_lex", "libm", "plumb", "debian/busybox-static"]);
         assert_eq!(json["components"][4]["purl"], "pkg:deb/debian/busybox-static@1%3A1.37.0-6");
+        assert_eq!(json["components"][4]["hashes"][0]["content"], "cd".repeat(32));
         let clap = &json["components"][0];
         assert_eq!(clap["hashes"][0]["content"], "ab".repeat(32));
         assert_eq!(json["components"][1]["licenses"][0]["expression"], "MIT OR Apache-2.0");

@@ -25,7 +25,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-use super::debian_root::{self, RELEASE};
+use super::debian_root::RELEASE;
+use super::unpacked::unpack;
 use crate::command::{Task, quoted, target_directory};
 use crate::setup::{Need, Probe};
 
@@ -185,7 +186,7 @@ fn fetched() -> Result<PathBuf> {
     if !path.exists() {
         println!("The system's QEMU has no machine {MACHINE}: Debian {RELEASE}'s is fetched");
         let unfinished = path.with_extension("unfinished");
-        debian_root::unpack(Here::of_this_machine()?.architecture, PACKAGES, &unfinished)?;
+        unpack(Here::of_this_machine()?.architecture, PACKAGES, &unfinished)?;
         fs::rename(&unfinished, &path)?;
     }
     Ok(path)
